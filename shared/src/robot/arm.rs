@@ -1,0 +1,156 @@
+//! A robot with its tool, compiled for a number of joints and a scalar.
+//!
+//! Stands between the description ([`Robot`], [`Tool`]) and everything that
+//! computes in the loop: precomputes what does not change with the joints.
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use super::describe::{Robot, RobotError, Tool};
+use super::kinematics::{Frame, LinkTransform, MdhRow, ParameterColumns, frames_into, parameter_columns};
+use crate::scalar::{Real, lit};
+
+/// One body's constants in its own frame, in scalar `T`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Body<T: Real> {
+    pub(super) mass: T,
+    pub(super) com: Vector3<T>,
+    /// Inertia about the centre of mass.
+    pub(super) inertia: Matrix3<T>,
+}
+
+/// A robot of `N` revolute joints with its tool, ready to compute with.
+///
+/// The tool's mass rides on the last link. Gravity is along −z of F0.
+#[derive(Clone, Debug)]
+pub struct Arm<T: Real, const N: usize> {
+    pub(super) rows: [MdhRow<T>; N],
+    pub(super) links: [LinkTransform<T>; N],
+    pub(super) bodies: [Body<T>; N],
+    pub(super) rotor: [T; N],
+    pub(super) tcp: Vector3<T>,
+}
+
+impl<T: Real, const N: usize> Arm<T, N> {
+    /// Compiles a description.
+    ///
+    /// # Errors
+    /// What [`Robot::check`] and [`Tool::check`] refuse, and a number of joints
+    /// other than `N`.
+    pub fn new(robot: &Robot, tool: &Tool) -> Result<Self, RobotError> {
+        robot.check()?;
+        tool.check()?;
+        if robot.dof() != N {
+            return Err(RobotError::JointCount {
+                found: robot.dof(),
+                expected: N,
+            });
+        }
+        let zero = T::zero();
+        let nothing = Body {
+            mass: zero,
+            com: Vector3::zeros(),
+            inertia: Matrix3::zeros(),
+        };
+        let mut arm = Self {
+            rows: [MdhRow {
+                alpha: zero,
+                a: zero,
+                beta: zero,
+                theta: zero,
+                d: zero,
+            }; N],
+            links: [LinkTransform {
+                fixed: Matrix3::identity(),
+                origin: Vector3::zeros(),
+                theta: zero,
+            }; N],
+            bodies: [nothing; N],
+            rotor: [zero; N],
+            tcp: tool.tcp().map(lit),
+        };
+        for (i, joint) in robot.joints.iter().enumerate().take(N) {
+            let m = &joint.mdh;
+            let row = MdhRow {
+                alpha: lit(m.alpha),
+                a: lit(m.a),
+                beta: lit(m.beta),
+                theta: lit(m.theta),
+                d: lit(m.d),
+            };
+            let body = if i + 1 == N {
+                joint.link.combined(&tool.body)
+            } else {
+                joint.link
+            };
+            arm.rows[i] = row;
+            arm.links[i] = LinkTransform::from(&row);
+            arm.bodies[i] = Body {
+                mass: lit(body.mass_kg),
+                com: body.com().map(lit),
+                inertia: body.matrix().map(lit),
+            };
+            arm.rotor[i] = lit(joint.rotor_kg_m2);
+        }
+        Ok(arm)
+    }
+
+    /// The modified DH table.
+    pub fn rows(&self) -> &[MdhRow<T>; N] {
+        &self.rows
+    }
+
+    /// Tool centre point in the flange frame, in m.
+    pub fn tcp_offset(&self) -> Vector3<T> {
+        self.tcp
+    }
+
+    /// Reflected rotor inertias, in kg m².
+    pub fn rotor(&self) -> &[T; N] {
+        &self.rotor
+    }
+
+    /// Frames F1..Fn in F0 at joint angles `q` (rad).
+    #[inline]
+    pub fn frames(&self, q: &[T; N]) -> [Frame<T>; N] {
+        let mut frames = [Frame::identity(); N];
+        frames_into(&self.links, q, &mut frames);
+        frames
+    }
+
+    /// The TCP frame FT in F0: the flange's axes, the origin at the TCP.
+    #[inline]
+    pub fn tcp_frame(&self, frames: &[Frame<T>; N]) -> Frame<T> {
+        let flange = frames.last().copied().unwrap_or_else(Frame::identity);
+        Frame {
+            rotation: flange.rotation,
+            origin: flange.point(&self.tcp),
+        }
+    }
+
+    /// Geometric Jacobian at point `p` (m, F0): rows 0-2 linear velocity, rows
+    /// 3-5 angular velocity, both in F0; columns per rad/s of each joint.
+    #[inline]
+    pub fn jacobian(&self, frames: &[Frame<T>; N], p: &Vector3<T>) -> SMatrix<T, 6, N> {
+        let mut jacobian = SMatrix::<T, 6, N>::zeros();
+        for i in 0..N {
+            let z = frames[i].z();
+            let v = z.cross(&(p - frames[i].origin));
+            for k in 0..3 {
+                jacobian[(k, i)] = v[k];
+                jacobian[(k + 3, i)] = z[k];
+            }
+        }
+        jacobian
+    }
+
+    /// Position Jacobian at `p` (m, F0, fixed in the last frame) with respect
+    /// to the parameters of every row: Equation 6 of the paper.
+    pub fn parameter_jacobian(&self, frames: &[Frame<T>; N], p: &Vector3<T>) -> [ParameterColumns<T>; N] {
+        let mut parent = Frame::identity();
+        core::array::from_fn(|i| {
+            let columns = parameter_columns(&parent, &frames[i], &self.rows[i], p);
+            parent = frames[i];
+            columns
+        })
+    }
+}

@@ -1,0 +1,269 @@
+//! What a robot and its tool are: serialisable descriptions, checked before use.
+//!
+//! They come from the built-in table, a TOML file, a URDF or the host link;
+//! everything that computes is built from a description that [`Robot::check`]
+//! has passed.
+
+use nalgebra::{Matrix3, Vector3};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::kinematics::MdhRow;
+use crate::MAX_JOINTS;
+
+/// Mass distribution of one rigid body, in a stated frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Inertia {
+    /// Mass, in kg.
+    pub mass_kg: f64,
+    /// Centre of mass in the body's frame, in m.
+    pub com_m: [f64; 3],
+    /// Inertia about the centre of mass, axes of the body's frame:
+    /// xx, yy, zz, xy, xz, yz, in kg m² (the off-diagonal entries of the
+    /// matrix itself, not the products of inertia of opposite sign).
+    pub inertia_kg_m2: [f64; 6],
+}
+
+impl Inertia {
+    /// Centre of mass as a vector, in m.
+    pub fn com(&self) -> Vector3<f64> {
+        Vector3::from(self.com_m)
+    }
+
+    /// Inertia about the centre of mass as a matrix, in kg m².
+    pub fn matrix(&self) -> Matrix3<f64> {
+        let [xx, yy, zz, xy, xz, yz] = self.inertia_kg_m2;
+        Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
+    }
+
+    /// The two bodies as one, both given in the same frame.
+    pub fn combined(&self, other: &Self) -> Self {
+        let mass = self.mass_kg + other.mass_kg;
+        if mass <= 0.0 {
+            return *self;
+        }
+        let com = (self.com() * self.mass_kg + other.com() * other.mass_kg) / mass;
+        let about = |body: &Self| {
+            let r = body.com() - com;
+            body.matrix() + (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * body.mass_kg
+        };
+        let m = about(self) + about(other);
+        Self {
+            mass_kg: mass,
+            com_m: com.into(),
+            inertia_kg_m2: [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(0, 1)], m[(0, 2)], m[(1, 2)]],
+        }
+    }
+}
+
+/// Limits of one joint.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct JointLimits {
+    /// Smallest angle, in rad.
+    pub min_rad: f64,
+    /// Largest angle, in rad.
+    pub max_rad: f64,
+    /// Largest speed either way, in rad/s.
+    pub velocity_rad_s: f64,
+    /// Largest torque either way, in N m.
+    pub torque_nm: f64,
+}
+
+/// One joint and the link that it moves.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Joint {
+    /// Modified DH row to this joint's frame.
+    pub mdh: MdhRow<f64>,
+    /// The link, in this joint's frame.
+    pub link: Inertia,
+    /// Limits.
+    pub limits: JointLimits,
+    /// Rotor inertia seen at the link side (gear ratio squared times rotor
+    /// inertia), in kg m²; 0 where the drive hides it.
+    #[serde(default)]
+    pub rotor_kg_m2: f64,
+}
+
+/// A serial robot with revolute joints.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Robot {
+    /// Name, such as `iiwa7`.
+    pub name: heapless::String<32>,
+    /// Joints from base to flange.
+    #[serde(rename = "joint")]
+    pub joints: heapless::Vec<Joint, MAX_JOINTS>,
+}
+
+/// The tool at the flange. Its frame FT has the axes of the flange frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Tool {
+    /// Tool centre point in the flange frame, in m: the centre of a seated sphere.
+    pub tcp_m: [f64; 3],
+    /// Mass distribution in the flange frame.
+    pub body: Inertia,
+}
+
+impl Tool {
+    /// Tool centre point in the flange frame, in m.
+    pub fn tcp(&self) -> Vector3<f64> {
+        Vector3::from(self.tcp_m)
+    }
+}
+
+/// Why a description was refused: which field, its value, and the remedy.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum RobotError {
+    /// No joints at all.
+    #[error("the robot has no joints: list at least one [[joint]]")]
+    NoJoints,
+    /// The number of joints is not the one that this controller was built for.
+    #[error(
+        "the robot has {found} joints, this controller was built for {expected}: use a controller built for {found}"
+    )]
+    JointCount {
+        /// Joints of the description.
+        found: usize,
+        /// Joints expected.
+        expected: usize,
+    },
+    /// A number is NaN or infinite.
+    #[error("joint {joint}: {field} is {value}: give a finite number")]
+    NotFinite {
+        /// Joint, from 1; 0 is the tool.
+        joint: usize,
+        /// Field of the description.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A number is outside what is physically possible.
+    #[error("joint {joint}: {field} is {value}: {remedy}")]
+    OutOfRange {
+        /// Joint, from 1; 0 is the tool.
+        joint: usize,
+        /// Field of the description.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// What to write instead.
+        remedy: &'static str,
+    },
+}
+
+/// Refuses a number that is not finite.
+fn finite(joint: usize, field: &'static str, value: f64) -> Result<(), RobotError> {
+    if value.is_finite() {
+        Ok(())
+    } else {
+        Err(RobotError::NotFinite { joint, field, value })
+    }
+}
+
+/// Refuses a number that is not finite or for which `good` is false.
+fn require(joint: usize, field: &'static str, value: f64, good: bool, remedy: &'static str) -> Result<(), RobotError> {
+    finite(joint, field, value)?;
+    if good {
+        Ok(())
+    } else {
+        Err(RobotError::OutOfRange {
+            joint,
+            field,
+            value,
+            remedy,
+        })
+    }
+}
+
+fn check_body(joint: usize, body: &Inertia) -> Result<(), RobotError> {
+    require(
+        joint,
+        "mass_kg",
+        body.mass_kg,
+        body.mass_kg >= 0.0,
+        "a mass is zero or positive",
+    )?;
+    for value in body.com_m {
+        require(
+            joint,
+            "com_m",
+            value,
+            value.abs() <= 5.0,
+            "a centre of mass lies within 5 m of its frame",
+        )?;
+    }
+    for (k, value) in body.inertia_kg_m2.into_iter().enumerate() {
+        require(
+            joint,
+            "inertia_kg_m2",
+            value,
+            k >= 3 || value >= 0.0,
+            "xx, yy and zz are zero or positive",
+        )?;
+    }
+    Ok(())
+}
+
+impl Robot {
+    /// Number of joints.
+    pub fn dof(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// Checks every number of the description.
+    ///
+    /// # Errors
+    /// The first field that is not finite or not possible, with its value.
+    pub fn check(&self) -> Result<(), RobotError> {
+        if self.joints.is_empty() {
+            return Err(RobotError::NoJoints);
+        }
+        for (index, joint) in self.joints.iter().enumerate() {
+            let i = index + 1;
+            let row = &joint.mdh;
+            finite(i, "alpha", row.alpha)?;
+            finite(i, "beta", row.beta)?;
+            finite(i, "theta", row.theta)?;
+            require(i, "a", row.a, row.a.abs() <= 10.0, "lengths are in m, at most 10")?;
+            require(i, "d", row.d, row.d.abs() <= 10.0, "lengths are in m, at most 10")?;
+            check_body(i, &joint.link)?;
+            let l = &joint.limits;
+            finite(i, "min_rad", l.min_rad)?;
+            require(i, "max_rad", l.max_rad, l.max_rad > l.min_rad, "must exceed min_rad")?;
+            require(
+                i,
+                "velocity_rad_s",
+                l.velocity_rad_s,
+                l.velocity_rad_s > 0.0,
+                "must be positive",
+            )?;
+            require(i, "torque_nm", l.torque_nm, l.torque_nm > 0.0, "must be positive")?;
+            require(
+                i,
+                "rotor_kg_m2",
+                joint.rotor_kg_m2,
+                joint.rotor_kg_m2 >= 0.0,
+                "must be zero or positive",
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl Tool {
+    /// Checks every number of the description.
+    ///
+    /// # Errors
+    /// The first field that is not finite or not possible, with its value.
+    pub fn check(&self) -> Result<(), RobotError> {
+        for value in self.tcp_m {
+            require(
+                0,
+                "tcp_m",
+                value,
+                value.abs() <= 2.0,
+                "the TCP lies within 2 m of the flange",
+            )?;
+        }
+        check_body(0, &self.body)
+    }
+}

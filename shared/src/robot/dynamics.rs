@@ -1,0 +1,223 @@
+//! Inverse dynamics, mass matrix and momentum, all in base coordinates.
+//!
+//! Every spatial quantity is expressed at the origin of F0, so nothing is
+//! transformed from link to link: composite inertias are sums. One pass over
+//! the bodies ([`Dynamics::bodies`]) serves gravity, mass matrix, bias and
+//! momentum alike, which is what lets the control tick afford all of them.
+//!
+//! Equation of motion, with `tau` the torque that the actuators exert on the
+//! links and `tau_ext` that of the environment:
+//!
+//! `M(q) q̈ + c(q, q̇) + g(q) = tau + tau_ext`
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use super::arm::Arm;
+use super::kinematics::Frame;
+use crate::scalar::{Real, lit};
+
+/// Standard gravity of the reference data, in m/s².
+pub const GRAVITY_M_S2: f64 = 9.81;
+
+/// Spatial inertia of a body about the origin of F0.
+#[derive(Clone, Copy, Debug)]
+struct Spatial<T: Real> {
+    mass: T,
+    /// First moment, mass times centre of mass, in kg m.
+    moment: Vector3<T>,
+    /// Second moment about the origin: xx, yy, zz, xy, xz, yz, in kg m².
+    second: [T; 6],
+}
+
+impl<T: Real> Spatial<T> {
+    #[inline]
+    fn add(&mut self, other: &Self) {
+        self.mass += other.mass;
+        self.moment += other.moment;
+        for (a, b) in self.second.iter_mut().zip(&other.second) {
+            *a += *b;
+        }
+    }
+
+    /// Force and torque (about the origin) of this inertia times the motion
+    /// with angular part `w` and linear part `v` (velocity of the body point
+    /// at the origin).
+    #[inline]
+    fn times(&self, w: &Vector3<T>, v: &Vector3<T>) -> (Vector3<T>, Vector3<T>) {
+        let [xx, yy, zz, xy, xz, yz] = self.second;
+        let linear = v * self.mass + w.cross(&self.moment);
+        let turned = Vector3::new(
+            xx * w.x + xy * w.y + xz * w.z,
+            xy * w.x + yy * w.y + yz * w.z,
+            xz * w.x + yz * w.y + zz * w.z,
+        );
+        (linear, self.moment.cross(v) + turned)
+    }
+}
+
+/// The bodies of an arm at one configuration, about the origin of F0.
+#[derive(Clone, Debug)]
+pub struct Bodies<T: Real, const N: usize> {
+    /// Joint screws: axis and moment `O × z`, the motion of a unit joint speed.
+    axis: [Vector3<T>; N],
+    moment: [Vector3<T>; N],
+    single: [Spatial<T>; N],
+    composite: [Spatial<T>; N],
+}
+
+/// Dynamics of an [`Arm`]; a trait so that the geometry of `arm.rs` and the
+/// mechanics of this file have a file each.
+pub trait Dynamics<T: Real, const N: usize> {
+    /// Spatial inertias of all bodies at the given frames.
+    fn bodies(&self, frames: &[Frame<T>; N]) -> Bodies<T, N>;
+    /// Reflected rotor inertias on the diagonal of a mass matrix, in kg m².
+    fn add_rotors(&self, mass: &mut SMatrix<T, N, N>);
+}
+
+impl<T: Real, const N: usize> Dynamics<T, N> for Arm<T, N> {
+    #[inline]
+    fn bodies(&self, frames: &[Frame<T>; N]) -> Bodies<T, N> {
+        let zero = T::zero();
+        let nothing = Spatial {
+            mass: zero,
+            moment: Vector3::zeros(),
+            second: [zero; 6],
+        };
+        let mut bodies = Bodies {
+            axis: [Vector3::zeros(); N],
+            moment: [Vector3::zeros(); N],
+            single: [nothing; N],
+            composite: [nothing; N],
+        };
+        for i in 0..N {
+            let frame = &frames[i];
+            let body = &self.bodies[i];
+            let z = frame.z();
+            bodies.axis[i] = z;
+            bodies.moment[i] = frame.origin.cross(&z);
+            bodies.single[i] = spatial(&frame.rotation, &frame.point(&body.com), body.mass, &body.inertia);
+        }
+        let mut sum = nothing;
+        for i in (0..N).rev() {
+            sum.add(&bodies.single[i]);
+            bodies.composite[i] = sum;
+        }
+        bodies
+    }
+
+    fn add_rotors(&self, mass: &mut SMatrix<T, N, N>) {
+        for i in 0..N {
+            mass[(i, i)] += self.rotor[i];
+        }
+    }
+}
+
+/// Spatial inertia about the origin of a body with rotation `r`, centre of mass
+/// `c` and inertia `inertia` about it in its own axes.
+#[inline]
+fn spatial<T: Real>(r: &Matrix3<T>, c: &Vector3<T>, mass: T, inertia: &Matrix3<T>) -> Spatial<T> {
+    let half = r * inertia;
+    let entry = |i: usize, j: usize| half[(i, 0)] * r[(j, 0)] + half[(i, 1)] * r[(j, 1)] + half[(i, 2)] * r[(j, 2)];
+    let moment = c * mass;
+    let (mx, my, mz) = (moment.x, moment.y, moment.z);
+    Spatial {
+        mass,
+        moment,
+        second: [
+            entry(0, 0) + my * c.y + mz * c.z,
+            entry(1, 1) + mx * c.x + mz * c.z,
+            entry(2, 2) + mx * c.x + my * c.y,
+            entry(0, 1) - mx * c.y,
+            entry(0, 2) - mx * c.z,
+            entry(1, 2) - my * c.z,
+        ],
+    }
+}
+
+impl<T: Real, const N: usize> Bodies<T, N> {
+    /// Joint torques that hold the arm still against gravity, in N m.
+    #[inline]
+    pub fn gravity(&self) -> SVector<T, N> {
+        let g = lit::<T>(GRAVITY_M_S2);
+        let mut torque = SVector::<T, N>::zeros();
+        for i in 0..N {
+            // Power of the weight m g along −z at unit joint speed, negated:
+            // the velocity of the composite centre times its mass, upwards.
+            let (z, o) = (&self.axis[i], &self.moment[i]);
+            let c = &self.composite[i];
+            torque[i] = g * (o.z * c.mass + z.x * c.moment.y - z.y * c.moment.x);
+        }
+        torque
+    }
+
+    /// Mass matrix of the links, in kg m² (rotors not included).
+    #[inline]
+    pub fn mass_matrix(&self) -> SMatrix<T, N, N> {
+        let mut mass = SMatrix::<T, N, N>::zeros();
+        for i in 0..N {
+            let (force, torque) = self.composite[i].times(&self.axis[i], &self.moment[i]);
+            for j in 0..=i {
+                let entry = self.axis[j].dot(&torque) + self.moment[j].dot(&force);
+                mass[(i, j)] = entry;
+                mass[(j, i)] = entry;
+            }
+        }
+        mass
+    }
+
+    /// Coriolis and centrifugal torques `c(q, q̇)` (gravity not included), in N m.
+    #[inline]
+    pub fn coriolis(&self, dq: &[T; N]) -> SVector<T, N> {
+        let (mut w, mut v) = (Vector3::zeros(), Vector3::zeros());
+        let (mut dw, mut dv) = (Vector3::zeros(), Vector3::zeros());
+        let mut forces = [(Vector3::zeros(), Vector3::zeros()); N];
+        for i in 0..N {
+            let (sw, sv) = (self.axis[i] * dq[i], self.moment[i] * dq[i]);
+            // Rate of the screw carried by the parent: (w, v) crm (sw, sv).
+            dw += w.cross(&sw);
+            dv += w.cross(&sv) + v.cross(&sw);
+            w += sw;
+            v += sv;
+            let body = &self.single[i];
+            let (inertial_f, inertial_n) = body.times(&dw, &dv);
+            let (p, l) = body.times(&w, &v);
+            forces[i] = (inertial_f + w.cross(&p), inertial_n + w.cross(&l) + v.cross(&p));
+        }
+        let mut torque = SVector::<T, N>::zeros();
+        let (mut f, mut n) = (Vector3::zeros(), Vector3::zeros());
+        for i in (0..N).rev() {
+            f += forces[i].0;
+            n += forces[i].1;
+            torque[i] = self.axis[i].dot(&n) + self.moment[i].dot(&f);
+        }
+        torque
+    }
+
+    /// Generalised momentum `p = M q̇` of the links and `Cᵀ(q, q̇) q̇`, the two
+    /// terms that a momentum observer needs besides gravity
+    /// (`ṗ = tau + tau_ext + Cᵀ q̇ − g`).
+    #[inline]
+    pub fn momentum(&self, dq: &[T; N]) -> (SVector<T, N>, SVector<T, N>) {
+        let (mut w, mut v) = (Vector3::zeros(), Vector3::zeros());
+        let mut before = [(Vector3::zeros(), Vector3::zeros()); N];
+        let mut own = [(Vector3::zeros(), Vector3::zeros()); N];
+        for i in 0..N {
+            before[i] = (w, v);
+            w += self.axis[i] * dq[i];
+            v += self.moment[i] * dq[i];
+            own[i] = self.single[i].times(&w, &v);
+        }
+        let mut momentum = SVector::<T, N>::zeros();
+        let mut transposed = SVector::<T, N>::zeros();
+        let (mut p, mut l) = (Vector3::zeros(), Vector3::zeros());
+        for i in (0..N).rev() {
+            p += own[i].0;
+            l += own[i].1;
+            let (z, m) = (&self.axis[i], &self.moment[i]);
+            momentum[i] = z.dot(&l) + m.dot(&p);
+            let (w, v) = &before[i];
+            transposed[i] = w.cross(z).dot(&l) + (w.cross(m) + v.cross(z)).dot(&p);
+        }
+        (momentum, transposed)
+    }
+}
