@@ -1,1 +1,24 @@
+//! spherecal: a robot calibrates itself by touching precision spheres.
+//!
+//! The host side of the house. Data flows one way:
+//!
+//! ```text
+//! plan ─▶ campaign ─▶ link ─▶ controller (firmware) ─▶ plant, or a real arm
+//! report ◀─ validate ◀─ identify ◀─ store ◀─ campaign
+//! ```
+//!
+//! [`plant`] is the simulated arm; it knows neither link nor campaign, and
+//! nothing but encoders, torques and drive status leaves it towards them.
+//! [`identify`] works on plain data and serves any robot's CSV.
 
+pub mod campaign;
+pub mod cli;
+pub mod identify;
+pub mod laser;
+pub mod link;
+pub mod plan;
+pub mod plant;
+pub mod report;
+pub mod robots;
+pub mod store;
+pub mod validate;

@@ -1,1 +1,3 @@
+//! The `spherecal` program: see [`spherecal::cli`].
+
 fn main() {}

@@ -1,0 +1,1 @@
+//! The external controller of the paper: sends poses, hears recordings, stores them.

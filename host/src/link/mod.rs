@@ -1,0 +1,1 @@
+//! The two links and their transports: in-process, QEMU, serial, TCP.

@@ -1,0 +1,1 @@
+//! The planner: poses on the spheres, inverse kinematics, order, laser configurations.

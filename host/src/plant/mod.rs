@@ -1,0 +1,1 @@
+//! The simulated plant: dynamics, contact, sensors, error sources, laser tracker.

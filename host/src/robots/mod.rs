@@ -1,0 +1,1 @@
+//! Robots of the field: TOML, URDF, kinematics YAML, in and out.

@@ -1,0 +1,1 @@
+//! The store: every recording, contact and fault, written as they arrive.
