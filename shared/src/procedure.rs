@@ -1,1 +1,480 @@
-//! Procedure.
+//! The calibration procedure, Algorithm 2 of the paper, as one configuration.
+//!
+//! Defaults are the paper's numbers where it gives them; for what it leaves
+//! out each default says where it comes from. The host reads it from a file,
+//! checks it ([`Procedure::check`]) and sends it over the host link; the
+//! controller checks it again before it obeys.
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// Largest translational stiffness that the law accepts, in N/m (KUKA's range).
+pub const MAX_STIFFNESS_N_M: f64 = 5000.0;
+/// Largest rotational stiffness that the law accepts, in N m/rad (KUKA's range).
+pub const MAX_STIFFNESS_NM_RAD: f64 = 300.0;
+
+/// The whole procedure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Procedure {
+    /// What holds in every phase.
+    pub law: Law,
+    /// Motions in free space, in joint coordinates.
+    pub motion: Motion,
+    /// From the approach frame to contact.
+    pub approach: Approach,
+    /// After contact: the magnet seats the nest.
+    pub couple: Couple,
+    /// Turning about the sphere to the next pose.
+    pub turn: Turn,
+    /// Recording at a pose.
+    pub record: Record,
+    /// How a seated nest is told from one that has left.
+    pub seating: Seating,
+    /// Leaving the sphere.
+    pub decouple: Decouple,
+    /// Limits whose violation is a fault.
+    pub limits: Limits,
+    /// What is streamed to the host besides events.
+    pub telemetry: Telemetry,
+}
+
+/// The control law.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Law {
+    /// Lehr's damping ratio of all Cartesian modes (the paper: 0.7).
+    pub damping_ratio: f64,
+    /// Rotational stiffness in every Cartesian phase, in N m/rad. At 200 the
+    /// worst orientation error while turning was 0.04 degrees in simulation,
+    /// at 20 it was 0.4, and at 0 the nest falls over.
+    pub rotation_nm_rad: f64,
+    /// Stiffness of the null space about the elbow's circle, in N m/rad.
+    pub elbow_nm_rad: f64,
+    /// Damping ratio of the null space.
+    pub elbow_damping_ratio: f64,
+    /// Time over which the stiffness changes between phases, in s.
+    pub stiffness_ramp_s: f64,
+    /// Largest change of a commanded torque, in N m/s (libfranka's value).
+    pub torque_rate_nm_s: f64,
+    /// Pole of the momentum observer, in 1/s.
+    pub observer_rad_s: f64,
+}
+
+impl Default for Law {
+    fn default() -> Self {
+        Self {
+            damping_ratio: 0.7,
+            rotation_nm_rad: 200.0,
+            elbow_nm_rad: 50.0,
+            elbow_damping_ratio: 0.7,
+            stiffness_ramp_s: 0.25,
+            torque_rate_nm_s: 1000.0,
+            observer_rad_s: 60.0,
+        }
+    }
+}
+
+/// Free-space motion between home and the approach frames.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Motion {
+    /// Largest joint speed, in rad/s.
+    pub speed_rad_s: f64,
+    /// Largest joint acceleration, in rad/s².
+    pub acceleration_rad_s2: f64,
+    /// Natural frequency of the joint spring-damper, in rad/s; stiffness and
+    /// damping follow from the inertia that each joint moves.
+    pub natural_rad_s: f64,
+    /// Joint error under which a motion is finished, in rad.
+    pub tolerance_rad: f64,
+    /// How long past its planned end a motion may take to settle, in s.
+    pub settle_s: f64,
+}
+
+impl Default for Motion {
+    fn default() -> Self {
+        Self {
+            speed_rad_s: 0.8,
+            acceleration_rad_s2: 1.6,
+            natural_rad_s: 20.0,
+            tolerance_rad: 0.02,
+            settle_s: 3.0,
+        }
+    }
+}
+
+/// The approach: 50/50/100 N/m at 25 mm/s until 7.5 N.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Approach {
+    /// Translational stiffness across (two axes) and along the approach, in N/m.
+    pub stiffness_n_m: [f64; 3],
+    /// Speed of the setpoint, in m/s.
+    pub speed_m_s: f64,
+    /// Acceleration of the setpoint, in m/s²: a step of 25 mm/s drifts sideways.
+    pub acceleration_m_s2: f64,
+    /// Force against the approach at which contact is declared, in N.
+    pub trigger_n: f64,
+    /// How long the force must last, in s: an instantaneous threshold fires on
+    /// the impact transient, before the nest is seated.
+    pub dwell_s: f64,
+    /// Time at rest before the descent over which the wrench is tared, in s.
+    pub tare_s: f64,
+    /// Largest tare force taken as plausible, in N: an undeclared tool of
+    /// 1.5 kg reads as 15 N.
+    pub tare_limit_n: f64,
+    /// Speed of the TCP under which contact may be declared, in m/s: an arm
+    /// that rests against a sphere stands still.
+    pub contact_speed_m_s: f64,
+    /// Travel of the arm without contact after which the sphere is missed, in m.
+    pub travel_m: f64,
+}
+
+impl Default for Approach {
+    fn default() -> Self {
+        Self {
+            stiffness_n_m: [50.0, 50.0, 100.0],
+            speed_m_s: 0.025,
+            acceleration_m_s2: 0.1,
+            trigger_n: 7.5,
+            dwell_s: 0.020,
+            tare_s: 0.5,
+            tare_limit_n: 8.0,
+            contact_speed_m_s: 0.010,
+            travel_m: 0.120,
+        }
+    }
+}
+
+/// After contact: hold softly while the magnet seats the nest.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Couple {
+    /// Translational stiffness, in N/m.
+    pub stiffness_n_m: f64,
+    /// Time of the hold, in s.
+    pub hold_s: f64,
+}
+
+impl Default for Couple {
+    fn default() -> Self {
+        Self {
+            stiffness_n_m: 5.0,
+            hold_s: 5.0,
+        }
+    }
+}
+
+/// Turning to the next pose about the sphere.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Turn {
+    /// Translational stiffness, in N/m.
+    pub stiffness_n_m: f64,
+    /// Largest speed of orientation and elbow, in rad/s.
+    pub speed_rad_s: f64,
+    /// Largest acceleration of both, in rad/s².
+    pub acceleration_rad_s2: f64,
+    /// Orientation and elbow error under which the pose is reached, in rad.
+    pub tolerance_rad: f64,
+    /// Speed of every joint under which the arm counts as still, in rad/s.
+    pub still_rad_s: f64,
+    /// How long past its planned end a turn may take to settle, in s.
+    pub settle_s: f64,
+}
+
+impl Default for Turn {
+    fn default() -> Self {
+        Self {
+            stiffness_n_m: 20.0,
+            speed_rad_s: 0.5,
+            acceleration_rad_s2: 1.5,
+            tolerance_rad: 0.01,
+            still_rad_s: 0.003,
+            settle_s: 4.0,
+        }
+    }
+}
+
+/// Recording at a pose.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Record {
+    /// Translational stiffness, in N/m.
+    pub stiffness_n_m: f64,
+    /// Samples averaged, one a tick: 1,000 are the paper's 1 s at 1,000 Hz.
+    pub samples: u32,
+}
+
+impl Default for Record {
+    fn default() -> Self {
+        Self {
+            stiffness_n_m: 5.0,
+            samples: 1000,
+        }
+    }
+}
+
+/// The seating watch: while coupled the TCP is tied to the sphere, so its
+/// computed position moves only by the errors of the kinematic model.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Seating {
+    /// Largest distance of the computed TCP from where it seated, in m. Model
+    /// errors reach 2.4 mm (Table 5); a nest that has left is centimetres away
+    /// or moves fast.
+    pub window_m: f64,
+    /// Largest computed TCP speed, in m/s: a nest that leaves jumps.
+    pub speed_m_s: f64,
+    /// How long a violation must last, in s.
+    pub dwell_s: f64,
+    /// Test pull after coupling, in N (well under the magnet's 26.5).
+    pub test_n: f64,
+    /// Time of the test pull, in s.
+    pub test_s: f64,
+    /// Largest computed TCP displacement under the test pull, in m.
+    pub test_m: f64,
+}
+
+impl Default for Seating {
+    fn default() -> Self {
+        Self {
+            window_m: 0.005,
+            speed_m_s: 0.015,
+            dwell_s: 0.010,
+            test_n: 5.0,
+            test_s: 0.6,
+            test_m: 0.0015,
+        }
+    }
+}
+
+/// Leaving the sphere against the magnet's 26.5 N.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Decouple {
+    /// Translational stiffness, in N/m: 200 never lets go; at 2,000 the nest
+    /// leaves after 12.7 mm of setpoint.
+    pub stiffness_n_m: f64,
+    /// Speed of the setpoint, in m/s.
+    pub speed_m_s: f64,
+    /// How far back the setpoint goes along the approach, in m.
+    pub retreat_m: f64,
+    /// How far the TCP must have followed for the nest to count as free, in m.
+    pub free_m: f64,
+    /// Time allowed beyond the setpoint's own, in s.
+    pub settle_s: f64,
+}
+
+impl Default for Decouple {
+    fn default() -> Self {
+        Self {
+            stiffness_n_m: 2000.0,
+            speed_m_s: 0.025,
+            retreat_m: 0.050,
+            free_m: 0.030,
+            settle_s: 3.0,
+        }
+    }
+}
+
+/// Limits whose violation is a fault.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Limits {
+    /// Margin to the joints' position limits, in rad.
+    pub position_margin_rad: f64,
+    /// Share of the joints' speed limits that may be used, 0 to 1.
+    pub velocity_share: f64,
+    /// Estimated contact force at the TCP, in N, for 5 ms or longer.
+    pub force_n: f64,
+    /// Distance between TCP and setpoint in Cartesian phases, in m (the
+    /// approach adds its own lag).
+    pub path_m: f64,
+    /// Joint error in joint motions, in rad.
+    pub path_rad: f64,
+    /// Age of the last host frame while a host is needed, in s.
+    pub host_silence_s: f64,
+    /// Missed or repeated drive states in a row that are bridged.
+    pub missed_ticks: u32,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            position_margin_rad: 0.01,
+            velocity_share: 0.9,
+            force_n: 60.0,
+            path_m: 0.150,
+            path_rad: 0.2,
+            host_silence_s: 2.0,
+            missed_ticks: 3,
+        }
+    }
+}
+
+/// What is streamed to the host: one sample every so many ticks, 0 for none.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Telemetry {
+    /// While approaching, coupling and decoupling.
+    pub contact_ticks: u32,
+    /// In every other phase.
+    pub other_ticks: u32,
+}
+
+impl Default for Telemetry {
+    fn default() -> Self {
+        Self {
+            contact_ticks: 1,
+            other_ticks: 20,
+        }
+    }
+}
+
+/// Why a configuration was refused.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("procedure.{field} is {value}: give a value from {min} to {max}")]
+pub struct ProcedureError {
+    /// Field, as in the file.
+    pub field: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Smallest value accepted.
+    pub min: f64,
+    /// Largest value accepted.
+    pub max: f64,
+}
+
+impl Procedure {
+    /// Checks every number against its range (a NaN is in no range).
+    ///
+    /// # Errors
+    /// The first field out of range, with its value and the range.
+    pub fn check(&self) -> Result<(), ProcedureError> {
+        let k = MAX_STIFFNESS_N_M;
+        let a = &self.approach;
+        let ranges: &[(&'static str, f64, f64, f64)] = &[
+            ("law.damping_ratio", self.law.damping_ratio, 0.1, 1.0),
+            (
+                "law.rotation_nm_rad",
+                self.law.rotation_nm_rad,
+                50.0,
+                MAX_STIFFNESS_NM_RAD,
+            ),
+            ("law.elbow_nm_rad", self.law.elbow_nm_rad, 0.0, 500.0),
+            ("law.elbow_damping_ratio", self.law.elbow_damping_ratio, 0.1, 1.0),
+            ("law.stiffness_ramp_s", self.law.stiffness_ramp_s, 0.0, 5.0),
+            ("law.torque_rate_nm_s", self.law.torque_rate_nm_s, 50.0, 1e5),
+            ("law.observer_rad_s", self.law.observer_rad_s, 1.0, 500.0),
+            ("motion.speed_rad_s", self.motion.speed_rad_s, 0.01, 3.0),
+            (
+                "motion.acceleration_rad_s2",
+                self.motion.acceleration_rad_s2,
+                0.01,
+                20.0,
+            ),
+            ("motion.natural_rad_s", self.motion.natural_rad_s, 2.0, 60.0),
+            ("motion.tolerance_rad", self.motion.tolerance_rad, 1e-4, 0.2),
+            ("motion.settle_s", self.motion.settle_s, 0.1, 60.0),
+            ("approach.stiffness_n_m[0]", a.stiffness_n_m[0], 0.0, k),
+            ("approach.stiffness_n_m[1]", a.stiffness_n_m[1], 0.0, k),
+            ("approach.stiffness_n_m[2]", a.stiffness_n_m[2], 1.0, k),
+            ("approach.speed_m_s", a.speed_m_s, 1e-4, 0.25),
+            ("approach.acceleration_m_s2", a.acceleration_m_s2, 1e-3, 5.0),
+            ("approach.trigger_n", a.trigger_n, 0.5, 100.0),
+            ("approach.dwell_s", a.dwell_s, 0.001, 1.0),
+            ("approach.tare_s", a.tare_s, 0.05, 10.0),
+            ("approach.tare_limit_n", a.tare_limit_n, 0.0, 100.0),
+            ("approach.contact_speed_m_s", a.contact_speed_m_s, 1e-4, 0.25),
+            ("approach.travel_m", a.travel_m, 0.001, 0.5),
+            ("couple.stiffness_n_m", self.couple.stiffness_n_m, 0.0, k),
+            ("couple.hold_s", self.couple.hold_s, 0.0, 60.0),
+            ("turn.stiffness_n_m", self.turn.stiffness_n_m, 0.0, k),
+            ("turn.speed_rad_s", self.turn.speed_rad_s, 0.01, 2.0),
+            ("turn.acceleration_rad_s2", self.turn.acceleration_rad_s2, 0.01, 20.0),
+            ("turn.tolerance_rad", self.turn.tolerance_rad, 1e-4, 0.2),
+            ("turn.still_rad_s", self.turn.still_rad_s, 1e-5, 0.1),
+            ("turn.settle_s", self.turn.settle_s, 0.1, 60.0),
+            ("record.stiffness_n_m", self.record.stiffness_n_m, 0.0, k),
+            ("record.samples", f64::from(self.record.samples), 1.0, 120_000.0),
+            ("seating.window_m", self.seating.window_m, 1e-4, 0.1),
+            ("seating.speed_m_s", self.seating.speed_m_s, 1e-3, 1.0),
+            ("seating.dwell_s", self.seating.dwell_s, 0.001, 1.0),
+            ("seating.test_n", self.seating.test_n, 0.0, 20.0),
+            ("seating.test_s", self.seating.test_s, 0.0, 10.0),
+            ("seating.test_m", self.seating.test_m, 1e-5, 0.1),
+            ("decouple.stiffness_n_m", self.decouple.stiffness_n_m, 200.0, k),
+            ("decouple.speed_m_s", self.decouple.speed_m_s, 1e-3, 0.25),
+            ("decouple.retreat_m", self.decouple.retreat_m, 0.015, 0.3),
+            ("decouple.free_m", self.decouple.free_m, 0.005, 0.3),
+            ("decouple.settle_s", self.decouple.settle_s, 0.1, 60.0),
+            ("limits.position_margin_rad", self.limits.position_margin_rad, 0.0, 0.5),
+            ("limits.velocity_share", self.limits.velocity_share, 0.05, 1.0),
+            ("limits.force_n", self.limits.force_n, 1.0, 500.0),
+            ("limits.path_m", self.limits.path_m, 0.001, 1.0),
+            ("limits.path_rad", self.limits.path_rad, 0.001, 3.0),
+            ("limits.host_silence_s", self.limits.host_silence_s, 0.05, 3600.0),
+            ("limits.missed_ticks", f64::from(self.limits.missed_ticks), 0.0, 100.0),
+            (
+                "telemetry.contact_ticks",
+                f64::from(self.telemetry.contact_ticks),
+                0.0,
+                1e6,
+            ),
+            ("telemetry.other_ticks", f64::from(self.telemetry.other_ticks), 0.0, 1e6),
+        ];
+        for &(field, value, min, max) in ranges {
+            if !(value >= min && value <= max) {
+                return Err(ProcedureError { field, value, min, max });
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_the_papers_numbers() {
+        let p = Procedure::default();
+        p.check().expect("the defaults must pass their own check");
+        assert_eq!(p.approach.stiffness_n_m, [50.0, 50.0, 100.0]);
+        assert_eq!((p.approach.trigger_n, p.approach.speed_m_s), (7.5, 0.025));
+        assert_eq!((p.couple.stiffness_n_m, p.couple.hold_s), (5.0, 5.0));
+        assert_eq!(
+            (p.turn.stiffness_n_m, p.record.stiffness_n_m, p.record.samples),
+            (20.0, 5.0, 1000)
+        );
+        assert_eq!(p.law.damping_ratio, 0.7);
+    }
+
+    #[test]
+    fn bad_numbers_are_refused_by_name() {
+        let mut p = Procedure::default();
+        p.approach.stiffness_n_m[1] = -50.0;
+        let error = p.check().expect_err("negative stiffness");
+        assert_eq!(error.field, "approach.stiffness_n_m[1]");
+        assert_eq!(
+            std::format!("{error}"),
+            "procedure.approach.stiffness_n_m[1] is -50: give a value from 0 to 5000"
+        );
+        let mut p = Procedure::default();
+        p.couple.hold_s = f64::NAN;
+        assert_eq!(p.check().expect_err("NaN").field, "couple.hold_s");
+    }
+
+    #[test]
+    fn a_file_may_name_only_what_it_changes() {
+        let p: Procedure = toml::from_str("[approach]\ntrigger_n = 5.0\n").expect("a partial file");
+        assert_eq!(p.approach.trigger_n, 5.0);
+        assert_eq!(p.turn, Turn::default());
+        assert!(
+            toml::from_str::<Procedure>("[approach]\ntriger_n = 5.0\n").is_err(),
+            "a misspelt field must not pass"
+        );
+    }
+}

@@ -1,1 +1,18 @@
-//! Protocol.
+//! The two links: what is said on them, and how it is framed.
+//!
+//! ```text
+//!   host ──[host link: Downlink / Uplink]── controller ──[drive link: DriveCommand / DriveState]── arm or plant
+//! ```
+//!
+//! Messages are postcard; a frame adds the message's schema key, a sequence
+//! number, the sender's time and a CRC-32C, and is COBS-encoded with a zero
+//! byte behind it ([`frame`]). The types are the protocol: change one and its
+//! key changes, so that two versions refuse each other instead of misreading.
+
+pub mod drive;
+pub mod frame;
+pub mod host;
+
+/// Version of the meaning of the messages; raised when a field keeps its shape
+/// but changes what it says.
+pub const PROTOCOL_VERSION: u16 = 1;

@@ -1,0 +1,25 @@
+//! Controller and host link in one thread, in lock-step with the drive.
+
+use embassy_time::Instant;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
+
+use crate::{Controller, HostLink};
+
+/// Controller and host link together.
+#[derive(Clone, Debug, Default)]
+pub struct Node<const N: usize> {
+    controller: Controller<N>,
+    link: HostLink,
+}
+
+impl<const N: usize> Node<N> {
+    /// One control period: takes the host's bytes, ticks, and writes whole
+    /// frames for the host into `up`. Returns the torque command and the
+    /// number of bytes written.
+    pub fn exchange(&mut self, now: Instant, state: &DriveState, down: &[u8], up: &mut [u8]) -> (DriveCommand, usize) {
+        self.link.receive(now, down, &mut self.controller);
+        let command = self.controller.tick(now, state);
+        let length = self.link.transmit(now, up, &mut self.controller);
+        (command, length)
+    }
+}
