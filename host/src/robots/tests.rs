@@ -1,0 +1,126 @@
+//! What must hold of every robot file: the table's forward kinematics are the
+//! file's own, whatever its axes.
+
+use proptest::prelude::*;
+use spherecal_shared::robot::Frame;
+
+use super::frames::{compose, distance, rot_axis};
+use super::urdf::{Motion, Urdf};
+use super::*;
+
+/// The file's own forward kinematics, joint by joint, independent of the table.
+fn urdf_flange(urdf: &Urdf, path: &[usize], q: &[f64]) -> Frame<f64> {
+    let mut angles = q.iter();
+    path.iter().fold(Frame::identity(), |frame, &i| {
+        let joint = &urdf.joints[i];
+        let at = compose(&frame, &joint.origin);
+        if joint.motion != Motion::Turns {
+            return at;
+        }
+        let turn = Frame {
+            rotation: rot_axis(&joint.axis, *angles.next().unwrap()),
+            origin: nalgebra::Vector3::zeros(),
+        };
+        compose(&at, &turn)
+    })
+}
+
+fn check_kinematics(text: &str, q: &[f64], tolerance: f64) -> RobotModel {
+    let model = load_urdf_text("test.urdf", text, None).unwrap();
+    let Origin::Urdf(source) = &model.origin else {
+        panic!("not a URDF")
+    };
+    let expected = urdf_flange(&source.0, &source.1.path, q);
+    let off = distance(&model.flange_at(q), &expected);
+    assert!(off < tolerance, "off by {off:e}");
+    model
+}
+
+fn data(name: &str) -> String {
+    std::fs::read_to_string(format!("{}/../tests/data/{name}", env!("CARGO_MANIFEST_DIR"))).unwrap()
+}
+
+#[test]
+fn the_iiwas_of_the_field_keep_their_kinematics() {
+    for (name, q) in [
+        ("iiwa7.urdf", [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]),
+        ("iiwa14.urdf", [-1.0, 0.5, 2.0, -1.4, 0.3, 0.9, -3.0]),
+    ] {
+        let model = check_kinematics(&data(name), &q, 1e-12);
+        assert_eq!(model.robot.dof(), 7);
+        assert!(distance(&model.base, &Frame::identity()) < 1e-15);
+    }
+}
+
+/// A serial chain with random origins and axes, some parallel, some at right
+/// angles, some with fixed joints between.
+fn random_urdf() -> impl Strategy<Value = (String, Vec<f64>)> {
+    let right = prop_oneof![
+        Just(0.0),
+        Just(1.570_796_326_794_896_6),
+        Just(-1.570_796_326_794_896_6),
+        Just(1.5708),
+        -3.0..3.0_f64
+    ];
+    let length = prop_oneof![Just(0.0), -0.5..0.5_f64];
+    let axis = prop_oneof![
+        Just("0 0 1".to_owned()),
+        Just("0 1 0".to_owned()),
+        Just("-1 0 0".to_owned()),
+        Just("0.001 0 1".to_owned()),
+        Just("1 2 -0.5".to_owned())
+    ];
+    let joint = (
+        length.clone(),
+        length.clone(),
+        length,
+        right.clone(),
+        right.clone(),
+        right,
+        axis,
+        any::<bool>(),
+    );
+    (proptest::collection::vec(joint, 1..=8), proptest::collection::vec(-3.0..3.0_f64, 8)).prop_map(|(joints, q)| {
+        let n = joints.len();
+        let mut text = "<robot name=\"random\"><link name=\"l0\"/>".to_owned();
+        let mut parent = "l0".to_owned();
+        for (k, (x, y, z, r, p, w, axis, fixed)) in joints.into_iter().enumerate() {
+            let origin = format!("<origin xyz=\"{x:?} {y:?} {z:?}\" rpy=\"{r:?} {p:?} {w:?}\"/>");
+            if fixed {
+                text += &format!("<link name=\"f{k}\"/><joint name=\"f{k}\" type=\"fixed\">{origin}<parent link=\"{parent}\"/><child link=\"f{k}\"/></joint>");
+                parent = format!("f{k}");
+            }
+            let child = format!("m{k}");
+            text += &format!("<link name=\"{child}\"><inertial><origin xyz=\"0.01 {x:?} 0\" rpy=\"0 {r:?} 0\"/><mass value=\"2\"/><inertia ixx=\"0.02\" iyy=\"0.03\" izz=\"0.01\" ixy=\"0.001\" ixz=\"0\" iyz=\"0\"/></inertial></link><joint name=\"{child}\" type=\"revolute\">{origin}<parent link=\"{parent}\"/><child link=\"{child}\"/><axis xyz=\"{axis}\"/><limit lower=\"-3\" upper=\"3\" velocity=\"2\" effort=\"50\"/></joint>");
+            parent = child;
+        }
+        text += "<link name=\"tool0\"/><joint name=\"t\" type=\"fixed\"><origin xyz=\"0.01 0.02 0.03\" rpy=\"0.1 0.2 0.3\"/>";
+        text += &format!("<parent link=\"{parent}\"/><child link=\"tool0\"/></joint></robot>");
+        (text, q[..n].to_vec())
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    /// Fails if any arrangement of axes loses the file's kinematics.
+    #[test]
+    fn any_chain_of_revolute_joints_converts_exactly((text, q) in random_urdf()) {
+        // Lengths of a table with near-parallel axes reach tens of metres: the tolerance is relative to them.
+        let Ok(model) = load_urdf_text("test.urdf", &text, None) else { return Ok(()) };
+        let reach: f64 = model.rows().iter().map(|r| r.a.abs() + r.d.abs()).sum::<f64>().max(1.0);
+        check_kinematics(&text, &q, 1e-12 * reach);
+        // Written and read again, the table is the same to the last bit.
+        let again = toml_file::load("test.toml", &toml_file::write(&model, &[])).unwrap();
+        prop_assert_eq!(&again.robot, &model.robot);
+        prop_assert!(distance(&again.flange_at(&q), &model.flange_at(&q)) < 1e-14 * reach);
+    }
+
+    /// Any text is read or refused, never a panic.
+    #[test]
+    fn no_text_breaks_a_reader(text in "\\PC*", tag in "[a-z<>/=\" ]*") {
+        let _ = load_urdf_text("x.urdf", &text, None);
+        let _ = load_urdf_text("x.urdf", &format!("<robot name='x'><link name='a'/>{tag}</robot>"), None);
+        let _ = toml_file::load("x.toml", &text);
+    }
+}
