@@ -14,6 +14,7 @@
 pub mod campaign;
 pub mod cli;
 pub mod identify;
+pub mod input;
 pub mod laser;
 pub mod link;
 pub mod plan;
