@@ -1,5 +1,7 @@
 //! What the system tests share: where the reference data are, and how to read them.
 
+pub mod worlds;
+
 use std::path::{Path, PathBuf};
 
 /// Path of a file under `tests/data`.

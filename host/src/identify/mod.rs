@@ -1,8 +1,57 @@
 //! Identification of a robot from plain data: joint angles, and where the TCP was.
 //!
 //! Knows no plant, no link and no database, so that it serves any robot's CSV.
-//! Data in: [`Experiment`]. Result out: what `map` and its siblings return.
+//! Data in: [`Experiment`]. Result out: [`Calibration`], by [`identify`].
+//!
+//! ```text
+//! Experiment ─ check ─ register ─ geometry ─ structured effects ─ Calibration
+//!              (data)  (chain)   (map · normal · solve)          (calibration)
+//! ```
+//!
+//! [`parameters`] is the one table of names, priors and reasons; [`algorithm1`]
+//! and [`identifiability`] say what the data can tell.
 
+pub mod algorithm1;
+mod calibration;
+mod chain;
 mod data;
+mod error;
+pub mod identifiability;
+mod map;
+mod normal;
+mod options;
+pub mod parameters;
+mod solve;
 
-pub use data::{Experiment, Observation, Set, Sphere, Target, paper_plate};
+pub use calibration::{Calibration, FramePose, GroupFit, Outlier, ParameterEstimate, Residual, ResidualRow};
+pub use data::{Experiment, Observation, Pose, Set, Sphere, Target, paper_plate};
+pub use error::IdentifyError;
+pub use identifiability::{Identifiability, Observability};
+pub use options::{Method, Model, Noise, Options, Pairs, Torque, UnknownName};
+pub use parameters::{Kind, Override, Overrides, Reference, Unit};
+
+/// Identifies a robot from an experiment's calibration set.
+///
+/// # Errors
+/// Data or options that cannot be used, with row, field, value and remedy; or
+/// no convergence.
+pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibration, IdentifyError> {
+    experiment.check()?;
+    options.check()?;
+    match options.method {
+        Method::Map => {
+            let fit = map::fit(experiment, options, options.model, |_| true)?;
+            Ok(calibration::finish(experiment, options, options.model, fit))
+        }
+        Method::Geometry => {
+            let fit = map::fit(experiment, options, Model::Geometry, |_| true)?;
+            Ok(calibration::finish(experiment, options, Model::Geometry, fit))
+        }
+        Method::Lm | Method::GaussNewton | Method::NelderMead | Method::NelderMeadScaled => {
+            Err(IdentifyError::Method {
+                method: options.method.name(),
+                reason: "not part of this build: use map or geometry".to_owned(),
+            })
+        }
+    }
+}
