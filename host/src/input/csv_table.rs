@@ -146,7 +146,7 @@ fn separator(text: &[u8]) -> u8 {
         .split(|b| *b == b'\n')
         .find(|line| !line.starts_with(b"#") && line.iter().any(|b| !b.is_ascii_whitespace()))
         .unwrap_or(&[]);
-    let count = |sep: u8| header.iter().filter(|b| **b == sep).count();
+    let count = |sep: u8| String::from_utf8_lossy(header).matches(char::from(sep)).count();
     [b',', b';', b'\t']
         .into_iter()
         .rev()

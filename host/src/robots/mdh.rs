@@ -225,7 +225,12 @@ fn tidy(value: f64) -> f64 {
 fn tidy_angle(value: f64) -> f64 {
     let quarter = std::f64::consts::FRAC_PI_2;
     let near = (value / quarter).round() * quarter;
-    if (value - near).abs() < ROUND_OFF { near } else { value }
+    // Adding zero turns −0 into 0.
+    if (value - near).abs() < ROUND_OFF {
+        near + 0.0
+    } else {
+        value
+    }
 }
 
 /// Round-off of a constant frame as zeros and ones.

@@ -18,30 +18,31 @@ mod model;
 pub mod toml_file;
 pub mod urdf;
 mod urdf_in;
+mod urdf_out;
 
 use std::path::Path;
 
-use spherecal_shared::robot::{BUILT_IN, Frame, Robot, Tool, iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{BUILT_IN, Frame, Tool, iiwa7_tool};
 
 pub use error::RobotFileError;
 pub use model::{Origin, RobotModel, moved, table_frames};
 pub use urdf_in::load as load_urdf_text;
+pub use urdf_out::{write_kinematics_yaml, write_urdf};
 
 /// Largest file that is read, in bytes: a URDF without meshes has some 100 kB.
 const MAX_FILE_BYTES: u64 = 8 << 20;
 
-/// A built-in robot with its tool, by name.
+/// A built-in robot with its nominal tool, by name: on the iiwa 7 the
+/// calibration tool of the paper, on the others a bare flange.
 pub fn built_in(name: &str) -> Option<RobotModel> {
-    let (robot, tool): (Robot, Tool) = match name {
-        "iiwa7" => (iiwa7(), iiwa7_tool()),
-        _ => return None,
-    };
+    let robot = spherecal_shared::robot::built_in(name)?;
+    let tool = if name == "iiwa7" { iiwa7_tool() } else { Tool::default() };
     Some(RobotModel {
         robot,
         base: Frame::identity(),
         flange: Frame::identity(),
         tool,
-        frame_names: ("base".to_owned(), "flange".to_owned()),
+        frame_names: ("base_link".to_owned(), "tool0".to_owned()),
         origin: Origin::BuiltIn,
     })
 }

@@ -124,3 +124,133 @@ proptest! {
         let _ = toml_file::load("x.toml", &text);
     }
 }
+
+/// Fails if a built-in table and the published URDF differ in any length,
+/// angle, mass, inertia or limit.
+#[test]
+fn built_in_tables_are_the_published_robots() {
+    for (name, file) in [
+        ("iiwa14", "iiwa14_lbr"),
+        ("panda", "panda"),
+        ("fr3", "fr3"),
+        ("ur5e", "ur5e"),
+        ("ur10e", "ur10e"),
+        ("irb120", "irb120"),
+    ] {
+        let table = load(name).unwrap();
+        let file = load_urdf_text(file, &data(&format!("{file}.urdf")), None).unwrap();
+        assert!(distance(&file.base, &Frame::identity()) < 1e-12, "{name}");
+        assert!(distance(&file.flange, &Frame::identity()) < 1e-12, "{name}");
+        assert_eq!(table.robot.dof(), file.robot.dof());
+        for (a, b) in table.robot.joints.iter().zip(&file.robot.joints) {
+            let (m, n) = (&a.mdh, &b.mdh);
+            for (x, y) in [
+                (m.a, n.a),
+                (m.d, n.d),
+                (m.alpha, n.alpha),
+                (m.beta, n.beta),
+                (m.theta, n.theta),
+            ] {
+                // 180 and −180 degrees are the same angle.
+                assert!(
+                    (x - y).abs() < 1e-11 || ((x - y).abs() - std::f64::consts::TAU).abs() < 1e-11,
+                    "{name}"
+                );
+            }
+            assert!((a.link.mass_kg - b.link.mass_kg).abs() < 1e-12);
+            assert!((a.link.com() - b.link.com()).amax() < 1e-11, "{name}");
+            assert!((a.link.matrix() - b.link.matrix()).amax() < 1e-13, "{name}");
+            assert_eq!(a.limits, b.limits, "{name}");
+        }
+    }
+    for name in BUILT_IN {
+        assert!(load(name).unwrap().robot.check().is_ok(), "{name}");
+    }
+}
+
+/// The masses of the file end in the right links: gravity torque and mass
+/// matrix of the URDF's iiwa 7 are those of the built-in one.
+#[test]
+fn inertias_of_the_urdf_are_those_of_the_table() {
+    use spherecal_shared::robot::{Arm, Dynamics};
+    let bare = Tool::default();
+    let file = load_urdf_text("iiwa7", &data("iiwa7.urdf"), None).unwrap();
+    let a = Arm::<f64, 7>::new(&file.robot, &bare).unwrap();
+    let b = Arm::<f64, 7>::new(&load("iiwa7").unwrap().robot, &bare).unwrap();
+    let q = [0.3, -0.7, 1.1, -1.3, 0.2, 0.9, -0.4];
+    let gravity = |arm: &Arm<f64, 7>| arm.bodies(&arm.frames(&q)).gravity();
+    assert!((gravity(&a) - gravity(&b)).amax() < 1e-9);
+    let mass = |arm: &Arm<f64, 7>| arm.bodies(&arm.frames(&q)).mass_matrix();
+    assert!((mass(&a) - mass(&b)).amax() < 1e-9);
+}
+
+/// A table with every parameter of every row changed.
+fn disturbed(model: &RobotModel, size: f64) -> Vec<spherecal_shared::robot::MdhRow<f64>> {
+    let mut rows = model.rows();
+    for (k, r) in rows.iter_mut().enumerate() {
+        let s = |n: usize| ((k * 5 + n) as f64 * 1.7).sin() * size;
+        r.alpha += s(0);
+        r.a += s(1);
+        r.beta += s(2);
+        r.theta += s(3);
+        r.d += s(4);
+    }
+    rows
+}
+
+/// Fails if the calibrated URDF, read back and computed joint by joint, differs
+/// from the calibrated table, or loses anything else of the input.
+#[test]
+fn a_calibrated_urdf_moves_as_the_calibrated_table() {
+    let q = [0.3, -0.7, 1.1, -1.3, 0.2, 0.9, -0.4];
+    for name in ["iiwa7.urdf", "iiwa14.urdf", "ur5e.urdf", "panda.urdf", "irb120.urdf"] {
+        let text = data(name).replace("<robot ", "<!-- kept --><robot extra=\"1\" ");
+        let model = load_urdf_text(name, &text, None).unwrap();
+        let q = &q[..model.robot.dof()];
+        assert_eq!(
+            write_urdf(&model, &model.rows(), &[]),
+            text,
+            "{name}: nominal in, nominal out"
+        );
+        let rows = disturbed(&model, 3e-3);
+        let out = write_urdf(&model, &rows, &["calibrated -- on <Monday>".to_owned()]);
+        assert!(out.contains("<!-- kept -->") && out.contains("extra=\"1\""));
+        let again = Urdf::parse(name, &out).unwrap();
+        let chain = again.chain(None).unwrap();
+        let off = distance(&urdf_flange(&again, &chain.path, q), &model.flange_with(&rows, q));
+        assert!(off < 1e-12, "{name}: off by {off:e}");
+    }
+}
+
+/// The same for robots that no URDF came with: one is made.
+#[test]
+fn a_made_urdf_moves_as_the_table() {
+    let q = [0.3, -0.7, 1.1, -1.3, 0.2, 0.9, -0.4];
+    for name in BUILT_IN {
+        let model = load(name).unwrap();
+        let rows = disturbed(&model, 3e-3);
+        let made = load_urdf_text("made.urdf", &write_urdf(&model, &rows, &[]), None).unwrap();
+        let q = &q[..model.robot.dof()];
+        let off = distance(&made.flange_at(q), &model.flange_with(&rows, q));
+        assert!(off < 1e-12, "{name}: off by {off:e}");
+        assert_eq!(made.frame_names, model.frame_names);
+        let mass = |m: &RobotModel| m.robot.joints.iter().map(|j| j.link.mass_kg).sum::<f64>();
+        assert!((mass(&made) - mass(&model)).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn kinematics_yaml_lists_the_joint_origins() {
+    let model = load_urdf_text("ur5e", &data("ur5e.urdf"), None).unwrap();
+    let yaml = write_kinematics_yaml(&model, &model.rows());
+    for line in [
+        "kinematics:",
+        "  shoulder:",
+        "    z: 0.1625",
+        "  wrist_1:",
+        "    x: -0.3922",
+        "  hash: calib_",
+    ] {
+        assert!(yaml.lines().any(|l| l.starts_with(line)), "{line} not in {yaml}");
+    }
+}

@@ -91,6 +91,8 @@ pub struct Urdf {
     pub bodies: HashMap<String, UrdfBody>,
     /// Joints, in the file's order.
     pub joints: Vec<UrdfJoint>,
+    /// Where the root element starts in the text.
+    pub root_at: usize,
 }
 
 /// The joints from root to tip (indices into [`Urdf::joints`]).
@@ -294,6 +296,7 @@ impl Urdf {
             links: Vec::new(),
             bodies: HashMap::new(),
             joints: Vec::new(),
+            root_at: root.range().start,
         };
         for node in root.children() {
             if node.has_tag_name("link") {

@@ -8,11 +8,12 @@
 
 use core::f64::consts::FRAC_PI_2;
 
+use super::builtin_arms::{self as arms, Row as ArmRow};
 use super::describe::{Inertia, Joint, JointLimits, Robot, Tool};
 use super::kinematics::MdhRow;
 
 /// Names of the built-in robots.
-pub const BUILT_IN: &[&str] = &["iiwa7"];
+pub const BUILT_IN: &[&str] = &["iiwa7", "iiwa14", "panda", "fr3", "ur5e", "ur10e", "irb120"];
 
 /// alpha (rad), d (m), limit (rad), speed (rad/s), torque (N m), mass (kg),
 /// centre of mass (m), inertia xx yy zz xy xz yz (kg m²).
@@ -67,6 +68,50 @@ pub fn iiwa7() -> Robot {
         let _ = joints.push(joint);
     }
     Robot { name, joints }
+}
+
+/// A built-in robot by its name in [`BUILT_IN`].
+pub fn built_in(name: &str) -> Option<Robot> {
+    let rows: &[ArmRow] = match name {
+        "iiwa7" => return Some(iiwa7()),
+        "iiwa14" => &arms::IIWA14,
+        "panda" => &arms::PANDA,
+        "fr3" => &arms::FR3,
+        "ur5e" => &arms::UR5E,
+        "ur10e" => &arms::UR10E,
+        "irb120" => &arms::IRB120,
+        _ => return None,
+    };
+    let mut robot = Robot {
+        name: heapless::String::new(),
+        joints: heapless::Vec::new(),
+    };
+    // All fit by construction: at most 7 letters of 32, at most 7 joints of 8.
+    let _ = robot.name.push_str(name);
+    for &([alpha, a, theta, d], [min_rad, max_rad, velocity_rad_s, torque_nm], mass_kg, com_m, inertia_kg_m2) in rows {
+        let _ = robot.joints.push(Joint {
+            mdh: MdhRow {
+                alpha,
+                a,
+                beta: 0.0,
+                theta,
+                d,
+            },
+            link: Inertia {
+                mass_kg,
+                com_m,
+                inertia_kg_m2,
+            },
+            limits: JointLimits {
+                min_rad,
+                max_rad,
+                velocity_rad_s,
+                torque_nm,
+            },
+            rotor_kg_m2: 0.0,
+        });
+    }
+    Some(robot)
 }
 
 /// The calibration tool on the iiwa 7: 1.5 kg, the nest eccentric from the

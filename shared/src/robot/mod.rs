@@ -16,13 +16,14 @@
 
 mod arm;
 mod builtin;
+mod builtin_arms;
 mod describe;
 mod dynamics;
 pub mod elbow;
 pub mod kinematics;
 
 pub use arm::Arm;
-pub use builtin::{BUILT_IN, iiwa7, iiwa7_tool};
+pub use builtin::{BUILT_IN, built_in, iiwa7, iiwa7_tool};
 pub use describe::{Inertia, Joint, JointLimits, Robot, RobotError, Tool};
 pub use dynamics::{Bodies, Dynamics, GRAVITY_M_S2};
 pub use kinematics::{Frame, LinkTransform, MdhRow, ParameterColumns};
