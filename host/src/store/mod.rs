@@ -1,1 +1,100 @@
 //! The store: every recording, contact and fault, written as they arrive.
+//!
+//! Vocabulary: a *run* is one calibration, a *session* one program that worked
+//! on it (a resumed run has several), an *event* what the controller numbered.
+//!
+//! ```text
+//!   HostEndpoint ─ batch of events ─▶ Journal::append ─ commit, fsync ─▶ acknowledged
+//!   identify, validate, report ◀─────── Store::recordings, contacts, … ◀─┘
+//! ```
+//!
+//! SQLite, in write-ahead mode with a synchronous commit: what was acknowledged
+//! survives a kill and a power cut. A recording is keyed by run, sphere and
+//! pose, so that one that comes again is not stored again. The schema
+//! (`migrations/`) keeps to what SQLite and PostgreSQL share.
+
+mod error;
+mod open;
+mod read;
+mod write;
+
+use std::path::{Path, PathBuf};
+
+use spherecal_shared::robot::{Robot, Tool};
+use sqlx::SqliteConnection;
+use tokio::runtime::Runtime;
+
+pub use error::StoreError;
+pub use open::SCHEMA_VERSION;
+pub use read::{Resumable, RunInfo};
+pub use write::SessionEnd;
+
+use crate::identify::Sphere;
+
+/// The database of calibrations, behind blocking calls.
+pub struct Store {
+    runtime: Runtime,
+    /// Always there until the store is dropped.
+    connection: Option<SqliteConnection>,
+    path: PathBuf,
+}
+
+/// What is known of a run before its first event.
+#[derive(Clone, Debug)]
+pub struct NewRun {
+    /// When it was begun, UTC, RFC 3339.
+    pub created_utc: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Link, as given on the command line.
+    pub link: String,
+    /// Nominal robot.
+    pub robot: Robot,
+    /// Nominal tool.
+    pub tool: Tool,
+    /// The whole configuration, as JSON.
+    pub config_json: String,
+    /// The whole plan, as JSON.
+    pub plan_json: String,
+    /// Name and version of the program.
+    pub program: String,
+    /// The plate's certificate.
+    pub spheres: Vec<Sphere>,
+    /// Planned poses, in the order in which they are to be visited.
+    pub poses: Vec<PlannedPose>,
+}
+
+/// One planned pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlannedPose {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Id of the pose.
+    pub pose: u32,
+    /// Orientation of FT in F0, unit quaternion w, x, y, z.
+    pub orientation: [f64; 4],
+    /// Elbow angle, in rad.
+    pub elbow_rad: Option<f64>,
+}
+
+/// A laser tracker shot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LaserShot {
+    /// What it was made for: `calibrate`, `validate`, or an arc (`base_1`,
+    /// `base_2`, `tool_5`, …).
+    pub purpose: String,
+    /// Joint angles as the encoders gave them, in rad.
+    pub q: Vec<f64>,
+    /// Measured point in the tracker's frame, in m.
+    pub point_m: [f64; 3],
+}
+
+impl Store {
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,363 @@
+//! Reading: what a run has, in the order in which it came.
+
+use std::collections::BTreeSet;
+
+use serde::de::DeserializeOwned;
+use spherecal_shared::protocol::host::{
+    Contact, Coupled, Fault, FaultReport, Phase, PhaseChange, Recording, SignalStatistics,
+};
+use spherecal_shared::robot::{Robot, Tool};
+use sqlx::Row as _;
+use sqlx::sqlite::SqliteRow;
+
+use super::{LaserShot, SessionEnd, Store, StoreError};
+use crate::identify::Sphere;
+
+/// A run, without its data.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunInfo {
+    /// Number.
+    pub run: i64,
+    /// When it was begun, UTC, RFC 3339.
+    pub created_utc: String,
+    /// Seed.
+    pub seed: u64,
+    /// Link, as on the command line.
+    pub link: String,
+    /// Nominal robot.
+    pub robot: Robot,
+    /// Nominal tool.
+    pub tool: Tool,
+    /// The configuration, as JSON.
+    pub config_json: String,
+    /// The plan, as JSON.
+    pub plan_json: String,
+    /// Program that began it.
+    pub program: String,
+    /// `running`, `measured` or `complete`.
+    pub state: String,
+}
+
+/// What a run has already, for one that goes on.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Resumable {
+    /// Recorded: sphere and pose.
+    pub recorded: BTreeSet<(u32, u32)>,
+    /// Given up: sphere, pose.
+    pub rejected: BTreeSet<(u32, u32)>,
+}
+
+impl Store {
+    /// The newest run.
+    ///
+    /// # Errors
+    /// When the database fails or the run does not decode.
+    pub fn last_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
+        let rows = self.rows(
+            "SELECT * FROM runs WHERE run = (SELECT MAX(run) FROM runs) AND $1 = $1",
+            0,
+        )?;
+        rows.first().map(|row| self.run_info(row)).transpose()
+    }
+
+    /// The newest run.
+    ///
+    /// # Errors
+    /// As [`Store::last_run`], and when there is none.
+    pub fn require_last_run(&mut self) -> Result<RunInfo, StoreError> {
+        self.last_run()?.ok_or_else(|| StoreError::Absent {
+            path: self.path.clone(),
+            what: "holds no run".to_owned(),
+            remedy: "begin one with `spherecal run`",
+        })
+    }
+
+    /// All runs, oldest first.
+    ///
+    /// # Errors
+    /// When the database fails or a run does not decode.
+    pub fn runs(&mut self) -> Result<Vec<RunInfo>, StoreError> {
+        let rows = self.rows("SELECT * FROM runs WHERE $1 = $1 ORDER BY run", 0)?;
+        rows.iter().map(|row| self.run_info(row)).collect()
+    }
+
+    fn run_info(&self, row: &SqliteRow) -> Result<RunInfo, StoreError> {
+        Ok(RunInfo {
+            run: self.get(row, "run")?,
+            created_utc: self.get(row, "created_utc")?,
+            seed: self.get::<i64>(row, "seed")? as u64,
+            link: self.get(row, "link")?,
+            robot: self.json(row, "robot_json")?,
+            tool: self.json(row, "tool_json")?,
+            config_json: self.get(row, "config_json")?,
+            plan_json: self.get(row, "plan_json")?,
+            program: self.get(row, "program")?,
+            state: self.get(row, "state")?,
+        })
+    }
+
+    /// Sessions of a run, oldest first.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn sessions(&mut self, run: i64) -> Result<Vec<SessionEnd>, StoreError> {
+        let rows = self.rows("SELECT * FROM sessions WHERE run = $1 ORDER BY session", run)?;
+        rows.iter()
+            .map(|row| {
+                Ok(SessionEnd {
+                    simulated_us: self.get::<i64>(row, "simulated_us")? as u64,
+                    ticks: self.get::<i64>(row, "ticks")? as u64,
+                    wall_s: self.get(row, "wall_s")?,
+                    link_json: self.get(row, "link_json")?,
+                    telemetry_json: self.get(row, "telemetry_json")?,
+                })
+            })
+            .collect()
+    }
+
+    /// The plate's certificate.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn spheres(&mut self, run: i64) -> Result<Vec<Sphere>, StoreError> {
+        let rows = self.rows("SELECT * FROM spheres WHERE run = $1 ORDER BY sphere", run)?;
+        rows.iter()
+            .map(|row| {
+                Ok(Sphere {
+                    id: self.count(row, "sphere")?,
+                    position_m: self.triple(row, ["x_m", "y_m", "z_m"])?,
+                    sigma_m: self.get(row, "sigma_m")?,
+                })
+            })
+            .collect()
+    }
+
+    /// What is recorded and what was given up.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn resumable(&mut self, run: i64) -> Result<Resumable, StoreError> {
+        let recorded = self.rows("SELECT sphere, pose FROM recordings WHERE run = $1", run)?;
+        let rejected = self.rows(
+            "SELECT sphere, pose FROM poses WHERE run = $1 AND rejected IS NOT NULL",
+            run,
+        )?;
+        let pairs = |rows: &[SqliteRow]| {
+            rows.iter()
+                .map(|row| Ok((self.count(row, "sphere")?, self.count(row, "pose")?)))
+                .collect::<Result<BTreeSet<_>, StoreError>>()
+        };
+        Ok(Resumable {
+            recorded: pairs(&recorded)?,
+            rejected: pairs(&rejected)?,
+        })
+    }
+
+    /// Recordings, in the order in which they came.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn recordings(&mut self, run: i64) -> Result<Vec<Recording>, StoreError> {
+        let joints = self.rows(
+            "SELECT j.* FROM recording_joints j JOIN recordings r \
+             ON r.run = j.run AND r.sphere = j.sphere AND r.pose = j.pose \
+             WHERE j.run = $1 ORDER BY r.position, j.joint",
+            run,
+        )?;
+        let rows = self.rows("SELECT * FROM recordings WHERE run = $1 ORDER BY position", run)?;
+        let mut joints = joints.iter().peekable();
+        let mut recordings = Vec::with_capacity(rows.len());
+        for row in &rows {
+            let mut recording = Recording {
+                sphere: self.count(row, "sphere")?,
+                pose: self.count(row, "pose")?,
+                start_us: self.get::<i64>(row, "start_us")? as u64,
+                end_us: self.get::<i64>(row, "end_us")? as u64,
+                count: self.count(row, "samples")?,
+                gaps: self.count(row, "gaps")?,
+                q: heapless::Vec::new(),
+                tau: heapless::Vec::new(),
+                tcp_spread_m: self.get(row, "tcp_spread_m")?,
+                force_n: self.triple(row, ["force_x_n", "force_y_n", "force_z_n"])?,
+            };
+            while let Some(joint) = joints.peek() {
+                if (self.count(joint, "sphere")?, self.count(joint, "pose")?) != (recording.sphere, recording.pose) {
+                    break;
+                }
+                // More joints than the protocol carries cannot have been written.
+                let _ = recording.q.push(SignalStatistics {
+                    mean: self.get(joint, "q_mean_rad")?,
+                    std: self.get(joint, "q_std_rad")?,
+                    min: self.get(joint, "q_min_rad")?,
+                    max: self.get(joint, "q_max_rad")?,
+                });
+                let _ = recording.tau.push(SignalStatistics {
+                    mean: self.get(joint, "tau_mean_nm")?,
+                    std: self.get(joint, "tau_std_nm")?,
+                    min: self.get(joint, "tau_min_nm")?,
+                    max: self.get(joint, "tau_max_nm")?,
+                });
+                joints.next();
+            }
+            recordings.push(recording);
+        }
+        Ok(recordings)
+    }
+
+    /// Contacts, in the order in which they came.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn contacts(&mut self, run: i64) -> Result<Vec<Contact>, StoreError> {
+        let rows = self.rows("SELECT * FROM contacts WHERE run = $1 ORDER BY session, event", run)?;
+        rows.iter()
+            .map(|row| {
+                Ok(Contact {
+                    sphere: self.count(row, "sphere")?,
+                    time_us: self.get::<i64>(row, "time_us")? as u64,
+                    force_n: self.get(row, "force_n")?,
+                    peak_n: self.get(row, "peak_n")?,
+                    tare_n: self.triple(row, ["tare_x_n", "tare_y_n", "tare_z_n"])?,
+                    tcp_m: self.triple(row, ["tcp_x_m", "tcp_y_m", "tcp_z_m"])?,
+                    travel_m: self.get(row, "travel_m")?,
+                    latency_ticks: self.count(row, "latency_ticks")?,
+                    early_crossings: self.count(row, "early_crossings")?,
+                })
+            })
+            .collect()
+    }
+
+    /// Couplings, in the order in which they came.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn couplings(&mut self, run: i64) -> Result<Vec<Coupled>, StoreError> {
+        let rows = self.rows("SELECT * FROM couplings WHERE run = $1 ORDER BY session, event", run)?;
+        rows.iter()
+            .map(|row| {
+                Ok(Coupled {
+                    sphere: self.count(row, "sphere")?,
+                    time_us: self.get::<i64>(row, "time_us")? as u64,
+                    centre_m: self.triple(row, ["centre_x_m", "centre_y_m", "centre_z_m"])?,
+                    shift_m: self.get(row, "shift_m")?,
+                    test_m: self.get(row, "test_m")?,
+                })
+            })
+            .collect()
+    }
+
+    /// Phase changes, in the order in which they came.
+    ///
+    /// # Errors
+    /// When the database fails or a phase is unknown.
+    pub fn phases(&mut self, run: i64) -> Result<Vec<PhaseChange>, StoreError> {
+        let rows = self.rows("SELECT * FROM phases WHERE run = $1 ORDER BY session, event", run)?;
+        rows.iter()
+            .map(|row| {
+                Ok(PhaseChange {
+                    phase: self.named::<Phase>(row, "phase")?,
+                    from: self.named::<Phase>(row, "previous")?,
+                    time_us: self.get::<i64>(row, "time_us")? as u64,
+                    tick: self.get::<i64>(row, "tick")? as u64,
+                })
+            })
+            .collect()
+    }
+
+    /// Faults, in the order in which they came.
+    ///
+    /// # Errors
+    /// When the database fails or a fault is unknown.
+    pub fn faults(&mut self, run: i64) -> Result<Vec<FaultReport>, StoreError> {
+        let rows = self.rows("SELECT * FROM faults WHERE run = $1 ORDER BY session, event", run)?;
+        rows.iter()
+            .map(|row| {
+                let number = |field: &'static str| {
+                    let text: String = self.get(row, field)?;
+                    Ok::<f64, StoreError>(text.parse().unwrap_or(f64::NAN))
+                };
+                Ok(FaultReport {
+                    fault: self.named::<Fault>(row, "fault")?,
+                    phase: self.named::<Phase>(row, "phase")?,
+                    time_us: self.get::<i64>(row, "time_us")? as u64,
+                    tick: self.get::<i64>(row, "tick")? as u64,
+                    joint: self.count(row, "joint")? as u8,
+                    value: number("value")?,
+                    limit: number("bound")?,
+                })
+            })
+            .collect()
+    }
+
+    /// Laser shots, in the order in which they were written.
+    ///
+    /// # Errors
+    /// When the database fails or joints do not decode.
+    pub fn laser(&mut self, run: i64) -> Result<Vec<LaserShot>, StoreError> {
+        let rows = self.rows("SELECT * FROM laser_shots WHERE run = $1 ORDER BY position", run)?;
+        rows.iter()
+            .map(|row| {
+                Ok(LaserShot {
+                    purpose: self.get(row, "purpose")?,
+                    q: self.json(row, "q_json")?,
+                    point_m: self.triple(row, ["x_m", "y_m", "z_m"])?,
+                })
+            })
+            .collect()
+    }
+
+    /// A named result, as JSON.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError> {
+        self.block(async |connection| {
+            sqlx::query_scalar("SELECT json FROM results WHERE run = $1 AND name = $2")
+                .bind(run)
+                .bind(name)
+                .fetch_optional(connection)
+                .await
+        })
+    }
+
+    fn rows(&mut self, statement: &'static str, run: i64) -> Result<Vec<SqliteRow>, StoreError> {
+        self.block(async |connection| sqlx::query(statement).bind(run).fetch_all(connection).await)
+    }
+
+    fn get<'r, T>(&self, row: &'r SqliteRow, column: &'static str) -> Result<T, StoreError>
+    where
+        T: sqlx::Decode<'r, sqlx::Sqlite> + sqlx::Type<sqlx::Sqlite>,
+    {
+        row.try_get(column).map_err(|source| StoreError::Database {
+            path: self.path.clone(),
+            source,
+        })
+    }
+
+    fn count(&self, row: &SqliteRow, column: &'static str) -> Result<u32, StoreError> {
+        Ok(self.get::<i64>(row, column)? as u32)
+    }
+
+    fn triple(&self, row: &SqliteRow, columns: [&'static str; 3]) -> Result<[f64; 3], StoreError> {
+        let [x, y, z] = columns;
+        Ok([self.get(row, x)?, self.get(row, y)?, self.get(row, z)?])
+    }
+
+    fn json<T: DeserializeOwned>(&self, row: &SqliteRow, column: &'static str) -> Result<T, StoreError> {
+        let text: String = self.get(row, column)?;
+        serde_json::from_str(&text).map_err(|source| self.undecodable(column, source))
+    }
+
+    fn named<T: DeserializeOwned>(&self, row: &SqliteRow, column: &'static str) -> Result<T, StoreError> {
+        let text: String = self.get(row, column)?;
+        serde_json::from_value(serde_json::Value::String(text)).map_err(|source| self.undecodable(column, source))
+    }
+
+    fn undecodable(&self, field: &'static str, source: serde_json::Error) -> StoreError {
+        StoreError::Decode {
+            path: self.path.clone(),
+            field,
+            source,
+        }
+    }
+}

@@ -1,0 +1,412 @@
+//! Writing: runs, sessions, events, laser shots, results.
+
+use serde::Serialize;
+use spherecal_shared::protocol::host::{Contact, Coupled, Event, FaultReport, PhaseChange, Recording};
+use sqlx::{Connection as _, QueryBuilder, Sqlite, SqliteConnection};
+
+use super::{LaserShot, NewRun, Store, StoreError};
+use crate::link::Arrival;
+
+/// What is known of a session at its end (or so far).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SessionEnd {
+    /// Device time worked, in µs.
+    pub simulated_us: u64,
+    /// Control periods.
+    pub ticks: u64,
+    /// Time on the wall, in s.
+    pub wall_s: f64,
+    /// Link statistics, as JSON.
+    pub link_json: String,
+    /// Telemetry summary, as JSON.
+    pub telemetry_json: String,
+}
+
+/// Name of a unit variant as serde writes it (`joint_position`).
+fn name_of(value: impl Serialize) -> String {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(name)) => name,
+        _ => String::from("?"),
+    }
+}
+
+impl Store {
+    /// Notes a new run, its plate and its poses; returns its number.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn create_run(&mut self, new: &NewRun) -> Result<i64, StoreError> {
+        let path = self.path.clone();
+        let encode = |field, result: Result<String, serde_json::Error>| {
+            result.map_err(|source| StoreError::Decode {
+                path: path.clone(),
+                field,
+                source,
+            })
+        };
+        let robot = encode("robot_json", serde_json::to_string(&new.robot))?;
+        let tool = encode("tool_json", serde_json::to_string(&new.tool))?;
+        self.block(async |connection| {
+            let mut t = connection.begin().await?;
+            let run: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(run), 0) + 1 FROM runs")
+                .fetch_one(&mut *t)
+                .await?;
+            sqlx::query(
+                "INSERT INTO runs (run, created_utc, seed, link, robot, robot_json, tool_json, config_json, \
+                 plan_json, program, state) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'running')",
+            )
+            .bind(run)
+            .bind(&new.created_utc)
+            .bind(new.seed as i64)
+            .bind(&new.link)
+            .bind(new.robot.name.as_str())
+            .bind(&robot)
+            .bind(&tool)
+            .bind(&new.config_json)
+            .bind(&new.plan_json)
+            .bind(&new.program)
+            .execute(&mut *t)
+            .await?;
+            for sphere in &new.spheres {
+                let [x, y, z] = sphere.position_m;
+                sqlx::query(
+                    "INSERT INTO spheres (run, sphere, x_m, y_m, z_m, sigma_m) VALUES ($1, $2, $3, $4, $5, $6)",
+                )
+                .bind(run)
+                .bind(i64::from(sphere.id))
+                .bind(x)
+                .bind(y)
+                .bind(z)
+                .bind(sphere.sigma_m)
+                .execute(&mut *t)
+                .await?;
+            }
+            for (chunk, at) in new.poses.chunks(500).zip((0i64..).step_by(500)) {
+                let mut insert = QueryBuilder::<Sqlite>::new(
+                    "INSERT INTO poses (run, sphere, pose, position, qw, qx, qy, qz, elbow_rad) ",
+                );
+                insert.push_values(chunk.iter().zip(at..), |mut row, (pose, position)| {
+                    row.push_bind(run)
+                        .push_bind(i64::from(pose.sphere))
+                        .push_bind(i64::from(pose.pose))
+                        .push_bind(position);
+                    for value in pose.orientation {
+                        row.push_bind(value);
+                    }
+                    row.push_bind(pose.elbow_rad);
+                });
+                insert.build().execute(&mut *t).await?;
+            }
+            t.commit().await?;
+            Ok(run)
+        })
+    }
+
+    /// Begins a session of a run; returns its number.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn begin_session(&mut self, run: i64, started_utc: &str, firmware: &str) -> Result<i64, StoreError> {
+        self.block(async |connection| {
+            let mut t = connection.begin().await?;
+            let session: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(session), 0) + 1 FROM sessions WHERE run = $1")
+                .bind(run)
+                .fetch_one(&mut *t)
+                .await?;
+            sqlx::query(
+                "INSERT INTO sessions (run, session, started_utc, firmware, simulated_us, ticks, wall_s, link_json, \
+                 telemetry_json) VALUES ($1, $2, $3, $4, 0, 0, 0.0, '{}', '{}')",
+            )
+            .bind(run)
+            .bind(session)
+            .bind(started_utc)
+            .bind(firmware)
+            .execute(&mut *t)
+            .await?;
+            t.commit().await?;
+            Ok(session)
+        })
+    }
+
+    /// Notes how a session went.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            sqlx::query(
+                "UPDATE sessions SET simulated_us = $3, ticks = $4, wall_s = $5, link_json = $6, telemetry_json = $7 \
+                 WHERE run = $1 AND session = $2",
+            )
+            .bind(run)
+            .bind(session)
+            .bind(end.simulated_us as i64)
+            .bind(end.ticks as i64)
+            .bind(end.wall_s)
+            .bind(&end.link_json)
+            .bind(&end.telemetry_json)
+            .execute(connection)
+            .await
+            .map(|_| ())
+        })
+    }
+
+    /// Sets the state of a run: `running`, `measured`, `complete`.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            sqlx::query("UPDATE runs SET state = $2 WHERE run = $1")
+                .bind(run)
+                .bind(state)
+                .execute(connection)
+                .await
+                .map(|_| ())
+        })
+    }
+
+    /// Writes a batch of events in one transaction, durable when it returns.
+    /// A recording that is already there is not written again.
+    ///
+    /// # Errors
+    /// When the database fails; then nothing of the batch is stored.
+    pub fn append(&mut self, run: i64, session: i64, events: &[Arrival]) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            let mut t = connection.begin().await?;
+            for arrival in events {
+                let key = (run, session, i64::from(arrival.event));
+                match &arrival.body {
+                    Event::Phase(phase) => insert_phase(&mut t, key, phase).await?,
+                    Event::Contact(contact) => insert_contact(&mut t, key, contact).await?,
+                    Event::Coupled(coupled) => insert_coupled(&mut t, key, coupled).await?,
+                    Event::Recording(recording) => insert_recording(&mut t, run, session, recording).await?,
+                    Event::Fault(fault) => insert_fault(&mut t, key, fault).await?,
+                    Event::Banner(_)
+                    | Event::Reply { .. }
+                    | Event::Passed { .. }
+                    | Event::Telemetry(_)
+                    | Event::Statistics(_) => {}
+                }
+            }
+            t.commit().await
+        })
+    }
+
+    /// Marks a pose as given up, with the reason.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            sqlx::query("UPDATE poses SET rejected = $4 WHERE run = $1 AND sphere = $2 AND pose = $3")
+                .bind(run)
+                .bind(i64::from(sphere))
+                .bind(i64::from(pose))
+                .bind(reason)
+                .execute(connection)
+                .await
+                .map(|_| ())
+        })
+    }
+
+    /// Writes laser shots; those of the same purposes that were there are replaced.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            let mut t = connection.begin().await?;
+            sqlx::query("DELETE FROM laser_shots WHERE run = $1")
+                .bind(run)
+                .execute(&mut *t)
+                .await?;
+            for (chunk, at) in shots.chunks(500).zip((0i64..).step_by(500)) {
+                let mut insert = QueryBuilder::<Sqlite>::new(
+                    "INSERT INTO laser_shots (run, purpose, position, q_json, x_m, y_m, z_m) ",
+                );
+                insert.push_values(chunk.iter().zip(at..), |mut row, (shot, position)| {
+                    // A vector of floats always encodes.
+                    let q = serde_json::to_string(&shot.q).unwrap_or_default();
+                    row.push_bind(run)
+                        .push_bind(&shot.purpose)
+                        .push_bind(position)
+                        .push_bind(q);
+                    for value in shot.point_m {
+                        row.push_bind(value);
+                    }
+                });
+                insert.build().execute(&mut *t).await?;
+            }
+            t.commit().await
+        })
+    }
+
+    /// Writes a named result, as JSON; one of the same name is replaced.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            sqlx::query(
+                "INSERT INTO results (run, name, json) VALUES ($1, $2, $3) \
+                 ON CONFLICT (run, name) DO UPDATE SET json = excluded.json",
+            )
+            .bind(run)
+            .bind(name)
+            .bind(json)
+            .execute(connection)
+            .await
+            .map(|_| ())
+        })
+    }
+
+    /// Runs one piece of database work to its end.
+    pub(super) fn block<T>(
+        &mut self,
+        work: impl AsyncFnOnce(&mut SqliteConnection) -> Result<T, sqlx::Error>,
+    ) -> Result<T, StoreError> {
+        let database = |source| StoreError::Database {
+            path: self.path.clone(),
+            source,
+        };
+        let connection = self
+            .connection
+            .as_mut()
+            .ok_or_else(|| database(sqlx::Error::WorkerCrashed))?;
+        self.runtime.block_on(work(connection)).map_err(database)
+    }
+}
+
+type Key = (i64, i64, i64);
+
+async fn insert_phase(t: &mut SqliteConnection, key: Key, phase: &PhaseChange) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO phases (run, session, event, phase, previous, time_us, tick) VALUES ($1, $2, $3, $4, $5, $6, $7) \
+         ON CONFLICT DO NOTHING",
+    )
+    .bind(key.0)
+    .bind(key.1)
+    .bind(key.2)
+    .bind(name_of(phase.phase))
+    .bind(name_of(phase.from))
+    .bind(phase.time_us as i64)
+    .bind(phase.tick as i64)
+    .execute(t)
+    .await
+    .map(|_| ())
+}
+
+async fn insert_contact(t: &mut SqliteConnection, key: Key, contact: &Contact) -> Result<(), sqlx::Error> {
+    let ([tx, ty, tz], [px, py, pz]) = (contact.tare_n, contact.tcp_m);
+    sqlx::query(
+        "INSERT INTO contacts (run, session, event, sphere, time_us, force_n, peak_n, tare_x_n, tare_y_n, tare_z_n, \
+         tcp_x_m, tcp_y_m, tcp_z_m, travel_m, latency_ticks, early_crossings) \
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16) ON CONFLICT DO NOTHING",
+    )
+    .bind(key.0)
+    .bind(key.1)
+    .bind(key.2)
+    .bind(i64::from(contact.sphere))
+    .bind(contact.time_us as i64)
+    .bind(contact.force_n)
+    .bind(contact.peak_n)
+    .bind(tx)
+    .bind(ty)
+    .bind(tz)
+    .bind(px)
+    .bind(py)
+    .bind(pz)
+    .bind(contact.travel_m)
+    .bind(i64::from(contact.latency_ticks))
+    .bind(i64::from(contact.early_crossings))
+    .execute(t)
+    .await
+    .map(|_| ())
+}
+
+async fn insert_coupled(t: &mut SqliteConnection, key: Key, coupled: &Coupled) -> Result<(), sqlx::Error> {
+    let [x, y, z] = coupled.centre_m;
+    sqlx::query(
+        "INSERT INTO couplings (run, session, event, sphere, time_us, centre_x_m, centre_y_m, centre_z_m, shift_m, \
+         test_m) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
+    )
+    .bind(key.0)
+    .bind(key.1)
+    .bind(key.2)
+    .bind(i64::from(coupled.sphere))
+    .bind(coupled.time_us as i64)
+    .bind(x)
+    .bind(y)
+    .bind(z)
+    .bind(coupled.shift_m)
+    .bind(coupled.test_m)
+    .execute(t)
+    .await
+    .map(|_| ())
+}
+
+async fn insert_fault(t: &mut SqliteConnection, key: Key, fault: &FaultReport) -> Result<(), sqlx::Error> {
+    // Value and bound as text: a fault may report a NaN, which columns of numbers cannot hold.
+    sqlx::query(
+        "INSERT INTO faults (run, session, event, fault, phase, time_us, tick, joint, value, bound) \
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
+    )
+    .bind(key.0)
+    .bind(key.1)
+    .bind(key.2)
+    .bind(name_of(fault.fault))
+    .bind(name_of(fault.phase))
+    .bind(fault.time_us as i64)
+    .bind(fault.tick as i64)
+    .bind(i64::from(fault.joint))
+    .bind(format!("{:?}", fault.value))
+    .bind(format!("{:?}", fault.limit))
+    .execute(t)
+    .await
+    .map(|_| ())
+}
+
+async fn insert_recording(t: &mut SqliteConnection, run: i64, session: i64, r: &Recording) -> Result<(), sqlx::Error> {
+    let [fx, fy, fz] = r.force_n;
+    let inserted = sqlx::query(
+        "INSERT INTO recordings (run, sphere, pose, position, session, start_us, end_us, samples, gaps, tcp_spread_m, \
+         force_x_n, force_y_n, force_z_n) \
+         VALUES ($1, $2, $3, (SELECT COUNT(*) FROM recordings WHERE run = $1), $4, $5, $6, $7, $8, $9, $10, $11, $12) \
+         ON CONFLICT DO NOTHING",
+    )
+    .bind(run)
+    .bind(i64::from(r.sphere))
+    .bind(i64::from(r.pose))
+    .bind(session)
+    .bind(r.start_us as i64)
+    .bind(r.end_us as i64)
+    .bind(i64::from(r.count))
+    .bind(i64::from(r.gaps))
+    .bind(r.tcp_spread_m)
+    .bind(fx)
+    .bind(fy)
+    .bind(fz)
+    .execute(&mut *t)
+    .await?;
+    if inserted.rows_affected() == 0 || r.q.is_empty() {
+        return Ok(());
+    }
+    let mut insert = QueryBuilder::<Sqlite>::new(
+        "INSERT INTO recording_joints (run, sphere, pose, joint, q_mean_rad, q_std_rad, q_min_rad, q_max_rad, \
+         tau_mean_nm, tau_std_nm, tau_min_nm, tau_max_nm) ",
+    );
+    insert.push_values(r.q.iter().zip(&r.tau).zip(1i64..), |mut row, ((q, tau), joint)| {
+        row.push_bind(run)
+            .push_bind(i64::from(r.sphere))
+            .push_bind(i64::from(r.pose))
+            .push_bind(joint);
+        for signal in [q, tau] {
+            row.push_bind(signal.mean)
+                .push_bind(signal.std)
+                .push_bind(signal.min)
+                .push_bind(signal.max);
+        }
+    });
+    insert.build().execute(t).await.map(|_| ())
+}
