@@ -1,0 +1,526 @@
+//! The plant's configuration: every error source with its physical parameter,
+//! its unit, a switch, and where the default comes from.
+//!
+//! `#[serde(default)]` throughout, so that a TOML file states only what differs
+//! from the `typical` preset. "The paper" is Nadeau, Bonev and Joubair 2019;
+//! "iiwa7.json" is `tests/data/iiwa7.json` with its sources inside.
+
+use serde::{Deserialize, Serialize};
+
+use super::error::PlantError;
+
+/// Everything that makes a simulated plant, with its seed.
+///
+/// The default is [`PlantConfig::typical`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PlantConfig {
+    /// Seed of every draw; each source has its own stream of it, so switching
+    /// one source does not change the others.
+    pub seed: u64,
+    /// Contact and magnet. `false` removes nest, rim, plate and magnet.
+    pub contact: bool,
+    /// Sub-step while in contact or with dry joint friction, in s; a whole
+    /// number of them makes 1 ms.
+    pub substep_s: f64,
+    /// Sub-step in free space (explicit Runge-Kutta 4), in s.
+    pub free_step_s: f64,
+    /// The plate and its spheres.
+    pub plate: PlateConfig,
+    /// The nest at the TCP.
+    pub nest: NestConfig,
+    /// Geometry errors of the arm.
+    pub geometry: GeometryConfig,
+    /// Tool errors.
+    pub tool: ToolConfig,
+    /// Compliance of joints, links and base.
+    pub compliance: ComplianceConfig,
+    /// Encoder and gear errors that repeat with the joint angle.
+    pub encoder: EncoderConfig,
+    /// Noise, quantisation and filters of the joint sensors.
+    pub sensors: SensorConfig,
+    /// Joint friction.
+    pub friction: FrictionConfig,
+    /// Mass errors and rotor inertia.
+    pub inertia: InertiaConfig,
+    /// Joint elasticity as a state.
+    pub elasticity: ElasticityConfig,
+    /// Laser tracker.
+    pub tracker: TrackerConfig,
+}
+
+/// Calibration plate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PlateConfig {
+    /// Nominal origin (sphere 1) in F0, in m. Default: the centroid of the
+    /// spheres at (470, 0, 320) mm, from the reach study of `plant.md`.
+    pub origin_m: [f64; 3],
+    /// Nominal roll, pitch, yaw (about x, then y, then z, fixed axes), in rad.
+    /// Default: yaw 150 degrees, the same study.
+    pub rpy_rad: [f64; 3],
+    /// Certified sphere centres in the plate's frame, in m. Default: Table 1 of the paper.
+    pub spheres_m: Vec<[f64; 3]>,
+    /// Sphere radius, in m. Default: 50.8 mm spheres, Section 2.2.
+    pub sphere_radius_m: f64,
+    /// Depth of the plate's surface under the sphere centres, in m (spheres stand on posts).
+    pub surface_below_m: f64,
+    /// Whether the spheres deviate from their certificate.
+    pub certificate_error: bool,
+    /// Standard deviation of each certified coordinate, in m. Default: ±2.7 µm at 95 % (Section 2.2).
+    pub certificate_sigma_m: f64,
+    /// Whether the plate stands elsewhere than nominally.
+    pub placement_error: bool,
+    /// Standard deviation of the placement, each axis, in m. Default: a plate
+    /// put down by hand against a drawing, 2 mm.
+    pub placement_sigma_m: f64,
+    /// Standard deviation of the placement's rotation, each axis, in rad. Default: 5 mrad, the same.
+    pub placement_sigma_rad: f64,
+}
+
+/// Trihedral nest with a magnet (Section 2.2: a cube corner of three planes).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct NestConfig {
+    /// Normal stiffness of a pad, in N/m. Default 1e6 (`plant.md`: 1e7 needs a 0.1 ms step).
+    pub stiffness_n_m: f64,
+    /// Normal damping of a pad, in N s/m. Default 1e3 (`plant.md`).
+    pub damping_n_s_m: f64,
+    /// Friction coefficient, steel on steel with oil. Default 0.15 (`plant.md`).
+    pub friction: f64,
+    /// Speed under which friction is viscous, in m/s: it creeps under load.
+    /// Default 1 mm/s (`plant.md`).
+    pub friction_speed_m_s: f64,
+    /// Whether there is a magnet.
+    pub magnet: bool,
+    /// Pull of the magnet on a seated sphere, in N. Default 26.5: 2.7 kg (Section 2.2).
+    pub magnet_n: f64,
+    /// Gap at which the pull is a quarter, in m: `F = F0 / (1 + gap/scale)²`. Default 1 mm (`plant.md`).
+    pub magnet_scale_m: f64,
+    /// Gap beyond which there is no pull, in m.
+    pub magnet_range_m: f64,
+    /// Height of the rim over the seated sphere's centre along the tool's +z, in m.
+    pub rim_height_m: f64,
+    /// Outer radius of the nest's body, in m.
+    pub body_radius_m: f64,
+    /// Whether the sphere seats differently each time.
+    pub seating_error: bool,
+    /// Standard deviation of the seat of each coupling, each axis, in m.
+    /// Default 1.5 µm (`plant.md`: 1-3 µm).
+    pub seating_sigma_m: f64,
+    /// Standard deviation of the seat over the orientations of one coupling
+    /// (form of sphere and pads), each axis, in m. Default 1.5 µm.
+    pub form_sigma_m: f64,
+}
+
+/// Geometry errors: the 24 MDH parameters of joints 2..n. The first row is the
+/// base frame's own and stays nominal (Section 3.1 of the paper).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GeometryConfig {
+    /// Switch.
+    pub enabled: bool,
+    /// Standard deviation of `a` and `d`, in m. Default 0.20 mm (`identification.md`, worlds).
+    pub length_sigma_m: f64,
+    /// Standard deviation of `alpha`, in rad. Default 0.5 mrad.
+    pub alpha_sigma_rad: f64,
+    /// Standard deviation of `theta`, in rad. Default 0.8 mrad.
+    pub theta_sigma_rad: f64,
+    /// Mean nominal error to which the drawn errors are scaled, in m, over 500
+    /// configurations in joint space with one tool; 0: not scaled. Default
+    /// 1.40 mm (the paper, Table 5).
+    pub nominal_mean_m: f64,
+}
+
+/// Tool errors.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ToolConfig {
+    /// Switch.
+    pub enabled: bool,
+    /// Standard deviation of each TCP coordinate, in m. Default 1 mm (`identification.md`, worlds).
+    pub tcp_sigma_m: f64,
+}
+
+/// Compliance: quasi-static, seen through the encoders (joints) or not at all
+/// (links and base).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ComplianceConfig {
+    /// Switch.
+    pub enabled: bool,
+    /// Joint compliance between encoder and link, in rad/(N m). Default 3e-6:
+    /// world W0. (A real iiwa 7 showed 6e-5 where the encoder is on the motor
+    /// side; `identification.md`.)
+    pub joint_rad_per_nm: f64,
+    /// Spread between joints: each is drawn from `joint · U(1−s, 1+s)`. Default 0.3 (W0).
+    pub spread: f64,
+    /// Stiffening term, in rad/(N m)²: `c tau + c2 tau |tau|`. Default 0 (W4: 2e-8).
+    pub quadratic_rad_per_nm2: f64,
+    /// Torque hysteresis, in rad: `h tanh(tau / 0.5 N m)`. Default 0 (W4: 3e-5).
+    pub hysteresis_rad: f64,
+    /// Bending of each link about its x and y under the moment it carries, in rad/(N m). Default 0 (W3: 1.5e-6).
+    pub link_rad_per_nm: f64,
+    /// Tilt of the base about x and y under the moment it carries, in rad/(N m). Default 0 (W3: 1e-6).
+    pub base_rad_per_nm: f64,
+    /// Time constant with which a joint's deflection follows its torque, in s
+    /// (the motor cannot jump). Default 4 ms.
+    pub settling_s: f64,
+}
+
+/// Errors between the encoder's angle and the true motor-side angle that repeat
+/// with the angle: `link = e + h(e) + compliance`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EncoderConfig {
+    /// Switch of the harmonics.
+    pub harmonics: bool,
+    /// Amplitude (standard deviation of cosine and sine together) of orders 1,
+    /// 2, ... per turn, in rad. Default 2e-4, 1e-4 (W0).
+    pub harmonic_rad: Vec<f64>,
+    /// Switch of the gear's error.
+    pub gear: bool,
+    /// Gear error, rms, in rad: three tones per joint between the orders below,
+    /// so that poses a few degrees apart see unrelated values. Default 5e-5 (W0's white joint error).
+    pub gear_rad: f64,
+    /// Lowest and highest order of the gear's tones, per turn.
+    pub gear_orders: [u32; 2],
+    /// Smooth error of no particular form, rms, in rad (W4: 1.2e-4): random
+    /// Fourier features with a Gaussian kernel.
+    pub smooth_rad: f64,
+    /// Its length scale, in rad (W4: 0.35).
+    pub smooth_length_rad: f64,
+    /// Error of a joint that depends on the next joint's angle, rms, in rad (W4: 5e-5).
+    pub cross_rad: f64,
+}
+
+/// Joint sensors as the drive link shows them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SensorConfig {
+    /// Switch of noise and quantisation (bias and filters have their own fields).
+    pub noise: bool,
+    /// White noise of an angle sample, in rad. Default 1e-5: averages to 3e-7 over 1 s (`control.md`).
+    pub angle_white_rad: f64,
+    /// Correlated noise of the angle, standard deviation, in rad. Default 4e-6: averages to about 1.3e-6.
+    pub angle_correlated_rad: f64,
+    /// Correlation time of that noise, in s. Default 50 ms (`control.md`).
+    pub angle_correlation_s: f64,
+    /// Step of the angle, in rad; 0: none. Default 2π/2^22.
+    pub angle_step_rad: f64,
+    /// White noise of a velocity sample, in rad/s. Default 3e-4: a drive that
+    /// differentiates its motor encoder before the gear.
+    pub velocity_white_rad_s: f64,
+    /// Step of the velocity, in rad/s; 0: none. Default 1e-5.
+    pub velocity_step_rad_s: f64,
+    /// Time constant of the drive's velocity filter, in s; 0: none. Default 0.8 ms (200 Hz).
+    pub velocity_filter_s: f64,
+    /// White noise of a torque sample, in N m. Default 0.03.
+    pub torque_white_nm: f64,
+    /// Step of the torque, in N m; 0: none. Default 0.005.
+    pub torque_step_nm: f64,
+    /// Standard deviation of the torque sensors' bias as a share of the joint's
+    /// torque limit. Default 0.0005; 0.005 is the "0.5 % of range" of `control.md`.
+    pub torque_bias_share: f64,
+}
+
+/// Joint friction.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FrictionConfig {
+    /// Switch.
+    pub enabled: bool,
+    /// Dry friction of each joint, in N m, the least and the most (uniform).
+    pub coulomb_nm: [f64; 2],
+    /// Viscous friction of each joint, in N m s/rad, the least and the most (uniform).
+    pub viscous_nm_s: [f64; 2],
+    /// Share of the friction that acts beyond the torque sensor, on the link
+    /// (bearings), 0 to 1. The rest acts in the gear and the sensor sees its effect.
+    pub beyond_sensor: f64,
+}
+
+/// Masses and rotors.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InertiaConfig {
+    /// Switch of the mass errors.
+    pub mass_error: bool,
+    /// Standard deviation of each link's mass as a share of it.
+    pub link_mass_sigma: f64,
+    /// Error of the tool's mass as a share of it, least and most, either sign.
+    pub tool_mass_error: [f64; 2],
+    /// Switch of the rotors.
+    pub rotors: bool,
+    /// Rotor inertia of joints 1.., reflected to the link, in kg m². Default:
+    /// Drake's estimates for the iiwa 7 (iiwa7.json); joints beyond the list have none.
+    pub rotor_kg_m2: [f64; 8],
+    /// Share of it that the drive's torque loop leaves visible, 0 to 1.
+    pub rotor_share: f64,
+}
+
+/// Joint elasticity as a state: motor and link side, a spring between them, the
+/// encoder on the motor. Replaces the quasi-static joint compliance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ElasticityConfig {
+    /// Switch.
+    pub enabled: bool,
+    /// Joint stiffness, in N m/rad. Default 16,000 (6e-5 rad/(N m), the real iiwa 7 of `identification.md`).
+    pub stiffness_nm_rad: f64,
+    /// Damping of the spring, in N m s/rad. Default 20.
+    pub damping_nm_s: f64,
+    /// Smallest motor inertia, in kg m², where `inertia.rotor_kg_m2` times its share is less. Default 0.05.
+    pub least_motor_kg_m2: f64,
+}
+
+/// Laser tracker.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrackerConfig {
+    /// Switch of the noise.
+    pub noise: bool,
+    /// Standard deviation of each coordinate, in m. Default 49 µm at 95 % (the paper, Section 4.3).
+    pub sigma_m: f64,
+    /// Noise of the encoder means that go with a shot, in rad. Default 2e-6 (worlds).
+    pub encoder_rad: f64,
+    /// Reflector remounted sideways between tool arcs and calibration, in m (length of the offset). W1: 0.58 mm.
+    pub remount_m: f64,
+    /// Tracker restationed between base arcs and calibration, in m (length of the offset). W1: 0.15 mm.
+    pub restation_m: f64,
+    /// Pose of the tracker's frame in F0: position in m.
+    pub position_m: [f64; 3],
+    /// Roll, pitch, yaw of the tracker's frame in F0, in rad.
+    pub rpy_rad: [f64; 3],
+}
+
+impl PlantConfig {
+    /// From TOML text; what the text leaves out is `typical`.
+    ///
+    /// # Errors
+    /// Text that is not TOML, unknown fields, and what [`Self::check`] refuses.
+    pub fn from_toml(text: &str) -> Result<Self, PlantError> {
+        let config: Self = toml::from_str(text).map_err(|e| PlantError::Toml { reason: e.to_string() })?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// As TOML text, every field stated.
+    ///
+    /// # Errors
+    /// Only where the serialiser fails.
+    pub fn to_toml(&self) -> Result<String, PlantError> {
+        toml::to_string(self).map_err(|e| PlantError::Toml { reason: e.to_string() })
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// The first field that is not finite or not possible, with value and remedy.
+    pub fn check(&self) -> Result<(), PlantError> {
+        let step = |field, value: f64| {
+            let whole = 1e-3 / value;
+            require(
+                field,
+                value,
+                value > 0.0 && (whole - whole.round()).abs() < 1e-6 && whole.round() >= 1.0,
+                "a whole number of sub-steps makes 1 ms: 1e-3, 5e-4, 2.5e-4, 1e-4 ...",
+            )
+        };
+        step("substep_s", self.substep_s)?;
+        step("free_step_s", self.free_step_s)?;
+        self.check_plate()?;
+        self.check_nest()?;
+        let sizes = [
+            ("geometry.length_sigma_m", self.geometry.length_sigma_m, 0.01),
+            ("geometry.alpha_sigma_rad", self.geometry.alpha_sigma_rad, 0.1),
+            ("geometry.theta_sigma_rad", self.geometry.theta_sigma_rad, 0.1),
+            ("geometry.nominal_mean_m", self.geometry.nominal_mean_m, 0.05),
+            ("tool.tcp_sigma_m", self.tool.tcp_sigma_m, 0.02),
+            ("compliance.joint_rad_per_nm", self.compliance.joint_rad_per_nm, 1e-3),
+            ("compliance.spread", self.compliance.spread, 1.0),
+            (
+                "compliance.quadratic_rad_per_nm2",
+                self.compliance.quadratic_rad_per_nm2,
+                1e-5,
+            ),
+            ("compliance.hysteresis_rad", self.compliance.hysteresis_rad, 1e-2),
+            ("compliance.link_rad_per_nm", self.compliance.link_rad_per_nm, 1e-4),
+            ("compliance.base_rad_per_nm", self.compliance.base_rad_per_nm, 1e-4),
+            ("compliance.settling_s", self.compliance.settling_s, 1.0),
+            ("encoder.gear_rad", self.encoder.gear_rad, 1e-2),
+            ("encoder.smooth_rad", self.encoder.smooth_rad, 1e-2),
+            ("encoder.smooth_length_rad", self.encoder.smooth_length_rad, 10.0),
+            ("encoder.cross_rad", self.encoder.cross_rad, 1e-2),
+            ("sensors.angle_white_rad", self.sensors.angle_white_rad, 0.01),
+            ("sensors.angle_correlated_rad", self.sensors.angle_correlated_rad, 0.01),
+            ("sensors.angle_correlation_s", self.sensors.angle_correlation_s, 100.0),
+            ("sensors.angle_step_rad", self.sensors.angle_step_rad, 0.01),
+            ("sensors.velocity_white_rad_s", self.sensors.velocity_white_rad_s, 1.0),
+            ("sensors.velocity_step_rad_s", self.sensors.velocity_step_rad_s, 1.0),
+            ("sensors.velocity_filter_s", self.sensors.velocity_filter_s, 0.1),
+            ("sensors.torque_white_nm", self.sensors.torque_white_nm, 100.0),
+            ("sensors.torque_step_nm", self.sensors.torque_step_nm, 100.0),
+            ("sensors.torque_bias_share", self.sensors.torque_bias_share, 0.5),
+            ("friction.coulomb_nm", self.friction.coulomb_nm[0], 100.0),
+            ("friction.coulomb_nm", self.friction.coulomb_nm[1], 100.0),
+            ("friction.viscous_nm_s", self.friction.viscous_nm_s[0], 1000.0),
+            ("friction.viscous_nm_s", self.friction.viscous_nm_s[1], 1000.0),
+            ("friction.beyond_sensor", self.friction.beyond_sensor, 1.0),
+            ("inertia.link_mass_sigma", self.inertia.link_mass_sigma, 0.3),
+            ("inertia.tool_mass_error", self.inertia.tool_mass_error[0], 1.0),
+            ("inertia.tool_mass_error", self.inertia.tool_mass_error[1], 1.0),
+            ("inertia.rotor_share", self.inertia.rotor_share, 1.0),
+            ("tracker.sigma_m", self.tracker.sigma_m, 0.01),
+            ("tracker.encoder_rad", self.tracker.encoder_rad, 0.01),
+            ("tracker.remount_m", self.tracker.remount_m, 0.05),
+            ("tracker.restation_m", self.tracker.restation_m, 0.05),
+        ];
+        for (field, value, most) in sizes {
+            require(
+                field,
+                value,
+                (0.0..=most).contains(&value),
+                "zero or positive, in SI units, and of a plausible size",
+            )?;
+        }
+        for value in self.inertia.rotor_kg_m2 {
+            require(
+                "inertia.rotor_kg_m2",
+                value,
+                (0.0..=100.0).contains(&value),
+                "zero or positive, in kg m²",
+            )?;
+        }
+        for value in &self.encoder.harmonic_rad {
+            require(
+                "encoder.harmonic_rad",
+                *value,
+                (0.0..=0.01).contains(value),
+                "zero or positive, in rad, at most 0.01",
+            )?;
+        }
+        let orders = self.encoder.harmonic_rad.len();
+        require(
+            "encoder.harmonic_rad",
+            orders as f64,
+            orders <= 12,
+            "at most 12 orders; finer errors are the gear's",
+        )?;
+        let [low, high] = self.encoder.gear_orders;
+        require(
+            "encoder.gear_orders",
+            f64::from(high),
+            low >= 1 && high >= low && high <= 1000,
+            "two orders per turn, the lower first, within 1 to 1000",
+        )?;
+        let e = &self.elasticity;
+        require(
+            "elasticity.stiffness_nm_rad",
+            e.stiffness_nm_rad,
+            e.stiffness_nm_rad > 0.0,
+            "must be positive",
+        )?;
+        require(
+            "elasticity.damping_nm_s",
+            e.damping_nm_s,
+            e.damping_nm_s >= 0.0,
+            "zero or positive",
+        )?;
+        require(
+            "elasticity.least_motor_kg_m2",
+            e.least_motor_kg_m2,
+            e.least_motor_kg_m2 > 0.0,
+            "must be positive",
+        )?;
+        for value in self.tracker.position_m.into_iter().chain(self.tracker.rpy_rad) {
+            require(
+                "tracker.position_m/rpy_rad",
+                value,
+                value.abs() <= 100.0,
+                "a finite pose within 100 m",
+            )?;
+        }
+        Ok(())
+    }
+
+    fn check_plate(&self) -> Result<(), PlantError> {
+        let p = &self.plate;
+        let count = p.spheres_m.len();
+        require(
+            "plate.spheres_m",
+            count as f64,
+            (1..=super::world::MAX_SPHERES).contains(&count),
+            "one to eight spheres",
+        )?;
+        for value in p.origin_m.iter().chain(p.spheres_m.iter().flatten()) {
+            require(
+                "plate.origin_m/spheres_m",
+                *value,
+                value.abs() <= 5.0,
+                "in m, within 5 m",
+            )?;
+        }
+        for value in p.rpy_rad {
+            require("plate.rpy_rad", value, value.abs() <= 7.0, "angles are in rad")?;
+        }
+        require(
+            "plate.sphere_radius_m",
+            p.sphere_radius_m,
+            (1e-3..=0.1).contains(&p.sphere_radius_m),
+            "in m, 0.001 to 0.1",
+        )?;
+        require(
+            "plate.surface_below_m",
+            p.surface_below_m,
+            p.surface_below_m >= p.sphere_radius_m,
+            "at least the sphere's radius",
+        )?;
+        for (field, value, most) in [
+            ("plate.certificate_sigma_m", p.certificate_sigma_m, 0.01),
+            ("plate.placement_sigma_m", p.placement_sigma_m, 0.1),
+            ("plate.placement_sigma_rad", p.placement_sigma_rad, 0.5),
+        ] {
+            require(
+                field,
+                value,
+                (0.0..=most).contains(&value),
+                "zero or positive, in SI units, and of a plausible size",
+            )?;
+        }
+        Ok(())
+    }
+
+    fn check_nest(&self) -> Result<(), PlantError> {
+        let n = &self.nest;
+        for (field, value, least, most) in [
+            ("nest.stiffness_n_m", n.stiffness_n_m, 1.0, 1e9),
+            ("nest.damping_n_s_m", n.damping_n_s_m, 0.0, 1e7),
+            ("nest.friction", n.friction, 0.0, 2.0),
+            ("nest.friction_speed_m_s", n.friction_speed_m_s, 1e-7, 1.0),
+            ("nest.magnet_n", n.magnet_n, 0.0, 1000.0),
+            ("nest.magnet_scale_m", n.magnet_scale_m, 1e-5, 1.0),
+            ("nest.magnet_range_m", n.magnet_range_m, 0.0, 0.2),
+            ("nest.rim_height_m", n.rim_height_m, -0.02, 0.02),
+            ("nest.body_radius_m", n.body_radius_m, 0.01, 0.2),
+            ("nest.seating_sigma_m", n.seating_sigma_m, 0.0, 1e-3),
+            ("nest.form_sigma_m", n.form_sigma_m, 0.0, 1e-3),
+        ] {
+            require(
+                field,
+                value,
+                (least..=most).contains(&value),
+                "in SI units, and of a plausible size",
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// Refuses a value that is not finite or for which `good` is false.
+fn require(field: &'static str, value: f64, good: bool, remedy: &'static str) -> Result<(), PlantError> {
+    if value.is_finite() && good {
+        Ok(())
+    } else {
+        Err(PlantError::Field { field, value, remedy })
+    }
+}

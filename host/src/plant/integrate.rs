@@ -1,0 +1,390 @@
+//! How the plant's state moves on by one sub-step.
+//!
+//! **Free space**: classic Runge-Kutta of order 4 on `M q̈ = tau − c − g − b q̇`.
+//! Smooth, so a whole control tick in one step conserves energy to far better
+//! than 1e-6 over a second.
+//!
+//! **Contact, or dry joint friction**: linearly implicit (semi-implicit Euler
+//! whose stiff forces are taken at the end of the step):
+//!
+//! `(M + h D + h² K) Δv = h (tau − c − g + f − h K v)`, then `q += h (v + Δv)`
+//!
+//! with `K`, `D` of the pads, of regularised friction and of the joint springs.
+//! It is stable for any pad stiffness, friction slope and sub-step, and only
+//! ever damps the stiff parts. Dry joint friction is Coulomb's law exactly, to
+//! a creep of 1 µrad/s: each joint either sticks (a very steep viscous law) or
+//! slips (constant torque), found by a small active-set iteration on the
+//! velocity at the end of the step.
+//!
+//! With joint elasticity the motors are eliminated joint by joint (a Schur
+//! complement on the diagonal), so the system stays N by N.
+
+use nalgebra::{SMatrix, SVector, Vector3};
+use spherecal_shared::linalg::Cholesky;
+use spherecal_shared::robot::{Arm, Bodies, Dynamics, Frame};
+
+use super::contact::{Touch, Touches};
+
+/// Speed of creep of a sticking joint at its full dry friction, in rad/s.
+const STICK_RAD_S: f64 = 1e-6;
+
+/// Stiffness and damping of the mechanical end stops, N m/rad and N m s/rad.
+const STOP: (f64, f64) = (2e4, 200.0);
+
+/// Travel beyond the joint limit before the end stop, in rad.
+pub(super) const STOP_MARGIN_RAD: f64 = 0.035;
+
+/// Positions and velocities.
+#[derive(Clone, Debug)]
+pub(super) struct Motion<const N: usize> {
+    /// Link angles, in rad.
+    pub(super) q: SVector<f64, N>,
+    /// Link velocities, in rad/s.
+    pub(super) v: SVector<f64, N>,
+    /// Motor angles reflected to the link, in rad (equal to `q` without elasticity).
+    pub(super) motor: SVector<f64, N>,
+    /// Motor velocities, in rad/s.
+    pub(super) motor_v: SVector<f64, N>,
+    /// Direction in which each joint slips, 0 where it sticks.
+    slip: [f64; N],
+}
+
+/// What a joint is made of besides its link.
+#[derive(Clone, Debug)]
+pub(super) struct Joints<const N: usize> {
+    pub(super) coulomb: [f64; N],
+    pub(super) viscous: [f64; N],
+    /// Share of friction beyond the torque sensor.
+    pub(super) beyond_sensor: f64,
+    pub(super) rotor: [f64; N],
+    pub(super) elastic: Option<Elastic<N>>,
+    /// End stops, in rad.
+    pub(super) stops: [(f64, f64); N],
+}
+
+/// Joint elasticity.
+#[derive(Clone, Debug)]
+pub(super) struct Elastic<const N: usize> {
+    pub(super) stiffness: f64,
+    pub(super) damping: f64,
+    pub(super) motor: [f64; N],
+}
+
+/// Forces on the arm from outside during one sub-step.
+pub(super) struct Load<'a, const N: usize> {
+    /// Actuator torque, in N m.
+    pub(super) tau: &'a SVector<f64, N>,
+    /// Torque from outside on the links (disturbance), in N m.
+    pub(super) extra: &'a SVector<f64, N>,
+    /// Forces at points: point in F0 (m), force (N).
+    pub(super) pulls: &'a [(Vector3<f64>, Vector3<f64>)],
+    /// Free moment on the last link, in N m, F0.
+    pub(super) moment: Vector3<f64>,
+    /// Contact points.
+    pub(super) touches: &'a Touches,
+}
+
+impl<const N: usize> Motion<N> {
+    pub(super) fn at_rest(q: &[f64; N]) -> Self {
+        Self {
+            q: SVector::from(*q),
+            v: SVector::zeros(),
+            motor: SVector::from(*q),
+            motor_v: SVector::zeros(),
+            slip: [0.0; N],
+        }
+    }
+
+    /// One explicit step in free space under the torque `tau`; `None` where the
+    /// mass matrix is not positive definite. Returns the mean torque that the
+    /// sensors see.
+    pub(super) fn step_free(
+        &mut self,
+        arm: &Arm<f64, N>,
+        joints: &Joints<N>,
+        tau: &SVector<f64, N>,
+        h: f64,
+    ) -> Option<SVector<f64, N>> {
+        let rate = |q: &SVector<f64, N>, v: &SVector<f64, N>| -> Option<SVector<f64, N>> {
+            let bodies = arm.bodies(&arm.frames(&q.data.0[0]));
+            let mut mass = bodies.mass_matrix();
+            for i in 0..N {
+                mass[(i, i)] += joints.rotor[i];
+            }
+            let mut torque = tau - bodies.coriolis(&v.data.0[0]) - bodies.gravity();
+            for i in 0..N {
+                torque[i] -= joints.viscous[i] * v[i];
+            }
+            Some(Cholesky::new(&mass)?.solve(&torque))
+        };
+        let (q0, v0) = (self.q, self.v);
+        let a1 = rate(&q0, &v0)?;
+        let (q2, v2) = (q0 + v0 * (h / 2.0), v0 + a1 * (h / 2.0));
+        let a2 = rate(&q2, &v2)?;
+        let (q3, v3) = (q0 + v2 * (h / 2.0), v0 + a2 * (h / 2.0));
+        let a3 = rate(&q3, &v3)?;
+        let (q4, v4) = (q0 + v3 * h, v0 + a3 * h);
+        let a4 = rate(&q4, &v4)?;
+        let travel = (v0 + (v2 + v3) * 2.0 + v4) * (h / 6.0);
+        let change = (a1 + (a2 + a3) * 2.0 + a4) * (h / 6.0);
+        self.q = q0 + travel;
+        self.v = v0 + change;
+        self.motor = self.q;
+        self.motor_v = self.v;
+        let gear = 1.0 - joints.beyond_sensor;
+        Some(SVector::from_fn(|i, _| {
+            tau[i] - (joints.rotor[i] * change[i] + gear * joints.viscous[i] * travel[i]) / h
+        }))
+    }
+
+    /// One linearly implicit step; `None` where the system is not positive
+    /// definite. Returns the torque that the sensors see.
+    pub(super) fn step_stiff(
+        &mut self,
+        frames: &[Frame<f64>; N],
+        bodies: &Bodies<f64, N>,
+        joints: &Joints<N>,
+        load: &Load<'_, N>,
+        h: f64,
+    ) -> Option<SVector<f64, N>> {
+        let mut system = bodies.mass_matrix();
+        let bias = bodies.coriolis(&self.v.data.0[0]) + bodies.gravity();
+        let mut impulse = (load.extra - bias) * h;
+        for (point, force) in load.pulls {
+            for i in 0..N {
+                impulse[i] += h * frames[i].z().dot(&(point - frames[i].origin).cross(force));
+            }
+        }
+        if load.moment != Vector3::zeros() {
+            for i in 0..N {
+                impulse[i] += h * frames[i].z().dot(&load.moment);
+            }
+        }
+        for touch in load.touches {
+            add_touch(touch, frames, &self.v, h, &mut system, &mut impulse);
+        }
+        for i in 0..N {
+            let (low, high) = joints.stops[i];
+            let beyond = (self.q[i] - high).max(0.0) + (self.q[i] - low).min(0.0);
+            if beyond != 0.0 {
+                let (k, d) = STOP;
+                impulse[i] -= h * (k * (beyond + h * self.v[i]) + d * self.v[i]);
+                system[(i, i)] += h * d + h * h * k;
+            }
+        }
+        match &joints.elastic {
+            None => self.advance_rigid(joints, load.tau, system, impulse, h),
+            Some(elastic) => self.advance_elastic(joints, elastic, load.tau, system, impulse, h),
+        }
+    }
+
+    /// Joint friction and rotors on the links themselves.
+    fn advance_rigid(
+        &mut self,
+        joints: &Joints<N>,
+        tau: &SVector<f64, N>,
+        mut system: SMatrix<f64, N, N>,
+        mut impulse: SVector<f64, N>,
+        h: f64,
+    ) -> Option<SVector<f64, N>> {
+        impulse += tau * h;
+        for i in 0..N {
+            let b = joints.viscous[i];
+            system[(i, i)] += joints.rotor[i] + h * b;
+            impulse[i] -= h * b * self.v[i];
+        }
+        let before = self.v;
+        let change = self.solve_with_friction(&joints.coulomb, &system, &impulse, &before, h)?;
+        self.v += change;
+        self.q += self.v * h;
+        self.motor = self.q;
+        self.motor_v = self.v;
+        let gear = 1.0 - joints.beyond_sensor;
+        Some(SVector::from_fn(|i, _| {
+            let friction = joints.viscous[i] * self.v[i] + self.dry(joints.coulomb[i], i, self.v[i]);
+            tau[i] - joints.rotor[i] * change[i] / h - gear * friction
+        }))
+    }
+
+    /// Friction and rotors on the motors, springs to the links.
+    fn advance_elastic(
+        &mut self,
+        joints: &Joints<N>,
+        elastic: &Elastic<N>,
+        tau: &SVector<f64, N>,
+        mut system: SMatrix<f64, N, N>,
+        mut impulse: SVector<f64, N>,
+        h: f64,
+    ) -> Option<SVector<f64, N>> {
+        let (k, d) = (elastic.stiffness, elastic.damping);
+        let slope = h * (h * k + d);
+        let wind =
+            |s: &Self, i: usize| k * (s.motor[i] - s.q[i] + h * (s.motor_v[i] - s.v[i])) + d * (s.motor_v[i] - s.v[i]);
+        let base = system;
+        let impulse_base = impulse;
+        let mut modes = self.slip;
+        for _ in 0..6 {
+            system = base;
+            impulse = impulse_base;
+            let mut motor_inertia = [0.0; N];
+            let mut motor_impulse = [0.0; N];
+            for i in 0..N {
+                let spring = wind(self, i);
+                let (stick, drag) = friction_terms(joints.coulomb[i], modes[i], self.motor_v[i]);
+                motor_inertia[i] = elastic.motor[i] + slope + h * (joints.viscous[i] + stick);
+                motor_impulse[i] = h * (tau[i] - spring - joints.viscous[i] * self.motor_v[i] - drag);
+                system[(i, i)] += slope - slope * slope / motor_inertia[i];
+                impulse[i] += h * spring + slope * motor_impulse[i] / motor_inertia[i];
+            }
+            let change = Cholesky::new(&system)?.solve(&impulse);
+            let motor_change =
+                SVector::<f64, N>::from_fn(|i, _| (motor_impulse[i] + slope * change[i]) / motor_inertia[i]);
+            let settled = settle_modes(&joints.coulomb, &mut modes, &(self.motor_v + motor_change));
+            if settled {
+                return Some(self.finish_elastic(elastic, &change, &motor_change, modes, h));
+            }
+        }
+        // No consistent set in six tries: let every doubtful joint stick.
+        let change = Cholesky::new(&system)?.solve(&impulse);
+        Some(self.finish_elastic(elastic, &change, &(-self.motor_v), [0.0; N], h))
+    }
+
+    fn finish_elastic(
+        &mut self,
+        elastic: &Elastic<N>,
+        change: &SVector<f64, N>,
+        motor_change: &SVector<f64, N>,
+        modes: [f64; N],
+        h: f64,
+    ) -> SVector<f64, N> {
+        self.slip = modes;
+        self.v += change;
+        self.q += self.v * h;
+        self.motor_v += motor_change;
+        self.motor += self.motor_v * h;
+        (self.motor - self.q) * elastic.stiffness + (self.motor_v - self.v) * elastic.damping
+    }
+
+    /// Dry friction of joint `i` at speed `v`, in N m, against the motion.
+    fn dry(&self, coulomb: f64, i: usize, v: f64) -> f64 {
+        if self.slip[i] == 0.0 {
+            coulomb * (v / STICK_RAD_S).clamp(-1.0, 1.0)
+        } else {
+            coulomb * self.slip[i]
+        }
+    }
+
+    /// `Δv` of `system Δv = impulse − h dry(v + Δv)` by active sets.
+    fn solve_with_friction(
+        &mut self,
+        coulomb: &[f64; N],
+        system: &SMatrix<f64, N, N>,
+        impulse: &SVector<f64, N>,
+        v: &SVector<f64, N>,
+        h: f64,
+    ) -> Option<SVector<f64, N>> {
+        if coulomb.iter().all(|c| *c == 0.0) {
+            return Some(Cholesky::new(system)?.solve(impulse));
+        }
+        let mut modes = self.slip;
+        let mut change = SVector::zeros();
+        for _ in 0..6 {
+            let mut matrix = *system;
+            let mut right = *impulse;
+            for i in 0..N {
+                let (stick, drag) = friction_terms(coulomb[i], modes[i], v[i]);
+                matrix[(i, i)] += h * stick;
+                right[i] -= h * drag;
+            }
+            change = Cholesky::new(&matrix)?.solve(&right);
+            if settle_modes(coulomb, &mut modes, &(v + change)) {
+                break;
+            }
+        }
+        self.slip = modes;
+        Some(change)
+    }
+}
+
+/// Slope (N m s/rad) and torque at the present speed `v` of dry friction in a mode.
+#[inline]
+fn friction_terms(coulomb: f64, mode: f64, v: f64) -> (f64, f64) {
+    if coulomb == 0.0 {
+        (0.0, 0.0)
+    } else if mode == 0.0 {
+        let slope = coulomb / STICK_RAD_S;
+        (slope, slope * v)
+    } else {
+        (0.0, coulomb * mode)
+    }
+}
+
+/// Corrects the modes by the velocities at the end of the step; true where
+/// nothing had to be corrected.
+#[inline]
+fn settle_modes<const N: usize>(coulomb: &[f64; N], modes: &mut [f64; N], v: &SVector<f64, N>) -> bool {
+    let mut settled = true;
+    for i in 0..N {
+        if coulomb[i] == 0.0 {
+            continue;
+        }
+        let mode = if modes[i] == 0.0 {
+            if v[i].abs() > STICK_RAD_S { v[i].signum() } else { 0.0 }
+        } else if modes[i] * v[i] < 0.0 {
+            0.0
+        } else {
+            modes[i]
+        };
+        settled &= mode == modes[i];
+        modes[i] = mode;
+    }
+    settled
+}
+
+/// Adds one contact point, linearised about the present state.
+#[inline]
+fn add_touch<const N: usize>(
+    touch: &Touch,
+    frames: &[Frame<f64>; N],
+    v: &SVector<f64, N>,
+    h: f64,
+    system: &mut SMatrix<f64, N, N>,
+    impulse: &mut SVector<f64, N>,
+) {
+    let columns: [Vector3<f64>; N] = core::array::from_fn(|i| frames[i].z().cross(&(touch.point - frames[i].origin)));
+    let mut velocity = Vector3::zeros();
+    for i in 0..N {
+        velocity += columns[i] * v[i];
+    }
+    let approach = -touch.normal.dot(&velocity);
+    let (k, d) = (touch.stiffness, touch.damping);
+    let force = k * (touch.depth + h * approach) + d * approach;
+    if force <= 0.0 {
+        return;
+    }
+    let along: [f64; N] = core::array::from_fn(|i| touch.normal.dot(&columns[i]));
+    let stiff = h * d + h * h * k;
+    let sliding = velocity + touch.normal * approach;
+    // Regularised Coulomb friction, its slope taken as the secant: never negative.
+    let steady = (k * touch.depth + d * approach).max(0.0);
+    let speed = (sliding.norm_squared() + touch.slow * touch.slow).sqrt();
+    let drag = touch.friction * steady / speed;
+    for i in 0..N {
+        impulse[i] += h * (force * along[i] - drag * sliding.dot(&columns[i]));
+    }
+    if drag > 0.0 {
+        let (normal, tangent) = (stiff - h * drag, h * drag);
+        for i in 0..N {
+            for j in 0..=i {
+                let entry = normal * along[i] * along[j] + tangent * columns[i].dot(&columns[j]);
+                system[(i, j)] += entry;
+            }
+        }
+    } else {
+        for i in 0..N {
+            for j in 0..=i {
+                system[(i, j)] += stiff * along[i] * along[j];
+            }
+        }
+    }
+}
