@@ -15,6 +15,7 @@ pub mod algorithm1;
 mod calibration;
 mod chain;
 mod data;
+mod distance;
 mod error;
 pub mod identifiability;
 mod map;
@@ -25,6 +26,7 @@ mod solve;
 
 pub use calibration::{Calibration, FramePose, GroupFit, Outlier, ParameterEstimate, Residual, ResidualRow};
 pub use data::{Experiment, Observation, Pose, Set, Sphere, Target, paper_plate};
+pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;
 pub use identifiability::{Identifiability, Observability};
 pub use options::{Method, Model, Noise, Options, Pairs, Torque, UnknownName};
@@ -47,11 +49,10 @@ pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibratio
             let fit = map::fit(experiment, options, Model::Geometry, |_| true)?;
             Ok(calibration::finish(experiment, options, Model::Geometry, fit))
         }
-        Method::Lm | Method::GaussNewton | Method::NelderMead | Method::NelderMeadScaled => {
-            Err(IdentifyError::Method {
-                method: options.method.name(),
-                reason: "not part of this build: use map or geometry".to_owned(),
-            })
-        }
+        Method::Lm | Method::GaussNewton => distance::identify(experiment, options),
+        Method::NelderMead | Method::NelderMeadScaled => Err(IdentifyError::Method {
+            method: options.method.name(),
+            reason: "not part of this build: use map or geometry".to_owned(),
+        }),
     }
 }

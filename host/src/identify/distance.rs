@@ -1,0 +1,467 @@
+//! The paper's fitness (Equations 9 to 13) as one problem that any optimiser can
+//! work on: 21 link parameters in mm and rad, tool and base as measured.
+//!
+//! For contacts the residuals are differences of distances between poses. With
+//! `e_i = R P(q_i) − S_i` the sum over all pairs of `|e_i − e_j|²` is
+//! `N Σ |e_i − ē|²`, exactly: the collapsed form, linear in the poses, where the
+//! paper sums 44,850 terms. [`Pairs::Vector`] is that, with the base rotation
+//! held at its nominal value. [`Pairs::Norm`] compares lengths,
+//! `|P_i − P_j| − |S_i − S_j|`, and so needs no base: pairs on one sphere collapse
+//! in the same way (their certified distance is zero), pairs between spheres are
+//! summed one by one.
+//!
+//! For absolute points the residuals are `R P(q_i) + t − p_i` (Equation 13).
+
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use spherecal_shared::robot::Tool;
+
+use super::algorithm1::{Columns, Scaling, position_jacobian, reduce};
+use super::calibration::{Calibration, finish};
+use super::chain::{N, Nominal, Prepared, State};
+use super::data::{Experiment, Pose, Set};
+use super::error::IdentifyError;
+use super::map::{FEWEST, Fit, prepare, register};
+use super::normal::{Whitening, groups};
+use super::options::{Method, Model, Options, Pairs, Torque};
+use super::parameters::{Kind, Layout, Parameter, Reference, Unit, table};
+use super::solve::Unknowns;
+
+/// mm per m.
+const MM: f64 = 1000.0;
+/// Most steps of Gauss-Newton and Levenberg-Marquardt.
+const STEPS: usize = 60;
+/// Converged when no parameter moves more than this (mm or rad).
+const SETTLED: f64 = 1e-11;
+
+/// A distance problem: objective, residual normal equations, start.
+#[derive(Clone, Debug)]
+pub struct DistanceProblem {
+    layout: Layout,
+    table: Vec<Parameter>,
+    /// Columns of the layout that are optimised, in the order of the table of
+    /// the paper: alpha, a, theta, d, row by row.
+    columns: Vec<usize>,
+    start: State,
+    nominal: Nominal,
+    prepared: Vec<Prepared>,
+    pairs: Pairs,
+    absolute: bool,
+    /// Base rotation of the vector form and base of absolute data.
+    base: Pose,
+}
+
+/// Normal equations of the problem at one point, in mm and rad.
+struct Equations {
+    matrix: DMatrix<f64>,
+    gradient: DVector<f64>,
+    objective: f64,
+}
+
+/// Radical inverse of `index` in `base`: the Halton sequence.
+fn halton(mut index: usize, base: usize) -> f64 {
+    let (mut value, mut digit) = (0.0, 1.0 / base as f64);
+    while index > 0 {
+        value += (index % base) as f64 * digit;
+        index /= base;
+        digit /= base as f64;
+    }
+    value
+}
+
+/// `count` unscrambled Halton configurations over the joint limits, the first at
+/// the lower limits' corner shifted to index 1.
+pub fn halton_configurations(robot: &spherecal_shared::robot::Robot, count: usize) -> Vec<Vec<f64>> {
+    const PRIMES: [usize; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
+    (1..=count)
+        .map(|index| {
+            robot
+                .joints
+                .iter()
+                .zip(PRIMES)
+                .map(|(joint, prime)| {
+                    let l = &joint.limits;
+                    l.min_rad + (l.max_rad - l.min_rad) * halton(index, prime)
+                })
+                .collect()
+        })
+        .collect()
+}
+
+impl DistanceProblem {
+    /// The problem of an experiment's calibration set.
+    ///
+    /// # Errors
+    /// Data that cannot be used, too few of them, or sphere contacts mixed with points.
+    pub fn new(experiment: &Experiment, options: &Options) -> Result<Self, IdentifyError> {
+        experiment.check()?;
+        let layout = Layout::new(experiment, 0, false);
+        let nominal = Nominal::new(&experiment.robot, &experiment.tool);
+        let wanted = |i: usize| {
+            let chosen = options.subset.as_ref().is_none_or(|s| s.contains(&i));
+            chosen && experiment.observations.get(i).is_some_and(|o| o.set == Set::Calibrate)
+        };
+        let (prepared, _) = prepare(experiment, &layout, &nominal, Torque::Model, wanted)?;
+        if prepared.len() < FEWEST {
+            return Err(IdentifyError::TooFewObservations {
+                found: prepared.len(),
+                needed: FEWEST,
+            });
+        }
+        if layout.references.len() != 1 {
+            return Err(IdentifyError::Method {
+                method: options.method.name(),
+                reason: "the paper's fitness knows one placement of the plate, or absolute points alone: \
+                         use map or geometry"
+                    .to_owned(),
+            });
+        }
+        let mut table = table(experiment, &layout, options)?;
+        // What Algorithm 1 leaves for a TCP on the flange axis, as in the paper's Table 2.
+        let flange = Tool {
+            tcp_m: [0.0; 3],
+            ..experiment.tool
+        };
+        let links = Columns {
+            first_row: false,
+            tool: false,
+            base: false,
+        };
+        let draws = halton_configurations(&experiment.robot, 29);
+        let jacobian = position_jacobian(&experiment.robot, &flange, &draws, links);
+        let left = reduce(&jacobian, Scaling::Millimetre).kept;
+        let mut columns = Vec::new();
+        for name in &jacobian.names {
+            if let Some(at) = table.iter().position(|p| p.name == *name) {
+                let named = options.parameters.0.get(name).and_then(|o| o.free);
+                if named.unwrap_or_else(|| left.contains(name)) {
+                    columns.push(at);
+                }
+            }
+        }
+        for (at, parameter) in table.iter_mut().enumerate() {
+            parameter.free = columns.contains(&at);
+            if !parameter.free && matches!(parameter.kind, Kind::Tool(_) | Kind::Base(..) | Kind::Sphere(..)) {
+                parameter.reason = "fixed: as measured, as in the paper";
+            } else if !parameter.free {
+                parameter.reason = "fixed: redundant by Algorithm 1";
+            }
+        }
+        let mut start = State::nominal(&experiment.robot, &experiment.tool, &layout);
+        for parameter in &table {
+            if !matches!(parameter.kind, Kind::Base(..)) {
+                let now = start.get(parameter.kind);
+                start.add(parameter.kind, parameter.nominal - now);
+            }
+        }
+        start.refresh();
+        register(&mut start, &prepared, options.base.as_ref());
+        Ok(Self {
+            absolute: layout.references == [Reference::Tracker],
+            base: start.bases.first().copied().unwrap_or_default(),
+            pairs: options.pairs,
+            layout,
+            table,
+            columns,
+            start,
+            nominal,
+            prepared,
+        })
+    }
+
+    /// Number of poses.
+    pub fn poses(&self) -> usize {
+        self.prepared.len()
+    }
+
+    /// Number of pairs that the fitness is summed over.
+    pub fn pairs(&self) -> usize {
+        self.poses() * (self.poses() - 1) / 2
+    }
+
+    /// Names of the parameters, in order.
+    pub fn names(&self) -> Vec<&str> {
+        self.columns.iter().map(|c| self.table[*c].name.as_str()).collect()
+    }
+
+    fn unit(&self, column: usize) -> f64 {
+        if self.table[column].unit == Unit::Metre {
+            MM
+        } else {
+            1.0
+        }
+    }
+
+    /// Nominal values, in mm and rad.
+    pub fn nominal(&self) -> Vec<f64> {
+        let value = |c: &usize| self.start.get(self.table[*c].kind) * self.unit(*c);
+        self.columns.iter().map(value).collect()
+    }
+
+    /// Standard deviations of the priors, in mm and rad: the natural first steps.
+    pub fn prior_sigmas(&self) -> Vec<f64> {
+        let value = |c: &usize| self.table[*c].prior_sigma * self.unit(*c);
+        self.columns.iter().map(value).collect()
+    }
+
+    fn state(&self, x: &[f64]) -> State {
+        let mut state = self.start.clone();
+        for (&column, value) in self.columns.iter().zip(x) {
+            let kind = self.table[column].kind;
+            state.add(kind, value / self.unit(column) - state.get(kind));
+        }
+        state.refresh();
+        state
+    }
+
+    /// TCPs in F0 at parameters `x`, in mm.
+    pub fn tcps_mm(&self, x: &[f64]) -> Vec<Vector3<f64>> {
+        let state = self.state(x);
+        let tcp = |p: &Prepared| state.evaluate(&p.q, &p.load).tcp * MM;
+        self.prepared.iter().map(tcp).collect()
+    }
+
+    /// The fitness at `x` (mm and rad), in mm².
+    pub fn objective_mm2(&self, x: &[f64]) -> f64 {
+        let tcps = self.tcps_mm(x);
+        if self.absolute || self.pairs == Pairs::Vector {
+            let errors: Vec<_> = tcps.iter().zip(&self.prepared).map(|(p, o)| self.error(p, o)).collect();
+            if self.absolute {
+                return errors.iter().map(Vector3::norm_squared).sum();
+            }
+            let mean = errors.iter().sum::<Vector3<f64>>() / errors.len() as f64;
+            let sum: f64 = errors.iter().map(|e| (e - mean).norm_squared()).sum();
+            return sum * errors.len() as f64;
+        }
+        let mut sum = 0.0;
+        for (i, a) in tcps.iter().enumerate() {
+            for (j, b) in tcps.iter().enumerate().skip(i + 1) {
+                sum += self.norm_residual(a, b, i, j).powi(2);
+            }
+        }
+        sum
+    }
+
+    /// The fitness over some pairs of poses only (a mini-batch), in mm².
+    ///
+    /// Indices that are out of range count nothing.
+    pub fn batch_mm2(&self, x: &[f64], pairs: &[(usize, usize)]) -> f64 {
+        let state = self.state(x);
+        let tcp = |i: usize| self.prepared.get(i).map(|p| state.evaluate(&p.q, &p.load).tcp * MM);
+        let term = |&(i, j): &(usize, usize)| match (tcp(i), tcp(j)) {
+            (Some(a), Some(b)) if self.pairs == Pairs::Vector => {
+                let (a, b) = (self.error(&a, &self.prepared[i]), self.error(&b, &self.prepared[j]));
+                (a - b).norm_squared()
+            }
+            (Some(a), Some(b)) => self.norm_residual(&a, &b, i, j).powi(2),
+            _ => 0.0,
+        };
+        pairs.iter().map(term).sum()
+    }
+
+    /// `R P + t − S` (contacts: without `t`, which pairs do not see), in mm.
+    fn error(&self, tcp_mm: &Vector3<f64>, observation: &Prepared) -> Vector3<f64> {
+        let turned = self.base.rotation * tcp_mm - observation.target * MM;
+        if self.absolute {
+            turned + self.base.translation_m * MM
+        } else {
+            turned
+        }
+    }
+
+    fn norm_residual(&self, a: &Vector3<f64>, b: &Vector3<f64>, i: usize, j: usize) -> f64 {
+        (a - b).norm() - (self.prepared[i].target - self.prepared[j].target).norm() * MM
+    }
+
+    /// Normal equations at `x`.
+    fn equations(&self, x: &[f64]) -> Equations {
+        let state = self.state(x);
+        let m = self.columns.len();
+        let mut general = [Vector3::zeros(); 5 * N + 16];
+        let mut joints = [Vector3::zeros(); N];
+        let mut tcps = Vec::with_capacity(self.poses());
+        let mut jacobians: Vec<DMatrix<f64>> = Vec::with_capacity(self.poses());
+        for observation in &self.prepared {
+            let k = state.evaluate(&observation.q, &observation.load);
+            state.columns(&self.layout, &k, &observation.load, &mut general, &mut joints);
+            let mut jacobian = DMatrix::zeros(3, m);
+            for (c, &column) in self.columns.iter().enumerate() {
+                let v = match self.table[column].kind {
+                    Kind::Theta(i) => joints[i],
+                    _ => general[column.min(general.len() - 1)],
+                };
+                jacobian.column_mut(c).copy_from(&(v * (MM / self.unit(column))));
+            }
+            tcps.push(k.tcp * MM);
+            jacobians.push(jacobian);
+        }
+        let mut sum = Equations {
+            matrix: DMatrix::zeros(m, m),
+            gradient: DVector::zeros(m),
+            objective: 0.0,
+        };
+        if self.absolute || self.pairs == Pairs::Vector {
+            let rotation = &self.base.rotation;
+            let errors = tcps
+                .iter()
+                .zip(&self.prepared)
+                .map(|(p, o)| rotation.tr_mul(&self.error(p, o)));
+            let errors: Vec<Vector3<f64>> = errors.collect();
+            let all: Vec<usize> = (0..errors.len()).collect();
+            sum.collapse(&errors, &jacobians, &all, !self.absolute);
+            return sum;
+        }
+        let mut by_sphere: std::collections::BTreeMap<Option<usize>, Vec<usize>> = std::collections::BTreeMap::new();
+        for (i, observation) in self.prepared.iter().enumerate() {
+            by_sphere.entry(observation.sphere).or_default().push(i);
+        }
+        let spheres: Vec<&Vec<usize>> = by_sphere.values().collect();
+        for (k, own) in spheres.iter().enumerate() {
+            sum.collapse(&tcps, &jacobians, own, true);
+            for other in &spheres[k + 1..] {
+                for &i in *own {
+                    for &j in *other {
+                        let d = tcps[i] - tcps[j];
+                        let along = d / d.norm().max(1e-12);
+                        let residual = self.norm_residual(&tcps[i], &tcps[j], i, j);
+                        let row = (&jacobians[i] - &jacobians[j]).tr_mul(&along);
+                        sum.matrix.ger(1.0, &row, &row, 1.0);
+                        sum.gradient.axpy(residual, &row, 1.0);
+                        sum.objective += residual * residual;
+                    }
+                }
+            }
+        }
+        sum
+    }
+
+    /// Gauss-Newton (`damped` false) or Levenberg-Marquardt from the nominal values.
+    ///
+    /// # Errors
+    /// Singular equations, or a step that runs away.
+    pub fn solve(&self, damped: bool) -> Result<Vec<f64>, IdentifyError> {
+        let singular = || IdentifyError::Singular {
+            free: self.columns.len(),
+        };
+        let mut x = self.nominal();
+        let mut now = self.equations(&x);
+        let mut lambda = if damped { 1e-3 } else { 0.0 };
+        for _ in 0..STEPS {
+            let mut a = now.matrix.clone();
+            for i in 0..a.nrows() {
+                a[(i, i)] *= 1.0 + lambda;
+            }
+            let step = a.cholesky().ok_or_else(singular)?.solve(&now.gradient);
+            let next: Vec<f64> = x.iter().zip(step.iter()).map(|(x, s)| x - s).collect();
+            let there = self.equations(&next);
+            if !there.objective.is_finite() {
+                return Err(IdentifyError::Diverged {
+                    rms_mm: (now.objective / self.poses() as f64).sqrt(),
+                });
+            }
+            let settled = step.amax() < SETTLED;
+            if damped && there.objective > now.objective && !settled {
+                lambda = (lambda * 10.0).max(1e-9);
+                if lambda > 1e12 {
+                    break;
+                }
+                continue;
+            }
+            lambda /= 10.0;
+            x = next;
+            now = there;
+            if settled {
+                break;
+            }
+        }
+        Ok(x)
+    }
+
+    /// The result at parameters `x` (mm and rad), however they were found.
+    pub fn calibration(&self, experiment: &Experiment, options: &Options, x: &[f64]) -> Calibration {
+        let mut state = self.state(x);
+        if !self.absolute {
+            // The distances know no base: it is registered to the calibrated model.
+            register(&mut state, &self.prepared, None);
+        }
+        let equations = self.equations(x);
+        let m = self.columns.len();
+        let count = self.poses() as f64;
+        let freedom = (3.0 * count - m as f64 - 3.0).max(1.0);
+        // Pairs repeat every pose: back to one residual per pose.
+        let per_pose = if self.absolute { 1.0 } else { count };
+        let variance = equations.objective / per_pose / freedom;
+        let inverse = equations.matrix.try_inverse().unwrap_or_else(|| DMatrix::zeros(m, m));
+        // The calibration lists its parameters in column order.
+        let mut order: Vec<usize> = (0..m).collect();
+        order.sort_by_key(|i| self.columns[*i]);
+        let covariance = DMatrix::from_fn(m, m, |r, c| {
+            let (r, c) = (order[r], order[c]);
+            let units = self.unit(self.columns[r]) * self.unit(self.columns[c]);
+            inverse[(r, c)] * variance * per_pose / units
+        });
+        let millimetre = 1e-6;
+        let fit = Fit {
+            layout: self.layout.clone(),
+            unknowns: Unknowns::new(&self.table),
+            table: self.table.clone(),
+            start: self.start.clone(),
+            state,
+            nominal: self.nominal.clone(),
+            groups: groups(&self.prepared),
+            prepared: self.prepared.clone(),
+            whitening: Whitening {
+                joint: 0.0,
+                seating: millimetre,
+                point: millimetre,
+            },
+            weights: vec![1.0; self.poses()],
+            scale: variance.sqrt().max(1e-9),
+            effective: m as f64,
+            covariance,
+            log_evidence: f64::NAN,
+        };
+        finish(experiment, options, Model::Geometry, fit)
+    }
+}
+
+impl Equations {
+    /// Adds `N Σ |e_i − ē|²` over `members` (or `Σ |e_i|²` when not `centred`).
+    fn collapse(&mut self, errors: &[Vector3<f64>], jacobians: &[DMatrix<f64>], members: &[usize], centred: bool) {
+        let m = self.gradient.len();
+        let count = members.len() as f64;
+        if members.is_empty() {
+            return;
+        }
+        let (mut mean, mut mean_jacobian) = (Vector3::zeros(), DMatrix::zeros(3, m));
+        let mut factor = 1.0;
+        if centred {
+            for &i in members {
+                mean += errors[i] / count;
+                mean_jacobian += &jacobians[i] / count;
+            }
+            factor = count;
+        }
+        for &i in members {
+            let e = errors[i] - mean;
+            let j = &jacobians[i] - &mean_jacobian;
+            self.matrix.gemm_tr(factor, &j, &j, 1.0);
+            self.gradient.gemv_tr(factor, &j, &e, 1.0);
+            self.objective += factor * e.norm_squared();
+        }
+    }
+}
+
+/// `lm` and `gauss-newton`.
+pub(crate) fn identify(experiment: &Experiment, options: &Options) -> Result<Calibration, IdentifyError> {
+    let problem = DistanceProblem::new(experiment, options)?;
+    let x = problem.solve(options.method == Method::Lm)?;
+    Ok(problem.calibration(experiment, options, &x))
+}
+
+/// The rotation that the vector form holds: for tests and reports.
+impl DistanceProblem {
+    /// Base rotation in the plate's (or tracker's) frame.
+    pub fn base_rotation(&self) -> Matrix3<f64> {
+        self.base.rotation
+    }
+}
