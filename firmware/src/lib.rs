@@ -12,14 +12,26 @@
 //! [`Controller`] is the control path: a plain synchronous `tick`. [`HostLink`]
 //! turns bytes into commands and events into bytes, with acknowledgement and
 //! repetition. [`Node`] is both, for whoever runs them in one thread.
+//!
+//! Inside the tick: [`guard`] admits the drive state, [`law`] computes the arm
+//! once and the torque from a setpoint, [`phases`] moves the setpoint through
+//! Algorithm 2, with [`motion`], [`contact`] and [`recorder`] as their tools.
 #![no_std]
 
 #[cfg(test)]
 extern crate std;
 
-mod controller;
+pub mod contact;
+pub mod controller;
+pub mod guard;
+pub mod law;
 mod link;
+pub mod motion;
 mod node;
+pub mod phases;
+pub mod recorder;
+#[cfg(test)]
+mod testing;
 
 pub use controller::Controller;
 pub use link::HostLink;

@@ -1,25 +1,274 @@
-//! The controller's end of the host link.
+//! The controller's end of the host link: bytes to commands, events to bytes.
+//!
+//! Commands are carried out once, however often they come; events are sent
+//! again until the host acknowledges them, in order. Telemetry, replies and
+//! statistics are sent once: the host asks again if it misses a reply.
 
-use embassy_time::Instant;
+use embassy_time::{Duration, Instant};
+use heapless::{Deque, String, Vec};
+use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::frame::{self, Accumulator, LinkCounters, MAX_FRAME, SequenceWatch};
+use spherecal_shared::protocol::host::{Banner, Command, Downlink, Event, MAX_BATCH, Refusal, Uplink};
 
 use crate::Controller;
 
-/// Bytes to commands, events to bytes.
-#[derive(Clone, Debug, Default)]
-pub struct HostLink {}
+/// Events sent and not yet acknowledged, at most.
+const PENDING: usize = 8;
+/// Answers waiting to be sent, at most.
+const REPLIES: usize = 4;
+/// After which an unacknowledged event is sent again.
+const RESEND: Duration = Duration::from_millis(100);
+/// How often statistics are sent.
+const STATISTICS: Duration = Duration::from_millis(1000);
+
+/// An event that the host has not acknowledged.
+#[derive(Clone, Debug)]
+struct Pending {
+    uplink: Uplink,
+    /// When it was last sent; `None` before the first time.
+    sent: Option<Instant>,
+}
+
+/// The answer to the last command, for when it comes again.
+#[derive(Clone, Copy, Debug)]
+struct Answer {
+    sequence: u32,
+    result: Result<(), Refusal>,
+}
+
+/// The controller's end of the host link.
+#[derive(Clone, Debug)]
+pub struct HostLink {
+    accumulator: Accumulator,
+    watch: SequenceWatch,
+    counters: LinkCounters,
+    build: String<24>,
+    joints: u8,
+    greeted: bool,
+    answered: Option<Answer>,
+    replies: Deque<Event, REPLIES>,
+    pending: Deque<Pending, PENDING>,
+    next_event: u32,
+    sequence: u32,
+    last_statistics: Option<Instant>,
+}
 
 impl HostLink {
+    /// A link that says `build` in its banner (cut to 24 bytes) and speaks for
+    /// a controller of `joints` joints.
+    pub fn new(build: &str, joints: usize) -> Self {
+        let mut text = String::new();
+        for c in build.chars() {
+            if text.push(c).is_err() {
+                break;
+            }
+        }
+        Self {
+            accumulator: Accumulator::new(),
+            watch: SequenceWatch::default(),
+            counters: LinkCounters::default(),
+            build: text,
+            joints: u8::try_from(joints).unwrap_or(u8::MAX),
+            greeted: false,
+            answered: None,
+            replies: Deque::new(),
+            pending: Deque::new(),
+            next_event: 1,
+            sequence: 0,
+            last_statistics: None,
+        }
+    }
+
+    /// What this end has received.
+    pub fn counters(&self) -> &LinkCounters {
+        &self.counters
+    }
+
     /// Takes bytes from the host; whole commands go to the controller.
-    pub fn receive<const N: usize>(&mut self, _now: Instant, _bytes: &[u8], _controller: &mut Controller<N>) {}
+    pub fn receive<const N: usize>(&mut self, bytes: &[u8], controller: &mut Controller<N>) {
+        for byte in bytes {
+            let mut received = None;
+            self.accumulator.push(*byte, &mut |frame| {
+                received = Some(frame.and_then(frame::decode::<Downlink>));
+            });
+            match received {
+                None => {}
+                Some(Ok((header, downlink))) => {
+                    self.watch.note(header.sequence, &mut self.counters);
+                    controller.heard();
+                    self.take(downlink, controller);
+                }
+                Some(Err(_)) => self.counters.crc_errors = self.counters.crc_errors.saturating_add(1),
+            }
+        }
+    }
+
+    fn take<const N: usize>(&mut self, downlink: Downlink, controller: &mut Controller<N>) {
+        match downlink.command {
+            Command::KeepAlive => return,
+            Command::Acknowledge { event } => {
+                for _ in 0..self.pending.len() {
+                    let Some(entry) = self.pending.pop_front() else { break };
+                    if entry.uplink.event != event {
+                        let _ = self.pending.push_back(entry);
+                    }
+                }
+                return;
+            }
+            Command::Hello => {
+                self.greeted = true;
+                let banner = self.banner();
+                self.reply(Event::Banner(banner));
+            }
+            _ => {}
+        }
+        let result = match self.answered {
+            Some(last) if last.sequence == downlink.sequence && !matches!(downlink.command, Command::Hello) => {
+                self.counters.duplicates = self.counters.duplicates.saturating_add(1);
+                last.result
+            }
+            _ => controller.command(downlink.command),
+        };
+        self.answered = Some(Answer {
+            sequence: downlink.sequence,
+            result,
+        });
+        self.reply(Event::Reply {
+            sequence: downlink.sequence,
+            result,
+        });
+    }
+
+    fn reply(&mut self, event: Event) {
+        if self.replies.push_back(event).is_err() {
+            self.counters.overflow = self.counters.overflow.saturating_add(1);
+        }
+    }
+
+    fn banner(&self) -> Banner {
+        let mut version = String::new();
+        let _ = version.push_str(env!("CARGO_PKG_VERSION"));
+        Banner {
+            protocol: PROTOCOL_VERSION,
+            version,
+            build: self.build.clone(),
+            joints: self.joints,
+            period_us: 1000,
+        }
+    }
 
     /// Writes what there is to say into `out`, whole frames only; returns the
-    /// number of bytes.
-    pub fn transmit<const N: usize>(
+    /// number of bytes. Nothing is said before the host's first Hello.
+    pub fn transmit<const N: usize>(&mut self, now: Instant, out: &mut [u8], controller: &mut Controller<N>) -> usize {
+        if !self.greeted {
+            return 0;
+        }
+        let mut used = 0;
+        while let Some(event) = self.replies.front() {
+            let uplink = Uplink {
+                event: 0,
+                body: event.clone(),
+            };
+            let Some(length) = self.write(&uplink, now, out, used) else {
+                return used;
+            };
+            used += length;
+            self.replies.pop_front();
+        }
+        while !self.pending.is_full() {
+            let Some(body) = controller.event() else { break };
+            let uplink = Uplink {
+                event: self.next_event,
+                body,
+            };
+            self.next_event = self.next_event.wrapping_add(1).max(1);
+            let _ = self.pending.push_back(Pending { uplink, sent: None });
+        }
+        used = self.send_pending(now, out, used);
+        used = self.send_samples(now, out, used, controller);
+        let due = self
+            .last_statistics
+            .is_none_or(|last| now.saturating_duration_since(last) >= STATISTICS);
+        if due {
+            let mut statistics = controller.statistics();
+            let overflow = statistics.link.overflow;
+            statistics.link = self.counters;
+            statistics.link.overflow = statistics.link.overflow.saturating_add(overflow);
+            if let Some(length) = self.write(
+                &Uplink {
+                    event: 0,
+                    body: Event::Statistics(statistics),
+                },
+                now,
+                out,
+                used,
+            ) {
+                used += length;
+                self.last_statistics = Some(now);
+            }
+        }
+        used
+    }
+
+    fn send_pending(&mut self, now: Instant, out: &mut [u8], mut used: usize) -> usize {
+        for _ in 0..self.pending.len() {
+            // The queue is turned once around, so that no borrow of it lasts.
+            let Some(mut entry) = self.pending.pop_front() else {
+                break;
+            };
+            let due = entry
+                .sent
+                .is_none_or(|sent| now.saturating_duration_since(sent) >= RESEND);
+            if due && let Some(length) = self.write(&entry.uplink, now, out, used) {
+                used += length;
+                if entry.sent.is_some() {
+                    self.counters.resent = self.counters.resent.saturating_add(1);
+                }
+                entry.sent = Some(now);
+            }
+            let _ = self.pending.push_back(entry);
+        }
+        used
+    }
+
+    fn send_samples<const N: usize>(
         &mut self,
-        _now: Instant,
-        _out: &mut [u8],
-        _controller: &mut Controller<N>,
+        now: Instant,
+        out: &mut [u8],
+        mut used: usize,
+        controller: &mut Controller<N>,
     ) -> usize {
-        0
+        while controller.samples_waiting() >= MAX_BATCH {
+            // Only started when a whole batch surely fits.
+            if out.len().saturating_sub(used) < MAX_FRAME {
+                return used;
+            }
+            let mut batch = Vec::new();
+            while !batch.is_full() {
+                let Some(sample) = controller.sample() else { break };
+                let _ = batch.push(sample);
+            }
+            match self.write(
+                &Uplink {
+                    event: 0,
+                    body: Event::Telemetry(batch),
+                },
+                now,
+                out,
+                used,
+            ) {
+                Some(length) => used += length,
+                None => return used,
+            }
+        }
+        used
+    }
+
+    /// Encodes one frame behind the first `used` bytes of `out`.
+    fn write(&mut self, uplink: &Uplink, now: Instant, out: &mut [u8], used: usize) -> Option<usize> {
+        let rest = out.get_mut(used..)?;
+        let length = frame::encode(uplink, self.sequence, now.as_micros(), rest).ok()?;
+        self.sequence = self.sequence.wrapping_add(1);
+        Some(length)
     }
 }

@@ -6,18 +6,31 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
 use crate::{Controller, HostLink};
 
 /// Controller and host link together.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Node<const N: usize> {
     controller: Controller<N>,
     link: HostLink,
 }
 
 impl<const N: usize> Node<N> {
+    /// A controller that says `build` in its banner.
+    pub fn new(build: &str) -> Self {
+        Self {
+            controller: Controller::default(),
+            link: HostLink::new(build, N),
+        }
+    }
+
+    /// The controller.
+    pub fn controller(&mut self) -> &mut Controller<N> {
+        &mut self.controller
+    }
+
     /// One control period: takes the host's bytes, ticks, and writes whole
     /// frames for the host into `up`. Returns the torque command and the
     /// number of bytes written.
     pub fn exchange(&mut self, now: Instant, state: &DriveState, down: &[u8], up: &mut [u8]) -> (DriveCommand, usize) {
-        self.link.receive(now, down, &mut self.controller);
+        self.link.receive(down, &mut self.controller);
         let command = self.controller.tick(now, state);
         let length = self.link.transmit(now, up, &mut self.controller);
         (command, length)

@@ -61,8 +61,9 @@ pub enum Command {
         /// Whether to start or end it.
         on: bool,
     },
-    /// The host has stored everything up to event number `event` that it has
-    /// seen, and `event` itself.
+    /// The host has stored event number `event`; just this one is not sent
+    /// again. A host that wants events in order acknowledges only the next in
+    /// order and drops what runs ahead: it comes again.
     Acknowledge {
         /// Number of the event.
         event: u32,
@@ -89,6 +90,9 @@ pub struct PoseCommand {
     pub orientation: [f64; 4],
     /// Elbow angle in rad ([`crate::robot::elbow`]), for arms that have one.
     pub elbow_rad: Option<f64>,
+    /// Joint angles that solve the pose, in rad: where the null space is drawn
+    /// to on a redundant arm without an elbow angle. May be empty.
+    pub posture: Joints,
     /// Whether to record there, or only to pass through.
     pub record: bool,
 }

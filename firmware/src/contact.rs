@@ -1,0 +1,172 @@
+//! Contact: the tare before, the force condition with its dwell, and the watch
+//! over a seated nest.
+//!
+//! Terms: the *tare* is the wrench that the observer reports at rest in free
+//! space, all model error; the *trigger* is the force against the approach at
+//! which contact is declared, once it has lasted for the *dwell*; the nest is
+//! *seated* when its three planes rest on the sphere.
+
+use nalgebra::Vector3;
+use spherecal_shared::procedure::{Approach, Seating};
+
+/// Mean of the wrench's force at rest.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Tare {
+    sum: Vector3<f64>,
+    count: u32,
+}
+
+impl Tare {
+    /// Takes one tick's force (F0, in N).
+    pub fn push(&mut self, force: &Vector3<f64>) {
+        self.sum += force;
+        self.count = self.count.saturating_add(1);
+    }
+
+    /// Ticks taken.
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// The mean force, in N; zero before the first tick.
+    pub fn mean(&self) -> Vector3<f64> {
+        if self.count == 0 {
+            Vector3::zeros()
+        } else {
+            self.sum / f64::from(self.count)
+        }
+    }
+}
+
+/// The force condition of Algorithm 2, `setForceTrigger(7.5)`, made to ignore
+/// impacts: the force must last, and the arm must stand.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ContactTrigger {
+    held: u32,
+    since_first: Option<u32>,
+    early: u32,
+    peak: f64,
+}
+
+impl ContactTrigger {
+    /// Takes one tick: force against the approach (N, tared) and TCP speed
+    /// (m/s). Returns `true` once, when contact is declared.
+    #[inline]
+    pub fn push(&mut self, force: f64, speed: f64, settings: &Approach, period_s: f64) -> bool {
+        self.peak = self.peak.max(force);
+        if let Some(ticks) = &mut self.since_first {
+            *ticks = ticks.saturating_add(1);
+        }
+        if force >= settings.trigger_n && speed <= settings.contact_speed_m_s {
+            self.since_first.get_or_insert(0);
+            self.held = self.held.saturating_add(1);
+            return f64::from(self.held) * period_s >= settings.dwell_s;
+        }
+        if self.held > 0 {
+            self.early = self.early.saturating_add(1);
+        }
+        self.held = 0;
+        false
+    }
+
+    /// Ticks from the first crossing of the threshold until now.
+    pub fn latency_ticks(&self) -> u32 {
+        self.since_first.unwrap_or(0)
+    }
+
+    /// Crossings that did not last.
+    pub fn early_crossings(&self) -> u32 {
+        self.early
+    }
+
+    /// Largest force against the approach so far, in N.
+    pub fn peak_n(&self) -> f64 {
+        self.peak
+    }
+}
+
+/// Tells a seated nest from one that has left, from the joint angles alone: a
+/// TCP that is tied to a sphere neither travels nor runs.
+#[derive(Clone, Copy, Debug)]
+pub struct SeatingWatch {
+    centre: Vector3<f64>,
+    violated: u32,
+}
+
+impl SeatingWatch {
+    /// Watches around the computed TCP of the seated nest (F0, in m).
+    pub fn new(centre: Vector3<f64>) -> Self {
+        Self { centre, violated: 0 }
+    }
+
+    /// Where it seated, in m.
+    pub fn centre(&self) -> &Vector3<f64> {
+        &self.centre
+    }
+
+    /// Takes one tick: computed TCP (m) and its speed (m/s). Returns the
+    /// distance (m) when the nest must have left, after the dwell.
+    #[inline]
+    pub fn push(&mut self, tcp: &Vector3<f64>, speed: f64, settings: &Seating, period_s: f64) -> Option<f64> {
+        let distance = (tcp - self.centre).norm();
+        if distance > settings.window_m || speed > settings.speed_m_s {
+            self.violated = self.violated.saturating_add(1);
+        } else {
+            self.violated = 0;
+        }
+        (f64::from(self.violated) * period_s >= settings.dwell_s).then_some(distance)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD: f64 = 1e-3;
+
+    #[test]
+    fn the_trigger_wants_its_dwell() {
+        let settings = Approach::default();
+        let mut trigger = ContactTrigger::default();
+        // An impact of 80 N for 15 ms does not fire; 7.5 N for 20 ms does.
+        assert!((0..15).all(|_| !trigger.push(80.0, 0.0, &settings, PERIOD)));
+        assert!(!trigger.push(0.0, 0.0, &settings, PERIOD));
+        let fired = (0..30).position(|_| trigger.push(7.5, 0.001, &settings, PERIOD));
+        assert_eq!(fired, Some(19));
+        assert_eq!((trigger.early_crossings(), trigger.peak_n()), (1, 80.0));
+        assert_eq!(trigger.latency_ticks(), 35);
+    }
+
+    #[test]
+    fn a_moving_arm_is_not_in_contact() {
+        let mut trigger = ContactTrigger::default();
+        assert!((0..100).all(|_| !trigger.push(10.0, 0.025, &Approach::default(), PERIOD)));
+    }
+
+    #[test]
+    fn a_nest_that_jumps_or_drifts_is_noticed() {
+        let settings = Seating::default();
+        let mut watch = SeatingWatch::new(Vector3::zeros());
+        let here = Vector3::new(0.0019, 0.0, 0.0);
+        assert!((0..1000).all(|_| watch.push(&here, 0.002, &settings, PERIOD).is_none()));
+        assert_eq!(
+            (0..50).position(|_| watch.push(&here, 0.05, &settings, PERIOD).is_some()),
+            Some(9)
+        );
+        let mut watch = SeatingWatch::new(Vector3::zeros());
+        let away = Vector3::new(0.0, 0.006, 0.0);
+        assert_eq!(
+            (0..50).position(|_| watch.push(&away, 0.0, &settings, PERIOD).is_some()),
+            Some(9)
+        );
+    }
+
+    #[test]
+    fn the_tare_is_a_mean() {
+        let mut tare = Tare::default();
+        assert_eq!(tare.mean(), Vector3::zeros());
+        tare.push(&Vector3::new(1.0, 0.0, 2.0));
+        tare.push(&Vector3::new(3.0, 0.0, 0.0));
+        assert_eq!(tare.mean(), Vector3::new(2.0, 0.0, 1.0));
+    }
+}

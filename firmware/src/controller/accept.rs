@@ -1,0 +1,228 @@
+//! The door for commands: what is carried out, and what is refused and why.
+//!
+//! Everything is checked here, before it reaches the control path: phase,
+//! finiteness, normalisation, joint limits.
+
+use nalgebra::Vector3;
+use spherecal_shared::protocol::host::{ApproachCommand, Command, PoseCommand, Refusal};
+use spherecal_shared::robot::{Arm, Robot, Tool};
+
+use super::{Configured, Controller};
+use crate::motion::rotation_of;
+
+use crate::phases::{Activity, Decoupling, Env, Moving, Pose, Taring, Turning};
+
+fn array<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
+    let values: [f64; N] = values.try_into().ok()?;
+    values.iter().all(|x| x.is_finite()).then_some(values)
+}
+
+impl<const N: usize> Controller<N> {
+    /// Carries out a command, or says why not. Acknowledgements, greetings and
+    /// keep-alives are the link's business and always accepted.
+    ///
+    /// # Errors
+    /// Why the command is not carried out; nothing has changed then.
+    pub fn command(&mut self, command: Command) -> Result<(), Refusal> {
+        self.heard();
+        match command {
+            Command::Hello | Command::Acknowledge { .. } | Command::KeepAlive => Ok(()),
+            Command::Robot(robot) => self.accept_robot(robot),
+            Command::Configure { tool, procedure } => {
+                procedure.check().map_err(|_| Refusal::Procedure)?;
+                self.accept_tool(&tool)?;
+                self.procedure = procedure;
+                Ok(())
+            }
+            Command::Move { target } => {
+                let target = array::<N>(&target).ok_or(Refusal::Target)?;
+                self.idle()?;
+                if !self.guard.reachable(&target, self.procedure.limits.position_margin_rad) {
+                    return Err(Refusal::Target);
+                }
+                let start = self.hold.q;
+                self.with_env(|env, _| Activity::Moving(Moving::new(start, target, env)))
+            }
+            Command::Approach(approach) => self.accept_approach(&approach),
+            Command::Pose(pose) => self.accept_pose(&pose),
+            Command::Decouple => {
+                self.usable()?;
+                // After a fault the arm is idle and may still hang on the sphere.
+                let coupled = matches!(self.activity, Activity::Coupled);
+                if !coupled && !(matches!(self.activity, Activity::Idle) && self.touched) {
+                    return Err(Refusal::Phase);
+                }
+                self.with_env(|env, task| {
+                    if !coupled {
+                        let soft = crate::law::Stiffness::isotropic(
+                            env.procedure.couple.stiffness_n_m,
+                            env.procedure.law.rotation_nm_rad,
+                        );
+                        task.engage(env.snapshot, soft);
+                    }
+                    Activity::Decoupling(Decoupling::new(env, task))
+                })
+            }
+            Command::Stop => {
+                if matches!(self.activity, Activity::Fault) {
+                    return Err(Refusal::FaultPending);
+                }
+                if !matches!(self.activity, Activity::Idle) {
+                    self.latch();
+                    self.enter(Activity::Idle);
+                }
+                Ok(())
+            }
+            Command::ClearFault => {
+                if matches!(self.activity, Activity::Fault) {
+                    self.enter(Activity::Idle);
+                }
+                Ok(())
+            }
+            Command::HandGuide { on } => {
+                if on {
+                    self.idle()?;
+                    self.enter(Activity::HandGuiding);
+                } else if matches!(self.activity, Activity::HandGuiding) {
+                    self.latch();
+                    self.enter(Activity::Idle);
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Configured, no fault, and a drive state seen.
+    fn usable(&self) -> Result<(), Refusal> {
+        if matches!(self.activity, Activity::Fault) {
+            return Err(Refusal::FaultPending);
+        }
+        if self.configured.is_none() {
+            return Err(Refusal::NotConfigured);
+        }
+        if self.snapshot.is_none() {
+            return Err(Refusal::Drive);
+        }
+        Ok(())
+    }
+
+    /// Usable, and holding.
+    fn idle(&self) -> Result<(), Refusal> {
+        self.usable()?;
+        if matches!(self.activity, Activity::Idle) {
+            Ok(())
+        } else {
+            Err(Refusal::Phase)
+        }
+    }
+
+    /// A robot or tool may change while the arm does not move on its model.
+    fn changeable(&self) -> Result<(), Refusal> {
+        match self.activity {
+            Activity::Fault => Err(Refusal::FaultPending),
+            Activity::Idle => Ok(()),
+            _ => Err(Refusal::Phase),
+        }
+    }
+
+    fn accept_robot(&mut self, robot: Robot) -> Result<(), Refusal> {
+        self.changeable()?;
+        robot.check().map_err(|_| Refusal::Robot)?;
+        if robot.dof() != N {
+            return Err(Refusal::Robot);
+        }
+        // The tool comes with Configure; until then the arm is not enabled.
+        self.configured = None;
+        self.snapshot = None;
+        self.holding = false;
+        self.robot = Some(robot);
+        Ok(())
+    }
+
+    fn accept_tool(&mut self, tool: &Tool) -> Result<(), Refusal> {
+        self.changeable()?;
+        let robot = self.robot.as_ref().ok_or(Refusal::NotConfigured)?;
+        let arm = Arm::<f64, N>::new(robot, tool).map_err(|_| Refusal::Robot)?;
+        self.guard.configure(robot);
+        let limits = self.guard.limits();
+        self.configured = Some(Configured {
+            arm,
+            torque_limits: core::array::from_fn(|i| limits[i].torque_nm),
+            speeds: core::array::from_fn(|i| limits[i].velocity_rad_s * 0.8 * self.procedure.limits.velocity_share),
+        });
+        self.observer.reset();
+        self.shaper.reset();
+        self.touched = false;
+        Ok(())
+    }
+
+    fn accept_approach(&mut self, approach: &ApproachCommand) -> Result<(), Refusal> {
+        let direction = Vector3::from(approach.direction);
+        if !((direction.norm_squared() - 1.0).abs() < 1e-6) {
+            return Err(Refusal::Target);
+        }
+        self.idle()?;
+        self.task.sphere = approach.sphere;
+        self.task.direction = direction;
+        self.task.tare = Vector3::zeros();
+        self.touched = true;
+        self.enter(Activity::Taring(Taring::default()));
+        Ok(())
+    }
+
+    fn accept_pose(&mut self, command: &PoseCommand) -> Result<(), Refusal> {
+        let rotation = rotation_of(&command.orientation).ok_or(Refusal::Target)?;
+        if command.elbow_rad.is_some_and(|angle| !(angle.abs() <= 7.0)) {
+            return Err(Refusal::Target);
+        }
+        let posture = if command.posture.is_empty() {
+            None
+        } else {
+            let posture = array::<N>(&command.posture).ok_or(Refusal::Target)?;
+            if !self
+                .guard
+                .reachable(&posture, self.procedure.limits.position_margin_rad)
+            {
+                return Err(Refusal::Target);
+            }
+            Some(posture)
+        };
+        self.usable()?;
+        if !matches!(self.activity, Activity::Coupled) {
+            return Err(Refusal::Phase);
+        }
+        let pose = Pose {
+            id: command.pose,
+            rotation,
+            elbow: command.elbow_rad,
+            posture,
+            record: command.record,
+        };
+        self.with_env(|env, task| Activity::Turning(Turning::new(pose, env, task)))
+    }
+
+    /// Makes a phase from the present state and enters it.
+    fn with_env(
+        &mut self,
+        make: impl FnOnce(&Env<'_, N>, &mut crate::phases::Task<N>) -> Activity<N>,
+    ) -> Result<(), Refusal> {
+        let (Some(snapshot), Some(configured)) = (&self.snapshot, &self.configured) else {
+            return Err(Refusal::Drive);
+        };
+        let env = Env {
+            snapshot,
+            force: self.force,
+            tau: &self.measured,
+            joint_speed: 0.0,
+            procedure: &self.procedure,
+            speeds: &configured.speeds,
+            period_s: self.period_s,
+            elapsed_s: 0.0,
+            time_us: self.now_us,
+            tick: self.tick,
+        };
+        let activity = make(&env, &mut self.task);
+        self.enter(activity);
+        Ok(())
+    }
+}

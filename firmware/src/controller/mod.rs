@@ -1,0 +1,492 @@
+//! The control path: one synchronous tick from joint state to joint torque.
+//!
+//! ```text
+//!   DriveState ─▶ Guard ─▶ Snapshot ─▶ Observer ─▶ phase ─▶ law ─▶ shaper ─▶ DriveCommand
+//!                   └─────────── Violation ────────▶ Fault: damped gravity hold
+//! ```
+//!
+//! `tick` allocates nothing, has bounded loops and returns a torque for every
+//! state: while a drive state is unusable the last torque stands, and every
+//! fault ends in a joint spring-damper about where the arm was, with gravity.
+
+mod accept;
+
+use embassy_time::Instant;
+use heapless::Deque;
+use nalgebra::{SVector, Vector3};
+use spherecal_shared::Joints;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::host::{Event, FaultReport, Phase, PhaseChange, Refusal, Sample, Statistics};
+use spherecal_shared::robot::Arm;
+
+use crate::guard::{Admission, Admitted, Guard, Violation};
+use crate::law::{JointSetpoint, Observer, Shaped, Snapshot, TorqueShaper, joint_torque};
+use crate::phases::{Activity, Env, Next, Task};
+
+/// Events that wait for the host link.
+const OUTBOX: usize = 12;
+/// Telemetry samples that wait for the host link.
+const SAMPLES: usize = 32;
+/// Corner of the low-pass on joint speeds that tells a still arm, in rad/s.
+const STILL_FILTER: f64 = 60.0;
+/// Damping of hand-guiding, in N m s/rad.
+const GUIDE_DAMPING: f64 = 3.0;
+
+/// What a configured controller computes with.
+#[derive(Clone, Debug)]
+struct Configured<const N: usize> {
+    arm: Arm<f64, N>,
+    torque_limits: [f64; N],
+    speeds: [f64; N],
+}
+
+/// The controller of an arm with `N` joints.
+#[derive(Clone, Debug)]
+pub struct Controller<const N: usize> {
+    robot: Option<spherecal_shared::robot::Robot>,
+    configured: Option<Configured<N>>,
+    procedure: Procedure,
+    gravity_by_drive: bool,
+    period_s: f64,
+
+    guard: Guard<N>,
+    observer: Observer<N>,
+    shaper: TorqueShaper<N>,
+    activity: Activity<N>,
+    hold: JointSetpoint<N>,
+    task: Task<N>,
+    touched: bool,
+    holding: bool,
+    snapshot: Option<Snapshot<N>>,
+    latest_q: [f64; N],
+    measured: [f64; N],
+    force: Vector3<f64>,
+    slow_dq: [f64; N],
+    phase_ticks: u32,
+    silent_ticks: u32,
+
+    last: Option<DriveCommand>,
+    ticks: u64,
+    now_us: u64,
+    tick: u64,
+    since_sample: u32,
+    outbox: Deque<Event, OUTBOX>,
+    samples: Deque<Sample, SAMPLES>,
+    overflow: u32,
+}
+
+impl<const N: usize> Default for Controller<N> {
+    fn default() -> Self {
+        Self {
+            robot: None,
+            configured: None,
+            procedure: Procedure::default(),
+            gravity_by_drive: false,
+            period_s: 1e-3,
+            guard: Guard::default(),
+            observer: Observer::default(),
+            shaper: TorqueShaper::default(),
+            activity: Activity::Idle,
+            hold: JointSetpoint {
+                q: [0.0; N],
+                dq: [0.0; N],
+            },
+            task: Task::default(),
+            touched: false,
+            holding: false,
+            snapshot: None,
+            latest_q: [0.0; N],
+            measured: [0.0; N],
+            force: Vector3::zeros(),
+            slow_dq: [0.0; N],
+            phase_ticks: 0,
+            silent_ticks: 0,
+            last: None,
+            ticks: 0,
+            now_us: 0,
+            tick: 0,
+            since_sample: 0,
+            outbox: Deque::new(),
+            samples: Deque::new(),
+            overflow: 0,
+        }
+    }
+}
+
+impl<const N: usize> Controller<N> {
+    /// Takes what the drive says of itself.
+    ///
+    /// # Errors
+    /// [`Refusal::Drive`] when its number of joints, period or protocol is not
+    /// this controller's.
+    pub fn connect(&mut self, hello: &DriveHello) -> Result<(), Refusal> {
+        let period_s = f64::from(hello.period_us) * 1e-6;
+        let fits = hello.limits.len() == N
+            && hello.protocol == spherecal_shared::protocol::PROTOCOL_VERSION
+            && (1e-4..=1e-2).contains(&period_s);
+        if !fits {
+            return Err(Refusal::Drive);
+        }
+        self.gravity_by_drive = hello.compensates_gravity;
+        self.period_s = period_s;
+        Ok(())
+    }
+
+    /// The phase that the controller is in.
+    pub fn phase(&self) -> Phase {
+        self.activity.phase()
+    }
+
+    /// The procedure in force.
+    pub fn procedure(&self) -> &Procedure {
+        &self.procedure
+    }
+
+    /// Estimated force of the environment at the TCP, F0, tared once a tare
+    /// was taken, in N.
+    pub fn contact_force(&self) -> Vector3<f64> {
+        self.force - self.task.tare
+    }
+
+    /// Notes that the host was heard.
+    pub fn heard(&mut self) {
+        self.silent_ticks = 0;
+    }
+
+    /// Notes `ticks` control periods that were missed by whoever runs the tick.
+    pub fn missed(&mut self, ticks: u32) {
+        if let Some(violation) = self.guard.overrun(ticks, &self.procedure.limits) {
+            self.fail(violation);
+        }
+    }
+
+    /// The next event for the host.
+    pub fn event(&mut self) -> Option<Event> {
+        self.outbox.pop_front()
+    }
+
+    /// The next telemetry sample for the host.
+    pub fn sample(&mut self) -> Option<Sample> {
+        self.samples.pop_front()
+    }
+
+    /// Samples that wait.
+    pub fn samples_waiting(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Counters of the control path; the link adds its own.
+    pub fn statistics(&self) -> Statistics {
+        let mut statistics = Statistics {
+            ticks: self.ticks,
+            missed: self.guard.missed(),
+            ..Statistics::default()
+        };
+        statistics.link.overflow = self.overflow;
+        statistics
+    }
+
+    fn tell(&mut self, event: Event) {
+        if self.outbox.push_back(event).is_err() {
+            self.overflow = self.overflow.saturating_add(1);
+        }
+    }
+
+    /// Enters a phase and tells the host.
+    fn enter(&mut self, activity: Activity<N>) {
+        let from = self.activity.phase();
+        let leaves_cartesian = self.activity.is_cartesian() && !activity.is_cartesian();
+        self.activity = activity;
+        self.phase_ticks = 0;
+        if leaves_cartesian {
+            self.latch();
+        }
+        let phase = self.activity.phase();
+        self.tell(Event::Phase(PhaseChange {
+            phase,
+            from,
+            time_us: self.now_us,
+            tick: self.tick,
+        }));
+    }
+
+    /// Holds the joints where they are now.
+    fn latch(&mut self) {
+        self.hold = JointSetpoint {
+            q: self.latest_q,
+            dq: [0.0; N],
+        };
+    }
+
+    /// Enters the fault phase once; later violations find it there.
+    fn fail(&mut self, violation: Violation) {
+        if matches!(self.activity, Activity::Fault) {
+            return;
+        }
+        let report = FaultReport {
+            fault: violation.fault,
+            phase: self.activity.phase(),
+            time_us: self.now_us,
+            tick: self.tick,
+            joint: violation.joint,
+            value: violation.value,
+            limit: violation.limit,
+        };
+        self.latch();
+        self.tell(Event::Fault(report));
+        self.enter(Activity::Fault);
+    }
+
+    /// One control period: joint state in, joint torque out. `now` is device
+    /// time; it stamps events and does not steer the law.
+    pub fn tick(&mut self, now: Instant, state: &DriveState) -> DriveCommand {
+        self.now_us = now.as_micros();
+        self.ticks += 1;
+        self.phase_ticks = self.phase_ticks.saturating_add(1);
+        let admission = self.guard.admit(state, &self.procedure.limits);
+        if self.configured.is_none() {
+            return self.disabled(state.tick);
+        }
+        match admission {
+            Admission::Fresh(admitted) => self.control(state.tick, &admitted),
+            Admission::Bridged => self.bridge(state.tick),
+            Admission::Refused(violation) => {
+                self.fail(violation);
+                self.bridge(state.tick)
+            }
+        }
+    }
+
+    /// Brakes: before there is a robot to control.
+    fn disabled(&mut self, tick: u64) -> DriveCommand {
+        let mut tau = Joints::new();
+        for _ in 0..N {
+            // N joints fit: robots have at most MAX_JOINTS.
+            let _ = tau.push(0.0);
+        }
+        self.last = None;
+        DriveCommand {
+            tick,
+            tau,
+            enable: false,
+        }
+    }
+
+    /// The last torque again, for a state that could not be used.
+    fn bridge(&mut self, tick: u64) -> DriveCommand {
+        match &self.last {
+            Some(last) => DriveCommand { tick, ..last.clone() },
+            None => self.disabled(tick),
+        }
+    }
+
+    fn control(&mut self, tick: u64, state: &Admitted<N>) -> DriveCommand {
+        self.tick = tick;
+        self.latest_q = state.q;
+        let Some(configured) = &self.configured else {
+            return self.disabled(tick);
+        };
+        let Some(snapshot) = Snapshot::new(&configured.arm, &state.q, &state.dq) else {
+            self.fail(Violation::new(
+                spherecal_shared::protocol::host::Fault::Internal,
+                0.0,
+                0.0,
+            ));
+            return self.bridge(tick);
+        };
+        let torque_limits = configured.torque_limits;
+        let speeds = configured.speeds;
+        self.measured = state.tau;
+        self.force = self
+            .observer
+            .update(&snapshot, &state.tau, self.procedure.law.observer_rad_s, self.period_s)
+            .force;
+        let share = (STILL_FILTER * self.period_s).min(1.0);
+        let mut joint_speed = 0.0f64;
+        for i in 0..N {
+            self.slow_dq[i] += share * (state.dq[i] - self.slow_dq[i]);
+            joint_speed = joint_speed.max(self.slow_dq[i].abs());
+        }
+        if !self.holding {
+            self.holding = true;
+            self.hold = JointSetpoint {
+                q: state.q,
+                dq: [0.0; N],
+            };
+        }
+        if let Some(violation) = self.guard.joint_state(state, &self.procedure.limits) {
+            self.fail(violation);
+        }
+        self.advance(&snapshot, &speeds, joint_speed);
+
+        let wanted = self.torque(&snapshot);
+        let limits = self.effective_limits(&snapshot, &torque_limits);
+        let step = self.procedure.law.torque_rate_nm_s * self.period_s;
+        let (tau, shaped) = self.shaper.shape(&wanted, &state.tau, &limits, step);
+        let force = self.contact_force();
+        let violation = self.guard.watch(&force, &shaped, &self.procedure.limits, self.period_s);
+        if let Some(violation) = violation {
+            self.fail(violation);
+        }
+        self.watch_host();
+        self.publish(state, &snapshot, &tau, shaped);
+        self.snapshot = Some(snapshot);
+        let mut joints = Joints::new();
+        for value in tau {
+            let _ = joints.push(value);
+        }
+        let command = DriveCommand {
+            tick,
+            tau: joints,
+            enable: true,
+        };
+        self.last = Some(command.clone());
+        command
+    }
+
+    /// Torque limits of what is sent to the drive, in N m.
+    fn effective_limits(&self, snapshot: &Snapshot<N>, limits: &[f64; N]) -> [f64; N] {
+        if !self.gravity_by_drive {
+            return *limits;
+        }
+        core::array::from_fn(|i| (limits[i] - snapshot.gravity[i].abs()).max(0.0))
+    }
+
+    /// Moves the setpoint and the phase by one tick.
+    fn advance(&mut self, snapshot: &Snapshot<N>, speeds: &[f64; N], joint_speed: f64) {
+        let env = Env {
+            snapshot,
+            force: self.force,
+            tau: &self.measured,
+            joint_speed,
+            procedure: &self.procedure,
+            speeds,
+            period_s: self.period_s,
+            elapsed_s: f64::from(self.phase_ticks) * self.period_s,
+            time_us: self.now_us,
+            tick: self.tick,
+        };
+        if self.activity.is_seated() {
+            let seating = &env.procedure.seating;
+            let tcp = &snapshot.tcp.origin;
+            if let Some(distance) = self.task.watch.push(tcp, snapshot.tcp_speed(), seating, env.period_s) {
+                let limit = seating.window_m;
+                self.fail(Violation::new(
+                    spherecal_shared::protocol::host::Fault::ContactLost,
+                    distance,
+                    limit,
+                ));
+                return;
+            }
+        }
+        match self.activity.step(&env, &mut self.hold, &mut self.task) {
+            Next::Stay => {}
+            Next::Enter(activity, event) => {
+                if let Some(event) = event {
+                    self.tell(event);
+                }
+                self.enter(activity);
+            }
+            Next::Fail(violation) => self.fail(violation),
+        }
+    }
+
+    /// The law of the present phase, in N m, gravity included unless the drive
+    /// adds it.
+    fn torque(&mut self, snapshot: &Snapshot<N>) -> SVector<f64, N> {
+        let law = &self.procedure.law;
+        let mut torque = if self.activity.is_cartesian() {
+            let force = self
+                .task
+                .impedance
+                .force(snapshot, &self.task.setpoint, law.damping_ratio);
+            let null = self
+                .task
+                .null_space
+                .torque(snapshot, law.elbow_nm_rad, law.elbow_damping_ratio);
+            snapshot.joint_torque(&force) + null
+        } else if matches!(self.activity, Activity::HandGuiding) {
+            SVector::from_fn(|i, _| -GUIDE_DAMPING * snapshot.dq[i])
+        } else {
+            joint_torque(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0)
+        };
+        torque += snapshot.coriolis;
+        if !self.gravity_by_drive {
+            torque += snapshot.gravity;
+        }
+        torque
+    }
+
+    /// A silent host is a fault while its next word matters.
+    fn watch_host(&mut self) {
+        self.silent_ticks = self.silent_ticks.saturating_add(1);
+        let limit = self.procedure.limits.host_silence_s;
+        let silent_s = f64::from(self.silent_ticks) * self.period_s;
+        let waiting = !matches!(self.activity, Activity::Idle | Activity::Fault);
+        if waiting && silent_s > limit {
+            self.fail(Violation::new(
+                spherecal_shared::protocol::host::Fault::HostSilence,
+                silent_s,
+                limit,
+            ));
+        }
+    }
+
+    /// Keeps a telemetry sample where one is due.
+    fn publish(&mut self, state: &Admitted<N>, snapshot: &Snapshot<N>, tau: &[f64; N], shaped: Shaped) {
+        let near_contact = matches!(
+            self.activity.phase(),
+            Phase::Taring | Phase::Approaching | Phase::Coupling | Phase::Verifying | Phase::Decoupling
+        );
+        let telemetry = &self.procedure.telemetry;
+        let every = if near_contact {
+            telemetry.contact_ticks
+        } else {
+            telemetry.other_ticks
+        };
+        self.since_sample = self.since_sample.saturating_add(1);
+        if every == 0 || self.since_sample < every {
+            return;
+        }
+        self.since_sample = 0;
+        let force = self.contact_force();
+        let residual = snapshot.task_force(&snapshot.mass.solve_lower(self.observer.residual()));
+        let mut sample = Sample {
+            tick: self.tick,
+            phase: self.activity.phase(),
+            force_n: [force.x as f32, force.y as f32, force.z as f32],
+            torque_nm: [residual[3] as f32, residual[4] as f32, residual[5] as f32],
+            flags: u8::from(shaped.saturated > 0)
+                | u8::from(shaped.rate_limited) << 1
+                | u8::from(snapshot.near_singular) << 2,
+            ..Sample::default()
+        };
+        let setpoint = if self.activity.is_cartesian() {
+            self.task.setpoint.position
+        } else {
+            snapshot.tcp.origin
+        };
+        for k in 0..3 {
+            sample.tcp_m[k] = snapshot.tcp.origin[k] as f32;
+            sample.setpoint_m[k] = setpoint[k] as f32;
+        }
+        for (i, slot) in sample.q.iter_mut().enumerate().take(N) {
+            *slot = state.q[i] as f32;
+        }
+        for (i, slot) in sample.dq.iter_mut().enumerate().take(N) {
+            *slot = state.dq[i] as f32;
+        }
+        for (i, slot) in sample.tau.iter_mut().enumerate().take(N) {
+            *slot = state.tau[i] as f32;
+        }
+        for (i, slot) in sample.command.iter_mut().enumerate().take(N) {
+            *slot = tau[i] as f32;
+        }
+        if self.samples.is_full() {
+            self.samples.pop_front();
+            self.overflow = self.overflow.saturating_add(1);
+        }
+        let _ = self.samples.push_back(sample);
+    }
+}

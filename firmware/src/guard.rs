@@ -1,0 +1,247 @@
+//! Safety: what must hold at every tick, whatever the phase.
+//!
+//! Stands at both doors of the control path. Before the law: is the drive
+//! state whole, fresh and within limits ([`Guard::admit`])? After it: does the
+//! arm follow, is the force bounded, is the torque not saturated for long
+//! ([`Guard::watch`])? A violation is a [`Violation`], which becomes a fault.
+
+use nalgebra::Vector3;
+use spherecal_shared::procedure::Limits;
+use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
+use spherecal_shared::protocol::host::Fault;
+use spherecal_shared::robot::{JointLimits, Robot};
+
+use crate::law::Shaped;
+
+/// How long the contact force may exceed its limit, in s: impacts are shorter.
+const FORCE_DWELL_S: f64 = 0.010;
+/// How long a torque may stay saturated, in s.
+const SATURATION_DWELL_S: f64 = 0.050;
+
+/// A limit that was broken: fault, joint (from 1, 0 for none), value and limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Violation {
+    /// The fault it becomes.
+    pub fault: Fault,
+    /// Joint, from 1; 0 for none.
+    pub joint: u8,
+    /// Value, in the limit's unit.
+    pub value: f64,
+    /// Limit.
+    pub limit: f64,
+}
+
+impl Violation {
+    /// A violation that concerns no joint.
+    pub fn new(fault: Fault, value: f64, limit: f64) -> Self {
+        Self {
+            fault,
+            joint: 0,
+            value,
+            limit,
+        }
+    }
+}
+
+/// Joint state, checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Admitted<const N: usize> {
+    /// Joint angles, in rad.
+    pub q: [f64; N],
+    /// Joint velocities, in rad/s.
+    pub dq: [f64; N],
+    /// Measured torques, in N m.
+    pub tau: [f64; N],
+}
+
+/// What [`Guard::admit`] says of a drive state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Admission<const N: usize> {
+    /// Whole and fresh.
+    Fresh(Admitted<N>),
+    /// Not usable, or repeated; the last torque is kept for now.
+    Bridged,
+    /// Too many in a row.
+    Refused(Violation),
+}
+
+/// The guard of an arm with `N` joints.
+#[derive(Clone, Debug)]
+pub struct Guard<const N: usize> {
+    limits: [JointLimits; N],
+    last_tick: Option<u64>,
+    missed_in_row: u32,
+    missed: u32,
+    force_ticks: u32,
+    saturated_ticks: u32,
+}
+
+impl<const N: usize> Default for Guard<N> {
+    fn default() -> Self {
+        let none = JointLimits {
+            min_rad: f64::NEG_INFINITY,
+            max_rad: f64::INFINITY,
+            velocity_rad_s: f64::INFINITY,
+            torque_nm: 0.0,
+        };
+        Self {
+            limits: [none; N],
+            last_tick: None,
+            missed_in_row: 0,
+            missed: 0,
+            force_ticks: 0,
+            saturated_ticks: 0,
+        }
+    }
+}
+
+fn joints<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
+    let values: [f64; N] = values.try_into().ok()?;
+    values.iter().all(|x| x.is_finite()).then_some(values)
+}
+
+impl<const N: usize> Guard<N> {
+    /// Takes the limits of a checked robot.
+    pub fn configure(&mut self, robot: &Robot) {
+        for (slot, joint) in self.limits.iter_mut().zip(&robot.joints) {
+            *slot = joint.limits;
+        }
+    }
+
+    /// Limits of the joints.
+    pub fn limits(&self) -> &[JointLimits; N] {
+        &self.limits
+    }
+
+    /// Drive states that were missed or unusable so far.
+    pub fn missed(&self) -> u32 {
+        self.missed
+    }
+
+    /// Whether all joint angles lie within the limits less the margin.
+    pub fn reachable(&self, q: &[f64; N], margin: f64) -> bool {
+        self.limits
+            .iter()
+            .zip(q)
+            .all(|(l, q)| *q >= l.min_rad + margin && *q <= l.max_rad - margin)
+    }
+
+    /// Counts `ticks` control periods that were missed by whoever runs the
+    /// controller; a violation once there are too many in a row.
+    pub fn overrun(&mut self, ticks: u32, limits: &Limits) -> Option<Violation> {
+        self.missed = self.missed.saturating_add(ticks);
+        (ticks > limits.missed_ticks)
+            .then(|| Violation::new(Fault::Overrun, f64::from(ticks), f64::from(limits.missed_ticks)))
+    }
+
+    /// Looks at a drive state before anything is computed from it.
+    #[inline]
+    pub fn admit(&mut self, state: &DriveState, limits: &Limits) -> Admission<N> {
+        let whole = match (joints(&state.q), joints(&state.dq), joints(&state.tau)) {
+            (Some(q), Some(dq), Some(tau)) => Some(Admitted { q, dq, tau }),
+            _ => None,
+        };
+        let skipped = match self.last_tick {
+            None => 0,
+            Some(last) if state.tick > last => u32::try_from(state.tick - last - 1).unwrap_or(u32::MAX),
+            // The same tick again, or an older one: stale.
+            Some(_) => return self.bridge(1, Fault::StaleState, limits),
+        };
+        self.last_tick = Some(state.tick);
+        if skipped > 0 {
+            self.missed = self.missed.saturating_add(skipped);
+            if skipped > limits.missed_ticks {
+                let allowed = f64::from(limits.missed_ticks);
+                return Admission::Refused(Violation::new(Fault::StaleState, f64::from(skipped), allowed));
+            }
+        }
+        let Some(admitted) = whole else {
+            return self.bridge(1, Fault::NotFinite, limits);
+        };
+        self.missed_in_row = 0;
+        if state.status != DriveStatus::Ready {
+            return Admission::Refused(Violation::new(Fault::Drive, f64::from(state.status as u8), 0.0));
+        }
+        Admission::Fresh(admitted)
+    }
+
+    fn bridge(&mut self, ticks: u32, fault: Fault, limits: &Limits) -> Admission<N> {
+        self.missed = self.missed.saturating_add(ticks);
+        self.missed_in_row = self.missed_in_row.saturating_add(ticks);
+        if self.missed_in_row > limits.missed_ticks {
+            let violation = Violation::new(fault, f64::from(self.missed_in_row), f64::from(limits.missed_ticks));
+            return Admission::Refused(violation);
+        }
+        Admission::Bridged
+    }
+
+    /// Looks at a fresh joint state: positions and velocities within limits.
+    #[inline]
+    pub fn joint_state(&self, state: &Admitted<N>, limits: &Limits) -> Option<Violation> {
+        for (i, limit) in self.limits.iter().enumerate() {
+            let joint = i as u8 + 1;
+            let q = state.q[i];
+            let (min, max) = (
+                limit.min_rad + limits.position_margin_rad,
+                limit.max_rad - limits.position_margin_rad,
+            );
+            if q < min || q > max {
+                let limit = if q < min { min } else { max };
+                return Some(Violation {
+                    fault: Fault::JointPosition,
+                    joint,
+                    value: q,
+                    limit,
+                });
+            }
+            let fastest = limit.velocity_rad_s * limits.velocity_share;
+            if state.dq[i].abs() > fastest {
+                return Some(Violation {
+                    fault: Fault::JointVelocity,
+                    joint,
+                    value: state.dq[i],
+                    limit: fastest,
+                });
+            }
+        }
+        None
+    }
+
+    /// Looks at what came of the tick: contact force and torque saturation.
+    #[inline]
+    pub fn watch(
+        &mut self,
+        force: &Vector3<f64>,
+        shaped: &Shaped,
+        limits: &Limits,
+        period_s: f64,
+    ) -> Option<Violation> {
+        let magnitude = force.norm();
+        self.force_ticks = if magnitude > limits.force_n {
+            self.force_ticks.saturating_add(1)
+        } else {
+            0
+        };
+        if f64::from(self.force_ticks) * period_s > FORCE_DWELL_S {
+            return Some(Violation::new(Fault::Force, magnitude, limits.force_n));
+        }
+        self.saturated_ticks = if shaped.saturated > 0 {
+            self.saturated_ticks.saturating_add(1)
+        } else {
+            0
+        };
+        if f64::from(self.saturated_ticks) * period_s > SATURATION_DWELL_S {
+            let limit = self
+                .limits
+                .get(usize::from(shaped.saturated) - 1)
+                .map_or(0.0, |l| l.torque_nm);
+            return Some(Violation {
+                fault: Fault::JointTorque,
+                joint: shaped.saturated,
+                value: limit,
+                limit,
+            });
+        }
+        None
+    }
+}

@@ -1,0 +1,181 @@
+//! The Cartesian spring-damper: `F = K e + D (v_d − v)` at the TCP.
+
+use nalgebra::{Matrix3, Vector3, Vector6};
+
+use super::damping::Damping;
+use super::snapshot::Snapshot;
+
+/// Stiffness of the Cartesian spring in F0: translation as a symmetric matrix
+/// (its axes are the approach's), rotation alike about all axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stiffness {
+    /// Translational stiffness, in N/m.
+    pub translation: Matrix3<f64>,
+    /// Rotational stiffness, in N m/rad.
+    pub rotation: f64,
+}
+
+impl Stiffness {
+    /// Alike along all axes.
+    pub fn isotropic(translation: f64, rotation: f64) -> Self {
+        Self {
+            translation: Matrix3::from_diagonal_element(translation),
+            rotation,
+        }
+    }
+
+    /// `across` on the two axes perpendicular to the unit vector `along`
+    /// (the first of them is as horizontal as it gets), `values[2]` on it.
+    pub fn about(values: [f64; 3], along: &Vector3<f64>, rotation: f64) -> Self {
+        let reference = if along.z.abs() > 0.9 {
+            Vector3::x()
+        } else {
+            Vector3::z()
+        };
+        let x = reference - along * along.dot(&reference);
+        let x = x / x.norm();
+        let y = along.cross(&x);
+        let translation =
+            x * x.transpose() * values[0] + y * y.transpose() * values[1] + along * along.transpose() * values[2];
+        Self { translation, rotation }
+    }
+
+    /// A stiffness between two, `share` from 0 to 1.
+    #[inline]
+    pub fn between(from: &Self, to: &Self, share: f64) -> Self {
+        Self {
+            translation: from.translation + (to.translation - from.translation) * share,
+            rotation: from.rotation + (to.rotation - from.rotation) * share,
+        }
+    }
+
+    /// `K x`.
+    #[inline]
+    pub fn times(&self, x: &Vector6<f64>) -> Vector6<f64> {
+        let t = &self.translation;
+        Vector6::new(
+            t[(0, 0)] * x[0] + t[(0, 1)] * x[1] + t[(0, 2)] * x[2],
+            t[(1, 0)] * x[0] + t[(1, 1)] * x[1] + t[(1, 2)] * x[2],
+            t[(2, 0)] * x[0] + t[(2, 1)] * x[1] + t[(2, 2)] * x[2],
+            self.rotation * x[3],
+            self.rotation * x[4],
+            self.rotation * x[5],
+        )
+    }
+}
+
+/// Where the spring pulls the TCP frame to, in F0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CartesianSetpoint {
+    /// Position, in m.
+    pub position: Vector3<f64>,
+    /// Orientation.
+    pub rotation: Matrix3<f64>,
+    /// Velocity: linear in m/s, angular in rad/s.
+    pub velocity: Vector6<f64>,
+    /// Force added to the spring's, in N and N m.
+    pub feed_forward: Vector6<f64>,
+}
+
+impl CartesianSetpoint {
+    /// At rest at a pose.
+    pub fn at(position: Vector3<f64>, rotation: Matrix3<f64>) -> Self {
+        Self {
+            position,
+            rotation,
+            velocity: Vector6::zeros(),
+            feed_forward: Vector6::zeros(),
+        }
+    }
+}
+
+/// Rotation vector that turns `actual` into `desired`, in F0, in rad: the
+/// logarithm of `R_d Rᵀ`.
+#[inline]
+pub fn rotation_error(desired: &Matrix3<f64>, actual: &Matrix3<f64>) -> Vector3<f64> {
+    // R_d R^T, only what the logarithm needs: its skew part and its trace.
+    let mut skew = Vector3::zeros();
+    let mut trace = 0.0;
+    for k in 0..3 {
+        let d = desired.column(k);
+        let a = actual.column(k);
+        skew.x += d[2] * a[1] - d[1] * a[2];
+        skew.y += d[0] * a[2] - d[2] * a[0];
+        skew.z += d[1] * a[0] - d[0] * a[1];
+        trace += d[0] * a[0] + d[1] * a[1] + d[2] * a[2];
+    }
+    let sine = 0.5 * skew.norm();
+    let cosine = 0.5 * (trace - 1.0);
+    // angle / (2 sin angle); 1/2 where the angle vanishes. Near a half turn the
+    // axis is lost; the sine is kept from zero, which bounds the error.
+    let factor = if sine < 1e-8 && cosine > 0.0 {
+        0.5
+    } else {
+        0.5 * libm::atan2(sine, cosine) / sine.max(1e-6)
+    };
+    skew * factor
+}
+
+/// The law: stiffness now, damping state.
+#[derive(Clone, Debug)]
+pub struct Impedance {
+    stiffness: Stiffness,
+    from: Stiffness,
+    to: Stiffness,
+    share: f64,
+    rate: f64,
+    damping: Damping,
+}
+
+impl Impedance {
+    /// Starts at a stiffness.
+    pub fn new(stiffness: Stiffness) -> Self {
+        Self {
+            stiffness,
+            from: stiffness,
+            to: stiffness,
+            share: 1.0,
+            rate: 1.0,
+            damping: Damping::default(),
+        }
+    }
+
+    /// Moves to a stiffness within `ramp_s` seconds, in ticks of `period_s`.
+    pub fn ramp_to(&mut self, stiffness: Stiffness, ramp_s: f64, period_s: f64) {
+        self.from = self.stiffness;
+        self.to = stiffness;
+        self.share = 0.0;
+        self.rate = if ramp_s > period_s { period_s / ramp_s } else { 1.0 };
+    }
+
+    /// Whether the stiffness has arrived where it was sent.
+    pub fn settled(&self) -> bool {
+        self.share >= 1.0
+    }
+
+    /// The stiffness now.
+    pub fn stiffness(&self) -> &Stiffness {
+        &self.stiffness
+    }
+
+    /// Force of the spring-damper on the TCP, F0, in N and N m; advances the
+    /// stiffness ramp by one tick. `ratio` is Lehr's damping ratio.
+    #[inline]
+    pub fn force<const N: usize>(
+        &mut self,
+        snapshot: &Snapshot<N>,
+        setpoint: &CartesianSetpoint,
+        ratio: f64,
+    ) -> Vector6<f64> {
+        if self.share < 1.0 {
+            self.share = (self.share + self.rate).min(1.0);
+            self.stiffness = Stiffness::between(&self.from, &self.to, self.share);
+        }
+        let position = setpoint.position - snapshot.tcp.origin;
+        let rotation = rotation_error(&setpoint.rotation, &snapshot.tcp.rotation);
+        let error = Vector6::new(position.x, position.y, position.z, rotation.x, rotation.y, rotation.z);
+        let velocity_error = setpoint.velocity - snapshot.velocity;
+        let damping = self.damping.force(snapshot, &self.stiffness, ratio, &velocity_error);
+        self.stiffness.times(&error) + damping + setpoint.feed_forward
+    }
+}

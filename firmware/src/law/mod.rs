@@ -1,0 +1,25 @@
+//! The control law: what torque follows from a state and a setpoint.
+//!
+//! ```text
+//!   DriveState ─▶ Snapshot ─▶ Impedance / joint law ─▶ torque
+//!                    └─▶ Observer ─▶ wrench
+//! ```
+//!
+//! Everything here is mathematics without phases: a [`Snapshot`] of the arm's
+//! kinematics and dynamics is taken once a tick and serves law and observer.
+
+mod damping;
+mod impedance;
+mod joint;
+mod null_space;
+mod observer;
+mod snapshot;
+mod torque;
+
+pub use damping::Damping;
+pub use impedance::{CartesianSetpoint, Impedance, Stiffness, rotation_error};
+pub use joint::{JointSetpoint, joint_torque};
+pub use null_space::NullSpace;
+pub use observer::{Observer, Wrench};
+pub use snapshot::{MOBILITY_FLOOR, Snapshot};
+pub use torque::{Shaped, TorqueShaper};

@@ -1,0 +1,143 @@
+//! Kinematics and dynamics of the arm at one tick, computed once.
+
+use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
+use spherecal_shared::linalg::Cholesky;
+use spherecal_shared::robot::{Arm, Dynamics, Frame};
+
+/// Smallest pivot of the task-space mobility `J M⁻¹ Jᵀ` that the law works
+/// with, in 1/kg and 1/(kg m²): bounds the task-space inertia near
+/// singularities at 100 kg and 100 kg m².
+pub const MOBILITY_FLOOR: f64 = 0.01;
+
+/// The arm at one tick. Frame F0 throughout; task-space vectors are linear
+/// part first, at the TCP.
+#[derive(Clone, Debug)]
+pub struct Snapshot<const N: usize> {
+    /// Joint angles, in rad.
+    pub q: [f64; N],
+    /// Joint velocities, in rad/s.
+    pub dq: [f64; N],
+    /// Frames F1..Fn.
+    pub frames: [Frame<f64>; N],
+    /// The TCP frame.
+    pub tcp: Frame<f64>,
+    /// Geometric Jacobian at the TCP.
+    pub jacobian: SMatrix<f64, 6, N>,
+    /// TCP velocity `J q̇`, in m/s and rad/s.
+    pub velocity: Vector6<f64>,
+    /// Gravity torque, in N m.
+    pub gravity: SVector<f64, N>,
+    /// Coriolis and centrifugal torque, in N m.
+    pub coriolis: SVector<f64, N>,
+    /// Generalised momentum `M q̇`.
+    pub momentum: SVector<f64, N>,
+    /// `Cᵀ q̇`, in N m.
+    pub transposed_coriolis: SVector<f64, N>,
+    /// Diagonal of the mass matrix, in kg m².
+    pub inertia: [f64; N],
+    /// Factor of the mass matrix, `M = L Lᵀ`.
+    pub mass: Cholesky<f64, N>,
+    /// `L⁻¹ Jᵀ`: one column per task axis.
+    pub whitened: SMatrix<f64, N, 6>,
+    /// Factor of the mobility, `J M⁻¹ Jᵀ = L_c L_cᵀ`, pivots bounded.
+    pub mobility: Cholesky<f64, 6>,
+    /// Whether a pivot was bounded: the arm is near a singularity.
+    pub near_singular: bool,
+}
+
+impl<const N: usize> Snapshot<N> {
+    /// The arm at joint angles `q` and velocities `dq`.
+    ///
+    /// `None` where the mass matrix is not positive definite, which finite
+    /// joint angles and a checked robot exclude.
+    #[inline]
+    pub fn new(arm: &Arm<f64, N>, q: &[f64; N], dq: &[f64; N]) -> Option<Self> {
+        let frames = arm.frames(q);
+        let tcp = arm.tcp_frame(&frames);
+        let jacobian = arm.jacobian(&frames, &tcp.origin);
+        let bodies = arm.bodies(&frames);
+        let mut matrix = bodies.mass_matrix();
+        arm.add_rotors(&mut matrix);
+        let inertia = core::array::from_fn(|i| matrix[(i, i)]);
+        let mass = Cholesky::new(&matrix)?;
+        let mut whitened = SMatrix::<f64, N, 6>::zeros();
+        for axis in 0..6 {
+            let row = SVector::<f64, N>::from_fn(|i, _| jacobian[(axis, i)]);
+            whitened.set_column(axis, &mass.solve_lower(&row));
+        }
+        let mut mobility = Matrix6::zeros();
+        for i in 0..6 {
+            for j in 0..=i {
+                let mut sum = 0.0;
+                for k in 0..N {
+                    sum += whitened[(k, i)] * whitened[(k, j)];
+                }
+                mobility[(i, j)] = sum;
+            }
+        }
+        let (mobility, near_singular) = Cholesky::with_pivot_floor(&mobility, MOBILITY_FLOOR)?;
+        let mut velocity = Vector6::zeros();
+        for i in 0..N {
+            for k in 0..6 {
+                velocity[k] += jacobian[(k, i)] * dq[i];
+            }
+        }
+        let (mut momentum, transposed_coriolis) = bodies.momentum(dq);
+        for i in 0..N {
+            momentum[i] += arm.rotor()[i] * dq[i];
+        }
+        Some(Self {
+            q: *q,
+            dq: *dq,
+            frames,
+            tcp,
+            jacobian,
+            velocity,
+            gravity: bodies.gravity(),
+            coriolis: bodies.coriolis(dq),
+            momentum,
+            transposed_coriolis,
+            inertia,
+            mass,
+            whitened,
+            mobility,
+            near_singular,
+        })
+    }
+
+    /// `Jᵀ F`, in N m.
+    #[inline]
+    pub fn joint_torque(&self, force: &Vector6<f64>) -> SVector<f64, N> {
+        let mut torque = SVector::<f64, N>::zeros();
+        for i in 0..N {
+            let mut sum = 0.0;
+            for k in 0..6 {
+                sum += self.jacobian[(k, i)] * force[k];
+            }
+            torque[i] = sum;
+        }
+        torque
+    }
+
+    /// The task-space force that accelerates the TCP as the whitened joint
+    /// torque `y = L⁻¹ tau` does: `(J M⁻¹ Jᵀ)⁻¹ J M⁻¹ tau`.
+    #[inline]
+    pub fn task_force(&self, whitened_torque: &SVector<f64, N>) -> Vector6<f64> {
+        let mut acceleration = Vector6::zeros();
+        for axis in 0..6 {
+            let mut sum = 0.0;
+            for k in 0..N {
+                sum += self.whitened[(k, axis)] * whitened_torque[k];
+            }
+            acceleration[axis] = sum;
+        }
+        self.mobility.solve(&acceleration)
+    }
+
+    /// Computed TCP speed, in m/s.
+    #[inline]
+    pub fn tcp_speed(&self) -> f64 {
+        let v = &self.velocity;
+        libm::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    }
+}

@@ -1,0 +1,67 @@
+//! The last stage before the drive: saturation and rate limit, both applied.
+
+use nalgebra::SVector;
+
+/// What the shaper did to a torque.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Shaped {
+    /// First saturated joint, from 1; 0 for none.
+    pub saturated: u8,
+    /// Whether a change was limited.
+    pub rate_limited: bool,
+}
+
+/// Keeps torques within their limits and their changes within a rate.
+#[derive(Clone, Debug)]
+pub struct TorqueShaper<const N: usize> {
+    last: Option<[f64; N]>,
+}
+
+impl<const N: usize> Default for TorqueShaper<N> {
+    fn default() -> Self {
+        Self { last: None }
+    }
+}
+
+impl<const N: usize> TorqueShaper<N> {
+    /// Forgets the last torque: the next one starts from `measured`.
+    pub fn reset(&mut self) {
+        self.last = None;
+    }
+
+    /// Shapes `wanted` (N m). The first torque starts from `measured`, what
+    /// the drive exerts already, so that taking over is bumpless. `limits` in
+    /// N m, `step` is the largest change in one tick, in N m.
+    #[inline]
+    pub fn shape(
+        &mut self,
+        wanted: &SVector<f64, N>,
+        measured: &[f64; N],
+        limits: &[f64; N],
+        step: f64,
+    ) -> ([f64; N], Shaped) {
+        let last = self.last.unwrap_or(*measured);
+        let mut shaped = Shaped::default();
+        let mut out = [0.0; N];
+        for i in 0..N {
+            // Not `clamp`, which panics on a NaN limit.
+            let limited = wanted[i].max(-limits[i]).min(limits[i]);
+            if limited != wanted[i] && shaped.saturated == 0 {
+                shaped.saturated = i as u8 + 1;
+            }
+            let change = limited - last[i];
+            let stepped = if change > step {
+                shaped.rate_limited = true;
+                last[i] + step
+            } else if change < -step {
+                shaped.rate_limited = true;
+                last[i] - step
+            } else {
+                limited
+            };
+            out[i] = stepped;
+        }
+        self.last = Some(out);
+        (out, shaped)
+    }
+}

@@ -1,0 +1,322 @@
+//! The setpoint generator: how targets become setpoints of limited speed and
+//! acceleration.
+//!
+//! Stands between the phases, which know targets, and the law, which follows
+//! setpoints. All motions are counted in ticks of a stated period.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::law::{JointSetpoint, rotation_error};
+
+/// Rest to rest along a quintic `s(t)` from 0 to 1: position, speed and
+/// acceleration are continuous.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Profile {
+    duration_s: f64,
+}
+
+impl Profile {
+    /// Peak of `ds/dt` times the duration.
+    const PEAK_SPEED: f64 = 1.875;
+    /// Peak of `d²s/dt²` times the duration squared.
+    const PEAK_ACCELERATION: f64 = 5.773_502_691_896_258;
+
+    /// The shortest profile over `distance` under a speed and an acceleration
+    /// (distance unit per s and per s²).
+    pub fn over(distance: f64, speed: f64, acceleration: f64) -> Self {
+        let distance = distance.abs();
+        let by_speed = Self::PEAK_SPEED * distance / speed;
+        let by_acceleration = libm::sqrt(Self::PEAK_ACCELERATION * distance / acceleration);
+        Self {
+            duration_s: by_speed.max(by_acceleration),
+        }
+    }
+
+    /// The longer of two.
+    pub fn max(self, other: Self) -> Self {
+        Self {
+            duration_s: self.duration_s.max(other.duration_s),
+        }
+    }
+
+    /// Duration, in s.
+    pub fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    /// `s` and `ds/dt` (1/s) at time `t` (s).
+    #[inline]
+    pub fn at(&self, t: f64) -> (f64, f64) {
+        if !(t < self.duration_s) {
+            return (1.0, 0.0);
+        }
+        let x = (t / self.duration_s).max(0.0);
+        let s = x * x * x * (10.0 + x * (-15.0 + 6.0 * x));
+        let ds = 30.0 * x * x * (1.0 + x * (-2.0 + x)) / self.duration_s;
+        (s, ds)
+    }
+}
+
+/// A motion of all joints together.
+#[derive(Clone, Debug)]
+pub struct JointMove<const N: usize> {
+    start: [f64; N],
+    target: [f64; N],
+    profile: Profile,
+}
+
+impl<const N: usize> JointMove<N> {
+    /// From `start` to `target` (rad) under a speed (rad/s), for each joint
+    /// not above `limits` either, and an acceleration (rad/s²).
+    pub fn new(start: [f64; N], target: [f64; N], speed: f64, limits: &[f64; N], acceleration: f64) -> Self {
+        let mut profile = Profile { duration_s: 0.0 };
+        for i in 0..N {
+            profile = profile.max(Profile::over(target[i] - start[i], speed.min(limits[i]), acceleration));
+        }
+        Self { start, target, profile }
+    }
+
+    /// Duration, in s.
+    pub fn duration_s(&self) -> f64 {
+        self.profile.duration_s
+    }
+
+    /// Where it ends, in rad.
+    pub fn target(&self) -> &[f64; N] {
+        &self.target
+    }
+
+    /// Setpoint at time `t` (s) since the start.
+    #[inline]
+    pub fn at(&self, t: f64) -> JointSetpoint<N> {
+        let (s, ds) = self.profile.at(t);
+        let mut setpoint = JointSetpoint {
+            q: self.target,
+            dq: [0.0; N],
+        };
+        for i in 0..N {
+            let distance = self.target[i] - self.start[i];
+            setpoint.q[i] = self.start[i] + distance * s;
+            setpoint.dq[i] = distance * ds;
+        }
+        setpoint
+    }
+}
+
+/// A turn of the tool about the TCP, and of the elbow with it.
+#[derive(Clone, Debug)]
+pub struct TurnMove {
+    start: Matrix3<f64>,
+    target: Matrix3<f64>,
+    axis: Vector3<f64>,
+    angle: f64,
+    elbow_start: f64,
+    elbow_change: f64,
+    profile: Profile,
+}
+
+/// Orientation and elbow of a [`TurnMove`] at one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TurnSetpoint {
+    /// Orientation in F0.
+    pub rotation: Matrix3<f64>,
+    /// Angular velocity in F0, in rad/s.
+    pub angular: Vector3<f64>,
+    /// Elbow angle, in rad.
+    pub elbow: f64,
+    /// Its rate, in rad/s.
+    pub elbow_rate: f64,
+}
+
+impl TurnMove {
+    /// From one orientation (F0) and elbow angle (rad) to another, along the
+    /// shortest rotation, under a speed (rad/s) and an acceleration (rad/s²).
+    pub fn new(start: Matrix3<f64>, target: Matrix3<f64>, elbow: (f64, f64), speed: f64, acceleration: f64) -> Self {
+        let rotation = rotation_error(&target, &start);
+        let angle = rotation.norm();
+        let axis = if angle > 1e-12 { rotation / angle } else { Vector3::z() };
+        let turn = core::f64::consts::TAU;
+        let change = elbow.1 - elbow.0;
+        let elbow_change = change - turn * libm::round(change / turn);
+        let profile = Profile::over(angle, speed, acceleration).max(Profile::over(elbow_change, speed, acceleration));
+        Self {
+            start,
+            target,
+            axis,
+            angle,
+            elbow_start: elbow.0,
+            elbow_change,
+            profile,
+        }
+    }
+
+    /// Duration, in s.
+    pub fn duration_s(&self) -> f64 {
+        self.profile.duration_s
+    }
+
+    /// Setpoint at time `t` (s) since the start.
+    #[inline]
+    pub fn at(&self, t: f64) -> TurnSetpoint {
+        let (s, ds) = self.profile.at(t);
+        let rotation = if s >= 1.0 {
+            self.target
+        } else {
+            rotation_about(&self.axis, self.angle * s) * self.start
+        };
+        TurnSetpoint {
+            rotation,
+            angular: self.axis * (self.angle * ds),
+            elbow: self.elbow_start + self.elbow_change * s,
+            elbow_rate: self.elbow_change * ds,
+        }
+    }
+}
+
+/// Rotation by `angle` (rad) about a unit axis (Rodrigues).
+#[inline]
+pub fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
+    let (s, c) = libm::sincos(angle);
+    let k = axis.cross_matrix();
+    Matrix3::identity() + k * s + k * k * (1.0 - c)
+}
+
+/// Rotation matrix of a unit quaternion w, x, y, z.
+///
+/// `None` where a component is not finite or the norm is not 1 within 1e-6.
+pub fn rotation_of(quaternion: &[f64; 4]) -> Option<Matrix3<f64>> {
+    let [w, x, y, z] = *quaternion;
+    let norm2 = w * w + x * x + y * y + z * z;
+    if !((norm2 - 1.0).abs() < 2e-6) {
+        return None;
+    }
+    let scale = 1.0 / libm::sqrt(norm2);
+    let (w, x, y, z) = (w * scale, x * scale, y * scale, z * scale);
+    #[rustfmt::skip]
+    let rotation = Matrix3::new(
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z),       2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),       1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),       2.0 * (y * z + w * x),       1.0 - 2.0 * (x * x + y * y),
+    );
+    Some(rotation)
+}
+
+/// A setpoint that runs along a line: speeds up under an acceleration, then
+/// keeps its speed, and stops at `length` (which may be infinite).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineMove {
+    direction: Vector3<f64>,
+    speed: f64,
+    acceleration: f64,
+    length: f64,
+    travelled: f64,
+    now: f64,
+}
+
+impl LineMove {
+    /// Along a unit vector, under a speed (m/s) and an acceleration (m/s²),
+    /// over a length (m).
+    pub fn new(direction: Vector3<f64>, speed: f64, acceleration: f64, length: f64) -> Self {
+        Self {
+            direction,
+            speed,
+            acceleration,
+            length,
+            travelled: 0.0,
+            now: 0.0,
+        }
+    }
+
+    /// Advances by one period; returns displacement (m) and velocity (m/s).
+    #[inline]
+    pub fn step(&mut self, period_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+        // The speed from which the rest of the way suffices to stop.
+        let left = (self.length - self.travelled).max(0.0);
+        let stopping = if left < 1.0 {
+            libm::sqrt(2.0 * self.acceleration * left)
+        } else {
+            self.speed
+        };
+        self.now = (self.now + self.acceleration * period_s).min(self.speed).min(stopping);
+        self.travelled = (self.travelled + self.now * period_s).min(self.length);
+        (self.direction * self.travelled, self.direction * self.now)
+    }
+
+    /// Whether the end is reached (to a tenth of a millimetre).
+    pub fn finished(&self) -> bool {
+        self.length - self.travelled < 1e-4
+    }
+
+    /// Distance run, in m.
+    pub fn travelled(&self) -> f64 {
+        self.travelled
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        // Fails if a setpoint exceeds the speed or acceleration asked for, jumps, or misses its end.
+        #[test]
+        fn profiles_keep_their_limits(distance in 0.001f64..3.0, speed in 0.05f64..2.0, acceleration in 0.1f64..10.0) {
+            let profile = Profile::over(distance, speed, acceleration);
+            let n = 2000;
+            let dt = profile.duration_s() / f64::from(n);
+            let (mut last, mut last_rate) = profile.at(0.0);
+            prop_assert_eq!((last, last_rate), (0.0, 0.0));
+            for k in 1..=n {
+                let (s, ds) = profile.at(f64::from(k) * dt);
+                prop_assert!(s >= last && ds * distance <= speed * 1.000_001);
+                prop_assert!((ds - last_rate).abs() * distance <= acceleration * dt * 1.001);
+                prop_assert!((s - last - 0.5 * (ds + last_rate) * dt).abs() < 1e-6);
+                (last, last_rate) = (s, ds);
+            }
+            prop_assert!((last - 1.0).abs() < 1e-12);
+        }
+
+        // Fails if the turn does not start and end where it should, or its angular velocity is not its derivative.
+        #[test]
+        fn turns_are_consistent(a in prop::array::uniform3(-1.0f64..1.0), b in prop::array::uniform3(-1.0f64..1.0), t in 0.05f64..0.95) {
+            let rotation = |v: [f64; 3]| { let v = Vector3::from(v); rotation_about(&(v / v.norm()), v.norm()) };
+            let turn = TurnMove::new(rotation(a), rotation(b), (3.0, -3.0), 0.5, 1.5);
+            prop_assert!((turn.at(0.0).rotation - rotation(a)).norm() < 1e-12);
+            prop_assert!((turn.at(turn.duration_s()).rotation - rotation(b)).norm() < 1e-12);
+            // 3 to -3 rad is the short way through pi.
+            prop_assert!((turn.at(1e9).elbow - (3.0 + core::f64::consts::TAU - 6.0)).abs() < 1e-12);
+            let (h, t) = (1e-6, t * turn.duration_s());
+            let difference = rotation_error(&turn.at(t + h).rotation, &turn.at(t - h).rotation) / (2.0 * h);
+            prop_assert!((difference - turn.at(t).angular).norm() < 1e-5);
+        }
+
+        // Fails if the line overshoots, exceeds its speed or never ends.
+        #[test]
+        fn lines_end(length in 0.002f64..0.3, speed in 0.005f64..0.25) {
+            let mut line = LineMove::new(Vector3::z(), speed, 0.5, length);
+            let mut ticks = 0;
+            while !line.finished() {
+                let (p, v) = line.step(1e-3);
+                prop_assert!(p.z <= length + 1e-12 && v.z <= speed + 1e-12);
+                ticks += 1;
+                prop_assert!(ticks < 200_000, "the line must end");
+            }
+        }
+
+        #[test]
+        fn quaternions_become_rotations(v in prop::array::uniform3(-3.0f64..3.0)) {
+            let v = Vector3::from(v);
+            let (s, c) = libm::sincos(0.5 * v.norm());
+            let u = v / v.norm() * s;
+            let rotation = rotation_of(&[c, u.x, u.y, u.z]).expect("a unit quaternion");
+            prop_assert!((rotation - rotation_about(&(v / v.norm()), v.norm())).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn bad_quaternions_are_refused() {
+        assert!(rotation_of(&[1.0, 0.1, 0.0, 0.0]).is_none());
+        assert!(rotation_of(&[f64::NAN, 0.0, 0.0, 0.0]).is_none());
+    }
+}

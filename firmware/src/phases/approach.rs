@@ -1,0 +1,112 @@
+//! From the approach frame to contact: tare at rest, then descend at 25 mm/s
+//! with 50/50/100 N/m until 7.5 N have lasted for the dwell.
+
+use nalgebra::Vector3;
+use spherecal_shared::protocol::host::{Contact, Event, Fault};
+
+use super::{Activity, Coupling, Env, Next, Task};
+use crate::contact::{ContactTrigger, Tare};
+use crate::law::Stiffness;
+use crate::motion::LineMove;
+
+/// Time for the observer to settle before the tare is taken, in s.
+const SETTLE_S: f64 = 0.3;
+
+/// At rest, averaging the observer's wrench.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Taring {
+    tare: Tare,
+}
+
+impl Taring {
+    /// One tick.
+    pub fn step<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+        let approach = &env.procedure.approach;
+        if env.elapsed_s < SETTLE_S {
+            return Next::Stay;
+        }
+        self.tare.push(&env.force);
+        if env.elapsed_s < SETTLE_S + approach.tare_s {
+            return Next::Stay;
+        }
+        task.tare = self.tare.mean();
+        let size = task.tare.norm();
+        if size > approach.tare_limit_n {
+            return Next::fail(Fault::Tare, size, approach.tare_limit_n);
+        }
+        let stiffness = Stiffness::about(
+            approach.stiffness_n_m,
+            &task.direction,
+            env.procedure.law.rotation_nm_rad,
+        );
+        task.engage(env.snapshot, stiffness);
+        Next::Enter(Activity::Approaching(Approaching::new(env, task)), None)
+    }
+}
+
+/// Descending until contact.
+#[derive(Clone, Copy, Debug)]
+pub struct Approaching {
+    start: Vector3<f64>,
+    line: LineMove,
+    trigger: ContactTrigger,
+}
+
+impl Approaching {
+    /// From where the arm is, along the task's direction.
+    pub fn new<const N: usize>(env: &Env<'_, N>, task: &Task<N>) -> Self {
+        let approach = &env.procedure.approach;
+        let line = LineMove::new(
+            task.direction,
+            approach.speed_m_s,
+            approach.acceleration_m_s2,
+            f64::INFINITY,
+        );
+        Self {
+            start: task.setpoint.position,
+            line,
+            trigger: ContactTrigger::default(),
+        }
+    }
+
+    /// One tick.
+    pub fn step<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+        let approach = &env.procedure.approach;
+        let (displacement, velocity) = self.line.step(env.period_s);
+        task.setpoint.position = self.start + displacement;
+        task.setpoint.velocity.fixed_rows_mut::<3>(0).copy_from(&velocity);
+
+        let tcp = env.snapshot.tcp.origin;
+        let travel = (tcp - self.start).dot(&task.direction);
+        let force = task.contact_force(env);
+        if self
+            .trigger
+            .push(force, env.snapshot.tcp_speed(), approach, env.period_s)
+        {
+            task.contact = tcp;
+            let contact = Contact {
+                sphere: task.sphere,
+                time_us: env.time_us,
+                force_n: force,
+                peak_n: self.trigger.peak_n(),
+                tare_n: task.tare.into(),
+                tcp_m: tcp.into(),
+                travel_m: travel,
+                latency_ticks: self.trigger.latency_ticks(),
+                early_crossings: self.trigger.early_crossings(),
+            };
+            return Next::Enter(
+                Activity::Coupling(Coupling::new(env, task)),
+                Some(Event::Contact(contact)),
+            );
+        }
+        if travel > approach.travel_m {
+            return Next::fail(Fault::NoContact, travel, approach.travel_m);
+        }
+        let lag = (task.setpoint.position - tcp).norm();
+        if lag > env.procedure.limits.path_m {
+            return Next::fail(Fault::PathDeviation, lag, env.procedure.limits.path_m);
+        }
+        Next::Stay
+    }
+}

@@ -1,0 +1,76 @@
+//! Recording at a pose: 5 N/m, then 1,000 consecutive ticks of a seated and
+//! still arm.
+
+use spherecal_shared::protocol::host::{Event, Fault};
+
+use super::turn::STILL_S;
+use super::{Activity, Env, Next, Task};
+use crate::recorder::{Recorder, RecorderSample};
+
+/// How much faster than still the arm may get before a recording is begun anew.
+const RESTART_FACTOR: f64 = 3.0;
+
+/// Recording a pose.
+#[derive(Clone, Debug)]
+pub struct Recording<const N: usize> {
+    pose: u32,
+    recorder: Recorder<N>,
+    still_s: f64,
+    started_s: f64,
+}
+
+impl<const N: usize> Recording<N> {
+    /// Goes soft for the recording of a pose.
+    pub fn new(pose: u32, env: &Env<'_, N>, task: &mut Task<N>) -> Self {
+        task.soften(env, env.procedure.record.stiffness_n_m);
+        task.setpoint.velocity.fill(0.0);
+        Self {
+            pose,
+            recorder: Recorder::default(),
+            still_s: 0.0,
+            started_s: 0.0,
+        }
+    }
+
+    /// Samples taken so far.
+    pub fn count(&self) -> u32 {
+        self.recorder.count()
+    }
+
+    /// One tick.
+    pub fn step(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+        let turn = &env.procedure.turn;
+        if self.recorder.count() == 0 {
+            let still = task.impedance.settled() && env.joint_speed <= turn.still_rad_s;
+            self.still_s = if still { self.still_s + env.period_s } else { 0.0 };
+            if self.still_s < STILL_S {
+                if env.elapsed_s - self.started_s > turn.settle_s {
+                    return Next::fail(Fault::MotionTimeout, env.joint_speed, turn.still_rad_s);
+                }
+                return Next::Stay;
+            }
+            self.started_s = env.elapsed_s;
+        } else if env.joint_speed > RESTART_FACTOR * turn.still_rad_s {
+            self.recorder = Recorder::default();
+            self.still_s = 0.0;
+            if env.elapsed_s > turn.settle_s + 2.0 * f64::from(env.procedure.record.samples) * env.period_s {
+                return Next::fail(Fault::MotionTimeout, env.joint_speed, RESTART_FACTOR * turn.still_rad_s);
+            }
+            return Next::Stay;
+        }
+        let force = env.force - task.tare;
+        self.recorder.push(&RecorderSample {
+            tick: env.tick,
+            time_us: env.time_us,
+            q: &env.snapshot.q,
+            tau: env.tau,
+            tcp: &env.snapshot.tcp.origin,
+            force: &force,
+        });
+        if self.recorder.count() < env.procedure.record.samples {
+            return Next::Stay;
+        }
+        let recording = self.recorder.finish(task.sphere, self.pose);
+        Next::Enter(Activity::Coupled, Some(Event::Recording(recording)))
+    }
+}

@@ -1,0 +1,136 @@
+//! Turning about the sphere to the next pose, at 20 N/m: the TCP stays where
+//! it seated, the tool and the elbow turn.
+
+use nalgebra::Matrix3;
+use spherecal_shared::protocol::host::{Event, Fault};
+
+use super::record::Recording;
+use super::{Activity, Env, Next, Task};
+use crate::law::NullSpace;
+use crate::motion::TurnMove;
+
+/// Where the null space goes with a turn.
+#[derive(Clone, Copy, Debug)]
+enum NullMove<const N: usize> {
+    Elbow,
+    Posture([f64; N], [f64; N]),
+    Stay,
+}
+
+/// A checked pose command.
+#[derive(Clone, Copy, Debug)]
+pub struct Pose<const N: usize> {
+    /// Id of the pose.
+    pub id: u32,
+    /// Orientation of FT in F0.
+    pub rotation: Matrix3<f64>,
+    /// Elbow angle, in rad, where the arm has one.
+    pub elbow: Option<f64>,
+    /// Posture, in rad, for a redundant arm without an elbow angle.
+    pub posture: Option<[f64; N]>,
+    /// Whether to record there.
+    pub record: bool,
+}
+
+/// Turning to a pose.
+#[derive(Clone, Debug)]
+pub struct Turning<const N: usize> {
+    pose: Pose<N>,
+    path: TurnMove,
+    null: NullMove<N>,
+    still_s: f64,
+}
+
+impl<const N: usize> Turning<N> {
+    /// From the present setpoint to the pose.
+    pub fn new(pose: Pose<N>, env: &Env<'_, N>, task: &mut Task<N>) -> Self {
+        let turn = &env.procedure.turn;
+        task.soften(env, turn.stiffness_n_m);
+        task.setpoint.position = *task.watch.centre();
+        let (null, elbow) = match (pose.elbow, pose.posture, task.null_space) {
+            (Some(target), _, NullSpace::Elbow { angle, .. }) => (NullMove::Elbow, (angle, target)),
+            (_, Some(target), _) => {
+                let start = match task.null_space {
+                    NullSpace::Posture(q) => q,
+                    _ => env.snapshot.q,
+                };
+                (NullMove::Posture(start, target), (0.0, 0.0))
+            }
+            _ => (NullMove::Stay, (0.0, 0.0)),
+        };
+        let path = TurnMove::new(
+            task.setpoint.rotation,
+            pose.rotation,
+            elbow,
+            turn.speed_rad_s,
+            turn.acceleration_rad_s2,
+        );
+        Self {
+            pose,
+            path,
+            null,
+            still_s: 0.0,
+        }
+    }
+
+    /// One tick.
+    pub fn step(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+        let at = self.path.at(env.elapsed_s);
+        task.setpoint.rotation = at.rotation;
+        task.setpoint.velocity.fixed_rows_mut::<3>(3).copy_from(&at.angular);
+        match &self.null {
+            NullMove::Elbow => {
+                task.null_space = NullSpace::Elbow {
+                    angle: at.elbow,
+                    rate: at.elbow_rate,
+                }
+            }
+            NullMove::Posture(start, target) => {
+                let share = if self.path.duration_s() > 0.0 {
+                    (env.elapsed_s / self.path.duration_s()).min(1.0)
+                } else {
+                    1.0
+                };
+                let mut posture = *target;
+                for i in 0..N {
+                    posture[i] = start[i] + (target[i] - start[i]) * share;
+                }
+                task.null_space = NullSpace::Posture(posture);
+            }
+            NullMove::Stay => {}
+        }
+        let over = env.elapsed_s - self.path.duration_s();
+        if over < 0.0 {
+            return Next::Stay;
+        }
+        let turn = &env.procedure.turn;
+        let error = task.orientation_error(env.snapshot);
+        let elbow_error = task.null_space.elbow_error(env.snapshot).abs();
+        let there = error <= turn.tolerance_rad && elbow_error <= turn.elbow_tolerance_rad;
+        if there && !self.pose.record {
+            return Next::Enter(Activity::Coupled, Some(Event::Passed { pose: self.pose.id }));
+        }
+        self.still_s = if there && env.joint_speed <= turn.still_rad_s {
+            self.still_s + env.period_s
+        } else {
+            0.0
+        };
+        if self.still_s >= STILL_S {
+            return Next::Enter(Activity::Recording(Recording::new(self.pose.id, env, task)), None);
+        }
+        if over > turn.settle_s {
+            let (value, limit) = if error > turn.tolerance_rad {
+                (error, turn.tolerance_rad)
+            } else if elbow_error > turn.elbow_tolerance_rad {
+                (elbow_error, turn.elbow_tolerance_rad)
+            } else {
+                (env.joint_speed, turn.still_rad_s)
+            };
+            return Next::fail(Fault::MotionTimeout, value, limit);
+        }
+        Next::Stay
+    }
+}
+
+/// How long the arm must have been still to count as settled, in s.
+pub(super) const STILL_S: f64 = 0.020;
