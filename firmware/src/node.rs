@@ -12,6 +12,13 @@ pub struct Node<const N: usize> {
     link: HostLink,
 }
 
+impl<const N: usize> Default for Node<N> {
+    /// A controller in the process of its host, which has the host's build.
+    fn default() -> Self {
+        Self::new("in-process")
+    }
+}
+
 impl<const N: usize> Node<N> {
     /// A controller that says `build` in its banner.
     pub fn new(build: &str) -> Self {
