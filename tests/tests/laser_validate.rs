@@ -1,10 +1,11 @@
 //! The laser path and the validation table: against Tables 3 and 4 of the
 //! paper, exact geometry, and the stored figures of the synthetic worlds.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
+use spherecal::identify::Pose;
 use spherecal::laser::{Arc, Measured, MeasuredArc, Spread, TABLE_3, TABLE_4, frames_from_arcs, plan, split_arcs};
 use spherecal::validate::{Alignment, Prediction, Statistics, validate};
 use spherecal_shared::robot::{Arm, Robot, Tool, iiwa7, iiwa7_tool};
@@ -58,7 +59,7 @@ fn configurations_are_spread_as_tables_3_and_4() {
 fn measure(
     robot: &Robot,
     tool: &Tool,
-    pose: &Isometry3<f64>,
+    pose: &Pose,
     arcs: &[Arc],
     noise_m: f64,
     rng: &mut ChaCha8Rng,
@@ -68,7 +69,7 @@ fn measure(
         .map(|arc| {
             let points = tcps(robot, tool, &arc.configurations);
             let measured = arc.configurations.iter().zip(points).map(|(q, p)| {
-                let seen = (pose * Point3::from(p)).coords + Vector3::from_fn(|_, _| noise.sample(rng));
+                let seen = pose.point(&p) + Vector3::from_fn(|_, _| noise.sample(rng));
                 Measured {
                     q: q.clone(),
                     point_m: seen.into(),
@@ -90,7 +91,10 @@ fn arcs_give_base_and_tool_with_honest_sigmas() {
     let mut tool = iiwa7_tool();
     let made = plan(&robot, &tool, 3).expect("reachable");
     tool.tcp_m = [0.0513, -0.0021, 0.0987];
-    let pose = Isometry3::new(Vector3::new(2.0, -1.0, 0.3), Vector3::new(0.3, -0.2, 2.0));
+    let pose = Pose {
+        rotation: *Rotation3::new(Vector3::new(0.3, -0.2, 2.0)).matrix(),
+        translation_m: Vector3::new(2.0, -1.0, 0.3),
+    };
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let exact = frames_from_arcs(
         &robot,
@@ -98,7 +102,9 @@ fn arcs_give_base_and_tool_with_honest_sigmas() {
         &measure(&robot, &tool, &pose, &made.tool_arcs, 0.0, &mut rng),
     )
     .expect("good arcs");
-    assert!((exact.base.to_homogeneous() - pose.to_homogeneous()).norm() < 1e-9);
+    assert!(
+        (exact.base.rotation - pose.rotation).norm() + (exact.base.translation_m - pose.translation_m).norm() < 1e-9
+    );
     assert!((Vector3::from(exact.tool_m) - Vector3::from(tool.tcp_m)).norm() < 1e-9);
 
     let runs = 60;
@@ -110,8 +116,8 @@ fn arcs_give_base_and_tool_with_honest_sigmas() {
             &measure(&robot, &tool, &pose, &made.tool_arcs, 25e-6, &mut rng),
         )
         .expect("good arcs");
-        let shift = found.base.translation.vector - pose.translation.vector;
-        let turn = (found.base.rotation * pose.rotation.inverse()).scaled_axis();
+        let shift = found.base.translation_m - pose.translation_m;
+        let turn = Rotation3::from_matrix_unchecked(found.base.rotation * pose.rotation.transpose()).scaled_axis();
         for k in 0..3 {
             chi_square[k] += (shift[k] / found.base_sigma_m[k]).powi(2) / f64::from(runs);
             chi_square[k + 3] += (turn[k] / found.base_sigma_rad[k]).powi(2) / f64::from(runs);
@@ -133,7 +139,7 @@ fn flat_measurements_are_cut_into_arcs() {
     let (robot, tool) = (iiwa7(), iiwa7_tool());
     let made = plan(&robot, &tool, 1).expect("reachable");
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let arcs = measure(&robot, &tool, &Isometry3::identity(), &made.tool_arcs, 1e-5, &mut rng);
+    let arcs = measure(&robot, &tool, &Pose::default(), &made.tool_arcs, 1e-5, &mut rng);
     let flat: Vec<Measured> = arcs.iter().flat_map(|a| a.measured.clone()).collect();
     assert_eq!(split_arcs(&flat), arcs);
 }
@@ -162,10 +168,10 @@ fn validation_agrees_with_the_stored_worlds() {
         let world: World = spherecal_tests::data(name);
         let metres = |p: &[f64; 3]| p.map(|x| x * 1e-3);
         let base_r = Matrix3::from_fn(|i, j| world.base_r[i][j]);
-        let base = Isometry3::from_parts(
-            Translation3::from(Vector3::from(metres(&world.base_t_measured))),
-            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(base_r)),
-        );
+        let base = Pose {
+            rotation: base_r,
+            translation_m: Vector3::from(metres(&world.base_t_measured)),
+        };
         let measured: Vec<_> = world.valid_p.iter().map(metres).collect();
         let configurations: Vec<Vec<f64>> = world.valid_q.iter().map(|q| q.to_vec()).collect();
         let mut tool = iiwa7_tool();
@@ -212,7 +218,7 @@ fn validation_agrees_with_the_stored_worlds() {
 
 #[test]
 fn unusable_predictions_are_refused() {
-    let base = Isometry3::identity();
+    let base = Pose::default();
     let model = |points_m| Prediction {
         name: "m".into(),
         points_m,

@@ -10,12 +10,13 @@
 //! What this cannot see stays in the result, as in the paper: deflection under
 //! gravity, encoder errors, and geometric errors between the axes used.
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::circle::{Circle, CircleError, fit_circle};
 use super::{Chain, Measured, MeasuredArc};
+use crate::identify::Pose;
 
 /// Nominal axes closer to each other than this meet in a point, in m.
 const CONCURRENT_M: f64 = 1e-6;
@@ -27,7 +28,7 @@ const PARALLEL: f64 = 0.05;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredFrames {
     /// Pose of the base frame F0 in the tracker frame (translation in m).
-    pub base: Isometry3<f64>,
+    pub base: Pose,
     /// Standard deviation of the base's position in the tracker frame, in m.
     pub base_sigma_m: [f64; 3],
     /// Standard deviation of the base's rotation about the tracker's axes, in rad.
@@ -150,9 +151,9 @@ pub fn frames_from_arcs(
 
     let mut base_variance = [0.0; 6];
     let mut tool_variance = [0.0; 3];
-    let mut add_base = |moved: &Isometry3<f64>| {
-        let shift = moved.translation.vector - base.translation.vector;
-        let turn = (moved.rotation * base.rotation.inverse()).scaled_axis();
+    let mut add_base = |moved: &Pose| {
+        let shift = moved.translation_m - base.translation_m;
+        let turn = Rotation3::from_matrix_unchecked(moved.rotation * base.rotation.transpose()).scaled_axis();
         for k in 0..3 {
             base_variance[k] += shift[k] * shift[k];
             base_variance[k + 3] += turn[k] * turn[k];
@@ -330,7 +331,7 @@ fn meeting(axes: &[Axis]) -> Option<Vector3<f64>> {
 }
 
 /// F0 in the tracker frame from the axes of joints 1 and 2.
-fn base_from(chain: &Chain, first: &Fitted, second: &Fitted) -> Result<Isometry3<f64>, LaserError> {
+fn base_from(chain: &Chain, first: &Fitted, second: &Fitted) -> Result<Pose, LaserError> {
     let parallel = LaserError::Parallel { first: 1, second: 2 };
     let frames = chain.frames(&second.rest);
     let nominal = |i: usize| Axis {
@@ -342,9 +343,10 @@ fn base_from(chain: &Chain, first: &Fitted, second: &Fitted) -> Result<Isometry3
     let planned = triad(&a.direction, &b.direction).ok_or(parallel.clone())?;
     let seen = triad(&ma.direction, &mb.direction).ok_or(parallel)?;
     let rotation = seen * planned.transpose();
-    let origin = foot(&ma, &mb) - rotation * foot(&a, &b);
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
-    Ok(Isometry3::from_parts(Translation3::from(origin), rotation))
+    Ok(Pose {
+        rotation,
+        translation_m: foot(&ma, &mb) - rotation * foot(&a, &b),
+    })
 }
 
 /// The tool in Fn from the axes of the last joints.

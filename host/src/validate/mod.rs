@@ -11,8 +11,6 @@
 //!   best, so that only the arm's shape counts;
 //! - [`Alignment::Own`] (V3): the base that the model itself identified.
 
-mod align;
 mod table;
 
-pub use align::best_fit;
 pub use table::{Alignment, ModelErrors, Prediction, Statistics, ValidateError, ValidationTable, validate};

@@ -2,10 +2,10 @@
 
 use std::fmt;
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::align::best_fit;
+use crate::identify::Pose;
 
 /// How a model's base frame is brought into the tracker frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -72,7 +72,7 @@ pub struct Prediction {
     pub points_m: Vec<[f64; 3]>,
     /// The model's own pose of F0 in the tracker frame (m); `None` where it has
     /// none, and V3 is then the arc-measured base.
-    pub own_base: Option<Isometry3<f64>>,
+    pub own_base: Option<Pose>,
 }
 
 /// One model's errors.
@@ -143,7 +143,7 @@ pub enum ValidateError {
 /// No measurements, a model with another number of points, numbers that are not finite.
 pub fn validate(
     measured_m: &[[f64; 3]],
-    arc_base: &Isometry3<f64>,
+    arc_base: &Pose,
     models: &[Prediction],
 ) -> Result<ValidationTable, ValidateError> {
     if measured_m.is_empty() {
@@ -159,7 +159,9 @@ pub fn validate(
             });
         }
         require_finite(&model.name, &model.points_m)?;
-        let fitted = best_fit(&model.points_m, measured_m);
+        let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vector3::from(*p)).collect::<Vec<_>>();
+        // There are points, so there is a fit.
+        let fitted = Pose::fit(&vectors(&model.points_m), &vectors(measured_m)).unwrap_or(*arc_base);
         let bases = [arc_base, &fitted, model.own_base.as_ref().unwrap_or(arc_base)];
         let errors_mm = bases.map(|base| errors_mm(base, &model.points_m, measured_m));
         Ok(ModelErrors {
@@ -187,11 +189,11 @@ fn require_finite(name: &str, points: &[[f64; 3]]) -> Result<(), ValidateError> 
 }
 
 /// Distances between measured points and predicted ones seen through `base`, in mm.
-fn errors_mm(base: &Isometry3<f64>, predicted_m: &[[f64; 3]], measured_m: &[[f64; 3]]) -> Vec<f64> {
+fn errors_mm(base: &Pose, predicted_m: &[[f64; 3]], measured_m: &[[f64; 3]]) -> Vec<f64> {
     predicted_m
         .iter()
         .zip(measured_m)
-        .map(|(p, m)| (base * Point3::from(*p) - Point3::from(*m)).norm() * 1e3)
+        .map(|(p, m)| (base.point(&Vector3::from(*p)) - Vector3::from(*m)).norm() * 1e3)
         .collect()
 }
 
