@@ -1,0 +1,136 @@
+//! Why a campaign stopped.
+
+use spherecal_shared::protocol::host::{Fault, FaultReport, Phase, Refusal};
+
+use super::JournalError;
+use crate::link::LinkError;
+
+/// What can end a campaign before its time.
+#[derive(Debug, thiserror::Error)]
+pub enum CampaignError {
+    /// The link failed.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The journal failed; what was not stored was not acknowledged.
+    #[error("{0}")]
+    Journal(#[from] JournalError),
+    /// The controller speaks another protocol.
+    #[error(
+        "the controller ({version}) speaks protocol {found}, this program {expected}: \
+         use a firmware and a program of the same version"
+    )]
+    Protocol {
+        /// Version of the firmware.
+        version: String,
+        /// Its protocol.
+        found: u16,
+        /// This program's.
+        expected: u16,
+    },
+    /// The controller was built for another arm.
+    #[error("the controller was built for {controller} joints, the robot has {robot}: use the controller for this robot")]
+    Joints {
+        /// Joints of the controller.
+        controller: usize,
+        /// Joints of the robot.
+        robot: usize,
+    },
+    /// A command was refused.
+    #[error("the controller refused to {what}: {refusal}")]
+    Refused {
+        /// The command.
+        what: String,
+        /// Why.
+        refusal: Refusal,
+    },
+    /// No answer.
+    #[error("the controller did not {what} within {limit_s:.0} s of its own time (it is in phase {phase:?}): check the link and the controller")]
+    Timeout {
+        /// What it should have done.
+        what: String,
+        /// How long was waited, in s.
+        limit_s: f64,
+        /// Phase that it was in.
+        phase: Phase,
+    },
+    /// No sphere where one should be.
+    #[error(
+        "no contact with sphere {sphere} in {attempts} attempts: check that the plate is in place and that the \
+         waypoint of sphere {sphere} is within 10 mm; then continue with --resume"
+    )]
+    NoContact {
+        /// The sphere.
+        sphere: u32,
+        /// Attempts made.
+        attempts: u32,
+    },
+    /// The same trouble again and again.
+    #[error(
+        "sphere {sphere} was given up after {attempts} attempts, the last of which ended with {}: {}; \
+         then continue with --resume", describe(report), remedy(report.fault)
+    )]
+    GivenUp {
+        /// The sphere.
+        sphere: u32,
+        /// Attempts made.
+        attempts: u32,
+        /// The last fault.
+        report: FaultReport,
+    },
+    /// A free motion failed again and again.
+    #[error("the arm could not {what} in {attempts} attempts; the last ended with {}: {}", describe(report), remedy(report.fault))]
+    Motion {
+        /// What it should have done.
+        what: String,
+        /// Attempts made.
+        attempts: u32,
+        /// The last fault.
+        report: FaultReport,
+    },
+    /// Too many poses failed.
+    #[error(
+        "{rejected} of {planned} poses were given up: something is wrong with the coupling or with the plan; \
+         look at the faults, then continue with --resume"
+    )]
+    Rejected {
+        /// Poses given up.
+        rejected: usize,
+        /// Poses planned.
+        planned: usize,
+    },
+    /// Stopped by the user.
+    #[error("stopped on request: nothing is lost; continue with --resume")]
+    Interrupted,
+}
+
+/// A fault in words, with its numbers.
+fn describe(report: &FaultReport) -> String {
+    let joint = if report.joint == 0 { String::new() } else { format!(", joint {}", report.joint) };
+    format!(
+        "{:?} while {:?}{joint} ({:.4} beyond the limit {:.4})",
+        report.fault, report.phase, report.value, report.limit
+    )
+}
+
+/// What a person does about a fault.
+pub fn remedy(fault: Fault) -> &'static str {
+    match fault {
+        Fault::JointPosition => "a pose lies too close to a joint limit: plan with a larger margin",
+        Fault::JointVelocity => "lower procedure.turn.speed_rad_s or procedure.motion.speed_rad_s",
+        Fault::JointTorque => "check tool mass and centre of mass, and that nothing blocks the arm",
+        Fault::Force => "something was hit or the nest jams: clear the way",
+        Fault::PathDeviation => "something holds the arm: clear the way",
+        Fault::MotionTimeout => "the arm does not settle: check friction and payload, or allow more settle_s",
+        Fault::Tare => "the declared tool mass or centre of mass is wrong, or a torque sensor is off: check the tool",
+        Fault::NoContact => "check that the sphere is in place and that its waypoint is within 10 mm",
+        Fault::NotSeated => "clean nest and sphere, and teach the waypoint closer",
+        Fault::ContactLost => "clean nest and sphere, and check the magnet",
+        Fault::StillCoupled => "pull the nest off by hand, or raise procedure.decouple.retreat_m",
+        Fault::StaleState => "the drive does not keep its period: check the drive link",
+        Fault::NotFinite => "the drive sends numbers that are none: check the drive or its gateway",
+        Fault::Drive => "release the emergency stop and enable the drives",
+        Fault::Overrun => "the controller misses its period: take load off it",
+        Fault::HostSilence => "the host link was silent: check the network and the load of this computer",
+        Fault::Internal => "this is a defect of the controller: please report it with the database",
+    }
+}

@@ -1,0 +1,401 @@
+//! Algorithm 2 from the host's side, and Section 6 when it goes wrong.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::AtomicBool;
+
+use spherecal_shared::Joints;
+use spherecal_shared::protocol::frame::LinkCounters;
+use spherecal_shared::protocol::host::{
+    ApproachCommand, Command, Contact, Fault, FaultReport, Phase, PoseCommand, Refusal, Statistics,
+};
+
+use super::observe::{Observer, Stage, TelemetrySummary};
+use super::session::{Journal, Session, Waited};
+use super::{Assignment, CampaignError, Stop, TourPose};
+use crate::link::Cell;
+
+/// A pose that was given up.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rejected {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Id of the pose.
+    pub pose: u32,
+    /// Why.
+    pub reason: String,
+}
+
+/// What a session of a campaign came to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// Firmware version and build.
+    pub firmware: String,
+    /// Poses recorded in this session.
+    pub recorded: usize,
+    /// Poses given up in this session.
+    pub rejected: Vec<Rejected>,
+    /// Faults, in order.
+    pub faults: Vec<FaultReport>,
+    /// Contacts, in order.
+    pub contacts: Vec<Contact>,
+    /// Device time, in µs.
+    pub simulated_us: u64,
+    /// Control periods.
+    pub ticks: u64,
+    /// What the host's end of the link counted.
+    pub link: LinkCounters,
+    /// What the controller counted.
+    pub statistics: Statistics,
+    /// What telemetry amounted to.
+    pub telemetry: TelemetrySummary,
+}
+
+/// Time for a free motion, in s of device time: an arm turns half around in 8 s.
+const MOTION_S: f64 = 60.0;
+
+/// How work at a sphere ended.
+enum AtSphere {
+    /// All poses are recorded or given up, and the nest is off the sphere.
+    Finished,
+    /// A fault; the arm holds.
+    Fault(FaultReport, Option<u32>),
+}
+
+/// Runs a campaign to its end or to a typed stop; the outcome is told in either case.
+pub fn run(
+    assignment: &Assignment<'_>,
+    cell: &mut Cell,
+    journal: &mut dyn Journal,
+    observer: &mut dyn Observer,
+    interrupt: &AtomicBool,
+) -> (Outcome, Result<(), CampaignError>) {
+    let mut session = Session::new(cell, journal, observer, interrupt);
+    let mut campaign = Campaign {
+        assignment,
+        done: assignment.done.clone(),
+        rejected: Vec::new(),
+        recorded: 0,
+    };
+    session.progress.done = campaign.done.len();
+    session.progress.done_before = campaign.done.len();
+    let mut result = campaign.all(&mut session);
+    if matches!(result, Err(CampaignError::Interrupted)) {
+        // Leave the arm holding, damped; a refusal changes nothing about that.
+        if let Err(error) = session
+            .ask("stop", Command::Stop)
+            .and_then(|_| session.drain(20))
+        {
+            result = Err(error);
+        }
+    }
+    let outcome = Outcome {
+        firmware: session
+            .banner
+            .as_ref()
+            .map(|b| format!("{} {}", b.version, b.build).trim_end().to_owned())
+            .unwrap_or_default(),
+        recorded: campaign.recorded,
+        rejected: campaign.rejected,
+        faults: session.faults.clone(),
+        contacts: session.contacts.clone(),
+        simulated_us: session.now_us(),
+        ticks: session.ticks(),
+        link: session.counters(),
+        statistics: session.statistics,
+        telemetry: session.telemetry,
+    };
+    (outcome, result)
+}
+
+struct Campaign<'a> {
+    assignment: &'a Assignment<'a>,
+    done: BTreeSet<(u32, u32)>,
+    rejected: Vec<Rejected>,
+    recorded: usize,
+}
+
+impl Campaign<'_> {
+    fn all(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        let tour = self.assignment.tour;
+        session.stage(Stage::Connect, 0, tour);
+        session.greet(self.assignment.robot.dof())?;
+        session.clear_fault()?;
+        session.order("take the robot", Command::Robot(self.assignment.robot.clone()))?;
+        session.order(
+            "take the procedure",
+            Command::Configure {
+                tool: *self.assignment.tool,
+                procedure: *self.assignment.procedure,
+            },
+        )?;
+        let mut away = true;
+        for stop in &tour.stops {
+            if self.pending(stop).next().is_none() {
+                continue;
+            }
+            if away {
+                session.stage(Stage::Home, 0, tour);
+                self.travel(session, "reach the home frame", &tour.home)?;
+            }
+            self.sphere(session, stop)?;
+            session.stage(Stage::Home, 0, tour);
+            self.travel(session, "reach the home frame", &tour.home)?;
+            away = false;
+        }
+        session.drain(20)?;
+        session.stage(Stage::Done, 0, tour);
+        Ok(())
+    }
+
+    /// Poses of a stop that are neither recorded nor given up.
+    fn pending<'s>(&self, stop: &'s Stop) -> impl Iterator<Item = &'s TourPose> {
+        let done: BTreeSet<u32> = self.done.iter().filter(|d| d.0 == stop.sphere).map(|d| d.1).collect();
+        stop.poses.iter().filter(move |p| !done.contains(&p.pose))
+    }
+
+    /// All poses of one sphere, with as many attempts as it takes and is allowed.
+    fn sphere(&mut self, session: &mut Session<'_>, stop: &Stop) -> Result<(), CampaignError> {
+        let tour = self.assignment.tour;
+        let mut in_vain = 0;
+        let mut failures: BTreeMap<u32, u32> = BTreeMap::new();
+        loop {
+            session.stage(Stage::Approach, stop.sphere, tour);
+            self.travel(session, "reach the approach frame", &stop.approach)?;
+            let before = self.recorded;
+            let (report, pose) = match self.attempt(session, stop)? {
+                AtSphere::Finished => return Ok(()),
+                AtSphere::Fault(report, pose) => (report, pose),
+            };
+            in_vain = if self.recorded > before { 1 } else { in_vain + 1 };
+            session.note(&format!(
+                "sphere {}: {:?} while {:?}; recovering",
+                stop.sphere, report.fault, report.phase
+            ));
+            if let Some(pose) = pose {
+                let count = failures.entry(pose).or_default();
+                *count += 1;
+                if *count >= self.assignment.options.pose_attempts {
+                    self.give_up_pose(session, stop.sphere, pose, &report)?;
+                    in_vain = 0;
+                }
+            }
+            session.stage(Stage::Recover, stop.sphere, tour);
+            self.let_go(session, stop)?;
+            if in_vain >= self.assignment.options.attempts {
+                return Err(if report.fault == Fault::NoContact {
+                    CampaignError::NoContact {
+                        sphere: stop.sphere,
+                        attempts: in_vain,
+                    }
+                } else {
+                    CampaignError::GivenUp {
+                        sphere: stop.sphere,
+                        attempts: in_vain,
+                        report,
+                    }
+                });
+            }
+        }
+    }
+
+    /// One approach: touch, couple, poses, decouple.
+    fn attempt(&mut self, session: &mut Session<'_>, stop: &Stop) -> Result<AtSphere, CampaignError> {
+        let tour = self.assignment.tour;
+        let p = self.assignment.procedure;
+        session.stage(Stage::Couple, stop.sphere, tour);
+        session.coupled = None;
+        let approach = ApproachCommand {
+            sphere: stop.sphere,
+            direction: stop.direction,
+        };
+        session.order("approach", Command::Approach(approach))?;
+        let limit = p.approach.tare_s
+            + 2.0 * p.approach.travel_m / p.approach.speed_m_s
+            + p.couple.hold_s
+            + p.seating.test_s
+            + 30.0;
+        let coupled = |s: &Session<'_>| s.coupled.filter(|c| c.sphere == stop.sphere && s.phase == Phase::Coupled);
+        if let Waited::Fault(report) = session.wait("touch and couple", limit, coupled)? {
+            return Ok(AtSphere::Fault(report, None));
+        }
+
+        session.stage(Stage::Poses, stop.sphere, tour);
+        let pending: Vec<&TourPose> = self.pending(stop).collect();
+        let limit = 30.0 + p.turn.settle_s + 2e-3 * f64::from(p.record.samples);
+        for pose in pending {
+            session.recorded = None;
+            let command = Command::Pose(PoseCommand {
+                pose: pose.pose,
+                orientation: pose.orientation,
+                elbow_rad: pose.elbow_rad,
+                posture: joints(&pose.posture),
+                record: true,
+            });
+            match session.ask("take a pose", command)? {
+                Ok(()) => {}
+                Err(Refusal::FaultPending) => {}
+                Err(refusal @ Refusal::Target) => {
+                    self.reject(session, stop.sphere, pose.pose, &refusal.to_string())?;
+                    continue;
+                }
+                Err(refusal) => {
+                    return Err(CampaignError::Refused {
+                        what: format!("take pose {} of sphere {}", pose.pose, stop.sphere),
+                        refusal,
+                    });
+                }
+            }
+            let wanted = (stop.sphere, pose.pose);
+            let recorded = |s: &Session<'_>| (s.recorded == Some(wanted) && s.phase == Phase::Coupled).then_some(());
+            let waited = session.wait("record a pose", limit, recorded)?;
+            if session.recorded == Some(wanted) {
+                // Stored, so it counts, whatever came after it.
+                self.done.insert(wanted);
+                self.recorded += 1;
+                session.progress.done = self.done.len();
+                session.report_progress();
+            }
+            if let Waited::Fault(report) = waited {
+                return Ok(AtSphere::Fault(report, Some(pose.pose)));
+            }
+        }
+
+        session.stage(Stage::Decouple, stop.sphere, tour);
+        session.order("decouple", Command::Decouple)?;
+        let limit = self.decouple_limit();
+        let free = |s: &Session<'_>| (s.phase == Phase::Idle).then_some(());
+        // The order was accepted in phase Coupled; Idle comes only after the retreat.
+        match session.wait("leave the sphere", limit, free)? {
+            Waited::Got(()) => Ok(AtSphere::Finished),
+            Waited::Fault(_) => {
+                self.let_go(session, stop)?;
+                Ok(AtSphere::Finished)
+            }
+        }
+    }
+
+    fn decouple_limit(&self) -> f64 {
+        let p = &self.assignment.procedure.decouple;
+        p.retreat_m / p.speed_m_s + p.settle_s + 20.0
+    }
+
+    /// Clears the fault, pulls the nest off if it is on, and leaves the arm
+    /// holding in free space.
+    fn let_go(&self, session: &mut Session<'_>, stop: &Stop) -> Result<(), CampaignError> {
+        let attempts = self.assignment.options.attempts.max(1);
+        let mut last = None;
+        for _ in 0..attempts {
+            session.clear_fault()?;
+            match session.ask("decouple", Command::Decouple)? {
+                // Not touched yet: there is nothing to let go of.
+                Err(Refusal::Phase) => return Ok(()),
+                Ok(()) | Err(Refusal::FaultPending) => {}
+                Err(refusal) => {
+                    return Err(CampaignError::Refused {
+                        what: format!("leave sphere {}", stop.sphere),
+                        refusal,
+                    });
+                }
+            }
+            let free = |s: &Session<'_>| (s.phase == Phase::Idle).then_some(());
+            // Idle until the decoupling is announced, so let that come first.
+            session.drain(3)?;
+            match session.wait("leave the sphere", self.decouple_limit(), free)? {
+                Waited::Got(()) => return Ok(()),
+                Waited::Fault(report) => last = Some(report),
+            }
+        }
+        match last {
+            Some(report) => Err(CampaignError::GivenUp {
+                sphere: stop.sphere,
+                attempts,
+                report,
+            }),
+            None => Ok(()),
+        }
+    }
+
+    /// A free motion, with as many attempts as are allowed.
+    fn travel(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<(), CampaignError> {
+        let attempts = self.assignment.options.attempts.max(1);
+        let mut last = None;
+        for _ in 0..attempts {
+            let result = session.ask(what, Command::Move { target: joints(target) })?;
+            match result {
+                Ok(()) => {
+                    session.drain(3)?;
+                    let rest = |s: &Session<'_>| (s.phase == Phase::Idle).then_some(());
+                    match session.wait(what, MOTION_S, rest)? {
+                        Waited::Got(()) => return Ok(()),
+                        Waited::Fault(report) => last = Some(report),
+                    }
+                }
+                Err(Refusal::FaultPending) => {}
+                Err(refusal) => {
+                    return Err(CampaignError::Refused {
+                        what: what.to_owned(),
+                        refusal,
+                    });
+                }
+            }
+            session.clear_fault()?;
+        }
+        match last {
+            Some(report) => Err(CampaignError::Motion {
+                what: what.to_owned(),
+                attempts,
+                report,
+            }),
+            None => Err(CampaignError::Refused {
+                what: what.to_owned(),
+                refusal: Refusal::FaultPending,
+            }),
+        }
+    }
+
+    fn give_up_pose(
+        &mut self,
+        session: &mut Session<'_>,
+        sphere: u32,
+        pose: u32,
+        report: &FaultReport,
+    ) -> Result<(), CampaignError> {
+        let reason = format!("{:?} while {:?}", report.fault, report.phase);
+        if self.done.contains(&(sphere, pose)) {
+            return Ok(());
+        }
+        self.reject(session, sphere, pose, &reason)
+    }
+
+    fn reject(
+        &mut self,
+        session: &mut Session<'_>,
+        sphere: u32,
+        pose: u32,
+        reason: &str,
+    ) -> Result<(), CampaignError> {
+        session.journal().reject(sphere, pose, reason)?;
+        session.note(&format!("sphere {sphere}, pose {pose}: given up ({reason})"));
+        self.done.insert((sphere, pose));
+        self.rejected.push(Rejected {
+            sphere,
+            pose,
+            reason: reason.to_owned(),
+        });
+        session.progress.done = self.done.len();
+        let planned = self.assignment.tour.poses();
+        if self.rejected.len() * 100 > planned * self.assignment.options.rejected_percent as usize {
+            return Err(CampaignError::Rejected {
+                rejected: self.rejected.len(),
+                planned,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Joint values as they travel; more than the protocol carries are cut, and
+/// the controller refuses what is left.
+fn joints(values: &[f64]) -> Joints {
+    values.iter().copied().take(spherecal_shared::MAX_JOINTS).collect()
+}

@@ -1,0 +1,327 @@
+//! One connection to one cell: steps time, stores and acknowledges, and turns
+//! commands and waits into plain calls.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::frame::LinkCounters;
+use spherecal_shared::protocol::host::{
+    Banner, Command, Contact, Coupled, Event, FaultReport, Phase, Refusal, Statistics,
+};
+
+use super::observe::{Observer, Progress, Stage, TelemetrySummary, force};
+use super::{CampaignError, Tour};
+use crate::link::{Arrival, Cell, HostEndpoint, Timing};
+
+/// Why a journal could not write: in words for the user.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub struct JournalError {
+    /// What happened, and the remedy.
+    pub message: String,
+}
+
+/// Where events go before they are acknowledged.
+pub trait Journal {
+    /// Makes a batch of events durable. A recording that is already there is
+    /// not stored again, and that is no error.
+    ///
+    /// # Errors
+    /// When nothing of the batch could be stored.
+    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError>;
+
+    /// Notes that a pose was given up.
+    ///
+    /// # Errors
+    /// When it could not be noted.
+    fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError>;
+}
+
+/// How often an observer hears of progress at least, in µs of device time.
+const PROGRESS_US: u64 = 100_000;
+/// How long the controller may take to answer a command, in s of device time.
+const ANSWER_S: f64 = 10.0;
+
+/// How a wait ended.
+pub(super) enum Waited<T> {
+    /// What was waited for.
+    Got(T),
+    /// A fault came first.
+    Fault(FaultReport),
+}
+
+/// One connection to one cell.
+pub struct Session<'a> {
+    cell: &'a mut Cell,
+    endpoint: HostEndpoint,
+    journal: &'a mut dyn Journal,
+    observer: &'a mut dyn Observer,
+    interrupt: &'a AtomicBool,
+    down: Vec<u8>,
+    up: Vec<u8>,
+    arrived: Vec<Arrival>,
+    last_progress_us: u64,
+    pub(super) progress: Progress,
+    pub(super) banner: Option<Banner>,
+    pub(super) phase: Phase,
+    pub(super) reply: Option<(u32, Result<(), Refusal>)>,
+    pub(super) pending_fault: Option<FaultReport>,
+    pub(super) faults: Vec<FaultReport>,
+    pub(super) contacts: Vec<Contact>,
+    pub(super) coupled: Option<Coupled>,
+    pub(super) recorded: Option<(u32, u32)>,
+    pub(super) statistics: Statistics,
+    pub(super) telemetry: TelemetrySummary,
+}
+
+impl<'a> Session<'a> {
+    /// A session that has not spoken yet; it stops when `interrupt` is set.
+    pub fn new(
+        cell: &'a mut Cell,
+        journal: &'a mut dyn Journal,
+        observer: &'a mut dyn Observer,
+        interrupt: &'a AtomicBool,
+    ) -> Self {
+        Self {
+            cell,
+            endpoint: HostEndpoint::new(Timing::default()),
+            journal,
+            observer,
+            interrupt,
+            down: Vec::new(),
+            up: Vec::new(),
+            arrived: Vec::new(),
+            last_progress_us: 0,
+            progress: Progress::default(),
+            banner: None,
+            phase: Phase::Idle,
+            reply: None,
+            pending_fault: None,
+            faults: Vec::new(),
+            contacts: Vec::new(),
+            coupled: None,
+            recorded: None,
+            statistics: Statistics::default(),
+            telemetry: TelemetrySummary::default(),
+        }
+    }
+
+    /// Device time, in µs.
+    pub fn now_us(&self) -> u64 {
+        self.cell.now_us()
+    }
+
+    /// Control periods carried out by the cell.
+    pub fn ticks(&self) -> u64 {
+        self.cell.ticks()
+    }
+
+    /// Counters of the host's end of the link.
+    pub fn counters(&self) -> LinkCounters {
+        self.endpoint.counters()
+    }
+
+    pub(super) fn journal(&mut self) -> &mut dyn Journal {
+        self.journal
+    }
+
+    pub(super) fn note(&mut self, text: &str) {
+        self.observer.note(text);
+    }
+
+    pub(super) fn stage(&mut self, stage: Stage, sphere: u32, tour: &Tour) {
+        self.progress.stage = stage;
+        self.progress.sphere = sphere;
+        self.progress.spheres = tour.stops.len();
+        self.progress.poses = tour.poses();
+        self.report_progress();
+    }
+
+    pub(super) fn report_progress(&mut self) {
+        let now_us = self.cell.now_us();
+        self.last_progress_us = now_us;
+        self.progress.phase = self.phase;
+        self.progress.faults = self.faults.len();
+        self.progress.device_s = now_us as f64 * 1e-6;
+        self.observer.progress(&self.progress);
+    }
+
+    /// One control period.
+    pub(super) fn step(&mut self) -> Result<(), CampaignError> {
+        self.down.clear();
+        self.up.clear();
+        let now_us = self.cell.now_us();
+        self.endpoint
+            .transmit(now_us, &mut self.down)
+            .map_err(crate::link::LinkError::from)?;
+        self.cell.step(&self.down, &mut self.up)?;
+        let journal = &mut *self.journal;
+        self.endpoint
+            .receive(&self.up, &mut self.arrived, |batch| journal.append(batch))?;
+        if !self.arrived.is_empty() {
+            let arrived = std::mem::take(&mut self.arrived);
+            for arrival in &arrived {
+                self.hear(arrival);
+                self.observer.event(now_us, arrival);
+            }
+            self.arrived = arrived;
+            self.arrived.clear();
+        }
+        if now_us.saturating_sub(self.last_progress_us) >= PROGRESS_US {
+            self.report_progress();
+        }
+        Ok(())
+    }
+
+    fn hear(&mut self, arrival: &Arrival) {
+        match &arrival.body {
+            Event::Banner(banner) => self.banner = Some(banner.clone()),
+            Event::Reply { sequence, result } => self.reply = Some((*sequence, *result)),
+            Event::Phase(change) => {
+                self.phase = change.phase;
+                self.report_progress();
+            }
+            Event::Contact(contact) => self.contacts.push(*contact),
+            Event::Coupled(coupled) => self.coupled = Some(*coupled),
+            Event::Recording(recording) => self.recorded = Some((recording.sphere, recording.pose)),
+            Event::Fault(report) => {
+                self.pending_fault = Some(*report);
+                self.faults.push(*report);
+            }
+            Event::Telemetry(samples) => {
+                self.telemetry.add(arrival);
+                if let Some(sample) = samples.last() {
+                    self.progress.force_n = force(sample);
+                }
+            }
+            Event::Statistics(statistics) => self.statistics = *statistics,
+            Event::Passed { .. } => {}
+        }
+    }
+
+    /// Whether the user wants to stop.
+    fn check_interrupt(&self) -> Result<(), CampaignError> {
+        if self.interrupt.load(Ordering::Relaxed) {
+            Err(CampaignError::Interrupted)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Sends a command and waits for its reply.
+    pub(super) fn ask(&mut self, what: &str, command: Command) -> Result<Result<(), Refusal>, CampaignError> {
+        let sequence = self.endpoint.send(command);
+        let start = self.now_us();
+        self.reply = None;
+        loop {
+            self.step()?;
+            if let Some((number, result)) = self.reply
+                && number == sequence
+            {
+                return Ok(result);
+            }
+            self.check_time(start, ANSWER_S, || format!("answer to \"{what}\""))?;
+        }
+    }
+
+    /// Sends a command that must not be refused.
+    pub(super) fn order(&mut self, what: &str, command: Command) -> Result<(), CampaignError> {
+        self.ask(what, command)?.map_err(|refusal| CampaignError::Refused {
+            what: what.to_owned(),
+            refusal,
+        })
+    }
+
+    /// Steps until `done` says so or a fault comes.
+    pub(super) fn wait<T>(
+        &mut self,
+        what: &str,
+        limit_s: f64,
+        mut done: impl FnMut(&Self) -> Option<T>,
+    ) -> Result<Waited<T>, CampaignError> {
+        let start = self.now_us();
+        loop {
+            self.check_interrupt()?;
+            self.step()?;
+            if let Some(report) = self.pending_fault
+                && self.phase == Phase::Fault
+            {
+                return Ok(Waited::Fault(report));
+            }
+            if let Some(value) = done(self) {
+                return Ok(Waited::Got(value));
+            }
+            self.check_time(start, limit_s, || what.to_owned())?;
+        }
+    }
+
+    fn check_time(&self, start_us: u64, limit_s: f64, what: impl FnOnce() -> String) -> Result<(), CampaignError> {
+        if self.now_us().saturating_sub(start_us) as f64 * 1e-6 > limit_s {
+            return Err(CampaignError::Timeout {
+                what: what(),
+                limit_s,
+                phase: self.phase,
+            });
+        }
+        Ok(())
+    }
+
+    /// Greets the controller and checks who it is.
+    pub(super) fn greet(&mut self, joints: usize) -> Result<(), CampaignError> {
+        self.order("greet", Command::Hello)?;
+        let Waited::Got(banner) = self.wait("send its banner", ANSWER_S, |s| s.banner.clone())? else {
+            // A controller that was left in a fault says so before its banner.
+            return self.greet_again(joints);
+        };
+        check_banner(&banner, joints)
+    }
+
+    fn greet_again(&self, joints: usize) -> Result<(), CampaignError> {
+        match &self.banner {
+            Some(banner) => check_banner(banner, joints),
+            None => Err(CampaignError::Timeout {
+                what: "send its banner".to_owned(),
+                limit_s: ANSWER_S,
+                phase: self.phase,
+            }),
+        }
+    }
+
+    /// Clears a fault, if there is one.
+    pub(super) fn clear_fault(&mut self) -> Result<(), CampaignError> {
+        self.order("clear the fault", Command::ClearFault)?;
+        self.pending_fault = None;
+        // The fault is over when the controller says so, not when it says yes.
+        let start = self.now_us();
+        while self.phase == Phase::Fault {
+            self.step()?;
+            self.check_time(start, ANSWER_S, || "leave the fault".to_owned())?;
+        }
+        Ok(())
+    }
+
+    /// Lets acknowledgements reach the controller.
+    pub(super) fn drain(&mut self, ticks: u32) -> Result<(), CampaignError> {
+        for _ in 0..ticks {
+            self.step()?;
+        }
+        Ok(())
+    }
+}
+
+fn check_banner(banner: &Banner, joints: usize) -> Result<(), CampaignError> {
+    if banner.protocol != PROTOCOL_VERSION {
+        return Err(CampaignError::Protocol {
+            version: banner.version.to_string(),
+            found: banner.protocol,
+            expected: PROTOCOL_VERSION,
+        });
+    }
+    if usize::from(banner.joints) != joints {
+        return Err(CampaignError::Joints {
+            controller: usize::from(banner.joints),
+            robot: joints,
+        });
+    }
+    Ok(())
+}
