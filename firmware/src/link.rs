@@ -123,6 +123,15 @@ impl HostLink {
             _ => {}
         }
         let result = match self.answered {
+            // A repeat that was overtaken: its command was carried out and
+            // answered before the last one was sent.
+            Some(last)
+                if downlink.sequence.wrapping_sub(last.sequence) >= 1 << 31
+                    && !matches!(downlink.command, Command::Hello) =>
+            {
+                self.counters.duplicates = self.counters.duplicates.saturating_add(1);
+                return;
+            }
             Some(last) if last.sequence == downlink.sequence && !matches!(downlink.command, Command::Hello) => {
                 self.counters.duplicates = self.counters.duplicates.saturating_add(1);
                 last.result
@@ -154,6 +163,7 @@ impl HostLink {
             build: self.build.clone(),
             joints: self.joints,
             period_us: 1000,
+            first_event: self.pending.front().map_or(self.next_event, |p| p.uplink.event),
         }
     }
 

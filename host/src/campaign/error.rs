@@ -28,7 +28,9 @@ pub enum CampaignError {
         expected: u16,
     },
     /// The controller was built for another arm.
-    #[error("the controller was built for {controller} joints, the robot has {robot}: use the controller for this robot")]
+    #[error(
+        "the controller was built for {controller} joints, the robot has {robot}: use the controller for this robot"
+    )]
     Joints {
         /// Joints of the controller.
         controller: usize,
@@ -44,7 +46,9 @@ pub enum CampaignError {
         refusal: Refusal,
     },
     /// No answer.
-    #[error("the controller did not {what} within {limit_s:.0} s of its own time (it is in phase {phase:?}): check the link and the controller")]
+    #[error(
+        "the controller did not {what} within {limit_s:.0} s of its own time (it is in phase {phase:?}): check the link and the controller"
+    )]
     Timeout {
         /// What it should have done.
         what: String,
@@ -105,7 +109,11 @@ pub enum CampaignError {
 
 /// A fault in words, with its numbers.
 fn describe(report: &FaultReport) -> String {
-    let joint = if report.joint == 0 { String::new() } else { format!(", joint {}", report.joint) };
+    let joint = if report.joint == 0 {
+        String::new()
+    } else {
+        format!(", joint {}", report.joint)
+    };
     format!(
         "{:?} while {:?}{joint} ({:.4} beyond the limit {:.4})",
         report.fault, report.phase, report.value, report.limit

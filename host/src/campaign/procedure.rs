@@ -81,10 +81,7 @@ pub fn run(
     let mut result = campaign.all(&mut session);
     if matches!(result, Err(CampaignError::Interrupted)) {
         // Leave the arm holding, damped; a refusal changes nothing about that.
-        if let Err(error) = session
-            .ask("stop", Command::Stop)
-            .and_then(|_| session.drain(20))
-        {
+        if let Err(error) = session.ask("stop", Command::Stop).and_then(|_| session.drain(20)) {
             result = Err(error);
         }
     }
@@ -214,7 +211,10 @@ impl Campaign<'_> {
             + p.couple.hold_s
             + p.seating.test_s
             + 30.0;
-        let coupled = |s: &Session<'_>| s.coupled.filter(|c| c.sphere == stop.sphere && s.phase == Phase::Coupled);
+        let coupled = |s: &Session<'_>| {
+            s.coupled
+                .filter(|c| c.sphere == stop.sphere && s.phase == Phase::Coupled)
+        };
         if let Waited::Fault(report) = session.wait("touch and couple", limit, coupled)? {
             return Ok(AtSphere::Fault(report, None));
         }
@@ -261,10 +261,10 @@ impl Campaign<'_> {
         }
 
         session.stage(Stage::Decouple, stop.sphere, tour);
+        let before = session.changes;
         session.order("decouple", Command::Decouple)?;
         let limit = self.decouple_limit();
-        let free = |s: &Session<'_>| (s.phase == Phase::Idle).then_some(());
-        // The order was accepted in phase Coupled; Idle comes only after the retreat.
+        let free = |s: &Session<'_>| (s.changes > before && s.phase == Phase::Idle).then_some(());
         match session.wait("leave the sphere", limit, free)? {
             Waited::Got(()) => Ok(AtSphere::Finished),
             Waited::Fault(_) => {
@@ -286,6 +286,7 @@ impl Campaign<'_> {
         let mut last = None;
         for _ in 0..attempts {
             session.clear_fault()?;
+            let before = session.changes;
             match session.ask("decouple", Command::Decouple)? {
                 // Not touched yet: there is nothing to let go of.
                 Err(Refusal::Phase) => return Ok(()),
@@ -297,9 +298,7 @@ impl Campaign<'_> {
                     });
                 }
             }
-            let free = |s: &Session<'_>| (s.phase == Phase::Idle).then_some(());
-            // Idle until the decoupling is announced, so let that come first.
-            session.drain(3)?;
+            let free = |s: &Session<'_>| (s.changes > before && s.phase == Phase::Idle).then_some(());
             match session.wait("leave the sphere", self.decouple_limit(), free)? {
                 Waited::Got(()) => return Ok(()),
                 Waited::Fault(report) => last = Some(report),
@@ -320,11 +319,10 @@ impl Campaign<'_> {
         let attempts = self.assignment.options.attempts.max(1);
         let mut last = None;
         for _ in 0..attempts {
-            let result = session.ask(what, Command::Move { target: joints(target) })?;
-            match result {
+            let before = session.changes;
+            match session.ask(what, Command::Move { target: joints(target) })? {
                 Ok(()) => {
-                    session.drain(3)?;
-                    let rest = |s: &Session<'_>| (s.phase == Phase::Idle).then_some(());
+                    let rest = |s: &Session<'_>| (s.changes > before && s.phase == Phase::Idle).then_some(());
                     match session.wait(what, MOTION_S, rest)? {
                         Waited::Got(()) => return Ok(()),
                         Waited::Fault(report) => last = Some(report),
@@ -367,13 +365,7 @@ impl Campaign<'_> {
         self.reject(session, sphere, pose, &reason)
     }
 
-    fn reject(
-        &mut self,
-        session: &mut Session<'_>,
-        sphere: u32,
-        pose: u32,
-        reason: &str,
-    ) -> Result<(), CampaignError> {
+    fn reject(&mut self, session: &mut Session<'_>, sphere: u32, pose: u32, reason: &str) -> Result<(), CampaignError> {
         session.journal().reject(sphere, pose, reason)?;
         session.note(&format!("sphere {sphere}, pose {pose}: given up ({reason})"));
         self.done.insert((sphere, pose));

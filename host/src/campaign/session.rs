@@ -64,6 +64,8 @@ pub struct Session<'a> {
     pub(super) progress: Progress,
     pub(super) banner: Option<Banner>,
     pub(super) phase: Phase,
+    /// Phase changes heard so far: a wait for rest first wants to see motion.
+    pub(super) changes: u64,
     pub(super) reply: Option<(u32, Result<(), Refusal>)>,
     pub(super) pending_fault: Option<FaultReport>,
     pub(super) faults: Vec<FaultReport>,
@@ -95,6 +97,7 @@ impl<'a> Session<'a> {
             progress: Progress::default(),
             banner: None,
             phase: Phase::Idle,
+            changes: 0,
             reply: None,
             pending_fault: None,
             faults: Vec::new(),
@@ -179,6 +182,7 @@ impl<'a> Session<'a> {
             Event::Reply { sequence, result } => self.reply = Some((*sequence, *result)),
             Event::Phase(change) => {
                 self.phase = change.phase;
+                self.changes += 1;
                 self.report_progress();
             }
             Event::Contact(contact) => self.contacts.push(*contact),

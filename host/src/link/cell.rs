@@ -23,7 +23,7 @@ impl Cell {
     /// # Errors
     /// When the drive speaks another protocol, has another number of joints or
     /// an impossible control period.
-    pub fn new(controller: Box<dyn Controller>, drive: Box<dyn Drive>, joints: usize) -> Result<Self, LinkError> {
+    pub fn new(mut controller: Box<dyn Controller>, drive: Box<dyn Drive>, joints: usize) -> Result<Self, LinkError> {
         let hello = drive.hello().clone();
         if hello.protocol != PROTOCOL_VERSION {
             return Err(LinkError::Protocol {
@@ -42,6 +42,7 @@ impl Cell {
                 period_us: hello.period_us,
             });
         }
+        controller.connect(&hello)?;
         Ok(Self {
             controller,
             drive,

@@ -65,7 +65,8 @@ pub struct HostEndpoint {
     queue: VecDeque<Downlink>,
     pending: Option<Pending>,
     acknowledgements: VecDeque<u32>,
-    next_event: u32,
+    /// Number of the next event; unknown until the banner has told it.
+    next_event: Option<u32>,
     early: BTreeMap<u32, Arrival>,
     fresh: Vec<Arrival>,
     last_sent_us: Option<u64>,
@@ -76,7 +77,6 @@ impl HostEndpoint {
     pub fn new(timing: Timing) -> Self {
         Self {
             timing,
-            next_event: 1,
             ..Self::default()
         }
     }
@@ -92,6 +92,8 @@ impl HostEndpoint {
             // Hello restarts the count; what was queued before it is void.
             self.queue.clear();
             self.pending = None;
+            self.next_event = None;
+            self.early.clear();
             1
         } else {
             self.last_command.wrapping_add(1).max(1)
@@ -182,6 +184,11 @@ impl HostEndpoint {
             body: message.body,
         };
         if arrival.event == 0 {
+            if let Event::Banner(banner) = &arrival.body
+                && self.next_event.is_none()
+            {
+                self.next_event = Some(banner.first_event);
+            }
             if let Event::Reply { sequence, .. } = arrival.body {
                 match &self.pending {
                     Some(pending) if pending.message.sequence == sequence => self.pending = None,
@@ -195,7 +202,9 @@ impl HostEndpoint {
             arrived.push(arrival);
             return;
         }
-        let ahead = arrival.event.wrapping_sub(self.next_event);
+        // Before the banner nothing can be placed; it will come again.
+        let Some(next_event) = self.next_event else { return };
+        let ahead = arrival.event.wrapping_sub(next_event);
         if ahead >= 1 << 31 {
             self.counters.duplicates = self.counters.duplicates.wrapping_add(1);
             // Not yet stored: it is in the batch that waits, and says so itself.
@@ -204,7 +213,7 @@ impl HostEndpoint {
             }
         } else if ahead == 0 {
             self.advance(arrival);
-            while let Some(next) = self.early.remove(&self.next_event) {
+            while let Some(next) = self.next_event.and_then(|n| self.early.remove(&n)) {
                 self.advance(next);
             }
         } else if self.early.contains_key(&arrival.event) {
@@ -218,7 +227,7 @@ impl HostEndpoint {
 
     fn advance(&mut self, arrival: Arrival) {
         // 0 means "not numbered", so the count goes round it.
-        self.next_event = arrival.event.wrapping_add(1).max(1);
+        self.next_event = Some(arrival.event.wrapping_add(1).max(1));
         self.fresh.push(arrival);
     }
 

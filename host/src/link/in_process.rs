@@ -2,7 +2,7 @@
 
 use embassy_time::Instant;
 use spherecal_firmware::Node;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::MAX_FRAME;
 
 use super::{Controller, LinkError};
@@ -19,13 +19,20 @@ pub struct InProcess<const N: usize> {
 impl<const N: usize> Default for InProcess<N> {
     fn default() -> Self {
         Self {
-            node: Box::default(),
+            node: Box::new(Node::new("in-process")),
             up: vec![0; UP_BYTES].into_boxed_slice(),
         }
     }
 }
 
 impl<const N: usize> Controller for InProcess<N> {
+    fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError> {
+        self.node
+            .controller()
+            .connect(hello)
+            .map_err(|refusal| LinkError::Drive(refusal.to_string()))
+    }
+
     fn exchange(
         &mut self,
         now_us: u64,

@@ -23,6 +23,7 @@
 mod cell;
 mod endpoint;
 mod in_process;
+mod simulated;
 
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::FrameError;
@@ -30,6 +31,7 @@ use spherecal_shared::protocol::frame::FrameError;
 pub use cell::Cell;
 pub use endpoint::{Arrival, HostEndpoint, Timing};
 pub use in_process::{InProcess, controller_in_process};
+pub use simulated::{SimulatedArm, SimulatedArmError, simulated_arm};
 
 /// Why a link failed for good. What can be repaired (lost, damaged, repeated
 /// frames) is repaired and counted, not reported here.
@@ -86,6 +88,13 @@ pub enum LinkError {
 
 /// The controller, wherever it runs: one control period at a time.
 pub trait Controller: Send {
+    /// Tells the controller what the drive says of itself, once, before the
+    /// first period.
+    ///
+    /// # Errors
+    /// When the controller cannot work with such a drive.
+    fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError>;
+
     /// Hands over the joint state of this period and the host's bytes; takes
     /// the torque command, and appends the controller's bytes for the host to
     /// `up`. `now_us` is the device's time, in µs.

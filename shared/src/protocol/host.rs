@@ -157,6 +157,9 @@ pub struct Banner {
     pub joints: u8,
     /// Control period, in µs.
     pub period_us: u32,
+    /// Number of the oldest event that was not acknowledged: where a host that
+    /// has just come begins to count.
+    pub first_event: u32,
 }
 
 /// Phases of the controller.

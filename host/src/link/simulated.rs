@@ -1,0 +1,123 @@
+//! The simulated plant as a drive.
+//!
+//! The one place where plant and drive link meet: of the plant nothing passes
+//! but what [`Sensed`](crate::plant::Sensed) shows, which is what real hardware shows.
+
+use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
+use spherecal_shared::robot::{Robot, Tool};
+
+use super::{Drive, LinkError};
+use crate::plant::{Plant, PlantConfig, PlantError};
+
+/// Control period of the plant, in µs.
+const PERIOD_US: u32 = 1000;
+
+/// The plant behind a drive's face.
+pub struct SimulatedArm<const N: usize> {
+    plant: Plant<N>,
+    hello: DriveHello,
+    tick: u64,
+}
+
+impl<const N: usize> SimulatedArm<N> {
+    /// A drive that moves `plant`, an arm with the nominal limits of `robot`.
+    pub fn new(plant: Plant<N>, robot: &Robot) -> Self {
+        Self {
+            plant,
+            hello: DriveHello {
+                protocol: PROTOCOL_VERSION,
+                limits: robot.joints.iter().map(|j| j.limits).collect(),
+                period_us: PERIOD_US,
+                compensates_gravity: false,
+                lock_step: true,
+            },
+            tick: 0,
+        }
+    }
+
+    /// The plant, for whoever disturbs it or reads its truth.
+    pub fn plant(&mut self) -> &mut Plant<N> {
+        &mut self.plant
+    }
+}
+
+impl<const N: usize> Drive for SimulatedArm<N> {
+    fn hello(&self) -> &DriveHello {
+        &self.hello
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        let mut braked = true;
+        if let Some(command) = command {
+            self.tick += 1;
+            if command.enable {
+                let tau: &[f64; N] = command.tau.as_slice().try_into().map_err(|_| {
+                    LinkError::Drive(format!("a command has {} torques for {N} joints", command.tau.len()))
+                })?;
+                self.plant.step(tau);
+                braked = false;
+            }
+        }
+        let sensed = self.plant.sensed();
+        state.tick = self.tick;
+        fill(&mut state.q, &sensed.q);
+        // With closed brakes the arm stands still.
+        fill(&mut state.dq, if braked { &[0.0; N] } else { &sensed.dq });
+        fill(&mut state.tau, &sensed.tau);
+        state.status = DriveStatus::Ready;
+        Ok(())
+    }
+}
+
+fn fill<const N: usize>(joints: &mut spherecal_shared::Joints, values: &[f64; N]) {
+    joints.clear();
+    // Robots have at most as many joints as the message carries.
+    let _ = joints.extend_from_slice(values);
+}
+
+/// A simulated arm of as many joints as `robot` has, at rest at `q` (rad).
+///
+/// # Errors
+/// A plant that cannot be built, or a number of joints that this program was
+/// not built for.
+pub fn simulated_arm(
+    robot: &Robot,
+    tool: &Tool,
+    config: &PlantConfig,
+    q: &[f64],
+) -> Result<Box<dyn Drive>, SimulatedArmError> {
+    fn build<const N: usize>(
+        robot: &Robot,
+        tool: &Tool,
+        config: &PlantConfig,
+        q: &[f64],
+    ) -> Result<Box<dyn Drive>, SimulatedArmError> {
+        let q: &[f64; N] = q.try_into().map_err(|_| LinkError::OtherRobot {
+            drive: q.len(),
+            robot: N,
+        })?;
+        let plant = Plant::<N>::new(robot, tool, config, q)?;
+        Ok(Box::new(SimulatedArm::new(plant, robot)))
+    }
+    match robot.dof() {
+        6 => build::<6>(robot, tool, config, q),
+        7 => build::<7>(robot, tool, config, q),
+        joints => Err(LinkError::Joints {
+            joints,
+            built: "6 and 7",
+        }
+        .into()),
+    }
+}
+
+/// Why there is no simulated arm.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulatedArmError {
+    /// The plant was refused.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The drive was refused.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+}
