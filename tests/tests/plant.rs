@@ -83,7 +83,7 @@ fn free_trajectories_agree_with_mujoco() {
     assert!(default < 1e-6 && fine < 1e-6, "{default:.3e} {fine:.3e}");
 }
 
-/// The stiff integrator (first order) on the same trajectories: the error at
+/// The stiff integrator on the same trajectories: the error at
 /// its default sub-step is stated, and shrinks with the sub-step.
 #[test]
 fn the_stiff_integrator_converges_to_the_same_trajectories() {

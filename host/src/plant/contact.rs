@@ -32,6 +32,10 @@ pub(super) const MAX_TOUCHES: usize = 12;
 /// Distance of the magnet's pole behind the seated sphere's centre, in m.
 const POLE_M: f64 = 0.030;
 
+/// Distance at which a touch is foreseen, in m: the implicit step then meets the
+/// surface with its spring, not with a sub-step's worth of penetration.
+const AHEAD_M: f64 = 5e-4;
+
 /// Radius about the plate's centroid within which its surface is there, in m.
 const PLATE_RADIUS_M: f64 = 0.35;
 
@@ -55,7 +59,7 @@ pub(super) struct Touch {
     pub(super) point: Vector3<f64>,
     /// Unit direction of the normal force on the tool, in F0.
     pub(super) normal: Vector3<f64>,
-    /// Penetration, in m, positive.
+    /// Penetration, in m; negative for a gap that this sub-step may close.
     pub(super) depth: f64,
     /// Stiffness (N/m), damping (N s/m) and friction coefficient.
     pub(super) stiffness: f64,
@@ -145,65 +149,64 @@ impl Nest {
         touches: &mut Touches,
     ) {
         let centre = tcp.rotation.tr_mul(&(sphere - tcp.origin)) - seat;
-        let lateral = centre.xy().norm();
-        if lateral > self.config.body_radius_m || centre.z > self.reach {
-            return self.touch_rim(tcp, sphere, &centre, lateral, touches);
-        }
-        for (i, u) in self.pads.iter().enumerate() {
-            let depth = u.dot(&centre);
-            if depth > 0.0 && centre.z > -self.radius {
-                let normal = tcp.rotation * u;
-                self.push(
-                    touches,
-                    sphere + normal * self.radius,
-                    normal,
-                    depth,
-                    TouchKind::Pad(i as u8),
-                );
+        let inside = centre.xy().norm_squared() <= self.config.body_radius_m.powi(2);
+        for (i, (u, e)) in self.pads.iter().zip(&self.radial).enumerate() {
+            let along = e.dot(&centre);
+            if inside && along < self.edge && centre.z <= self.reach {
+                let depth = u.dot(&centre);
+                if depth > -AHEAD_M && centre.z > -self.radius {
+                    let normal = tcp.rotation * u;
+                    self.push(
+                        touches,
+                        sphere + normal * self.radius,
+                        normal,
+                        depth,
+                        TouchKind::Pad(i as u8),
+                    );
+                }
+            } else {
+                self.touch_body(tcp, sphere, &centre, e, along, touches);
             }
         }
     }
 
-    /// Edge, land and side of the nest's body.
-    fn touch_rim(
+    /// Edge, land or side of the body behind one pad: a circular segment of
+    /// `body_radius_m` beyond the plane's edge, from the rim downwards.
+    fn touch_body(
         &self,
         tcp: &Frame<f64>,
         sphere: &Vector3<f64>,
         centre: &Vector3<f64>,
-        lateral: f64,
+        e: &Vector3<f64>,
+        along: f64,
         touches: &mut Touches,
     ) {
-        let top = self.config.rim_height_m;
         let body = self.config.body_radius_m;
-        let mut meet = |closest: Vector3<f64>| {
-            let line = centre - closest;
-            let distance = line.norm();
-            if distance < self.radius && distance > 1e-9 {
-                let normal = tcp.rotation * (-line / distance);
-                self.push(
-                    touches,
-                    sphere + normal * distance,
-                    normal,
-                    self.radius - distance,
-                    TouchKind::Rim,
-                );
-            }
+        let aside = Vector3::new(-e.y, e.x, 0.0);
+        let across = aside.dot(centre);
+        let corner = (body * body - self.edge * self.edge).max(0.0).sqrt();
+        let shrink = body / along.hypot(across).max(1e-9);
+        let (a, b) = if along < self.edge {
+            (self.edge, across.clamp(-corner, corner))
+        } else if shrink >= 1.0 {
+            (along, across)
+        } else if along * shrink >= self.edge {
+            (along * shrink, across * shrink)
+        } else {
+            (self.edge, corner.copysign(across))
         };
-        if lateral > body {
-            let out = Vector3::new(centre.x, centre.y, 0.0) * (body / lateral);
-            return meet(out + Vector3::z() * centre.z.clamp(-0.06, top));
-        }
-        let mut land = false;
-        for e in &self.radial {
-            let along = e.dot(centre);
-            if along >= self.edge {
-                land = true;
-            } else {
-                meet(centre + e * (self.edge - along) + Vector3::z() * (top - centre.z));
-            }
-        }
-        if land {
-            meet(Vector3::new(centre.x, centre.y, top));
+        let closest = e * a + aside * b + Vector3::z() * centre.z.clamp(-0.06, self.config.rim_height_m);
+        let line = centre - closest;
+        let distance = line.norm();
+        if distance < self.radius + AHEAD_M && distance > 1e-9 {
+            let normal = tcp.rotation * (-line / distance);
+            self.push(
+                touches,
+                sphere + normal * distance,
+                normal,
+                self.radius - distance,
+                TouchKind::Rim,
+            );
         }
     }
 
@@ -243,7 +246,7 @@ impl Nest {
             let out = Vector3::new(c, s, 0.0) * self.config.body_radius_m;
             let point = rim + tcp.rotation * out;
             let depth = -(up.dot(&(point - plate.origin)) + below);
-            if depth > 0.0 {
+            if depth > -AHEAD_M {
                 self.push(touches, point, up, depth, TouchKind::Plate);
             }
         }

@@ -47,6 +47,8 @@ pub(super) struct Motion<const N: usize> {
     pub(super) motor_v: SVector<f64, N>,
     /// Direction in which each joint slips, 0 where it sticks.
     slip: [f64; N],
+    /// Mass matrix and bias of the sub-step before, where it was a stiff one.
+    before: Option<(SMatrix<f64, N, N>, SVector<f64, N>)>,
 }
 
 /// What a joint is made of besides its link.
@@ -92,6 +94,7 @@ impl<const N: usize> Motion<N> {
             motor: SVector::from(*q),
             motor_v: SVector::zeros(),
             slip: [0.0; N],
+            before: None,
         }
     }
 
@@ -131,6 +134,7 @@ impl<const N: usize> Motion<N> {
         self.v = v0 + change;
         self.motor = self.q;
         self.motor_v = self.v;
+        self.before = None;
         let gear = 1.0 - joints.beyond_sensor;
         Some(SVector::from_fn(|i, _| {
             tau[i] - (joints.rotor[i] * change[i] + gear * joints.viscous[i] * travel[i]) / h
@@ -147,9 +151,17 @@ impl<const N: usize> Motion<N> {
         load: &Load<'_, N>,
         h: f64,
     ) -> Option<SVector<f64, N>> {
-        let mut system = bodies.mass_matrix();
-        let bias = bodies.coriolis(&self.v.data.0[0]) + bodies.gravity();
-        let mut impulse = (load.extra - bias) * h;
+        let (mass, bias) = (
+            bodies.mass_matrix(),
+            bodies.coriolis(&self.v.data.0[0]) + bodies.gravity(),
+        );
+        // Extrapolated to the middle of the step: second order for what is smooth.
+        let (mut system, middle) = match &self.before {
+            Some((mass_before, bias_before)) => (mass * 1.5 - mass_before * 0.5, bias * 1.5 - bias_before * 0.5),
+            None => (mass, bias),
+        };
+        self.before = Some((mass, bias));
+        let mut impulse = (load.extra - middle) * h;
         for (point, force) in load.pulls {
             for i in 0..N {
                 impulse[i] += h * frames[i].z().dot(&(point - frames[i].origin).cross(force));
@@ -160,8 +172,9 @@ impl<const N: usize> Motion<N> {
                 impulse[i] += h * frames[i].z().dot(&load.moment);
             }
         }
+        let mut pressed = false;
         for touch in load.touches {
-            add_touch(touch, frames, &self.v, h, &mut system, &mut impulse);
+            pressed |= add_touch(touch, frames, &self.v, h, &mut system, &mut impulse);
         }
         for i in 0..N {
             let (low, high) = joints.stops[i];
@@ -173,7 +186,7 @@ impl<const N: usize> Motion<N> {
             }
         }
         match &joints.elastic {
-            None => self.advance_rigid(joints, load.tau, system, impulse, h),
+            None => self.advance_rigid(joints, load.tau, system, impulse, pressed, h),
             Some(elastic) => self.advance_elastic(joints, elastic, load.tau, system, impulse, h),
         }
     }
@@ -185,6 +198,7 @@ impl<const N: usize> Motion<N> {
         tau: &SVector<f64, N>,
         mut system: SMatrix<f64, N, N>,
         mut impulse: SVector<f64, N>,
+        pressed: bool,
         h: f64,
     ) -> Option<SVector<f64, N>> {
         impulse += tau * h;
@@ -196,7 +210,13 @@ impl<const N: usize> Motion<N> {
         let before = self.v;
         let change = self.solve_with_friction(&joints.coulomb, &system, &impulse, &before, h)?;
         self.v += change;
-        self.q += self.v * h;
+        // With contact the end velocity, which the implicit forces are written
+        // for; without it the mean of both ends, which is of second order.
+        self.q += if pressed {
+            self.v * h
+        } else {
+            (before + self.v) * (h / 2.0)
+        };
         self.motor = self.q;
         self.motor_v = self.v;
         let gear = 1.0 - joints.beyond_sensor;
@@ -341,7 +361,8 @@ fn settle_modes<const N: usize>(coulomb: &[f64; N], modes: &mut [f64; N], v: &SV
     settled
 }
 
-/// Adds one contact point, linearised about the present state.
+/// Adds one contact point, linearised about the present state; false where it
+/// does not press.
 #[inline]
 fn add_touch<const N: usize>(
     touch: &Touch,
@@ -350,17 +371,18 @@ fn add_touch<const N: usize>(
     h: f64,
     system: &mut SMatrix<f64, N, N>,
     impulse: &mut SVector<f64, N>,
-) {
+) -> bool {
     let columns: [Vector3<f64>; N] = core::array::from_fn(|i| frames[i].z().cross(&(touch.point - frames[i].origin)));
     let mut velocity = Vector3::zeros();
     for i in 0..N {
         velocity += columns[i] * v[i];
     }
     let approach = -touch.normal.dot(&velocity);
-    let (k, d) = (touch.stiffness, touch.damping);
+    // A gap that closes within the step is met by the spring alone.
+    let (k, d) = (touch.stiffness, if touch.depth > 0.0 { touch.damping } else { 0.0 });
     let force = k * (touch.depth + h * approach) + d * approach;
     if force <= 0.0 {
-        return;
+        return false;
     }
     let along: [f64; N] = core::array::from_fn(|i| touch.normal.dot(&columns[i]));
     let stiff = h * d + h * h * k;
@@ -387,4 +409,5 @@ fn add_touch<const N: usize>(
             }
         }
     }
+    true
 }

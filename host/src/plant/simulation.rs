@@ -423,7 +423,7 @@ impl<const N: usize> Plant<N> {
         let nearest = self.nearest(&tcp);
         let mut probe = self.clone();
         probe.collect_touches(&tcp, nearest.as_ref());
-        for touch in &probe.touches {
+        for touch in probe.touches.iter().filter(|t| t.depth > 0.0) {
             let force = touch.stiffness * touch.depth;
             truth.potential_j += 0.5 * force * touch.depth;
             truth.contact_n += touch.normal * force;
