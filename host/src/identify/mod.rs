@@ -21,7 +21,9 @@ pub mod identifiability;
 mod map;
 mod normal;
 mod options;
+pub mod paper;
 pub mod parameters;
+pub mod simplex;
 mod solve;
 
 pub use calibration::{Calibration, FramePose, GroupFit, Outlier, ParameterEstimate, Residual, ResidualRow};
@@ -50,9 +52,6 @@ pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibratio
             Ok(calibration::finish(experiment, options, Model::Geometry, fit))
         }
         Method::Lm | Method::GaussNewton => distance::identify(experiment, options),
-        Method::NelderMead | Method::NelderMeadScaled => Err(IdentifyError::Method {
-            method: options.method.name(),
-            reason: "not part of this build: use map or geometry".to_owned(),
-        }),
+        Method::NelderMead | Method::NelderMeadScaled => paper::identify(experiment, options),
     }
 }
