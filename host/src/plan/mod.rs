@@ -1,1 +1,34 @@
-//! The planner: poses on the spheres, inverse kinematics, order, laser configurations.
+//! The planner: where the arm is to touch, and in which poses it is recorded.
+//!
+//! First room of the data's path: robot, tool and cell in, [`Plan`] out; the
+//! campaign sends it pose by pose.
+//!
+//! ```text
+//!  Cell (plate, spheres, rules) ─▶ grid (Section 4.2 of the paper) ─┐
+//!   Chain (FK, IK, Jacobian)    ─▶ path (continuous, within limits) ─┴▶ order ─▶ Plan
+//! ```
+//!
+//! Nothing here knows the plant: plans are made from the nominal robot and the
+//! nominal places of the spheres; the operator's error comes in by [`teach`].
+
+mod build;
+mod cell;
+mod chain;
+mod error;
+mod grid;
+mod ik;
+mod order;
+mod path;
+mod teach;
+mod types;
+
+pub use build::{PlanRequest, paper_plan, plan, spread_plan};
+pub use cell::{Cell, PlatePose};
+pub use chain::{Chain, TcpPose, quaternion, rotation_of};
+pub use error::PlanError;
+pub use grid::{Grid, GridPose};
+pub use ik::IK_TOLERANCE;
+pub use order::{move_size, order};
+pub use path::{Obstacle, Rules};
+pub use teach::teach;
+pub use types::{Plan, PosePlan, Rejection, SpherePlan, Waypoint};

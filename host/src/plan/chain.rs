@@ -1,0 +1,203 @@
+//! A robot with its tool as the planner computes with it: any number of joints,
+//! TCP frame, Jacobian, elbow angle and its gradient.
+//!
+//! Everything of the planner that needs kinematics goes through [`Chain`].
+
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
+use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::robot::elbow::elbow;
+use spherecal_shared::robot::kinematics::frames_into;
+use spherecal_shared::robot::{Frame, JointLimits, LinkTransform, MdhRow, Robot, Tool};
+
+use super::PlanError;
+
+/// Room for the joints of any robot.
+pub(super) type JointVector = SVector<f64, MAX_JOINTS>;
+/// Task Jacobian: rows 0-2 position (m), 3-5 rotation (rad), 6 elbow (rad).
+pub(super) type TaskJacobian = SMatrix<f64, 7, MAX_JOINTS>;
+
+/// Where the TCP is to be, seen from F0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TcpPose {
+    /// Tool centre point in F0, in m.
+    pub position: Vector3<f64>,
+    /// Rotation of FT in F0.
+    pub rotation: Rotation3<f64>,
+    /// Elbow angle in rad ([`spherecal_shared::robot::elbow`]), where it is
+    /// asked for (or, as a result, where the arm has one).
+    pub elbow: Option<f64>,
+}
+
+/// Frames and TCP at one configuration.
+#[derive(Clone, Debug)]
+pub(super) struct Posture {
+    /// F1..Fn in F0; the rest is unused.
+    pub(super) frames: [Frame<f64>; MAX_JOINTS],
+    /// Rotation of the flange and of FT.
+    pub(super) rotation: Matrix3<f64>,
+    /// TCP in F0, in m.
+    pub(super) tcp: Vector3<f64>,
+}
+
+/// A robot with its tool, compiled for the planner.
+#[derive(Clone, Debug)]
+pub struct Chain {
+    pub(super) rows: Vec<MdhRow<f64>>,
+    pub(super) links: Vec<LinkTransform<f64>>,
+    pub(super) limits: Vec<JointLimits>,
+    pub(super) tcp: Vector3<f64>,
+}
+
+impl Chain {
+    /// Compiles a robot and its tool.
+    ///
+    /// # Errors
+    /// What [`Robot::check`] and [`Tool::check`] refuse, and robots with fewer
+    /// than six joints, which cannot take up an orientation.
+    pub fn new(robot: &Robot, tool: &Tool) -> Result<Self, PlanError> {
+        robot.check()?;
+        tool.check()?;
+        if robot.dof() < 6 {
+            return Err(PlanError::TooFewJoints { found: robot.dof() });
+        }
+        let rows: Vec<_> = robot.joints.iter().map(|j| j.mdh).collect();
+        Ok(Self {
+            links: rows.iter().map(LinkTransform::from).collect(),
+            rows,
+            limits: robot.joints.iter().map(|j| j.limits).collect(),
+            tcp: tool.tcp(),
+        })
+    }
+
+    /// Number of joints.
+    pub fn dof(&self) -> usize {
+        self.links.len()
+    }
+
+    /// Joint limits, base to flange.
+    pub fn limits(&self) -> &[JointLimits] {
+        &self.limits
+    }
+
+    /// Whether the elbow angle is a coordinate of this arm (seven joints).
+    pub fn has_elbow(&self) -> bool {
+        self.dof() == 7
+    }
+
+    /// TCP pose at joint angles `q` (rad), with the elbow angle where there is one.
+    pub fn pose(&self, q: &[f64]) -> TcpPose {
+        let posture = self.posture(q);
+        TcpPose {
+            position: posture.tcp,
+            rotation: Rotation3::from_matrix_unchecked(posture.rotation),
+            elbow: self.elbow_at(&posture),
+        }
+    }
+
+    /// Distance of the nearest joint limit, in rad; negative outside.
+    pub fn limit_margin(&self, q: &[f64]) -> f64 {
+        q.iter()
+            .zip(&self.limits)
+            .map(|(q, l)| (q - l.min_rad).min(l.max_rad - q))
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// Frames and TCP at `q`.
+    pub(super) fn posture(&self, q: &[f64]) -> Posture {
+        let mut frames = [Frame::identity(); MAX_JOINTS];
+        let flange = frames_into(&self.links, q, &mut frames);
+        Posture {
+            rotation: flange.rotation,
+            tcp: flange.point(&self.tcp),
+            frames,
+        }
+    }
+
+    /// Elbow angle in rad, for an arm of seven joints away from its degenerate places.
+    pub(super) fn elbow_at(&self, posture: &Posture) -> Option<f64> {
+        if !self.has_elbow() {
+            return None;
+        }
+        elbow(posture.frames.get(..7)?).map(|e| e.angle)
+    }
+
+    /// Task Jacobian at a posture: per rad/s of each joint the TCP's velocity,
+    /// the angular velocity and, with `with_elbow`, the elbow's rate.
+    pub(super) fn jacobian(&self, posture: &Posture, with_elbow: bool) -> TaskJacobian {
+        let mut jacobian = TaskJacobian::zeros();
+        for (i, frame) in posture.frames.iter().enumerate().take(self.dof()) {
+            let z = frame.z();
+            let v = z.cross(&(posture.tcp - frame.origin));
+            for k in 0..3 {
+                jacobian[(k, i)] = v[k];
+                jacobian[(k + 3, i)] = z[k];
+            }
+        }
+        if with_elbow && let Some(row) = self.elbow_gradient(posture) {
+            for (i, value) in row.into_iter().enumerate() {
+                jacobian[(6, i)] = value;
+            }
+        }
+        jacobian
+    }
+
+    /// Derivative of the elbow angle with respect to each joint angle.
+    ///
+    /// With S, E, W the origins of F2, F4, F6 and n the unit vector S→W, the
+    /// angle is atan2(s, c), s = n·(z × (E−S)), c = (E−S)_z − n_z n·(E−S).
+    fn elbow_gradient(&self, posture: &Posture) -> Option<[f64; 7]> {
+        if !self.has_elbow() {
+            return None;
+        }
+        let [_, f2, _, f4, _, f6, ..] = &posture.frames;
+        let (line, arm) = (f6.origin - f2.origin, f4.origin - f2.origin);
+        let length = line.norm();
+        let n = line / length;
+        let up = Vector3::z();
+        let (along, turned) = (n.dot(&arm), up.cross(&arm));
+        let (s, c) = (n.dot(&turned), arm.z - n.z * along);
+        let square = s * s + c * c;
+        if !(length > 1e-6 && square > 1e-12) {
+            return None;
+        }
+        // Velocity of frame m's origin with joint i: only joints below it move it.
+        let velocity = |i: usize, m: usize| {
+            let frame = &posture.frames[i];
+            if i < m {
+                frame.z().cross(&(posture.frames[m].origin - frame.origin))
+            } else {
+                Vector3::zeros()
+            }
+        };
+        Some(core::array::from_fn(|i| {
+            let shoulder = velocity(i, 1);
+            let (d_line, d_arm) = (velocity(i, 5) - shoulder, velocity(i, 3) - shoulder);
+            let d_n = (d_line - n * n.dot(&d_line)) / length;
+            let d_s = d_n.dot(&turned) + n.dot(&up.cross(&d_arm));
+            let d_c = d_arm.z - d_n.z * along - n.z * (d_n.dot(&arm) + n.dot(&d_arm));
+            (c * d_s - s * d_c) / square
+        }))
+    }
+}
+
+/// Unit quaternion w, x, y, z of a rotation, as the host link carries it (w >= 0).
+pub fn quaternion(rotation: &Rotation3<f64>) -> [f64; 4] {
+    let q = UnitQuaternion::from_rotation_matrix(rotation);
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    [q.w * sign, q.i * sign, q.j * sign, q.k * sign]
+}
+
+/// Rotation of a quaternion w, x, y, z.
+pub fn rotation_of(q: &[f64; 4]) -> Rotation3<f64> {
+    UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q[0], q[1], q[2], q[3])).to_rotation_matrix()
+}
+
+/// Angle wrapped into (−π, π].
+pub(super) fn wrapped(angle: f64) -> f64 {
+    let turned = angle.rem_euclid(core::f64::consts::TAU);
+    if turned > core::f64::consts::PI {
+        turned - core::f64::consts::TAU
+    } else {
+        turned
+    }
+}

@@ -1,0 +1,51 @@
+//! Why no plan could be made.
+
+use spherecal_shared::robot::RobotError;
+
+use super::path::Obstacle;
+
+/// Why no plan could be made: what, its value, and the remedy.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// The robot's or the tool's description was refused.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// An arm that cannot turn its tool about a fixed point.
+    #[error("the robot has {found} joints: turning about a sphere takes at least 6")]
+    TooFewJoints {
+        /// Joints of the description.
+        found: usize,
+    },
+    /// No sphere to touch.
+    #[error("spheres is empty: list at least one sphere in the plate file")]
+    NoSpheres,
+    /// No place for the plate.
+    #[error("plates is empty: give at least one placement of the plate")]
+    NoPlate,
+    /// A number is NaN, infinite or outside what makes sense.
+    #[error("{field} is {value}: {remedy}")]
+    OutOfRange {
+        /// Field of the cell or the request.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// What to write instead.
+        remedy: &'static str,
+    },
+    /// The arm cannot come to a sphere at all.
+    #[error(
+        "sphere {sphere} at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm in F0: {obstacle}; move the plate nearer to the middle of the arm's reach"
+    )]
+    SphereOutOfReach {
+        /// Id of the sphere.
+        sphere: u32,
+        /// Its place in F0, in mm.
+        x_mm: f64,
+        /// Its place in F0, in mm.
+        y_mm: f64,
+        /// Its place in F0, in mm.
+        z_mm: f64,
+        /// What stands in the way.
+        obstacle: Obstacle,
+    },
+}

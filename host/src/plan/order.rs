@@ -1,0 +1,134 @@
+//! Neighbour order: short continuous moves, about a second each, instead of the
+//! four or five that a random order takes.
+
+use super::chain::TcpPose;
+
+/// Size of a move, in rad: the larger of rotation and elbow rules the time, the
+/// other breaks ties.
+pub fn move_size(a: &TcpPose, b: &TcpPose) -> f64 {
+    let elbow = match (a.elbow, b.elbow) {
+        (Some(a), Some(b)) => (b - a).abs(),
+        _ => 0.0,
+    };
+    let turn = a.rotation.angle_to(&b.rotation);
+    turn.max(elbow) + 0.1 * turn.min(elbow)
+}
+
+/// Order in which to visit `poses`, starting near `start`: nearest neighbour,
+/// then 2-opt and single moves until nothing gets shorter. Indices into `poses`.
+pub fn order(start: &TcpPose, poses: &[TcpPose]) -> Vec<usize> {
+    let n = poses.len();
+    if n == 0 {
+        return Vec::new();
+    }
+    // Node n is the start. f32 halves the traffic; the order needs no more.
+    let size = |a: usize, b: usize| {
+        let (a, b) = (poses.get(a).unwrap_or(start), poses.get(b).unwrap_or(start));
+        move_size(a, b) as f32
+    };
+    let mut distance = vec![0f32; (n + 1) * (n + 1)];
+    for a in 0..=n {
+        for b in 0..a {
+            let d = size(a, b);
+            distance[a * (n + 1) + b] = d;
+            distance[b * (n + 1) + a] = d;
+        }
+    }
+    let d = |a: usize, b: usize| distance[a * (n + 1) + b];
+
+    let mut left: Vec<usize> = (0..n).collect();
+    let mut tour = vec![n];
+    let mut last = n;
+    while let Some(k) = (0..left.len()).min_by(|a, b| d(last, left[*a]).total_cmp(&d(last, left[*b]))) {
+        last = left.swap_remove(k);
+        tour.push(last);
+    }
+    for _ in 0..50 {
+        let improved = two_opt(&mut tour, &d) | relocate(&mut tour, &d);
+        if !improved {
+            break;
+        }
+    }
+    tour.split_off(1)
+}
+
+/// One sweep of 2-opt on an open path whose first node is fixed.
+fn two_opt(tour: &mut [usize], d: &impl Fn(usize, usize) -> f32) -> bool {
+    let n = tour.len();
+    let mut improved = false;
+    for i in 1..n.saturating_sub(1) {
+        for j in (i + 1)..n {
+            let (before, first, last) = (tour[i - 1], tour[i], tour[j]);
+            let mut gain = d(before, first) - d(before, last);
+            if j + 1 < n {
+                gain += d(last, tour[j + 1]) - d(first, tour[j + 1]);
+            }
+            if gain > 1e-5 {
+                tour[i..=j].reverse();
+                improved = true;
+            }
+        }
+    }
+    improved
+}
+
+/// One sweep that takes each node out and puts it where it costs least.
+fn relocate(tour: &mut Vec<usize>, d: &impl Fn(usize, usize) -> f32) -> bool {
+    let n = tour.len();
+    let mut improved = false;
+    for i in 1..n {
+        let node = tour[i];
+        let mut saved = d(tour[i - 1], node);
+        if i + 1 < n {
+            saved += d(node, tour[i + 1]) - d(tour[i - 1], tour[i + 1]);
+        }
+        // Place k: between tour[k] and tour[k + 1], not next to itself.
+        let best = (0..n)
+            .filter(|k| *k != i && *k + 1 != i)
+            .map(|k| {
+                let mut cost = d(tour[k], node);
+                if k + 1 < n {
+                    cost += d(node, tour[k + 1]) - d(tour[k], tour[k + 1]);
+                }
+                (k, cost)
+            })
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((k, cost)) = best
+            && cost < saved - 1e-5
+        {
+            tour.remove(i);
+            let at = if k < i { k + 1 } else { k };
+            tour.insert(at, node);
+            improved = true;
+        }
+    }
+    improved
+}
+
+/// Indices of `count` poses spread well over `poses`: the one nearest to
+/// `start`, then always the one farthest from those taken.
+pub(super) fn spread(start: &TcpPose, poses: &[TcpPose], count: usize) -> Vec<usize> {
+    let size = |a: &TcpPose, b: &TcpPose| {
+        let elbow = match (a.elbow, b.elbow) {
+            (Some(a), Some(b)) => b - a,
+            _ => 0.0,
+        };
+        a.rotation.angle_to(&b.rotation).hypot(elbow)
+    };
+    let mut taken = Vec::new();
+    let first = (0..poses.len()).min_by(|a, b| size(start, &poses[*a]).total_cmp(&size(start, &poses[*b])));
+    let mut gap = vec![f64::INFINITY; poses.len()];
+    let mut next = first;
+    while let Some(k) = next
+        && taken.len() < count
+    {
+        taken.push(k);
+        for (g, pose) in gap.iter_mut().zip(poses) {
+            *g = g.min(size(&poses[k], pose));
+        }
+        next = (0..poses.len())
+            .max_by(|a, b| gap[*a].total_cmp(&gap[*b]))
+            .filter(|k| gap[*k] > 1e-9);
+    }
+    taken
+}

@@ -1,0 +1,109 @@
+//! What a plan is, as plain serialisable data.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::path::Obstacle;
+
+/// A configuration in free space.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Waypoint {
+    /// TCP in F0, in m.
+    pub position_m: [f64; 3],
+    /// Orientation of FT in F0 as a unit quaternion w, x, y, z.
+    pub orientation: [f64; 4],
+    /// Elbow angle in rad, for arms that have one.
+    pub elbow_rad: Option<f64>,
+    /// Joint angles base to flange, in rad.
+    pub joints: Vec<f64>,
+}
+
+/// A pose about a sphere: the TCP at its centre.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PosePlan {
+    /// Id of the pose, unique within the plan.
+    pub id: u32,
+    /// Only passed through, not recorded: it keeps the motion continuous.
+    #[serde(default)]
+    pub via: bool,
+    /// Orientation of FT in F0 as a unit quaternion w, x, y, z.
+    pub orientation: [f64; 4],
+    /// Elbow angle in rad, for arms that have one.
+    pub elbow_rad: Option<f64>,
+    /// Joint angles of the nominal robot, continuous with the pose before, in rad.
+    pub joints: Vec<f64>,
+}
+
+/// One visit to a sphere: approach, couple, all its poses, decouple.
+///
+/// A sphere may be visited more than once, in other placements of the plate or
+/// other branches of the inverse kinematics.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SpherePlan {
+    /// Id of the sphere, as in the plate's certificate.
+    pub sphere_id: u32,
+    /// Which placement of the plate.
+    pub place: u32,
+    /// Nominal centre of the sphere in F0, in m.
+    pub position_m: [f64; 3],
+    /// Where the descent begins: against the approach direction from the centre.
+    pub approach: Waypoint,
+    /// Direction of the descent in F0, a unit vector.
+    pub approach_direction: [f64; 3],
+    /// Poses in the order of motion.
+    pub poses: Vec<PosePlan>,
+}
+
+impl SpherePlan {
+    /// Poses that are recorded.
+    pub fn recorded(&self) -> usize {
+        self.poses.iter().filter(|p| !p.via).count()
+    }
+}
+
+/// A pose of the grid that is not in the plan, and why.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Rejection {
+    /// Id that the pose would have had.
+    pub id: u32,
+    /// Its sphere.
+    pub sphere_id: u32,
+    /// What stands in the way.
+    pub obstacle: Obstacle,
+}
+
+/// The whole plan, in the order of execution.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Name of the robot that it was made for.
+    pub robot: String,
+    /// Safe start and end of all motions (the paper's homeFrame).
+    pub home: Waypoint,
+    /// Visits to the spheres.
+    pub spheres: Vec<SpherePlan>,
+    /// Poses that were considered.
+    pub planned: usize,
+    /// Poses of them that the arm reaches.
+    pub reachable: usize,
+    /// The others.
+    pub rejected: Vec<Rejection>,
+    /// Predicted time of turning and recording, in s (no approaches).
+    pub turning_s: f64,
+}
+
+impl Plan {
+    /// Poses that are recorded, over all visits.
+    pub fn recorded(&self) -> usize {
+        self.spheres.iter().map(SpherePlan::recorded).sum()
+    }
+
+    /// Number of rejected poses by reason, in words.
+    pub fn rejected_by_reason(&self) -> BTreeMap<String, usize> {
+        let mut counts = BTreeMap::new();
+        for rejection in &self.rejected {
+            *counts.entry(rejection.obstacle.kind().to_owned()).or_insert(0) += 1;
+        }
+        counts
+    }
+}
