@@ -188,12 +188,13 @@ impl Start {
     }
 }
 
-/// The solution of a pose with the most room to the joint limits that keeps the rules.
+/// The solution of a pose with the most room to the joint limits that keeps the
+/// rules for passing.
 pub(super) fn roomiest(chain: &Chain, rules: &Rules, pose: &TcpPose) -> Result<Vec<f64>, Obstacle> {
     let mut best: Option<Vec<f64>> = None;
     let mut obstacle = Obstacle::OutOfReach;
     for q in chain.solve(pose) {
-        match rules.configuration(chain, &q) {
+        match rules.passing().configuration(chain, &q) {
             Ok(()) => {
                 let better = best
                     .as_ref()
@@ -326,3 +327,7 @@ pub(super) fn turning_time(start: &TcpPose, poses: &[PosePlan]) -> f64 {
     }
     time
 }
+
+#[cfg(test)]
+#[path = "build_tests.rs"]
+mod tests;

@@ -96,7 +96,7 @@ impl Cell {
             .flat_map(|s| s.position_m)
             .chain(self.plates.iter().flat_map(|p| p.centre_m));
         for value in numbers {
-            if !(value.abs() <= 10.0) {
+            if value.is_nan() || value.abs() > 10.0 {
                 return Err(PlanError::OutOfRange {
                     field: "sphere position or plate centre (m)",
                     value,
@@ -106,7 +106,7 @@ impl Cell {
         }
         for plate in &self.plates {
             let norm = plate.orientation.iter().map(|v| v * v).sum::<f64>().sqrt();
-            if !((norm - 1.0).abs() < 1e-6) {
+            if norm.is_nan() || (norm - 1.0).abs() >= 1e-6 {
                 return Err(PlanError::OutOfRange {
                     field: "norm of the plate's orientation",
                     value: norm,

@@ -201,3 +201,20 @@ pub(super) fn wrapped(angle: f64) -> f64 {
         turned
     }
 }
+
+/// Rotation vector, also near half a turn and with no loss near zero.
+pub(super) fn rotation_vector(r: &Rotation3<f64>) -> Vector3<f64> {
+    let m = r.matrix();
+    let sine = Vector3::new(m[(2, 1)] - m[(1, 2)], m[(0, 2)] - m[(2, 0)], m[(1, 0)] - m[(0, 1)]) * 0.5;
+    let (s, c) = (sine.norm(), (m.trace() - 1.0) * 0.5);
+    if s < 1e-9 {
+        return if c > 0.0 { sine } else { r.scaled_axis() };
+    }
+    sine * (s.atan2(c) / s)
+}
+
+/// Angle of the rotation between two orientations, in rad (exact near zero,
+/// where the arc cosine of the trace is not).
+pub(super) fn turn_between(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
+    rotation_vector(&(b * a.inverse())).norm()
+}

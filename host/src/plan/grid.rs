@@ -83,7 +83,10 @@ impl Grid {
     ) -> (Vec<GridPose>, Vec<(u32, Obstacle)>) {
         let (mut good, mut bad) = (Vec::new(), Vec::new());
         for (index, pose) in (0..).zip(self.poses(neutral)) {
-            match rules.follow(chain, neutral, q, &pose) {
+            let end = rules
+                .follow(chain, neutral, q, &pose)
+                .and_then(|joints| rules.configuration(chain, &joints).map(|()| joints));
+            match end {
                 Ok(joints) => good.push(GridPose { index, pose, joints }),
                 Err(obstacle) => bad.push((index, obstacle)),
             }

@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::linalg::Cholesky;
 
-use super::chain::{Chain, JointVector, TcpPose, wrapped};
+use super::chain::{Chain, JointVector, TcpPose, rotation_vector, wrapped};
 
 /// Position (m), rotation (rad) and elbow (rad) error under which a pose counts as solved.
 pub const IK_TOLERANCE: f64 = 1e-11;
@@ -218,13 +218,13 @@ impl Srs {
         let wrist = flange - approach * last;
         let line = wrist - self.shoulder;
         let length = line.norm();
-        if !(length > 1e-6) {
+        if length.is_nan() || length <= 1e-6 {
             return Vec::new();
         }
         let n = line / length;
         let along = (upper * upper - fore * fore + length * length) / (2.0 * length);
         let square = upper * upper - along * along;
-        if !(square >= 0.0) {
+        if square.is_nan() || square < 0.0 {
             return Vec::new();
         }
         let up = Vector3::new(-n.x * n.z, -n.y * n.z, 1.0 - n.z * n.z);
@@ -269,17 +269,6 @@ fn into_limits(angle: f64, min: f64, max: f64) -> Option<f64> {
     [angle, angle - TAU, angle + TAU]
         .into_iter()
         .find(|a| (min - slack..=max + slack).contains(a))
-}
-
-/// Rotation vector, also near half a turn and with no loss near zero.
-fn rotation_vector(r: &Rotation3<f64>) -> Vector3<f64> {
-    let m = r.matrix();
-    let sine = Vector3::new(m[(2, 1)] - m[(1, 2)], m[(0, 2)] - m[(2, 0)], m[(1, 0)] - m[(0, 1)]) * 0.5;
-    let (s, c) = (sine.norm(), (m.trace() - 1.0) * 0.5);
-    if s < 1e-9 {
-        return if c > 0.0 { sine } else { r.scaled_axis() };
-    }
-    sine * (s.atan2(c) / s)
 }
 
 fn about_z(angle: f64) -> Matrix3<f64> {

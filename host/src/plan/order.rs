@@ -1,7 +1,7 @@
 //! Neighbour order: short continuous moves, about a second each, instead of the
 //! four or five that a random order takes.
 
-use super::chain::TcpPose;
+use super::chain::{TcpPose, turn_between};
 
 /// Size of a move, in rad: the larger of rotation and elbow rules the time, the
 /// other breaks ties.
@@ -10,7 +10,7 @@ pub fn move_size(a: &TcpPose, b: &TcpPose) -> f64 {
         (Some(a), Some(b)) => (b - a).abs(),
         _ => 0.0,
     };
-    let turn = a.rotation.angle_to(&b.rotation);
+    let turn = turn_between(&a.rotation, &b.rotation);
     turn.max(elbow) + 0.1 * turn.min(elbow)
 }
 
@@ -113,7 +113,7 @@ pub(super) fn spread(start: &TcpPose, poses: &[TcpPose], count: usize) -> Vec<us
             (Some(a), Some(b)) => b - a,
             _ => 0.0,
         };
-        a.rotation.angle_to(&b.rotation).hypot(elbow)
+        turn_between(&a.rotation, &b.rotation).hypot(elbow)
     };
     let mut taken = Vec::new();
     let first = (0..poses.len()).min_by(|a, b| size(start, &poses[*a]).total_cmp(&size(start, &poses[*b])));

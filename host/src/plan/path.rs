@@ -6,12 +6,10 @@
 //! straight line). A move is allowed when inverse kinematics follows it without
 //! a jump, inside the joint limits and away from the singular places.
 
-use core::f64::consts::PI;
-
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::Rotation3;
 use serde::{Deserialize, Serialize};
 
-use super::chain::{Chain, TcpPose, wrapped};
+use super::chain::{Chain, TcpPose, rotation_vector, turn_between, wrapped};
 
 /// What stands in the way of a pose or a move.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
@@ -101,7 +99,16 @@ impl Rules {
         }
     }
 
-    /// Checks one configuration.
+    /// The rules for passing through: a third of the distance to singular places.
+    pub fn passing(&self) -> Self {
+        Self {
+            singular_rad: self.singular_rad.map(|s| s / 3.0),
+            singular_value: self.singular_value / 3.0,
+            ..*self
+        }
+    }
+
+    /// Checks one configuration that is to be recorded.
     ///
     /// # Errors
     /// The limit or the singular place that is too near.
@@ -134,8 +141,9 @@ impl Rules {
         Ok(())
     }
 
-    /// Follows the move from `from`, where the joints are at `q`, to `to`.
-    /// Returns the joint angles at the end, in rad.
+    /// Follows the move from `from`, where the joints are at `q`, to `to`, by
+    /// the rules for [`passing`](Self::passing). Returns the joint angles at the
+    /// end, in rad.
     ///
     /// # Errors
     /// What stands in the way.
@@ -144,6 +152,7 @@ impl Rules {
             .max((to.position - from.position).norm() / 0.010)
             .ceil()
             .max(1.0) as usize;
+        let passing = self.passing();
         let mut current = q.to_vec();
         for k in 1..=count {
             let pose = between(from, to, k as f64 / count as f64);
@@ -156,7 +165,7 @@ impl Rules {
                     });
                 }
             }
-            self.configuration(chain, &next)?;
+            passing.configuration(chain, &next)?;
             current = next;
         }
         Ok(current)
@@ -178,20 +187,15 @@ pub(super) fn move_angle(a: &TcpPose, b: &TcpPose) -> f64 {
         (Some(a), Some(b)) => (b - a).abs(),
         _ => 0.0,
     };
-    a.rotation.angle_to(&b.rotation).max(elbow)
+    turn_between(&a.rotation, &b.rotation).max(elbow)
 }
 
 /// The pose at fraction `t` of the move.
 pub(super) fn between(a: &TcpPose, b: &TcpPose, t: f64) -> TcpPose {
-    let turn = (b.rotation * a.rotation.inverse()).scaled_axis();
+    let turn = rotation_vector(&(b.rotation * a.rotation.inverse()));
     TcpPose {
         position: a.position + (b.position - a.position) * t,
-        rotation: if turn.norm() > PI - 1e-6 {
-            // Half a turn has no shortest arc: any axis serves, but the same at every t.
-            Rotation3::from_scaled_axis(turn * t) * a.rotation
-        } else {
-            Rotation3::new(Vector3::from(turn) * t) * a.rotation
-        },
+        rotation: Rotation3::new(turn * t) * a.rotation,
         elbow: match (a.elbow, b.elbow) {
             (Some(a), Some(b)) => Some(a + (b - a) * t),
             (_, b) => b,
