@@ -9,31 +9,33 @@
 use nalgebra::Vector3;
 use spherecal_shared::procedure::{Approach, Seating};
 
-/// Mean of the wrench's force at rest.
+use crate::law::Wrench;
+
+/// Mean wrench at rest.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tare {
-    sum: Vector3<f64>,
+    sum: Wrench,
     count: u32,
 }
 
 impl Tare {
-    /// Takes one tick's force (F0, in N).
-    pub fn push(&mut self, force: &Vector3<f64>) {
-        self.sum += force;
+    /// Takes one tick's wrench.
+    pub fn push(&mut self, wrench: &Wrench) {
+        self.sum.force += wrench.force;
+        self.sum.torque += wrench.torque;
         self.count = self.count.saturating_add(1);
     }
 
-    /// Ticks taken.
-    pub fn count(&self) -> u32 {
-        self.count
-    }
-
-    /// The mean force, in N; zero before the first tick.
-    pub fn mean(&self) -> Vector3<f64> {
-        if self.count == 0 {
-            Vector3::zeros()
+    /// The mean; zero before the first tick.
+    pub fn mean(&self) -> Wrench {
+        let share = if self.count == 0 {
+            0.0
         } else {
-            self.sum / f64::from(self.count)
+            1.0 / f64::from(self.count)
+        };
+        Wrench {
+            force: self.sum.force * share,
+            torque: self.sum.torque * share,
         }
     }
 }
@@ -43,7 +45,6 @@ impl Tare {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ContactTrigger {
     held: u32,
-    since_first: Option<u32>,
     early: u32,
     peak: f64,
 }
@@ -54,11 +55,7 @@ impl ContactTrigger {
     #[inline]
     pub fn push(&mut self, force: f64, speed: f64, settings: &Approach, period_s: f64) -> bool {
         self.peak = self.peak.max(force);
-        if let Some(ticks) = &mut self.since_first {
-            *ticks = ticks.saturating_add(1);
-        }
         if force >= settings.trigger_n && speed <= settings.contact_speed_m_s {
-            self.since_first.get_or_insert(0);
             self.held = self.held.saturating_add(1);
             return f64::from(self.held) * period_s >= settings.dwell_s;
         }
@@ -69,9 +66,9 @@ impl ContactTrigger {
         false
     }
 
-    /// Ticks from the first crossing of the threshold until now.
+    /// Ticks for which the condition has held.
     pub fn latency_ticks(&self) -> u32 {
-        self.since_first.unwrap_or(0)
+        self.held
     }
 
     /// Crossings that did not last.
@@ -134,7 +131,7 @@ mod tests {
         let fired = (0..30).position(|_| trigger.push(7.5, 0.001, &settings, PERIOD));
         assert_eq!(fired, Some(19));
         assert_eq!((trigger.early_crossings(), trigger.peak_n()), (1, 80.0));
-        assert_eq!(trigger.latency_ticks(), 35);
+        assert_eq!(trigger.latency_ticks(), 20);
     }
 
     #[test]
@@ -164,9 +161,13 @@ mod tests {
     #[test]
     fn the_tare_is_a_mean() {
         let mut tare = Tare::default();
-        assert_eq!(tare.mean(), Vector3::zeros());
-        tare.push(&Vector3::new(1.0, 0.0, 2.0));
-        tare.push(&Vector3::new(3.0, 0.0, 0.0));
-        assert_eq!(tare.mean(), Vector3::new(2.0, 0.0, 1.0));
+        assert_eq!(tare.mean(), Wrench::default());
+        let at = |x, z| Wrench {
+            force: Vector3::new(x, 0.0, z),
+            torque: Vector3::new(z, 0.0, x),
+        };
+        tare.push(&at(1.0, 2.0));
+        tare.push(&at(3.0, 0.0));
+        assert_eq!(tare.mean(), at(2.0, 1.0));
     }
 }

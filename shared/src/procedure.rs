@@ -59,6 +59,13 @@ pub struct Law {
     pub torque_rate_nm_s: f64,
     /// Pole of the momentum observer, in 1/s.
     pub observer_rad_s: f64,
+    /// Gain of the torque loop: gear friction and rotor inertia are felt
+    /// smaller by `1 + gain`. 0 for a drive whose own torque loop does it.
+    pub torque_loop_gain: f64,
+    /// Corner of the torque loop's low-pass, in rad/s.
+    pub torque_loop_rad_s: f64,
+    /// Largest correction of the torque loop, in N m.
+    pub torque_loop_nm: f64,
 }
 
 impl Default for Law {
@@ -71,6 +78,9 @@ impl Default for Law {
             stiffness_ramp_s: 0.10,
             torque_rate_nm_s: 1000.0,
             observer_rad_s: 60.0,
+            torque_loop_gain: 4.0,
+            torque_loop_rad_s: 60.0,
+            torque_loop_nm: 20.0,
         }
     }
 }
@@ -195,7 +205,7 @@ impl Default for Turn {
             acceleration_rad_s2: 1.5,
             tolerance_rad: 0.02,
             elbow_tolerance_rad: 0.10,
-            still_rad_s: 0.005,
+            still_rad_s: 0.002,
             settle_s: 4.0,
         }
     }
@@ -373,6 +383,9 @@ impl Procedure {
             ("law.stiffness_ramp_s", self.law.stiffness_ramp_s, 0.0, 5.0),
             ("law.torque_rate_nm_s", self.law.torque_rate_nm_s, 50.0, 1e5),
             ("law.observer_rad_s", self.law.observer_rad_s, 1.0, 500.0),
+            ("law.torque_loop_gain", self.law.torque_loop_gain, 0.0, 10.0),
+            ("law.torque_loop_rad_s", self.law.torque_loop_rad_s, 0.0, 80.0),
+            ("law.torque_loop_nm", self.law.torque_loop_nm, 0.0, 50.0),
             ("motion.speed_rad_s", self.motion.speed_rad_s, 0.01, 3.0),
             (
                 "motion.acceleration_rad_s2",

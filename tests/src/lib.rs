@@ -2,6 +2,8 @@
 
 pub mod worlds;
 
+pub mod rig;
+
 use std::path::{Path, PathBuf};
 
 /// Path of a file under `tests/data`.

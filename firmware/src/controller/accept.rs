@@ -8,6 +8,7 @@ use spherecal_shared::protocol::host::{ApproachCommand, Command, PoseCommand, Re
 use spherecal_shared::robot::{Arm, Robot, Tool};
 
 use super::{Configured, Controller};
+use crate::law::Wrench;
 use crate::motion::rotation_of;
 
 use crate::phases::{Activity, Decoupling, Env, Moving, Pose, Taring, Turning};
@@ -152,6 +153,7 @@ impl<const N: usize> Controller<N> {
         });
         self.observer.reset();
         self.shaper.reset();
+        self.torque_loop.reset();
         self.touched = false;
         Ok(())
     }
@@ -164,7 +166,7 @@ impl<const N: usize> Controller<N> {
         self.idle()?;
         self.task.sphere = approach.sphere;
         self.task.direction = direction;
-        self.task.tare = Vector3::zeros();
+        self.task.tare = Wrench::default();
         self.touched = true;
         self.enter(Activity::Taring(Taring::default()));
         Ok(())
@@ -211,7 +213,7 @@ impl<const N: usize> Controller<N> {
         };
         let env = Env {
             snapshot,
-            force: self.force,
+            wrench: self.wrench,
             tau: &self.measured,
             joint_speed: 0.0,
             procedure: &self.procedure,

@@ -21,7 +21,7 @@ use spherecal_shared::protocol::host::{Event, FaultReport, Phase, PhaseChange, R
 use spherecal_shared::robot::Arm;
 
 use crate::guard::{Admission, Admitted, Guard, Violation};
-use crate::law::{JointSetpoint, Observer, Shaped, Snapshot, TorqueShaper, joint_torque};
+use crate::law::{JointSetpoint, Observer, Shaped, Snapshot, TorqueLoop, TorqueShaper, Wrench, joint_torque};
 use crate::phases::{Activity, Env, Next, Task};
 
 /// Events that wait for the host link.
@@ -53,6 +53,7 @@ pub struct Controller<const N: usize> {
     guard: Guard<N>,
     observer: Observer<N>,
     shaper: TorqueShaper<N>,
+    torque_loop: TorqueLoop<N>,
     activity: Activity<N>,
     hold: JointSetpoint<N>,
     task: Task<N>,
@@ -61,7 +62,7 @@ pub struct Controller<const N: usize> {
     snapshot: Option<Snapshot<N>>,
     latest_q: [f64; N],
     measured: [f64; N],
-    force: Vector3<f64>,
+    wrench: Wrench,
     slow_dq: [f64; N],
     phase_ticks: u32,
     silent_ticks: u32,
@@ -87,6 +88,7 @@ impl<const N: usize> Default for Controller<N> {
             guard: Guard::default(),
             observer: Observer::default(),
             shaper: TorqueShaper::default(),
+            torque_loop: TorqueLoop::default(),
             activity: Activity::Idle,
             hold: JointSetpoint {
                 q: [0.0; N],
@@ -98,7 +100,7 @@ impl<const N: usize> Default for Controller<N> {
             snapshot: None,
             latest_q: [0.0; N],
             measured: [0.0; N],
-            force: Vector3::zeros(),
+            wrench: Wrench::default(),
             slow_dq: [0.0; N],
             phase_ticks: 0,
             silent_ticks: 0,
@@ -146,7 +148,7 @@ impl<const N: usize> Controller<N> {
     /// Estimated force of the environment at the TCP, F0, tared once a tare
     /// was taken, in N.
     pub fn contact_force(&self) -> Vector3<f64> {
-        self.force - self.task.tare
+        self.wrench.force - self.task.tare.force
     }
 
     /// Notes that the host was heard.
@@ -298,10 +300,9 @@ impl<const N: usize> Controller<N> {
         let torque_limits = configured.torque_limits;
         let speeds = configured.speeds;
         self.measured = state.tau;
-        self.force = self
+        self.wrench = self
             .observer
-            .update(&snapshot, &state.tau, self.procedure.law.observer_rad_s, self.period_s)
-            .force;
+            .update(&snapshot, &state.tau, self.procedure.law.observer_rad_s, self.period_s);
         let share = (STILL_FILTER * self.period_s).min(1.0);
         let mut joint_speed = 0.0f64;
         for i in 0..N {
@@ -320,10 +321,19 @@ impl<const N: usize> Controller<N> {
         }
         self.advance(&snapshot, &speeds, joint_speed);
 
-        let wanted = self.torque(&snapshot);
+        let mut wanted = self.torque(&snapshot);
+        let law = &self.procedure.law;
+        let (gain, corner, bound) = (law.torque_loop_gain, law.torque_loop_rad_s, law.torque_loop_nm);
+        let correction = self
+            .torque_loop
+            .correction(&state.tau, gain, corner, bound, self.period_s);
+        for i in 0..N {
+            wanted[i] += correction[i];
+        }
         let limits = self.effective_limits(&snapshot, &torque_limits);
         let step = self.procedure.law.torque_rate_nm_s * self.period_s;
         let (tau, shaped) = self.shaper.shape(&wanted, &state.tau, &limits, step);
+        self.torque_loop.sent(&tau);
         let force = self.contact_force();
         let violation = self.guard.watch(&force, &shaped, &self.procedure.limits, self.period_s);
         if let Some(violation) = violation {
@@ -357,7 +367,7 @@ impl<const N: usize> Controller<N> {
     fn advance(&mut self, snapshot: &Snapshot<N>, speeds: &[f64; N], joint_speed: f64) {
         let env = Env {
             snapshot,
-            force: self.force,
+            wrench: self.wrench,
             tau: &self.measured,
             joint_speed,
             procedure: &self.procedure,
@@ -451,12 +461,12 @@ impl<const N: usize> Controller<N> {
         }
         self.since_sample = 0;
         let force = self.contact_force();
-        let residual = snapshot.task_force(&snapshot.mass.solve_lower(self.observer.residual()));
+        let torque = self.wrench.torque;
         let mut sample = Sample {
             tick: self.tick,
             phase: self.activity.phase(),
             force_n: [force.x as f32, force.y as f32, force.z as f32],
-            torque_nm: [residual[3] as f32, residual[4] as f32, residual[5] as f32],
+            torque_nm: [torque.x as f32, torque.y as f32, torque.z as f32],
             flags: u8::from(shaped.saturated > 0)
                 | u8::from(shaped.rate_limited) << 1
                 | u8::from(snapshot.near_singular) << 2,

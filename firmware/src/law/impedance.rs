@@ -106,9 +106,9 @@ pub fn rotation_error(desired: &Matrix3<f64>, actual: &Matrix3<f64>) -> Vector3<
     }
     let sine = 0.5 * skew.norm();
     let cosine = 0.5 * (trace - 1.0);
-    // angle / (2 sin angle); 1/2 where the angle vanishes. Near a half turn the
-    // axis is lost; the sine is kept from zero, which bounds the error.
-    let factor = if sine < 1e-8 && cosine > 0.0 {
+    // angle / (2 sin angle); 1/2 where the angle vanishes (to 1e-13). Near a
+    // half turn the axis is lost; keeping the sine from zero bounds the error.
+    let factor = if sine < 1e-6 && cosine > 0.0 {
         0.5
     } else {
         0.5 * libm::atan2(sine, cosine) / sine.max(1e-6)

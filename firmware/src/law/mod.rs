@@ -15,6 +15,7 @@ mod null_space;
 mod observer;
 mod snapshot;
 mod torque;
+mod torque_loop;
 
 pub use damping::Damping;
 pub use impedance::{CartesianSetpoint, Impedance, Stiffness, rotation_error};
@@ -23,3 +24,4 @@ pub use null_space::NullSpace;
 pub use observer::{Observer, Wrench};
 pub use snapshot::{MOBILITY_FLOOR, Snapshot};
 pub use torque::{Shaped, TorqueShaper};
+pub use torque_loop::TorqueLoop;

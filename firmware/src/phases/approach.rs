@@ -25,12 +25,12 @@ impl Taring {
         if env.elapsed_s < SETTLE_S {
             return Next::Stay;
         }
-        self.tare.push(&env.force);
+        self.tare.push(&env.wrench);
         if env.elapsed_s < SETTLE_S + approach.tare_s {
             return Next::Stay;
         }
         task.tare = self.tare.mean();
-        let size = task.tare.norm();
+        let size = task.tare.force.norm();
         if size > approach.tare_limit_n {
             return Next::fail(Fault::Tare, size, approach.tare_limit_n);
         }
@@ -89,7 +89,7 @@ impl Approaching {
                 time_us: env.time_us,
                 force_n: force,
                 peak_n: self.trigger.peak_n(),
-                tare_n: task.tare.into(),
+                tare_n: task.tare.force.into(),
                 tcp_m: tcp.into(),
                 travel_m: travel,
                 latency_ticks: self.trigger.latency_ticks(),

@@ -1,12 +1,11 @@
 //! Coupling: 5 N/m for 5 s while the magnet seats the nest; then a test pull
 //! that a seated nest resists and a loose one does not.
 
-use nalgebra::{Vector3, Vector6};
+use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Coupled, Event, Fault};
 
 use super::{Activity, Env, Next, Task};
 use crate::contact::SeatingWatch;
-use crate::law::CartesianSetpoint;
 
 /// Farthest that the nest may wander while the magnet seats it, in m: half
 /// the taught error of 10 mm more than that error.
@@ -19,8 +18,7 @@ pub struct Coupling;
 impl Coupling {
     /// Re-latches the setpoint to the measured pose and goes soft.
     pub fn new<const N: usize>(env: &Env<'_, N>, task: &mut Task<N>) -> Self {
-        let tcp = &env.snapshot.tcp;
-        task.setpoint = CartesianSetpoint::at(tcp.origin, tcp.rotation);
+        task.relatch(env.snapshot, env.snapshot.tcp.rotation);
         task.soften(env, env.procedure.couple.stiffness_n_m);
         Self
     }
@@ -60,16 +58,16 @@ impl Verifying {
         let tcp = env.snapshot.tcp.origin;
         self.moved = self.moved.max((tcp - self.start).norm());
         if self.moved > seating.test_m {
-            task.setpoint.feed_forward = Vector6::zeros();
+            task.setpoint.feed_forward = task.compensation(Vector3::zeros());
             return Next::fail(Fault::NotSeated, self.moved, seating.test_m);
         }
         if env.elapsed_s < seating.test_s {
             let share = libm::sin(core::f64::consts::PI * env.elapsed_s / seating.test_s);
             let pull = task.direction * (-seating.test_n * share * share);
-            task.setpoint.feed_forward.fixed_rows_mut::<3>(0).copy_from(&pull);
+            task.setpoint.feed_forward = task.compensation(pull);
             return Next::Stay;
         }
-        task.setpoint.feed_forward = Vector6::zeros();
+        task.setpoint.feed_forward = task.compensation(Vector3::zeros());
         task.setpoint.position = tcp;
         task.watch = SeatingWatch::new(tcp);
         let coupled = Coupled {

@@ -5,7 +5,6 @@ use nalgebra::Vector3;
 use spherecal_shared::protocol::host::Fault;
 
 use super::{Activity, Env, Next, Task};
-use crate::law::CartesianSetpoint;
 use crate::motion::LineMove;
 
 /// Acceleration of the retreating setpoint, in m/s².
@@ -24,7 +23,7 @@ impl Decoupling {
     pub fn new<const N: usize>(env: &Env<'_, N>, task: &mut Task<N>) -> Self {
         let decouple = &env.procedure.decouple;
         let tcp = &env.snapshot.tcp;
-        task.setpoint = CartesianSetpoint::at(tcp.origin, task.setpoint.rotation);
+        task.relatch(env.snapshot, task.setpoint.rotation);
         task.soften(env, decouple.stiffness_n_m);
         let line = LineMove::new(-task.direction, decouple.speed_m_s, ACCELERATION, decouple.retreat_m);
         Self {

@@ -22,7 +22,7 @@ mod free;
 mod record;
 mod turn;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3, Vector6};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Event, Fault, Phase};
 use spherecal_shared::robot::elbow::elbow;
@@ -36,15 +36,15 @@ pub use turn::{Pose, Turning};
 
 use crate::contact::SeatingWatch;
 use crate::guard::Violation;
-use crate::law::{CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Snapshot, Stiffness};
+use crate::law::{CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Snapshot, Stiffness, Wrench};
 
 /// What a phase sees at one tick.
 #[derive(Debug)]
 pub struct Env<'a, const N: usize> {
     /// The arm.
     pub snapshot: &'a Snapshot<N>,
-    /// Estimated force of the environment at the TCP, not tared, F0, in N.
-    pub force: Vector3<f64>,
+    /// Estimated wrench of the environment at the TCP, not tared, F0.
+    pub wrench: Wrench,
     /// Measured torques, in N m.
     pub tau: &'a [f64; N],
     /// Fastest joint, low-pass filtered, in rad/s.
@@ -178,8 +178,8 @@ pub struct Task<const N: usize> {
     pub sphere: u32,
     /// Direction of the approach in F0, a unit vector.
     pub direction: Vector3<f64>,
-    /// Force tared away, F0, in N.
-    pub tare: Vector3<f64>,
+    /// Wrench tared away, F0: model error, which the law also compensates.
+    pub tare: Wrench,
     /// Computed TCP at contact, in m.
     pub contact: Vector3<f64>,
     /// The watch over the seated nest.
@@ -197,7 +197,7 @@ impl<const N: usize> Default for Task<N> {
         Self {
             sphere: 0,
             direction: Vector3::zeros(),
-            tare: Vector3::zeros(),
+            tare: Wrench::default(),
             contact: Vector3::zeros(),
             watch: SeatingWatch::new(Vector3::zeros()),
             impedance: Impedance::new(Stiffness::isotropic(0.0, 0.0)),
@@ -209,9 +209,11 @@ impl<const N: usize> Default for Task<N> {
 
 impl<const N: usize> Task<N> {
     /// Takes over from the joint law, bumpless: the spring pulls to where the
-    /// arm is, the null space to where the elbow is.
+    /// arm is, the null space to where the elbow is, and the tared wrench, which
+    /// a soft spring would give way to by centimetres, is compensated.
     pub fn engage(&mut self, snapshot: &Snapshot<N>, stiffness: Stiffness) {
         self.setpoint = CartesianSetpoint::at(snapshot.tcp.origin, snapshot.tcp.rotation);
+        self.setpoint.feed_forward = self.compensation(Vector3::zeros());
         self.impedance = Impedance::new(stiffness);
         self.null_space = match elbow(&snapshot.frames) {
             Some(now) => NullSpace::Elbow {
@@ -221,6 +223,18 @@ impl<const N: usize> Task<N> {
             None if N > 6 => NullSpace::Posture(snapshot.q),
             None => NullSpace::Free,
         };
+    }
+
+    /// Re-latches the spring to where the arm is.
+    pub fn relatch(&mut self, snapshot: &Snapshot<N>, rotation: Matrix3<f64>) {
+        self.setpoint = CartesianSetpoint::at(snapshot.tcp.origin, rotation);
+        self.setpoint.feed_forward = self.compensation(Vector3::zeros());
+    }
+
+    /// Force added to the spring's: against the tared wrench, and `pull` (F0, in N).
+    pub fn compensation(&self, pull: Vector3<f64>) -> Vector6<f64> {
+        let (f, t) = (pull - self.tare.force, -self.tare.torque);
+        Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z)
     }
 
     /// The same stiffness along all axes, reached over the procedure's ramp.
@@ -233,7 +247,7 @@ impl<const N: usize> Task<N> {
     /// Force of the environment against the approach, tared, in N: positive
     /// when the arm pushes on the sphere.
     pub fn contact_force(&self, env: &Env<'_, N>) -> f64 {
-        -self.direction.dot(&(env.force - self.tare))
+        -self.direction.dot(&(env.wrench.force - self.tare.force))
     }
 
     /// Orientation error of the arm, in rad.

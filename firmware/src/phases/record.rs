@@ -58,7 +58,7 @@ impl<const N: usize> Recording<N> {
             }
             return Next::Stay;
         }
-        let force = env.force - task.tare;
+        let force = env.wrench.force - task.tare.force;
         self.recorder.push(&RecorderSample {
             tick: env.tick,
             time_us: env.time_us,

@@ -224,7 +224,7 @@ pub struct Contact {
     pub tcp_m: [f64; 3],
     /// Distance descended, in m.
     pub travel_m: f64,
-    /// Ticks from the first crossing of the threshold to the declaration.
+    /// Ticks from the crossing of the threshold that lasted to the declaration.
     pub latency_ticks: u32,
     /// How often the threshold was crossed but not held.
     pub early_crossings: u32,
