@@ -60,7 +60,7 @@ impl Default for GeometryConfig {
             length_sigma_m: 0.2e-3,
             alpha_sigma_rad: 0.5e-3,
             theta_sigma_rad: 0.8e-3,
-            nominal_mean_m: 1.40e-3,
+            nominal_mean_m: 1.27e-3,
         }
     }
 }
@@ -172,7 +172,7 @@ impl Default for TrackerConfig {
             noise: true,
             sigma_m: 49e-6 / 1.96,
             encoder_rad: 2e-6,
-            remount_m: 0.58e-3,
+            remount_m: 0.62e-3,
             restation_m: 0.15e-3,
             position_m: [2.1, -1.4, 1.1],
             rpy_rad: [0.02, -0.03, 2.4],

@@ -359,7 +359,7 @@ impl<const N: usize> Plant<N> {
         } else {
             core::array::from_fn(|i| {
                 self.deflecting[i] += self.settle_share * (self.transmitted[i] - self.deflecting[i]);
-                self.motion.q[i] - self.world.deflection(i, self.deflecting[i])
+                self.motion.q[i] + self.world.deflection(i, self.deflecting[i])
             })
         };
         let encoder = self.world.encoder_angles(&motor);

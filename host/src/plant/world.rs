@@ -203,7 +203,8 @@ impl<const N: usize> World<N> {
         })
     }
 
-    /// Deflection of joint `i` under a transmitted torque, in rad: link minus motor side.
+    /// Deflection of joint `i` under a transmitted torque, in rad: motor side minus
+    /// link (a torque that lifts the link winds the joint up, and the link lags).
     #[inline]
     pub fn deflection(&self, i: usize, torque: f64) -> f64 {
         let mut angle = self.compliance[i] * torque;
@@ -216,7 +217,7 @@ impl<const N: usize> World<N> {
         angle
     }
 
-    /// Encoder angles that belong to motor-side angles (link minus deflection).
+    /// Encoder angles that belong to motor-side angles (link plus deflection).
     pub fn encoder_angles(&self, motor: &[f64; N]) -> [f64; N] {
         core::array::from_fn(|i| {
             let neighbour = motor[(i + 1) % N];
@@ -246,7 +247,7 @@ impl<const N: usize> World<N> {
         let mut link = motor;
         for _ in 0..4 {
             let gravity = self.arm.bodies(&self.arm.frames(&link)).gravity();
-            link = core::array::from_fn(|i| motor[i] + self.deflection(i, gravity[i]));
+            link = core::array::from_fn(|i| motor[i] - self.deflection(i, gravity[i]));
         }
         link
     }
