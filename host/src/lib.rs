@@ -15,6 +15,7 @@ pub mod campaign;
 pub mod cli;
 pub mod identify;
 pub mod input;
+pub mod job;
 pub mod laser;
 pub mod link;
 pub mod plan;

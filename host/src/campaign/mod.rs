@@ -61,6 +61,8 @@ pub struct Stop {
 pub struct TourPose {
     /// Id of the pose.
     pub pose: u32,
+    /// Whether it is recorded, or only passed through.
+    pub record: bool,
     /// Orientation of FT in F0, unit quaternion w, x, y, z.
     pub orientation: [f64; 4],
     /// Elbow angle, in rad, for arms that have one.
@@ -70,9 +72,12 @@ pub struct TourPose {
 }
 
 impl Tour {
-    /// Poses in all.
+    /// Poses that are recorded.
     pub fn poses(&self) -> usize {
-        self.stops.iter().map(|s| s.poses.len()).sum()
+        self.stops
+            .iter()
+            .map(|s| s.poses.iter().filter(|p| p.record).count())
+            .sum()
     }
 }
 

@@ -127,7 +127,7 @@ impl Campaign<'_> {
         )?;
         let mut away = true;
         for stop in &tour.stops {
-            if self.pending(stop).next().is_none() {
+            if self.pending(stop).is_empty() {
                 continue;
             }
             if away {
@@ -144,10 +144,22 @@ impl Campaign<'_> {
         Ok(())
     }
 
-    /// Poses of a stop that are neither recorded nor given up.
-    fn pending<'s>(&self, stop: &'s Stop) -> impl Iterator<Item = &'s TourPose> {
-        let done: BTreeSet<u32> = self.done.iter().filter(|d| d.0 == stop.sphere).map(|d| d.1).collect();
-        stop.poses.iter().filter(move |p| !done.contains(&p.pose))
+    /// Poses of a stop that are neither recorded nor given up, and those to
+    /// pass through on the way to them.
+    fn pending<'s>(&self, stop: &'s Stop) -> Vec<&'s TourPose> {
+        let mut pending = Vec::new();
+        let mut passed = Vec::new();
+        for pose in &stop.poses {
+            if !pose.record {
+                passed.push(pose);
+            } else if self.done.contains(&(stop.sphere, pose.pose)) {
+                passed.clear();
+            } else {
+                pending.append(&mut passed);
+                pending.push(pose);
+            }
+        }
+        pending
     }
 
     /// All poses of one sphere, with as many attempts as it takes and is allowed.
@@ -220,20 +232,22 @@ impl Campaign<'_> {
         }
 
         session.stage(Stage::Poses, stop.sphere, tour);
-        let pending: Vec<&TourPose> = self.pending(stop).collect();
+        let pending = self.pending(stop);
         let limit = 30.0 + p.turn.settle_s + 2e-3 * f64::from(p.record.samples);
         for pose in pending {
             session.recorded = None;
+            session.passed = None;
             let command = Command::Pose(PoseCommand {
                 pose: pose.pose,
                 orientation: pose.orientation,
                 elbow_rad: pose.elbow_rad,
                 posture: joints(&pose.posture),
-                record: true,
+                record: pose.record,
             });
             match session.ask("take a pose", command)? {
                 Ok(()) => {}
                 Err(Refusal::FaultPending) => {}
+                Err(Refusal::Target) if !pose.record => continue,
                 Err(refusal @ Refusal::Target) => {
                     self.reject(session, stop.sphere, pose.pose, &refusal.to_string())?;
                     continue;
@@ -246,8 +260,11 @@ impl Campaign<'_> {
                 }
             }
             let wanted = (stop.sphere, pose.pose);
-            let recorded = |s: &Session<'_>| (s.recorded == Some(wanted) && s.phase == Phase::Coupled).then_some(());
-            let waited = session.wait("record a pose", limit, recorded)?;
+            let there = |s: &Session<'_>| {
+                let there = s.recorded == Some(wanted) || (!pose.record && s.passed == Some(pose.pose));
+                (there && s.phase == Phase::Coupled).then_some(())
+            };
+            let waited = session.wait("record a pose", limit, there)?;
             if session.recorded == Some(wanted) {
                 // Stored, so it counts, whatever came after it.
                 self.done.insert(wanted);
@@ -256,7 +273,7 @@ impl Campaign<'_> {
                 session.report_progress();
             }
             if let Waited::Fault(report) = waited {
-                return Ok(AtSphere::Fault(report, Some(pose.pose)));
+                return Ok(AtSphere::Fault(report, pose.record.then_some(pose.pose)));
             }
         }
 

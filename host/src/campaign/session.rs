@@ -72,6 +72,7 @@ pub struct Session<'a> {
     pub(super) contacts: Vec<Contact>,
     pub(super) coupled: Option<Coupled>,
     pub(super) recorded: Option<(u32, u32)>,
+    pub(super) passed: Option<u32>,
     pub(super) statistics: Statistics,
     pub(super) telemetry: TelemetrySummary,
 }
@@ -104,6 +105,7 @@ impl<'a> Session<'a> {
             contacts: Vec::new(),
             coupled: None,
             recorded: None,
+            passed: None,
             statistics: Statistics::default(),
             telemetry: TelemetrySummary::default(),
         }
@@ -199,7 +201,7 @@ impl<'a> Session<'a> {
                 }
             }
             Event::Statistics(statistics) => self.statistics = *statistics,
-            Event::Passed { .. } => {}
+            Event::Passed { pose } => self.passed = Some(*pose),
         }
     }
 

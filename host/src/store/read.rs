@@ -105,6 +105,7 @@ impl Store {
         rows.iter()
             .map(|row| {
                 Ok(SessionEnd {
+                    firmware: self.get(row, "firmware")?,
                     simulated_us: self.get::<i64>(row, "simulated_us")? as u64,
                     ticks: self.get::<i64>(row, "ticks")? as u64,
                     wall_s: self.get(row, "wall_s")?,

@@ -67,7 +67,7 @@ fn recordings_survive_to_the_bit_and_come_once() {
     {
         let mut store = Store::create_or_open(&path).expect("made");
         let run = store.create_run(&new_run()).expect("a run");
-        let session = store.begin_session(run, "now", "fw").expect("a session");
+        let session = store.begin_session(run, "now").expect("a session");
         for (r, k) in recordings.iter().zip(1..) {
             let batch = [arrival(k, Event::Recording(r.clone()))];
             store.append(run, session, &batch).expect("stored");
@@ -93,7 +93,7 @@ fn faults_phases_shots_and_results_come_back() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut store = Store::create_or_open(&folder.path().join("c.db")).expect("made");
     let run = store.create_run(&new_run()).expect("a run");
-    let session = store.begin_session(run, "now", "fw").expect("a session");
+    let session = store.begin_session(run, "now").expect("a session");
     let fault = FaultReport {
         fault: Fault::NotFinite,
         phase: Phase::Recording,

@@ -10,6 +10,8 @@ use crate::link::Arrival;
 /// What is known of a session at its end (or so far).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SessionEnd {
+    /// Version and build of the firmware.
+    pub firmware: String,
     /// Device time worked, in µs.
     pub simulated_us: u64,
     /// Control periods.
@@ -106,7 +108,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
-    pub fn begin_session(&mut self, run: i64, started_utc: &str, firmware: &str) -> Result<i64, StoreError> {
+    pub fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, StoreError> {
         self.block(async |connection| {
             let mut t = connection.begin().await?;
             let session: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(session), 0) + 1 FROM sessions WHERE run = $1")
@@ -115,12 +117,11 @@ impl Store {
                 .await?;
             sqlx::query(
                 "INSERT INTO sessions (run, session, started_utc, firmware, simulated_us, ticks, wall_s, link_json, \
-                 telemetry_json) VALUES ($1, $2, $3, $4, 0, 0, 0.0, '{}', '{}')",
+                 telemetry_json) VALUES ($1, $2, $3, '', 0, 0, 0.0, '{}', '{}')",
             )
             .bind(run)
             .bind(session)
             .bind(started_utc)
-            .bind(firmware)
             .execute(&mut *t)
             .await?;
             t.commit().await?;
@@ -135,8 +136,8 @@ impl Store {
     pub fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), StoreError> {
         self.block(async |connection| {
             sqlx::query(
-                "UPDATE sessions SET simulated_us = $3, ticks = $4, wall_s = $5, link_json = $6, telemetry_json = $7 \
-                 WHERE run = $1 AND session = $2",
+                "UPDATE sessions SET simulated_us = $3, ticks = $4, wall_s = $5, link_json = $6, telemetry_json = $7, \
+                 firmware = $8 WHERE run = $1 AND session = $2",
             )
             .bind(run)
             .bind(session)
@@ -145,6 +146,7 @@ impl Store {
             .bind(end.wall_s)
             .bind(&end.link_json)
             .bind(&end.telemetry_json)
+            .bind(&end.firmware)
             .execute(connection)
             .await
             .map(|_| ())

@@ -1,0 +1,294 @@
+//! Everything that a user may set, as one TOML tree.
+//!
+//! A file names only what it changes; a name that does not exist is an error.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use spherecal_shared::procedure::{Procedure, ProcedureError};
+
+use crate::campaign;
+use crate::identify;
+use crate::plan::{Grid, PlanRequest, Rules};
+use crate::plant::{PRESETS, PlantConfig, PlantError};
+
+/// The whole configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Seed of everything that is drawn.
+    pub seed: u64,
+    /// Robot: a built-in name, or a .toml or .urdf file.
+    pub robot: String,
+    /// Nominal TCP in the flange frame, in mm; the robot's own where left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tool_mm: Option<[f64; 3]>,
+    /// Which poses are visited.
+    pub plan: PlanSection,
+    /// How the campaign behaves.
+    pub campaign: CampaignSection,
+    /// The procedure of Algorithm 2.
+    pub procedure: Procedure,
+    /// The simulated plant: `preset`, and what differs from it.
+    pub plant: toml::Table,
+    /// The laser tracker's reference.
+    pub laser: LaserSection,
+    /// How the robot is identified.
+    pub identify: identify::Options,
+}
+
+/// Which poses are visited.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PlanSection {
+    /// Poses over all spheres; 0 for every reachable one of the grid.
+    pub poses: usize,
+    /// The paper's whole grid by the paper's rules, whatever else is said here.
+    pub paper: bool,
+    /// The grid about each sphere.
+    pub grid: Grid,
+    /// What configurations and moves must keep.
+    pub rules: Rules,
+    /// Height of the approach frames over the spheres' centres, in m.
+    pub approach_height_m: f64,
+}
+
+impl Default for PlanSection {
+    fn default() -> Self {
+        Self {
+            poses: 150,
+            paper: false,
+            grid: Grid::default(),
+            rules: Rules::default(),
+            approach_height_m: 0.050,
+        }
+    }
+}
+
+impl PlanSection {
+    /// As the planner takes it.
+    pub fn request(&self) -> PlanRequest {
+        if self.paper {
+            return PlanRequest::paper();
+        }
+        PlanRequest {
+            grid: self.grid.clone(),
+            rules: self.rules,
+            poses: (self.poses > 0).then_some(self.poses),
+        }
+    }
+}
+
+/// How the campaign behaves.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CampaignSection {
+    /// Attempts in vain after which a sphere is given up.
+    pub attempts: u32,
+    /// Failures after which a single pose is given up.
+    pub pose_attempts: u32,
+    /// Poses given up, in percent, after which the campaign stops.
+    pub rejected_percent: u32,
+    /// Error of the taught waypoints along each axis, in m, either way: quick
+    /// hand-guiding (the paper's, Section 4.2).
+    pub taught_error_m: f64,
+}
+
+impl Default for CampaignSection {
+    fn default() -> Self {
+        let options = campaign::Options::default();
+        Self {
+            attempts: options.attempts,
+            pose_attempts: options.pose_attempts,
+            rejected_percent: options.rejected_percent,
+            taught_error_m: 0.010,
+        }
+    }
+}
+
+impl CampaignSection {
+    /// As the campaign takes it.
+    pub fn options(&self) -> campaign::Options {
+        campaign::Options {
+            attempts: self.attempts.max(1),
+            pose_attempts: self.pose_attempts.max(1),
+            rejected_percent: self.rejected_percent,
+        }
+    }
+}
+
+/// The laser tracker's reference.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LaserSection {
+    /// Whether it is measured (in simulation).
+    pub enabled: bool,
+}
+
+impl Default for LaserSection {
+    fn default() -> Self {
+        Self { enabled: true }
+    }
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            robot: "iiwa7".to_owned(),
+            tool_mm: None,
+            plan: PlanSection::default(),
+            campaign: CampaignSection::default(),
+            procedure: Procedure::default(),
+            plant: toml::Table::new(),
+            laser: LaserSection::default(),
+            identify: identify::Options::default(),
+        }
+    }
+}
+
+/// Why a configuration was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{path}: cannot be read ({source}): check the path and its permissions")]
+    Read {
+        /// File.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is not TOML, or names what does not exist.
+    #[error("{path}: {message}\nremedy: `spherecal config --print` shows every field with its default")]
+    Syntax {
+        /// File.
+        path: String,
+        /// What is wrong, and where.
+        message: String,
+    },
+    /// A number of the procedure is out of range.
+    #[error(transparent)]
+    Procedure(#[from] ProcedureError),
+    /// The plant is impossible.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// Another number is out of range.
+    #[error("{field} is {value}: {remedy}")]
+    Range {
+        /// Field, as in the file.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// What to write instead.
+        remedy: &'static str,
+    },
+    /// The plant's section does not fit together.
+    #[error("plant: {message}")]
+    PlantSection {
+        /// What is wrong.
+        message: String,
+    },
+}
+
+impl Config {
+    /// Reads a file; what it does not name has its default.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is not TOML or names what does not exist.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Read {
+            path: name.clone(),
+            source,
+        })?;
+        toml::from_str(&text).map_err(|e| ConfigError::Syntax {
+            path: name,
+            message: e.to_string().trim_end().to_owned(),
+        })
+    }
+
+    /// Checks every number that has a range.
+    ///
+    /// # Errors
+    /// The first that is out of it.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        self.procedure.check()?;
+        self.plant()?;
+        let most = 0.05;
+        if !(0.0..=most).contains(&self.campaign.taught_error_m) {
+            return Err(ConfigError::Range {
+                field: "campaign.taught_error_m",
+                value: self.campaign.taught_error_m,
+                remedy: "give metres from 0 to 0.05 (the procedure finds a sphere within 0.010)",
+            });
+        }
+        if self.plan.poses > 100_000 {
+            return Err(ConfigError::Range {
+                field: "plan.poses",
+                value: self.plan.poses as f64,
+                remedy: "give at most 100000 poses",
+            });
+        }
+        for value in self.tool_mm.iter().flatten() {
+            if !(value.abs() <= 2000.0) {
+                return Err(ConfigError::Range {
+                    field: "tool_mm",
+                    value: *value,
+                    remedy: "give the TCP in the flange frame in mm, within 2000",
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The plant: the preset with what differs from it, and the job's seed.
+    ///
+    /// # Errors
+    /// An unknown preset or field, or a number out of range.
+    pub fn plant(&self) -> Result<PlantConfig, ConfigError> {
+        let section = |message: String| ConfigError::PlantSection { message };
+        let mut table = self.plant.clone();
+        let preset = match table.remove("preset") {
+            None => PRESETS.get(1).copied().unwrap_or("typical").to_owned(),
+            Some(toml::Value::String(name)) => name,
+            Some(other) => return Err(section(format!("preset is {other}: give one of {}", PRESETS.join(", ")))),
+        };
+        let mut whole = toml::Table::try_from(PlantConfig::preset(&preset)?).map_err(|e| section(e.to_string()))?;
+        merge(&mut whole, table);
+        let mut config: PlantConfig = whole
+            .try_into()
+            .map_err(|e: toml::de::Error| section(e.to_string().trim_end().to_owned()))?;
+        if !self.plant.contains_key("seed") {
+            config.seed = self.seed;
+        }
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The whole tree as TOML, every field stated.
+    ///
+    /// # Errors
+    /// Only where the serialiser fails.
+    pub fn to_toml(&self) -> Result<String, ConfigError> {
+        toml::to_string(self).map_err(|e| ConfigError::Syntax {
+            path: "configuration".to_owned(),
+            message: e.to_string(),
+        })
+    }
+}
+
+/// Writes `over` into `base`, table by table.
+fn merge(base: &mut toml::Table, over: toml::Table) {
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(toml::Value::Table(inner)), toml::Value::Table(new)) => merge(inner, new),
+            // A whole number where a float stands is meant as one.
+            (Some(slot @ toml::Value::Float(_)), toml::Value::Integer(whole)) => {
+                *slot = toml::Value::Float(whole as f64);
+            }
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! Why the main job stopped.
+
+use crate::campaign::CampaignError;
+use crate::identify::IdentifyError;
+use crate::laser;
+use crate::link::{LinkError, SimulatedArmError};
+use crate::plan::PlanError;
+use crate::plant::PlantError;
+use crate::robots::RobotFileError;
+use crate::store::StoreError;
+use crate::validate::ValidateError;
+
+use super::ConfigError;
+
+/// What can end the main job.
+#[derive(Debug, thiserror::Error)]
+pub enum JobError {
+    /// The configuration was refused.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The robot was refused.
+    #[error(transparent)]
+    Robot(#[from] RobotFileError),
+    /// No plan could be made.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// No pose of the plan can be visited.
+    #[error("none of the {planned} poses is within reach: move the plate, or allow more of the arm's range in [plan.rules]")]
+    NoPose {
+        /// Poses considered.
+        planned: usize,
+    },
+    /// The plant was refused.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The link was refused or failed.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// A link that cannot be used here.
+    #[error("link \"{link}\": {remedy}")]
+    NoLink {
+        /// As given.
+        link: String,
+        /// What to give instead.
+        remedy: String,
+    },
+    /// The campaign stopped.
+    #[error(transparent)]
+    Campaign(#[from] CampaignError),
+    /// The store refused or failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// There is nothing to go on with.
+    #[error("{what}: {remedy}")]
+    Resume {
+        /// What does not fit.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// No laser plan.
+    #[error(transparent)]
+    LaserPlan(#[from] laser::PlanError),
+    /// The arcs gave no frames.
+    #[error(transparent)]
+    Laser(#[from] laser::LaserError),
+    /// The data could not be identified.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// The models could not be judged.
+    #[error(transparent)]
+    Validate(#[from] ValidateError),
+    /// A file could not be written.
+    #[error("{path}: {source}: check the folder, its permissions and the space left")]
+    Write {
+        /// File.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Something could not be encoded.
+    #[error("{what} cannot be written: {message}")]
+    Encode {
+        /// What.
+        what: &'static str,
+        /// Why.
+        message: String,
+    },
+    /// The report could not be made.
+    #[error("the report could not be made: {0}")]
+    Report(String),
+}
+
+impl From<SimulatedArmError> for JobError {
+    fn from(error: SimulatedArmError) -> Self {
+        match error {
+            SimulatedArmError::Plant(e) => Self::Plant(e),
+            SimulatedArmError::Link(e) => Self::Link(e),
+        }
+    }
+}
+
+impl JobError {
+    /// Whether the user's input is at fault (exit code 2) and not the job (1).
+    pub fn is_input(&self) -> bool {
+        match self {
+            Self::Config(_)
+            | Self::Robot(_)
+            | Self::Plan(_)
+            | Self::NoPose { .. }
+            | Self::Plant(_)
+            | Self::NoLink { .. }
+            | Self::Resume { .. }
+            | Self::LaserPlan(_) => true,
+            Self::Store(e) => e.is_input(),
+            Self::Link(LinkError::Joints { .. }) => true,
+            Self::Link(_)
+            | Self::Campaign(_)
+            | Self::Laser(_)
+            | Self::Identify(_)
+            | Self::Validate(_)
+            | Self::Write { .. }
+            | Self::Encode { .. }
+            | Self::Report(_) => false,
+        }
+    }
+}

@@ -1,0 +1,278 @@
+//! Measuring: the campaign over a link, into the store; and reading it back.
+
+use std::collections::BTreeSet;
+use std::str::FromStr;
+use std::sync::atomic::AtomicBool;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+use spherecal_shared::protocol::frame::LinkCounters;
+
+use super::laser::measure_laser;
+use super::{Config, JobError, Measurements, Prepared, tour};
+use crate::campaign::{self, Assignment, Journal, JournalError, Observer, Outcome};
+use crate::link::{Arrival, Cell, controller_in_process, simulated_arm};
+use crate::plan::Plan;
+use crate::store::{NewRun, PlannedPose, RunInfo, SessionEnd, Store};
+
+/// How controller and drive are reached.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Link {
+    /// Both in this process.
+    #[default]
+    Sim,
+    /// The controller on a Cortex-M7 in QEMU, the plant in this process.
+    Qemu,
+    /// A controller board on a serial device.
+    Serial(String),
+    /// An external simulator or the gateway of a real robot.
+    Tcp(String),
+}
+
+impl FromStr for Link {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once(':') {
+            None if text == "sim" => Ok(Self::Sim),
+            None if text == "qemu" => Ok(Self::Qemu),
+            Some(("serial", device)) if !device.is_empty() => Ok(Self::Serial(device.to_owned())),
+            Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_owned())),
+            _ => Err(format!(
+                "\"{text}\" is no link: give sim, qemu, serial:DEVICE or tcp:HOST:PORT"
+            )),
+        }
+    }
+}
+
+impl std::fmt::Display for Link {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Sim => f.write_str("sim"),
+            Self::Qemu => f.write_str("qemu"),
+            Self::Serial(device) => write!(f, "serial:{device}"),
+            Self::Tcp(address) => write!(f, "tcp:{address}"),
+        }
+    }
+}
+
+/// Where and with whom a campaign is run.
+pub struct Site<'a> {
+    /// The link.
+    pub link: &'a Link,
+    /// Where it is stored.
+    pub store: &'a mut Store,
+    /// Who watches.
+    pub observer: &'a mut dyn Observer,
+    /// Set to stop.
+    pub interrupt: &'a AtomicBool,
+}
+
+/// What was measured.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Number of the run in the store.
+    pub run: i64,
+    /// What this session came to.
+    pub outcome: Outcome,
+}
+
+/// The store as a campaign's journal.
+struct StoreJournal<'a> {
+    store: &'a mut Store,
+    run: i64,
+    session: i64,
+}
+
+impl Journal for StoreJournal<'_> {
+    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
+        self.store
+            .append(self.run, self.session, events)
+            .map_err(|e| JournalError { message: e.to_string() })
+    }
+
+    fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError> {
+        self.store
+            .reject_pose(self.run, sphere, pose, reason)
+            .map_err(|e| JournalError { message: e.to_string() })
+    }
+}
+
+/// Runs the campaign, and the laser reference after it; goes on with `resume`
+/// where it is given.
+///
+/// # Errors
+/// Whatever stops it. What was recorded until then is in the store.
+pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
+    let begun = Instant::now();
+    let tour = tour(&prepared.plan);
+    let mut cell = cell(prepared, site.link, &tour.home)?;
+    let (run, done) = match resume {
+        Some(info) => {
+            let had = site.store.resumable(info.run)?;
+            (info.run, had.recorded.union(&had.rejected).copied().collect())
+        }
+        None => (create_run(prepared, site.link, site.store)?, BTreeSet::new()),
+    };
+    let session = site.store.begin_session(run, &now_utc())?;
+    let assignment = Assignment {
+        robot: &prepared.robot,
+        tool: &prepared.tool,
+        procedure: &prepared.config.procedure,
+        tour: &tour,
+        done: &done,
+        options: prepared.config.campaign.options(),
+    };
+    let mut journal = StoreJournal {
+        store: site.store,
+        run,
+        session,
+    };
+    let (outcome, result) = campaign::run(&assignment, &mut cell, &mut journal, site.observer, site.interrupt);
+    let end = SessionEnd {
+        firmware: outcome.firmware.clone(),
+        simulated_us: outcome.simulated_us,
+        ticks: outcome.ticks,
+        wall_s: begun.elapsed().as_secs_f64(),
+        link_json: json(&[outcome.link, outcome.statistics.link])?,
+        telemetry_json: json(&outcome.telemetry)?,
+    };
+    site.store.end_session(run, session, &end)?;
+    result?;
+    if prepared.config.laser.enabled && simulated_plant(site.link) {
+        site.store.put_laser(run, &measure_laser(prepared)?)?;
+    }
+    site.store.set_state(run, "measured")?;
+    Ok(Measured { run, outcome })
+}
+
+/// Whether the plant is ours, and its tracker with it.
+fn simulated_plant(link: &Link) -> bool {
+    !matches!(link, Link::Tcp(_))
+}
+
+fn cell(prepared: &Prepared, link: &Link, home: &[f64]) -> Result<Cell, JobError> {
+    match link {
+        Link::Sim => {
+            let controller = controller_in_process(prepared.robot.dof())?;
+            let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, home)?;
+            Ok(Cell::new(controller, drive, prepared.robot.dof())?)
+        }
+        Link::Qemu | Link::Serial(_) | Link::Tcp(_) => Err(JobError::NoLink {
+            link: link.to_string(),
+            remedy: "this build has no such transport yet: use --link sim".to_owned(),
+        }),
+    }
+}
+
+fn create_run(prepared: &Prepared, link: &Link, store: &mut Store) -> Result<i64, JobError> {
+    let poses = prepared
+        .plan
+        .spheres
+        .iter()
+        .flat_map(|visit| visit.poses.iter().filter(|p| !p.via).map(|p| (visit.sphere_id, p)))
+        .map(|(sphere, pose)| PlannedPose {
+            sphere,
+            pose: pose.id,
+            orientation: pose.orientation,
+            elbow_rad: pose.elbow_rad,
+        })
+        .collect();
+    Ok(store.create_run(&NewRun {
+        created_utc: now_utc(),
+        seed: prepared.config.seed,
+        link: link.to_string(),
+        robot: prepared.robot.clone(),
+        tool: prepared.tool,
+        config_json: json(&prepared.config)?,
+        plan_json: json(&prepared.plan)?,
+        program: concat!("spherecal ", env!("CARGO_PKG_VERSION")).to_owned(),
+        spheres: prepared.spheres.clone(),
+        poses,
+    })?)
+}
+
+/// Reads back everything that was measured in a run.
+///
+/// # Errors
+/// When the database fails or a value does not decode.
+pub fn read(store: &mut Store, info: &RunInfo) -> Result<Measurements, JobError> {
+    let undecodable = |what: &'static str| {
+        move |e: serde_json::Error| JobError::Encode {
+            what,
+            message: format!("{e}; it was written by another version"),
+        }
+    };
+    let config: Config = serde_json::from_str(&info.config_json).map_err(undecodable("the stored configuration"))?;
+    let plan: Plan = serde_json::from_str(&info.plan_json).map_err(undecodable("the stored plan"))?;
+    let sessions = store.sessions(info.run)?;
+    let mut link = [LinkCounters::default(); 2];
+    for session in &sessions {
+        // A session that was killed has told nothing.
+        let counted: [LinkCounters; 2] = serde_json::from_str(&session.link_json).unwrap_or_default();
+        for (sum, part) in link.iter_mut().zip(counted) {
+            add(sum, &part);
+        }
+    }
+    Ok(Measurements {
+        seed: info.seed,
+        link_name: info.link.clone(),
+        robot: info.robot.clone(),
+        tool: info.tool,
+        config,
+        plan,
+        spheres: store.spheres(info.run)?,
+        recordings: store.recordings(info.run)?,
+        rejected: store.resumable(info.run)?.rejected,
+        contacts: store.contacts(info.run)?,
+        couplings: store.couplings(info.run)?,
+        faults: store.faults(info.run)?,
+        laser: store.laser(info.run)?,
+        link,
+        simulated_s: sessions.iter().map(|s| s.simulated_us as f64 * 1e-6).sum(),
+        wall_s: sessions.iter().map(|s| s.wall_s).sum(),
+    })
+}
+
+fn add(sum: &mut LinkCounters, part: &LinkCounters) {
+    sum.frames = sum.frames.saturating_add(part.frames);
+    sum.crc_errors = sum.crc_errors.saturating_add(part.crc_errors);
+    sum.lost = sum.lost.saturating_add(part.lost);
+    sum.duplicates = sum.duplicates.saturating_add(part.duplicates);
+    sum.resent = sum.resent.saturating_add(part.resent);
+    sum.overflow = sum.overflow.saturating_add(part.overflow);
+}
+
+fn json(value: &impl serde::Serialize) -> Result<String, JobError> {
+    serde_json::to_string(value).map_err(|e| JobError::Encode {
+        what: "a record for the database",
+        message: e.to_string(),
+    })
+}
+
+/// Now, as RFC 3339 in UTC with seconds.
+fn now_utc() -> String {
+    let seconds = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |d| d.as_secs());
+    utc(seconds)
+}
+
+/// Seconds since 1970 as RFC 3339, by the civil calendar (Hinnant's algorithm).
+pub(super) fn utc(seconds: u64) -> String {
+    let (days, rest) = (seconds / 86_400, seconds % 86_400);
+    let shifted = days + 719_468;
+    let era = shifted / 146_097;
+    let day_of_era = shifted % 146_097;
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_index = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_index + 2) / 5 + 1;
+    let month = if month_index < 10 { month_index + 3 } else { month_index - 9 };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    format!(
+        "{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}Z",
+        rest / 3600,
+        rest / 60 % 60,
+        rest % 60
+    )
+}

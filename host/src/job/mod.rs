@@ -1,0 +1,33 @@
+//! The main job: one robot, calibrated from sphere contacts and judged by a
+//! laser tracker.
+//!
+//! ```text
+//!   Config ─▶ prepare ─▶ measure ───────────────▶ evaluate ─▶ write
+//!            plan, tour  campaign, laser shots    identify,    summary.json,
+//!                        (into the store)         validate     calibrated.*, …
+//! ```
+//!
+//! Each arrow is a function of plain data, so that the command line can run
+//! them one at a time ([`crate::cli`]) and a service can run them elsewhere.
+//! [`evaluate`] sees the store's data only: no plant, no link.
+
+mod config;
+mod error;
+mod evaluate;
+mod laser;
+mod measure;
+mod prepare;
+mod summary;
+mod write;
+
+pub use config::{CampaignSection, Config, ConfigError, LaserSection, PlanSection};
+pub use error::JobError;
+pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};
+pub use laser::measure_laser;
+pub use measure::{Link, Measured, Site, measure, read};
+pub use prepare::{Prepared, prepare, tour};
+pub use summary::{LinkSummary, PoseCounts, Summary, Verdict, summarise};
+pub use write::{Files, write};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,123 @@
+//! From the configuration to what is to be visited.
+
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use spherecal_shared::robot::{Robot, Tool};
+
+use super::{Config, JobError};
+use crate::campaign::{Stop, Tour, TourPose};
+use crate::identify::Sphere;
+use crate::plan::{self, Chain, Plan, PlatePose};
+use crate::plant::PlantConfig;
+use crate::robots::{self, RobotModel};
+
+/// Everything that is known before the first motion.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// Configuration.
+    pub config: Config,
+    /// Robot as the host holds it.
+    pub model: RobotModel,
+    /// Nominal robot.
+    pub robot: Robot,
+    /// Nominal tool, in the frame of the robot's table.
+    pub tool: Tool,
+    /// The plate's certificate.
+    pub spheres: Vec<Sphere>,
+    /// The plan, with the waypoints as taught.
+    pub plan: Plan,
+    /// The plant's configuration.
+    pub plant: PlantConfig,
+}
+
+/// Checks the configuration, loads the robot, plans, and teaches the waypoints.
+///
+/// # Errors
+/// Whatever is wrong with the input.
+pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
+    config.check()?;
+    let mut model = robots::load(&config.robot)?;
+    if let Some(tool_mm) = config.tool_mm {
+        model.tool.tcp_m = tool_mm.map(|mm| mm * 1e-3);
+    }
+    let tool = model.tool_in_table();
+    let plant = config.plant()?;
+    let spheres = certificate(&plant);
+    let cell = plan::Cell {
+        robot: model.robot.clone(),
+        tool,
+        spheres: spheres.clone(),
+        plates: vec![plate_pose(&plant)],
+        approach_height_m: config.plan.approach_height_m,
+        ..plan::Cell::iiwa7()
+    };
+    let mut plan = plan::plan(&cell, &config.plan.request())?;
+    if plan.recorded() == 0 {
+        return Err(JobError::NoPose { planned: plan.planned });
+    }
+    let chain = Chain::new(&model.robot, &tool)?;
+    plan::teach(&mut plan, &chain, config.campaign.taught_error_m, config.seed);
+    Ok(Prepared {
+        config: config.clone(),
+        robot: model.robot.clone(),
+        model,
+        tool,
+        spheres,
+        plan,
+        plant,
+    })
+}
+
+/// The spheres as the certificate states them, numbered from 1.
+fn certificate(plant: &PlantConfig) -> Vec<Sphere> {
+    plant
+        .plate
+        .spheres_m
+        .iter()
+        .zip(1..)
+        .map(|(position_m, id)| Sphere {
+            id,
+            position_m: *position_m,
+            sigma_m: plant.plate.certificate_sigma_m,
+        })
+        .collect()
+}
+
+/// Where the plate is meant to stand; where it does stand is the plant's affair.
+fn plate_pose(plant: &PlantConfig) -> PlatePose {
+    let [roll, pitch, yaw] = plant.plate.rpy_rad;
+    let rotation = Rotation3::from_euler_angles(roll, pitch, yaw);
+    let count = plant.plate.spheres_m.len().max(1) as f64;
+    let centroid = plant.plate.spheres_m.iter().map(|s| Vector3::from(*s)).sum::<Vector3<f64>>() / count;
+    let q = UnitQuaternion::from_rotation_matrix(&rotation);
+    PlatePose {
+        centre_m: (Vector3::from(plant.plate.origin_m) + rotation * centroid).into(),
+        orientation: [q.w, q.i, q.j, q.k],
+    }
+}
+
+/// The plan as the campaign takes it.
+pub fn tour(plan: &Plan) -> Tour {
+    Tour {
+        home: plan.home.joints.clone(),
+        stops: plan
+            .spheres
+            .iter()
+            .map(|visit| Stop {
+                sphere: visit.sphere_id,
+                approach: visit.approach.joints.clone(),
+                direction: visit.approach_direction,
+                poses: visit
+                    .poses
+                    .iter()
+                    .map(|pose| TourPose {
+                        pose: pose.id,
+                        record: !pose.via,
+                        orientation: pose.orientation,
+                        elbow_rad: pose.elbow_rad,
+                        posture: pose.joints.clone(),
+                    })
+                    .collect(),
+            })
+            .collect(),
+    }
+}
