@@ -1,3 +1,7 @@
 //! The `spherecal` program: see [`spherecal::cli`].
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    spherecal::cli::main()
+}

@@ -251,7 +251,12 @@ impl Config {
         let preset = match table.remove("preset") {
             None => PRESETS.get(1).copied().unwrap_or("typical").to_owned(),
             Some(toml::Value::String(name)) => name,
-            Some(other) => return Err(section(format!("preset is {other}: give one of {}", PRESETS.join(", ")))),
+            Some(other) => {
+                return Err(section(format!(
+                    "preset is {other}: give one of {}",
+                    PRESETS.join(", ")
+                )));
+            }
         };
         let mut whole = toml::Table::try_from(PlantConfig::preset(&preset)?).map_err(|e| section(e.to_string()))?;
         merge(&mut whole, table);

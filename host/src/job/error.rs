@@ -25,7 +25,9 @@ pub enum JobError {
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// No pose of the plan can be visited.
-    #[error("none of the {planned} poses is within reach: move the plate, or allow more of the arm's range in [plan.rules]")]
+    #[error(
+        "none of the {planned} poses is within reach: move the plate, or allow more of the arm's range in [plan.rules]"
+    )]
     NoPose {
         /// Poses considered.
         planned: usize,

@@ -143,7 +143,11 @@ pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
         ..m.config.identify.clone()
     };
     let sphere = identify(&experiment, &options)?;
-    let laser = if m.laser.is_empty() { None } else { Some(laser(m, &options)?) };
+    let laser = if m.laser.is_empty() {
+        None
+    } else {
+        Some(laser(m, &options)?)
+    };
     let tool_m = laser.as_ref().map_or(m.tool.tcp_m, |l| l.frames.tool_m);
     let paper = paper(&experiment, &options, tool_m, &mut remarks);
     let shots = m.shots(VALIDATE);
@@ -239,7 +243,7 @@ fn judge(
     let nominal = Chain::new(&m.robot, &tool)?;
     let points = |tcp: &dyn Fn(&[f64]) -> Vector3<f64>| shots.iter().map(|s| tcp(&s.q).into()).collect();
     let mut models = vec![
-        prediction("nominal", points(&|q| nominal.tcp(q).position), None),
+        prediction("nominal", points(&|q| nominal.pose(q).position), None),
         prediction("sphere", points(&|q| sphere.tcp_m(q, None)), None),
         prediction(
             "laser",

@@ -26,7 +26,7 @@ pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};
 pub use laser::measure_laser;
 pub use measure::{Link, Measured, Site, measure, read};
 pub use prepare::{Prepared, prepare, tour};
-pub use summary::{LinkSummary, PoseCounts, Summary, Verdict, summarise};
+pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, Verdict, summarise};
 pub use write::{Files, write};
 
 #[cfg(test)]

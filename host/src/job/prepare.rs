@@ -87,7 +87,13 @@ fn plate_pose(plant: &PlantConfig) -> PlatePose {
     let [roll, pitch, yaw] = plant.plate.rpy_rad;
     let rotation = Rotation3::from_euler_angles(roll, pitch, yaw);
     let count = plant.plate.spheres_m.len().max(1) as f64;
-    let centroid = plant.plate.spheres_m.iter().map(|s| Vector3::from(*s)).sum::<Vector3<f64>>() / count;
+    let centroid = plant
+        .plate
+        .spheres_m
+        .iter()
+        .map(|s| Vector3::from(*s))
+        .sum::<Vector3<f64>>()
+        / count;
     let q = UnitQuaternion::from_rotation_matrix(&rotation);
     PlatePose {
         centre_m: (Vector3::from(plant.plate.origin_m) + rotation * centroid).into(),

@@ -186,21 +186,24 @@ pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> 
     let finite = |value: f64| value.is_finite().then_some(value);
     let i = &e.sphere.identifiability;
     let r = &e.sphere.residual;
-    let validation = e.table.as_ref().map_or_else(ValidationSummary::default, |table| ValidationSummary {
-        n: table.n,
-        models: table
-            .models
-            .iter()
-            .map(|model| {
-                let summary = ModelSummary {
-                    arcs: *model.statistics(Alignment::Arcs),
-                    best_fit: *model.statistics(Alignment::BestFit),
-                    own: *model.statistics(Alignment::Own),
-                };
-                (model.name.clone(), summary)
-            })
-            .collect(),
-    });
+    let validation = e
+        .table
+        .as_ref()
+        .map_or_else(ValidationSummary::default, |table| ValidationSummary {
+            n: table.n,
+            models: table
+                .models
+                .iter()
+                .map(|model| {
+                    let summary = ModelSummary {
+                        arcs: *model.statistics(Alignment::Arcs),
+                        best_fit: *model.statistics(Alignment::BestFit),
+                        own: *model.statistics(Alignment::Own),
+                    };
+                    (model.name.clone(), summary)
+                })
+                .collect(),
+        });
     Ok(Summary {
         command: "run",
         version: env!("CARGO_PKG_VERSION"),
@@ -299,7 +302,10 @@ fn verdict(m: &Measurements, e: &Evaluation, validation: &ValidationSummary) -> 
     }
     let worst = m.couplings.iter().fold(0.0f64, |w, c| w.max(c.test_m));
     if worst > DOUBTFUL_SEAT_M {
-        mind.push(format!("a nest moved by {:.2} mm under the test pull: look at its seat", worst * 1e3));
+        mind.push(format!(
+            "a nest moved by {:.2} mm under the test pull: look at its seat",
+            worst * 1e3
+        ));
     }
     let outliers = e.sphere.residual.outliers.len();
     if 5 * outliers > m.recordings.len() {

@@ -64,15 +64,20 @@ fn notes(m: &Measurements, summary: &Summary) -> Vec<String> {
         summary.seed,
         summary.link_name
     )];
-    if let (Some(nominal), Some(sphere)) =
-        (summary.validation.models.get("nominal"), summary.validation.models.get("sphere"))
-    {
+    if let (Some(nominal), Some(sphere)) = (
+        summary.validation.models.get("nominal"),
+        summary.validation.models.get("sphere"),
+    ) {
         notes.push(format!(
             "mean error {:.3} mm, nominally {:.3} mm, on {} laser measurements; {}",
             sphere.arcs.mean_mm,
             nominal.arcs.mean_mm,
             summary.validation.n,
-            if summary.verdict.trusted { "may be used" } else { "NOT TO BE TRUSTED" }
+            if summary.verdict.trusted {
+                "may be used"
+            } else {
+                "NOT TO BE TRUSTED"
+            }
         ));
     }
     notes

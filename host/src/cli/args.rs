@@ -1,0 +1,185 @@
+//! Commands and their arguments.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::job::{Config, JobError, Link};
+
+const EXAMPLES: &str = "\
+Examples:
+  spherecal                              calibrate a simulated iiwa 7 and show how good it is
+  spherecal run --seed 3 --poses 60      another arm, fewer poses
+  spherecal run --paper                  the paper's whole pose grid
+  spherecal run --resume                 go on where a run was stopped
+  spherecal run --json | jq .validation  one JSON document, for programs
+  spherecal robot show iiwa7             what is known of a robot
+
+Exit codes: 0 done; 1 the job failed; 2 wrong usage or input;
+3 finished, but the result is not to be trusted.";
+
+/// A robot arm calibrates itself by touching three precision spheres.
+///
+/// Without a command it runs the whole job with its defaults: plan, measure with
+/// the real controller on a simulated arm, identify, validate against a laser
+/// tracker, report.
+#[derive(Debug, Parser)]
+#[command(name = "spherecal", version, about, after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
+pub struct Cli {
+    /// What to do; the whole job if nothing is said.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    /// Arguments of the whole job.
+    #[command(flatten)]
+    pub run: RunArgs,
+    /// Log more (-v, -vv); the variable SPHERECAL_LOG takes a filter.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// The whole job: plan, measure, identify, validate, report.
+    #[command(after_help = "Example: spherecal run --seed 2 --poses 60 --out second-arm")]
+    Run(RunArgs),
+    /// Plan the poses and say what they cost; writes plan.json.
+    #[command(after_help = "Example: spherecal plan --poses 60 --out small")]
+    Plan(RunArgs),
+    /// Plan and measure into the database; nothing is identified.
+    #[command(after_help = "Example: spherecal measure --out cell-4 && spherecal validate --out cell-4")]
+    Measure(RunArgs),
+    /// Identify the last run of --out, and print its validation table.
+    #[command(after_help = "Example: spherecal validate --out cell-4")]
+    Validate(StoredArgs),
+    /// Write all files of the last run of --out anew.
+    #[command(after_help = "Example: spherecal report --out cell-4")]
+    Report(StoredArgs),
+    /// List, show or convert robots.
+    Robot(RobotArgs),
+    /// Print the configuration, every field with its value.
+    #[command(after_help = "Example: spherecal config --print > cell.toml")]
+    Config(ConfigArgs),
+}
+
+/// Arguments of everything that plans or measures.
+#[derive(Args, Clone, Debug)]
+pub struct RunArgs {
+    /// Seed of everything that is drawn: the arm's errors, noise, taught waypoints.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Poses over all spheres.
+    #[arg(long, value_name = "N", conflicts_with = "paper")]
+    pub poses: Option<usize>,
+    /// The paper's whole grid: 625 poses a sphere, as far as the arm reaches.
+    #[arg(long)]
+    pub paper: bool,
+    /// How controller and arm are reached: sim, qemu, serial:DEVICE or tcp:HOST:PORT.
+    #[arg(long, value_name = "LINK", default_value_t = Link::Sim)]
+    pub link: Link,
+    /// Folder of the database and of all results.
+    #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
+    pub out: PathBuf,
+    /// Configuration; it names only what differs from the defaults.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Go on with the last run of --out, at the pose where it was.
+    #[arg(long, conflicts_with_all = ["poses", "paper", "config", "seed"])]
+    pub resume: bool,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl RunArgs {
+    /// The configuration that the arguments make, checked.
+    ///
+    /// # Errors
+    /// A file or a value that cannot be used.
+    pub fn configuration(&self) -> Result<Config, JobError> {
+        let mut config = match &self.config {
+            Some(path) => Config::read(path)?,
+            None => Config::default(),
+        };
+        if let Some(seed) = self.seed {
+            config.seed = seed;
+        }
+        if let Some(poses) = self.poses {
+            if poses == 0 {
+                return Err(crate::job::ConfigError::Range {
+                    field: "--poses",
+                    value: 0.0,
+                    remedy: "ask for at least one pose, or for --paper",
+                }
+                .into());
+            }
+            config.plan.poses = poses;
+            config.plan.paper = false;
+        }
+        if self.paper {
+            config.plan.paper = true;
+        }
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The database.
+    pub fn database(&self) -> PathBuf {
+        self.out.join("calibration.db")
+    }
+}
+
+/// Arguments of what works on a stored run.
+#[derive(Args, Clone, Debug)]
+pub struct StoredArgs {
+    /// Folder of the database and of all results.
+    #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
+    pub out: PathBuf,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `config`.
+#[derive(Args, Clone, Debug)]
+pub struct ConfigArgs {
+    /// Print it (the only thing to do with it so far).
+    #[arg(long)]
+    pub print: bool,
+    /// Configuration to complete.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+}
+
+/// Arguments of `robot`.
+#[derive(Args, Clone, Debug)]
+pub struct RobotArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub action: RobotAction,
+}
+
+/// What `robot` does.
+#[derive(Clone, Debug, Subcommand)]
+pub enum RobotAction {
+    /// List the built-in robots.
+    #[command(after_help = "Example: spherecal robot list")]
+    List,
+    /// Show a robot: table, limits, masses, tool.
+    #[command(after_help = "Example: spherecal robot show arm.urdf")]
+    Show {
+        /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK for the chain to that link.
+        #[arg(value_name = "NAME|FILE")]
+        robot: String,
+    },
+    /// Convert a robot; the extension of TO says to what: .toml, .urdf or .yaml.
+    #[command(after_help = "Example: spherecal robot convert arm.urdf arm.toml")]
+    Convert {
+        /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK.
+        #[arg(value_name = "NAME|FILE")]
+        robot: String,
+        /// File to write.
+        #[arg(value_name = "TO")]
+        to: PathBuf,
+    },
+}

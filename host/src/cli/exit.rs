@@ -1,0 +1,71 @@
+//! How a command ends.
+
+use std::process::ExitCode;
+
+use crate::job::JobError;
+
+/// Exit codes that other programs rely on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// Done.
+    Done,
+    /// The job failed.
+    Failed,
+    /// Wrong usage or input.
+    Usage,
+    /// Finished, but the result is not to be trusted.
+    NotTrusted,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        match exit {
+            Exit::Done => Self::from(0),
+            Exit::Failed => Self::from(1),
+            Exit::Usage => Self::from(2),
+            Exit::NotTrusted => Self::from(3),
+        }
+    }
+}
+
+/// Why a command ended before its time.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub struct CliError {
+    message: String,
+    exit: Exit,
+}
+
+impl CliError {
+    /// The user's input is at fault.
+    pub fn input(error: impl std::fmt::Display) -> Self {
+        Self {
+            message: error.to_string(),
+            exit: Exit::Usage,
+        }
+    }
+
+    /// The job failed.
+    pub fn job(error: impl std::fmt::Display) -> Self {
+        Self {
+            message: error.to_string(),
+            exit: Exit::Failed,
+        }
+    }
+
+    /// The exit code.
+    pub fn exit(&self) -> Exit {
+        self.exit
+    }
+}
+
+impl<E: Into<JobError>> From<E> for CliError {
+    fn from(error: E) -> Self {
+        let error: JobError = error.into();
+        if error.is_input() {
+            Self::input(error)
+        } else {
+            Self::job(error)
+        }
+    }
+}

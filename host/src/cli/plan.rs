@@ -1,0 +1,29 @@
+//! `spherecal plan`: what would be visited.
+
+use super::args::RunArgs;
+use super::exit::{CliError, Exit};
+use super::text;
+use crate::job::{self, JobError};
+
+/// Plans, says what the plan is, and writes it.
+pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
+    let prepared = job::prepare(&args.configuration()?)?;
+    let json = serde_json::to_string_pretty(&prepared.plan).map_err(CliError::job)?;
+    if args.json {
+        println!("{json}");
+        return Ok(Exit::Done);
+    }
+    let written = |source: std::io::Error| JobError::Write {
+        path: args.out.display().to_string(),
+        source,
+    };
+    std::fs::create_dir_all(&args.out).map_err(written)?;
+    let path = args.out.join("plan.json");
+    std::fs::write(&path, json + "\n").map_err(written)?;
+    print!("{}", text::plan(&prepared.plan));
+    println!(
+        "\nFiles:\n  {}\n\nNext: spherecal measure, or spherecal run for the whole job.",
+        path.display()
+    );
+    Ok(Exit::Done)
+}

@@ -1,0 +1,158 @@
+//! Live progress on stderr: a bar on a terminal, a line now and then elsewhere.
+
+use std::io::IsTerminal as _;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use spherecal_shared::protocol::host::Phase;
+
+use crate::campaign::{Observer, Progress, Stage};
+
+/// How often a line is written where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+/// Shows a campaign's progress.
+pub(super) struct ProgressView {
+    bar: ProgressBar,
+    terminal: bool,
+    begun: Instant,
+    last_line: Instant,
+    last_draw: Option<Instant>,
+    device_s: f64,
+}
+
+impl ProgressView {
+    /// A view that has shown nothing yet.
+    pub(super) fn new() -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let target = if terminal {
+            ProgressDrawTarget::stderr_with_hz(10)
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        let bar = ProgressBar::with_draw_target(Some(0), target);
+        // The template is a constant that is known to parse.
+        if let Ok(style) = ProgressStyle::with_template("{prefix:.bold.cyan} {bar:24.cyan/dim} {pos}/{len}  {msg}") {
+            bar.set_style(style.progress_chars("━╸─"));
+        }
+        let now = Instant::now();
+        Self {
+            bar,
+            terminal,
+            begun: now,
+            last_line: now,
+            last_draw: None,
+            device_s: 0.0,
+        }
+    }
+
+    /// Takes the bar away.
+    pub(super) fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+
+    fn message(&self, p: &Progress) -> String {
+        let wall = self.begun.elapsed().as_secs_f64();
+        let factor = if wall > 0.1 { p.device_s / wall } else { 0.0 };
+        let sphere = if p.sphere > 0 {
+            format!("sphere {} of {}, ", p.sphere, p.spheres)
+        } else {
+            String::new()
+        };
+        let faults = match p.faults {
+            0 => String::new(),
+            1 => ", 1 fault".to_owned(),
+            n => format!(", {n} faults"),
+        };
+        format!(
+            "{sphere}{}, {:.1} N, {factor:.0}x real time, {}{faults}",
+            phase_name(p.phase),
+            p.force_n,
+            remaining(p, wall)
+        )
+    }
+}
+
+impl Default for ProgressView {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Time to go, from the poses done in this session.
+fn remaining(p: &Progress, wall_s: f64) -> String {
+    let done = p.done.saturating_sub(p.done_before);
+    if done < 3 {
+        return "ETA -:--".to_owned();
+    }
+    let left = wall_s / done as f64 * p.poses.saturating_sub(p.done) as f64;
+    let seconds = left.ceil() as u64;
+    format!("ETA {}:{:02}", seconds / 60, seconds % 60)
+}
+
+fn stage_name(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Connect => "connect",
+        Stage::Home => "home",
+        Stage::Approach => "approach",
+        Stage::Couple => "couple",
+        Stage::Poses => "record",
+        Stage::Decouple => "decouple",
+        Stage::Recover => "recover",
+        Stage::Done => "done",
+    }
+}
+
+fn phase_name(phase: Phase) -> &'static str {
+    match phase {
+        Phase::Idle => "idle",
+        Phase::Moving => "moving",
+        Phase::Taring => "taring",
+        Phase::Approaching => "descending",
+        Phase::Coupling => "coupling",
+        Phase::Verifying => "test pull",
+        Phase::Coupled => "coupled",
+        Phase::Turning => "turning",
+        Phase::Recording => "recording",
+        Phase::Decoupling => "decoupling",
+        Phase::HandGuiding => "hand-guiding",
+        Phase::Fault => "fault",
+    }
+}
+
+impl Observer for ProgressView {
+    fn progress(&mut self, p: &Progress) {
+        self.device_s = p.device_s;
+        let now = Instant::now();
+        if self.terminal {
+            if self
+                .last_draw
+                .is_some_and(|last| now - last < Duration::from_millis(80))
+            {
+                return;
+            }
+            self.last_draw = Some(now);
+            self.bar.set_length(p.poses as u64);
+            self.bar.set_position(p.done as u64);
+            self.bar.set_prefix(format!("{:8}", stage_name(p.stage)));
+            self.bar.set_message(self.message(p));
+        } else if now - self.last_line >= LINE_EVERY {
+            self.last_line = now;
+            eprintln!(
+                "{}: pose {} of {}, {}",
+                stage_name(p.stage),
+                p.done,
+                p.poses,
+                self.message(p)
+            );
+        }
+    }
+
+    fn note(&mut self, text: &str) {
+        if self.terminal {
+            self.bar.println(text);
+        } else {
+            eprintln!("{text}");
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! `spherecal robot`: list, show, convert.
+
+use std::path::Path;
+
+use spherecal_shared::robot::BUILT_IN;
+
+use super::args::{RobotAction, RobotArgs};
+use super::exit::{CliError, Exit};
+use crate::job::JobError;
+use crate::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_urdf};
+
+/// Does what was asked.
+pub(super) fn run(args: &RobotArgs) -> Result<Exit, CliError> {
+    match &args.action {
+        RobotAction::List => {
+            for name in BUILT_IN {
+                let joints = robots::built_in(name).map_or(0, |m| m.robot.dof());
+                println!("{name:10} {joints} joints");
+            }
+        }
+        RobotAction::Show { robot } => show(&robots::load(robot)?),
+        RobotAction::Convert { robot, to } => convert(&robots::load(robot)?, to)?,
+    }
+    Ok(Exit::Done)
+}
+
+fn show(model: &RobotModel) {
+    println!(
+        "{}, {} joints (modified DH, mm and degrees)\n",
+        model.robot.name,
+        model.robot.dof()
+    );
+    println!(
+        "  {:>5} {:>9} {:>9} {:>9} {:>9} {:>9}   {:>17} {:>8} {:>7} {:>7}",
+        "joint", "alpha", "a", "beta", "theta", "d", "range", "deg/s", "N m", "kg"
+    );
+    for (joint, number) in model.robot.joints.iter().zip(1..) {
+        let (r, l) = (&joint.mdh, &joint.limits);
+        println!(
+            "  {number:>5} {:9.3} {:9.3} {:9.3} {:9.3} {:9.3}   {:8.1} {:8.1} {:8.1} {:7.1} {:7.3}",
+            r.alpha.to_degrees(),
+            r.a * 1e3,
+            r.beta.to_degrees(),
+            r.theta.to_degrees(),
+            r.d * 1e3,
+            l.min_rad.to_degrees(),
+            l.max_rad.to_degrees(),
+            l.velocity_rad_s.to_degrees(),
+            l.torque_nm,
+            joint.link.mass_kg
+        );
+    }
+    let [x, y, z] = model.tool.tcp_m.map(|m| m * 1e3);
+    println!(
+        "\n  tool: TCP ({x:.3}, {y:.3}, {z:.3}) mm in the flange frame, {:.3} kg",
+        model.tool.body.mass_kg
+    );
+}
+
+fn convert(model: &RobotModel, to: &Path) -> Result<(), CliError> {
+    let notes = [format!("written by spherecal {}", env!("CARGO_PKG_VERSION"))];
+    let extension = to
+        .extension()
+        .map(|e| e.to_string_lossy().to_lowercase())
+        .unwrap_or_default();
+    let text = match extension.as_str() {
+        "toml" => toml_file::write(model, &notes),
+        "urdf" | "xml" => write_urdf(model, &model.rows(), &notes),
+        "yaml" | "yml" => write_kinematics_yaml(model, &model.rows()),
+        _ => {
+            return Err(CliError::input(format!(
+                "{}: the extension does not say what to write: end the name in .toml, .urdf or .yaml",
+                to.display()
+            )));
+        }
+    };
+    std::fs::write(to, text).map_err(|source| JobError::Write {
+        path: to.display().to_string(),
+        source,
+    })?;
+    println!("{}", to.display());
+    Ok(())
+}

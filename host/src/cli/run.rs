@@ -1,0 +1,119 @@
+//! `spherecal run`: the whole job.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::args::RunArgs;
+use super::exit::{CliError, Exit};
+use super::progress::ProgressView;
+use super::text;
+use crate::job::{self, JobError, Measurements, Prepared, Site, Summary};
+use crate::store::{RunInfo, Store};
+
+/// What a run of the whole job left.
+pub(super) struct Finished {
+    pub(super) summary: Summary,
+    pub(super) files: Vec<PathBuf>,
+}
+
+/// Runs the whole job.
+pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
+    let (mut store, info) = measure(args)?;
+    let finished = evaluate(&args.out, &mut store, &info)?;
+    store.set_state(info.run, "complete")?;
+    drop(store);
+    print(&finished, args.json)
+}
+
+/// Prints a result, as JSON or for people.
+pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
+    if json {
+        println!(
+            "{}",
+            serde_json::to_string_pretty(&finished.summary).map_err(CliError::job)?
+        );
+    } else {
+        print!("{}", text::result(&finished.summary, &finished.files));
+    }
+    Ok(if finished.summary.verdict.trusted {
+        Exit::Done
+    } else {
+        Exit::NotTrusted
+    })
+}
+
+/// Plans and measures, or goes on with the last run.
+pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
+    let interrupt = interrupt()?;
+    let (mut store, prepared, resume) = if args.resume {
+        resumed(args)?
+    } else {
+        let prepared = job::prepare(&args.configuration()?)?;
+        (Store::create_or_open(&args.database())?, prepared, None)
+    };
+    if resume.as_ref().is_none_or(|info| info.state == "running") {
+        if !args.json {
+            eprint!("{}", text::plan(&prepared.plan));
+        }
+        let mut view = ProgressView::new();
+        let site = Site {
+            link: &args.link,
+            store: &mut store,
+            observer: &mut view,
+            interrupt: &interrupt,
+        };
+        let measured = job::measure(&prepared, site, resume.as_ref());
+        view.finish();
+        measured?;
+    }
+    let info = store.require_last_run()?;
+    Ok((store, info))
+}
+
+fn resumed(args: &RunArgs) -> Result<(Store, Prepared, Option<RunInfo>), CliError> {
+    let mut store = Store::open(&args.database())?;
+    let info = store.require_last_run()?;
+    if info.link != args.link.to_string() {
+        return Err(JobError::Resume {
+            what: format!(
+                "the last run was measured over \"{}\", not over \"{}\"",
+                info.link, args.link
+            ),
+            remedy: "give the same --link, or begin a new run without --resume",
+        }
+        .into());
+    }
+    let mut prepared = job::prepare(&job::read(&mut store, &info)?.config)?;
+    // What was planned and taught then holds, whatever the planner would say now.
+    prepared.plan = job::read(&mut store, &info)?.plan;
+    Ok((store, prepared, Some(info)))
+}
+
+/// Identifies, validates and writes everything about a stored run.
+pub(super) fn evaluate(out: &std::path::Path, store: &mut Store, info: &RunInfo) -> Result<Finished, CliError> {
+    let measurements: Measurements = job::read(store, info)?;
+    let evaluation = job::evaluate(&measurements)?;
+    let summary = job::summarise(&measurements, &evaluation)?;
+    let written = job::write(out, &measurements, &evaluation, &summary)?;
+    let json = serde_json::to_string(&summary).map_err(CliError::job)?;
+    store.put_result(info.run, "summary", &json)?;
+    let mut files = vec![store.path().to_owned()];
+    files.extend(written.paths);
+    Ok(Finished { summary, files })
+}
+
+/// Ctrl-C asks to stop; a second one does not wait.
+fn interrupt() -> Result<Arc<AtomicBool>, CliError> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let seen = Arc::clone(&flag);
+    let handler = move || {
+        if seen.swap(true, Ordering::Relaxed) {
+            std::process::exit(1);
+        }
+    };
+    match ctrlc::set_handler(handler) {
+        Ok(()) | Err(ctrlc::Error::MultipleHandlers) => Ok(flag),
+        Err(error) => Err(CliError::job(format!("Ctrl-C cannot be caught: {error}"))),
+    }
+}

@@ -1,0 +1,86 @@
+//! The stages of the job one at a time, on what is stored.
+
+use super::args::{ConfigArgs, RunArgs, StoredArgs};
+use super::exit::{CliError, Exit};
+use super::run::{self, evaluate, print};
+use super::text;
+use crate::job::Config;
+use crate::store::{RunInfo, Store};
+
+/// `spherecal measure`
+pub(super) fn measure(args: &RunArgs) -> Result<Exit, CliError> {
+    let (mut store, info) = run::measure(args)?;
+    let recorded = store.recordings(info.run)?.len();
+    if args.json {
+        let document = serde_json::json!({
+            "command": "measure", "run": info.run, "seed": info.seed, "robot": info.robot.name.as_str(),
+            "recorded": recorded, "database": store.path(),
+        });
+        println!("{document:#}");
+    } else {
+        println!(
+            "{recorded} recordings of run {} are in {}\n\nNext: spherecal report --out {}",
+            info.run,
+            store.path().display(),
+            args.out.display()
+        );
+    }
+    Ok(Exit::Done)
+}
+
+/// `spherecal validate`
+pub(super) fn validate(args: &StoredArgs) -> Result<Exit, CliError> {
+    let (mut store, info) = stored(args)?;
+    let finished = evaluate(&args.out, &mut store, &info)?;
+    if args.json {
+        return print(&finished, true);
+    }
+    let table = text::table(&finished.summary);
+    if table.is_empty() {
+        return Err(CliError::input(format!(
+            "run {} has no laser measurements to validate by: measure with [laser] enabled = true",
+            info.run
+        )));
+    }
+    print!("{table}");
+    Ok(if finished.summary.verdict.trusted {
+        Exit::Done
+    } else {
+        Exit::NotTrusted
+    })
+}
+
+/// `spherecal report`
+pub(super) fn report(args: &StoredArgs) -> Result<Exit, CliError> {
+    let (mut store, info) = stored(args)?;
+    let finished = evaluate(&args.out, &mut store, &info)?;
+    print(&finished, args.json)
+}
+
+/// `spherecal config`
+pub(super) fn config(args: &ConfigArgs) -> Result<Exit, CliError> {
+    let mut config = match &args.config {
+        Some(path) => Config::read(path)?,
+        None => Config::default(),
+    };
+    config.check()?;
+    // The plant's section, too, with every field stated.
+    let mut plant = toml::Table::try_from(config.plant()?).map_err(CliError::job)?;
+    plant.remove("seed");
+    config.plant = plant;
+    print!("{}", config.to_toml()?);
+    Ok(Exit::Done)
+}
+
+fn stored(args: &StoredArgs) -> Result<(Store, RunInfo), CliError> {
+    let mut store = Store::open(&args.out.join("calibration.db"))?;
+    let info = store.require_last_run()?;
+    if info.state == "running" {
+        return Err(CliError::input(format!(
+            "run {} is not measured to its end: go on with `spherecal run --resume --out {}`",
+            info.run,
+            args.out.display()
+        )));
+    }
+    Ok((store, info))
+}

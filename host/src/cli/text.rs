@@ -1,0 +1,150 @@
+//! What is printed for people.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use crate::job::{ModelSummary, Summary};
+use crate::plan::Plan;
+
+/// What the models of the validation table are called for people, in order.
+const MODELS: [(&str, &str); 6] = [
+    ("nominal", "nominal"),
+    ("sphere", "spheres (this calibration)"),
+    ("laser", "laser tracker, geometry"),
+    ("laser_structured", "laser tracker, full model"),
+    ("paper_nelder_mead", "spheres, the paper's simplex"),
+    ("bound", "bound (errors' laws known)"),
+];
+
+/// The result of a run.
+pub(super) fn result(summary: &Summary, files: &[PathBuf]) -> String {
+    let mut out = String::new();
+    let p = &summary.poses;
+    let _ = writeln!(
+        out,
+        "\n{}: {} of {} poses recorded on {} contacts, {} faults; {:.0} s of robot time in {:.1} s ({:.0}x)\n",
+        summary.robot,
+        p.recorded,
+        p.chosen,
+        summary.contacts.len(),
+        summary.faults.len(),
+        summary.simulated_s,
+        summary.wall_s,
+        summary.real_time_factor
+    );
+    out.push_str(&contacts(summary));
+    out.push_str(&table(summary));
+    let _ = writeln!(
+        out,
+        "Residuals of the recordings: rms {:.3} mm, max {:.3} mm, {} outliers; rank {} of {} columns\n",
+        summary.residual.rms_mm,
+        summary.residual.max_mm,
+        summary.residual.outliers,
+        summary.identifiability.rank,
+        summary.identifiability.columns
+    );
+    out.push_str(&verdict(summary));
+    if !files.is_empty() {
+        out.push_str("\nFiles:\n");
+        for file in files {
+            let _ = writeln!(out, "  {}", file.display());
+        }
+    }
+    let _ = writeln!(out, "\nNext: {}", summary.verdict.next);
+    out
+}
+
+fn contacts(summary: &Summary) -> String {
+    let mut out = String::new();
+    for c in &summary.contacts {
+        let _ = writeln!(
+            out,
+            "  sphere {}: contact at {:.1} N after {:.1} mm (peak {:.1} N, {} ms from first crossing)",
+            c.sphere, c.force_n, c.travel_mm, c.peak_n, c.latency_ticks
+        );
+    }
+    if !out.is_empty() {
+        out.push('\n');
+    }
+    out
+}
+
+/// Table 5.
+pub(super) fn table(summary: &Summary) -> String {
+    let v = &summary.validation;
+    if v.models.is_empty() {
+        return String::new();
+    }
+    let mut out = format!(
+        "Error of the TCP on {} laser measurements, in mm (Table 5 of the paper)\n\n",
+        v.n
+    );
+    let _ = writeln!(
+        out,
+        "  {:30} {:>8} {:>8} {:>8} {:>8}    {:>8} {:>8}",
+        "model", "mean", "std", "min", "max", "mean*", "max*"
+    );
+    for (name, title) in MODELS {
+        if let Some(m) = v.models.get(name) {
+            out.push_str(&row(title, m));
+        }
+    }
+    for (name, m) in v
+        .models
+        .iter()
+        .filter(|(n, _)| MODELS.iter().all(|m| m.0 != n.as_str()))
+    {
+        out.push_str(&row(name, m));
+    }
+    out.push_str("\n  base measured by arcs, as in the paper; * base fitted to the points: the arm's shape alone\n\n");
+    out
+}
+
+fn row(title: &str, m: &ModelSummary) -> String {
+    let (a, b) = (&m.arcs, &m.best_fit);
+    format!(
+        "  {title:30} {:8.3} {:8.3} {:8.3} {:8.3}    {:8.3} {:8.3}\n",
+        a.mean_mm, a.std_mm, a.min_mm, a.max_mm, b.mean_mm, b.max_mm
+    )
+}
+
+fn verdict(summary: &Summary) -> String {
+    let v = &summary.verdict;
+    let mut out = match (v.trusted, v.improvement) {
+        (true, Some(share)) => format!(
+            "The calibration may be used: {:.0} % of the mean error is gone.\n",
+            share * 100.0
+        ),
+        (true, None) => "The calibration may be used as far as its own residuals can tell.\n".to_owned(),
+        (false, _) => "The calibration is NOT to be trusted.\n".to_owned(),
+    };
+    for reason in v.reasons.iter().chain(&summary.remarks) {
+        let _ = writeln!(out, "  - {reason}");
+    }
+    out
+}
+
+/// A plan in words.
+pub(super) fn plan(plan: &Plan) -> String {
+    let mut out = format!(
+        "{}: {} poses chosen of {} within reach ({} considered), about {:.0} s of turning and recording\n",
+        plan.robot,
+        plan.recorded(),
+        plan.reachable,
+        plan.planned,
+        plan.turning_s
+    );
+    for visit in &plan.spheres {
+        let [x, y, z] = visit.position_m.map(|m| m * 1e3);
+        let _ = writeln!(
+            out,
+            "  sphere {} at ({x:.1}, {y:.1}, {z:.1}) mm in the base frame: {} poses",
+            visit.sphere_id,
+            visit.recorded()
+        );
+    }
+    for (reason, count) in plan.rejected_by_reason() {
+        let _ = writeln!(out, "  {count} poses out of reach: {reason}");
+    }
+    out
+}
