@@ -140,6 +140,11 @@ pub struct Calibration {
     pub effective_parameters: f64,
     /// Natural logarithm of the model's evidence; compares models on the same data.
     pub log_evidence: f64,
+    /// Factors on the priors of stiffness and of harmonics that the evidence chose.
+    pub prior_factors: (f64, f64),
+    /// Whether the robot's description has no masses, so that assumed ones gave
+    /// the load its shape (and compliance is relative to them).
+    pub assumed_masses: bool,
     /// Covariance of the free parameters, in the order in which
     /// [`Self::parameters`] lists them, SI units.
     #[serde(skip)]
@@ -338,6 +343,8 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         noise_scale: fit.scale,
         effective_parameters: fit.effective,
         log_evidence: fit.log_evidence,
+        prior_factors: fit.softness,
+        assumed_masses: nominal.assumed(),
         inner: Inner {
             layout: layout.clone(),
             state: state.clone(),

@@ -100,7 +100,7 @@ impl DistanceProblem {
             let chosen = options.subset.as_ref().is_none_or(|s| s.contains(&i));
             chosen && experiment.observations.get(i).is_some_and(|o| o.set == Set::Calibrate)
         };
-        let (prepared, _) = prepare(experiment, &layout, &nominal, Torque::Model, wanted)?;
+        let prepared = prepare(experiment, &layout, &nominal, Torque::Model, wanted)?;
         if prepared.len() < FEWEST {
             return Err(IdentifyError::TooFewObservations {
                 found: prepared.len(),
@@ -419,6 +419,7 @@ impl DistanceProblem {
             effective: m as f64,
             covariance,
             log_evidence: f64::NAN,
+            softness: (1.0, 1.0),
         };
         finish(experiment, options, Model::Geometry, fit)
     }

@@ -104,7 +104,7 @@ fn triangle(
                         if axis < 3 {
                             rotation.row(axis).transpose()
                         } else {
-                            rotation.row(axis - 3).transpose().cross(&k.tcp)
+                            rotation.row(axis - 3).transpose().cross(&(k.tcp - state.pivot(f)))
                         }
                     }
                     _ => continue,

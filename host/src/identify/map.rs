@@ -9,22 +9,27 @@
 //! 4. The noise is inflated ([`Noise::inflation`](super::options::Noise)) and the mode and covariance
 //!    taken there.
 
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::chain::{Nominal, Prepared, State};
 use super::data::{Experiment, Pose, Set};
 use super::error::IdentifyError;
-use super::normal::{Group, Normal, Whitening, accumulate, distances, groups};
+use super::normal::{Group, Normal, Whitening, accumulate, distances, groups, likelihoods};
 use super::options::{Model, Options, Torque};
-use super::parameters::{Layout, Parameter, reference_of, table};
+use super::parameters::{Kind, Layout, Parameter, reference_of, table};
 use super::solve::{Posterior, Unknowns};
 
 /// Fewest observations: their three numbers must exceed the six of the base.
 pub(crate) const FEWEST: usize = 3;
-/// Most Gauss-Newton steps of one stage.
-const STEPS: usize = 8;
-/// A stage ends when no TCP column moves more than this, in units of noise.
-const SETTLED: f64 = 0.02;
+/// Most Gauss-Newton steps of geometry alone.
+const STEPS: usize = 10;
+/// Most of them where the effects join afterwards: enough to find gross errors.
+const FIRST_STEPS: usize = 4;
+/// Most steps with the effects, besides the last under inflated noise.
+const STRUCTURED_STEPS: usize = 3;
+/// A search has settled when no column alone moves the residuals by more than
+/// this in all, in units of the noise of one: a fraction of its posterior sigma.
+const SETTLED: f64 = 0.2;
 
 /// A fitted model with all that its result is written from.
 pub(crate) struct Fit {
@@ -46,6 +51,8 @@ pub(crate) struct Fit {
     pub(crate) covariance: DMatrix<f64>,
     /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
     pub(crate) log_evidence: f64,
+    /// Factors on the priors of stiffness and harmonics that the evidence chose.
+    pub(crate) softness: (f64, f64),
 }
 
 /// Observations of one set, ready to use.
@@ -55,12 +62,12 @@ pub(crate) fn prepare(
     nominal: &Nominal,
     torque: Torque,
     wanted: impl Fn(usize) -> bool,
-) -> Result<(Vec<Prepared>, bool), IdentifyError> {
+) -> Result<Vec<Prepared>, IdentifyError> {
     let all = |o: &super::data::Observation| o.tau.is_some();
     let measured = match torque {
         Torque::Model => false,
         Torque::Measured => true,
-        Torque::Auto => !nominal.has_mass() && experiment.observations.iter().all(all),
+        Torque::Auto => nominal.assumed() && experiment.observations.iter().all(all),
     };
     let mut prepared = Vec::with_capacity(experiment.observations.len());
     for (index, observation) in experiment.observations.iter().enumerate() {
@@ -104,7 +111,7 @@ pub(crate) fn prepare(
             sphere,
         });
     }
-    Ok((prepared, measured))
+    Ok(prepared)
 }
 
 /// Registers every reference frame to the state's robot.
@@ -115,6 +122,7 @@ pub(crate) fn register(state: &mut State, prepared: &[Prepared], base: Option<&P
         let onto: Vec<_> = of().map(|p| p.target).collect();
         if let Some(pose) = Pose::fit(&from, &onto) {
             state.bases[reference] = pose;
+            state.pivots[reference] = onto.iter().sum::<Vector3<f64>>() / onto.len() as f64;
         }
     }
     if let (Some(base), Some(slot)) = (base, state.bases.first_mut()) {
@@ -131,7 +139,7 @@ fn weights(d2: &[f64], s2: f64, nu: f64) -> Vec<f64> {
 }
 
 /// Noise variance by the Student-t likelihood, `effective` parameters taken off.
-fn scale(d2: &[f64], effective: f64, nu: f64, start: f64) -> f64 {
+pub(crate) fn scale(d2: &[f64], effective: f64, nu: f64, start: f64) -> f64 {
     let freedom = (3.0 * d2.len() as f64 - effective).max(1.0);
     let mut s2 = start;
     for _ in 0..if nu > 0.0 { 12 } else { 1 } {
@@ -153,20 +161,188 @@ fn median_scale(d2: &[f64]) -> f64 {
     (*median / 2.366).max(1e-8)
 }
 
-/// Takes a step and says how far it moved the TCP at most, in units of noise.
-fn advance(state: &mut State, fit: &mut Unknowns, table: &[Parameter], normal: &Normal, step: &[f64], s2: f64) -> f64 {
-    let mut largest: f64 = 0.0;
-    for (i, &column) in fit.columns.iter().enumerate() {
-        state.add(table[column].kind, step[i]);
-        fit.deviation[i] += step[i];
-        largest = largest.max(step[i].abs() * (normal.matrix[(column, column)] / s2).sqrt());
-    }
-    state.refresh();
-    largest
+/// Candidates for the shape of the noise, as factors on the part that does not
+/// come through the joints: joint noise rules, both count, seating rules.
+const SHAPES: [f64; 3] = [1.0, 10.0, 100.0];
+/// Gain in log likelihood that another shape must show.
+const SHAPE_GAIN: f64 = 8.0;
+
+/// How much softer, and how much rougher in its encoders, than the priors a
+/// robot may be: factors on compliance and bending, and on the harmonics. A real
+/// iiwa 7 has compliances of 6e-5 rad/(N m) by its gravity model.
+const PRIORS: [(f64, f64); 4] = [(1.0, 1.0), (1.0, 3.0), (8.0, 1.0), (8.0, 3.0)];
+/// Gain in log evidence that wider priors must show.
+const PRIOR_GAIN: f64 = 3.0;
+
+/// A search in progress: one set of columns on one set of poses.
+struct Search<'a> {
+    layout: &'a Layout,
+    table: &'a [Parameter],
+    prepared: &'a [Prepared],
+    groups: &'a [Group],
+    whitening: Whitening,
+    state: State,
+    unknowns: Unknowns,
+    weights: Vec<f64>,
+    /// Noise variance, as a factor on the whitening.
+    s2: f64,
+    effective: f64,
+    options: &'a Options,
 }
 
-fn mean_distance(d2: &[f64]) -> f64 {
-    (d2.iter().sum::<f64>() / d2.len().max(1) as f64).sqrt()
+impl Search<'_> {
+    fn normal(&self) -> Normal {
+        accumulate(
+            &self.state,
+            self.layout,
+            self.prepared,
+            self.groups,
+            &self.whitening,
+            &self.weights,
+        )
+    }
+
+    /// Moves the state; returns how far at most, in posterior terms.
+    fn advance(&mut self, normal: &Normal, step: &DVector<f64>) -> f64 {
+        let mut largest: f64 = 0.0;
+        for (i, &column) in self.unknowns.columns.iter().enumerate() {
+            self.state.add(self.table[column].kind, step[i]);
+            self.unknowns.deviation[i] += step[i];
+            largest = largest.max(step[i].abs() * (normal.matrix[(column, column)] / self.s2).sqrt());
+        }
+        self.state.refresh();
+        largest
+    }
+
+    /// Among the few fixed priors of the effects takes the one with the best
+    /// evidence at inflated noise: a choice of few, as learning the variances
+    /// themselves goes astray where the model is wrong.
+    fn choose_priors(&mut self, normal: &Normal) -> Result<(f64, f64), IdentifyError> {
+        let s2 = self.s2 * self.options.noise.inflation.powi(2);
+        let mut best = (PRIORS[0], self.unknowns.clone(), f64::NEG_INFINITY);
+        for (stiffness, harmonics) in PRIORS {
+            let mut candidate = self.unknowns.clone();
+            for (precision, &column) in candidate.precision.iter_mut().zip(&self.unknowns.columns) {
+                let parameter = &self.table[column];
+                let factor = match parameter.kind {
+                    _ if parameter.set_by_user => 1.0,
+                    Kind::Compliance(_) | Kind::Bending(..) | Kind::Tilt(_) => stiffness,
+                    Kind::Cosine(..) | Kind::Sine(..) => harmonics,
+                    _ => 1.0,
+                };
+                *precision /= factor * factor;
+            }
+            let evidence = Posterior::new(normal, &candidate, s2)?.log_evidence(normal, &candidate, s2);
+            let gain = if best.2.is_finite() { PRIOR_GAIN } else { 0.0 };
+            if evidence > best.2 + gain {
+                best = ((stiffness, harmonics), candidate, evidence);
+            }
+        }
+        self.unknowns = best.1;
+        Ok(best.0)
+    }
+
+    /// One Gauss-Newton step, then noise and weights at the new state.
+    fn step(&mut self, count_parameters: bool) -> Result<f64, IdentifyError> {
+        let normal = self.normal();
+        self.step_from(&normal, count_parameters)
+    }
+
+    fn step_from(&mut self, normal: &Normal, count_parameters: bool) -> Result<f64, IdentifyError> {
+        let posterior = Posterior::new(normal, &self.unknowns, self.s2)?;
+        let step = posterior.step(normal, &self.unknowns, self.s2);
+        let moved = self.advance(normal, &step);
+        if count_parameters {
+            self.effective = posterior.effective(&self.unknowns);
+        }
+        self.reweight()?;
+        Ok(moved)
+    }
+
+    /// Noise scale and robust weights at the state.
+    fn reweight(&mut self) -> Result<(), IdentifyError> {
+        let nu = self.options.student_t;
+        let d2 = distances(&self.state, self.layout, self.prepared, &self.whitening);
+        if !d2.iter().sum::<f64>().is_finite() {
+            return Err(IdentifyError::Diverged { rms_mm: f64::INFINITY });
+        }
+        if self.options.noise.estimate {
+            let start = if self.effective > 0.0 {
+                self.s2
+            } else {
+                median_scale(&d2)
+            };
+            self.s2 = scale(&d2, self.effective, nu, start);
+        }
+        self.weights = weights(&d2, self.s2, nu);
+        Ok(())
+    }
+
+    /// Steps until settled or `most` are made.
+    fn run(&mut self, most: usize, count_parameters: bool) -> Result<(), IdentifyError> {
+        for k in 0..most {
+            if self.step(count_parameters)? < SETTLED && k > 0 {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the shape of the noise that the residuals speak for, if they speak
+    /// clearly; says whether it changed.
+    fn choose_shape(&mut self) -> Result<bool, IdentifyError> {
+        if !self.options.noise.estimate {
+            return Ok(false);
+        }
+        let candidates = SHAPES.map(|factor| Whitening {
+            seating: self.whitening.seating * factor * factor,
+            point: self.whitening.point * factor * factor,
+            ..self.whitening
+        });
+        let nu = self.options.student_t;
+        let found = likelihoods(&self.state, self.layout, self.prepared, &candidates, nu);
+        let best = (0..found.len()).max_by(|a, b| found[*a].total_cmp(&found[*b]));
+        match best {
+            Some(best) if found[best] > found[0] + SHAPE_GAIN => {
+                self.whitening = candidates[best];
+                self.reweight()?;
+                Ok(true)
+            }
+            _ => Ok(false),
+        }
+    }
+}
+
+/// Unknowns of `table`, standing where `other` (a part of the same table) stands.
+fn joined(table: &[Parameter], other: &[Parameter], unknowns: &Unknowns) -> Unknowns {
+    let mut all = Unknowns::new(table);
+    for (i, &column) in all.columns.iter().enumerate() {
+        let kind = table[column].kind;
+        if let Some(at) = unknowns.columns.iter().position(|&c| other[c].kind == kind) {
+            all.deviation[i] = unknowns.deviation[at];
+        }
+    }
+    all
+}
+
+/// The nominal state, every parameter at its table's value, every frame registered.
+fn start_state(
+    experiment: &Experiment,
+    layout: &Layout,
+    table: &[Parameter],
+    prepared: &[Prepared],
+    base: Option<&Pose>,
+) -> State {
+    let mut state = State::nominal(&experiment.robot, &experiment.tool, layout);
+    for parameter in table {
+        let now = state.get(parameter.kind);
+        if parameter.nominal != now && !matches!(parameter.kind, Kind::Base(..)) {
+            state.add(parameter.kind, parameter.nominal - now);
+        }
+    }
+    state.refresh();
+    register(&mut state, prepared, base);
+    state
 }
 
 /// Fits `model` to the observations that `wanted` names.
@@ -182,7 +358,7 @@ pub(crate) fn fit(
     let nominal = Nominal::new(&experiment.robot, &experiment.tool);
     let plain = Layout::new(experiment, 0, false);
     let in_set = |i: usize| experiment.observations.get(i).is_some_and(|o| o.set == Set::Calibrate) && wanted(i);
-    let (prepared, measured_torque) = prepare(experiment, &plain, &nominal, options.torque, in_set)?;
+    let prepared = prepare(experiment, &plain, &nominal, options.torque, in_set)?;
     let needed = FEWEST;
     if prepared.len() < needed {
         return Err(IdentifyError::TooFewObservations {
@@ -194,106 +370,88 @@ pub(crate) fn fit(
         return Err(IdentifyError::NoVariety);
     }
     let noise = &options.noise;
-    let whitening = Whitening {
-        joint: noise.joint_rad.powi(2),
-        seating: noise.seating_m.powi(2),
-        point: noise.point_m.powi(2),
-    };
     let grouped = groups(&prepared);
-    let has_load = nominal.has_mass() || measured_torque;
-    let stiffness = model != Model::Geometry && has_load;
+    let stiffness = model != Model::Geometry;
     let orders = if model == Model::Full { options.harmonics } else { 0 };
     let layout = Layout::new(experiment, orders, stiffness);
     let full_table = table(experiment, &layout, options)?;
-    let mut state = State::nominal(&experiment.robot, &experiment.tool, &layout);
-    for parameter in &full_table {
-        let now = state.get(parameter.kind);
-        if parameter.nominal != now && !matches!(parameter.kind, super::parameters::Kind::Base(..)) {
-            state.add(parameter.kind, parameter.nominal - now);
-        }
-    }
-    state.refresh();
-    register(&mut state, &prepared, options.base.as_ref());
-    let start = state.clone();
+    let start = start_state(experiment, &layout, &full_table, &prepared, options.base.as_ref());
 
-    let nu = options.student_t;
-    let settled = SETTLED * (prepared.len() as f64).sqrt();
-    let mut s2 = 1.0;
-    let mut w = vec![1.0; prepared.len()];
     // The geometry, with the effects where their nominal values put them.
     let plain_table: Vec<Parameter> = plain
         .kinds()
         .into_iter()
         .filter_map(|kind| full_table.iter().find(|p| p.kind == kind).cloned())
         .collect();
-    let mut unknowns = Unknowns::new(&plain_table);
-    let mut d2;
-    for k in 0..STEPS {
-        let normal = accumulate(&state, &plain, &prepared, &grouped, &whitening, &w);
-        let step = Posterior::new(&normal, &unknowns, s2)?.step(&normal, &unknowns, s2);
-        let moved = advance(&mut state, &mut unknowns, &plain_table, &normal, step.as_slice(), s2);
-        d2 = distances(&state, &plain, &prepared, &whitening);
-        if !mean_distance(&d2).is_finite() {
-            return Err(IdentifyError::Diverged { rms_mm: f64::NAN });
-        }
-        if noise.estimate {
-            s2 = scale(&d2, 0.0, nu, median_scale(&d2));
-        }
-        w = weights(&d2, s2, nu);
-        if k > 1 && moved < settled {
-            break;
-        }
-    }
-    // The effects join, with the geometry where it is.
-    let mut unknowns_full = Unknowns::new(&full_table);
-    for (i, &column) in unknowns_full.columns.iter().enumerate() {
-        let kind = full_table[column].kind;
-        if let Some(at) = unknowns.columns.iter().position(|&c| plain_table[c].kind == kind) {
-            unknowns_full.deviation[i] = unknowns.deviation[at];
-        }
-    }
-    let mut unknowns = unknowns_full;
+    let mut search = Search {
+        layout: &plain,
+        table: &plain_table,
+        prepared: &prepared,
+        groups: &grouped,
+        whitening: Whitening {
+            joint: noise.joint_rad.powi(2),
+            seating: noise.seating_m.powi(2),
+            point: noise.point_m.powi(2),
+        },
+        state: start.clone(),
+        unknowns: Unknowns::new(&plain_table),
+        weights: vec![1.0; prepared.len()],
+        s2: 1.0,
+        effective: 0.0,
+        options,
+    };
     let richer = layout != plain;
-    if richer && noise.estimate {
-        s2 = s2.min(1.0);
+    let most = if richer { FIRST_STEPS } else { STEPS };
+    search.run(most, false)?;
+    if search.choose_shape()? {
+        search.run(most, false)?;
     }
-    let mut effective;
-    let mut k = 0;
-    loop {
-        let normal = accumulate(&state, &layout, &prepared, &grouped, &whitening, &w);
-        let posterior = Posterior::new(&normal, &unknowns, s2)?;
-        let step = posterior.step(&normal, &unknowns, s2);
-        let moved = advance(&mut state, &mut unknowns, &full_table, &normal, step.as_slice(), s2);
-        d2 = distances(&state, &layout, &prepared, &whitening);
-        if !mean_distance(&d2).is_finite() {
-            return Err(IdentifyError::Diverged { rms_mm: f64::NAN });
-        }
-        effective = posterior.effective(&unknowns);
+    let mut softness = PRIORS[0];
+    // The effects join, with the geometry where it is.
+    search.unknowns = joined(&full_table, &plain_table, &search.unknowns);
+    search.layout = &layout;
+    search.table = &full_table;
+    if richer {
         if noise.estimate {
-            s2 = scale(&d2, effective, nu, s2);
+            search.s2 = search.s2.min(1.0);
         }
-        w = weights(&d2, s2, nu);
-        k += 1;
-        if !richer || k >= 3 || moved < settled {
-            break;
+        search.step(true)?;
+        for k in 1..STRUCTURED_STEPS {
+            let normal = search.normal();
+            if k == 1 {
+                softness = search.choose_priors(&normal)?;
+            }
+            search.step_from(&normal, true)?;
         }
     }
     // The mode and covariance under inflated noise, from the last equations.
-    let normal = accumulate(&state, &layout, &prepared, &grouped, &whitening, &w);
-    let posterior = Posterior::new(&normal, &unknowns, s2)?;
-    let log_evidence = evidence(&posterior, &unknowns, &d2, s2, nu);
-    let inflated = s2 * noise.inflation.powi(2);
-    let posterior = Posterior::new(&normal, &unknowns, inflated)?;
-    let step = posterior.step(&normal, &unknowns, inflated);
-    advance(
-        &mut state,
-        &mut unknowns,
-        &full_table,
-        &normal,
-        step.as_slice(),
-        inflated,
-    );
-    let covariance = posterior.covariance();
+    let normal = search.normal();
+    if !richer {
+        search.effective = Posterior::new(&normal, &search.unknowns, search.s2)?.effective(&search.unknowns);
+        search.reweight()?;
+    }
+    let d2 = distances(&search.state, search.layout, &prepared, &search.whitening);
+    let posterior = Posterior::new(&normal, &search.unknowns, search.s2)?;
+    let log_evidence = evidence(&posterior, &search.unknowns, &d2, search.s2, options.student_t);
+    let inflated = search.s2 * noise.inflation.powi(2);
+    let posterior = Posterior::new(&normal, &search.unknowns, inflated)?;
+    let step = posterior.step(&normal, &search.unknowns, inflated);
+    search.advance(&normal, &step);
+    let mut covariance = posterior.covariance();
+    let Search {
+        whitening,
+        state,
+        unknowns,
+        weights,
+        s2,
+        effective,
+        ..
+    } = search;
+    about_base(&mut covariance, &unknowns, &layout, &state);
+    let mut full_table = full_table;
+    for (&column, precision) in unknowns.columns.iter().zip(&unknowns.precision) {
+        full_table[column].prior_sigma = precision.powf(-0.5);
+    }
     Ok(Fit {
         layout,
         table: full_table,
@@ -303,13 +461,36 @@ pub(crate) fn fit(
         prepared,
         groups: grouped,
         whitening,
-        weights: w,
+        weights,
         scale: s2.sqrt(),
         effective,
         unknowns,
         covariance,
         log_evidence,
+        softness,
     })
+}
+
+/// Turns the covariance of each base from shifts at the pivot into shifts of the
+/// base's origin: `δt = δ + ω × (t − c)`.
+fn about_base(covariance: &mut DMatrix<f64>, unknowns: &Unknowns, layout: &Layout, state: &State) {
+    let m = unknowns.len();
+    let at = |column: usize| unknowns.columns.iter().position(|c| *c == column);
+    for (f, (base, pivot)) in state.bases.iter().zip(&state.pivots).enumerate() {
+        let arm = base.translation_m - pivot;
+        let first = layout.base(f);
+        let mut turn = DMatrix::identity(m, m);
+        for axis in 0..3 {
+            let Some(column) = at(first + 3 + axis) else { continue };
+            let shift = Vector3::<f64>::ith(axis, 1.0).cross(&arm);
+            for k in 0..3 {
+                if let Some(row) = at(first + k) {
+                    turn[(row, column)] = shift[k];
+                }
+            }
+        }
+        *covariance = &turn * &*covariance * turn.transpose();
+    }
 }
 
 /// Laplace evidence: Student-t likelihood, priors and the posterior's volume.

@@ -17,6 +17,7 @@ mod chain;
 mod data;
 mod distance;
 mod error;
+mod holdout;
 pub mod identifiability;
 mod map;
 mod normal;
@@ -30,6 +31,7 @@ pub use calibration::{Calibration, FramePose, GroupFit, Outlier, ParameterEstima
 pub use data::{Experiment, Observation, Pose, Set, Sphere, Target, paper_plate};
 pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;
+pub use holdout::{Holdout, Part, Split, holdout, possible_splits};
 pub use identifiability::{Identifiability, Observability};
 pub use options::{Method, Model, Noise, Options, Pairs, Torque, UnknownName};
 pub use parameters::{Kind, Override, Overrides, Reference, Unit};

@@ -75,6 +75,12 @@ impl Root {
         Self([a, b, d, -l10 * a * b, (l10 * b * l21 - l20) * a * d, -l21 * b * d])
     }
 
+    /// `ln |L⁻¹|`.
+    pub(crate) fn log_determinant(&self) -> f64 {
+        let [a, b, d, ..] = self.0;
+        (a * b * d).ln()
+    }
+
     #[inline]
     pub(crate) fn times(&self, v: &Vector3<f64>) -> Vector3<f64> {
         let [a, b, d, ba, da, db] = self.0;
@@ -267,11 +273,12 @@ fn pose(
         .bases
         .get(observation.reference)
         .map_or_else(Matrix3::identity, |base| base.rotation);
+    let pivot = state.pivot(observation.reference);
     for axis in 0..3 {
         // Row `axis` of R₀ is R₀ᵀ e_axis: the reference frame's axis in F0.
         let e = rotation.row(axis).transpose();
         columns[general + axis] = e;
-        columns[general + 3 + axis] = e.cross(&kinematics.tcp);
+        columns[general + 3 + axis] = e.cross(&(kinematics.tcp - pivot));
         columns[general + 6 + axis] = -e;
     }
     let covariance = whitening.covariance(&joints[..n], observation.sphere.is_some());
@@ -336,6 +343,47 @@ pub(crate) fn distances(state: &State, layout: &Layout, prepared: &[Prepared], w
             }
             let c = whitening.covariance(&columns[..layout.n], observation.sphere.is_some());
             Root::new(&c).times(&state.residual(observation, &k.tcp)).norm_squared()
+        })
+        .collect()
+}
+
+/// Log likelihood of the residuals under each candidate whitening, its scale at
+/// its own best; `nu` as in the estimator.
+pub(crate) fn likelihoods(
+    state: &State,
+    layout: &Layout,
+    prepared: &[Prepared],
+    candidates: &[Whitening],
+    nu: f64,
+) -> Vec<f64> {
+    let mut columns = [Vector3::zeros(); N];
+    let mut distances = vec![Vec::with_capacity(prepared.len()); candidates.len()];
+    let mut logs = vec![0.0; candidates.len()];
+    for observation in prepared {
+        let k = state.evaluate(&observation.q, &observation.load);
+        for j in 0..layout.n {
+            columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].origin));
+        }
+        let residual = state.residual(observation, &k.tcp);
+        for (c, candidate) in candidates.iter().enumerate() {
+            let covariance = candidate.covariance(&columns[..layout.n], observation.sphere.is_some());
+            let root = Root::new(&covariance);
+            distances[c].push(root.times(&residual).norm_squared());
+            logs[c] += root.log_determinant();
+        }
+    }
+    let shape = |d: f64, s2: f64| {
+        if nu > 0.0 {
+            -0.5 * (nu + 3.0) * (d / (s2 * nu)).ln_1p()
+        } else {
+            -0.5 * d / s2
+        }
+    };
+    logs.iter()
+        .zip(&distances)
+        .map(|(log, d2)| {
+            let s2 = super::map::scale(d2, 0.0, nu, 1.0);
+            log + d2.iter().map(|d| shape(*d, s2)).sum::<f64>() - 1.5 * d2.len() as f64 * s2.ln()
         })
         .collect()
 }

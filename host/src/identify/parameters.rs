@@ -26,8 +26,12 @@ pub const TWIST_SIGMA_RAD: f64 = 0.5e-3;
 pub const OFFSET_SIGMA_RAD: f64 = 1e-3;
 /// Prior of the TCP in the flange frame: a bolted tool, measured by hand, in m.
 pub const TOOL_SIGMA_M: f64 = 1.5e-3;
-/// Prior of the base: none worth the name (m and rad).
-pub const FLAT_SIGMA: f64 = 10.0;
+/// Prior of the base's position about its registration: none worth the name, in m.
+pub const BASE_SIGMA_M: f64 = 10.0;
+/// Prior of the base's rotation about its registration, in rad: far wider than
+/// what registration leaves open, but it holds a plate of one or two spheres,
+/// whose turn about their line no contact sees.
+pub const BASE_SIGMA_RAD: f64 = 0.1;
 /// Prior of joint compliance, zero mean, in rad/(N m).
 pub const COMPLIANCE_SIGMA: f64 = 5e-6;
 /// Prior of link bending and base tilt, zero mean, in rad/(N m).
@@ -119,6 +123,8 @@ pub struct Parameter {
     pub prior_sigma: f64,
     /// Whether it is estimated.
     pub free: bool,
+    /// Whether the user set its prior, which is then not widened.
+    pub set_by_user: bool,
     /// Why the prior is what it is, or why the parameter is fixed.
     pub reason: &'static str,
 }
@@ -375,7 +381,10 @@ fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -> Parameter
             false,
             "zero-mean random effect: encoder eccentricity, decaying with the order",
         ),
-        Kind::Base(..) => (0.0, FLAT_SIGMA, false, "flat: only the data say where the base is"),
+        Kind::Base(_, k) => {
+            let sigma = if k < 3 { BASE_SIGMA_M } else { BASE_SIGMA_RAD };
+            (0.0, sigma, false, "flat: only the data say where the base is")
+        }
         Kind::Sphere(s, _) => {
             let sigma = layout
                 .spheres
@@ -397,6 +406,7 @@ fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -> Parameter
         nominal,
         prior_sigma,
         free: !fixed,
+        set_by_user: false,
         reason,
     }
 }
@@ -431,6 +441,7 @@ fn apply(table: &mut [Parameter], name: &str, set: &Override) -> Result<(), Iden
         parameter.nominal = set.nominal.unwrap_or(parameter.nominal);
         if let Some(sigma) = set.prior_sigma {
             parameter.reason = "set by the user";
+            parameter.set_by_user = true;
             parameter.prior_sigma = match parameter.kind {
                 // A group's prior keeps the decay with the order.
                 Kind::Cosine(_, k) | Kind::Sine(_, k) if group => sigma / k as f64,

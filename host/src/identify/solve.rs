@@ -121,6 +121,18 @@ impl Posterior {
         covariance
     }
 
+    /// Log evidence of the linearised model up to a constant of data and noise:
+    /// `½ (bᵀA⁻¹b − xᵀΛx + ln|Λ| − ln|A|)`.
+    pub(crate) fn log_evidence(&self, normal: &Normal, unknowns: &Unknowns, s2: f64) -> f64 {
+        let step = self.step(normal, unknowns, s2);
+        let mut sum = -self.log_determinant();
+        for (i, (precision, x)) in unknowns.precision.iter().zip(&unknowns.deviation).enumerate() {
+            let b = -(normal.gradient[unknowns.columns[i]] / s2 + precision * x);
+            sum += step[i] * b - precision * x * x + precision.ln();
+        }
+        0.5 * sum
+    }
+
     /// `ln |A|`.
     pub(crate) fn log_determinant(&self) -> f64 {
         let l = self.factor.l_dirty();

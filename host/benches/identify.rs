@@ -1,0 +1,110 @@
+//! Identification, single thread: geometry on 300 poses, the full structured
+//! model with its covariance on 1,840 contacts, and how the time grows with the
+//! number of poses. `tests/compare_identify.py` runs these and NumPy/SciPy doing
+//! the same in one go.
+
+use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng};
+use spherecal::identify::{Experiment, Method, Model, Observation, Options, Set, Target, identify, paper_plate};
+use spherecal_shared::robot::kinematics::frames_into;
+use spherecal_shared::robot::{Frame, LinkTransform, iiwa7, iiwa7_tool};
+use std::hint::black_box;
+
+/// Contacts (or measured points) of a slightly wrong arm at random configurations.
+fn experiment(poses: usize, contacts: bool) -> Experiment {
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+    let (robot, tool) = (iiwa7(), iiwa7_tool());
+    let links: Vec<_> = robot
+        .joints
+        .iter()
+        .map(|joint| {
+            let mut row = joint.mdh;
+            row.alpha += random.random_range(-1e-3..1e-3);
+            row.a += random.random_range(-4e-4..4e-4);
+            row.theta += random.random_range(-1e-3..1e-3);
+            LinkTransform::from(&row)
+        })
+        .collect();
+    let spheres = paper_plate();
+    let observations = (0..poses).map(|i| {
+        let mut q: Vec<f64> = (0..7).map(|_| random.random_range(-1.5..1.5)).collect();
+        let mut frames = [Frame::identity(); 7];
+        let mut tcp = |q: &[f64]| frames_into(&links, q, &mut frames).point(&tool.tcp());
+        let sphere = i % 3;
+        let target = if contacts {
+            // Newton onto the sphere, with small numerical derivatives: no need of inverse kinematics.
+            let centre = Vector3::new(0.45, -0.1, 0.3) + Vector3::from(spheres[sphere].position_m);
+            for _ in 0..60 {
+                let e = tcp(&q) - centre;
+                for j in 0..7 {
+                    let mut moved = q.clone();
+                    moved[j] += 1e-6;
+                    let column = (tcp(&moved) - centre - e) / 1e-6;
+                    q[j] -= 0.5 * column.dot(&e) / (column.norm_squared() + 0.3);
+                }
+            }
+            Target::Sphere {
+                sphere: spheres[sphere].id,
+                place: 0,
+            }
+        } else {
+            Target::Point((tcp(&q) + Vector3::from_fn(|_, _| random.random_range(-5e-5..5e-5))).into())
+        };
+        Observation {
+            q,
+            tau: None,
+            target,
+            set: Set::Calibrate,
+        }
+    });
+    let observations = observations.collect();
+    Experiment {
+        robot: robot.clone(),
+        tool,
+        spheres,
+        observations,
+    }
+}
+
+fn options(method: Method) -> Options {
+    Options {
+        method,
+        model: Model::Full,
+        ..Options::default()
+    }
+}
+
+fn identification(c: &mut Criterion) {
+    let mut group = c.benchmark_group("identify");
+    group.sample_size(20);
+    for (name, method, poses) in [
+        ("geometry_300", Method::Geometry, 300),
+        ("structured_1840", Method::Map, 1840),
+        ("structured_300", Method::Map, 300),
+    ] {
+        let data = experiment(poses, true);
+        let options = options(method);
+        group.bench_function(name, |b| {
+            b.iter_batched(
+                || (),
+                |()| black_box(identify(black_box(&data), &options).map(|c| c.residual.rms_mm)),
+                BatchSize::SmallInput,
+            );
+        });
+    }
+    group.finish();
+    let mut group = c.benchmark_group("identify_scaling");
+    group.sample_size(10);
+    for poses in [1_000, 10_000, 100_000, 1_000_000] {
+        let data = experiment(poses, false);
+        let options = options(Method::Geometry);
+        group.bench_function(format!("geometry_{poses}"), |b| {
+            b.iter(|| black_box(identify(black_box(&data), &options).map(|c| c.residual.rms_mm)));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, identification);
+criterion_main!(benches);
