@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
+use super::identify::IdentifyArgs;
 use crate::job::{Config, JobError, Link};
 
 const EXAMPLES: &str = "\
@@ -13,6 +14,7 @@ Examples:
   spherecal run --paper                  the paper's whole pose grid
   spherecal run --resume                 go on where a run was stopped
   spherecal run --json | jq .validation  one JSON document, for programs
+  spherecal identify --robot ur5e --data poses.csv   calibrate any robot from a table
   spherecal robot show iiwa7             what is known of a robot
 
 Exit codes: 0 done; 1 the job failed; 2 wrong usage or input;
@@ -49,6 +51,8 @@ pub enum Command {
     /// Plan and measure into the database; nothing is identified.
     #[command(after_help = "Example: spherecal measure --out cell-4 && spherecal validate --out cell-4")]
     Measure(RunArgs),
+    /// Identify any robot from a table of poses (CSV).
+    Identify(Box<IdentifyArgs>),
     /// Identify the last run of --out, and print its validation table.
     #[command(after_help = "Example: spherecal validate --out cell-4")]
     Validate(StoredArgs),

@@ -10,6 +10,7 @@
 
 mod args;
 mod exit;
+mod identify;
 mod plan;
 mod progress;
 mod robot;
@@ -34,6 +35,7 @@ pub fn main() -> ExitCode {
         Some(Command::Run(args)) => run::run(&args),
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Measure(args)) => stages::measure(&args),
+        Some(Command::Identify(args)) => identify::run(&args),
         Some(Command::Validate(args)) => stages::validate(&args),
         Some(Command::Report(args)) => stages::report(&args),
         Some(Command::Robot(args)) => robot::run(&args),

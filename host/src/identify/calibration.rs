@@ -183,8 +183,18 @@ impl Calibration {
     /// the first reference frame: all parameters with their correlations, and
     /// the joint noise of a single pose.
     pub fn tcp_covariance(&self, q: &[f64]) -> Matrix3<f64> {
+        self.covariance_of(q, true)
+    }
+
+    /// The same for [`Self::tcp_m`]: of the TCP in the robot's own frame F0, without
+    /// the uncertainty of where the base stands (axes of the first reference frame).
+    pub fn tcp_covariance_in_base(&self, q: &[f64]) -> Matrix3<f64> {
+        self.covariance_of(q, false)
+    }
+
+    fn covariance_of(&self, q: &[f64], base: bool) -> Matrix3<f64> {
         let inner = &self.inner;
-        let columns = self.prediction_columns(q, true);
+        let columns = self.prediction_columns(q, base);
         let picked = columns.select_columns(&inner.columns);
         let mut covariance = Matrix3::zeros();
         let product = &picked * &self.covariance * picked.transpose();

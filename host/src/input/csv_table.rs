@@ -172,6 +172,14 @@ pub fn read_csv(
         file: file.to_owned(),
         source,
     })?;
+    // Line ends of Windows are made plain, so that lines are counted right.
+    if bytes.contains(&b'\r') {
+        let ends_line = |k: usize| bytes.get(k + 1) == Some(&b'\n');
+        bytes = (0..bytes.len())
+            .filter(|&k| bytes[k] != b'\r' || !ends_line(k))
+            .map(|k| bytes[k])
+            .collect();
+    }
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     let mut reader = ::csv::ReaderBuilder::new()
         .delimiter(separator(text))

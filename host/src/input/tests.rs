@@ -47,6 +47,7 @@ fn refusals_name_the_field_its_value_and_the_remedy() {
             2,
             &["row 1 (line 2)", "column q2", "\"nan\"", "finite"],
         ),
+        ("q1,q2,sphere\r\n0,nan,1\r\n", 2, &["row 1 (line 2)"]),
         ("q1,q2,sphere\n0,0,1\n0,,1\n", 2, &["row 2 (line 3)", "column q2"]),
         ("q1,q2,sphere\n0,0,1\n", 3, &["q3 is missing", "3 joints"]),
         ("q1,q2,sphere\n0,0,1\n", 1, &["q2", "1 joints"]),

@@ -1,0 +1,134 @@
+//! `spherecal identify`: a calibration from any robot's files.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::exit::{CliError, Exit};
+use crate::identify::{Method, Model, Options};
+use crate::input::triple;
+use crate::study::{Request, StudyError, study, summary_json, summary_text, write_files};
+
+/// Identify a robot from a table of poses, with no simulation and no database.
+///
+/// The table (CSV with a header) has joint columns q1..qn in rad (or q1_deg..),
+/// optionally tau1..taun in N m, and either measured points x_mm,y_mm,z_mm (or
+/// x_m..) in any tracker frame, or the sphere that the tool sat on: sphere, and
+/// place where the plate was moved. Optional: set = calibrate | validate.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = "Examples:\n  \
+    spherecal identify --robot ur5e --data tracker.csv --tool-mm 0,0,120 --validate check.csv\n  \
+    spherecal identify --robot arm.urdf --data spheres.csv --plate plate.toml --holdout place --out result\n\n\
+    Exit codes: 0 done; 1 failed; 2 wrong input; 3 finished, but the result is not to be trusted.")]
+pub struct IdentifyArgs {
+    /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK for the chain to that link.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: String,
+    /// Table of poses.
+    #[arg(long, value_name = "FILE.csv")]
+    pub data: PathBuf,
+    /// Estimator: map, geometry, lm, gauss-newton, nelder-mead or nelder-mead-scaled.
+    #[arg(long, value_name = "M", default_value = "map")]
+    pub method: Method,
+    /// What is modelled: geometry, stiffness or full.
+    #[arg(long, default_value = "full")]
+    pub model: Model,
+    /// Certificate of the plate: [[sphere]] tables with id, x_mm, y_mm, z_mm, sigma_mm.
+    #[arg(long, value_name = "FILE.toml")]
+    pub plate: Option<PathBuf>,
+    /// Nominal TCP in the flange frame, in mm.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub tool_mm: Option<String>,
+    /// Mass at the flange, in kg.
+    #[arg(long, value_name = "M")]
+    pub payload_kg: Option<f64>,
+    /// Its centre of mass in the flange frame, in mm.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub payload_com_mm: Option<String>,
+    /// Table of poses that judge the result.
+    #[arg(long, value_name = "FILE.csv")]
+    pub validate: Option<PathBuf>,
+    /// Hold each value of this column out in turn: sphere, place, or a column of your own.
+    #[arg(long, value_name = "COLUMN")]
+    pub holdout: Option<String>,
+    /// Options as TOML: noise, priors and fixed parameters, harmonics.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Seed of what draws at random.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Print one JSON document and nothing else.
+    #[arg(long)]
+    pub json: bool,
+    /// Directory for summary.json, calibrated.toml, calibrated.urdf, kinematics.yaml and report.html.
+    #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
+    pub out: PathBuf,
+}
+
+/// The request that the arguments make.
+///
+/// # Errors
+/// Numbers or a configuration that cannot be used.
+fn request(args: &IdentifyArgs) -> Result<Request, StudyError> {
+    let point = |option: &str, text: &Option<String>| text.as_deref().map(|t| triple(option, t, 2000.0)).transpose();
+    let mut options = match &args.config {
+        None => Options::default(),
+        Some(path) => {
+            let file = path.display().to_string();
+            let text = std::fs::read_to_string(path).map_err(|source| crate::input::InputError::Read {
+                file: file.clone(),
+                source,
+            })?;
+            toml::from_str(&text).map_err(|e| crate::input::InputError::Syntax {
+                file,
+                message: e.to_string(),
+            })?
+        }
+    };
+    if args.config.is_none() || args.method != Method::Map {
+        options.method = args.method;
+    }
+    if args.config.is_none() || args.model != Model::Full {
+        options.model = args.model;
+    }
+    if let Some(seed) = args.seed {
+        options.seed = seed;
+    }
+    Ok(Request {
+        robot: args.robot.clone(),
+        data: args.data.clone(),
+        plate: args.plate.clone(),
+        tool_mm: point("--tool-mm", &args.tool_mm)?,
+        payload_kg: args.payload_kg,
+        payload_com_mm: point("--payload-com-mm", &args.payload_com_mm)?,
+        validate: args.validate.clone(),
+        holdout: args.holdout.clone(),
+        options,
+    })
+}
+
+/// `spherecal identify`
+pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
+    let refuse = |error: StudyError| {
+        if error.is_input() {
+            CliError::input(error)
+        } else {
+            CliError::job(error)
+        }
+    };
+    let study = request(args).and_then(|r| study(&r)).map_err(refuse)?;
+    let files = write_files(&study, &args.out, None).map_err(refuse)?;
+    if args.json {
+        println!("{:#}", summary_json(&study));
+    } else {
+        println!("{}", summary_text(&study));
+        for path in &files.paths {
+            println!("  {}", path.display());
+        }
+    }
+    Ok(if study.verdict.trusted {
+        Exit::Done
+    } else {
+        Exit::NotTrusted
+    })
+}
