@@ -1,1 +1,282 @@
+//! A stand-in for arm and sphere, for the unit tests of the phases.
+//!
+//! The nominal arm, integrated at 1 kHz, and a sphere that is a spring to a
+//! point: it catches the TCP when it comes near and lets go above a force. Not
+//! a plant (the simulated plant lives in the host and is used by the system
+//! tests): just enough for every phase to see what it waits for, or not.
 
+use embassy_time::Instant;
+use nalgebra::{SVector, Vector3};
+use spherecal_shared::Joints;
+use spherecal_shared::linalg::Cholesky;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus};
+use spherecal_shared::protocol::host::{
+    ApproachCommand, Command, Event, Fault, FaultReport, Phase, PoseCommand, Recording, Refusal,
+};
+use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
+use std::vec::Vec;
+
+use crate::Controller;
+
+/// Home of the tests: elbow up, tool straight down, far from every limit.
+pub(crate) const HOME: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.241_592_653_589_793, 0.0];
+
+/// Controller and stand-in.
+pub(crate) struct Bench {
+    /// The controller under test.
+    pub(crate) controller: Controller<7>,
+    /// Every event so far.
+    pub(crate) events: Vec<Event>,
+    /// Time in ticks, stepped by hand.
+    pub(crate) tick: u64,
+    /// Joint angles and velocities.
+    pub(crate) q: SVector<f64, 7>,
+    /// Joint velocities.
+    pub(crate) dq: SVector<f64, 7>,
+    /// Where a sphere is, in m.
+    pub(crate) sphere: Option<Vector3<f64>>,
+    /// Force at which it lets go, in N.
+    pub(crate) hold_n: f64,
+    /// Force on the TCP from elsewhere, in N.
+    pub(crate) push: Vector3<f64>,
+    /// Added to the measured torques, in N m.
+    pub(crate) torque_bias: SVector<f64, 7>,
+    /// Whether the joints are blocked.
+    pub(crate) blocked: bool,
+    /// Status that the drive reports.
+    pub(crate) status: DriveStatus,
+    /// Whether the host is heard.
+    pub(crate) host: bool,
+    /// The last command.
+    pub(crate) command: DriveCommand,
+    caught: bool,
+    tau: SVector<f64, 7>,
+    arm: Arm<f64, 7>,
+}
+
+impl Bench {
+    /// A configured controller holding at home.
+    pub(crate) fn new(procedure: Procedure) -> Self {
+        let arm = Arm::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
+        let mut controller = Controller::default();
+        controller.command(Command::Robot(iiwa7())).expect("a robot");
+        controller
+            .command(Command::Configure {
+                tool: iiwa7_tool(),
+                procedure,
+            })
+            .expect("a procedure");
+        let gravity = arm.bodies(&arm.frames(&HOME)).gravity();
+        let mut bench = Self {
+            controller,
+            events: Vec::new(),
+            tick: 0,
+            q: HOME.into(),
+            dq: SVector::zeros(),
+            sphere: None,
+            hold_n: 26.5,
+            push: Vector3::zeros(),
+            torque_bias: SVector::zeros(),
+            blocked: false,
+            status: DriveStatus::Ready,
+            host: true,
+            command: DriveCommand::default(),
+            caught: false,
+            tau: gravity,
+            arm,
+        };
+        bench.run(50);
+        bench
+    }
+
+    /// A procedure with the waiting cut short.
+    pub(crate) fn brisk() -> Procedure {
+        let mut procedure = Procedure::default();
+        procedure.approach.tare_s = 0.1;
+        procedure.couple.hold_s = 0.3;
+        procedure.record.samples = 100;
+        procedure.turn.settle_s = 1.0;
+        procedure.motion.settle_s = 0.5;
+        procedure.decouple.settle_s = 0.5;
+        procedure
+    }
+
+    /// Computed TCP, in m.
+    pub(crate) fn tcp(&self) -> Vector3<f64> {
+        self.arm.tcp_frame(&self.arm.frames(&self.q.into())).origin
+    }
+
+    /// The drive state of this tick.
+    pub(crate) fn state(&self) -> DriveState {
+        let joints = |v: SVector<f64, 7>| Joints::from_slice(v.as_slice()).expect("seven of eight");
+        DriveState {
+            tick: self.tick,
+            q: joints(self.q),
+            dq: joints(self.dq),
+            tau: joints(self.tau + self.torque_bias),
+            status: self.status,
+        }
+    }
+
+    /// One tick with a drive state of the caller's.
+    pub(crate) fn tick_with(&mut self, state: &DriveState) {
+        if self.host {
+            self.controller.heard();
+        }
+        self.command = self.controller.tick(Instant::from_millis(self.tick), state);
+        while let Some(event) = self.controller.event() {
+            self.events.push(event);
+        }
+        assert_eq!(self.command.tau.len(), 7);
+        assert!(
+            self.command.tau.iter().all(|t| t.is_finite()),
+            "a torque must be finite, always"
+        );
+    }
+
+    /// So many ticks.
+    pub(crate) fn run(&mut self, ticks: u32) {
+        for _ in 0..ticks {
+            self.tick += 1;
+            self.tick_with(&self.state());
+            self.integrate();
+        }
+    }
+
+    /// Until the phase, at most so many ticks; panics with the events if not.
+    pub(crate) fn until(&mut self, phase: Phase, ticks: u32) {
+        for _ in 0..ticks {
+            if self.controller.phase() == phase {
+                return;
+            }
+            self.run(1);
+        }
+        assert_eq!(self.controller.phase(), phase, "events: {:?}", self.events);
+    }
+
+    fn integrate(&mut self) {
+        for i in 0..7 {
+            self.tau[i] = self.command.tau[i];
+        }
+        if self.blocked {
+            self.dq = SVector::zeros();
+            return;
+        }
+        let frames = self.arm.frames(&self.q.into());
+        let tcp = self.arm.tcp_frame(&frames).origin;
+        let jacobian = self.arm.jacobian(&frames, &tcp);
+        let mut force = self.push;
+        if let Some(sphere) = self.sphere {
+            let stretch = sphere - tcp;
+            if stretch.norm() < 0.002 {
+                self.caught = true;
+            }
+            if self.caught {
+                let velocity = (jacobian * self.dq).fixed_rows::<3>(0).into_owned();
+                let pull = stretch * 2e4 - velocity * 200.0;
+                if pull.norm() > self.hold_n && stretch.z < 0.0 {
+                    self.caught = false;
+                } else {
+                    force += pull;
+                }
+            }
+        }
+        let bodies = self.arm.bodies(&frames);
+        let dq: [f64; 7] = self.dq.into();
+        let mut torque = self.tau - bodies.gravity() - bodies.coriolis(&dq);
+        torque += jacobian.fixed_rows::<3>(0).transpose() * force;
+        let mass = Cholesky::new(&bodies.mass_matrix()).expect("a mass matrix");
+        self.dq += mass.solve(&torque) * 1e-3;
+        self.q += self.dq * 1e-3;
+    }
+
+    /// Sends a move.
+    pub(crate) fn go(&mut self, target: &[f64]) -> Result<(), Refusal> {
+        self.controller.command(Command::Move {
+            target: Joints::from_slice(target).expect("at most eight"),
+        })
+    }
+
+    /// Sends an approach straight down.
+    pub(crate) fn approach(&mut self) -> Result<(), Refusal> {
+        self.controller.command(Command::Approach(ApproachCommand {
+            sphere: 3,
+            direction: [0.0, 0.0, -1.0],
+        }))
+    }
+
+    /// Sends a pose that turns the tool about the vertical by `angle` (rad).
+    pub(crate) fn pose(&mut self, angle: f64, record: bool) -> Result<(), Refusal> {
+        // The tool points down: half a turn about y, then `angle` about z.
+        let (s, c) = libm::sincos(0.5 * angle);
+        let orientation = [0.0, -s, c, 0.0];
+        let pose = PoseCommand {
+            pose: 7,
+            orientation,
+            elbow_rad: Some(0.0),
+            posture: Joints::new(),
+            record,
+        };
+        self.controller.command(Command::Pose(pose))
+    }
+
+    /// A nest seated on a sphere 15 mm below home.
+    pub(crate) fn coupled() -> Self {
+        let mut bench = Self::new(Self::brisk());
+        bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
+        bench.approach().expect("idle");
+        bench.until(Phase::Coupled, 8_000);
+        bench
+    }
+
+    /// Phases entered so far.
+    pub(crate) fn phases(&self) -> Vec<Phase> {
+        self.events
+            .iter()
+            .filter_map(|e| if let Event::Phase(p) = e { Some(p.phase) } else { None })
+            .collect()
+    }
+
+    /// Faults so far.
+    pub(crate) fn faults(&self) -> Vec<FaultReport> {
+        self.events
+            .iter()
+            .filter_map(|e| if let Event::Fault(f) = e { Some(*f) } else { None })
+            .collect()
+    }
+
+    /// Recordings so far.
+    pub(crate) fn recordings(&self) -> Vec<Recording> {
+        self.events
+            .iter()
+            .filter_map(|e| {
+                if let Event::Recording(r) = e {
+                    Some(r.clone())
+                } else {
+                    None
+                }
+            })
+            .collect()
+    }
+
+    /// Asserts one fault, from `phase`, and that the arm then comes to rest
+    /// under a damped hold that carries gravity.
+    pub(crate) fn expect_fault(&mut self, fault: Fault, phase: Phase) {
+        let faults = self.faults();
+        assert_eq!(
+            faults.iter().map(|f| (f.fault, f.phase)).collect::<Vec<_>>(),
+            [(fault, phase)]
+        );
+        assert_eq!(self.controller.phase(), Phase::Fault);
+        self.blocked = false;
+        self.push = Vector3::zeros();
+        self.torque_bias = SVector::zeros();
+        self.status = DriveStatus::Ready;
+        let recordings = self.recordings().len();
+        self.run(3_000);
+        assert!(self.dq.norm() < 1e-3, "the hold must come to rest: {}", self.dq.norm());
+        assert_eq!(self.recordings().len(), recordings, "nothing is recorded after a fault");
+        assert_eq!(self.faults().len(), 1, "one fault is reported once");
+    }
+}

@@ -55,7 +55,9 @@ pub struct Law {
     pub elbow_damping_ratio: f64,
     /// Time over which the stiffness changes between phases, in s.
     pub stiffness_ramp_s: f64,
-    /// Largest change of a commanded torque, in N m/s (libfranka's value).
+    /// Largest change of a commanded torque, in N m/s. libfranka's 1,000 would
+    /// let the hold of a heavier arm (176 N m at 20 rad/s) run into a limit
+    /// cycle after a blocked motion is set free; 4,000 does not.
     pub torque_rate_nm_s: f64,
     /// Pole of the momentum observer, in 1/s.
     pub observer_rad_s: f64,
@@ -76,7 +78,7 @@ impl Default for Law {
             elbow_nm_rad: 50.0,
             elbow_damping_ratio: 0.7,
             stiffness_ramp_s: 0.10,
-            torque_rate_nm_s: 1000.0,
+            torque_rate_nm_s: 4000.0,
             observer_rad_s: 60.0,
             torque_loop_gain: 4.0,
             torque_loop_rad_s: 60.0,
@@ -322,7 +324,7 @@ impl Default for Limits {
             velocity_share: 0.9,
             force_n: 100.0,
             path_m: 0.150,
-            path_rad: 0.2,
+            path_rad: 0.1,
             host_silence_s: 2.0,
             missed_ticks: 3,
         }

@@ -50,7 +50,8 @@ impl<const N: usize> Controller<N> {
                 self.usable()?;
                 // After a fault the arm is idle and may still hang on the sphere.
                 let coupled = matches!(self.activity, Activity::Coupled);
-                if !coupled && !(matches!(self.activity, Activity::Idle) && self.touched) {
+                let hanging = self.touched && matches!(self.activity, Activity::Idle);
+                if !(coupled || hanging) {
                     return Err(Refusal::Phase);
                 }
                 self.with_env(|env, task| {

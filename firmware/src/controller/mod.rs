@@ -500,3 +500,6 @@ impl<const N: usize> Controller<N> {
         let _ = self.samples.push_back(sample);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -146,13 +146,10 @@ impl<const N: usize> Activity<N> {
         )
     }
 
-    /// Whether the nest is on the sphere, as far as the controller knows, and
-    /// the seating watch applies.
+    /// Whether the nest is known to be on the sphere, so that the seating watch
+    /// applies.
     pub fn is_seated(&self) -> bool {
-        matches!(
-            self,
-            Self::Verifying(_) | Self::Coupled | Self::Turning(_) | Self::Recording(_)
-        )
+        matches!(self, Self::Coupled | Self::Turning(_) | Self::Recording(_))
     }
 
     /// One tick.

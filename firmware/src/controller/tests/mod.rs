@@ -1,0 +1,5 @@
+//! Every phase, every transition, every fault: time stepped by hand.
+
+mod commands;
+mod faults;
+mod transitions;

@@ -1,0 +1,143 @@
+//! The transitions of Algorithm 2, each on its own condition.
+
+use spherecal_shared::protocol::host::{Command, Event, Phase};
+
+use crate::testing::{Bench, HOME};
+
+#[test]
+fn idle_holds_where_it_began() {
+    let mut bench = Bench::new(Bench::brisk());
+    bench.run(1_000);
+    assert_eq!(bench.controller.phase(), Phase::Idle);
+    assert!(
+        (bench.q - nalgebra::SVector::from(HOME)).norm() < 1e-9,
+        "an exact model holds exactly"
+    );
+}
+
+#[test]
+fn a_move_ends_at_its_target_and_holds_there() {
+    let mut bench = Bench::new(Bench::brisk());
+    let mut target = HOME;
+    target[0] = 0.5;
+    target[3] = -1.0;
+    bench.go(&target).expect("idle");
+    assert_eq!(bench.controller.phase(), Phase::Moving);
+    bench.until(Phase::Idle, 5_000);
+    bench.run(500);
+    assert!((bench.q - nalgebra::SVector::from(target)).norm() < 1e-3);
+    assert_eq!(bench.phases(), [Phase::Moving, Phase::Idle]);
+}
+
+/// Fails if a phase is skipped, repeated or entered without its condition.
+#[test]
+fn a_sphere_is_touched_recorded_and_left_in_order() {
+    let mut bench = Bench::coupled();
+    bench.pose(0.2, true).expect("coupled");
+    bench.until(Phase::Coupled, 5_000);
+    bench.pose(-0.2, false).expect("coupled");
+    bench.until(Phase::Coupled, 5_000);
+    bench.controller.command(Command::Decouple).expect("coupled");
+    bench.until(Phase::Idle, 5_000);
+    let expected = [
+        Phase::Taring,
+        Phase::Approaching,
+        Phase::Coupling,
+        Phase::Verifying,
+        Phase::Coupled,
+        Phase::Turning,
+        Phase::Recording,
+        Phase::Coupled,
+        Phase::Turning,
+        Phase::Coupled,
+        Phase::Decoupling,
+        Phase::Idle,
+    ];
+    assert_eq!(bench.phases(), expected);
+    assert!(bench.faults().is_empty());
+    // What each condition promises.
+    let contact = bench
+        .events
+        .iter()
+        .find_map(|e| if let Event::Contact(c) = e { Some(*c) } else { None });
+    let contact = contact.expect("a contact");
+    assert!(contact.force_n >= 7.5 && contact.sphere == 3 && contact.latency_ticks >= 20);
+    let recordings = bench.recordings();
+    assert_eq!(recordings.len(), 1, "a pose to pass is not recorded");
+    assert_eq!(
+        (recordings[0].count, recordings[0].gaps, recordings[0].pose),
+        (100, 0, 7)
+    );
+    assert!(bench.events.iter().any(|e| matches!(e, Event::Passed { pose: 7 })));
+    let sphere = bench.sphere.expect("a sphere");
+    assert!((bench.tcp() - sphere).norm() > 0.030, "the arm has left");
+}
+
+/// Fails if the hold after contact is shorter than asked, or softens late.
+#[test]
+fn the_magnet_gets_its_time() {
+    let mut bench = Bench::coupled();
+    let at = |phase| {
+        let change = bench.events.iter().find_map(|e| match e {
+            Event::Phase(p) if p.phase == phase => Some(p.tick),
+            _ => None,
+        });
+        change.expect("the phase was entered")
+    };
+    let hold = at(Phase::Verifying) - at(Phase::Coupling);
+    assert!((299..=301).contains(&hold), "held for {hold} ms");
+    bench.run(10);
+}
+
+/// Fails if the recording is not the mean of just the samples of the still arm.
+#[test]
+fn a_disturbed_recording_is_begun_anew() {
+    let mut bench = Bench::coupled();
+    bench.pose(0.1, true).expect("coupled");
+    bench.until(Phase::Recording, 5_000);
+    bench.run(180);
+    // A shove at the elbow: joint speed without leaving the sphere.
+    bench.dq[2] += 0.05;
+    bench.run(30);
+    assert!(bench.recordings().is_empty());
+    bench.until(Phase::Coupled, 3_000);
+    let recordings = bench.recordings();
+    assert_eq!((recordings.len(), recordings[0].count, recordings[0].gaps), (1, 100, 0));
+    assert!(recordings[0].q.iter().all(|q| q.std < 1e-3));
+}
+
+#[test]
+fn hand_guiding_lets_the_arm_be_led() {
+    let mut bench = Bench::new(Bench::brisk());
+    bench.controller.command(Command::HandGuide { on: true }).expect("idle");
+    let before = bench.tcp();
+    bench.push = nalgebra::Vector3::new(0.0, 8.0, 0.0);
+    bench.run(1_000);
+    assert!((bench.tcp() - before).y > 0.05, "the arm follows the hand");
+    bench.push = nalgebra::Vector3::zeros();
+    bench.run(5_000);
+    assert!(bench.dq.norm() < 0.02, "and stops when let go");
+    bench
+        .controller
+        .command(Command::HandGuide { on: false })
+        .expect("guiding");
+    assert_eq!(bench.controller.phase(), Phase::Idle);
+}
+
+/// Fails if the stiffness jumps, or the torque does, when phases change.
+#[test]
+fn phase_changes_are_bumpless() {
+    let mut bench = Bench::coupled();
+    let mut last = bench.command.tau.clone();
+    for step in 0..4_000 {
+        if step == 10 {
+            bench.pose(0.2, true).expect("coupled");
+        }
+        bench.run(1);
+        for (a, b) in bench.command.tau.iter().zip(&last) {
+            assert!((a - b).abs() <= 4.0 + 1e-9, "4,000 N m/s is the limit");
+        }
+        last.clone_from(&bench.command.tau);
+    }
+    assert_eq!(bench.recordings().len(), 1);
+}
