@@ -65,6 +65,7 @@ pub struct Env<'a, const N: usize> {
 
 /// What comes after a tick.
 #[derive(Debug)]
+#[allow(clippy::large_enum_variant)] // Made at a phase change only, and there is no heap.
 pub enum Next<const N: usize> {
     /// The same phase.
     Stay,
