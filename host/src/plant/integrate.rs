@@ -98,6 +98,14 @@ impl<const N: usize> Motion<N> {
         }
     }
 
+    /// Stops all motion at once.
+    pub(super) fn brake(&mut self) {
+        self.v = SVector::zeros();
+        self.motor_v = SVector::zeros();
+        self.slip = [0.0; N];
+        self.before = None;
+    }
+
     /// One explicit step in free space under the torque `tau`; `None` where the
     /// mass matrix is not positive definite. Returns the mean torque that the
     /// sensors see.

@@ -26,15 +26,20 @@
 //! Runge-Kutta in free space, linearly implicit in contact), [`sensors`],
 //! [`world`] (error sources), [`tracker`].
 
+mod check;
 pub mod config;
 pub mod contact;
+mod coupling;
 mod disturb;
+mod draw;
 pub mod error;
 pub mod integrate;
 mod preset;
 pub mod sensors;
 mod simulation;
+mod study;
 pub mod tracker;
+mod truth;
 pub mod world;
 
 pub use config::PlantConfig;
@@ -42,6 +47,7 @@ pub use disturb::{Obstacle, TorqueSensorFault};
 pub use error::PlantError;
 pub use preset::PRESETS;
 pub use sensors::Sensed;
-pub use simulation::{Plant, Truth};
+pub use simulation::Plant;
 pub use tracker::{Shot, TrackerSession};
+pub use truth::Truth;
 pub use world::{MAX_SPHERES, World};

@@ -1,4 +1,5 @@
-//! Presets of the error sources: `ideal`, `typical`, `harsh`.
+//! Presets of the error sources: `ideal`, `typical`, `harsh`, and the worlds
+//! `w0` to `w4` of `identification.md` (their static errors on an otherwise ideal arm).
 
 use core::f64::consts::PI;
 
@@ -9,7 +10,7 @@ use super::config::{
 use super::error::PlantError;
 
 /// Names of the presets.
-pub const PRESETS: &[&str] = &["ideal", "typical", "harsh"];
+pub const PRESETS: &[&str] = &["ideal", "typical", "harsh", "w0", "w1", "w2", "w3", "w4"];
 
 impl Default for PlateConfig {
     fn default() -> Self {
@@ -251,6 +252,51 @@ impl PlantConfig {
         config
     }
 
+    /// World W0 to W4 (beyond: W4): static errors only; dynamics and sensors are ideal but for
+    /// the noise of averaged encoders. W0: compliance, first and second
+    /// harmonics, gear noise. W1: and frames measured wrongly. W2: all
+    /// non-geometric effects three times larger. W3: W0 and harmonics 3 to 8,
+    /// link bending, base tilt. W4: out of every model's class.
+    pub fn world(number: u32) -> Self {
+        let mut config = Self::typical();
+        config.friction.enabled = false;
+        config.inertia.mass_error = false;
+        config.sensors.torque_bias_share = 0.0;
+        config.nest.seating_sigma_m = 3e-6;
+        config.nest.form_sigma_m = 0.0;
+        config.tracker.remount_m = 0.0;
+        config.tracker.restation_m = 0.0;
+        match number {
+            0 => {}
+            1 => {
+                config.tracker.remount_m = 0.58e-3;
+                config.tracker.restation_m = 0.15e-3;
+            }
+            2 => {
+                config.compliance.joint_rad_per_nm = 8e-6;
+                config.encoder.harmonic_rad = vec![7e-4, 4e-4];
+                config.encoder.gear_rad = 1.5e-4;
+            }
+            3 => {
+                // Six orders of 1e-4 rad rms together.
+                config.encoder.harmonic_rad.extend([5.77e-5; 6]);
+                config.compliance.link_rad_per_nm = 1.5e-6;
+                config.compliance.base_rad_per_nm = 1e-6;
+            }
+            _ => {
+                config.encoder.harmonics = false;
+                config.encoder.smooth_rad = 1.2e-4;
+                config.encoder.cross_rad = 5e-5;
+                config.encoder.gear_orders = [20, 60];
+                config.compliance.quadratic_rad_per_nm2 = 2e-8;
+                config.compliance.hysteresis_rad = 3e-5;
+                config.compliance.link_rad_per_nm = 1.5e-6;
+                config.compliance.base_rad_per_nm = 1e-6;
+            }
+        }
+        config
+    }
+
     /// A preset by name.
     ///
     /// # Errors
@@ -260,6 +306,11 @@ impl PlantConfig {
             "ideal" => Ok(Self::ideal()),
             "typical" => Ok(Self::typical()),
             "harsh" => Ok(Self::harsh()),
+            "w0" => Ok(Self::world(0)),
+            "w1" => Ok(Self::world(1)),
+            "w2" => Ok(Self::world(2)),
+            "w3" => Ok(Self::world(3)),
+            "w4" => Ok(Self::world(4)),
             _ => Err(PlantError::Preset {
                 name: name.to_owned(),
                 known: PRESETS.join(", "),

@@ -7,12 +7,13 @@ use spherecal_shared::robot::{Arm, Dynamics, Frame, Robot, Tool};
 
 use super::config::PlantConfig;
 use super::contact::{Nest, Touch, TouchKind, Touches};
+use super::coupling::Coupling;
 use super::disturb::Obstacle;
 use super::error::PlantError;
 use super::integrate::{Elastic, Joints, Load, Motion, STOP_MARGIN_RAD};
 use super::sensors::{Sensed, Sensors, TICK_S};
 use super::tracker::TrackerSession;
-use super::world::{MAX_SPHERES, Stream, World, normal3, stream};
+use super::world::{MAX_SPHERES, Stream, World, stream};
 
 /// The simulated arm with its nest, spheres, sensors and tracker.
 #[derive(Clone, Debug)]
@@ -20,9 +21,9 @@ pub struct Plant<const N: usize> {
     pub(super) config: PlantConfig,
     pub(super) world: World<N>,
     pub(super) sphere_homes: heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES>,
-    nest: Nest,
-    joints: Joints<N>,
-    motion: Motion<N>,
+    pub(super) nest: Nest,
+    pub(super) joints: Joints<N>,
+    pub(super) motion: Motion<N>,
     pub(super) sensors: Sensors<N>,
     limits: [f64; N],
     substeps: u32,
@@ -35,12 +36,13 @@ pub struct Plant<const N: usize> {
     transmitted: SVector<f64, N>,
     /// The torque that the joints' deflection has followed so far, in N m.
     deflecting: [f64; N],
+    /// Motor minus encoder angles, in rad.
+    lead: [f64; N],
     /// Displacement of the TCP by bending, and of the seated centre, in m.
-    bend: Vector3<f64>,
+    pub(super) bend: Vector3<f64>,
     seat: Vector3<f64>,
     coupling: Coupling,
     centroid: Vector3<f64>,
-    touches: Touches,
     pub(super) hand_force: Vector3<f64>,
     pub(super) hand_moment: Vector3<f64>,
     pub(super) disturbance: SVector<f64, N>,
@@ -49,48 +51,6 @@ pub struct Plant<const N: usize> {
     pub(super) payload_kg: f64,
     pub(super) session: TrackerSession,
     pub(super) tracker_rng: ChaCha8Rng,
-}
-
-/// Seating repeatability: a fresh seat for each coupling.
-#[derive(Clone, Debug)]
-struct Coupling {
-    rng: ChaCha8Rng,
-    /// Whether the sphere is near its seat now.
-    near: bool,
-    /// Seat of this coupling, in m, nest's frame.
-    seat: Vector3<f64>,
-    /// Form errors: direction (m), wave vector and phase over the nest's orientation.
-    waves: [(Vector3<f64>, Vector3<f64>, f64); 3],
-}
-
-/// What is really so. For tests and figures only: no controller, campaign or
-/// identification may see any of it.
-#[derive(Clone, Debug)]
-pub struct Truth<const N: usize> {
-    /// Link angles, in rad.
-    pub q: [f64; N],
-    /// Link velocities, in rad/s.
-    pub dq: [f64; N],
-    /// TCP frame in F0 (m), bending included.
-    pub tcp: Frame<f64>,
-    /// Distance of the TCP from each sphere's centre, in m; infinite for one that was taken away.
-    pub gap_m: heapless::Vec<f64, MAX_SPHERES>,
-    /// Sphere (from 0) on which the nest sits with all three pads.
-    pub seated: Option<usize>,
-    /// Normal force of each pad, in N, static part.
-    pub pad_n: [f64; 3],
-    /// What else touches.
-    pub rim: bool,
-    /// The rim touches the plate.
-    pub plate: bool,
-    /// Contact force on the tool, normal static parts, in N, F0.
-    pub contact_n: Vector3<f64>,
-    /// Pull of the magnet on the tool, in N, F0.
-    pub magnet_n: Vector3<f64>,
-    /// Kinetic energy, in J.
-    pub kinetic_j: f64,
-    /// Potential energy of gravity, pads, magnet and joint springs, in J.
-    pub potential_j: f64,
 }
 
 impl<const N: usize> Plant<N> {
@@ -175,11 +135,11 @@ impl<const N: usize> Plant<N> {
             },
             transmitted: gravity,
             deflecting: gravity.data.0[0],
+            lead: core::array::from_fn(|i| world.motor_angles(q)[i] - q[i]),
             bend: Vector3::zeros(),
             seat: Vector3::zeros(),
             coupling: Coupling::new(config),
             centroid,
-            touches: Touches::new(),
             hand_force: Vector3::zeros(),
             hand_moment: Vector3::zeros(),
             disturbance: SVector::zeros(),
@@ -216,6 +176,21 @@ impl<const N: usize> Plant<N> {
         self.last
     }
 
+    /// Advances 1 ms with the brakes closed: the joints stop and stay where they
+    /// are, and the sensors read what then loads them.
+    pub fn step_braked(&mut self) -> Sensed<N> {
+        self.motion.brake();
+        self.last_tau = self
+            .world
+            .arm
+            .bodies(&self.world.arm.frames(&self.motion.q.data.0[0]))
+            .gravity();
+        self.transmitted = self.last_tau;
+        self.tick += 1;
+        self.sense(false, false);
+        self.last
+    }
+
     /// What the last step, or the start, showed.
     pub fn sensed(&self) -> &Sensed<N> {
         &self.last
@@ -226,7 +201,6 @@ impl<const N: usize> Plant<N> {
         let frames = self.world.arm.frames(&self.motion.q.data.0[0]);
         let tcp = self.shifted_tcp(&frames);
         if self.is_smooth(&tcp) {
-            self.touches.clear();
             self.coupling.near = false;
             let h = TICK_S / f64::from(self.free_steps);
             let mut mean = SVector::zeros();
@@ -246,6 +220,7 @@ impl<const N: usize> Plant<N> {
             self.coupling.near = false;
         }
         let mut mean = SVector::zeros();
+        let mut touches = Touches::new();
         for _ in 0..self.substeps {
             let frames = self.world.arm.frames(&self.motion.q.data.0[0]);
             let bodies = self.world.arm.bodies(&frames);
@@ -253,7 +228,7 @@ impl<const N: usize> Plant<N> {
             tcp.origin += self.bend;
             let mut pulls = [(tcp.origin, self.hand_force); 2];
             let mut pulled = 1;
-            self.collect_touches(&tcp, nearest.as_ref());
+            self.touches_at(&tcp, nearest.as_ref(), &mut touches);
             if let (Some(sphere), true) = (&nearest, self.magnet_on) {
                 let (pole, force, _, _) = self.nest.pull(&tcp, sphere);
                 pulls[1] = (pole, force);
@@ -264,7 +239,7 @@ impl<const N: usize> Plant<N> {
                 extra: &self.disturbance,
                 pulls: &pulls[..pulled],
                 moment: self.hand_moment,
-                touches: &self.touches,
+                touches: &touches,
             };
             match self.motion.step_stiff(&frames, &bodies, &self.joints, &load, h) {
                 Some(seen) => mean += seen / f64::from(self.substeps),
@@ -293,7 +268,7 @@ impl<const N: usize> Plant<N> {
     }
 
     /// The sphere within reach of the nest, if contact is on.
-    fn nearest(&self, tcp: &Frame<f64>) -> Option<Vector3<f64>> {
+    pub(super) fn nearest(&self, tcp: &Frame<f64>) -> Option<Vector3<f64>> {
         if !self.config.contact {
             return None;
         }
@@ -313,22 +288,23 @@ impl<const N: usize> Plant<N> {
             < self.config.nest.body_radius_m + 0.02
     }
 
-    fn collect_touches(&mut self, tcp: &Frame<f64>, sphere: Option<&Vector3<f64>>) {
-        self.touches.clear();
+    /// All touches with the nest at `tcp` and a sphere within reach.
+    pub(super) fn touches_at(&self, tcp: &Frame<f64>, sphere: Option<&Vector3<f64>>, touches: &mut Touches) {
+        touches.clear();
         if let Some(sphere) = sphere {
-            self.nest.touch_sphere(tcp, sphere, &self.seat, &mut self.touches);
+            self.nest.touch_sphere(tcp, sphere, &self.seat, touches);
         }
         if self.config.contact {
             let below = self.config.plate.surface_below_m;
             self.nest
-                .touch_plate(tcp, &self.world.plate, &self.centroid, below, &mut self.touches);
+                .touch_plate(tcp, &self.world.plate, &self.centroid, below, touches);
         }
         if let Some(obstacle) = &self.obstacle {
             let normal = Vector3::from(obstacle.normal).normalize();
             let depth = normal.dot(&(Vector3::from(obstacle.point_m) - tcp.origin));
             if depth > 0.0 {
                 // There is room: a sphere and the plate make at most nine touches.
-                let _ = self.touches.push(Touch {
+                let _ = touches.push(Touch {
                     point: tcp.origin,
                     normal,
                     depth,
@@ -362,7 +338,8 @@ impl<const N: usize> Plant<N> {
                 self.motion.q[i] + self.world.deflection(i, self.deflecting[i])
             })
         };
-        let encoder = self.world.encoder_angles(&motor);
+        self.world.follow_encoders(&motor, &mut self.lead);
+        let encoder = core::array::from_fn(|i| motor[i] - self.lead[i]);
         self.last = self.sensors.read(self.tick, &encoder, &self.transmitted.data.0[0]);
         self.last.saturated = saturated;
         self.last.refused = refused;
@@ -381,135 +358,5 @@ impl<const N: usize> Plant<N> {
         if let Ok(arm) = Arm::new(&self.world.robot, &tool) {
             self.world.arm = arm;
         }
-    }
-
-    /// What is really so. For tests and figures only.
-    pub fn truth(&self) -> Truth<N> {
-        let q: [f64; N] = self.motion.q.data.0[0];
-        let frames = self.world.arm.frames(&q);
-        let bodies = self.world.arm.bodies(&frames);
-        let mut tcp = self.world.arm.tcp_frame(&frames);
-        tcp.origin += self.bend;
-        let mut mass = bodies.mass_matrix();
-        for i in 0..N {
-            mass[(i, i)] += self.joints.rotor[i];
-        }
-        let mut truth = Truth {
-            q,
-            dq: self.motion.v.data.0[0],
-            gap_m: self
-                .world
-                .spheres
-                .iter()
-                .map(|s| s.map_or(f64::INFINITY, |s| (s - tcp.origin).norm()))
-                .collect(),
-            tcp,
-            seated: None,
-            pad_n: [0.0; 3],
-            rim: false,
-            plate: false,
-            contact_n: Vector3::zeros(),
-            magnet_n: Vector3::zeros(),
-            kinetic_j: 0.5 * self.motion.v.dot(&(mass * self.motion.v)),
-            potential_j: bodies_potential(&self.world, &frames, self.payload_kg),
-        };
-        if let Some(elastic) = &self.joints.elastic {
-            let wind = self.motion.motor - self.motion.q;
-            truth.potential_j += 0.5 * elastic.stiffness * wind.norm_squared();
-            for i in 0..N {
-                truth.kinetic_j += 0.5 * elastic.motor[i] * self.motion.motor_v[i] * self.motion.motor_v[i];
-            }
-        }
-        let nearest = self.nearest(&tcp);
-        let mut probe = self.clone();
-        probe.collect_touches(&tcp, nearest.as_ref());
-        for touch in probe.touches.iter().filter(|t| t.depth > 0.0) {
-            let force = touch.stiffness * touch.depth;
-            truth.potential_j += 0.5 * force * touch.depth;
-            truth.contact_n += touch.normal * force;
-            match touch.kind {
-                TouchKind::Pad(i) => truth.pad_n[usize::from(i)] = force,
-                TouchKind::Rim => truth.rim = true,
-                TouchKind::Plate => truth.plate = true,
-                TouchKind::Obstacle => {}
-            }
-        }
-        if let (Some(sphere), true) = (&nearest, self.magnet_on) {
-            let (_, force, potential, _) = self.nest.pull(&tcp, sphere);
-            truth.magnet_n = force;
-            truth.potential_j += potential;
-        }
-        if truth.pad_n.iter().all(|f| *f > 0.0) {
-            truth.seated = truth.gap_m.iter().position(|gap| *gap < 1e-4);
-        }
-        truth
-    }
-
-    /// The true world behind the sensors. For tests and figures only.
-    pub fn world(&self) -> &World<N> {
-        &self.world
-    }
-}
-
-/// Potential energy of gravity, in J, zero with all masses at the height of F0.
-fn bodies_potential<const N: usize>(world: &World<N>, frames: &[Frame<f64>; N], payload_kg: f64) -> f64 {
-    let g = spherecal_shared::robot::GRAVITY_M_S2;
-    let mut sum = 0.0;
-    for (joint, frame) in world.robot.joints.iter().zip(frames) {
-        sum += joint.link.mass_kg * g * frame.point(&joint.link.com()).z;
-    }
-    if let Some(flange) = frames.last() {
-        sum += world.tool.body.mass_kg * g * flange.point(&world.tool.body.com()).z;
-        sum += payload_kg * g * flange.point(&world.tool.tcp()).z;
-    }
-    sum
-}
-
-impl Coupling {
-    fn new(config: &PlantConfig) -> Self {
-        let mut rng = stream(config.seed, Stream::Seating);
-        // Wave vectors over the nest's axes: a length scale of about 6 degrees.
-        let waves = core::array::from_fn(|_| {
-            let direction = normal3(&mut rng) * (2.0_f64 / 3.0).sqrt();
-            let wave = normal3(&mut rng) * 10.0;
-            let phase = super::world::normal(&mut rng) * 10.0;
-            (direction, wave, phase)
-        });
-        Self {
-            rng,
-            near: false,
-            seat: Vector3::zeros(),
-            waves,
-        }
-    }
-
-    /// Where the seated centre stands in the nest's frame now, in m.
-    fn seat(
-        &mut self,
-        tcp: &Frame<f64>,
-        plate: &Frame<f64>,
-        sphere: &Vector3<f64>,
-        config: &PlantConfig,
-    ) -> Vector3<f64> {
-        let nest = &config.nest;
-        if !nest.seating_error {
-            return Vector3::zeros();
-        }
-        let near = (sphere - tcp.origin).norm_squared() < 0.005 * 0.005;
-        if near && !self.near {
-            self.seat = normal3(&mut self.rng) * nest.seating_sigma_m;
-        }
-        self.near = near;
-        if !near {
-            return self.seat;
-        }
-        let axis = plate.rotation.tr_mul(&tcp.z());
-        let side: Vector3<f64> = plate.rotation.tr_mul(&Vector3::from(tcp.rotation.column(0)));
-        let place = Vector3::new(axis.x, axis.y, side.x + side.y);
-        let mut seat = self.seat;
-        for (direction, wave, phase) in &self.waves {
-            seat += direction * (nest.form_sigma_m * libm::sin(wave.dot(&place) + phase));
-        }
-        seat
     }
 }

@@ -4,8 +4,6 @@
 //! Each error source has a random stream of its own, so that switching one off
 //! leaves the others as they were.
 
-use core::f64::consts::TAU;
-
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -13,6 +11,7 @@ use rand_distr::StandardNormal;
 use spherecal_shared::robot::{Arm, Dynamics, Frame, Robot, Tool};
 
 use super::config::PlantConfig;
+use super::draw::{draw_geometry, draw_joint_errors, draw_masses, draw_plate, draw_spheres};
 use super::error::PlantError;
 
 /// Most spheres of a plate.
@@ -55,27 +54,27 @@ pub(super) fn normal3(rng: &mut ChaCha8Rng) -> Vector3<f64> {
 }
 
 /// Uniform between two bounds, equal ones allowed.
-fn between(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
+pub(super) fn between(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
     low + (high - low) * rng.random::<f64>()
 }
 
 /// `amplitude sin(order angle + phase)`.
 #[derive(Clone, Copy, Debug)]
-struct Tone {
-    order: f64,
-    amplitude: f64,
-    phase: f64,
+pub(super) struct Tone {
+    pub(super) order: f64,
+    pub(super) amplitude: f64,
+    pub(super) phase: f64,
 }
 
 /// What one joint's encoder hides: a function of the encoder's angle.
 #[derive(Clone, Debug, Default)]
 pub(super) struct JointError {
     /// Cosine and sine coefficients of orders 1, 2, ..., in rad.
-    harmonics: Vec<[f64; 2]>,
+    pub(super) harmonics: Vec<[f64; 2]>,
     /// Gear and smooth errors.
-    tones: Vec<Tone>,
+    pub(super) tones: Vec<Tone>,
     /// Dependence on the next joint's angle.
-    cross: Vec<Tone>,
+    pub(super) cross: Vec<Tone>,
 }
 
 impl JointError {
@@ -219,12 +218,20 @@ impl<const N: usize> World<N> {
 
     /// Encoder angles that belong to motor-side angles (link plus deflection).
     pub fn encoder_angles(&self, motor: &[f64; N]) -> [f64; N] {
-        core::array::from_fn(|i| {
-            let neighbour = motor[(i + 1) % N];
-            // One Newton step: the errors are 1e-3 rad at most, its own is their square.
-            let (value, slope) = self.errors[i].at(motor[i], neighbour);
-            motor[i] - value / (1.0 + slope)
-        })
+        let mut lead = [0.0; N];
+        for _ in 0..3 {
+            self.follow_encoders(motor, &mut lead);
+        }
+        core::array::from_fn(|i| motor[i] - lead[i])
+    }
+
+    /// One Newton step for each joint's error `lead` (motor minus encoder, in
+    /// rad); from the last tick's it is exact to far below an encoder's step.
+    pub(super) fn follow_encoders(&self, motor: &[f64; N], lead: &mut [f64; N]) {
+        for i in 0..N {
+            let (value, slope) = self.errors[i].at(motor[i] - lead[i], motor[(i + 1) % N]);
+            lead[i] += (value - lead[i]) / (1.0 + slope);
+        }
     }
 
     /// Motor-side angles that belong to encoder angles.
@@ -299,164 +306,4 @@ impl<const N: usize> World<N> {
 /// Rotation by roll, pitch and yaw about fixed axes, in rad.
 pub(super) fn rpy([roll, pitch, yaw]: [f64; 3]) -> Matrix3<f64> {
     Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
-}
-
-fn draw_geometry<const N: usize>(nominal: &Robot, tool: &Tool, config: &PlantConfig) -> Result<Robot, PlantError> {
-    let g = &config.geometry;
-    if !g.enabled {
-        return Ok(nominal.clone());
-    }
-    let mut rng = stream(config.seed, Stream::Geometry);
-    let draws: Vec<[f64; 4]> = nominal
-        .joints
-        .iter()
-        .map(|_| {
-            [
-                g.alpha_sigma_rad * normal(&mut rng),
-                g.length_sigma_m * normal(&mut rng),
-                g.theta_sigma_rad * normal(&mut rng),
-                g.length_sigma_m * normal(&mut rng),
-            ]
-        })
-        .collect();
-    let scaled = |factor: f64| {
-        let mut robot = nominal.clone();
-        for (joint, [alpha, a, theta, d]) in robot.joints.iter_mut().zip(&draws).skip(1) {
-            joint.mdh.alpha += factor * alpha;
-            joint.mdh.a += factor * a;
-            joint.mdh.theta += factor * theta;
-            joint.mdh.d += factor * d;
-        }
-        robot
-    };
-    let mut factor = 1.0;
-    if g.nominal_mean_m > 0.0 {
-        let reference = Arm::<f64, N>::new(nominal, tool)?;
-        for _ in 0..3 {
-            let arm = Arm::<f64, N>::new(&scaled(factor), tool)?;
-            let mean = mean_difference(nominal, &reference, &arm);
-            if mean > 0.0 {
-                factor *= g.nominal_mean_m / mean;
-            }
-        }
-    }
-    Ok(scaled(factor))
-}
-
-/// Mean distance of two arms' TCPs over 500 configurations in joint space, the
-/// same for every seed, in m.
-fn mean_difference<const N: usize>(nominal: &Robot, one: &Arm<f64, N>, other: &Arm<f64, N>) -> f64 {
-    let mut rng = stream(0, Stream::Workspace);
-    let count = 500;
-    let sum: f64 = (0..count)
-        .map(|_| {
-            let q = core::array::from_fn(|i| {
-                nominal
-                    .joints
-                    .get(i)
-                    .map_or(0.0, |j| between(&mut rng, [j.limits.min_rad, j.limits.max_rad]))
-            });
-            let at = |arm: &Arm<f64, N>| arm.tcp_frame(&arm.frames(&q)).origin;
-            (at(one) - at(other)).norm()
-        })
-        .sum();
-    sum / f64::from(count)
-}
-
-fn draw_masses(robot: &mut Robot, tool: &mut Tool, config: &PlantConfig) {
-    let m = &config.inertia;
-    if !m.mass_error {
-        return;
-    }
-    let mut rng = stream(config.seed, Stream::Inertia);
-    let scale = |body: &mut spherecal_shared::robot::Inertia, factor: f64| {
-        body.mass_kg *= factor;
-        for entry in &mut body.inertia_kg_m2 {
-            *entry *= factor;
-        }
-    };
-    for joint in &mut robot.joints {
-        scale(
-            &mut joint.link,
-            (1.0 + m.link_mass_sigma * normal(&mut rng)).clamp(0.2, 5.0),
-        );
-    }
-    let size = between(&mut rng, m.tool_mass_error);
-    let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
-    scale(&mut tool.body, 1.0 + sign * size);
-}
-
-fn draw_plate(config: &PlantConfig) -> Frame<f64> {
-    let p = &config.plate;
-    let mut rotation = rpy(p.rpy_rad);
-    let mut origin = Vector3::from(p.origin_m);
-    if p.placement_error {
-        let mut rng = stream(config.seed, Stream::Placement);
-        origin += normal3(&mut rng) * p.placement_sigma_m;
-        rotation = Rotation3::new(normal3(&mut rng) * p.placement_sigma_rad).into_inner() * rotation;
-    }
-    Frame { rotation, origin }
-}
-
-fn draw_spheres(config: &PlantConfig, plate: &Frame<f64>) -> heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES> {
-    let p = &config.plate;
-    let sigma = if p.certificate_error {
-        p.certificate_sigma_m
-    } else {
-        0.0
-    };
-    let mut rng = stream(config.seed, Stream::Certificate);
-    p.spheres_m
-        .iter()
-        .map(|certified| Some(plate.point(&(Vector3::from(*certified) + normal3(&mut rng) * sigma))))
-        .take(MAX_SPHERES)
-        .collect()
-}
-
-fn draw_joint_errors<const N: usize>(config: &PlantConfig) -> [JointError; N] {
-    let e = &config.encoder;
-    let mut rng = stream(config.seed, Stream::Encoder);
-    let root_half = core::f64::consts::FRAC_1_SQRT_2;
-    core::array::from_fn(|_| {
-        let mut error = JointError::default();
-        for amplitude in &e.harmonic_rad {
-            let pair = [normal(&mut rng), normal(&mut rng)].map(|x| x * amplitude * root_half);
-            if e.harmonics {
-                error.harmonics.push(pair);
-            }
-        }
-        let [low, high] = e.gear_orders.map(f64::from);
-        for _ in 0..3 {
-            let tone = Tone {
-                order: between(&mut rng, [low, high]).round(),
-                amplitude: e.gear_rad * (2.0_f64 / 3.0).sqrt(),
-                phase: between(&mut rng, [0.0, TAU]),
-            };
-            if e.gear && e.gear_rad > 0.0 {
-                error.tones.push(tone);
-            }
-        }
-        let features = 8;
-        for _ in 0..features {
-            let tone = Tone {
-                order: normal(&mut rng) / e.smooth_length_rad.max(1e-3),
-                amplitude: e.smooth_rad * (2.0 / f64::from(features)).sqrt(),
-                phase: between(&mut rng, [0.0, TAU]),
-            };
-            if e.smooth_rad > 0.0 {
-                error.tones.push(tone);
-            }
-        }
-        for order in [1.0, 2.0] {
-            let tone = Tone {
-                order,
-                amplitude: e.cross_rad,
-                phase: between(&mut rng, [0.0, TAU]),
-            };
-            if e.cross_rad > 0.0 {
-                error.cross.push(tone);
-            }
-        }
-        error
-    })
 }

@@ -1,0 +1,218 @@
+//! Which configurations are possible: each refusal names field, value and remedy.
+
+use super::config::PlantConfig;
+use super::error::PlantError;
+
+impl PlantConfig {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// The first field that is not finite or not possible, with value and remedy.
+    pub fn check(&self) -> Result<(), PlantError> {
+        let step = |field, value: f64| {
+            let whole = 1e-3 / value;
+            require(
+                field,
+                value,
+                value > 0.0 && (whole - whole.round()).abs() < 1e-6 && whole.round() >= 1.0,
+                "a whole number of sub-steps makes 1 ms: 1e-3, 5e-4, 2.5e-4, 1e-4 ...",
+            )
+        };
+        step("substep_s", self.substep_s)?;
+        step("free_step_s", self.free_step_s)?;
+        self.check_plate()?;
+        self.check_nest()?;
+        let sizes = [
+            ("geometry.length_sigma_m", self.geometry.length_sigma_m, 0.01),
+            ("geometry.alpha_sigma_rad", self.geometry.alpha_sigma_rad, 0.1),
+            ("geometry.theta_sigma_rad", self.geometry.theta_sigma_rad, 0.1),
+            ("geometry.nominal_mean_m", self.geometry.nominal_mean_m, 0.05),
+            ("tool.tcp_sigma_m", self.tool.tcp_sigma_m, 0.02),
+            ("compliance.joint_rad_per_nm", self.compliance.joint_rad_per_nm, 1e-3),
+            ("compliance.spread", self.compliance.spread, 1.0),
+            (
+                "compliance.quadratic_rad_per_nm2",
+                self.compliance.quadratic_rad_per_nm2,
+                1e-5,
+            ),
+            ("compliance.hysteresis_rad", self.compliance.hysteresis_rad, 1e-2),
+            ("compliance.link_rad_per_nm", self.compliance.link_rad_per_nm, 1e-4),
+            ("compliance.base_rad_per_nm", self.compliance.base_rad_per_nm, 1e-4),
+            ("compliance.settling_s", self.compliance.settling_s, 1.0),
+            ("encoder.gear_rad", self.encoder.gear_rad, 1e-2),
+            ("encoder.smooth_rad", self.encoder.smooth_rad, 1e-2),
+            ("encoder.smooth_length_rad", self.encoder.smooth_length_rad, 10.0),
+            ("encoder.cross_rad", self.encoder.cross_rad, 1e-2),
+            ("sensors.angle_white_rad", self.sensors.angle_white_rad, 0.01),
+            ("sensors.angle_correlated_rad", self.sensors.angle_correlated_rad, 0.01),
+            ("sensors.angle_correlation_s", self.sensors.angle_correlation_s, 100.0),
+            ("sensors.angle_step_rad", self.sensors.angle_step_rad, 0.01),
+            ("sensors.velocity_white_rad_s", self.sensors.velocity_white_rad_s, 1.0),
+            ("sensors.velocity_step_rad_s", self.sensors.velocity_step_rad_s, 1.0),
+            ("sensors.velocity_filter_s", self.sensors.velocity_filter_s, 0.1),
+            ("sensors.torque_white_nm", self.sensors.torque_white_nm, 100.0),
+            ("sensors.torque_step_nm", self.sensors.torque_step_nm, 100.0),
+            ("sensors.torque_bias_share", self.sensors.torque_bias_share, 0.5),
+            ("friction.coulomb_nm", self.friction.coulomb_nm[0], 100.0),
+            ("friction.coulomb_nm", self.friction.coulomb_nm[1], 100.0),
+            ("friction.viscous_nm_s", self.friction.viscous_nm_s[0], 1000.0),
+            ("friction.viscous_nm_s", self.friction.viscous_nm_s[1], 1000.0),
+            ("friction.beyond_sensor", self.friction.beyond_sensor, 1.0),
+            ("inertia.link_mass_sigma", self.inertia.link_mass_sigma, 0.3),
+            ("inertia.tool_mass_error", self.inertia.tool_mass_error[0], 1.0),
+            ("inertia.tool_mass_error", self.inertia.tool_mass_error[1], 1.0),
+            ("inertia.rotor_share", self.inertia.rotor_share, 1.0),
+            ("tracker.sigma_m", self.tracker.sigma_m, 0.01),
+            ("tracker.encoder_rad", self.tracker.encoder_rad, 0.01),
+            ("tracker.remount_m", self.tracker.remount_m, 0.05),
+            ("tracker.restation_m", self.tracker.restation_m, 0.05),
+        ];
+        for (field, value, most) in sizes {
+            require(
+                field,
+                value,
+                (0.0..=most).contains(&value),
+                "zero or positive, in SI units, and of a plausible size",
+            )?;
+        }
+        for value in self.inertia.rotor_kg_m2 {
+            require(
+                "inertia.rotor_kg_m2",
+                value,
+                (0.0..=100.0).contains(&value),
+                "zero or positive, in kg m²",
+            )?;
+        }
+        for value in &self.encoder.harmonic_rad {
+            require(
+                "encoder.harmonic_rad",
+                *value,
+                (0.0..=0.01).contains(value),
+                "zero or positive, in rad, at most 0.01",
+            )?;
+        }
+        let orders = self.encoder.harmonic_rad.len();
+        require(
+            "encoder.harmonic_rad",
+            orders as f64,
+            orders <= 12,
+            "at most 12 orders; finer errors are the gear's",
+        )?;
+        let [low, high] = self.encoder.gear_orders;
+        require(
+            "encoder.gear_orders",
+            f64::from(high),
+            low >= 1 && high >= low && high <= 1000,
+            "two orders per turn, the lower first, within 1 to 1000",
+        )?;
+        let e = &self.elasticity;
+        require(
+            "elasticity.stiffness_nm_rad",
+            e.stiffness_nm_rad,
+            e.stiffness_nm_rad > 0.0,
+            "must be positive",
+        )?;
+        require(
+            "elasticity.damping_nm_s",
+            e.damping_nm_s,
+            e.damping_nm_s >= 0.0,
+            "zero or positive",
+        )?;
+        require(
+            "elasticity.least_motor_kg_m2",
+            e.least_motor_kg_m2,
+            e.least_motor_kg_m2 > 0.0,
+            "must be positive",
+        )?;
+        for value in self.tracker.position_m.into_iter().chain(self.tracker.rpy_rad) {
+            require(
+                "tracker.position_m/rpy_rad",
+                value,
+                value.abs() <= 100.0,
+                "a finite pose within 100 m",
+            )?;
+        }
+        Ok(())
+    }
+
+    fn check_plate(&self) -> Result<(), PlantError> {
+        let p = &self.plate;
+        let count = p.spheres_m.len();
+        require(
+            "plate.spheres_m",
+            count as f64,
+            (1..=super::world::MAX_SPHERES).contains(&count),
+            "one to eight spheres",
+        )?;
+        for value in p.origin_m.iter().chain(p.spheres_m.iter().flatten()) {
+            require(
+                "plate.origin_m/spheres_m",
+                *value,
+                value.abs() <= 5.0,
+                "in m, within 5 m",
+            )?;
+        }
+        for value in p.rpy_rad {
+            require("plate.rpy_rad", value, value.abs() <= 7.0, "angles are in rad")?;
+        }
+        require(
+            "plate.sphere_radius_m",
+            p.sphere_radius_m,
+            (1e-3..=0.1).contains(&p.sphere_radius_m),
+            "in m, 0.001 to 0.1",
+        )?;
+        require(
+            "plate.surface_below_m",
+            p.surface_below_m,
+            p.surface_below_m >= p.sphere_radius_m,
+            "at least the sphere's radius",
+        )?;
+        for (field, value, most) in [
+            ("plate.certificate_sigma_m", p.certificate_sigma_m, 0.01),
+            ("plate.placement_sigma_m", p.placement_sigma_m, 0.1),
+            ("plate.placement_sigma_rad", p.placement_sigma_rad, 0.5),
+        ] {
+            require(
+                field,
+                value,
+                (0.0..=most).contains(&value),
+                "zero or positive, in SI units, and of a plausible size",
+            )?;
+        }
+        Ok(())
+    }
+
+    fn check_nest(&self) -> Result<(), PlantError> {
+        let n = &self.nest;
+        for (field, value, least, most) in [
+            ("nest.stiffness_n_m", n.stiffness_n_m, 1.0, 1e9),
+            ("nest.damping_n_s_m", n.damping_n_s_m, 0.0, 1e7),
+            ("nest.friction", n.friction, 0.0, 2.0),
+            ("nest.friction_speed_m_s", n.friction_speed_m_s, 1e-7, 1.0),
+            ("nest.magnet_n", n.magnet_n, 0.0, 1000.0),
+            ("nest.magnet_scale_m", n.magnet_scale_m, 1e-5, 1.0),
+            ("nest.magnet_range_m", n.magnet_range_m, 0.0, 0.2),
+            ("nest.rim_height_m", n.rim_height_m, -0.02, 0.02),
+            ("nest.body_radius_m", n.body_radius_m, 0.01, 0.2),
+            ("nest.seating_sigma_m", n.seating_sigma_m, 0.0, 1e-3),
+            ("nest.form_sigma_m", n.form_sigma_m, 0.0, 1e-3),
+        ] {
+            require(
+                field,
+                value,
+                (least..=most).contains(&value),
+                "in SI units, and of a plausible size",
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// Refuses a value that is not finite or for which `good` is false.
+fn require(field: &'static str, value: f64, good: bool, remedy: &'static str) -> Result<(), PlantError> {
+    if value.is_finite() && good {
+        Ok(())
+    } else {
+        Err(PlantError::Field { field, value, remedy })
+    }
+}
