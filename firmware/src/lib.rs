@@ -16,11 +16,13 @@
 //! Inside the tick: [`guard`] admits the drive state, [`law`] computes the arm
 //! once and the torque from a setpoint, [`phases`] moves the setpoint through
 //! Algorithm 2, with [`motion`], [`contact`] and [`recorder`] as their tools.
+//! [`app`] is what a board runs around it.
 #![no_std]
 
 #[cfg(test)]
 extern crate std;
 
+pub mod app;
 pub mod contact;
 pub mod controller;
 pub mod guard;

@@ -3,6 +3,7 @@
 use embassy_time::Instant;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
 
+use crate::app::ports::Probe;
 use crate::{Controller, HostLink};
 
 /// Controller and host link together.
@@ -37,9 +38,25 @@ impl<const N: usize> Node<N> {
     /// frames for the host into `up`. Returns the torque command and the
     /// number of bytes written.
     pub fn exchange(&mut self, now: Instant, state: &DriveState, down: &[u8], up: &mut [u8]) -> (DriveCommand, usize) {
+        self.exchange_probed(now, state, down, up, &mut ())
+    }
+
+    /// As [`exchange`](Self::exchange), with a look at what the control law and
+    /// the host link cost.
+    pub fn exchange_probed(
+        &mut self,
+        now: Instant,
+        state: &DriveState,
+        down: &[u8],
+        up: &mut [u8],
+        probe: &mut impl Probe,
+    ) -> (DriveCommand, usize) {
         self.link.receive(down, &mut self.controller);
+        probe.before_tick();
         let command = self.controller.tick(now, state);
+        probe.between();
         let length = self.link.transmit(now, up, &mut self.controller);
+        probe.after();
         (command, length)
     }
 }

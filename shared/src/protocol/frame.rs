@@ -205,6 +205,20 @@ pub struct LinkCounters {
     pub overflow: u32,
 }
 
+impl LinkCounters {
+    /// All zero.
+    pub const fn new() -> Self {
+        Self {
+            frames: 0,
+            crc_errors: 0,
+            lost: 0,
+            duplicates: 0,
+            resent: 0,
+            overflow: 0,
+        }
+    }
+}
+
 /// Watches the sequence numbers of one direction.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SequenceWatch {
@@ -212,6 +226,11 @@ pub struct SequenceWatch {
 }
 
 impl SequenceWatch {
+    /// A watch that has seen nothing.
+    pub const fn new() -> Self {
+        Self { next: None }
+    }
+
     /// Notes a frame's sequence number in `counters`.
     pub fn note(&mut self, sequence: u32, counters: &mut LinkCounters) {
         counters.frames = counters.frames.wrapping_add(1);

@@ -12,6 +12,7 @@
 pub mod drive;
 pub mod frame;
 pub mod host;
+pub mod lockstep;
 
 /// Version of the meaning of the messages; raised when a field keeps its shape
 /// but changes what it says.

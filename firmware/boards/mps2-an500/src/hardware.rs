@@ -1,0 +1,94 @@
+//! Registers, interrupts and the vector table of the board.
+
+/// A 32-bit device register.
+#[derive(Clone, Copy)]
+pub struct Register(*mut u32);
+
+impl Register {
+    /// The register at `address`.
+    pub const fn at(address: usize) -> Self {
+        Self(address as *mut u32)
+    }
+
+    /// Reads it.
+    #[inline(always)]
+    pub fn read(self) -> u32 {
+        // SAFETY: only the addresses of device registers are named in this crate.
+        unsafe { self.0.read_volatile() }
+    }
+
+    /// Writes it.
+    #[inline(always)]
+    pub fn write(self, value: u32) {
+        // SAFETY: as in `read`.
+        unsafe { self.0.write_volatile(value) }
+    }
+}
+
+/// The interrupts in use, by number.
+#[derive(Clone, Copy)]
+pub enum Interrupt {
+    /// UART0 has received a byte.
+    Uart0Receive = 0,
+    /// UART0 can take a byte.
+    Uart0Transmit = 1,
+    /// UART1 has received a byte.
+    Uart1Receive = 2,
+    /// UART1 can take a byte.
+    Uart1Transmit = 3,
+    /// One of the two timers.
+    DualTimer = 10,
+    /// Pended by software: the control executor.
+    Control = 31,
+}
+
+/// Urgency of an interrupt; the lower number interrupts the higher.
+#[derive(Clone, Copy)]
+pub enum Priority {
+    /// Time goes first: it wakes the control task.
+    Timer = 0x20,
+    /// The control task.
+    Control = 0x40,
+    /// Bytes of the links.
+    Link = 0x80,
+}
+
+const NVIC_ISER: usize = 0xe000_e100;
+const NVIC_ISPR: usize = 0xe000_e200;
+const NVIC_IPR: usize = 0xe000_e400;
+
+/// Gives `interrupt` its priority and lets it happen.
+pub fn enable(interrupt: Interrupt, priority: Priority) {
+    let number = interrupt as usize;
+    // SAFETY: byte access to the priority field of this interrupt.
+    unsafe { ((NVIC_IPR + number) as *mut u8).write_volatile(priority as u8) };
+    Register::at(NVIC_ISER).write(1 << number);
+}
+
+/// Makes `interrupt` happen.
+#[inline(always)]
+pub fn pend(interrupt: Interrupt) {
+    Register::at(NVIC_ISPR).write(1 << (interrupt as u32));
+}
+
+/// An entry of the vector table.
+pub type Handler = unsafe extern "C" fn();
+
+unsafe extern "C" {
+    fn DefaultHandler();
+}
+
+/// The board's part of the vector table.
+#[used]
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".vector_table.interrupts")]
+pub static __INTERRUPTS: [Handler; 32] = {
+    let mut table: [Handler; 32] = [DefaultHandler; 32];
+    table[Interrupt::DualTimer as usize] = crate::timer::on_interrupt;
+    table[Interrupt::Control as usize] = crate::executor::on_control;
+    table[Interrupt::Uart0Receive as usize] = crate::uart::on_uart0_receive;
+    table[Interrupt::Uart0Transmit as usize] = crate::uart::on_uart0_transmit;
+    table[Interrupt::Uart1Receive as usize] = crate::uart::on_uart1_receive;
+    table[Interrupt::Uart1Transmit as usize] = crate::uart::on_uart1_transmit;
+    table
+};

@@ -1,0 +1,162 @@
+//! Time: the embassy driver on the CMSDK dual timer, and the stopwatch.
+//!
+//! Both timers count down at 25 MHz. The first runs free: 32 bits wrap after
+//! 171.8 s, so its value is extended to 64 bits at every look. The second is
+//! the alarm; it never sleeps longer than half a wrap, so that no wrap goes
+//! unseen. Ticks of `embassy-time` are µs.
+
+use core::cell::RefCell;
+use core::task::Waker;
+
+use critical_section::Mutex;
+use embassy_time_driver::Driver;
+use embassy_time_queue_utils::Queue;
+
+use crate::hardware::{self, Register};
+
+/// Counts of the timers in one second.
+pub const HZ: u32 = 25_000_000;
+const COUNTS_PER_TICK: u64 = HZ as u64 / embassy_time_driver::TICK_HZ;
+const _: () = assert!(HZ as u64 % embassy_time_driver::TICK_HZ == 0);
+/// Longest sleep: half a wrap of the counter.
+const LONGEST: u64 = 1 << 31;
+
+const COUNTER: usize = 0x4000_2000;
+const ALARM: usize = 0x4000_2020;
+const LOAD: usize = 0x00;
+const VALUE: usize = 0x04;
+const CONTROL: usize = 0x08;
+const CLEAR: usize = 0x0c;
+const ONE_SHOT: u32 = 1 << 0;
+const SIZE_32: u32 = 1 << 1;
+const INTERRUPT: u32 = 1 << 5;
+const ENABLE: u32 = 1 << 7;
+
+/// Extends a 32-bit up-counter that is read at least once a wrap.
+struct Extended {
+    high: u32,
+    last: u32,
+}
+
+impl Extended {
+    fn update(&mut self, low: u32) -> u64 {
+        if low < self.last {
+            self.high = self.high.wrapping_add(1);
+        }
+        self.last = low;
+        u64::from(self.high) << 32 | u64::from(low)
+    }
+}
+
+struct State {
+    counter: Extended,
+    queue: Queue,
+}
+
+struct DualTimer {
+    state: Mutex<RefCell<State>>,
+}
+
+embassy_time_driver::time_driver_impl!(static DRIVER: DualTimer = DualTimer {
+    state: Mutex::new(RefCell::new(State {
+        counter: Extended { high: 0, last: 0 },
+        queue: Queue::new(),
+    })),
+});
+
+impl State {
+    /// Counts since the start, extended.
+    fn counts(&mut self) -> u64 {
+        self.counter.update(!Register::at(COUNTER + VALUE).read())
+    }
+
+    fn ticks(&mut self) -> u64 {
+        self.counts() / COUNTS_PER_TICK
+    }
+
+    /// Wakes what is due and sets the alarm for what is next.
+    fn serve(&mut self) {
+        loop {
+            let now = self.ticks();
+            let next = self.queue.next_expiration(now);
+            let at = next.saturating_mul(COUNTS_PER_TICK);
+            let wait = at.saturating_sub(self.counts()).min(LONGEST);
+            if wait > 0 {
+                Register::at(ALARM + CONTROL).write(0);
+                Register::at(ALARM + CLEAR).write(1);
+                Register::at(ALARM + LOAD).write(wait as u32);
+                Register::at(ALARM + CONTROL).write(ENABLE | INTERRUPT | SIZE_32 | ONE_SHOT);
+                return;
+            }
+        }
+    }
+}
+
+impl Driver for DualTimer {
+    fn now(&self) -> u64 {
+        critical_section::with(|cs| self.state.borrow_ref_mut(cs).ticks())
+    }
+
+    fn schedule_wake(&self, at: u64, waker: &Waker) {
+        critical_section::with(|cs| {
+            let mut state = self.state.borrow_ref_mut(cs);
+            if state.queue.schedule_wake(at, waker) {
+                state.serve();
+            }
+        });
+    }
+}
+
+/// Handler of the dual timer's interrupt.
+pub extern "C" fn on_interrupt() {
+    critical_section::with(|cs| {
+        Register::at(ALARM + CLEAR).write(1);
+        DRIVER.state.borrow_ref_mut(cs).serve();
+    });
+}
+
+/// Starts time at `counts_to_wrap` counts before the 32-bit counter wraps for
+/// the first time (0: a whole wrap ahead).
+pub fn start(counts_to_wrap: u32) {
+    critical_section::with(|cs| {
+        Register::at(COUNTER + CONTROL).write(0);
+        Register::at(COUNTER + LOAD).write(counts_to_wrap.wrapping_sub(1));
+        Register::at(COUNTER + CONTROL).write(ENABLE | SIZE_32);
+        let mut state = DRIVER.state.borrow_ref_mut(cs);
+        state.serve();
+    });
+    hardware::enable(hardware::Interrupt::DualTimer, hardware::Priority::Timer);
+}
+
+/// Counts since the start, extended to 64 bits: the raw 25 MHz clock.
+pub fn counts() -> u64 {
+    critical_section::with(|cs| DRIVER.state.borrow_ref_mut(cs).counts())
+}
+
+/// SysTick as a stopwatch of 2^24 counts at the processor's 25 MHz: with QEMU's
+/// `-icount shift=3` one count is five instructions.
+pub mod stopwatch {
+    use crate::hardware::Register;
+
+    const SYST_CSR: usize = 0xe000_e010;
+    const SYST_RVR: usize = 0xe000_e014;
+    const SYST_CVR: usize = 0xe000_e018;
+
+    /// Starts it, without interrupt.
+    pub fn start() {
+        Register::at(SYST_RVR).write(0x00ff_ffff);
+        Register::at(SYST_CVR).write(0);
+        Register::at(SYST_CSR).write(0b101);
+    }
+
+    /// The counter, which counts down.
+    #[inline(always)]
+    pub fn read() -> u32 {
+        Register::at(SYST_CVR).read()
+    }
+
+    /// Counts from reading `from` to reading `to`, less than one wrap (0.67 s).
+    pub fn between(from: u32, to: u32) -> u32 {
+        from.wrapping_sub(to) & 0x00ff_ffff
+    }
+}

@@ -1,0 +1,41 @@
+//! Logging by `defmt` where the feature is on, nothing where it is not.
+
+/// At level info.
+macro_rules! log_info {
+    ($($argument:tt)*) => {{
+        #[cfg(feature = "defmt")]
+        defmt::info!($($argument)*);
+        #[cfg(not(feature = "defmt"))]
+        $crate::app::log::unlogged!($($argument)*);
+    }};
+}
+
+/// At level warn.
+macro_rules! log_warn {
+    ($($argument:tt)*) => {{
+        #[cfg(feature = "defmt")]
+        defmt::warn!($($argument)*);
+        #[cfg(not(feature = "defmt"))]
+        $crate::app::log::unlogged!($($argument)*);
+    }};
+}
+
+/// At level error.
+macro_rules! log_error {
+    ($($argument:tt)*) => {{
+        #[cfg(feature = "defmt")]
+        defmt::error!($($argument)*);
+        #[cfg(not(feature = "defmt"))]
+        $crate::app::log::unlogged!($($argument)*);
+    }};
+}
+
+/// Uses the arguments without doing anything with them.
+#[cfg(not(feature = "defmt"))]
+macro_rules! unlogged {
+    ($text:literal $(, $argument:expr)* $(,)?) => {
+        let _ = ($(&$argument,)*);
+    };
+}
+#[cfg(not(feature = "defmt"))]
+pub(crate) use unlogged;

@@ -1,0 +1,26 @@
+//! The controller as an application: what a board runs.
+//!
+//! A thin shell over the control path. [`run`] is the control task: it waits
+//! for the beat of the control period, takes the newest drive state and the
+//! host's bytes, ticks, and hands on torque and events. What it needs of a
+//! board stands in three small traits ([`ports`]): a drive, a host link and a
+//! clock. A board implements them over its UARTs, timers and network, gives
+//! [`run`] to an interrupt executor above everything else, and lets links and
+//! logging run below it.
+//!
+//! ```text
+//!   drive bytes ─▶ DriveReceiver ─▶ newest state ─┐
+//!   host bytes  ─▶ queue ────────────────────────▶├─ run (1 kHz) ─▶ torque ─▶ drive
+//!   beat (embassy Ticker, overruns watched) ─────▶┘              ─▶ queue ─▶ host
+//! ```
+
+#[macro_use]
+mod log;
+mod control;
+mod drive;
+mod period;
+pub mod ports;
+
+pub use control::{Ended, HOST_BYTES, Workspace, run};
+pub use drive::{DriveReceiver, FromDrive};
+pub use period::{PERIOD, PeriodWatch, TickerClock, lock_step_time};
