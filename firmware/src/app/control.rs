@@ -56,7 +56,7 @@ pub async fn run<const N: usize>(
     ports: &mut (impl DrivePort + HostPort + Probe),
 ) -> Ended {
     let Workspace { node, state, down, up } = work;
-    let mut heard = false;
+    let (mut heard, mut drive_us) = (false, 0);
     loop {
         let beat = clock.next().await;
         if beat.missed > 0 {
@@ -65,8 +65,9 @@ pub async fn run<const N: usize>(
         }
         while let Some(message) = DrivePort::receive(ports) {
             match message {
-                FromDrive::State(new) => {
+                FromDrive::State { state: new, time_us } => {
                     *state = new;
+                    drive_us = time_us;
                     heard = true;
                 }
                 FromDrive::Hello(hello) => {
@@ -86,7 +87,7 @@ pub async fn run<const N: usize>(
         if ports.ended() {
             return Ended::DriveGone;
         }
-        let now = clock.time(&beat, state);
+        let now = clock.time(&beat, drive_us);
         let length = HostPort::receive(ports, down);
         let room = ports.room().min(HOST_BYTES);
         let before = node.controller().phase();

@@ -8,7 +8,12 @@ use spherecal_shared::protocol::frame::{Accumulator, FrameError, LinkCounters, M
 #[allow(clippy::large_enum_variant)] // No allocation on a controller.
 pub enum FromDrive {
     /// A state.
-    State(DriveState),
+    State {
+        /// It.
+        state: DriveState,
+        /// Time of the drive when it was sent, in µs.
+        time_us: u64,
+    },
     /// The drive introduces itself.
     Hello(DriveHello),
 }
@@ -59,7 +64,8 @@ fn message(frame: &mut [u8]) -> Result<(u32, FromDrive), FrameError> {
     let (header, body) = open(frame)?;
     if header.key == DriveState::KEY {
         let state = postcard::from_bytes(body).map_err(|_| FrameError::Body)?;
-        Ok((header.sequence, FromDrive::State(state)))
+        let time_us = header.time_us;
+        Ok((header.sequence, FromDrive::State { state, time_us }))
     } else if header.key == DriveHello::KEY {
         let hello = postcard::from_bytes(body).map_err(|_| FrameError::Body)?;
         Ok((header.sequence, FromDrive::Hello(hello)))
@@ -105,7 +111,16 @@ mod tests {
             for chunk in bytes.chunks(size) {
                 receiver.receive(chunk, &mut |message| seen.push(message));
             }
-            assert_eq!(seen, [FromDrive::Hello(hello.clone()), FromDrive::State(state.clone())]);
+            assert_eq!(
+                seen,
+                [
+                    FromDrive::Hello(hello.clone()),
+                    FromDrive::State {
+                        state: state.clone(),
+                        time_us: 0
+                    }
+                ]
+            );
             let counters = receiver.counters();
             assert_eq!((counters.frames, counters.crc_errors, counters.lost), (2, 2, 1));
         }

@@ -18,9 +18,10 @@
 mod log;
 mod control;
 mod drive;
+pub mod links;
 mod period;
 pub mod ports;
 
 pub use control::{Ended, HOST_BYTES, Workspace, run};
 pub use drive::{DriveReceiver, FromDrive};
-pub use period::{PERIOD, PeriodWatch, TickerClock, lock_step_time};
+pub use period::{PERIOD, PeriodWatch, TickerClock};

@@ -6,19 +6,11 @@
 //! a missed one the ticker starts afresh and the missed periods are counted.
 
 use embassy_time::{Duration, Instant, Ticker};
-use spherecal_shared::protocol::drive::DriveState;
 
 use super::ports::{Beat, Clock};
 
 /// The control period: 1 kHz.
 pub const PERIOD: Duration = Duration::from_micros(1000);
-
-/// Time of tick `tick` where the drive waits for the controller: the drive's
-/// own time, so that two runs of the same drive agree in every bit, whatever
-/// runs the controller.
-pub fn lock_step_time(tick: u64) -> Instant {
-    Instant::from_micros(tick.saturating_mul(1000))
-}
 
 /// Watches whether beats come when they are due.
 #[derive(Clone, Copy, Debug)]
@@ -62,8 +54,9 @@ impl PeriodWatch {
 
 /// The beat of an `embassy_time::Ticker` in real (or QEMU's virtual) time.
 ///
-/// `LOCK_STEP` tells the control path the drive's time ([`lock_step_time`])
-/// instead of the board's.
+/// `LOCK_STEP` tells the control path the drive's time instead of the board's,
+/// so that two runs of the same drive agree in every bit, whatever runs the
+/// controller.
 pub struct TickerClock<const LOCK_STEP: bool> {
     ticker: Ticker,
     watch: PeriodWatch,
@@ -98,8 +91,12 @@ impl<const LOCK_STEP: bool> Clock for TickerClock<LOCK_STEP> {
         Beat { at, missed }
     }
 
-    fn time(&self, beat: &Beat, state: &DriveState) -> Instant {
-        if LOCK_STEP { lock_step_time(state.tick) } else { beat.at }
+    fn time(&self, beat: &Beat, drive_us: u64) -> Instant {
+        if LOCK_STEP {
+            Instant::from_micros(drive_us)
+        } else {
+            beat.at
+        }
     }
 }
 
@@ -139,11 +136,5 @@ mod tests {
         let mut watch = PeriodWatch::new(PERIOD, at(10_000));
         assert_eq!(watch.note(at(0)), 0);
         assert_eq!(watch.due(), at(12_000));
-    }
-
-    #[test]
-    fn lock_step_time_is_the_drives() {
-        assert_eq!(lock_step_time(12_345), at(12_345_000));
-        assert_eq!(lock_step_time(u64::MAX), Instant::MAX);
     }
 }

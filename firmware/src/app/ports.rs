@@ -5,7 +5,7 @@
 //! the queue, never waited for.
 
 use embassy_time::Instant;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
+use spherecal_shared::protocol::drive::DriveCommand;
 
 use super::FromDrive;
 
@@ -41,8 +41,9 @@ pub trait Clock {
     /// Waits for the next beat.
     fn next(&mut self) -> impl Future<Output = Beat>;
 
-    /// Time that the control path is told for the tick on `state`.
-    fn time(&self, beat: &Beat, state: &DriveState) -> Instant;
+    /// Time that the control path is told for a tick, where `drive_us` is the
+    /// drive's own time of the last state, in µs.
+    fn time(&self, beat: &Beat, drive_us: u64) -> Instant;
 }
 
 /// One beat.

@@ -1,7 +1,86 @@
+//! spherecal's controller on the Cortex-M7 that QEMU has: MPS2 with FPGA image
+//! AN500.
+//!
+//! One image for every scenario; QEMU's `-semihosting-config arg=` chooses:
+//!
+//! | `arg=` | what runs |
+//! |---|---|
+//! | `pipe` | the controller on QEMU's standard streams, in lock-step |
+//! | `hog` | the same while a thread-mode task hogs the processor for 20 ms at a time |
+//! | `uart` | the controller on UART0 (drive) and UART1 (host) |
+//! | `wrap` | the time driver across the wrap of its 32-bit counter |
+//!
+//! A second argument `log=FILE` names the file of the `defmt` log. The exit
+//! codes are the `EXIT_` constants below.
 #![no_std]
 #![no_main]
-use cortex_m_rt::entry;
+
+mod arguments;
+mod executor;
+mod hardware;
+mod log;
+mod pipe;
+mod scenarios;
+mod semihosting;
+mod stack;
+mod timer;
+mod uart;
+
+use cortex_m_rt::{ExceptionFrame, entry, exception};
+use static_cell::StaticCell;
+
+use arguments::{Arguments, Scenario};
+
+/// The image was given no scenario that it knows.
+const EXIT_USAGE: u8 = 2;
+/// The host's files or streams could not be opened.
+const EXIT_HOST: u8 = 3;
+/// The drive was refused.
+const EXIT_DRIVE: u8 = 4;
+/// A scenario found what it must not find.
+const EXIT_FAILED: u8 = 5;
+/// A log message was begun inside another.
+const EXIT_LOGGER: u8 = 99;
+/// A hard fault.
+const EXIT_HARD_FAULT: u8 = 100;
+/// A panic.
+const EXIT_PANIC: u8 = 101;
+
 #[entry]
-fn main() -> ! { loop {} }
+fn main() -> ! {
+    stack::paint();
+    static TEXT: StaticCell<[u8; 512]> = StaticCell::new();
+    let text = TEXT.init([0; 512]);
+    let length = semihosting::arguments(text).len();
+    let arguments = Arguments::parse(text, length);
+    let Some(scenario) = arguments.scenario else {
+        semihosting::exit(EXIT_USAGE);
+    };
+    let sink = log::Sink::open(arguments.log);
+    timer::stopwatch::start();
+    timer::start(if scenario == Scenario::Wrap {
+        scenarios::COUNTS_TO_WRAP
+    } else {
+        0
+    });
+    defmt::info!(
+        "spherecal {} on mps2-an500, build {}, scenario {}",
+        env!("CARGO_PKG_VERSION"),
+        scenarios::BUILD,
+        scenario
+    );
+    scenarios::run(scenario, sink)
+}
+
 #[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! { loop {} }
+fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    defmt::error!("{}", defmt::Display2Format(info));
+    semihosting::exit(EXIT_PANIC)
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    defmt::error!("hard fault at {=u32:#x}, called from {=u32:#x}", frame.pc(), frame.lr());
+    semihosting::exit(EXIT_HARD_FAULT)
+}

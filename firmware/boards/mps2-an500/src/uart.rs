@@ -1,0 +1,130 @@
+//! The CMSDK UARTs, by interrupt, with a ring in each direction.
+//!
+//! The receive interrupt is cleared first and the byte taken after: the other
+//! order loses the interrupt of a byte that comes in between, and the line
+//! hangs.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::pipe::Pipe;
+use spherecal_firmware::app::links::{ByteReader, ByteWriter};
+
+use crate::hardware::{self, Interrupt, Priority, Register};
+
+const DATA: usize = 0x00;
+const STATE: usize = 0x04;
+const CONTROL: usize = 0x08;
+const CLEAR: usize = 0x0c;
+const BAUD_DIVISOR: usize = 0x10;
+const TX_FULL: u32 = 1 << 0;
+const RX_FULL: u32 = 1 << 1;
+const TRANSMIT: u32 = 1 << 0;
+const RECEIVE: u32 = 1 << 1;
+/// Transmitter, receiver and both of their interrupts.
+const ALL: u32 = 0b1111;
+/// 25 MHz over 27: 925,926 baud, 0.5 % from 921,600.
+const DIVISOR: u32 = 27;
+
+const RING: usize = 4096;
+
+/// A UART.
+pub struct Uart {
+    base: usize,
+    transmit: Interrupt,
+    receive: Interrupt,
+    incoming: Pipe<CriticalSectionRawMutex, RING>,
+    outgoing: Pipe<CriticalSectionRawMutex, RING>,
+    overflow: AtomicU32,
+}
+
+/// The drive link.
+pub static UART0: Uart = Uart::new(0x4000_4000, Interrupt::Uart0Transmit, Interrupt::Uart0Receive);
+/// The host link.
+pub static UART1: Uart = Uart::new(0x4000_5000, Interrupt::Uart1Transmit, Interrupt::Uart1Receive);
+
+impl Uart {
+    const fn new(base: usize, transmit: Interrupt, receive: Interrupt) -> Self {
+        Self {
+            base,
+            transmit,
+            receive,
+            incoming: Pipe::new(),
+            outgoing: Pipe::new(),
+            overflow: AtomicU32::new(0),
+        }
+    }
+
+    fn register(&self, offset: usize) -> Register {
+        Register::at(self.base + offset)
+    }
+
+    /// Switches it on.
+    pub fn start(&self) {
+        self.register(BAUD_DIVISOR).write(DIVISOR);
+        self.register(CONTROL).write(ALL);
+        hardware::enable(self.receive, Priority::Link);
+        hardware::enable(self.transmit, Priority::Link);
+    }
+
+    /// Received bytes that found the ring full.
+    pub fn overflow(&self) -> u32 {
+        self.overflow.load(Ordering::Relaxed)
+    }
+
+    fn on_receive(&self) {
+        self.register(CLEAR).write(RECEIVE);
+        while self.register(STATE).read() & RX_FULL != 0 {
+            let byte = self.register(DATA).read() as u8;
+            if self.incoming.try_write(&[byte]).is_err() {
+                self.overflow.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+
+    fn on_transmit(&self) {
+        self.register(CLEAR).write(TRANSMIT);
+        let mut byte = [0];
+        while self.register(STATE).read() & TX_FULL == 0 && self.outgoing.try_read(&mut byte).is_ok() {
+            self.register(DATA).write(u32::from(byte[0]));
+        }
+    }
+}
+
+/// Handler of UART0's receive interrupt.
+pub extern "C" fn on_uart0_receive() {
+    UART0.on_receive();
+}
+
+/// Handler of UART0's transmit interrupt.
+pub extern "C" fn on_uart0_transmit() {
+    UART0.on_transmit();
+}
+
+/// Handler of UART1's receive interrupt.
+pub extern "C" fn on_uart1_receive() {
+    UART1.on_receive();
+}
+
+/// Handler of UART1's transmit interrupt.
+pub extern "C" fn on_uart1_transmit() {
+    UART1.on_transmit();
+}
+
+impl ByteReader for &Uart {
+    async fn read(&mut self, buffer: &mut [u8]) -> usize {
+        self.incoming.read(buffer).await
+    }
+}
+
+impl ByteWriter for &Uart {
+    async fn write(&mut self, bytes: &[u8]) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let taken = self.outgoing.write(rest).await;
+            rest = rest.get(taken..).unwrap_or_default();
+            // The first byte starts the line; its interrupt brings the rest.
+            hardware::pend(self.transmit);
+        }
+    }
+}
