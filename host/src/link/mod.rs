@@ -14,7 +14,8 @@
 //! | mode | [`Controller`] | [`Drive`] |
 //! |---|---|---|
 //! | `sim` | [`InProcess`] | [`SimulatedArm`] |
-//! | `qemu`, `serial:` | behind bytes | [`SimulatedArm`] or a gateway |
+//! | `qemu` | [`Qemu`](qemu::Qemu) | [`SimulatedArm`] |
+//! | `serial:` | behind bytes | [`SimulatedArm`] or a gateway |
 //! | `tcp:` | [`InProcess`] | behind bytes |
 //!
 //! The host link is bytes in every mode, also in-process, so that framing,
@@ -23,6 +24,7 @@
 mod cell;
 mod endpoint;
 mod in_process;
+pub mod qemu;
 mod simulated;
 
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
@@ -76,6 +78,9 @@ pub enum LinkError {
     /// The drive stopped working.
     #[error("the drive failed: {0}")]
     Drive(String),
+    /// The controller in QEMU failed.
+    #[error(transparent)]
+    Qemu(#[from] qemu::QemuError),
     /// A transport failed.
     #[error("{link}: {source}: check the connection and start again with --resume")]
     Transport {

@@ -1,0 +1,468 @@
+//! The controller's Cortex-M7 image in QEMU, in lock-step over its standard
+//! streams.
+//!
+//! Each control period is one turn ([`spherecal_shared::protocol::lockstep`]):
+//! joint state and host bytes down, torque and controller bytes up. QEMU counts
+//! instructions as time (`-icount`), and its time stands still while the image
+//! waits for a turn; so the same drive gives the same run in every bit. The
+//! image logs with `defmt` into a file, which is decoded with the image's own
+//! ELF when the run ends ([`log`]).
+//!
+//! A watchdog thread ends a QEMU that does not answer, so that no read waits
+//! for ever.
+
+mod image;
+pub mod log;
+
+use std::fs::File;
+use std::io::{BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
+use spherecal_shared::protocol::lockstep::{Down, MAX_HOST, UP_HEADER, Up};
+
+pub use image::{IMAGE_VARIABLE, find_image, find_qemu};
+
+use super::{Controller, LinkError};
+
+/// QEMU's program.
+pub const PROGRAM: &str = "qemu-system-arm";
+/// Name of the decoded log in the report's folder.
+pub const LOG_FILE: &str = "controller.log";
+/// Name of the log as the image wrote it.
+const RAW_LOG_FILE: &str = "controller.defmt";
+/// Name of the file with what QEMU itself had to say.
+const STDERR_FILE: &str = "qemu.log";
+
+/// Why the controller in QEMU cannot be used, or stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum QemuError {
+    /// QEMU is not installed.
+    #[error(
+        "{PROGRAM} not found: install it with `scripts/cross.sh --install` \
+         (Debian and Ubuntu: apt-get install qemu-system-arm)"
+    )]
+    NoQemu,
+    /// The image has not been built.
+    #[error(
+        "no controller image at {path}: build it with `scripts/cross.sh build mps2-an500`, \
+         or name one in {IMAGE_VARIABLE}"
+    )]
+    NoImage {
+        /// Where it was looked for.
+        path: PathBuf,
+    },
+    /// A file of the report's folder could not be made, or QEMU not started.
+    #[error("{path}: {source}")]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The path of the log cannot be given to the image.
+    #[error(
+        "the folder {path} has blanks or commas or is too long, which QEMU's arguments cannot carry: choose another"
+    )]
+    LogPath {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The image did not answer in time.
+    #[error("the controller in QEMU did not answer for {seconds} s and was ended: see {log}")]
+    Silent {
+        /// How long it was waited for.
+        seconds: u64,
+        /// Where more is said.
+        log: PathBuf,
+    },
+    /// The image ended.
+    #[error("the controller in QEMU ended ({status}: {meaning}): see {log}{said}")]
+    Ended {
+        /// How QEMU exited.
+        status: String,
+        /// What that says of the image.
+        meaning: &'static str,
+        /// Where more is said.
+        log: PathBuf,
+        /// QEMU's own last words.
+        said: String,
+    },
+    /// The image refused the drive.
+    #[error("the controller in QEMU refuses the drive: its joints, period or protocol are not what it was built for")]
+    Refused,
+    /// What came back is not a turn.
+    #[error("the controller in QEMU sent a turn that is not one: image and program must be of the same version")]
+    Garbled,
+    /// More bytes than a turn carries.
+    #[error("{bytes} bytes for the controller in one control period: a turn carries {MAX_HOST}")]
+    TooMuch {
+        /// Bytes.
+        bytes: usize,
+    },
+}
+
+/// How QEMU is started.
+#[derive(Clone, Debug)]
+pub struct QemuOptions {
+    /// The image; `None` looks for it ([`find_image`]).
+    pub image: Option<PathBuf>,
+    /// Folder for the logs; it must exist.
+    pub folder: PathBuf,
+    /// Scenario of the image: `pipe`, or `hog`.
+    pub scenario: String,
+    /// One instruction takes 2^shift ns.
+    pub shift: u8,
+    /// How long an answer may take.
+    pub patience: Duration,
+}
+
+impl QemuOptions {
+    /// The usual way, with logs into `folder`.
+    pub fn new(folder: &Path) -> Self {
+        Self {
+            image: None,
+            folder: folder.to_path_buf(),
+            scenario: "pipe".to_owned(),
+            shift: 3,
+            patience: Duration::from_secs(20),
+        }
+    }
+}
+
+/// What a tick cost, in instructions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Cost {
+    /// The control law and the phases.
+    pub tick: u32,
+    /// Events and telemetry into frames.
+    pub link: u32,
+}
+
+/// The arguments that start `image` in QEMU with instruction counting:
+/// `arguments` are the image's own (`arg=`).
+pub fn qemu_arguments(image: &Path, shift: u8, arguments: &[String]) -> Vec<String> {
+    let mut semihosting = "enable=on,target=native".to_owned();
+    for argument in arguments {
+        semihosting.push_str(",arg=");
+        semihosting.push_str(argument);
+    }
+    [
+        "-M",
+        "mps2-an500",
+        "-cpu",
+        "cortex-m7",
+        "-display",
+        "none",
+        "-monitor",
+        "none",
+        "-serial",
+        "null",
+        "-serial",
+        "null",
+        "-icount",
+        &format!("shift={shift},sleep=off"),
+        "-semihosting-config",
+        &semihosting,
+        "-kernel",
+        &image.display().to_string(),
+    ]
+    .map(str::to_owned)
+    .to_vec()
+}
+
+/// A controller in QEMU.
+pub struct Qemu {
+    image: PathBuf,
+    folder: PathBuf,
+    shift: u8,
+    patience: Duration,
+    input: Option<ChildStdin>,
+    output: BufReader<ChildStdout>,
+    watchdog: Watchdog,
+    hello: Vec<u8>,
+    sequence: u32,
+    turn: Vec<u8>,
+    body: Vec<u8>,
+    cost: Cost,
+    finished: bool,
+}
+
+impl Qemu {
+    /// Starts the image.
+    ///
+    /// # Errors
+    /// When QEMU or the image is missing, or a file cannot be made.
+    pub fn start(options: &QemuOptions) -> Result<Self, QemuError> {
+        let program = find_qemu().ok_or(QemuError::NoQemu)?;
+        let image = find_image(options.image.as_deref())?;
+        let raw_log = options.folder.join(RAW_LOG_FILE);
+        let text = raw_log.display().to_string();
+        if text.contains([' ', ',']) || text.len() > 400 {
+            return Err(QemuError::LogPath {
+                path: options.folder.clone(),
+            });
+        }
+        let stderr_path = options.folder.join(STDERR_FILE);
+        let stderr = File::create(&stderr_path).map_err(|source| QemuError::File {
+            path: stderr_path,
+            source,
+        })?;
+        let arguments = [options.scenario.clone(), format!("log={text}")];
+        let mut child = Command::new(&program)
+            .args(qemu_arguments(&image, options.shift, &arguments))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(stderr)
+            .spawn()
+            .map_err(|source| QemuError::File { path: program, source })?;
+        let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err(QemuError::Garbled);
+        };
+        Ok(Self {
+            image,
+            folder: options.folder.clone(),
+            shift: options.shift,
+            patience: options.patience,
+            input: Some(input),
+            output: BufReader::with_capacity(1 << 16, output),
+            watchdog: Watchdog::over(child, options.patience),
+            hello: Vec::new(),
+            sequence: 0,
+            turn: Vec::new(),
+            body: Vec::new(),
+            cost: Cost::default(),
+            finished: false,
+        })
+    }
+
+    /// What the last tick cost.
+    pub fn cost(&self) -> Cost {
+        self.cost
+    }
+
+    /// Ends the image and decodes its log; returns how QEMU exited, if it did
+    /// so by itself.
+    ///
+    /// # Errors
+    /// When the log cannot be read or written.
+    pub fn finish(&mut self) -> Result<Option<ExitStatus>, QemuError> {
+        if self.finished {
+            return Ok(None);
+        }
+        self.finished = true;
+        if let Some(mut input) = self.input.take() {
+            // It may have ended already; then there is no one to tell.
+            let _ = input.write_all(&Down::default().to_bytes());
+        }
+        let status = self.watchdog.end();
+        self.decode_log()?;
+        Ok(status)
+    }
+
+    fn decode_log(&self) -> Result<(), QemuError> {
+        let raw = self.folder.join(RAW_LOG_FILE);
+        log::decode_file(&self.image, &raw, &self.folder.join(LOG_FILE))
+    }
+
+    fn turn(&mut self) -> Result<Up, std::io::Error> {
+        let Some(input) = self.input.as_mut() else {
+            return Err(std::io::ErrorKind::BrokenPipe.into());
+        };
+        input.write_all(&self.turn)?;
+        let mut header = [0; UP_HEADER];
+        self.output.read_exact(&mut header)?;
+        let up = Up::from_bytes(header);
+        let length = up.body().ok_or(std::io::Error::from(std::io::ErrorKind::InvalidData))?;
+        self.body.resize(length, 0);
+        self.output.read_exact(&mut self.body)?;
+        self.watchdog.answered();
+        Ok(up)
+    }
+
+    /// Why a turn failed.
+    fn failure(&mut self, error: &std::io::Error) -> QemuError {
+        let silent = self.watchdog.expired();
+        let garbled = error.kind() == std::io::ErrorKind::InvalidData;
+        self.input = None;
+        let status = self.finish().ok().flatten();
+        let log = self.folder.join(LOG_FILE);
+        if silent {
+            let seconds = self.patience.as_secs();
+            return QemuError::Silent { seconds, log };
+        }
+        if garbled {
+            return QemuError::Garbled;
+        }
+        let code = status.and_then(|status| status.code());
+        if code == Some(4) {
+            return QemuError::Refused;
+        }
+        let said = std::fs::read_to_string(self.folder.join(STDERR_FILE)).unwrap_or_default();
+        let said = said.lines().last().map(|line| format!("; QEMU said: {line}"));
+        QemuError::Ended {
+            status: status.map_or_else(|| "killed".to_owned(), |status| status.to_string()),
+            meaning: meaning(code),
+            log,
+            said: said.unwrap_or_default(),
+        }
+    }
+
+    fn append<M: Message>(&mut self, message: &M, now_us: u64, to_hello: bool) -> Result<(), LinkError> {
+        let mut out = [0; MAX_FRAME];
+        let length = frame::encode(message, self.sequence, now_us, &mut out)?;
+        self.sequence = self.sequence.wrapping_add(1);
+        let target = if to_hello { &mut self.hello } else { &mut self.turn };
+        target.extend_from_slice(out.get(..length).unwrap_or_default());
+        Ok(())
+    }
+}
+
+/// What an exit code of the image says.
+fn meaning(code: Option<i32>) -> &'static str {
+    match code {
+        Some(0) => "it was told to end",
+        Some(1) => "QEMU could not run it",
+        Some(2) => "it does not know the scenario",
+        Some(3) => "it could not open its files",
+        Some(5) => "its scenario failed",
+        Some(99) => "it logged inside its own log",
+        Some(100) => "a hard fault",
+        Some(101) => "a panic",
+        _ => "no exit code of the image",
+    }
+}
+
+impl Controller for Qemu {
+    fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError> {
+        self.hello.clear();
+        self.append(hello, 0, true)
+    }
+
+    fn exchange(
+        &mut self,
+        now_us: u64,
+        state: &DriveState,
+        down: &[u8],
+        up: &mut Vec<u8>,
+    ) -> Result<DriveCommand, LinkError> {
+        if down.len() > MAX_HOST {
+            return Err(QemuError::TooMuch { bytes: down.len() }.into());
+        }
+        self.turn.clear();
+        self.turn.extend_from_slice(&Down::default().to_bytes());
+        self.turn.append(&mut self.hello);
+        self.append(state, now_us, false)?;
+        let header = Down {
+            drive: (self.turn.len() - Down::default().to_bytes().len()) as u16,
+            host: down.len() as u16,
+        };
+        if let Some(start) = self.turn.first_chunk_mut() {
+            *start = header.to_bytes();
+        }
+        self.turn.extend_from_slice(down);
+        let header = match self.turn() {
+            Ok(header) => header,
+            Err(error) => return Err(self.failure(&error).into()),
+        };
+        // 25 MHz: 40 ns a count, 2^shift ns an instruction.
+        let instructions = |counts: u32| (u64::from(counts) * 40 >> self.shift) as u32;
+        self.cost = Cost {
+            tick: instructions(header.tick),
+            link: instructions(header.link),
+        };
+        let (drive, host) = self
+            .body
+            .split_at_mut_checked(usize::from(header.drive))
+            .ok_or(QemuError::Garbled)?;
+        up.extend_from_slice(host);
+        let (_, drive) = drive.split_last_mut().ok_or(QemuError::Refused)?;
+        let (_, command) = frame::decode::<DriveCommand>(drive)?;
+        Ok(command)
+    }
+}
+
+impl Drop for Qemu {
+    fn drop(&mut self) {
+        // Nobody is left to tell.
+        let _ = self.finish();
+    }
+}
+
+/// Ends a QEMU that does not answer.
+struct Watchdog {
+    child: Arc<Mutex<Child>>,
+    turns: Arc<AtomicU64>,
+    expired: Arc<AtomicBool>,
+    done: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Watchdog {
+    fn over(child: Child, patience: Duration) -> Self {
+        let child = Arc::new(Mutex::new(child));
+        let (turns, expired, done) = (
+            Arc::new(AtomicU64::new(0)),
+            Arc::new(AtomicBool::new(false)),
+            Arc::new(AtomicBool::new(false)),
+        );
+        let thread = std::thread::spawn({
+            let (child, turns, expired, done) = (child.clone(), turns.clone(), expired.clone(), done.clone());
+            move || {
+                let (mut seen, mut since) = (0, Instant::now());
+                while !done.load(Ordering::Acquire) {
+                    std::thread::park_timeout(Duration::from_millis(100));
+                    let now = turns.load(Ordering::Relaxed);
+                    if now != seen {
+                        (seen, since) = (now, Instant::now());
+                    } else if since.elapsed() > patience && !done.load(Ordering::Acquire) {
+                        expired.store(true, Ordering::Release);
+                        let _ = child.lock().unwrap_or_else(PoisonError::into_inner).kill();
+                        return;
+                    }
+                }
+            }
+        });
+        Self {
+            child,
+            turns,
+            expired,
+            done,
+            thread: Some(thread),
+        }
+    }
+
+    fn answered(&self) {
+        self.turns.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn expired(&self) -> bool {
+        self.expired.load(Ordering::Acquire)
+    }
+
+    /// Waits for the process, two seconds at most, and collects it.
+    fn end(&mut self) -> Option<ExitStatus> {
+        self.done.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            let _ = thread.join();
+        }
+        let mut child = self.child.lock().unwrap_or_else(PoisonError::into_inner);
+        let until = Instant::now() + Duration::from_secs(2);
+        while Instant::now() < until {
+            if let Ok(Some(status)) = child.try_wait() {
+                return Some(status);
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let _ = child.kill();
+        let _ = child.wait();
+        None
+    }
+}
