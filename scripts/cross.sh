@@ -130,10 +130,18 @@ fi
 
 # --- Cargo with that route ----------------------------------------------------
 
+# What the banner says of the build: the last commit that touched its sources.
+build_hash() {
+    hash=$(git -C "$root" log -1 --abbrev=12 --format=%h -- firmware shared 2>/dev/null) || hash=
+    [ -n "$hash" ] || { echo unknown; return; }
+    git -C "$root" diff --quiet HEAD -- firmware shared || hash=$hash-dirty
+    echo "$hash"
+}
+
 cross_cargo() {
     # Cargo reads .cargo/config.toml (target, CPU, linker script) from there.
     [ "$dry" = no ] && cd "$root/firmware/boards" || printf '+ cd %s\n' "$root/firmware/boards"
-    SPHERECAL_BUILD=${SPHERECAL_BUILD:-$(git -C "$root" describe --always --dirty --abbrev=12 2>/dev/null || echo unknown)}
+    [ -n "${SPHERECAL_BUILD:-}" ] || SPHERECAL_BUILD=$(build_hash)
     export SPHERECAL_BUILD
     case $route in
         debian)

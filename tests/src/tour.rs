@@ -1,0 +1,113 @@
+//! A short tour of the spheres and a journal in memory, for tests that run a
+//! campaign.
+
+use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
+use spherecal::campaign::{Journal, JournalError, Stop, Tour, TourPose};
+use spherecal::link::Arrival;
+use spherecal::plant::PlantConfig;
+use spherecal_shared::protocol::host::{Event, Recording};
+use spherecal_shared::robot::elbow::elbow;
+use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
+
+/// Everything that was stored, in memory.
+#[derive(Default)]
+pub struct Memory {
+    /// Recordings, in the order in which they were stored.
+    pub recordings: Vec<Recording>,
+    /// All events that were stored, recordings included.
+    pub events: Vec<Event>,
+}
+
+impl Journal for Memory {
+    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
+        for arrival in events {
+            if let Event::Recording(recording) = &arrival.body {
+                self.recordings.push(recording.clone());
+            }
+            self.events.push(arrival.body.clone());
+        }
+        Ok(())
+    }
+
+    fn reject(&mut self, _: u32, _: u32, _: &str) -> Result<(), JournalError> {
+        Ok(())
+    }
+}
+
+/// Joint angles that bring the TCP to `position` (F0, in m) with axes
+/// `rotation`: damped least squares from `seed`, on the nominal arm.
+///
+/// # Panics
+/// When it does not converge.
+pub fn solve(arm: &Arm<f64, 7>, position: Vector3<f64>, rotation: Matrix3<f64>, seed: [f64; 7]) -> [f64; 7] {
+    let mut q = SVector::<f64, 7>::from(seed);
+    for _ in 0..500 {
+        let frames = arm.frames(&q.data.0[0]);
+        let tcp = arm.tcp_frame(&frames);
+        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
+            rotation * tcp.rotation.transpose(),
+        ))
+        .scaled_axis();
+        let mut error = SVector::<f64, 6>::zeros();
+        error.fixed_rows_mut::<3>(0).copy_from(&(position - tcp.origin));
+        error.fixed_rows_mut::<3>(3).copy_from(&turn);
+        let jacobian = arm.jacobian(&frames, &tcp.origin);
+        let normal = jacobian * jacobian.transpose() + nalgebra::SMatrix::<f64, 6, 6>::identity() * 1e-4;
+        let step = jacobian.transpose() * normal.cholesky().expect("positive definite").solve(&error);
+        q += step * (0.1 / step.norm()).min(1.0);
+    }
+    let tcp = arm.tcp_frame(&arm.frames(&q.data.0[0]));
+    assert!(
+        (tcp.origin - position).norm() < 1e-6,
+        "inverse kinematics did not converge"
+    );
+    q.data.0[0]
+}
+
+/// A tour of `spheres` (indices into the plate) with one pose for each angle
+/// (rad) in `turns`, about F0's x axis, planned on the nominal arm.
+///
+/// # Panics
+/// When a pose is out of reach.
+pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
+    let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("an arm");
+    let [roll, pitch, yaw] = config.plate.rpy_rad;
+    let plate = Rotation3::from_euler_angles(roll, pitch, yaw);
+    let down = -(plate * Vector3::z());
+    let x = (plate * Vector3::x() - down * down.dot(&(plate * Vector3::x()))).normalize();
+    let facing = Matrix3::from_columns(&[x, down.cross(&x), down]);
+    let seed = [0.0, 0.5, 0.0, -1.5, 0.0, 1.1, 0.0];
+    let stops = spheres
+        .iter()
+        .map(|&k| {
+            let centre = Vector3::from(config.plate.origin_m) + plate * Vector3::from(config.plate.spheres_m[k]);
+            let approach = solve(&arm, centre - down * 0.03, facing, seed);
+            let poses = turns
+                .iter()
+                .zip(0..)
+                .map(|(&angle, pose)| {
+                    let rotation = Rotation3::from_axis_angle(&Vector3::x_axis(), angle).matrix() * facing;
+                    let q = solve(&arm, centre, rotation, approach);
+                    let quaternion = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+                    TourPose {
+                        pose,
+                        orientation: [quaternion.w, quaternion.i, quaternion.j, quaternion.k],
+                        elbow_rad: elbow(&arm.frames(&q)).map(|e| e.angle),
+                        posture: q.to_vec(),
+                    }
+                })
+                .collect();
+            Stop {
+                sphere: k as u32 + 1,
+                approach: approach.to_vec(),
+                direction: down.into(),
+                poses,
+            }
+        })
+        .collect();
+    let above = Vector3::from(config.plate.origin_m) - down * 0.15;
+    Tour {
+        home: solve(&arm, above, facing, seed).to_vec(),
+        stops,
+    }
+}

@@ -1,0 +1,169 @@
+//! The controller on a Cortex-M7 in QEMU computes what it computes in this
+//! process, bit by bit, over the whole procedure on a sphere.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
+
+use spherecal::campaign::{Assignment, Options, Outcome, Silent, Tour, run};
+use spherecal::link::qemu::{Cost, Qemu, QemuOptions};
+use spherecal::link::{Cell, Controller, LinkError, controller_in_process, simulated_arm};
+use spherecal::plant::PlantConfig;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+use spherecal_tests::qemu::image;
+use spherecal_tests::tour::{Memory, tour};
+
+/// What a controller was told and what it answered, bit by bit.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Trace {
+    ticks: Vec<[u64; 15]>,
+    costs: Vec<Cost>,
+}
+
+/// Bits of a tick: its number, the joint angles and the torques.
+fn bits(state: &DriveState, command: &DriveCommand) -> [u64; 15] {
+    let mut out = [0; 15];
+    out[0] = command.tick;
+    for (slot, value) in out[1..].iter_mut().zip(state.q.iter().chain(&command.tau)) {
+        *slot = value.to_bits();
+    }
+    out
+}
+
+/// A controller that keeps a trace.
+struct Traced<C> {
+    inner: C,
+    trace: Arc<Mutex<Trace>>,
+    cost: fn(&C) -> Cost,
+}
+
+impl<C: Controller> Controller for Traced<C> {
+    fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError> {
+        self.inner.connect(hello)
+    }
+
+    fn exchange(
+        &mut self,
+        now_us: u64,
+        state: &DriveState,
+        down: &[u8],
+        up: &mut Vec<u8>,
+    ) -> Result<DriveCommand, LinkError> {
+        let command = self.inner.exchange(now_us, state, down, up)?;
+        let mut trace = self.trace.lock().expect("one thread");
+        trace.ticks.push(bits(state, &command));
+        trace.costs.push((self.cost)(&self.inner));
+        Ok(command)
+    }
+}
+
+struct Boxed(Box<dyn Controller>);
+
+impl Controller for Boxed {
+    fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError> {
+        self.0.connect(hello)
+    }
+
+    fn exchange(
+        &mut self,
+        now_us: u64,
+        state: &DriveState,
+        down: &[u8],
+        up: &mut Vec<u8>,
+    ) -> Result<DriveCommand, LinkError> {
+        self.0.exchange(now_us, state, down, up)
+    }
+}
+
+fn campaign(config: &PlantConfig, tour: &Tour, controller: Box<dyn Controller>) -> (Memory, Outcome) {
+    let (robot, tool) = (iiwa7(), iiwa7_tool());
+    let drive = simulated_arm(&robot, &tool, config, &tour.home).expect("a plant");
+    let mut cell = Cell::new(controller, drive, 7).expect("a cell");
+    let mut memory = Memory::default();
+    let procedure = Procedure::default();
+    let assignment = Assignment {
+        robot: &robot,
+        tool: &tool,
+        procedure: &procedure,
+        tour,
+        done: &BTreeSet::new(),
+        options: Options::default(),
+    };
+    let (outcome, result) = run(
+        &assignment,
+        &mut cell,
+        &mut memory,
+        &mut Silent,
+        &AtomicBool::new(false),
+    );
+    result.expect("the campaign ends well");
+    (memory, outcome)
+}
+
+fn traced<C: Controller + 'static>(
+    config: &PlantConfig,
+    tour: &Tour,
+    inner: C,
+    cost: fn(&C) -> Cost,
+) -> (Memory, Outcome, Trace) {
+    let trace = Arc::new(Mutex::new(Trace::default()));
+    let controller = Traced {
+        inner,
+        trace: trace.clone(),
+        cost,
+    };
+    let (memory, outcome) = campaign(config, tour, Box::new(controller));
+    let trace = trace.lock().expect("one thread").clone();
+    (memory, outcome, trace)
+}
+
+fn in_qemu(config: &PlantConfig, tour: &Tour, image: &Path, folder: &Path) -> (Memory, Outcome, Trace) {
+    let options = QemuOptions {
+        image: Some(image.to_path_buf()),
+        ..QemuOptions::new(folder)
+    };
+    let qemu = Qemu::start(&options).expect("QEMU starts");
+    traced(config, tour, qemu, Qemu::cost)
+}
+
+// Fails if one bit of one torque or recording differs between the controller in
+// this process and the one in QEMU, contact included.
+#[test]
+fn a_sphere_of_five_poses_is_the_same_in_every_bit() {
+    let Some(image) = image() else { return };
+    let config = PlantConfig::typical();
+    let tour = tour(&config, &[1], &[0.0, 0.15, -0.1, 0.1, -0.15]);
+    let in_process = Boxed(controller_in_process(7).expect("a controller"));
+    let (here, outcome, expected) = traced(&config, &tour, in_process, |_| Cost::default());
+    assert_eq!((here.recordings.len(), outcome.faults.len()), (5, 0));
+    assert_eq!(outcome.contacts.len(), 1);
+    assert!(expected.ticks.len() >= 10_000, "only {} ticks", expected.ticks.len());
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let start = std::time::Instant::now();
+    let (there, outcome, trace) = in_qemu(&config, &tour, &image, folder.path());
+    let seconds = start.elapsed().as_secs_f64();
+    eprintln!(
+        "{} ticks in QEMU, {:.0} a second",
+        trace.ticks.len(),
+        trace.ticks.len() as f64 / seconds
+    );
+    let costs: Vec<_> = trace.costs.iter().map(|c| c.tick).collect();
+    let mean = costs.iter().map(|&c| f64::from(c)).sum::<f64>() / costs.len() as f64;
+    eprintln!(
+        "tick: mean {mean:.0}, worst {:?} instructions; link worst {:?}",
+        costs.iter().max(),
+        trace.costs.iter().map(|c| c.link).max()
+    );
+    for (tick, (a, b)) in expected.ticks.iter().zip(&trace.ticks).enumerate() {
+        assert_eq!(a, b, "tick {tick} differs");
+    }
+    assert_eq!(expected.ticks.len(), trace.ticks.len());
+    assert_eq!(here.recordings, there.recordings);
+    assert_eq!(outcome.faults.len(), 0);
+    let log = std::fs::read_to_string(folder.path().join("controller.log")).expect("a log");
+    eprintln!("{log}");
+}
