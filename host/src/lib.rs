@@ -22,6 +22,6 @@ pub mod plan;
 pub mod plant;
 pub mod report;
 pub mod robots;
-pub mod study;
 pub mod store;
+pub mod study;
 pub mod validate;

@@ -282,3 +282,6 @@ impl HostLink {
         Some(length)
     }
 }
+
+#[cfg(test)]
+mod tests;

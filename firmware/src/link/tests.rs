@@ -1,0 +1,173 @@
+//! The controller's end of the host link against a host that loses, repeats
+//! and spoils frames.
+
+use embassy_time::Instant;
+use spherecal_shared::protocol::frame::{self, Accumulator, MAX_FRAME};
+use spherecal_shared::protocol::host::{Command, Downlink, Event, Refusal, Uplink};
+use std::vec::Vec;
+
+use super::HostLink;
+use crate::Controller;
+
+/// A link, its controller, and the host's side of the wire.
+struct Wire {
+    link: HostLink,
+    controller: Controller<7>,
+    sequence: u32,
+    now_ms: u64,
+}
+
+impl Wire {
+    fn new() -> Self {
+        Self {
+            link: HostLink::new("a build whose name is much too long", 7),
+            controller: Controller::default(),
+            sequence: 0,
+            now_ms: 0,
+        }
+    }
+
+    fn encode(&mut self, sequence: u32, command: Command) -> Vec<u8> {
+        let mut bytes = [0u8; MAX_FRAME];
+        let length = frame::encode(&Downlink { sequence, command }, self.sequence, 0, &mut bytes).expect("it fits");
+        self.sequence += 1;
+        bytes[..length].to_vec()
+    }
+
+    fn send(&mut self, sequence: u32, command: Command) {
+        let bytes = self.encode(sequence, command);
+        self.link.receive(&bytes, &mut self.controller);
+    }
+
+    /// Lets time pass and returns what came up, statistics apart.
+    fn hear(&mut self, after_ms: u64) -> Vec<Uplink> {
+        self.now_ms += after_ms;
+        let mut bytes = [0u8; 4 * MAX_FRAME];
+        let length = self
+            .link
+            .transmit(Instant::from_millis(self.now_ms), &mut bytes, &mut self.controller);
+        let mut heard = Vec::new();
+        let mut accumulator = Accumulator::new();
+        for byte in &bytes[..length] {
+            accumulator.push(*byte, &mut |frame| {
+                let (_, uplink) = frame.and_then(frame::decode::<Uplink>).expect("a whole frame");
+                if !matches!(uplink.body, Event::Statistics(_)) {
+                    heard.push(uplink);
+                }
+            });
+        }
+        heard
+    }
+}
+
+fn events(heard: &[Uplink]) -> Vec<u32> {
+    heard.iter().filter(|u| u.event > 0).map(|u| u.event).collect()
+}
+
+#[test]
+fn nothing_is_said_before_the_host_greets() {
+    let mut wire = Wire::new();
+    wire.controller.missed(50);
+    assert!(wire.hear(10).is_empty());
+    wire.send(1, Command::Hello);
+    let heard = wire.hear(1);
+    assert!(matches!(&heard[0].body, Event::Banner(b) if b.joints == 7 && b.build.len() == 24));
+    assert!(matches!(
+        heard[1].body,
+        Event::Reply {
+            sequence: 1,
+            result: Ok(())
+        }
+    ));
+}
+
+/// Fails if an event is forgotten before it is acknowledged, or kept after.
+#[test]
+fn events_come_again_until_they_are_acknowledged() {
+    let mut wire = Wire::new();
+    wire.send(1, Command::Hello);
+    wire.controller.missed(50);
+    // A fault and the phase it leads to.
+    assert_eq!(events(&wire.hear(1)), [1, 2]);
+    assert!(events(&wire.hear(50)).is_empty(), "not before its time");
+    assert_eq!(events(&wire.hear(60)), [1, 2]);
+    wire.send(0, Command::Acknowledge { event: 2 });
+    assert_eq!(events(&wire.hear(110)), [1], "only what was acknowledged is dropped");
+    wire.send(0, Command::Acknowledge { event: 1 });
+    assert!(events(&wire.hear(110)).is_empty());
+    assert!(wire.link.counters().resent >= 3);
+}
+
+/// Fails if a repeated command is carried out again or answered otherwise.
+#[test]
+fn a_repeated_command_is_answered_again_and_not_obeyed_twice() {
+    let mut wire = Wire::new();
+    wire.send(1, Command::Hello);
+    wire.hear(1);
+    wire.controller.missed(50);
+    wire.send(2, Command::ClearFault);
+    wire.controller.missed(50);
+    wire.send(2, Command::ClearFault);
+    let heard = wire.hear(1);
+    let replies = heard
+        .iter()
+        .filter(|u| {
+            matches!(
+                u.body,
+                Event::Reply {
+                    sequence: 2,
+                    result: Ok(())
+                }
+            )
+        })
+        .count();
+    assert_eq!(replies, 2);
+    assert_eq!(wire.link.counters().duplicates, 1);
+    wire.send(3, Command::Stop);
+    let heard = wire.hear(1);
+    let refused = Event::Reply {
+        sequence: 3,
+        result: Err(Refusal::FaultPending),
+    };
+    assert!(
+        heard.iter().any(|u| u.body == refused),
+        "the second fault was not cleared"
+    );
+}
+
+#[test]
+fn spoilt_frames_are_counted_and_skipped() {
+    let mut wire = Wire::new();
+    let mut bytes = wire.encode(1, Command::Hello);
+    bytes[3] ^= 0x10;
+    bytes.extend(wire.encode(1, Command::Hello));
+    wire.link.receive(&bytes, &mut wire.controller);
+    assert_eq!(wire.link.counters().crc_errors, 1);
+    assert_eq!(wire.hear(1).len(), 2, "banner and reply for the good one");
+}
+
+/// Fails if a small buffer makes half a frame, or loses an event.
+#[test]
+fn a_small_buffer_gets_whole_frames_only() {
+    let mut wire = Wire::new();
+    wire.send(1, Command::Hello);
+    wire.controller.missed(50);
+    let mut seen = Vec::new();
+    for _ in 0..20 {
+        wire.now_ms += 1;
+        let mut bytes = [0u8; 90];
+        let length = wire
+            .link
+            .transmit(Instant::from_millis(wire.now_ms), &mut bytes, &mut wire.controller);
+        let mut accumulator = Accumulator::new();
+        for byte in &bytes[..length] {
+            accumulator.push(*byte, &mut |frame| {
+                let (_, uplink) = frame.and_then(frame::decode::<Uplink>).expect("whole frames only");
+                if uplink.event > 0 {
+                    seen.push(uplink.event);
+                }
+            });
+        }
+    }
+    assert_eq!(seen, [1, 2]);
+}
