@@ -38,6 +38,10 @@ pub struct Turning<const N: usize> {
     pose: Pose<N>,
     path: TurnMove,
     null: NullMove<N>,
+    /// Time along the path, in s: slower than the clock where a joint is fast.
+    along_s: f64,
+    pace: f64,
+    over_s: f64,
     still_s: f64,
 }
 
@@ -69,25 +73,45 @@ impl<const N: usize> Turning<N> {
             pose,
             path,
             null,
+            along_s: 0.0,
+            pace: 1.0,
+            over_s: 0.0,
             still_s: 0.0,
         }
     }
 
+    /// Moves along the path by one tick, the slower the faster a joint is:
+    /// near a singularity a slow turn of the tool is a fast one of a joint.
+    fn advance(&mut self, env: &Env<'_, N>) {
+        let mut share = 0.0f64;
+        for (dq, limit) in env.snapshot.dq.iter().zip(env.speeds) {
+            share = share.max(dq.abs() / limit);
+        }
+        let wanted = if share > BRISK { self.pace * BRISK / share } else { 1.0 };
+        let step = (wanted - self.pace).clamp(-SLOWER_PER_S * env.period_s, FASTER_PER_S * env.period_s);
+        self.pace = (self.pace + step).clamp(SLOWEST, 1.0);
+        self.along_s += self.pace * env.period_s;
+    }
+
     /// One tick.
     pub fn step(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
-        let at = self.path.at(env.elapsed_s);
+        self.advance(env);
+        let at = self.path.at(self.along_s);
         task.setpoint.rotation = at.rotation;
-        task.setpoint.velocity.fixed_rows_mut::<3>(3).copy_from(&at.angular);
+        task.setpoint
+            .velocity
+            .fixed_rows_mut::<3>(3)
+            .copy_from(&(at.angular * self.pace));
         match &self.null {
             NullMove::Elbow => {
                 task.null_space = NullSpace::Elbow {
                     angle: at.elbow,
-                    rate: at.elbow_rate,
+                    rate: at.elbow_rate * self.pace,
                 }
             }
             NullMove::Posture(start, target) => {
                 let share = if self.path.duration_s() > 0.0 {
-                    (env.elapsed_s / self.path.duration_s()).min(1.0)
+                    (self.along_s / self.path.duration_s()).min(1.0)
                 } else {
                     1.0
                 };
@@ -99,10 +123,10 @@ impl<const N: usize> Turning<N> {
             }
             NullMove::Stay => {}
         }
-        let over = env.elapsed_s - self.path.duration_s();
-        if over < 0.0 {
+        if self.along_s < self.path.duration_s() {
             return Next::Stay;
         }
+        self.over_s += env.period_s;
         let turn = &env.procedure.turn;
         let error = task.orientation_error(env.snapshot);
         let elbow_error = task.null_space.elbow_error(env.snapshot).abs();
@@ -118,7 +142,7 @@ impl<const N: usize> Turning<N> {
         if self.still_s >= STILL_S {
             return Next::Enter(Activity::Recording(Recording::new(self.pose.id, env, task)), None);
         }
-        if over > turn.settle_s {
+        if self.over_s > turn.settle_s {
             let (value, limit) = if error > turn.tolerance_rad {
                 (error, turn.tolerance_rad)
             } else if elbow_error > turn.elbow_tolerance_rad {
@@ -131,6 +155,13 @@ impl<const N: usize> Turning<N> {
         Next::Stay
     }
 }
+
+/// Share of the speed limits beyond which a turn slows down.
+const BRISK: f64 = 0.6;
+/// How fast the pace falls and rises again, per s, and its least value.
+const SLOWER_PER_S: f64 = 20.0;
+const FASTER_PER_S: f64 = 2.0;
+const SLOWEST: f64 = 0.05;
 
 /// How long the arm must have been still to count as settled, in s.
 pub(super) const STILL_S: f64 = 0.020;

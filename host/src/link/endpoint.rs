@@ -191,6 +191,8 @@ impl HostEndpoint {
             }
             if let Event::Reply { sequence, .. } = arrival.body {
                 match &self.pending {
+                    // The banner was lost: greet again until it comes.
+                    Some(pending) if self.next_event.is_none() && pending.message.command == Command::Hello => return,
                     Some(pending) if pending.message.sequence == sequence => self.pending = None,
                     // The answer to a repeat whose first answer was not lost.
                     _ => {

@@ -122,7 +122,7 @@ fn split(bytes: &[u8]) -> Vec<Vec<u8>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(40))]
+    #![proptest_config(ProptestConfig::with_cases(150))]
     // Fails if an event is lost, repeated or out of order, if a command is
     // carried out twice or never, or if the endpoint stops before all is said.
     #[test]

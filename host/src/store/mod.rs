@@ -37,6 +37,8 @@ pub struct Store {
     /// Always there until the store is dropped.
     connection: Option<SqliteConnection>,
     path: PathBuf,
+    /// Whether commits wait for the disk.
+    durable: bool,
 }
 
 /// What is known of a run before its first event.

@@ -84,6 +84,7 @@ impl Store {
             runtime,
             connection: Some(connection),
             path: path.to_owned(),
+            durable: true,
         })
     }
 }

@@ -168,12 +168,23 @@ impl Store {
         })
     }
 
-    /// Writes a batch of events in one transaction, durable when it returns.
-    /// A recording that is already there is not written again.
+    /// Writes a batch of events in one transaction. A recording that is already
+    /// there is not written again.
+    ///
+    /// What was measured (recordings, contacts, couplings, faults) is on the
+    /// disk when it returns. Phase changes alone survive a kill, and are carried
+    /// to the disk by the next such commit: they do not wait for it.
     ///
     /// # Errors
     /// When the database fails; then nothing of the batch is stored.
     pub fn append(&mut self, run: i64, session: i64, events: &[Arrival]) -> Result<(), StoreError> {
+        let measured = events.iter().any(|arrival| {
+            matches!(
+                arrival.body,
+                Event::Recording(_) | Event::Contact(_) | Event::Coupled(_) | Event::Fault(_)
+            )
+        });
+        self.set_durable(measured)?;
         self.block(async |connection| {
             let mut t = connection.begin().await?;
             for arrival in events {
@@ -193,6 +204,20 @@ impl Store {
             }
             t.commit().await
         })
+    }
+
+    /// Whether the next commits wait for the disk.
+    fn set_durable(&mut self, durable: bool) -> Result<(), StoreError> {
+        if self.durable != durable {
+            let statement = if durable {
+                "PRAGMA synchronous = FULL"
+            } else {
+                "PRAGMA synchronous = NORMAL"
+            };
+            self.block(async |connection| sqlx::query(statement).execute(connection).await.map(|_| ()))?;
+            self.durable = durable;
+        }
+        Ok(())
     }
 
     /// Marks a pose as given up, with the reason.
