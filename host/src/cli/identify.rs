@@ -1,15 +1,20 @@
 //! `spherecal identify`: a calibration from any robot's files.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::args::StoredArgs;
 use super::exit::{CliError, Exit};
+use super::stages;
 use crate::identify::{Method, Model, Options};
 use crate::input::triple;
 use crate::study::{Request, StudyError, study, summary_json, summary_text, write_files};
 
-/// Identify a robot from a table of poses, with no simulation and no database.
+/// Identify a robot from a table of poses, or the last run of --out anew.
+///
+/// Without --data it works on the database of --out. With --data it needs
+/// neither simulation nor database.
 ///
 /// The table (CSV with a header) has joint columns q1..qn in rad (or q1_deg..),
 /// optionally tau1..taun in N m, and either measured points x_mm,y_mm,z_mm (or
@@ -22,11 +27,11 @@ use crate::study::{Request, StudyError, study, summary_json, summary_text, write
     Exit codes: 0 done; 1 failed; 2 wrong input; 3 finished, but the result is not to be trusted.")]
 pub struct IdentifyArgs {
     /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK for the chain to that link.
-    #[arg(long, value_name = "NAME|FILE")]
-    pub robot: String,
+    #[arg(long, value_name = "NAME|FILE", requires = "data")]
+    pub robot: Option<String>,
     /// Table of poses.
-    #[arg(long, value_name = "FILE.csv")]
-    pub data: PathBuf,
+    #[arg(long, value_name = "FILE.csv", requires = "robot")]
+    pub data: Option<PathBuf>,
     /// Estimator: map, geometry, lm, gauss-newton, nelder-mead or nelder-mead-scaled.
     #[arg(long, value_name = "M", default_value = "map")]
     pub method: Method,
@@ -69,7 +74,7 @@ pub struct IdentifyArgs {
 ///
 /// # Errors
 /// Numbers or a configuration that cannot be used.
-fn request(args: &IdentifyArgs) -> Result<Request, StudyError> {
+fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, StudyError> {
     let point = |option: &str, text: &Option<String>| text.as_deref().map(|t| triple(option, t, 2000.0)).transpose();
     let mut options = match &args.config {
         None => Options::default(),
@@ -95,8 +100,8 @@ fn request(args: &IdentifyArgs) -> Result<Request, StudyError> {
         options.seed = seed;
     }
     Ok(Request {
-        robot: args.robot.clone(),
-        data: args.data.clone(),
+        robot: robot.to_owned(),
+        data: data.to_owned(),
         plate: args.plate.clone(),
         tool_mm: point("--tool-mm", &args.tool_mm)?,
         payload_kg: args.payload_kg,
@@ -116,7 +121,13 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
             CliError::job(error)
         }
     };
-    let study = request(args).and_then(|r| study(&r)).map_err(refuse)?;
+    let (Some(robot), Some(data)) = (&args.robot, &args.data) else {
+        return stages::report(&StoredArgs {
+            out: args.out.clone(),
+            json: args.json,
+        });
+    };
+    let study = request(args, robot, data).and_then(|r| study(&r)).map_err(refuse)?;
     let files = write_files(&study, &args.out, None).map_err(refuse)?;
     if args.json {
         println!("{:#}", summary_json(&study));

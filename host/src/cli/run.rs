@@ -59,6 +59,7 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
         let mut view = ProgressView::new();
         let site = Site {
             link: &args.link,
+            folder: &args.out,
             store: &mut store,
             observer: &mut view,
             interrupt: &interrupt,

@@ -3,6 +3,7 @@
 use crate::campaign::CampaignError;
 use crate::identify::IdentifyError;
 use crate::laser;
+use crate::link::qemu::QemuError;
 use crate::link::{LinkError, SimulatedArmError};
 use crate::plan::PlanError;
 use crate::plant::PlantError;
@@ -38,6 +39,9 @@ pub enum JobError {
     /// The link was refused or failed.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// The controller in QEMU cannot be used.
+    #[error(transparent)]
+    Qemu(#[from] QemuError),
     /// A link that cannot be used here.
     #[error("link \"{link}\": {remedy}")]
     NoLink {
@@ -115,8 +119,10 @@ impl JobError {
             | Self::Resume { .. }
             | Self::LaserPlan(_) => true,
             Self::Store(e) => e.is_input(),
-            Self::Link(LinkError::Joints { .. }) => true,
+            Self::Link(LinkError::Joints { .. })
+            | Self::Qemu(QemuError::NoQemu | QemuError::NoImage { .. } | QemuError::LogPath { .. }) => true,
             Self::Link(_)
+            | Self::Qemu(_)
             | Self::Campaign(_)
             | Self::Laser(_)
             | Self::Identify(_)

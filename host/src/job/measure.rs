@@ -1,6 +1,7 @@
 //! Measuring: the campaign over a link, into the store; and reading it back.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::str::FromStr;
 use std::sync::atomic::AtomicBool;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -10,7 +11,8 @@ use spherecal_shared::protocol::frame::LinkCounters;
 use super::laser::measure_laser;
 use super::{Config, JobError, Measurements, Prepared, tour};
 use crate::campaign::{self, Assignment, Journal, JournalError, Observer, Outcome};
-use crate::link::{Arrival, Cell, controller_in_process, simulated_arm};
+use crate::link::qemu::{Qemu, QemuOptions};
+use crate::link::{Arrival, Cell, Controller, controller_in_process, simulated_arm};
 use crate::plan::Plan;
 use crate::store::{NewRun, PlannedPose, RunInfo, SessionEnd, Store};
 
@@ -59,6 +61,8 @@ impl std::fmt::Display for Link {
 pub struct Site<'a> {
     /// The link.
     pub link: &'a Link,
+    /// Folder for logs of the controller; it exists.
+    pub folder: &'a Path,
     /// Where it is stored.
     pub store: &'a mut Store,
     /// Who watches.
@@ -105,7 +109,7 @@ impl Journal for StoreJournal<'_> {
 pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
     let begun = Instant::now();
     let tour = tour(&prepared.plan);
-    let mut cell = cell(prepared, site.link, &tour.home)?;
+    let mut cell = cell(prepared, &site, &tour.home)?;
     let (run, done) = match resume {
         Some(info) => {
             let had = site.store.resumable(info.run)?;
@@ -150,18 +154,20 @@ fn simulated_plant(link: &Link) -> bool {
     !matches!(link, Link::Tcp(_))
 }
 
-fn cell(prepared: &Prepared, link: &Link, home: &[f64]) -> Result<Cell, JobError> {
-    match link {
-        Link::Sim => {
-            let controller = controller_in_process(prepared.robot.dof())?;
-            let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, home)?;
-            Ok(Cell::new(controller, drive, prepared.robot.dof())?)
+fn cell(prepared: &Prepared, site: &Site<'_>, home: &[f64]) -> Result<Cell, JobError> {
+    let joints = prepared.robot.dof();
+    let controller: Box<dyn Controller> = match site.link {
+        Link::Sim => controller_in_process(joints)?,
+        Link::Qemu => Box::new(Qemu::start(&QemuOptions::new(site.folder))?),
+        Link::Serial(_) | Link::Tcp(_) => {
+            return Err(JobError::NoLink {
+                link: site.link.to_string(),
+                remedy: "this build has no such transport yet: use --link sim or --link qemu".to_owned(),
+            });
         }
-        Link::Qemu | Link::Serial(_) | Link::Tcp(_) => Err(JobError::NoLink {
-            link: link.to_string(),
-            remedy: "this build has no such transport yet: use --link sim".to_owned(),
-        }),
-    }
+    };
+    let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, home)?;
+    Ok(Cell::new(controller, drive, joints)?)
 }
 
 fn create_run(prepared: &Prepared, link: &Link, store: &mut Store) -> Result<i64, JobError> {
