@@ -95,6 +95,7 @@ pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
                         orientation: [quaternion.w, quaternion.i, quaternion.j, quaternion.k],
                         elbow_rad: elbow(&arm.frames(&q)).map(|e| e.angle),
                         posture: q.to_vec(),
+                        record: true,
                     }
                 })
                 .collect();

@@ -123,6 +123,7 @@ fn traced<C: Controller + 'static>(
 fn in_qemu(config: &PlantConfig, tour: &Tour, image: &Path, folder: &Path) -> (Memory, Outcome, Trace) {
     let options = QemuOptions {
         image: Some(image.to_path_buf()),
+        record: std::env::var_os("SPHERECAL_RECORD_TURNS").map(Into::into),
         ..QemuOptions::new(folder)
     };
     let qemu = Qemu::start(&options).expect("QEMU starts");

@@ -15,7 +15,7 @@ mod image;
 pub mod log;
 
 use std::fs::File;
-use std::io::{BufReader, Read, Write};
+use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -121,6 +121,9 @@ pub struct QemuOptions {
     pub shift: u8,
     /// How long an answer may take.
     pub patience: Duration,
+    /// File for every turn that is sent, so that the run can be repeated
+    /// without its plant: `qemu-system-arm ... < FILE`.
+    pub record: Option<PathBuf>,
 }
 
 impl QemuOptions {
@@ -132,6 +135,7 @@ impl QemuOptions {
             scenario: "pipe".to_owned(),
             shift: 3,
             patience: Duration::from_secs(20),
+            record: None,
         }
     }
 }
@@ -191,6 +195,7 @@ pub struct Qemu {
     turn: Vec<u8>,
     body: Vec<u8>,
     cost: Cost,
+    record: Option<BufWriter<File>>,
     finished: bool,
 }
 
@@ -209,6 +214,13 @@ impl Qemu {
                 path: options.folder.clone(),
             });
         }
+        let record = options.record.as_ref().map(|path| {
+            File::create(path).map_err(|source| QemuError::File {
+                path: path.clone(),
+                source,
+            })
+        });
+        let record = record.transpose()?.map(BufWriter::new);
         let stderr_path = options.folder.join(STDERR_FILE);
         let stderr = File::create(&stderr_path).map_err(|source| QemuError::File {
             path: stderr_path,
@@ -238,6 +250,7 @@ impl Qemu {
             turn: Vec::new(),
             body: Vec::new(),
             cost: Cost::default(),
+            record,
             finished: false,
         })
     }
@@ -276,6 +289,9 @@ impl Qemu {
             return Err(std::io::ErrorKind::BrokenPipe.into());
         };
         input.write_all(&self.turn)?;
+        if let Some(record) = self.record.as_mut() {
+            record.write_all(&self.turn)?;
+        }
         let mut header = [0; UP_HEADER];
         self.output.read_exact(&mut header)?;
         let up = Up::from_bytes(header);
