@@ -91,7 +91,6 @@ pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
                     let quaternion = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
                     TourPose {
                         pose,
-                        record: true,
                         orientation: [quaternion.w, quaternion.i, quaternion.j, quaternion.k],
                         elbow_rad: elbow(&arm.frames(&q)).map(|e| e.angle),
                         posture: q.to_vec(),
