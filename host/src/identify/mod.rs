@@ -24,6 +24,7 @@ mod normal;
 mod options;
 pub mod paper;
 pub mod parameters;
+pub(crate) mod rows;
 pub mod simplex;
 mod solve;
 

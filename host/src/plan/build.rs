@@ -17,6 +17,8 @@ use crate::identify::Sphere;
 const TURN: (f64, f64) = (0.5, 1.5);
 /// Settling and recording at a pose, in s.
 const RECORD_S: f64 = 1.3;
+/// Approach, coupling, decoupling and the way from and to home, in s.
+pub(super) const VISIT_S: f64 = 20.0;
 
 /// What to plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -89,7 +91,7 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
         planned: 0,
         reachable: 0,
         rejected: Vec::new(),
-        turning_s: 0.0,
+        robot_s: 0.0,
     };
     for (place, plate) in (0..).zip(&cell.plates) {
         let yaw = tool_yaw(cell, &chain, &request.rules, plate)?;
@@ -117,7 +119,7 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
                 }
             };
             let poses = sequence(&chain, &request.rules, &start, &chosen, first_id);
-            plan.turning_s += turning_time(&start.neutral, &poses);
+            plan.robot_s += VISIT_S + turning_time(&start.neutral, &poses);
             plan.spheres.push(SpherePlan {
                 sphere_id: sphere.id,
                 place,
@@ -237,7 +239,7 @@ pub(super) fn tool_yaw(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlateP
 }
 
 /// Home: the neutral orientation high over the middle of the first plate.
-fn home(cell: &Cell, chain: &Chain, rules: &Rules) -> Result<Waypoint, PlanError> {
+pub(super) fn home(cell: &Cell, chain: &Chain, rules: &Rules) -> Result<Waypoint, PlanError> {
     let plate = cell.plates.first().ok_or(PlanError::NoPlate)?;
     let yaw = tool_yaw(cell, chain, rules, plate)?;
     let pose = TcpPose {

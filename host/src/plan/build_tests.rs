@@ -1,52 +1,8 @@
 use spherecal_shared::robot::iiwa7_tool;
 
 use super::*;
-use crate::plan::{rotation_of, teach};
-
-/// Every move of a visit on the nominal robot, followed in steps half as long
-/// as the planner's: fails if a via is missing or the joints are those of
-/// another branch.
-fn assert_continuous(cell: &Cell, rules: &Rules, plan: &Plan) {
-    let chain = Chain::new(&cell.robot, &cell.tool).expect("the cell's own robot");
-    let finer = Rules {
-        step_rad: 0.5 * rules.step_rad,
-        limit_margin_rad: rules.limit_margin_rad - 1e-6,
-        singular_rad: rules.singular_rad.map(|s| 0.8 * s),
-        ..*rules
-    };
-    for visit in &plan.spheres {
-        let pose_at = |position: [f64; 3], orientation: &[f64; 4], elbow| TcpPose {
-            position: position.into(),
-            rotation: rotation_of(orientation),
-            elbow,
-        };
-        let approach = &visit.approach;
-        let mut here = pose_at(approach.position_m, &approach.orientation, approach.elbow_rad);
-        let mut q = approach.joints.clone();
-        let reached = chain.pose(&q);
-        assert!((reached.position - here.position).norm() < 1e-10);
-        // Down to the sphere in the approach's orientation, then from pose to pose.
-        let touch = TcpPose {
-            position: visit.position_m.into(),
-            ..here
-        };
-        q = finer.follow(&chain, &here, &q, &touch).expect("the descent is free");
-        here = touch;
-        for pose in &visit.poses {
-            let next = pose_at(visit.position_m, &pose.orientation, pose.elbow_rad);
-            q = finer
-                .follow(&chain, &here, &q, &next)
-                .unwrap_or_else(|e| panic!("pose {}: {e}", pose.id));
-            let off = q
-                .iter()
-                .zip(&pose.joints)
-                .map(|(a, b)| (a - b).abs())
-                .fold(0.0, f64::max);
-            assert!(off < 1e-6, "pose {} is {off} rad away from its joints", pose.id);
-            here = next;
-        }
-    }
-}
+use crate::plan::teach;
+use crate::plan::test_support::assert_continuous;
 
 // The reference worlds were made on this grid: 1,843 of 1,875 poses, by sphere
 // 613, 615 and 615, with 2 degrees to the limits and no rule about singular
@@ -65,11 +21,11 @@ fn the_papers_grid_is_reachable_as_the_reference_says() {
     let vias: usize = plan.spheres.iter().map(|s| s.poses.len() - s.recorded()).sum();
     println!(
         "vias {vias}, turning {:.0} s, rejected {:?}",
-        plan.turning_s,
+        plan.robot_s,
         plan.rejected_by_reason()
     );
     // A grid step of 10 degrees takes 0.7 s, so order costs under a second a pose.
-    assert!(plan.turning_s < 1843.0 * (RECORD_S + 0.9), "{}", plan.turning_s);
+    assert!(plan.robot_s < 1843.0 * (RECORD_S + 0.9), "{}", plan.robot_s);
 }
 
 #[test]
@@ -99,7 +55,7 @@ fn a_spread_plan_has_as_many_poses_as_asked() {
     let text = serde_json::to_string(&plan).expect("plain data");
     let back: Plan = serde_json::from_str(&text).expect("its own output");
     assert_eq!(back.recorded(), 150);
-    println!("150 poses: {:.0} s, home {:?}", plan.turning_s, plan.home);
+    println!("150 poses: {:.0} s, home {:?}", plan.robot_s, plan.home);
 }
 
 #[test]

@@ -32,6 +32,9 @@ pub enum PlanError {
         /// What to write instead.
         remedy: &'static str,
     },
+    /// The model that accuracy is predicted with was refused.
+    #[error("{0}")]
+    Model(String),
     /// The arm cannot come to a sphere at all.
     #[error(
         "sphere {sphere} at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm in F0: {obstacle}; move the plate nearer to the middle of the arm's reach"

@@ -71,6 +71,14 @@ impl Chain {
         self.srs().is_some()
     }
 
+    /// The branch of a spherical-rotational-spherical arm's configuration: the
+    /// sides to which shoulder, elbow and wrist are bent.
+    pub fn branch(&self, q: &[f64]) -> Option<[bool; 3]> {
+        self.srs()?;
+        let side = |joint: usize| Some(wrapped(q.get(joint)? + self.rows[joint].theta) >= 0.0);
+        Some([side(1)?, side(3)?, side(5)?])
+    }
+
     /// All solutions within the joint limits.
     ///
     /// In closed form up to eight branches for the pose's elbow angle (0 where

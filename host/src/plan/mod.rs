@@ -4,27 +4,38 @@
 //! campaign sends it pose by pose.
 //!
 //! ```text
-//!  Cell (plate, spheres, rules) ─▶ grid (Section 4.2 of the paper) ─┐
-//!   Chain (FK, IK, Jacobian)    ─▶ path (continuous, within limits) ─┴▶ order ─▶ Plan
+//!  Cell (plate, spheres, rules) ─▶ grid (Section 4.2 of the paper) ────────┐
+//!   Chain (FK, IK, Jacobian)    ─▶ path (continuous, within limits)        ├▶ order ─▶ Plan
+//!   structured model ─▶ candidates ─▶ optimal (error left in the workspace) ┘
 //! ```
+//!
+//! [`design`] is the default: the poses that leave the least TCP error.
+//! [`paper_plan`] is the paper's grid, [`spread_plan`] a thinned one.
 //!
 //! Nothing here knows the plant: plans are made from the nominal robot and the
 //! nominal places of the spheres; the operator's error comes in by [`teach`].
 
 mod build;
+mod candidates;
 mod cell;
 mod chain;
+mod design;
 mod error;
 mod grid;
 mod ik;
+mod optimal;
 mod order;
 mod path;
 mod teach;
+#[cfg(test)]
+mod test_support;
 mod types;
 
 pub use build::{PlanRequest, paper_plan, plan, spread_plan};
+pub use candidates::Range;
 pub use cell::{Cell, PlatePose};
 pub use chain::{Chain, TcpPose, quaternion, rotation_of};
+pub use design::{Accuracy, DesignRequest, Designed, accuracy_curve, design, predicted_accuracy};
 pub use error::PlanError;
 pub use grid::{Grid, GridPose};
 pub use ik::IK_TOLERANCE;

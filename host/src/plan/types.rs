@@ -88,8 +88,8 @@ pub struct Plan {
     pub reachable: usize,
     /// The others.
     pub rejected: Vec<Rejection>,
-    /// Predicted time of turning and recording, in s (no approaches).
-    pub turning_s: f64,
+    /// Predicted robot time, in s: visits, turning and recording.
+    pub robot_s: f64,
 }
 
 impl Plan {

@@ -1,0 +1,78 @@
+use spherecal_shared::robot::iiwa7_tool;
+
+use super::*;
+use crate::plan::test_support::assert_continuous;
+use crate::plan::{PlatePose, paper_plan};
+
+fn quick(poses: usize) -> DesignRequest {
+    let mut request = DesignRequest::new(poses);
+    request.range.candidates = 700;
+    request.passes = 1;
+    request
+}
+
+// Fails if the chosen poses do not promise more than thirty times as many on
+// the paper's grid, if the promise differs from the one computed from the plan
+// alone, if a move is not continuous, or if planning is not deterministic.
+#[test]
+fn sixty_chosen_poses_promise_more_than_the_papers_grid() {
+    let cell = Cell::iiwa7();
+    let request = quick(60);
+    let designed = design(&cell, &request).expect("a plan");
+    assert_eq!(designed.plan.recorded(), 60);
+    assert_continuous(&cell, &request.rules, &designed.plan);
+    let from_plan = predicted_accuracy(&cell, &designed.plan, &request.options).expect("a valid plan");
+    assert!((from_plan.mean_mm - designed.accuracy.mean_mm).abs() < 1e-9);
+    let grid = paper_plan(&cell).expect("a plan");
+    let paper = predicted_accuracy(&cell, &grid, &request.options).expect("a valid plan");
+    println!(
+        "60 chosen {:?} in {:.0} s, paper {paper:?} in {:.0} s",
+        designed.accuracy, designed.plan.robot_s, grid.robot_s
+    );
+    assert!(designed.accuracy.mean_mm < 0.8 * paper.mean_mm);
+    let falling = designed.curve.windows(2).all(|w| w[1].mean_mm <= w[0].mean_mm * 1.02);
+    assert!(falling, "{:?}", designed.curve);
+    let again = design(&cell, &request).expect("a plan");
+    assert_eq!(designed, again);
+}
+
+// Fails if the answer to "how many poses" is not where the curve first meets
+// the asked accuracy.
+#[test]
+fn the_curve_says_how_many_poses_an_accuracy_takes() {
+    let cell = Cell::iiwa7();
+    let mut request = quick(60);
+    request.range.candidates = 400;
+    let curve = accuracy_curve(&cell, &request, 0.25).expect("a curve");
+    let last = curve.last().expect("not empty");
+    println!("{last:?}");
+    assert!(last.mean_mm <= 0.25 && last.poses > 10 && last.poses < 100);
+    assert!(curve[..curve.len() - 1].iter().all(|a| a.mean_mm > 0.25));
+    assert!(accuracy_curve(&cell, &request, f64::NAN).is_err());
+}
+
+#[test]
+fn arms_without_an_elbow_and_several_placements_are_planned() {
+    let mut cell = Cell {
+        robot: crate::robots::built_in("ur10e").expect("built in").robot,
+        tool: iiwa7_tool(),
+        tool_yaw_rad: None,
+        plates: vec![PlatePose::level([0.65, 0.0, 0.2], 0.0)],
+        ..Cell::iiwa7()
+    };
+    let mut request = quick(45);
+    request.range.candidates = 300;
+    let one = design(&cell, &request).expect("a plan");
+    assert_continuous(&cell, &request.rules, &one.plan);
+    cell.plates.push(PlatePose::level([0.1, 0.6, 0.5], 0.7));
+    let two = design(&cell, &request).expect("a plan");
+    println!("ur10e: one place {:?}, two places {:?}", one.accuracy, two.accuracy);
+    assert!(two.plan.spheres.iter().any(|s| s.place == 1));
+    assert!(two.accuracy.mean_mm < one.accuracy.mean_mm);
+}
+
+#[test]
+fn fewer_poses_than_spheres_are_refused() {
+    let refusal = design(&Cell::iiwa7(), &DesignRequest::new(2)).expect_err("too few");
+    assert!(refusal.to_string().contains("poses is 2"), "{refusal}");
+}
