@@ -127,12 +127,12 @@ fn verdict(summary: &Summary) -> String {
 /// A plan in words.
 pub(super) fn plan(plan: &Plan) -> String {
     let mut out = format!(
-        "{}: {} poses chosen of {} within reach ({} considered), about {:.0} s of turning and recording\n",
+        "{}: {} poses chosen of {} within reach ({} considered), about {:.0} s of robot time\n",
         plan.robot,
         plan.recorded(),
         plan.reachable,
         plan.planned,
-        plan.turning_s
+        plan.robot_s
     );
     for visit in &plan.spheres {
         let [x, y, z] = visit.position_m.map(|m| m * 1e3);

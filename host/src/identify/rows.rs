@@ -61,7 +61,7 @@ impl DesignModel {
             observations,
         };
         let nominal = Nominal::new(robot, tool);
-        let layout = Layout::new(&experiment, options.harmonics, nominal.has_mass());
+        let layout = Layout::new(&experiment, options.harmonics, true);
         let table = table(&experiment, &layout, options)?;
         let free = table
             .iter()

@@ -1,6 +1,8 @@
 //! The optimal plan: poses chosen by the TCP error that they leave over the
 //! workspace, with the accuracy to expect, before anything has moved.
 
+use std::collections::BTreeSet;
+
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -94,7 +96,7 @@ pub fn design(cell: &Cell, request: &DesignRequest) -> Result<Designed, PlanErro
     let mut allowed = vec![true; ground.candidates.len()];
     let mut design = Design::new(problem);
     let mut scout = design.clone();
-    scout.grow(request.poses, |_| ());
+    ground.fill(&mut scout, &allowed, request.poses, |_| ());
     // Visits that are hardly used are not worth an approach and a coupling;
     // the first visit to each sphere stays.
     let mut used = vec![0usize; ground.visits.len()];
@@ -111,7 +113,6 @@ pub fn design(cell: &Cell, request: &DesignRequest) -> Result<Designed, PlanErro
     for (slot, candidate) in allowed.iter_mut().zip(&ground.candidates) {
         *slot = kept[candidate.visit];
     }
-    design.allow(allowed);
     let floor = 1.0 / request.options.noise.inflation;
     let accuracy = |design: &Design<'_>| {
         let predicted = design.predicted(floor);
@@ -122,14 +123,14 @@ pub fn design(cell: &Cell, request: &DesignRequest) -> Result<Designed, PlanErro
         }
     };
     let mut curve = vec![accuracy(&design)];
-    design.grow(request.poses, |d| {
+    ground.fill(&mut design, &allowed, request.poses, |d| {
         if worth_noting(d.chosen.len()) {
             curve.push(accuracy(d));
         }
     });
     design.exchange(request.passes, 0.005);
     Ok(Designed {
-        plan: ground.plan(cell, request, &design.chosen)?,
+        plan: ground.plan(cell, request, &design.chosen),
         accuracy: accuracy(&design),
         curve,
     })
@@ -186,7 +187,7 @@ pub fn predicted_accuracy(cell: &Cell, plan: &Plan, options: &Options) -> Result
             recorded.map(|p| model.observation(&p.joints, visit.sphere_id, visit.place as usize))
         })
         .collect();
-    let problem = Problem::new(model.columns(), &rows, predictions(&model, &chain));
+    let problem = Problem::new(model.columns(), &rows, &predictions(&model, &chain));
     let all = Design::with_all(&problem);
     let predicted = all.predicted(1.0 / options.noise.inflation);
     Ok(Accuracy {
@@ -262,7 +263,7 @@ impl Ground {
                 model.observation(&c.joints, visit.sphere_id, visit.place as usize)
             })
             .collect();
-        let problem = Problem::new(model.columns(), &rows, predictions(&model, &chain));
+        let problem = Problem::new(model.columns(), &rows, &predictions(&model, &chain));
         Ok(Self {
             chain,
             home,
@@ -272,7 +273,23 @@ impl Ground {
         })
     }
 
-    fn plan(&self, cell: &Cell, request: &DesignRequest, chosen: &[usize]) -> Result<Plan, PlanError> {
+    /// Grows a design to `count` poses among `allowed`. With several placements
+    /// each gets its part of the first half: the first poses in a new place
+    /// only tell where the plate is, so a greedy choice would never begin there.
+    fn fill(&self, design: &mut Design<'_>, allowed: &[bool], count: usize, mut on_step: impl FnMut(&Design<'_>)) {
+        let places: BTreeSet<u32> = self.visits.iter().map(|v| v.place).collect();
+        if places.len() > 1 {
+            for (k, place) in (1..).zip(&places) {
+                let here = |(c, ok): (&Candidate, &bool)| *ok && self.visits[c.visit].place == *place;
+                design.allow(self.candidates.iter().zip(allowed).map(here).collect());
+                design.grow(k * count / (2 * places.len()), &mut on_step);
+            }
+        }
+        design.allow(allowed.to_vec());
+        design.grow(count, on_step);
+    }
+
+    fn plan(&self, cell: &Cell, request: &DesignRequest, chosen: &[usize]) -> Plan {
         let mut plan = Plan {
             robot: cell.robot.name.as_str().to_owned(),
             home: self.home.clone(),
@@ -309,7 +326,7 @@ impl Ground {
                 poses: sequence,
             });
         }
-        Ok(plan)
+        plan
     }
 }
 

@@ -38,7 +38,7 @@ pub(super) struct Predicted {
 impl Problem {
     /// From the candidates' rows (3 x m each, row by row) and from rows, place
     /// and noise of the predictions ([`crate::identify::rows::DesignModel`]).
-    pub(super) fn new(m: usize, candidates: &[Vec<f64>], predictions: Vec<(Vec<f64>, Vector3<f64>, f64)>) -> Self {
+    pub(super) fn new(m: usize, candidates: &[Vec<f64>], predictions: &[(Vec<f64>, Vector3<f64>, f64)]) -> Self {
         let mut rows = DMatrix::zeros(m, 3 * candidates.len());
         for (target, source) in rows.as_mut_slice().chunks_mut((3 * m).max(1)).zip(candidates) {
             target.copy_from_slice(&source[..3 * m]);
@@ -298,8 +298,8 @@ mod tests {
                 let p = Vector3::new(halton(v + 1, 0), halton(v + 1, 1), halton(v + 1, 2));
                 (rows, p, 0.1)
             })
-            .collect();
-        Problem::new(m, &candidates, predictions)
+            .collect::<Vec<_>>();
+        Problem::new(m, &candidates, &predictions)
     }
 
     // The criterion from scratch, by inverting the information matrix.
