@@ -44,7 +44,7 @@ impl DriveReceiver {
             counters,
         } = self;
         for &byte in bytes {
-            accumulator.push(byte, &mut |frame| match frame.and_then(|frame| message(frame)) {
+            accumulator.push(byte, &mut |frame| match frame.and_then(message) {
                 Ok((number, message)) => {
                     sequence.note(number, counters);
                     sink(message);

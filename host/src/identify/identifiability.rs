@@ -219,7 +219,7 @@ pub(crate) fn dependency(
         if units[c] == Unit::Metre && units[column] == Unit::Radian {
             format!("{:.4} mm", value * 1000.0)
         } else if units[c] == Unit::Radian && units[column] == Unit::Metre {
-            format!("{:.4} mrad", value)
+            format!("{value:.4} mrad")
         } else {
             format!("{value:.4} {}", unit(c))
         }

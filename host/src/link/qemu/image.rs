@@ -26,7 +26,7 @@ pub fn find_qemu() -> Option<PathBuf> {
 /// [`QemuError::NoImage`] with the place where it was looked for.
 pub fn find_image(asked: Option<&Path>) -> Result<PathBuf, QemuError> {
     let named = std::env::var_os(IMAGE_VARIABLE);
-    let found = choose(asked, named.as_deref(), |path| path.is_file());
+    let found = choose(asked, named.as_deref(), std::path::Path::is_file);
     found.map_err(|path| QemuError::NoImage { path })
 }
 

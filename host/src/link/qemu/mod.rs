@@ -388,7 +388,7 @@ impl Controller for Qemu {
             Err(error) => return Err(self.failure(&error).into()),
         };
         // 25 MHz: 40 ns a count, 2^shift ns an instruction.
-        let instructions = |counts: u32| (u64::from(counts) * 40 >> self.shift) as u32;
+        let instructions = |counts: u32| ((u64::from(counts) * 40) >> self.shift) as u32;
         self.cost = Cost {
             tick: instructions(header.tick),
             link: instructions(header.link),
