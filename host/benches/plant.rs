@@ -5,6 +5,13 @@
 //! sub-steps with three pads, magnet and plate), the same with dry joint
 //! friction and the typical preset's errors and sensors. `tests/python/mujoco_speed.py`
 //! times MuJoCo's `mj_step` on the same model.
+//!
+//! Measured on one shared x86-64 core, least over samples, µs a tick of 1 ms:
+//! free ideal 2.8, free typical 3.7, seated ideal 3.0, seated with joint
+//! friction 4.2, seated typical 4.7; so 0.74 and 1.04 µs a seated sub-step
+//! without and with joint friction. MuJoCo 4.0 there, processor time a step:
+//! free 2.7, seated 8.3, seated with joint friction 10.5 (`plant.md` states
+//! 2.4, 4.8 and 5.2 for its model and machine).
 
 use std::hint::black_box;
 

@@ -48,19 +48,22 @@ def numbers(values):
     return " ".join(repr(float(v)) for v in values)
 
 
-def model(rows, timestep, integrator="RK4", coulomb=0.0, viscous=0.0, armature=None, seated=None, solver=""):
-    """MJCF text. `rows`: list of dicts alpha a d mass com inertia. `seated`: sphere centre in F0 or None."""
+def model(rows, timestep, integrator="RK4", coulomb=0.0, viscous=0.0, armature=None, seated=None, solver="", spring=None, rigid_friction=False):
+    """MJCF text. `spring`: rest angles of weak joint springs that hold the arm, or None. `rows`: list of dicts alpha a d mass com inertia. `seated`: sphere centre in F0 or None."""
     armature = armature or [0.0] * len(rows)
     n = len(rows)
     body = ""
     close = ""
+    # MuJoCo's friction is soft by default; this makes it Coulomb's law nearly.
+    rigid = f'solreffriction="{2 * timestep} 1" solimpfriction="0.99999 0.99999 0.001 0.5 2"' if rigid_friction else ""
     for i, row in enumerate(rows):
+        hold = f'stiffness="50" springref="{spring[i]!r}"' if spring is not None else ""
         a, alpha, d = row["a"], row["alpha"], row["d"]
         pos = (a, -math.sin(alpha) * d, math.cos(alpha) * d)
         body += f'<body name="l{i+1}" pos="{numbers(pos)}" quat="{numbers(quaternion_x(alpha))}">\n'
         body += (
             f'<joint name="j{i+1}" type="hinge" axis="0 0 1" damping="{viscous}" frictionloss="{coulomb}" '
-            f'armature="{armature[i]}" solreffriction="{2 * timestep} 1" solimpfriction="0.99999 0.99999 0.001 0.5 2"/>\n'
+            f'armature="{armature[i]}" {hold} {rigid}/>\n'
         )
         body += (
             f'<inertial pos="{numbers(row["com"])}" mass="{row["mass"]}" fullinertia="{numbers(row["inertia"])}"/>\n'

@@ -22,7 +22,7 @@ COULOMB, VISCOUS = 1.0, 0.5
 
 def simulate(q0, amplitude, w, timestep, coulomb, viscous, armature):
     m = mujoco.MjModel.from_xml_string(
-        model(rows(), timestep, "implicitfast", coulomb, viscous, armature, solver='solver="Newton" tolerance="1e-14"')
+        model(rows(), timestep, "implicitfast", coulomb, viscous, armature, solver='solver="Newton" tolerance="1e-14"', rigid_friction=True)
     )
     d = mujoco.MjData(m)
     d.qpos[:] = q0

@@ -185,7 +185,7 @@ impl Nest {
         let aside = Vector3::new(-e.y, e.x, 0.0);
         let across = aside.dot(centre);
         let corner = (body * body - self.edge * self.edge).max(0.0).sqrt();
-        let shrink = body / along.hypot(across).max(1e-9);
+        let shrink = body / libm::hypot(along, across).max(1e-9);
         let (a, b) = if along < self.edge {
             (self.edge, across.clamp(-corner, corner))
         } else if shrink >= 1.0 {

@@ -106,18 +106,20 @@ impl<const N: usize> Motion<N> {
         self.before = None;
     }
 
-    /// One explicit step in free space under the torque `tau`; `None` where the
+    /// One explicit step in free space from the frames `start` of the present
+    /// angles, under the torque `tau`; `None` where the
     /// mass matrix is not positive definite. Returns the mean torque that the
     /// sensors see.
     pub(super) fn step_free(
         &mut self,
         arm: &Arm<f64, N>,
+        start: &[Frame<f64>; N],
         joints: &Joints<N>,
         tau: &SVector<f64, N>,
         h: f64,
     ) -> Option<SVector<f64, N>> {
-        let rate = |q: &SVector<f64, N>, v: &SVector<f64, N>| -> Option<SVector<f64, N>> {
-            let bodies = arm.bodies(&arm.frames(&q.data.0[0]));
+        let rate = |frames: &[Frame<f64>; N], v: &SVector<f64, N>| -> Option<SVector<f64, N>> {
+            let bodies = arm.bodies(frames);
             let mut mass = bodies.mass_matrix();
             for i in 0..N {
                 mass[(i, i)] += joints.rotor[i];
@@ -129,13 +131,13 @@ impl<const N: usize> Motion<N> {
             Some(Cholesky::new(&mass)?.solve(&torque))
         };
         let (q0, v0) = (self.q, self.v);
-        let a1 = rate(&q0, &v0)?;
+        let a1 = rate(start, &v0)?;
         let (q2, v2) = (q0 + v0 * (h / 2.0), v0 + a1 * (h / 2.0));
-        let a2 = rate(&q2, &v2)?;
+        let a2 = rate(&arm.frames(&q2.data.0[0]), &v2)?;
         let (q3, v3) = (q0 + v2 * (h / 2.0), v0 + a2 * (h / 2.0));
-        let a3 = rate(&q3, &v3)?;
+        let a3 = rate(&arm.frames(&q3.data.0[0]), &v3)?;
         let (q4, v4) = (q0 + v3 * h, v0 + a3 * h);
-        let a4 = rate(&q4, &v4)?;
+        let a4 = rate(&arm.frames(&q4.data.0[0]), &v4)?;
         let travel = (v0 + (v2 + v3) * 2.0 + v4) * (h / 6.0);
         let change = (a1 + (a2 + a3) * 2.0 + a4) * (h / 6.0);
         self.q = q0 + travel;

@@ -204,8 +204,14 @@ impl<const N: usize> Plant<N> {
             self.coupling.near = false;
             let h = TICK_S / f64::from(self.free_steps);
             let mut mean = SVector::zeros();
-            for _ in 0..self.free_steps {
-                match self.motion.step_free(&self.world.arm, &self.joints, &self.last_tau, h) {
+            let arm = &self.world.arm;
+            for k in 0..self.free_steps {
+                let start = if k == 0 {
+                    frames
+                } else {
+                    arm.frames(&self.motion.q.data.0[0])
+                };
+                match self.motion.step_free(arm, &start, &self.joints, &self.last_tau, h) {
                     Some(seen) => mean += seen / f64::from(self.free_steps),
                     None => return self.last_tau,
                 }
@@ -221,18 +227,21 @@ impl<const N: usize> Plant<N> {
         }
         let mut mean = SVector::zeros();
         let mut touches = Touches::new();
-        for _ in 0..self.substeps {
-            let frames = self.world.arm.frames(&self.motion.q.data.0[0]);
+        let mut frames = frames;
+        for k in 0..self.substeps {
+            if k > 0 {
+                frames = self.world.arm.frames(&self.motion.q.data.0[0]);
+            }
             let bodies = self.world.arm.bodies(&frames);
             let mut tcp = self.world.arm.tcp_frame(&frames);
             tcp.origin += self.bend;
             let mut pulls = [(tcp.origin, self.hand_force); 2];
-            let mut pulled = 1;
+            let mut pulled = usize::from(self.hand_force != Vector3::zeros());
             self.touches_at(&tcp, nearest.as_ref(), &mut touches);
             if let (Some(sphere), true) = (&nearest, self.magnet_on) {
                 let (pole, force, _, _) = self.nest.pull(&tcp, sphere);
-                pulls[1] = (pole, force);
-                pulled = 2;
+                pulls[pulled] = (pole, force);
+                pulled += 1;
             }
             let load = Load {
                 tau: &self.last_tau,
@@ -273,12 +282,16 @@ impl<const N: usize> Plant<N> {
             return None;
         }
         let reach = self.nest.range + 0.01;
-        self.world
-            .spheres
-            .iter()
-            .flatten()
-            .find(|centre| (*centre - tcp.origin).norm_squared() < reach * reach)
-            .copied()
+        let mut nearest = None;
+        let mut least = reach * reach;
+        for centre in self.world.spheres.iter().flatten() {
+            let square = (centre - tcp.origin).norm_squared();
+            if square < least {
+                least = square;
+                nearest = Some(*centre);
+            }
+        }
+        nearest
     }
 
     /// Whether the nest is low over the plate.
