@@ -6,7 +6,7 @@ use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, Nominal, State};
 use super::data::{Experiment, Pose, Sphere};
-use super::identifiability::{Identifiability, analyse};
+use super::identifiability::Identifiability;
 use super::map::Fit;
 use super::normal::Root;
 use super::options::{Method, Model, Options};
@@ -347,7 +347,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         tilt_rad_per_nm: state.tilt,
         spheres: spheres.collect(),
         parameters,
-        identifiability: analyse(start, layout, table, &fit.prepared, &fit.whitening),
+        identifiability: fit.identifiability.clone(),
         residual,
         groups,
         noise_scale: fit.scale,

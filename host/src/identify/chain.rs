@@ -293,12 +293,17 @@ impl State {
         let n = layout.n;
         let mut parent = Frame::identity();
         for i in 0..n {
-            let c = parameter_columns(&parent, &k.frames[i], &self.rows[i], &k.tcp);
-            general[3 * i] = c.alpha;
-            general[3 * i + 1] = c.a;
-            general[3 * i + 2] = if layout.hayati[i] { c.beta } else { c.d };
-            joints[i] = c.theta;
-            parent = k.frames[i];
+            let frame = &k.frames[i];
+            let (x, z): (Vector3<f64>, Vector3<f64>) = (parent.rotation.column(0).into(), frame.z());
+            general[3 * i] = x.cross(&(k.tcp - parent.origin));
+            general[3 * i + 1] = x;
+            general[3 * i + 2] = if layout.hayati[i] {
+                parameter_columns(&parent, frame, &self.rows[i], &k.tcp).beta
+            } else {
+                z
+            };
+            joints[i] = z.cross(&(k.tcp - frame.origin));
+            parent = *frame;
         }
         for axis in 0..3 {
             general[3 * n + axis] = parent.rotation.column(axis).into();

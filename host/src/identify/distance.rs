@@ -20,8 +20,9 @@ use super::calibration::{Calibration, finish};
 use super::chain::{N, Nominal, Prepared, State};
 use super::data::{Experiment, Pose, Set};
 use super::error::IdentifyError;
+use super::identifiability::analyse;
 use super::map::{FEWEST, Fit, prepare, register};
-use super::normal::{Whitening, groups};
+use super::normal::{Whitening, accumulate, groups};
 use super::options::{Method, Model, Options, Pairs, Torque};
 use super::parameters::{Kind, Layout, Parameter, Reference, Unit, table};
 use super::solve::Unknowns;
@@ -400,6 +401,22 @@ impl DistanceProblem {
             inverse[(r, c)] * variance * per_pose / units
         });
         let millimetre = 1e-6;
+        let whitening = Whitening {
+            joint: 0.0,
+            seating: millimetre,
+            point: millimetre,
+        };
+        let grouped = groups(&self.prepared);
+        let weights = vec![1.0; self.poses()];
+        let design = accumulate(
+            &self.start,
+            &self.layout,
+            &self.prepared,
+            &grouped,
+            &whitening,
+            &weights,
+        );
+        let identifiability = analyse(&design, &self.table, self.poses());
         let fit = Fit {
             layout: self.layout.clone(),
             unknowns: Unknowns::new(&self.table),
@@ -407,19 +424,16 @@ impl DistanceProblem {
             start: self.start.clone(),
             state,
             nominal: self.nominal.clone(),
-            groups: groups(&self.prepared),
+            groups: grouped,
             prepared: self.prepared.clone(),
-            whitening: Whitening {
-                joint: 0.0,
-                seating: millimetre,
-                point: millimetre,
-            },
-            weights: vec![1.0; self.poses()],
+            whitening,
+            weights,
             scale: variance.sqrt().max(1e-9),
             effective: m as f64,
             covariance,
             log_evidence: f64::NAN,
             softness: (1.0, 1.0),
+            identifiability,
         };
         finish(experiment, options, Model::Geometry, fit)
     }

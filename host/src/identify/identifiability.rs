@@ -1,13 +1,11 @@
 //! What the data at hand can tell: the singular values of their whitened
 //! Jacobian, which parameters move the TCP alike, and how noise is amplified.
 
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::algorithm1::{normalised, rank, singular_values};
-use super::chain::{N, Prepared, State};
-use super::normal::{Root, Whitening};
-use super::parameters::{Kind, Layout, Parameter, Unit};
+use super::normal::Normal;
+use super::parameters::{Kind, Parameter, Unit};
 
 /// Result of the analysis, over the geometric parameters: links, tool and base.
 ///
@@ -68,108 +66,69 @@ impl Observability {
     }
 }
 
-/// Poses per block of the triangular accumulation.
-const CHUNK: usize = 64;
+/// A column that the ones before it explain to within this part of its length is
+/// redundant. Squared it must stay above the round-off of a sum of squares, and
+/// 1e-6 is far below what any data determine (condition numbers of 1e2 to 1e4).
+const RESOLUTION: f64 = 1e-6;
 
-/// Triangular factor of the whitened Jacobian of `columns` (all geometric).
-fn triangle(
-    state: &State,
-    layout: &Layout,
-    prepared: &[Prepared],
-    whitening: &Whitening,
-    columns: &[Kind],
-    units: &[Unit],
-) -> DMatrix<f64> {
-    let m = columns.len();
-    let mut r = DMatrix::zeros(0, m);
-    let mut general = [Vector3::zeros(); 5 * N + 16];
-    let mut joints = [Vector3::zeros(); N];
-    for chunk in prepared.chunks(CHUNK) {
-        let above = r.nrows();
-        let mut stack = DMatrix::zeros(above + 3 * chunk.len(), m);
-        stack.rows_mut(0, above).copy_from(&r);
-        for (b, observation) in chunk.iter().enumerate() {
-            let k = state.evaluate(&observation.q, &observation.load);
-            state.columns(layout, &k, &observation.load, &mut general, &mut joints);
-            let root = Root::new(&whitening.covariance(&joints[..layout.n], observation.sphere.is_some()));
-            for (c, kind) in columns.iter().enumerate() {
-                let column = match *kind {
-                    Kind::Alpha(i) => general[3 * i],
-                    Kind::A(i) => general[3 * i + 1],
-                    Kind::D(i) | Kind::Beta(i) => general[3 * i + 2],
-                    Kind::Theta(i) => joints[i],
-                    Kind::Tool(axis) => general[3 * layout.n + axis],
-                    Kind::Base(f, axis) if f == observation.reference => {
-                        let rotation = &state.bases[f].rotation;
-                        if axis < 3 {
-                            rotation.row(axis).transpose()
-                        } else {
-                            rotation.row(axis - 3).transpose().cross(&(k.tcp - state.pivot(f)))
-                        }
-                    }
-                    _ => continue,
-                };
-                // SI columns to per mm and per mrad: both a thousandth.
-                let scale = if units[c] == Unit::RadianPerNewtonMetre {
-                    1.0
-                } else {
-                    1e-3
-                };
-                let white = root.times(&column) * scale;
-                stack.fixed_view_mut::<3, 1>(above + 3 * b, c).copy_from(&white);
-            }
-        }
-        r = if stack.nrows() > m { stack.qr().r() } else { stack };
-    }
-    r
-}
-
-/// Analyses the data. `table` is the model's; its fixed parameters are the first
-/// to be named redundant where a choice is free.
-pub(crate) fn analyse(
-    state: &State,
-    layout: &Layout,
-    table: &[Parameter],
-    prepared: &[Prepared],
-    whitening: &Whitening,
-) -> Identifiability {
+/// Analyses the data by their normal equations at the nominal state, all poses
+/// with weight one. `table` has the geometry in the order of the equations; its
+/// fixed parameters are the first to be named redundant where a choice is free.
+pub(crate) fn analyse(design: &Normal, table: &[Parameter], poses: usize) -> Identifiability {
     let geometric = |kind: &Kind| match *kind {
         Kind::Alpha(i) | Kind::A(i) | Kind::D(i) | Kind::Beta(i) | Kind::Theta(i) => i > 0,
         Kind::Tool(_) | Kind::Base(..) => true,
         _ => false,
     };
-    let chosen: Vec<&Parameter> = table.iter().filter(|p| geometric(&p.kind)).collect();
-    let kinds: Vec<Kind> = chosen.iter().map(|p| p.kind).collect();
-    let units: Vec<Unit> = chosen.iter().map(|p| p.unit).collect();
-    let names: Vec<String> = chosen.iter().map(|p| p.name.clone()).collect();
-    let r = triangle(state, layout, prepared, whitening, &kinds, &units);
-    let scaled = normalised(&r);
-    let full = rank(&r);
-    let mut kept: Vec<usize> = (0..names.len()).collect();
+    let mut order: Vec<usize> = (0..table.len()).filter(|c| geometric(&table[*c].kind)).collect();
+    let names: Vec<String> = order.iter().map(|c| table[*c].name.clone()).collect();
+    // Who comes last is explained by the others: what is fixed, then the distal
+    // side, lengths after angles.
+    let last = |c: usize| (!table[c].free, table[c].unit == Unit::Metre, c);
+    let base = |c: usize| matches!(table[c].kind, Kind::Base(..));
+    order.sort_by_key(|&c| (!base(c), last(c)));
+    let norms: Vec<f64> = order.iter().map(|c| design.matrix[(*c, *c)].max(0.0).sqrt()).collect();
+    let largest = norms.iter().copied().fold(0.0, f64::max);
+    let mut kept: Vec<usize> = Vec::new();
+    let mut factor = LowerRows::default();
     let mut redundant = Vec::new();
-    // Fixed parameters first, then from the flange inwards, lengths first.
-    let mut order: Vec<usize> = kept.clone();
-    order.sort_by_key(|&c| (chosen[c].free, units[c] != Unit::Metre, usize::MAX - c));
-    for column in order {
-        if kept.len() == full {
-            break;
-        }
-        let rest: Vec<usize> = kept.iter().copied().filter(|c| *c != column).collect();
-        if rank(&scaled.select_columns(&rest)) == full {
-            kept = rest;
-            redundant.push(column);
+    for (i, &column) in order.iter().enumerate() {
+        let inner: Vec<f64> = kept
+            .iter()
+            .map(|k| design.matrix[(order[*k], column)] / (norms[*k] * norms[i]).max(1e-300))
+            .collect();
+        let row = factor.forward(&inner);
+        let rest = 1.0 - row.iter().map(|x| x * x).sum::<f64>();
+        if norms[i] <= 1e-12 * largest {
+            redundant.push((column, Vec::new()));
+        } else if rest <= RESOLUTION * RESOLUTION {
+            let x = factor.backward(&row);
+            let terms = x.iter().zip(&kept).map(|(x, k)| (order[*k], x * norms[i] / norms[*k]));
+            let sizes: Vec<f64> = x.iter().map(|x| x.abs()).collect();
+            redundant.push((column, significant(terms.collect(), &sizes)));
+        } else {
+            factor.push(row, rest.sqrt());
+            kept.push(i);
         }
     }
-    let values = singular_values(&r.select_columns(&kept));
-    let observability = Observability::new(&values, prepared.len());
+    let m = kept.len();
+    // Per mm and mrad: a thousandth of per m and rad.
+    let gram = DMatrix::from_fn(m, m, |r, c| design.matrix[(order[kept[r]], order[kept[c]])] * 1e-6);
+    let mut values: Vec<f64> = gram.symmetric_eigenvalues().iter().map(|v| v.max(0.0).sqrt()).collect();
+    values.sort_by(|a, b| b.total_cmp(a));
+    let observability = Observability::new(&values, poses);
     Identifiability {
         columns: names.len(),
-        rank: full,
+        rank: m,
         condition: 1.0 / observability.o2,
-        redundant: redundant.iter().map(|c| names[*c].clone()).collect(),
+        redundant: redundant.iter().map(|r| table[r.0].name.clone()).collect(),
         dependencies: redundant
             .iter()
-            .map(|c| dependency(&r, &kept, *c, &names, &units))
+            .map(|(column, terms)| {
+                let name = |c: usize| (table[c].name.as_str(), table[c].unit);
+                let terms: Vec<_> = terms.iter().map(|(c, x)| (name(*c), *x)).collect();
+                in_words(name(*column), &terms)
+            })
             .collect(),
         noise_amplification: 1.0 / observability.o3,
         singular_values: values,
@@ -178,74 +137,77 @@ pub(crate) fn analyse(
     }
 }
 
-/// How one column follows from the kept ones, in words.
-///
-/// `matrix` has columns per mm and mrad (or any unit that is the same for both).
-pub(crate) fn dependency(
-    matrix: &DMatrix<f64>,
-    kept: &[usize],
-    column: usize,
-    names: &[String],
-    units: &[Unit],
-) -> String {
-    let name = &names[column];
-    let basis = matrix.select_columns(kept);
-    let target = matrix.column(column).into_owned();
-    let scales: Vec<f64> = basis.column_iter().map(|c| c.norm().max(1e-300)).collect();
-    let norm = target.norm();
-    let largest = scales.iter().copied().fold(0.0, f64::max);
-    if norm <= largest * 1e-9 {
-        return format!("{name} does not move the TCP");
-    }
-    let mut unit_basis = basis;
-    for (mut c, s) in unit_basis.column_iter_mut().zip(&scales) {
-        c /= *s;
-    }
-    let svd = unit_basis.svd(true, true);
-    let Ok(x) = svd.solve(&(target / norm), RANK_SOLVE) else {
-        return format!("{name} moves the TCP as a combination of others");
-    };
-    // Coefficients in the parameters' own units: both columns are per 0.001.
-    let mut terms: Vec<(usize, f64)> = (0..kept.len())
-        .filter(|&i| x[i].abs() > 1e-6)
-        .map(|i| (kept[i], x[i] * norm / scales[i]))
-        .collect();
-    terms.sort_by(|a, b| {
-        (b.1.abs() * scales_of(kept, &scales, b.0)).total_cmp(&(a.1.abs() * scales_of(kept, &scales, a.0)))
-    });
-    let unit = |c: usize| if units[c] == Unit::Radian { "rad" } else { "m" };
-    let amount = |c: usize, value: f64| {
-        // 1 rad of this is as so many mm of that; same units need no conversion.
-        if units[c] == Unit::Metre && units[column] == Unit::Radian {
-            format!("{:.4} mm", value * 1000.0)
-        } else if units[c] == Unit::Radian && units[column] == Unit::Metre {
-            format!("{value:.4} mrad")
-        } else {
-            format!("{value:.4} {}", unit(c))
+/// Rows of a growing lower triangular factor.
+#[derive(Default)]
+struct LowerRows {
+    rows: Vec<Vec<f64>>,
+    diagonal: Vec<f64>,
+}
+
+impl LowerRows {
+    fn forward(&self, b: &[f64]) -> Vec<f64> {
+        let mut x: Vec<f64> = Vec::with_capacity(b.len());
+        for ((row, diagonal), b) in self.rows.iter().zip(&self.diagonal).zip(b) {
+            let known: f64 = row.iter().zip(&x).map(|(l, x)| l * x).sum();
+            x.push((b - known) / diagonal);
         }
+        x
+    }
+
+    fn backward(&self, b: &[f64]) -> Vec<f64> {
+        let mut x = b.to_vec();
+        for i in (0..x.len()).rev() {
+            x[i] /= self.diagonal[i];
+            let value = x[i];
+            for (x, l) in x.iter_mut().zip(&self.rows[i]) {
+                *x -= l * value;
+            }
+        }
+        x
+    }
+
+    fn push(&mut self, row: Vec<f64>, diagonal: f64) {
+        self.rows.push(row);
+        self.diagonal.push(diagonal);
+    }
+}
+
+/// Terms whose contribution (`sizes`, as parts of the column) is above round-off,
+/// largest first.
+fn significant(terms: Vec<(usize, f64)>, sizes: &[f64]) -> Vec<(usize, f64)> {
+    let mut ranked: Vec<_> = terms.into_iter().zip(sizes).filter(|(_, s)| **s > 1e-5).collect();
+    ranked.sort_by(|a, b| b.1.total_cmp(a.1));
+    ranked.into_iter().map(|(term, _)| term).collect()
+}
+
+/// How a column follows from others, in words. Factors are in SI units: one of
+/// the parameter moves the TCP as so much of each other.
+pub(crate) fn in_words(name: (&str, Unit), terms: &[((&str, Unit), f64)]) -> String {
+    let (name, unit) = name;
+    let own = if unit == Unit::Radian { "1 rad" } else { "1 mm" };
+    let amount = |other: Unit, x: f64| match (unit, other) {
+        (Unit::Radian, Unit::Metre) => format!("{} mm", short(x * 1000.0)),
+        (Unit::Metre, Unit::Radian) => format!("{} mrad", short(x)),
+        (Unit::Metre, Unit::Metre) => format!("{} mm", short(x)),
+        _ => format!("{} rad", short(x)),
     };
-    let own = if units[column] == Unit::Radian { "1 rad" } else { "1 m" };
-    let own_small = if units[column] == Unit::Metre { "1 mm" } else { own };
-    match terms.as_slice() {
+    match terms {
         [] => format!("{name} does not move the TCP"),
-        [(c, value)] => {
-            let left = if units[*c] == Unit::Radian { own_small } else { own };
+        [((other, other_unit), x)] => {
             format!(
-                "{name} and {} move the TCP alike: {left} = {}",
-                names[*c],
-                amount(*c, *value)
+                "{name} and {other} move the TCP alike: {own} = {}",
+                amount(*other_unit, *x)
             )
         }
         many => {
             let list: Vec<String> = many
                 .iter()
                 .take(5)
-                .map(|(c, value)| format!("{} of {}", amount(*c, *value), names[*c]))
+                .map(|((other, unit), x)| format!("{} of {other}", amount(*unit, *x)))
                 .collect();
-            let rest = if many.len() > 5 {
-                format!(" and {} more", many.len() - 5)
-            } else {
-                String::new()
+            let rest = match many.len() {
+                0..=5 => String::new(),
+                n => format!(" and {} more", n - 5),
             };
             format!(
                 "{name} moves the TCP as others together: {own} = {}{rest}",
@@ -255,12 +217,9 @@ pub(crate) fn dependency(
     }
 }
 
-const RANK_SOLVE: f64 = 1e-10;
-
-fn scales_of(kept: &[usize], scales: &[f64], column: usize) -> f64 {
-    kept.iter()
-        .position(|c| *c == column)
-        .and_then(|i| scales.get(i))
-        .copied()
-        .unwrap_or_default()
+/// A number with at most four digits after the point, none of them a trailing zero.
+fn short(x: f64) -> String {
+    let text = format!("{x:.4}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }

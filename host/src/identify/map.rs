@@ -14,7 +14,8 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::chain::{Nominal, Prepared, State};
 use super::data::{Experiment, Pose, Set};
 use super::error::IdentifyError;
-use super::normal::{Group, Normal, Whitening, accumulate, distances, groups, likelihoods};
+use super::identifiability::{Identifiability, analyse};
+use super::normal::{Group, Normal, Whitening, accumulate, distances, gradient, groups, likelihoods};
 use super::options::{Model, Options, Torque};
 use super::parameters::{Kind, Layout, Parameter, reference_of, table};
 use super::solve::{Posterior, Unknowns};
@@ -26,10 +27,13 @@ const STEPS: usize = 10;
 /// Most of them where the effects join afterwards: enough to find gross errors.
 const FIRST_STEPS: usize = 4;
 /// Most steps with the effects, besides the last under inflated noise.
-const STRUCTURED_STEPS: usize = 3;
-/// A search has settled when no column alone moves the residuals by more than
-/// this in all, in units of the noise of one: a fraction of its posterior sigma.
-const SETTLED: f64 = 0.2;
+const STRUCTURED_STEPS: usize = 4;
+/// With so few poses the structured equations are made anew at every step: the
+/// robust weights of few poses still change much, and it costs little.
+const FEW: usize = 600;
+/// A search has settled when a step is shorter than this, in posterior standard
+/// deviations (all parameters together).
+const SETTLED: f64 = 0.1;
 
 /// A fitted model with all that its result is written from.
 pub(crate) struct Fit {
@@ -53,6 +57,7 @@ pub(crate) struct Fit {
     pub(crate) log_evidence: f64,
     /// Factors on the priors of stiffness and harmonics that the evidence chose.
     pub(crate) softness: (f64, f64),
+    pub(crate) identifiability: Identifiability,
 }
 
 /// Observations of one set, ready to use.
@@ -191,7 +196,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn normal(&self) -> Normal {
+    /// Normal equations at the state.
+    fn equations(&self) -> Normal {
         accumulate(
             &self.state,
             self.layout,
@@ -202,16 +208,24 @@ impl Search<'_> {
         )
     }
 
-    /// Moves the state; returns how far at most, in posterior terms.
-    fn advance(&mut self, normal: &Normal, step: &DVector<f64>) -> f64 {
-        let mut largest: f64 = 0.0;
+    /// The gradient at the state, beside the matrix of an earlier one.
+    fn renew(&self, normal: &mut Normal) {
+        normal.gradient = gradient(
+            &self.state,
+            self.layout,
+            self.prepared,
+            self.groups,
+            &self.whitening,
+            &self.weights,
+        );
+    }
+
+    fn advance(&mut self, step: &DVector<f64>) {
         for (i, &column) in self.unknowns.columns.iter().enumerate() {
             self.state.add(self.table[column].kind, step[i]);
             self.unknowns.deviation[i] += step[i];
-            largest = largest.max(step[i].abs() * (normal.matrix[(column, column)] / self.s2).sqrt());
         }
         self.state.refresh();
-        largest
     }
 
     /// Among the few fixed priors of the effects takes the one with the best
@@ -224,6 +238,7 @@ impl Search<'_> {
             let mut candidate = self.unknowns.clone();
             for (precision, &column) in candidate.precision.iter_mut().zip(&self.unknowns.columns) {
                 let parameter = &self.table[column];
+                *precision = parameter.prior_sigma.powi(-2);
                 let factor = match parameter.kind {
                     _ if parameter.set_by_user => 1.0,
                     Kind::Compliance(_) | Kind::Bending(..) | Kind::Tilt(_) => stiffness,
@@ -242,21 +257,17 @@ impl Search<'_> {
         Ok(best.0)
     }
 
-    /// One Gauss-Newton step, then noise and weights at the new state.
-    fn step(&mut self, count_parameters: bool) -> Result<f64, IdentifyError> {
-        let normal = self.normal();
-        self.step_from(&normal, count_parameters)
-    }
-
-    fn step_from(&mut self, normal: &Normal, count_parameters: bool) -> Result<f64, IdentifyError> {
+    /// One Gauss-Newton step, then noise and weights at the new state. Returns
+    /// the step's length in posterior standard deviations.
+    fn step(&mut self, normal: &Normal, count_parameters: bool) -> Result<f64, IdentifyError> {
         let posterior = Posterior::new(normal, &self.unknowns, self.s2)?;
-        let step = posterior.step(normal, &self.unknowns, self.s2);
-        let moved = self.advance(normal, &step);
+        let (step, decrement) = posterior.step(normal, &self.unknowns, self.s2);
+        self.advance(&step);
         if count_parameters {
             self.effective = posterior.effective(&self.unknowns);
         }
         self.reweight()?;
-        Ok(moved)
+        Ok(decrement.max(0.0).sqrt())
     }
 
     /// Noise scale and robust weights at the state.
@@ -278,14 +289,29 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Steps until settled or `most` are made.
-    fn run(&mut self, most: usize, count_parameters: bool) -> Result<(), IdentifyError> {
-        for k in 0..most {
-            if self.step(count_parameters)? < SETTLED && k > 0 {
+    /// Fits geometry alone, from the nominal state or from where it stands. The
+    /// matrix is made at the first two states, as it hardly changes afterwards;
+    /// the gradient at every one, so that the answer does not depend on that.
+    /// Returns the first and the last equations.
+    fn settle(&mut self, most: usize) -> Result<(Normal, Normal), IdentifyError> {
+        let first = self.equations();
+        self.step(&first, false)?;
+        let mut normal = self.equations();
+        let mut before = f64::INFINITY;
+        for k in 1..most {
+            let moved = self.step(&normal, false)?;
+            if moved < SETTLED || k + 1 == most {
                 break;
             }
+            if moved > 0.5 * before {
+                normal = self.equations();
+            } else {
+                self.renew(&mut normal);
+            }
+            before = moved;
         }
-        Ok(())
+        self.renew(&mut normal);
+        Ok((first, normal))
     }
 
     /// Takes the shape of the noise that the residuals speak for, if they speak
@@ -402,41 +428,49 @@ pub(crate) fn fit(
     };
     let richer = layout != plain;
     let most = if richer { FIRST_STEPS } else { STEPS };
-    search.run(most, false)?;
+    let (first, mut normal) = search.settle(most)?;
+    let identifiability = analyse(&first, &plain_table, prepared.len());
     if search.choose_shape()? {
-        search.run(most, false)?;
+        (_, normal) = search.settle(most)?;
     }
-    let mut softness = PRIORS[0];
     // The effects join, with the geometry where it is.
     search.unknowns = joined(&full_table, &plain_table, &search.unknowns);
     search.layout = &layout;
     search.table = &full_table;
+    let mut softness = PRIORS[0];
     if richer {
         if noise.estimate {
             search.s2 = search.s2.min(1.0);
         }
-        search.step(true)?;
-        for k in 1..STRUCTURED_STEPS {
-            let normal = search.normal();
-            if k == 1 {
+        normal = search.equations();
+        search.step(&normal, true)?;
+        for k in 0..STRUCTURED_STEPS {
+            if prepared.len() <= FEW {
+                normal = search.equations();
+            } else {
+                search.renew(&mut normal);
+            }
+            if k < 2 {
                 softness = search.choose_priors(&normal)?;
             }
-            search.step_from(&normal, true)?;
+            if search.step(&normal, true)? < SETTLED {
+                break;
+            }
         }
-    }
-    // The mode and covariance under inflated noise, from the last equations.
-    let normal = search.normal();
-    if !richer {
+        normal = search.equations();
+    } else {
         search.effective = Posterior::new(&normal, &search.unknowns, search.s2)?.effective(&search.unknowns);
         search.reweight()?;
+        search.renew(&mut normal);
     }
+    // The mode and covariance under inflated noise.
     let d2 = distances(&search.state, search.layout, &prepared, &search.whitening);
     let posterior = Posterior::new(&normal, &search.unknowns, search.s2)?;
     let log_evidence = evidence(&posterior, &search.unknowns, &d2, search.s2, options.student_t);
     let inflated = search.s2 * noise.inflation.powi(2);
     let posterior = Posterior::new(&normal, &search.unknowns, inflated)?;
-    let step = posterior.step(&normal, &search.unknowns, inflated);
-    search.advance(&normal, &step);
+    let (step, _) = posterior.step(&normal, &search.unknowns, inflated);
+    search.advance(&step);
     let mut covariance = posterior.covariance();
     let Search {
         whitening,
@@ -468,6 +502,7 @@ pub(crate) fn fit(
         covariance,
         log_evidence,
         softness,
+        identifiability,
     })
 }
 

@@ -75,6 +75,12 @@ impl Root {
         Self([a, b, d, -l10 * a * b, (l10 * b * l21 - l20) * a * d, -l21 * b * d])
     }
 
+    /// The same times a factor.
+    #[inline]
+    fn scaled(self, factor: f64) -> Self {
+        Self(self.0.map(|x| x * factor))
+    }
+
     /// `ln |L⁻¹|`.
     pub(crate) fn log_determinant(&self) -> f64 {
         let [a, b, d, ..] = self.0;
@@ -101,11 +107,10 @@ struct Chunk {
     own: Vec<f64>,
     /// Basis of each joint, `basis` x poses.
     phi: Vec<Vec<f64>>,
-    /// `w s_ij` by pair, and `Ã ᵀ J̃_j` by joint.
-    pairs: Vec<Vec<f64>>,
-    cross: Vec<Vec<f64>>,
-    /// A basis times `w s_ij`.
-    scaled: Vec<f64>,
+    /// Whitened joint columns by pose.
+    white: Vec<[Vector3<f64>; N]>,
+    /// Of one joint, by pose: `Ãᵀ J̃_i`, then `s_ij φ_j` for every later joint j.
+    stack: Vec<f64>,
 }
 
 /// Adds `c += a bᵀ`, with `a` m x k and `b` n x k, all column-major.
@@ -163,170 +168,233 @@ pub(crate) fn accumulate(
     };
     let n = layout.n;
     let basis = layout.basis();
-    let widest = layout.general() + 9;
+    let own = layout.general() + 6;
+    let width = |joint: usize| own + (n - joint) * basis;
     let mut chunk = Chunk {
-        own: vec![0.0; widest * 3 * CHUNK],
+        own: vec![0.0; own * 3 * CHUNK],
         phi: vec![vec![0.0; basis * CHUNK]; n],
-        pairs: vec![vec![0.0; CHUNK]; n * n],
-        cross: vec![vec![0.0; widest * CHUNK]; n],
-        scaled: vec![0.0; basis * CHUNK],
+        white: vec![[Vector3::zeros(); N]; CHUNK],
+        stack: vec![0.0; width(0) * CHUNK],
     };
-    let mut pairs = vec![vec![0.0; basis * basis]; n * n];
     for group in groups {
-        let own = layout.general() + 6 + if group.sphere.is_some() { 3 } else { 0 };
         let mut block = vec![0.0; own * own];
-        let mut cross = vec![vec![0.0; own * basis]; n];
-        let mut gradient = vec![0.0; own];
+        let mut sums: Vec<Vec<f64>> = (0..n).map(|i| vec![0.0; width(i) * basis]).collect();
+        let mut gradient = Gradient::new(layout);
         for members in group.members.chunks(CHUNK) {
             let count = members.len();
             for (b, &index) in members.iter().enumerate() {
-                pose(
-                    state,
-                    layout,
-                    &prepared[index],
-                    whitening,
-                    weights[index],
-                    own,
-                    b,
-                    &mut chunk,
-                    &mut gradient,
-                    &mut normal.gradient,
-                );
+                let pose = Pose::new(state, layout, &prepared[index], whitening, weights[index]);
+                pose.add_gradient(layout, &prepared[index], &mut gradient);
+                let slot = &mut chunk.own[3 * own * b..3 * own * (b + 1)];
+                for (c, v) in pose.own[..own].iter().enumerate() {
+                    slot[c] = v.x;
+                    slot[own + c] = v.y;
+                    slot[2 * own + c] = v.z;
+                }
+                for (j, phi) in chunk.phi.iter_mut().enumerate() {
+                    let phi = &mut phi[b * basis..(b + 1) * basis];
+                    pose.basis(layout, j, &prepared[index], phi);
+                }
+                chunk.white[b] = pose.joints;
             }
             add_product(&mut block, &chunk.own, &chunk.own, own, own, 3 * count);
             for i in 0..n {
-                add_product(&mut cross[i], &chunk.cross[i], &chunk.phi[i], own, basis, count);
-                for j in i..n {
-                    let s = &chunk.pairs[i * n + j];
-                    for b in 0..count {
-                        for k in 0..basis {
-                            chunk.scaled[b * basis + k] = s[b] * chunk.phi[i][b * basis + k];
+                let wide = width(i);
+                for b in 0..count {
+                    let slot = &mut chunk.stack[b * wide..(b + 1) * wide];
+                    let (cross, rest) = slot.split_at_mut(own);
+                    let columns = &chunk.own[3 * own * b..3 * own * (b + 1)];
+                    let (x, yz) = columns.split_at(own);
+                    let (y, z) = yz.split_at(own);
+                    let w = &chunk.white[b][i];
+                    for (((c, x), y), z) in cross.iter_mut().zip(x).zip(y).zip(z) {
+                        *c = x * w.x + y * w.y + z * w.z;
+                    }
+                    for (j, scaled) in (i..n).zip(rest.chunks_exact_mut(basis)) {
+                        let s = w.dot(&chunk.white[b][j]);
+                        let phi = &chunk.phi[j][b * basis..(b + 1) * basis];
+                        for (to, from) in scaled.iter_mut().zip(phi) {
+                            *to = s * from;
                         }
                     }
-                    add_product(&mut pairs[i * n + j], &chunk.scaled, &chunk.phi[j], basis, basis, count);
                 }
+                add_product(&mut sums[i], &chunk.stack, &chunk.phi[i], wide, basis, count);
             }
         }
-        let place = |local: usize| {
-            let general = layout.general();
-            if local < general {
-                local
-            } else if local < general + 6 {
-                layout.base(group.reference) + local - general
-            } else {
-                layout.sphere(group.sphere.unwrap_or_default()) + local - general - 6
-            }
-        };
-        for c in 0..own {
-            normal.gradient[place(c)] += gradient[c];
-            for r in 0..own {
-                normal.matrix[(place(r), place(c))] += block[c * own + r];
-            }
-        }
-        for (j, cross) in cross.iter().enumerate() {
-            for k in 0..basis {
-                let at = layout.joint(j) + k;
-                for r in 0..own {
-                    normal.matrix[(place(r), at)] += cross[k * own + r];
-                    normal.matrix[(at, place(r))] += cross[k * own + r];
-                }
-            }
-        }
-    }
-    for i in 0..n {
-        for j in i..n {
-            let block = &pairs[i * n + j];
-            for c in 0..basis {
-                for r in 0..basis {
-                    let (row, column) = (layout.joint(i) + r, layout.joint(j) + c);
-                    normal.matrix[(row, column)] = block[c * basis + r];
-                    normal.matrix[(column, row)] = block[c * basis + r];
-                }
-            }
-        }
+        scatter(layout, group, &block, &sums, &gradient, &mut normal);
     }
     normal
 }
 
-/// Fills slot `b` of the chunk with one pose and adds its gradient.
-#[inline]
-fn pose(
+/// Where a group's own column lies in the layout; sphere columns follow after
+/// the base's: they are the base's shifts with the sign turned.
+fn places(layout: &Layout, group: &Group) -> Vec<(usize, usize, f64)> {
+    let general = layout.general();
+    let mut places: Vec<_> = (0..general).map(|c| (c, c, 1.0)).collect();
+    places.extend((0..6).map(|k| (general + k, layout.base(group.reference) + k, 1.0)));
+    if let Some(sphere) = group.sphere {
+        places.extend((0..3).map(|k| (general + k, layout.sphere(sphere) + k, -1.0)));
+    }
+    places
+}
+
+/// Adds a group's sums to the whole.
+fn scatter(layout: &Layout, group: &Group, block: &[f64], sums: &[Vec<f64>], gradient: &Gradient, normal: &mut Normal) {
+    let own = layout.general() + 6;
+    let (n, basis) = (layout.n, layout.basis());
+    let places = places(layout, group);
+    for &(c, column, sign) in &places {
+        normal.gradient[column] += sign * gradient.own[c];
+        for &(r, row, other) in &places {
+            normal.matrix[(row, column)] += sign * other * block[c * own + r];
+        }
+    }
+    for (at, value) in (layout.joint(0)..).zip(&gradient.joints) {
+        normal.gradient[at] += value;
+    }
+    for (i, sum) in sums.iter().enumerate() {
+        let wide = own + (n - i) * basis;
+        for k in 0..basis {
+            let column = layout.joint(i) + k;
+            let from = &sum[k * wide..(k + 1) * wide];
+            for &(r, row, sign) in &places {
+                normal.matrix[(row, column)] += sign * from[r];
+                normal.matrix[(column, row)] += sign * from[r];
+            }
+            for (row, value) in (layout.joint(i)..).zip(&from[own..]) {
+                normal.matrix[(row, column)] += value;
+                if row >= layout.joint(i) + basis {
+                    normal.matrix[(column, row)] += value;
+                }
+            }
+        }
+    }
+}
+
+/// Gradient of one group: own columns, then the joints' blocks.
+struct Gradient {
+    own: Vec<f64>,
+    joints: Vec<f64>,
+}
+
+impl Gradient {
+    fn new(layout: &Layout) -> Self {
+        Self {
+            own: vec![0.0; layout.general() + 6],
+            joints: vec![0.0; layout.n * layout.basis()],
+        }
+    }
+}
+
+/// Gradient alone, where the matrix of an earlier state still serves.
+pub(crate) fn gradient(
     state: &State,
     layout: &Layout,
-    observation: &Prepared,
+    prepared: &[Prepared],
+    groups: &[Group],
     whitening: &Whitening,
-    weight: f64,
-    own: usize,
-    b: usize,
-    chunk: &mut Chunk,
-    gradient: &mut [f64],
-    joint_gradient: &mut DVector<f64>,
-) {
-    let n = layout.n;
-    let general = layout.general();
-    let basis = layout.basis();
-    let mut columns = [Vector3::zeros(); 5 * N + 16];
-    let mut joints = [Vector3::zeros(); N];
-    let kinematics = state.evaluate(&observation.q, &observation.load);
-    state.columns(layout, &kinematics, &observation.load, &mut columns, &mut joints);
-    let rotation = state
-        .bases
-        .get(observation.reference)
-        .map_or_else(Matrix3::identity, |base| base.rotation);
-    let pivot = state.pivot(observation.reference);
-    for axis in 0..3 {
-        // Row `axis` of R₀ is R₀ᵀ e_axis: the reference frame's axis in F0.
-        let e = rotation.row(axis).transpose();
-        columns[general + axis] = e;
-        columns[general + 3 + axis] = e.cross(&(kinematics.tcp - pivot));
-        columns[general + 6 + axis] = -e;
+    weights: &[f64],
+) -> DVector<f64> {
+    let mut total = DVector::zeros(layout.len());
+    for group in groups {
+        let mut sum = Gradient::new(layout);
+        for &index in &group.members {
+            let pose = Pose::new(state, layout, &prepared[index], whitening, weights[index]);
+            pose.add_gradient(layout, &prepared[index], &mut sum);
+        }
+        for (c, column, sign) in places(layout, group) {
+            total[column] += sign * sum.own[c];
+        }
+        for (at, value) in (layout.joint(0)..).zip(&sum.joints) {
+            total[at] += value;
+        }
     }
-    let covariance = whitening.covariance(&joints[..n], observation.sphere.is_some());
-    let root = Root::new(&covariance);
-    let amplitude = weight.sqrt();
-    let r = root.times(&state.residual(observation, &kinematics.tcp)) * amplitude;
-    let slot = &mut chunk.own[3 * own * b..3 * own * (b + 1)];
-    for (c, column) in columns.iter().enumerate().take(own) {
-        let v = root.times(column) * amplitude;
-        slot[c] = v.x;
-        slot[own + c] = v.y;
-        slot[2 * own + c] = v.z;
-        gradient[c] += v.dot(&r);
+    total
+}
+
+/// One pose's whitened columns and residual.
+struct Pose {
+    own: [Vector3<f64>; 5 * N + 16],
+    joints: [Vector3<f64>; N],
+    trig: [(f64, f64); N],
+    residual: Vector3<f64>,
+}
+
+impl Pose {
+    #[inline]
+    fn new(state: &State, layout: &Layout, observation: &Prepared, whitening: &Whitening, weight: f64) -> Self {
+        let n = layout.n;
+        let general = layout.general();
+        let mut own = [Vector3::zeros(); 5 * N + 16];
+        let mut joints = [Vector3::zeros(); N];
+        let kinematics = state.evaluate(&observation.q, &observation.load);
+        state.columns(layout, &kinematics, &observation.load, &mut own, &mut joints);
+        let rotation = state
+            .bases
+            .get(observation.reference)
+            .map_or_else(Matrix3::identity, |base| base.rotation);
+        let arm = kinematics.tcp - state.pivot(observation.reference);
+        for axis in 0..3 {
+            // Row `axis` of R₀ is R₀ᵀ e_axis: the reference frame's axis in F0.
+            let e = rotation.row(axis).transpose();
+            own[general + axis] = e;
+            own[general + 3 + axis] = e.cross(&arm);
+        }
+        let covariance = whitening.covariance(&joints[..n], observation.sphere.is_some());
+        let root = Root::new(&covariance).scaled(weight.sqrt());
+        for column in &mut own[..general + 6] {
+            *column = root.times(column);
+        }
+        for column in &mut joints[..n] {
+            *column = root.times(column);
+        }
+        Self {
+            own,
+            joints,
+            trig: kinematics.trig,
+            residual: root.times(&state.residual(observation, &kinematics.tcp)),
+        }
     }
-    let mut white = [Vector3::zeros(); N];
-    for j in 0..n {
-        white[j] = root.times(&joints[j]) * amplitude;
-        let phi = &mut chunk.phi[j][b * basis..(b + 1) * basis];
+
+    /// `φ_j` of joint j.
+    #[inline]
+    fn basis(&self, layout: &Layout, j: usize, observation: &Prepared, phi: &mut [f64]) {
         phi[0] = 1.0;
-        let mut k = 1;
+        let mut first = 1;
         if layout.stiffness {
             phi[1] = -observation.load.joint[j][2];
-            k = 2;
+            first = 2;
         }
-        let (c, s) = kinematics.trig[j];
+        let (c, s) = self.trig[j];
         let (mut ck, mut sk) = (c, s);
-        for _ in 0..layout.orders {
-            phi[k] = ck;
-            phi[k + 1] = sk;
+        for pair in phi[first..].chunks_exact_mut(2) {
+            pair[0] = ck;
+            pair[1] = sk;
             (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
-            k += 2;
-        }
-        let along = white[j].dot(&r);
-        let at = layout.joint(j);
-        for (k, value) in phi.iter().enumerate() {
-            joint_gradient[at + k] += along * value;
-        }
-        let cross = &mut chunk.cross[j][b * own..(b + 1) * own];
-        let w = white[j];
-        let (x, rest) = slot.split_at(own);
-        let (y, z) = rest.split_at(own);
-        for c in 0..own {
-            cross[c] = x[c] * w.x + y[c] * w.y + z[c] * w.z;
         }
     }
-    for i in 0..n {
-        for j in i..n {
-            chunk.pairs[i * n + j][b] = white[i].dot(&white[j]);
+
+    #[inline]
+    fn add_gradient(&self, layout: &Layout, observation: &Prepared, sum: &mut Gradient) {
+        for (to, column) in sum.own.iter_mut().zip(&self.own) {
+            *to += column.dot(&self.residual);
+        }
+        let basis = layout.basis();
+        for (j, to) in sum.joints.chunks_exact_mut(basis).enumerate() {
+            let along = self.joints[j].dot(&self.residual);
+            to[0] += along;
+            let mut first = 1;
+            if layout.stiffness {
+                to[1] -= along * observation.load.joint[j][2];
+                first = 2;
+            }
+            let (c, s) = self.trig[j];
+            let (mut ck, mut sk) = (along * c, along * s);
+            for pair in to[first..].chunks_exact_mut(2) {
+                pair[0] += ck;
+                pair[1] += sk;
+                (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
+            }
         }
     }
 }

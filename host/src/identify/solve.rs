@@ -64,35 +64,35 @@ impl Posterior {
         Ok(Self { scale, factor })
     }
 
-    /// The step to the mode, given the data's gradient at the state.
-    pub(crate) fn step(&self, normal: &Normal, unknowns: &Unknowns, s2: f64) -> DVector<f64> {
-        let mut b = DVector::from_fn(unknowns.len(), |i, _| {
+    /// The step to the mode, given the data's gradient at the state, and its
+    /// squared length in posterior standard deviations (the Newton decrement).
+    pub(crate) fn step(&self, normal: &Normal, unknowns: &Unknowns, s2: f64) -> (DVector<f64>, f64) {
+        let b = DVector::from_fn(unknowns.len(), |i, _| {
             let data = normal.gradient[unknowns.columns[i]] / s2;
             -self.scale[i] * (data + unknowns.precision[i] * unknowns.deviation[i])
         });
-        self.factor.solve_mut(&mut b);
-        b.component_mul(&self.scale)
+        let mut step = b.clone();
+        self.factor.solve_mut(&mut step);
+        let decrement = step.dot(&b);
+        (step.component_mul(&self.scale), decrement)
     }
 
     /// `L⁻¹` of the scaled matrix, lower triangular.
     fn inverse_root(&self) -> DMatrix<f64> {
         let l = self.factor.l_dirty();
         let m = l.nrows();
+        let l = l.as_slice();
         let mut inverse = DMatrix::zeros(m, m);
-        let mut column = vec![0.0; m];
-        for c in 0..m {
-            column[c..].fill(0.0);
+        for (c, column) in inverse.as_mut_slice().chunks_exact_mut(m.max(1)).enumerate() {
             column[c] = 1.0;
             for k in c..m {
-                let value = column[k] / l[(k, k)];
-                column[k] = value;
-                let below = &l.column(k);
-                for (x, y) in column[k + 1..].iter_mut().zip(below.iter().skip(k + 1)) {
+                let (above, below) = column.split_at_mut(k + 1);
+                let of = &l[k * m + k..(k + 1) * m];
+                let value = above[k] / of[0];
+                above[k] = value;
+                for (x, y) in below.iter_mut().zip(&of[1..]) {
                     *x -= value * y;
                 }
-            }
-            for k in c..m {
-                inverse[(k, c)] = column[k];
             }
         }
         inverse
@@ -124,11 +124,10 @@ impl Posterior {
     /// Log evidence of the linearised model up to a constant of data and noise:
     /// `½ (bᵀA⁻¹b − xᵀΛx + ln|Λ| − ln|A|)`.
     pub(crate) fn log_evidence(&self, normal: &Normal, unknowns: &Unknowns, s2: f64) -> f64 {
-        let step = self.step(normal, unknowns, s2);
-        let mut sum = -self.log_determinant();
-        for (i, (precision, x)) in unknowns.precision.iter().zip(&unknowns.deviation).enumerate() {
-            let b = -(normal.gradient[unknowns.columns[i]] / s2 + precision * x);
-            sum += step[i] * b - precision * x * x + precision.ln();
+        let (_, decrement) = self.step(normal, unknowns, s2);
+        let mut sum = decrement - self.log_determinant();
+        for (precision, x) in unknowns.precision.iter().zip(&unknowns.deviation) {
+            sum += precision.ln() - precision * x * x;
         }
         0.5 * sum
     }
