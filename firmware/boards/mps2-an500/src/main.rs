@@ -26,6 +26,8 @@ mod stack;
 mod timer;
 mod uart;
 
+use spherecal_m7 as _;
+
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use static_cell::StaticCell;
 

@@ -20,7 +20,10 @@ pub struct Pipe {
     output: File,
     receiver: DriveReceiver,
     messages: Deque<FromDrive, 2>,
+    /// The present turn, and what has come behind it.
     down: [u8; MAX_TURN],
+    filled: usize,
+    consumed: usize,
     host: core::ops::Range<usize>,
     up: [u8; MAX_TURN],
     drive_length: usize,
@@ -39,6 +42,8 @@ impl Pipe {
             receiver: DriveReceiver::new(),
             messages: Deque::new(),
             down: [0; MAX_TURN],
+            filled: 0,
+            consumed: 0,
             host: 0..0,
             up: [0; MAX_TURN],
             drive_length: 0,
@@ -51,24 +56,28 @@ impl Pipe {
 
     /// Waits for a turn of the host.
     fn read_turn(&mut self) -> Option<()> {
-        let mut have = 0;
-        let mut need = DOWN_HEADER;
-        let mut header = Down::default();
-        while have < need {
-            let count = self.input.read(self.down.get_mut(have..)?);
+        self.down.copy_within(self.consumed..self.filled, 0);
+        self.filled -= self.consumed;
+        self.consumed = 0;
+        let header = loop {
+            if let Some(bytes) = self.down.get(..self.filled)?.first_chunk() {
+                let header = Down::from_bytes(*bytes);
+                if self.filled >= DOWN_HEADER + header.body()? {
+                    break header;
+                }
+            }
+            let count = self.input.read(self.down.get_mut(self.filled..)?);
             if count == 0 {
                 return None;
             }
-            have += count;
-            if need == DOWN_HEADER && have >= DOWN_HEADER {
-                header = Down::from_bytes(*self.down.first_chunk()?);
-                need += header.body()?;
-            }
-        }
+            self.filled += count;
+        };
         let drive = usize::from(header.drive);
-        if drive == 0 || have != need {
+        if drive == 0 {
             return None;
         }
+        let need = DOWN_HEADER + header.body()?;
+        self.consumed = need;
         let start = DOWN_HEADER + drive;
         self.host = start..need;
         let (receiver, messages) = (&mut self.receiver, &mut self.messages);

@@ -1,0 +1,113 @@
+//! A record of the last end: why the board was reset, and where it was.
+//!
+//! It stands in memory that start-up code does not touch, survives every reset
+//! but a loss of power, and is logged at the next start. `probe-rs` can read it
+//! too: symbol `RECORD`.
+
+use core::mem::MaybeUninit;
+use core::ptr;
+
+use embassy_stm32::pac;
+
+const MAGIC: u32 = 0x5bec_a1ed;
+const SCB_CFSR: *const u32 = 0xe000_ed28 as *const u32;
+const SCB_HFSR: *const u32 = 0xe000_ed2c as *const u32;
+const SCB_MMFAR: *const u32 = 0xe000_ed34 as *const u32;
+const SCB_BFAR: *const u32 = 0xe000_ed38 as *const u32;
+
+/// Why the board was reset by its own program.
+#[derive(Clone, Copy)]
+#[repr(u32)]
+pub enum Cause {
+    /// A hard fault; `at` and `from` are the program counter and the link register.
+    HardFault = 1,
+    /// A panic; `at` is the line.
+    Panic = 2,
+    /// The supply fell below 2.85 V.
+    BrownOut = 3,
+}
+
+#[derive(Clone, Copy)]
+#[repr(C)]
+struct Record {
+    magic: u32,
+    cause: u32,
+    at: u32,
+    from: u32,
+    cfsr: u32,
+    hfsr: u32,
+    mmfar: u32,
+    bfar: u32,
+    uptime_ms: u32,
+}
+
+#[unsafe(link_section = ".uninit.RECORD")]
+#[unsafe(no_mangle)]
+static mut RECORD: MaybeUninit<Record> = MaybeUninit::uninit();
+
+/// Leaves a record and resets the board.
+pub fn leave_and_reset(cause: Cause, at: u32, from: u32) -> ! {
+    // SAFETY: registers of the system control block, readable at any time.
+    let [cfsr, hfsr, mmfar, bfar] = unsafe {
+        [
+            SCB_CFSR.read_volatile(),
+            SCB_HFSR.read_volatile(),
+            SCB_MMFAR.read_volatile(),
+            SCB_BFAR.read_volatile(),
+        ]
+    };
+    let record = Record {
+        magic: MAGIC,
+        cause: cause as u32,
+        at,
+        from,
+        cfsr,
+        hfsr,
+        mmfar,
+        bfar,
+        uptime_ms: embassy_time::Instant::now().as_millis() as u32,
+    };
+    // SAFETY: nothing runs after this but the reset.
+    unsafe { ptr::write_volatile((&raw mut RECORD).cast(), record) };
+    cortex_m::asm::dsb();
+    cortex_m::peripheral::SCB::sys_reset()
+}
+
+/// Logs why the board was reset and what the record says, and clears both.
+pub fn tell() {
+    let flags = pac::RCC.rsr().read();
+    defmt::info!(
+        "last reset: power {}, brown-out {}, watchdog {}, pin {}, software {}",
+        flags.porrstf(),
+        flags.borrstf(),
+        flags.iwdg1rstf(),
+        flags.pinrstf(),
+        flags.sftrstf()
+    );
+    pac::RCC.rsr().modify(|w| w.set_rmvf(true));
+    // SAFETY: called once, before anything else uses the record; any bits are a
+    // valid `Record`.
+    let record: Record = unsafe { ptr::read_volatile((&raw const RECORD).cast()) };
+    if record.magic != MAGIC {
+        return;
+    }
+    // SAFETY: as above.
+    unsafe { ptr::write_volatile((&raw mut RECORD).cast::<u32>(), 0) };
+    let cause = match record.cause {
+        1 => "hard fault",
+        2 => "panic",
+        3 => "supply below 2.85 V",
+        _ => "unknown",
+    };
+    defmt::error!(
+        "the last run ended by {=str} after {} ms: at {=u32:#x} from {=u32:#x}, CFSR {=u32:#x} HFSR {=u32:#x} MMFAR {=u32:#x} BFAR {=u32:#x}",
+        cause,
+        record.uptime_ms,
+        record.at,
+        record.from,
+        record.cfsr,
+        record.hfsr,
+        record.mmfar,
+        record.bfar
+    );
+}
