@@ -5,6 +5,7 @@
 //! setpoints. All motions are counted in ticks of a stated period.
 
 use nalgebra::{Matrix3, Vector3};
+use spherecal_shared::scalar::sqrt;
 
 use crate::law::{JointSetpoint, rotation_error};
 
@@ -26,7 +27,7 @@ impl Profile {
     pub fn over(distance: f64, speed: f64, acceleration: f64) -> Self {
         let distance = distance.abs();
         let by_speed = Self::PEAK_SPEED * distance / speed;
-        let by_acceleration = libm::sqrt(Self::PEAK_ACCELERATION * distance / acceleration);
+        let by_acceleration = sqrt(Self::PEAK_ACCELERATION * distance / acceleration);
         Self {
             duration_s: by_speed.max(by_acceleration),
         }
@@ -190,7 +191,7 @@ pub fn rotation_of(quaternion: &[f64; 4]) -> Option<Matrix3<f64>> {
     if !((norm2 - 1.0).abs() < 2e-6) {
         return None;
     }
-    let scale = 1.0 / libm::sqrt(norm2);
+    let scale = 1.0 / sqrt(norm2);
     let (w, x, y, z) = (w * scale, x * scale, y * scale, z * scale);
     #[rustfmt::skip]
     let rotation = Matrix3::new(
@@ -233,7 +234,7 @@ impl LineMove {
         // The speed from which the rest of the way suffices to stop.
         let left = (self.length - self.travelled).max(0.0);
         let stopping = if left < 1.0 {
-            libm::sqrt(2.0 * self.acceleration * left)
+            sqrt(2.0 * self.acceleration * left)
         } else {
             self.speed
         };

@@ -7,6 +7,7 @@
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Recording, SignalStatistics};
+use spherecal_shared::scalar::sqrt;
 
 /// One signal.
 #[derive(Clone, Copy, Debug)]
@@ -36,7 +37,7 @@ impl Signal {
 
     fn finish(&self, count: u32) -> SignalStatistics {
         let std = if count > 1 {
-            libm::sqrt(self.squares / f64::from(count - 1))
+            sqrt(self.squares / f64::from(count - 1))
         } else {
             0.0
         };

@@ -53,7 +53,7 @@ impl<T: Real, const N: usize> Cholesky<T, N> {
                 floored = true;
                 pivot = floor;
             }
-            let diagonal = pivot.sqrt();
+            let diagonal = pivot.sqrt_of();
             let inverse = if diagonal > T::zero() {
                 T::one() / diagonal
             } else {
@@ -135,7 +135,7 @@ pub fn jacobi_sweep<T: Real, const N: usize>(a: &mut SMatrix<T, N, N>, v: &mut S
             let half_difference = crate::scalar::lit::<T>(0.5) * (aqq - app);
             // tan of the rotation angle that annihilates a[(p, q)], the
             // smaller root, in a form that cannot overflow or divide by zero.
-            let root = (half_difference * half_difference + off * off).sqrt();
+            let root = (half_difference * half_difference + off * off).sqrt_of();
             let denominator = if half_difference < T::zero() {
                 half_difference - root
             } else {
@@ -146,7 +146,7 @@ pub fn jacobi_sweep<T: Real, const N: usize>(a: &mut SMatrix<T, N, N>, v: &mut S
             } else {
                 off / denominator
             };
-            let c = T::one() / (T::one() + t * t).sqrt();
+            let c = T::one() / (T::one() + t * t).sqrt_of();
             let s = t * c;
             a[(p, p)] = app - t * off;
             a[(q, q)] = aqq + t * off;

@@ -7,6 +7,19 @@
 pub trait Real: nalgebra::RealField + Copy {
     /// Both sine and cosine of an angle in rad.
     fn sin_cos_of(self) -> (Self, Self);
+
+    /// The square root; the same bits on every target, since IEEE 754 rounds
+    /// it exactly, and one instruction where there is one.
+    fn sqrt_of(self) -> Self;
+}
+
+/// The square root of an `f64`: [`Real::sqrt_of`].
+#[inline]
+pub fn sqrt(x: f64) -> f64 {
+    #[cfg(target_arch = "arm")]
+    return spherecal_m7::sqrt(x);
+    #[cfg(not(target_arch = "arm"))]
+    libm::sqrt(x)
 }
 
 impl Real for f64 {
@@ -14,12 +27,22 @@ impl Real for f64 {
     fn sin_cos_of(self) -> (Self, Self) {
         libm::sincos(self)
     }
+
+    #[inline]
+    fn sqrt_of(self) -> Self {
+        sqrt(self)
+    }
 }
 
 impl Real for f32 {
     #[inline]
     fn sin_cos_of(self) -> (Self, Self) {
         libm::sincosf(self)
+    }
+
+    #[inline]
+    fn sqrt_of(self) -> Self {
+        libm::sqrtf(self)
     }
 }
 

@@ -13,6 +13,7 @@
 
 use nalgebra::{Matrix6, Vector6};
 use spherecal_shared::linalg::jacobi_sweep;
+use spherecal_shared::scalar::sqrt;
 
 use super::impedance::Stiffness;
 use super::snapshot::Snapshot;
@@ -98,6 +99,6 @@ impl Damping {
             }
         }
         jacobi_sweep(&mut a, &mut self.basis);
-        Vector6::from_fn(|i, _| libm::sqrt(a[(i, i)].max(FREQUENCY_FLOOR * FREQUENCY_FLOOR)))
+        Vector6::from_fn(|i, _| sqrt(a[(i, i)].max(FREQUENCY_FLOOR * FREQUENCY_FLOOR)))
     }
 }

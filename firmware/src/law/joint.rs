@@ -1,6 +1,7 @@
 //! The joint spring-damper of free-space motions and of every hold.
 
 use nalgebra::SVector;
+use spherecal_shared::scalar::sqrt;
 
 use super::snapshot::Snapshot;
 
@@ -31,7 +32,7 @@ pub fn joint_torque<const N: usize>(
     SVector::from_fn(|i, _| {
         let inertia = snapshot.inertia[i];
         let stiffness = inertia * natural_rad_s * natural_rad_s + LEAST_STIFFNESS;
-        let damping = 2.0 * ratio * libm::sqrt(inertia * stiffness);
+        let damping = 2.0 * ratio * sqrt(inertia * stiffness);
         stiffness * (setpoint.q[i] - snapshot.q[i]) + damping * (setpoint.dq[i] - snapshot.dq[i])
     })
 }

@@ -12,6 +12,7 @@
 
 use nalgebra::SVector;
 use spherecal_shared::robot::elbow::{Elbow, elbow};
+use spherecal_shared::scalar::sqrt;
 
 use super::snapshot::Snapshot;
 
@@ -51,7 +52,7 @@ impl<const N: usize> NullSpace<N> {
             },
             Self::Posture(posture) => {
                 let pull = SVector::<f64, N>::from_fn(|i, _| {
-                    let damping = 2.0 * ratio * libm::sqrt(stiffness * snapshot.inertia[i]);
+                    let damping = 2.0 * ratio * sqrt(stiffness * snapshot.inertia[i]);
                     stiffness * (posture[i] - snapshot.q[i]) - damping * snapshot.dq[i]
                 });
                 unwhiten(snapshot, &project(snapshot, &snapshot.mass.solve_lower(&pull)))
@@ -121,6 +122,6 @@ fn elbow_torque<const N: usize>(
             now_rate += y[k] * lower[(i, k)] * snapshot.dq[i];
         }
     }
-    let damping = 2.0 * ratio * libm::sqrt(stiffness / mobility);
+    let damping = 2.0 * ratio * sqrt(stiffness / mobility);
     torque * (stiffness * difference(angle, now.angle) + damping * (rate - now_rate))
 }

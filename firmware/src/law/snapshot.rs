@@ -3,6 +3,7 @@
 use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Arm, Dynamics, Frame};
+use spherecal_shared::scalar::sqrt;
 
 /// Smallest pivot of the task-space mobility `J M⁻¹ Jᵀ` that the law works
 /// with, in 1/kg and 1/(kg m²): bounds the task-space inertia near
@@ -138,6 +139,6 @@ impl<const N: usize> Snapshot<N> {
     #[inline]
     pub fn tcp_speed(&self) -> f64 {
         let v = &self.velocity;
-        libm::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     }
 }

@@ -39,7 +39,7 @@ pub fn elbow<T: Real>(frames: &[Frame<T>]) -> Option<Elbow<T>> {
     if !(length2 > tiny) {
         return None;
     }
-    let n = line / length2.sqrt();
+    let n = line / length2.sqrt_of();
     // The base axis without its part along S-W: (z − n n_z).
     let up = Vector3::new(-n.x * n.z, -n.y * n.z, T::one() - n.z * n.z);
     let arm = elbow.origin - shoulder.origin;
@@ -48,7 +48,7 @@ pub fn elbow<T: Real>(frames: &[Frame<T>]) -> Option<Elbow<T>> {
     if !(radius2 > tiny) || !(up.norm_squared() > tiny) {
         return None;
     }
-    let radius = radius2.sqrt();
+    let radius = radius2.sqrt_of();
     let tangent = n.cross(&out) / radius;
     let angle = n.dot(&up.cross(&out)).atan2(up.dot(&out));
     Some(Elbow {
