@@ -13,7 +13,7 @@ use super::chain::{Chain, TcpPose, rotation_vector, turn_between, wrapped};
 
 /// What stands in the way of a pose or a move.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
-#[serde(rename_all = "snake_case", tag = "kind")]
+#[serde(rename_all = "snake_case")]
 pub enum Obstacle {
     /// No joint angles solve the pose.
     #[error("out of reach")]
