@@ -9,7 +9,7 @@ use spherecal_shared::procedure::{Procedure, ProcedureError};
 
 use crate::campaign;
 use crate::identify;
-use crate::plan::{DesignRequest, Grid, PlanRequest, Range, Rules};
+use crate::plan::{Grid, PlanRequest, Rules};
 use crate::plant::{PRESETS, PlantConfig, PlantError};
 
 /// The whole configuration.
@@ -37,31 +37,16 @@ pub struct Config {
     pub identify: identify::Options,
 }
 
-/// How poses are chosen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PlanMethod {
-    /// Spread over the paper's grid.
-    #[default]
-    Spread,
-    /// By the TCP error that they leave over the workspace.
-    Design,
-}
-
 /// Which poses are visited.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlanSection {
-    /// How poses are chosen.
-    pub method: PlanMethod,
     /// Poses over all spheres; 0 for every reachable one of the grid.
     pub poses: usize,
     /// The paper's whole grid by the paper's rules, whatever else is said here.
     pub paper: bool,
-    /// The grid about each sphere (method `spread`).
+    /// The grid about each sphere.
     pub grid: Grid,
-    /// How wide poses may lie (method `design`).
-    pub range: Range,
     /// What configurations and moves must keep.
     pub rules: Rules,
     /// Height of the approach frames over the spheres' centres, in m.
@@ -71,11 +56,9 @@ pub struct PlanSection {
 impl Default for PlanSection {
     fn default() -> Self {
         Self {
-            method: PlanMethod::default(),
             poses: 150,
             paper: false,
             grid: Grid::default(),
-            range: Range::default(),
             rules: Rules::default(),
             approach_height_m: 0.050,
         }
@@ -83,16 +66,6 @@ impl Default for PlanSection {
 }
 
 impl PlanSection {
-    /// As the designer takes it, where poses are designed.
-    pub fn design(&self, options: &identify::Options) -> Option<DesignRequest> {
-        (self.method == PlanMethod::Design && !self.paper && self.poses > 0).then(|| DesignRequest {
-            range: self.range,
-            rules: self.rules,
-            options: options.clone(),
-            ..DesignRequest::new(self.poses)
-        })
-    }
-
     /// As the planner takes it.
     pub fn request(&self) -> PlanRequest {
         if self.paper {

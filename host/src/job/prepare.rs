@@ -42,25 +42,15 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
     let tool = model.tool_in_table();
     let plant = config.plant()?;
     let spheres = certificate(&plant);
-    let nominal = plan::Cell::iiwa7();
     let cell = plan::Cell {
         robot: model.robot.clone(),
         tool,
         spheres: spheres.clone(),
         plates: vec![plate_pose(&plant)],
         approach_height_m: config.plan.approach_height_m,
-        // The paper's arm has its yaw from the reach study; others find their own.
-        tool_yaw_rad: if config.robot == "iiwa7" {
-            nominal.tool_yaw_rad
-        } else {
-            None
-        },
-        ..nominal
+        ..plan::Cell::iiwa7()
     };
-    let mut plan = match config.plan.design(&config.identify) {
-        Some(request) => plan::design(&cell, &request)?.plan,
-        None => plan::plan(&cell, &config.plan.request())?,
-    };
+    let mut plan = plan::plan(&cell, &config.plan.request())?;
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
     }
