@@ -9,7 +9,7 @@ CREATE TABLE runs (
     robot        TEXT NOT NULL,
     robot_json   TEXT NOT NULL,
     tool_json    TEXT NOT NULL,
-    config_json  TEXT NOT NULL,
+    config_toml  TEXT NOT NULL,
     plan_json    TEXT NOT NULL,
     program      TEXT NOT NULL,
     state        TEXT NOT NULL

@@ -179,7 +179,9 @@ fn what_was_stopped_goes_on() {
     };
 
     // Killed as soon as anything was recorded.
-    let mut child = begin(&["run", "--poses", "30"]);
+    let config = "[plant]\npreset = \"typical\"\n[plant.plate]\nplacement_sigma_m = 0.0015\n";
+    std::fs::write(folder.join("cell.toml"), config).expect("written");
+    let mut child = begin(&["run", "--poses", "30", "--config", "cell.toml"]);
     let mut before = 0;
     for _ in 0..1200 {
         std::thread::sleep(Duration::from_millis(50));

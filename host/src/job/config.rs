@@ -222,6 +222,13 @@ impl Config {
                 remedy: "give metres from 0 to 0.05 (the procedure finds a sphere within 0.010)",
             });
         }
+        if i64::try_from(self.seed).is_err() {
+            return Err(ConfigError::Range {
+                field: "seed",
+                value: self.seed as f64,
+                remedy: "give a whole number from 0 to 9223372036854775807",
+            });
+        }
         if self.plan.poses > 100_000 {
             return Err(ConfigError::Range {
                 field: "plan.poses",

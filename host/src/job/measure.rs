@@ -189,7 +189,7 @@ fn create_run(prepared: &Prepared, link: &Link, store: &mut Store) -> Result<i64
         link: link.to_string(),
         robot: prepared.robot.clone(),
         tool: prepared.tool,
-        config_json: json(&prepared.config)?,
+        config_toml: prepared.config.to_toml()?,
         plan_json: json(&prepared.plan)?,
         program: concat!("spherecal ", env!("CARGO_PKG_VERSION")).to_owned(),
         spheres: prepared.spheres.clone(),
@@ -208,7 +208,10 @@ pub fn read(store: &mut Store, info: &RunInfo) -> Result<Measurements, JobError>
             message: format!("{e}; it was written by another version"),
         }
     };
-    let config: Config = serde_json::from_str(&info.config_json).map_err(undecodable("the stored configuration"))?;
+    let config: Config = toml::from_str(&info.config_toml).map_err(|e| JobError::Encode {
+        what: "the stored configuration",
+        message: format!("{e}; it was written by another version"),
+    })?;
     let plan: Plan = serde_json::from_str(&info.plan_json).map_err(undecodable("the stored plan"))?;
     let sessions = store.sessions(info.run)?;
     let mut link = [LinkCounters::default(); 2];

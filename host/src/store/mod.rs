@@ -54,8 +54,8 @@ pub struct NewRun {
     pub robot: Robot,
     /// Nominal tool.
     pub tool: Tool,
-    /// The whole configuration, as JSON.
-    pub config_json: String,
+    /// The whole configuration, as TOML.
+    pub config_toml: String,
     /// The whole plan, as JSON.
     pub plan_json: String,
     /// Name and version of the program.

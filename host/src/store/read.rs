@@ -28,8 +28,8 @@ pub struct RunInfo {
     pub robot: Robot,
     /// Nominal tool.
     pub tool: Tool,
-    /// The configuration, as JSON.
-    pub config_json: String,
+    /// The configuration, as TOML.
+    pub config_toml: String,
     /// The plan, as JSON.
     pub plan_json: String,
     /// Program that began it.
@@ -89,7 +89,7 @@ impl Store {
             link: self.get(row, "link")?,
             robot: self.json(row, "robot_json")?,
             tool: self.json(row, "tool_json")?,
-            config_json: self.get(row, "config_json")?,
+            config_toml: self.get(row, "config_toml")?,
             plan_json: self.get(row, "plan_json")?,
             program: self.get(row, "program")?,
             state: self.get(row, "state")?,

@@ -11,7 +11,7 @@ fn new_run() -> NewRun {
         link: "sim".to_owned(),
         robot: iiwa7(),
         tool: iiwa7_tool(),
-        config_json: "{}".to_owned(),
+        config_toml: "seed = 1\n".to_owned(),
         plan_json: "{}".to_owned(),
         program: "test".to_owned(),
         spheres: paper_plate(),

@@ -54,7 +54,7 @@ impl Store {
                 .fetch_one(&mut *t)
                 .await?;
             sqlx::query(
-                "INSERT INTO runs (run, created_utc, seed, link, robot, robot_json, tool_json, config_json, \
+                "INSERT INTO runs (run, created_utc, seed, link, robot, robot_json, tool_json, config_toml, \
                  plan_json, program, state) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'running')",
             )
             .bind(run)
@@ -64,7 +64,7 @@ impl Store {
             .bind(new.robot.name.as_str())
             .bind(&robot)
             .bind(&tool)
-            .bind(&new.config_json)
+            .bind(&new.config_toml)
             .bind(&new.plan_json)
             .bind(&new.program)
             .execute(&mut *t)
