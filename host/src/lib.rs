@@ -24,4 +24,5 @@ pub mod report;
 pub mod robots;
 pub mod store;
 pub mod study;
+pub mod telemetry;
 pub mod validate;

@@ -9,6 +9,8 @@ use super::exit::{CliError, Exit};
 use super::stages;
 use crate::identify::{Method, Model, Options};
 use crate::input::triple;
+use crate::job::now_utc;
+use crate::report::{render, study_report};
 use crate::study::{Request, StudyError, study, summary_json, summary_text, write_files};
 
 /// Identify a robot from a table of poses, or the last run of --out anew.
@@ -128,7 +130,8 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         });
     };
     let study = request(args, robot, data).and_then(|r| study(&r)).map_err(refuse)?;
-    let files = write_files(&study, &args.out, None).map_err(refuse)?;
+    let report = render(&study_report(&study, &now_utc())).map_err(|e| refuse(StudyError::Report(e)))?;
+    let files = write_files(&study, &args.out, Some(&report)).map_err(refuse)?;
     if args.json {
         println!("{:#}", summary_json(&study));
     } else {

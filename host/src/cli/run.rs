@@ -1,5 +1,6 @@
 //! `spherecal run`: the whole job.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,6 +11,7 @@ use super::progress::ProgressView;
 use super::text;
 use crate::job::{self, JobError, Measurements, Prepared, Site, Summary};
 use crate::store::{RunInfo, Store};
+use crate::telemetry::{Chronicle, Trace};
 
 /// What a run of the whole job left.
 pub(super) struct Finished {
@@ -56,7 +58,11 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
         if !args.json {
             eprint!("{}", text::plan(&prepared.plan));
         }
-        let mut view = ProgressView::new();
+        let about = BTreeMap::from([
+            ("robot".to_owned(), prepared.robot.name.to_string()),
+            ("link".to_owned(), args.link.to_string()),
+        ]);
+        let mut view = Chronicle::new(ProgressView::new(), &args.out, prepared.robot.dof(), &about);
         let site = Site {
             link: &args.link,
             folder: &args.out,
@@ -65,7 +71,15 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
             interrupt: &interrupt,
         };
         let measured = job::measure(&prepared, site, resume.as_ref());
+        let (view, _, mut traces) = view.finish();
         view.finish();
+        // Also of a session that was stopped: the run may go on with --resume.
+        if let Some(info) = store.last_run()? {
+            let mut all = contact_traces(&mut store, info.run)?;
+            all.append(&mut traces);
+            let json = serde_json::to_string(&all).map_err(CliError::job)?;
+            store.put_result(info.run, CONTACT_TRACES, &json)?;
+        }
         measured?;
     }
     let info = store.require_last_run()?;
@@ -96,12 +110,28 @@ pub(super) fn evaluate(out: &std::path::Path, store: &mut Store, info: &RunInfo)
     let measurements: Measurements = job::read(store, info)?;
     let evaluation = job::evaluate(&measurements)?;
     let summary = job::summarise(&measurements, &evaluation)?;
-    let written = job::write(out, &measurements, &evaluation, &summary)?;
+    let traces = contact_traces(store, info.run)?;
+    let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;
     let json = serde_json::to_string(&summary).map_err(CliError::job)?;
     store.put_result(info.run, "summary", &json)?;
     let mut files = vec![store.path().to_owned()];
     files.extend(written.paths);
+    let telemetry = out.join("telemetry.mcap");
+    if telemetry.exists() {
+        files.push(telemetry);
+    }
     Ok(Finished { summary, files })
+}
+
+/// Name of the contacts' force traces among a run's results.
+const CONTACT_TRACES: &str = "contact_traces";
+
+/// The force traces of a run's contacts that are stored; none where there are none.
+fn contact_traces(store: &mut Store, run: i64) -> Result<Vec<Trace>, CliError> {
+    let stored = store.result(run, CONTACT_TRACES)?;
+    Ok(stored
+        .and_then(|json| serde_json::from_str(&json).ok())
+        .unwrap_or_default())
 }
 
 /// Ctrl-C asks to stop; a second one does not wait.

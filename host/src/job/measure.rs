@@ -259,7 +259,7 @@ fn json(value: &impl serde::Serialize) -> Result<String, JobError> {
 }
 
 /// Now, as RFC 3339 in UTC with seconds.
-fn now_utc() -> String {
+pub fn now_utc() -> String {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     utc(seconds)
 }

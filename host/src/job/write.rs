@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use super::{Evaluation, JobError, Measurements, Summary};
-use crate::robots::{self, toml_file, write_urdf};
+use crate::report::{render, run_report};
+use crate::robots::{self, toml_file, write_kinematics_yaml, write_urdf};
+use crate::telemetry::Trace;
 
 /// Paths of what was written.
 #[derive(Clone, Debug, Default)]
@@ -28,11 +30,20 @@ impl Files {
     }
 }
 
-/// Writes `summary.json`, `calibrated.toml` and `calibrated.urdf` into `folder`.
+/// Writes `summary.json`, `calibrated.toml`, `calibrated.urdf`, `kinematics.yaml`
+/// and `report.html` into `folder`; `traces` are the forces of the contacts,
+/// `created` says when the run was measured.
 ///
 /// # Errors
 /// A folder or file that cannot be written.
-pub fn write(folder: &Path, m: &Measurements, e: &Evaluation, summary: &Summary) -> Result<Files, JobError> {
+pub fn write(
+    folder: &Path,
+    m: &Measurements,
+    e: &Evaluation,
+    summary: &Summary,
+    traces: &[Trace],
+    created: &str,
+) -> Result<Files, JobError> {
     std::fs::create_dir_all(folder).map_err(|source| JobError::Write {
         path: folder.display().to_string(),
         source,
@@ -50,6 +61,13 @@ pub fn write(folder: &Path, m: &Measurements, e: &Evaluation, summary: &Summary)
     let notes = notes(m, summary);
     files.put(folder, "calibrated.toml", &toml_file::write(&model, &notes))?;
     files.put(folder, "calibrated.urdf", &write_urdf(&nominal, &model.rows(), &notes))?;
+    files.put(
+        folder,
+        "kinematics.yaml",
+        &write_kinematics_yaml(&nominal, &model.rows()),
+    )?;
+    let report = run_report(m, e, summary, traces, created);
+    files.put(folder, "report.html", &render(&report).map_err(JobError::Report)?)?;
     Ok(files)
 }
 

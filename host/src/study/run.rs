@@ -415,18 +415,19 @@ fn predicted(calibration: &Calibration, samples: &[Sample], closed_loop: bool) -
     let sigma: Vec<f64> = samples
         .iter()
         .step_by(step)
-        .map(|s| {
-            let q = &s.observation.q;
-            let covariance = if closed_loop {
-                calibration.tcp_covariance_in_base(q)
-            } else {
-                calibration.tcp_covariance(q)
-            };
-            covariance.trace().max(0.0).sqrt() * 1e3
-        })
+        .map(|s| sigma_mm(calibration, &s.observation.q, closed_loop))
         .collect();
     let e = Errors::of(&sigma);
     (e.mean_mm, e.max_mm)
+}
+
+fn sigma_mm(calibration: &Calibration, q: &[f64], closed_loop: bool) -> f64 {
+    let covariance = if closed_loop {
+        calibration.tcp_covariance_in_base(q)
+    } else {
+        calibration.tcp_covariance(q)
+    };
+    covariance.trace().max(0.0).sqrt() * 1e3
 }
 
 /// A point in m as mm, for people.
@@ -435,6 +436,12 @@ pub(super) fn millimetres(p: &[f64; 3]) -> String {
 }
 
 impl Study {
+    /// Predicted standard deviation of the TCP at joint angles `q`, in mm: the root
+    /// of the summed variances; in closed loops that of the robot's own frame.
+    pub fn predicted_sigma_mm(&self, q: &[f64]) -> f64 {
+        sigma_mm(&self.calibration, q, self.loaded.closed_loop)
+    }
+
     /// Name of a sample for people: place and sphere where it has them.
     pub fn describe(&self, sample: &Sample) -> String {
         match sample.observation.target {

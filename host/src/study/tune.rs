@@ -1,92 +1,54 @@
-//! Which priors fit this robot: a few, chosen by evidence.
+//! Which geometric priors fit this robot: twice as wide where the evidence says so.
 //!
-//! Joint compliance differs tenfold between robots (5e-6 to 6e-5 rad/(N m);
-//! it depends on which side of the gear the encoder sits), machining and
-//! mastering perhaps twofold. The fixed candidates here are compared by the
-//! Laplace evidence of the whole calibration set; nothing is learned freely.
+//! Machining and mastering differ between makers. Two fixed candidates are
+//! compared by the Laplace evidence of the whole calibration set; nothing is
+//! learned freely. (Compliance and harmonics choose theirs within the estimator.)
 
-use rayon::prelude::*;
+use crate::identify::{Experiment, Method, Options, Override, identify, parameters};
 
-use crate::identify::{Experiment, Method, Model, Options, Override, identify, parameters};
-
-/// Compliance priors tried, in rad/(N m); the first is the default.
-const COMPLIANCE: [f64; 3] = [parameters::COMPLIANCE_SIGMA, 2e-5, 6e-5];
-/// Factors on the geometric priors tried; the first is the default.
-const GEOMETRY: [f64; 2] = [1.0, 2.0];
-/// Evidence (natural logarithm) that a change of the defaults must win by.
+/// Factor on the geometric priors that is tried.
+const WIDER: f64 = 2.0;
+/// Evidence (natural logarithm) that it must win by.
 const MARGIN: f64 = 3.0;
 
 /// The options with the priors that the data prefer, and what was chosen in words.
 pub(super) fn choose(experiment: &Experiment, options: &Options) -> (Options, Option<String>) {
+    let wide = [
+        ("a", parameters::LENGTH_SIGMA_M * WIDER),
+        ("d", parameters::LENGTH_SIGMA_M * WIDER),
+        ("alpha", parameters::TWIST_SIGMA_RAD * WIDER),
+        ("theta", parameters::OFFSET_SIGMA_RAD * WIDER),
+    ];
     let touched = |name: &str| options.parameters.0.keys().any(|k| k.starts_with(name));
-    let geometry_free = !["a", "d", "alpha", "beta", "theta"].iter().any(|n| touched(n));
-    let stiff = options.method == Method::Map && options.model != Model::Geometry && !touched("compliance");
-    let mut candidates = Vec::new();
-    for &compliance in if stiff { &COMPLIANCE[..] } else { &COMPLIANCE[..1] } {
-        for &factor in if geometry_free { &GEOMETRY[..] } else { &GEOMETRY[..1] } {
-            candidates.push((compliance, factor));
-        }
-    }
-    if !matches!(options.method, Method::Map | Method::Geometry) || candidates.len() < 2 {
+    let has_priors = matches!(options.method, Method::Map | Method::Geometry);
+    if !has_priors || wide.iter().any(|(name, _)| touched(name)) {
         return (options.clone(), None);
     }
-    let tried: Vec<(Options, f64)> = candidates
-        .par_iter()
-        .filter_map(|&(compliance, factor)| {
-            let trial = with(options, compliance, factor);
-            let evidence = identify(experiment, &trial).ok()?.log_evidence;
-            evidence.is_finite().then_some((trial, evidence))
-        })
-        .collect();
-    let default = with(options, COMPLIANCE[0], GEOMETRY[0]);
-    let base = tried.iter().find(|(o, _)| *o == default).map(|t| t.1);
-    let best = tried.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
-    match (best, base) {
-        (Some((best, evidence)), Some(base)) if evidence > base + MARGIN => {
-            let of = |name: &str| best.parameters.0.get(name).and_then(|o| o.prior_sigma);
-            let mut words = Vec::new();
-            if let Some(c) = of("compliance") {
-                words.push(format!("joint compliance within {c:.0e} rad/(N m)"));
-            }
-            if let Some(a) = of("a") {
-                words.push(format!(
-                    "link errors within {:.1} mm and {:.1} mrad",
-                    a * 1e3,
-                    1e3 * of("theta").unwrap_or(0.0)
-                ));
-            }
-            let words = format!(
-                "priors chosen by evidence (ln gain {:.0}): {} (1 sigma)",
-                evidence - base,
-                words.join(", ")
-            );
-            (best, Some(words))
-        }
-        (Some((best, _)), None) => (best, None),
-        _ => (options.clone(), None),
-    }
-}
-
-/// The options with a compliance prior and a factor on the geometric ones.
-fn with(options: &Options, compliance: f64, factor: f64) -> Options {
-    let mut options = options.clone();
-    let mut set = |name: &str, sigma: f64| {
-        options.parameters.0.insert(
+    let mut trial = options.clone();
+    for (name, sigma) in wide {
+        trial.parameters.0.insert(
             name.to_owned(),
             Override {
                 prior_sigma: Some(sigma),
                 ..Override::default()
             },
         );
+    }
+    let evidence = |o: &Options| {
+        let found = identify(experiment, o).ok()?.log_evidence;
+        found.is_finite().then_some(found)
     };
-    if compliance != COMPLIANCE[0] {
-        set("compliance", compliance);
+    match rayon::join(|| evidence(options), || evidence(&trial)) {
+        (Some(default), Some(wider)) if wider > default + MARGIN => {
+            let words = format!(
+                "the evidence prefers wider priors of the links (ln gain {:.0}): {:.1} mm and {:.1} mrad (1 sigma)",
+                wider - default,
+                1e3 * parameters::LENGTH_SIGMA_M * WIDER,
+                1e3 * parameters::OFFSET_SIGMA_RAD * WIDER
+            );
+            (trial, Some(words))
+        }
+        (None, Some(_)) => (trial, None),
+        _ => (options.clone(), None),
     }
-    if factor != 1.0 {
-        set("a", parameters::LENGTH_SIGMA_M * factor);
-        set("d", parameters::LENGTH_SIGMA_M * factor);
-        set("alpha", parameters::TWIST_SIGMA_RAD * factor);
-        set("theta", parameters::OFFSET_SIGMA_RAD * factor);
-    }
-    options
 }

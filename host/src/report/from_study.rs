@@ -1,0 +1,361 @@
+//! A report of a calibration from files.
+
+use super::input::{
+    Correlation, ErrorSeries, ErrorTable, Headline, ModelRow, ParameterRow, Prediction, ReportInput, ResidualPoint,
+    SimpleTable, WorkspacePoint,
+};
+use crate::identify::{Calibration, GroupFit, Reference, Target, Unit};
+use crate::study::{Judged, ModelErrors, Study};
+
+/// Parameters of a correlation map at most.
+const MAP: usize = 45;
+
+/// The rows of Table 6: lengths in mm, the rest in SI.
+pub(super) fn parameter_rows(calibration: &Calibration) -> Vec<ParameterRow> {
+    calibration
+        .parameters
+        .iter()
+        .map(|p| {
+            let (scale, unit) = match p.unit {
+                Unit::Metre => (1e3, "mm"),
+                other => (1.0, other.symbol()),
+            };
+            ParameterRow {
+                name: p.name.clone(),
+                unit: unit.to_owned(),
+                nominal: p.nominal * scale,
+                estimate: p.estimate * scale,
+                sigma: p.sigma * scale,
+                prior_sigma: p.prior_sigma * scale,
+                free: p.free,
+                identified: p.identified,
+            }
+        })
+        .collect()
+}
+
+/// Correlations of links, tool and compliance: the effects and frames left out.
+pub(super) fn correlation(calibration: &Calibration) -> Option<Correlation> {
+    let all = calibration.correlation();
+    let names = calibration.free_names();
+    let wanted = |n: &str| {
+        ["alpha", "a", "d", "beta", "theta", "tool", "compliance"]
+            .iter()
+            .any(|k| {
+                n.strip_prefix(k)
+                    .is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit() || c == '_'))
+            })
+    };
+    let picked: Vec<usize> = (0..names.len()).filter(|&k| wanted(names[k])).take(MAP).collect();
+    (picked.len() > 1 && all.nrows() == names.len()).then(|| Correlation {
+        names: picked.iter().map(|&k| names[k].to_owned()).collect(),
+        values: picked
+            .iter()
+            .map(|&i| picked.iter().map(|&j| all[(i, j)]).collect())
+            .collect(),
+    })
+}
+
+/// What the data could tell, in sentences.
+pub(super) fn identifiability_words(calibration: &Calibration) -> Vec<String> {
+    let i = &calibration.identifiability;
+    let mut words = vec![format!(
+        "The geometric columns have rank {} of {}; condition number {:.0} (mm and mrad).",
+        i.rank, i.columns, i.condition
+    )];
+    words.extend(i.dependencies.iter().map(|d| format!("{d}.")));
+    words
+}
+
+/// Goodness of fit by group.
+pub(super) fn group_table(groups: &[GroupFit], place: impl Fn(u32) -> String) -> SimpleTable {
+    SimpleTable {
+        title: "Goodness of fit".to_owned(),
+        caption: "Chi-square per degree of freedom is about 1 where the model explains a group as well as the others."
+            .to_owned(),
+        columns: ["group", "recordings", "rms (mm)", "chi-square per freedom"]
+            .map(str::to_owned)
+            .to_vec(),
+        rows: groups
+            .iter()
+            .map(|g| {
+                vec![
+                    group_name(g, &place),
+                    g.count.to_string(),
+                    format!("{:.3}", g.rms_mm),
+                    format!("{:.2}", g.per_freedom),
+                ]
+            })
+            .collect(),
+    }
+}
+
+fn group_name(g: &GroupFit, place: impl Fn(u32) -> String) -> String {
+    let sphere = g.sphere.map_or(String::new(), |s| format!("sphere {s}"));
+    match g.reference {
+        Reference::Tracker => "tracker".to_owned(),
+        Reference::Place(p) => match place(p) {
+            name if name.is_empty() => sphere,
+            name => format!("{sphere}, {name}"),
+        },
+    }
+}
+
+fn rows(judged: &Judged) -> Vec<ModelRow> {
+    judged
+        .models
+        .iter()
+        .map(|m| {
+            let e = m.errors();
+            ModelRow {
+                name: m.name.clone(),
+                mean_mm: e.mean_mm,
+                std_mm: e.std_mm,
+                min_mm: e.min_mm,
+                max_mm: e.max_mm,
+            }
+        })
+        .collect()
+}
+
+fn distances(m: &ModelErrors) -> Vec<f64> {
+    m.samples.iter().map(|s| s.distance_mm).collect()
+}
+
+/// The report of a study; `created` says when, in words.
+pub fn study_report(study: &Study, created: &str) -> ReportInput {
+    let calibration = &study.calibration;
+    let loaded = &study.loaded;
+    let errors = |name: &str| {
+        study
+            .validation
+            .model(name)
+            .map(ModelErrors::errors)
+            .unwrap_or_default()
+    };
+    let (nominal, calibrated) = (errors("nominal"), errors("calibrated"));
+    let v = &study.verdict;
+    let name = loaded.model.robot.name.as_str();
+    let sentence = if v.improvement > 0.0 {
+        format!(
+            "The calibrated {name} is {:.0} % more accurate: its mean position error fell from {:.3} mm to {:.3} mm, \
+             the largest from {:.3} mm to {:.3} mm.",
+            v.improvement * 100.0,
+            nominal.mean_mm,
+            calibrated.mean_mm,
+            nominal.max_mm,
+            calibrated.max_mm
+        )
+    } else {
+        format!(
+            "The calibrated {name} is no better than the nominal one: mean position error {:.3} mm, nominally {:.3} mm.",
+            calibrated.mean_mm, nominal.mean_mm
+        )
+    };
+    let identified = calibration.parameters.iter().filter(|p| p.identified).count();
+    let figures = vec![
+        (
+            "Mean error".to_owned(),
+            format!("{:.3} mm", calibrated.mean_mm),
+            format!("nominally {:.3} mm", nominal.mean_mm),
+        ),
+        (
+            "Largest error".to_owned(),
+            format!("{:.3} mm", calibrated.max_mm),
+            format!("nominally {:.3} mm", nominal.max_mm),
+        ),
+        (
+            "Recordings".to_owned(),
+            study.used.len().to_string(),
+            format!(
+                "{} left out, {} outliers",
+                study.rejected.len(),
+                calibration.residual.outliers.len()
+            ),
+        ),
+        (
+            "Parameters".to_owned(),
+            identified.to_string(),
+            "determined by the data".to_owned(),
+        ),
+    ];
+    let mut error_tables = vec![ErrorTable {
+        title: format!("Position errors on {} samples", calibrated.n),
+        caption: format!(
+            "Judged by {}. \"Table only\" is what a URDF can hold: links without compliance and encoder errors.",
+            study.validation.by
+        ),
+        rows: rows(&study.validation),
+    }];
+    if let Some(holdout) = &study.holdout {
+        error_tables.push(ErrorTable {
+            title: format!("Held out by {}", holdout.column),
+            caption: holdout.pooled.by.clone(),
+            rows: rows(&holdout.pooled),
+        });
+        for fold in &holdout.folds {
+            error_tables.push(ErrorTable {
+                title: format!("{} {}", holdout.column, fold.value),
+                caption: String::new(),
+                rows: rows(&fold.judged),
+            });
+        }
+    }
+    let errors = study
+        .validation
+        .models
+        .iter()
+        .filter(|m| m.name != "calibrated_table_only")
+        .map(|m| ErrorSeries {
+            name: m.name.clone(),
+            errors_mm: distances(m),
+        })
+        .collect();
+    let place = |p: u32| loaded.places.name(p).to_owned();
+    let outlier = |index: usize| calibration.residual.outliers.iter().any(|o| o.index == index);
+    let residuals = calibration
+        .residual
+        .rows
+        .iter()
+        .filter_map(|r| {
+            let sample = loaded.samples.get(*study.used.get(r.index)?)?;
+            let group = match sample.observation.target {
+                Target::Point(_) => "tracker".to_owned(),
+                Target::Sphere { sphere, place: p } => match place(p) {
+                    name if name.is_empty() => format!("sphere {sphere}"),
+                    name => format!("sphere {sphere}, {name}"),
+                },
+            };
+            Some(ResidualPoint {
+                group,
+                distance_mm: r.error_mm.iter().map(|e| e * e).sum::<f64>().sqrt(),
+                outlier: outlier(r.index),
+            })
+        })
+        .collect();
+    let mut outliers: Vec<(String, String)> = study
+        .rejected
+        .iter()
+        .filter_map(|(i, mm)| {
+            let sample = loaded.samples.get(*i)?;
+            Some((
+                study.describe(sample),
+                format!("left out: {mm:.1} mm from where any calibration could bring it"),
+            ))
+        })
+        .collect();
+    outliers.extend(calibration.residual.outliers.iter().filter_map(|o| {
+        let sample = loaded.samples.get(*study.used.get(o.index)?)?;
+        Some((study.describe(sample), o.why.clone()))
+    }));
+    ReportInput {
+        title: format!("{name}: calibration report"),
+        subtitle: format!(
+            "{created} · {} data, {} recordings · {} joints",
+            if loaded.closed_loop { "closed-loop" } else { "absolute" },
+            loaded.samples.len(),
+            loaded.model.robot.dof()
+        ),
+        headline: Headline {
+            trusted: v.trusted,
+            sentence,
+            reasons: v.reasons.clone(),
+            next: v.next.clone(),
+            figures,
+        },
+        error_tables,
+        errors,
+        workspace: workspace(&study.validation),
+        contacts: Vec::new(),
+        parameters: parameter_rows(calibration),
+        identifiability: identifiability_words(calibration),
+        residuals,
+        outliers,
+        correlation: correlation(calibration),
+        prediction: Some(prediction(study)),
+        fit_tables: vec![group_table(&calibration.groups, place)],
+        health_tables: Vec::new(),
+        notes: study.notes.clone(),
+        provenance: provenance(study, created),
+    }
+}
+
+/// Errors of both models where the robot stood.
+fn workspace(judged: &Judged) -> Vec<WorkspacePoint> {
+    let (Some(nominal), Some(calibrated)) = (judged.model("nominal"), judged.model("calibrated")) else {
+        return Vec::new();
+    };
+    nominal
+        .samples
+        .iter()
+        .zip(&calibrated.samples)
+        .map(|(n, c)| WorkspacePoint {
+            at_m: c.at_m,
+            nominal_mm: n.distance_mm,
+            calibrated_mm: c.distance_mm,
+        })
+        .collect()
+}
+
+fn prediction(study: &Study) -> Prediction {
+    let found = study
+        .validation
+        .model("calibrated")
+        .map(|m| m.samples.as_slice())
+        .unwrap_or_default();
+    let pairs_mm = found
+        .iter()
+        .filter_map(|s| {
+            let q = &study.judges.get(s.index)?.observation.q;
+            let sigma = study.predicted_sigma_mm(q);
+            sigma.is_finite().then_some((sigma, s.distance_mm))
+        })
+        .collect();
+    Prediction {
+        mean_mm: study.predicted_mm.0,
+        max_mm: study.predicted_mm.1,
+        pairs_mm,
+    }
+}
+
+fn provenance(study: &Study, created: &str) -> Vec<(String, String)> {
+    let loaded = &study.loaded;
+    let file = |samples: &[crate::study::Sample]| {
+        samples.first().map(|s| {
+            s.source
+                .rsplit_once(" line")
+                .map_or(s.source.clone(), |x| x.0.to_owned())
+        })
+    };
+    let mut out = vec![
+        ("program".to_owned(), format!("spherecal {}", env!("CARGO_PKG_VERSION"))),
+        ("written".to_owned(), created.to_owned()),
+        (
+            "robot".to_owned(),
+            format!("{} ({} joints)", loaded.model.robot.name, loaded.model.robot.dof()),
+        ),
+        (
+            "frames".to_owned(),
+            format!(
+                "root {}, flange {}",
+                loaded.model.frame_names.0, loaded.model.frame_names.1
+            ),
+        ),
+        ("data".to_owned(), file(&loaded.samples).unwrap_or_default()),
+        ("judged by".to_owned(), study.validation.by.clone()),
+        (
+            "estimator".to_owned(),
+            format!("{}, {} model", study.calibration.method, study.calibration.model),
+        ),
+        (
+            "noise found".to_owned(),
+            format!("{:.2} times the assumed", study.calibration.noise_scale),
+        ),
+        ("time taken".to_owned(), format!("{:.2} s", study.wall_s)),
+    ];
+    if let Ok(options) = toml::to_string(&study.options) {
+        let words: Vec<&str> = options.lines().filter(|l| !l.trim().is_empty()).collect();
+        out.push(("options".to_owned(), words.join("; ")));
+    }
+    out
+}

@@ -1,0 +1,125 @@
+//! Errors over the workspace in three dimensions (Figure 10 of the paper):
+//! the robot's surroundings seen from the front right, from above; each
+//! configuration a dot whose area and colour say how far the robot is off.
+
+use plotters::prelude::*;
+
+use super::charts::{ChartError, FAINT, INK, SERIES, SOFT, draw, round_step};
+use super::input::WorkspacePoint;
+
+/// Azimuth and elevation of the eye, in rad.
+const EYE: (f64, f64) = (-0.9, 0.42);
+
+/// Where a point (m) is seen: right, up, and depth towards the eye, in m.
+fn project(p: [f64; 3]) -> (f64, f64, f64) {
+    let (sa, ca) = EYE.0.sin_cos();
+    let (se, ce) = EYE.1.sin_cos();
+    let right = -sa * p[0] + ca * p[1];
+    let away = ca * p[0] + sa * p[1];
+    (-right, ce * p[2] - se * (-away), se * p[2] - ce * away)
+}
+
+/// A box around the points with round corners, in m: low and high.
+fn bounds(points: &[WorkspacePoint]) -> ([f64; 3], [f64; 3], f64) {
+    let mut low = [f64::INFINITY; 3];
+    let mut high = [f64::NEG_INFINITY; 3];
+    for p in points {
+        for k in 0..3 {
+            low[k] = low[k].min(p.at_m[k]);
+            high[k] = high[k].max(p.at_m[k]);
+        }
+    }
+    let span = (0..3).map(|k| high[k] - low[k]).fold(0.1, f64::max);
+    let step = round_step(span, 4.0);
+    for k in 0..3 {
+        low[k] = (low[k] / step).floor() * step;
+        high[k] = (high[k] / step).ceil() * step;
+    }
+    (low, high, step)
+}
+
+/// Both models side by side, to one scale.
+pub(super) fn workspace(points: &[WorkspacePoint]) -> Result<String, ChartError> {
+    let (low, high, step) = bounds(points);
+    let largest = points
+        .iter()
+        .flat_map(|p| [p.nominal_mm, p.calibrated_mm])
+        .filter(|v| v.is_finite())
+        .fold(1e-6, f64::max);
+    let corners: Vec<[f64; 3]> = (0..8)
+        .map(|c| core::array::from_fn(|k| if c >> k & 1 == 0 { low[k] } else { high[k] }))
+        .collect();
+    let seen: Vec<(f64, f64, f64)> = corners.iter().map(|c| project(*c)).collect();
+    let range = |of: fn(&(f64, f64, f64)) -> f64| {
+        seen.iter()
+            .map(of)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
+    };
+    let (x0, x1) = range(|s| s.0);
+    let (y0, y1) = range(|s| s.1);
+    let (width, height) = (960, 440);
+    let (panel, top) = (f64::from(width) / 2.0, 56.0);
+    let scale = ((panel - 90.0) / (x1 - x0)).min((f64::from(height) - top - 40.0) / (y1 - y0));
+    draw(
+        (width as u32, height as u32),
+        "Errors over the workspace, nominal and calibrated",
+        |area| {
+            for (number, (title, colour)) in [("nominal", SERIES[0]), ("calibrated", SERIES[1])]
+                .into_iter()
+                .enumerate()
+            {
+                let left = panel * number as f64 + (panel - scale * (x1 - x0)) / 2.0;
+                let at = |p: [f64; 3]| {
+                    let (x, y, _) = project(p);
+                    ((left + scale * (x - x0)) as i32, (top + scale * (y1 - y)) as i32)
+                };
+                let line = |a: [f64; 3], b: [f64; 3], style: ShapeStyle| {
+                    area.draw(&PathElement::new(vec![at(a), at(b)], style))
+                };
+                // The floor's grid and the two walls behind.
+                let thin = FAINT.stroke_width(1);
+                for axis in 0..2 {
+                    let mut v = low[axis];
+                    while v <= high[axis] + 1e-9 {
+                        let (mut a, mut b) = (low, low);
+                        (a[axis], b[axis]) = (v, v);
+                        b[1 - axis] = high[1 - axis];
+                        line(a, b, thin)?;
+                        v += step;
+                    }
+                }
+                for (a, b) in [(0, 4), (1, 5), (2, 6), (3, 7), (4, 5), (5, 7), (7, 6), (6, 4)] {
+                    line(corners[a], corners[b], thin)?;
+                }
+                let text = |words: String, p: (i32, i32), size: i32, c: &RGBColor| {
+                    area.draw(&Text::new(words, p, ("sans-serif", size).into_font().color(c)))
+                };
+                let head = (left as i32, 16);
+                text(title.to_owned(), head, 17, &INK)?;
+                for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+                    let mut end = low;
+                    end[axis] = high[axis];
+                    line(low, end, SOFT.stroke_width(2))?;
+                    let mut tip = end;
+                    tip[axis] += 0.12 * step;
+                    let (px, py) = at(tip);
+                    text(format!("{name} {:.1} m", high[axis]), (px + 4, py - 6), 13, &SOFT)?;
+                }
+                let mut order: Vec<&WorkspacePoint> = points.iter().collect();
+                order.sort_by(|a, b| project(a.at_m).2.total_cmp(&project(b.at_m).2));
+                for p in order {
+                    let value = if number == 0 { p.nominal_mm } else { p.calibrated_mm };
+                    let radius = 1.5 + 9.0 * (value / largest).clamp(0.0, 1.0).sqrt();
+                    area.draw(&Circle::new(at(p.at_m), radius as i32, colour.mix(0.55).filled()))?;
+                }
+            }
+            let words = format!("largest dot {largest:.2} mm; the area of a dot grows with the error");
+            area.draw(&Text::new(
+                words,
+                (14, height - 22),
+                ("sans-serif", 15).into_font().color(&SOFT),
+            ))?;
+            Ok(())
+        },
+    )
+}
