@@ -26,3 +26,4 @@ pub mod store;
 pub mod study;
 pub mod telemetry;
 pub mod validate;
+pub mod worlds;

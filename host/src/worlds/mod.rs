@@ -1,0 +1,29 @@
+//! Synthetic static experiments: robots whose errors are known, on which
+//! estimators are compared.
+//!
+//! Vocabulary. A *world* is a kind of error ([`World`]); a *truth* is one robot
+//! drawn from it ([`Truth`]): geometry, tool, and what no geometric model has.
+//! A *trial* is what that robot would have recorded ([`Trial`]): contacts on the
+//! paper's grid of 1,843 reachable poses, laser points, arcs, and validation
+//! points, as plain data for [`identify`](crate::identify), with the truth kept
+//! apart for the judge.
+//!
+//! Nothing here knows plant or controller: no dynamics, the arm is where its
+//! errors put it. So one trial takes milliseconds and a study of hundreds is
+//! possible ([`compare`]).
+//!
+//! ```text
+//! World ─ draw ─▶ Truth ─ record ─▶ Trial ─ estimators ─▶ ValidationTable ─ medians ─▶ Comparison
+//! ```
+
+mod compare;
+mod draw;
+mod estimators;
+mod record;
+mod truth;
+
+pub use compare::{Cell, CompareOptions, Comparison, compare};
+pub use draw::{Recipe, World, draw};
+pub use estimators::{Estimator, bound_options, judge};
+pub use record::{GRID_SPHERES, PlannedPose, Trial, WorldError, paper_poses, record, record_poses};
+pub use truth::Truth;
