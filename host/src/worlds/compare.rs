@@ -143,8 +143,14 @@ impl Comparison {
             None => "-".to_owned(),
         };
         let line = |name: &str, cells: Vec<String>| {
-            let cells: String = cells.iter().map(|c| format!("  {c:>11}")).collect();
-            format!("{name:18}{cells}\n")
+            let mut text = format!("{name:18}");
+            for cell in cells {
+                text.push_str("  ");
+                text.push_str(&" ".repeat(11usize.saturating_sub(cell.len())));
+                text.push_str(&cell);
+            }
+            text.push('\n');
+            text
         };
         let heading = line("mean/max (mm)", worlds.iter().map(World::to_string).collect());
         let rows = estimators
