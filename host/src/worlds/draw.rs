@@ -135,9 +135,9 @@ pub struct Recipe {
     pub higher_harmonics_rad: f64,
     /// White error of every joint at every pose, in rad.
     pub white_rad: f64,
-    /// Link bending and base tilt, in rad/(N m), times U(0.7, 1.3).
+    /// Link bending of each joint about x and y, in rad/(N m).
     pub bending: f64,
-    /// Base tilt, in rad/(N m).
+    /// Base tilt about x and y, in rad/(N m).
     pub tilt: f64,
     /// Smooth random joint functions (length scale 0.35 rad), rms in rad.
     pub smooth_rad: f64,
@@ -254,7 +254,7 @@ fn drawn(recipe: &Recipe, rng: &mut ChaCha8Rng) -> Truth {
         spheres_m,
         sphere_ids: spheres.iter().map(|s| s.id).collect(),
         joints,
-        tilt: recipe.tilt * rng.random_range(0.7..1.3),
+        tilt: [(); 2].map(|()| normal(rng, recipe.tilt)),
         white_rad: recipe.white_rad,
         geometry_scale: 1.0,
     }
@@ -312,7 +312,7 @@ fn joint_errors(recipe: &Recipe, rng: &mut ChaCha8Rng, i: usize, n: usize) -> Jo
         waves,
         cross,
         other: (i + rng.random_range(1..n)) % n,
-        bending: [(); 2].map(|()| recipe.bending * rng.random_range(0.7..1.3)),
+        bending: [(); 2].map(|()| normal(rng, recipe.bending)),
     }
 }
 

@@ -111,8 +111,8 @@ pub fn bound_options(world: World, recipe: &Recipe, geometry_scale: f64) -> Opti
     let spread = 0.3 / 3f64.sqrt();
     prior("compliance".into(), Some(recipe.compliance), recipe.compliance * spread);
     if recipe.bending > 0.0 {
-        prior("bending".into(), Some(recipe.bending), recipe.bending * spread);
-        prior("tilt".into(), Some(recipe.tilt), recipe.tilt * spread);
+        prior("bending".into(), None, recipe.bending);
+        prior("tilt".into(), None, recipe.tilt);
     }
     for joint in 1..=iiwa7().dof() {
         for order in 1..=options.harmonics {

@@ -66,8 +66,8 @@ pub struct Truth {
     pub sphere_ids: Vec<u32>,
     /// Joint errors, base to flange.
     pub joints: Vec<JointErrors>,
-    /// Tilt of the base under its load, in rad/(N m).
-    pub tilt: f64,
+    /// Tilt of the base under its load about x and y of F0, in rad/(N m).
+    pub tilt: [f64; 2],
     /// White error of every joint at every pose (1 sigma), in rad.
     pub white_rad: f64,
     /// Factor that the drawn geometric errors were rescaled by.
@@ -166,7 +166,8 @@ impl Evaluator<'_> {
     pub fn tcp_and_frames(&self, q: &[f64], white: &[f64]) -> (Vector3<f64>, Vec<Frame<f64>>) {
         let holding = self.holding(q);
         let errors = self.errors(q, &holding);
-        let tilt = Vector3::new(-holding.base.x, -holding.base.y, 0.0) * self.truth.tilt;
+        let [x, y] = self.truth.tilt;
+        let tilt = Vector3::new(-x * holding.base.x, -y * holding.base.y, 0.0);
         let mut frame = Frame {
             rotation: *Rotation3::new(tilt).matrix(),
             origin: Vector3::zeros(),
