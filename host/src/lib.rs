@@ -21,6 +21,7 @@ pub mod link;
 pub mod plan;
 pub mod plant;
 pub mod report;
+pub mod reproduce;
 pub mod robots;
 pub mod store;
 pub mod study;

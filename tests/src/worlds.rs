@@ -22,6 +22,15 @@ pub struct Expected {
     pub f: f64,
 }
 
+/// The robot that made the data: mm and rad.
+#[derive(Debug, Deserialize)]
+pub struct Truth {
+    /// The table: alpha, a, theta, d of each row.
+    pub p: Vec<f64>,
+    /// The tool.
+    pub tool: [f64; 3],
+}
+
 /// One file; lengths in mm.
 #[derive(Debug, Deserialize)]
 pub struct World {
@@ -57,6 +66,8 @@ pub struct World {
     /// Base rotation in the plate's frame, of the nominal model.
     #[serde(rename = "R_world_base_nominal")]
     pub nominal_rotation: [[f64; 3]; 3],
+    /// The robot that made the data.
+    pub truth: Truth,
     /// Stored results.
     pub expected: std::collections::BTreeMap<String, Expected>,
 }

@@ -128,6 +128,7 @@ fn arcs_give_base_and_tool_with_honest_sigmas() {
             );
         }
     }
+    assert!(chi_square.iter().all(|c| c.is_finite()));
     for (k, c) in chi_square.into_iter().enumerate() {
         assert!((0.5..1.8).contains(&c), "component {k}: mean square over sigma {c}");
     }

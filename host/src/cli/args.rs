@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand};
 
 use super::identify::IdentifyArgs;
 use crate::job::{Config, JobError, Link};
+use crate::worlds::World;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -61,6 +62,13 @@ pub enum Command {
     Report(StoredArgs),
     /// List, show or convert robots.
     Robot(RobotArgs),
+    /// The paper's study on the last run of --out, or on a synthetic robot:
+    /// tables and figures beside the published numbers.
+    #[command(after_help = "Example: spherecal reproduce --world W1 --seed 3 --out study")]
+    Reproduce(ReproduceArgs),
+    /// Compare the estimators over the synthetic worlds W0 to W4.
+    #[command(after_help = "Example: spherecal worlds --world W0 --world W3 --seeds 4")]
+    Worlds(WorldsArgs),
     /// Print the configuration, every field with its value.
     #[command(after_help = "Example: spherecal config --print > cell.toml")]
     Config(ConfigArgs),
@@ -139,6 +147,37 @@ pub struct StoredArgs {
     /// Folder of the database and of all results.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `reproduce`.
+#[derive(Args, Clone, Debug)]
+pub struct ReproduceArgs {
+    /// Folder of the run, and of what is written.
+    #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
+    pub out: PathBuf,
+    /// A synthetic robot of this world in place of the run: W0 to W4, W4-bad.
+    #[arg(long, value_name = "WORLD")]
+    pub world: Option<World>,
+    /// Seed of the synthetic robot.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `worlds`.
+#[derive(Args, Clone, Debug)]
+pub struct WorldsArgs {
+    /// A world to compare in; all if none is named.
+    #[arg(long, value_name = "WORLD")]
+    pub world: Vec<World>,
+    /// Robots drawn in each world.
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: u64,
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
     pub json: bool,

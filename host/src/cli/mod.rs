@@ -16,6 +16,7 @@ mod progress;
 mod robot;
 mod run;
 mod stages;
+mod studies;
 mod text;
 
 use std::process::ExitCode;
@@ -39,6 +40,8 @@ pub fn main() -> ExitCode {
         Some(Command::Validate(args)) => stages::validate(&args),
         Some(Command::Report(args)) => stages::report(&args),
         Some(Command::Robot(args)) => robot::run(&args),
+        Some(Command::Reproduce(args)) => studies::reproduce(&args),
+        Some(Command::Worlds(args)) => studies::worlds(&args),
         Some(Command::Config(args)) => stages::config(&args),
     };
     match result {

@@ -10,7 +10,7 @@
 //! What this cannot see stays in the result, as in the paper: deflection under
 //! gravity, encoder errors, and geometric errors between the axes used.
 
-use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::{Robot, Tool};
 
@@ -153,7 +153,7 @@ pub fn frames_from_arcs(
     let mut tool_variance = [0.0; 3];
     let mut add_base = |moved: &Pose| {
         let shift = moved.translation_m - base.translation_m;
-        let turn = Rotation3::from_matrix_unchecked(moved.rotation * base.rotation.transpose()).scaled_axis();
+        let turn = small_turn(&(moved.rotation * base.rotation.transpose()));
         for k in 0..3 {
             base_variance[k] += shift[k] * shift[k];
             base_variance[k + 3] += turn[k] * turn[k];
@@ -248,6 +248,11 @@ pub fn split_arcs(measured: &[Measured]) -> Vec<MeasuredArc> {
     }
     close(&mut open, moving);
     arcs
+}
+
+/// Rotation vector of a rotation by a small angle, exact where the angle vanishes.
+fn small_turn(r: &Matrix3<f64>) -> Vector3<f64> {
+    Vector3::new(r[(2, 1)] - r[(1, 2)], r[(0, 2)] - r[(2, 0)], r[(1, 0)] - r[(0, 1)]) * 0.5
 }
 
 /// Columns of the Cholesky factor of the arc's covariance: independent

@@ -1,0 +1,69 @@
+//! `spherecal reproduce` and `spherecal worlds`: the studies.
+
+use super::args::{ReproduceArgs, WorldsArgs};
+use super::exit::{CliError, Exit};
+use crate::job;
+use crate::reproduce::{Recordings, reproduce as study};
+use crate::store::Store;
+use crate::worlds::{CompareOptions, World, compare, record};
+
+/// `spherecal reproduce`
+pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
+    let database = args.out.join("calibration.db");
+    let world = match args.world {
+        None if database.exists() => None,
+        // No run to look at: the world whose laser floor is that of the paper.
+        None => Some(World::W1),
+        given => given,
+    };
+    let recordings = if let Some(world) = world {
+        eprintln!(
+            "recordings: a synthetic robot of world {world} ({}), seed {}",
+            world.about(),
+            args.seed
+        );
+        Recordings::from(&record(world, args.seed).map_err(CliError::job)?)
+    } else {
+        let mut store = Store::open(&database)?;
+        let info = store.require_last_run()?;
+        eprintln!("recordings: run {} in {}", info.run, database.display());
+        Recordings::from(&job::read(&mut store, &info)?)
+    };
+    if recordings.validation.is_empty() {
+        return Err(CliError::input(
+            "the run has no laser measurements to validate by: measure with [laser] enabled = true, or use --world W1",
+        ));
+    }
+    let done = study(&recordings).map_err(CliError::job)?;
+    let files = done.write(&args.out).map_err(CliError::job)?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&done).map_err(CliError::job)?);
+    } else {
+        print!("{done}\nFiles:\n");
+        for file in files {
+            println!("  {}", file.display());
+        }
+    }
+    Ok(Exit::Done)
+}
+
+/// `spherecal worlds`
+pub(super) fn worlds(args: &WorldsArgs) -> Result<Exit, CliError> {
+    let options = CompareOptions {
+        worlds: if args.world.is_empty() {
+            World::ALL.to_vec()
+        } else {
+            args.world.clone()
+        },
+        seeds: (0..args.seeds).collect(),
+        progress: !args.json,
+        ..CompareOptions::default()
+    };
+    let table = compare(&options).map_err(CliError::job)?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&table).map_err(CliError::job)?);
+    } else {
+        print!("{table}");
+    }
+    Ok(Exit::Done)
+}

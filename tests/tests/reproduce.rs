@@ -1,0 +1,55 @@
+//! The paper's study in one call.
+
+use spherecal::reproduce::{Recordings, reproduce};
+use spherecal::worlds::{World, record};
+
+// Fails if a table or figure is missing, the redundancy analysis is not the
+// paper's, the simplex does not freeze, or the better estimator is not better.
+#[test]
+fn the_study_is_reproduced_on_a_synthetic_robot() {
+    let trial = record(World::W1, 1).expect("reachable");
+    let done = reproduce(&Recordings::from(&trial)).expect("good data");
+    let numbers: Vec<u32> = done.tables.iter().map(|t| t.number).collect();
+    assert_eq!((numbers, done.table_5.number), (vec![1, 2, 3, 4, 6], 5));
+    let r = &done.redundancy;
+    assert_eq!(
+        (r.rank_on_axis, r.columns, r.kept.len(), r.rank_with_tool),
+        (21, 24, 21, 24)
+    );
+    let mut removed = r.removed_on_axis.clone();
+    removed.sort();
+    assert_eq!(removed, ["a6", "d6", "theta7"]);
+    assert!(r.removed_with_tool.is_empty());
+    let near = done
+        .simplex
+        .zeros()
+        .iter()
+        .filter(|(_, x)| (5.4e-5..6.5e-5).contains(x))
+        .count();
+    assert!(near >= 9, "{:?}", done.simplex.zeros());
+    assert!(done.scaled_over_optimum < 1.01 && done.simplex_over_optimum > 5.0);
+    let mean = |name: &str| done.validation.model(name).expect("judged").arcs.mean_mm;
+    assert!(mean("sphere, map") < 0.5 * mean("nominal"));
+    assert!(mean("sphere, map") < mean("laser, optimum"));
+    let text = done.to_string();
+    for number in 1..=6 {
+        assert!(text.contains(&format!("Table {number}.")), "{text}");
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = done.write(folder.path()).expect("writable");
+    let names: Vec<_> = files.iter().filter_map(|f| f.file_name()?.to_str()).collect();
+    assert_eq!(
+        names,
+        [
+            "reproduce.txt",
+            "reproduce.json",
+            "figure_10.svg",
+            "figure_11.svg",
+            "figure_12.svg"
+        ]
+    );
+    for file in files {
+        let size = std::fs::metadata(&file).expect("written").len();
+        assert!(size > 500, "{}", file.display());
+    }
+}
