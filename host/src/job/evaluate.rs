@@ -8,6 +8,7 @@ use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording};
 use spherecal_shared::robot::{Robot, Tool};
 
+use super::bound::bound_options;
 use super::laser::{BASE, CALIBRATE, TOOL, VALIDATE};
 use super::{Config, JobError};
 use crate::identify::{
@@ -77,6 +78,8 @@ pub struct Evaluation {
     pub laser: Option<LaserReference>,
     /// The paper's estimator on the sphere contacts, where it came to an end.
     pub paper: Option<Calibration>,
+    /// What any estimator could do with the same recordings, in simulation.
+    pub bound: Option<Calibration>,
     /// Table 5.
     pub table: Option<ValidationTable>,
     /// Validation configurations and what the tracker measured there.
@@ -150,9 +153,13 @@ pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
     };
     let tool_m = laser.as_ref().map_or(m.tool.tcp_m, |l| l.frames.tool_m);
     let paper = paper(&experiment, &options, tool_m, &mut remarks);
+    let bound = bound(m, &experiment, &mut remarks);
     let shots = m.shots(VALIDATE);
     let table = match &laser {
-        Some(laser) if !shots.is_empty() => Some(judge(m, &sphere, laser, paper.as_ref(), &shots)?),
+        Some(laser) if !shots.is_empty() => {
+            let rest = [("paper_nelder_mead", paper.as_ref()), ("bound", bound.as_ref())];
+            Some(judge(m, &sphere, laser, &rest, &shots)?)
+        }
         _ => None,
     };
     Ok(Evaluation {
@@ -160,6 +167,7 @@ pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
         experiment,
         laser,
         paper,
+        bound,
         table,
         shots,
         remarks,
@@ -229,13 +237,28 @@ fn paper(
     }
 }
 
+/// The bound, where the plant was ours and its laws are known.
+fn bound(m: &Measurements, experiment: &Experiment, remarks: &mut Vec<String>) -> Option<Calibration> {
+    if m.laser.is_empty() {
+        return None;
+    }
+    let plant = m.config.plant().ok()?;
+    match identify(experiment, &bound_options(&plant, m.robot.dof())) {
+        Ok(calibration) => Some(calibration),
+        Err(error) => {
+            remarks.push(format!("the bound could not be computed: {error}"));
+            None
+        }
+    }
+}
+
 /// Table 5. Nominal and paper-like models have base and tool from the arcs, as
 /// in the paper; structured models have their own tool.
 fn judge(
     m: &Measurements,
     sphere: &Calibration,
     laser: &LaserReference,
-    paper: Option<&Calibration>,
+    rest: &[(&str, Option<&Calibration>)],
     shots: &[LaserShot],
 ) -> Result<ValidationTable, JobError> {
     let mut tool = m.tool;
@@ -256,8 +279,10 @@ fn judge(
             Some(laser.structured.base),
         ),
     ];
-    if let Some(paper) = paper {
-        models.push(prediction("paper_nelder_mead", points(&|q| paper.tcp_m(q, None)), None));
+    for (name, model) in rest {
+        if let Some(model) = model {
+            models.push(prediction(name, points(&|q| model.tcp_m(q, None)), None));
+        }
     }
     let measured: Vec<[f64; 3]> = shots.iter().map(|s| s.point_m).collect();
     Ok(validate(&measured, &laser.frames.base, &models)?)

@@ -11,6 +11,7 @@
 //! them one at a time ([`crate::cli`]) and a service can run them elsewhere.
 //! [`evaluate`] sees the store's data only: no plant, no link.
 
+mod bound;
 mod config;
 mod error;
 mod evaluate;
