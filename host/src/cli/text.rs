@@ -143,6 +143,12 @@ pub(super) fn plan(plan: &Plan) -> String {
             visit.recorded()
         );
     }
+    if !plan.promise.is_empty() {
+        out.push_str("  predicted TCP error over the workspace (mean, mean at the worst place):\n");
+    }
+    for a in plan.promise.iter().filter(|a| a.poses > 0) {
+        let _ = writeln!(out, "    {:4} poses {:7.3} {:7.3} mm", a.poses, a.mean_mm, a.worst_mm);
+    }
     for (reason, count) in plan.rejected_by_reason() {
         let _ = writeln!(out, "  {count} poses out of reach: {reason}");
     }

@@ -9,7 +9,7 @@ use spherecal_shared::procedure::{Procedure, ProcedureError};
 
 use crate::campaign;
 use crate::identify;
-use crate::plan::{Grid, PlanRequest, Rules};
+use crate::plan::{Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, plan};
 use crate::plant::{PRESETS, PlantConfig, PlantError};
 
 /// The whole configuration.
@@ -37,6 +37,17 @@ pub struct Config {
     pub identify: identify::Options,
 }
 
+/// How the poses are chosen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Choice {
+    /// By the TCP error that they leave over the workspace.
+    #[default]
+    Optimal,
+    /// Spread over the grid.
+    Grid,
+}
+
 /// Which poses are visited.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -45,6 +56,10 @@ pub struct PlanSection {
     pub poses: usize,
     /// The paper's whole grid by the paper's rules, whatever else is said here.
     pub paper: bool,
+    /// How the poses are chosen.
+    pub choice: Choice,
+    /// How wide optimal poses may lie.
+    pub range: Range,
     /// The grid about each sphere.
     pub grid: Grid,
     /// What configurations and moves must keep.
@@ -58,6 +73,8 @@ impl Default for PlanSection {
         Self {
             poses: 150,
             paper: false,
+            choice: Choice::Optimal,
+            range: Range::default(),
             grid: Grid::default(),
             rules: Rules::default(),
             approach_height_m: 0.050,
@@ -66,16 +83,34 @@ impl Default for PlanSection {
 }
 
 impl PlanSection {
-    /// As the planner takes it.
-    pub fn request(&self) -> PlanRequest {
+    /// The plan of a cell; accuracy is predicted with the options of `identify`.
+    ///
+    /// # Errors
+    /// See [`plan`](crate::plan::plan) and [`design`](crate::plan::design).
+    pub fn make(&self, cell: &Cell, identify: &identify::Options) -> Result<Plan, PlanError> {
         if self.paper {
-            return PlanRequest::paper();
+            return plan(cell, &PlanRequest::paper());
         }
-        PlanRequest {
-            grid: self.grid.clone(),
+        if self.choice == Choice::Grid || self.poses == 0 {
+            let request = PlanRequest {
+                grid: self.grid.clone(),
+                rules: self.rules,
+                poses: (self.poses > 0).then_some(self.poses),
+            };
+            return plan(cell, &request);
+        }
+        let default = DesignRequest::new(self.poses);
+        let request = DesignRequest {
+            range: Range {
+                branches: self.range.branches && default.range.branches,
+                candidates: self.range.candidates.min(default.range.candidates),
+                ..self.range
+            },
             rules: self.rules,
-            poses: (self.poses > 0).then_some(self.poses),
-        }
+            options: identify.clone(),
+            ..default
+        };
+        design(cell, &request)
     }
 }
 

@@ -20,7 +20,7 @@ mod prepare;
 mod summary;
 mod write;
 
-pub use config::{CampaignSection, Config, ConfigError, LaserSection, PlanSection};
+pub use config::{CampaignSection, Choice, Config, ConfigError, LaserSection, PlanSection};
 pub use error::JobError;
 pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};
 pub use laser::measure_laser;

@@ -50,7 +50,7 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         approach_height_m: config.plan.approach_height_m,
         ..plan::Cell::iiwa7()
     };
-    let mut plan = plan::plan(&cell, &config.plan.request())?;
+    let mut plan = config.plan.make(&cell, &config.identify)?;
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
     }

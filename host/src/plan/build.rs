@@ -92,6 +92,7 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
         reachable: 0,
         rejected: Vec::new(),
         robot_s: 0.0,
+        promise: Vec::new(),
     };
     for (place, plate) in (0..).zip(&cell.plates) {
         let yaw = tool_yaw(cell, &chain, &request.rules, plate)?;

@@ -4,7 +4,6 @@
 use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 
 use super::build::{VISIT_S, home, sequence, turning_time};
 use super::candidates::{Candidate, Range, Visit, candidates, visits};
@@ -15,7 +14,7 @@ use super::grid::GridPose;
 use super::ik::halton;
 use super::optimal::{Design, Problem};
 use super::path::Rules;
-use super::types::{Plan, SpherePlan};
+use super::types::{Accuracy, Plan, SpherePlan};
 use crate::identify::rows::DesignModel;
 use crate::identify::{IdentifyError, Options};
 
@@ -23,6 +22,9 @@ use crate::identify::{IdentifyError, Options};
 const VALIDATION: usize = 200;
 /// Poses over which the accuracy curve is computed at most.
 const LONGEST: usize = 400;
+
+/// Under so many poses only one branch of each sphere is visited.
+const FEW: usize = 30;
 
 /// What to plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,11 +45,17 @@ pub struct DesignRequest {
 }
 
 impl DesignRequest {
-    /// `poses` poses over the default ranges.
+    /// `poses` poses over the default ranges. So few that branches are not
+    /// worth their visits keep to one of each sphere.
     pub fn new(poses: usize) -> Self {
+        let range = Range::default();
         Self {
             poses,
-            range: Range::default(),
+            range: Range {
+                branches: range.branches && poses >= FEW,
+                candidates: range.candidates.min(600 + 16 * poses),
+                ..range
+            },
             rules: Rules::default(),
             options: Options::default(),
             passes: 2,
@@ -56,39 +64,17 @@ impl DesignRequest {
     }
 }
 
-/// Predicted TCP error over the validation volume, base aligned.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Accuracy {
-    /// Poses recorded.
-    pub poses: usize,
-    /// Mean error, in mm.
-    pub mean_mm: f64,
-    /// Mean error at the worst configuration, in mm.
-    pub worst_mm: f64,
-}
-
-/// An optimal plan and what it promises.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Designed {
-    /// The plan.
-    pub plan: Plan,
-    /// What it promises.
-    pub accuracy: Accuracy,
-    /// The same for fewer poses, chosen greedily, and for no pose at all.
-    pub curve: Vec<Accuracy>,
-}
-
-/// Chooses and orders the poses.
+/// Chooses and orders the poses. What they promise is in [`Plan::promise`].
 ///
 /// # Errors
 /// A cell or a request that makes no sense, a sphere that the arm cannot come
 /// to, or options that identification refuses.
-pub fn design(cell: &Cell, request: &DesignRequest) -> Result<Designed, PlanError> {
-    if request.poses < cell.spheres.len() {
+pub fn design(cell: &Cell, request: &DesignRequest) -> Result<Plan, PlanError> {
+    if request.poses == 0 {
         return Err(PlanError::OutOfRange {
             field: "poses",
-            value: request.poses as f64,
-            remedy: "ask for at least one pose a sphere",
+            value: 0.0,
+            remedy: "ask for at least one pose",
         });
     }
     let ground = Ground::new(cell, request)?;
@@ -107,9 +93,12 @@ pub fn design(cell: &Cell, request: &DesignRequest) -> Result<Designed, PlanErro
         let key = |v: &Visit| (v.sphere_id, v.place);
         ground.visits[..v].iter().all(|w| key(w) != key(&ground.visits[v]))
     };
-    let kept: Vec<bool> = (0..used.len())
+    let mut kept: Vec<bool> = (0..used.len())
         .map(|v| used[v] >= request.least_per_visit || (first(v) && used[v] > 0))
         .collect();
+    if !kept.contains(&true) {
+        kept = used.iter().map(|count| *count > 0).collect();
+    }
     for (slot, candidate) in allowed.iter_mut().zip(&ground.candidates) {
         *slot = kept[candidate.visit];
     }
@@ -129,11 +118,12 @@ pub fn design(cell: &Cell, request: &DesignRequest) -> Result<Designed, PlanErro
         }
     });
     design.exchange(request.passes, 0.005);
-    Ok(Designed {
-        plan: ground.plan(cell, request, &design.chosen),
-        accuracy: accuracy(&design),
-        curve,
-    })
+    let mut plan = ground.plan(cell, request, &design.chosen);
+    let accuracy = accuracy(&design);
+    plan.promise
+        .extend(curve.into_iter().filter(|a| a.poses < accuracy.poses));
+    plan.promise.push(accuracy);
+    Ok(plan)
 }
 
 /// The accuracy curve up to 400 poses or `wanted_mm`, whichever comes first,
@@ -298,6 +288,7 @@ impl Ground {
             reachable: self.candidates.len(),
             rejected: Vec::new(),
             robot_s: 0.0,
+            promise: Vec::new(),
         };
         let mut first_id = 0;
         for (index, visit) in self.visits.iter().enumerate() {

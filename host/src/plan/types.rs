@@ -73,6 +73,17 @@ pub struct Rejection {
     pub obstacle: Obstacle,
 }
 
+/// Predicted TCP error over the validation volume, base aligned.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Accuracy {
+    /// Poses recorded.
+    pub poses: usize,
+    /// Mean error, in mm.
+    pub mean_mm: f64,
+    /// Mean error at the worst configuration, in mm.
+    pub worst_mm: f64,
+}
+
 /// The whole plan, in the order of execution.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
@@ -90,6 +101,10 @@ pub struct Plan {
     pub rejected: Vec<Rejection>,
     /// Predicted robot time, in s: visits, turning and recording.
     pub robot_s: f64,
+    /// Predicted accuracy against the number of poses, the last item that of
+    /// the whole plan; empty where none was predicted.
+    #[serde(default)]
+    pub promise: Vec<Accuracy>,
 }
 
 impl Plan {
