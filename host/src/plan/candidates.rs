@@ -86,7 +86,7 @@ pub(super) fn visits(
             if range.branches {
                 for start in others(cell, chain, rules, range, plate, &neutral) {
                     let known = starts.iter().any(|s| same_branch(chain, rules, s, &start));
-                    if starts.len() < MOST_BRANCHES && !known && transit(cell, chain, plate, home, &start) {
+                    if starts.len() < MOST_BRANCHES && !known && transit(cell, chain, rules, plate, home, &start) {
                         starts.push(start);
                     }
                 }
@@ -146,8 +146,10 @@ fn same_branch(chain: &Chain, rules: &Rules, a: &Start, b: &Start) -> bool {
 }
 
 /// Whether the joint motion from home to the approach keeps TCP and flange over
-/// the plate: no lower than the approach itself, but for a fifth of its height.
-fn transit(cell: &Cell, chain: &Chain, plate: &PlatePose, home: &Waypoint, start: &Start) -> bool {
+/// the plate (no lower than the approach itself, but for a fifth of its height)
+/// and does not swing the upper arm through the vertical: there the first and
+/// the third axis of a seven-axis arm align, and its joints run away fast.
+fn transit(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose, home: &Waypoint, start: &Start) -> bool {
     let up = plate.normal().into_inner();
     let floor = up.dot(&Vector3::from(plate.centre_m)) + 0.8 * cell.approach_height_m;
     (0..=40).all(|k| {
@@ -160,7 +162,9 @@ fn transit(cell: &Cell, chain: &Chain, plate: &PlatePose, home: &Waypoint, start
             .collect();
         let pose = chain.pose(&q);
         let flange = pose.position - pose.rotation * chain.tcp;
-        up.dot(&pose.position) >= floor && up.dot(&flange) >= floor
+        let upright =
+            chain.closed_form() && chain.side_angle(&q, 1).sin().abs() < rules.passing().singular_rad[0].sin();
+        up.dot(&pose.position) >= floor && up.dot(&flange) >= floor && !upright
     })
 }
 
