@@ -26,6 +26,10 @@ pub struct Range {
     pub elbow_rad: f64,
     /// Whether other branches of the inverse kinematics are visited too.
     pub branches: bool,
+    /// Whether the way to a branch may swing the upper arm through the vertical,
+    /// where the first and the third axis of a seven-axis arm align. Industrial
+    /// joint motions pass there; our controller's, joint by joint, run away.
+    pub through_vertical: bool,
     /// Candidates in all, shared out over spheres, placements and branches.
     pub candidates: usize,
 }
@@ -39,6 +43,7 @@ impl Default for Range {
             turn_rad: 80f64.to_radians(),
             elbow_rad: 85f64.to_radians(),
             branches: true,
+            through_vertical: false,
             candidates: 3000,
         }
     }
@@ -86,7 +91,8 @@ pub(super) fn visits(
             if range.branches {
                 for start in others(cell, chain, rules, range, plate, &neutral) {
                     let known = starts.iter().any(|s| same_branch(chain, rules, s, &start));
-                    if starts.len() < MOST_BRANCHES && !known && transit(cell, chain, rules, plate, home, &start) {
+                    if starts.len() < MOST_BRANCHES && !known && transit(cell, chain, rules, range, plate, home, &start)
+                    {
                         starts.push(start);
                     }
                 }
@@ -147,8 +153,7 @@ fn same_branch(chain: &Chain, rules: &Rules, a: &Start, b: &Start) -> bool {
 
 /// Whether the joint motion from home to the approach keeps TCP and flange over
 /// the plate (no lower than the approach itself, but for a fifth of its height)
-/// and does not swing the upper arm through the vertical: there the first and
-/// the third axis of a seven-axis arm align, and its joints run away fast.
+/// and, unless allowed, does not swing the upper arm through the vertical.
 fn transit(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose, home: &Waypoint, start: &Start) -> bool {
     let up = plate.normal().into_inner();
     let floor = up.dot(&Vector3::from(plate.centre_m)) + 0.8 * cell.approach_height_m;
