@@ -154,7 +154,15 @@ fn same_branch(chain: &Chain, rules: &Rules, a: &Start, b: &Start) -> bool {
 /// Whether the joint motion from home to the approach keeps TCP and flange over
 /// the plate (no lower than the approach itself, but for a fifth of its height)
 /// and, unless allowed, does not swing the upper arm through the vertical.
-fn transit(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose, home: &Waypoint, start: &Start) -> bool {
+fn transit(
+    cell: &Cell,
+    chain: &Chain,
+    rules: &Rules,
+    range: &Range,
+    plate: &PlatePose,
+    home: &Waypoint,
+    start: &Start,
+) -> bool {
     let up = plate.normal().into_inner();
     let floor = up.dot(&Vector3::from(plate.centre_m)) + 0.8 * cell.approach_height_m;
     (0..=40).all(|k| {
