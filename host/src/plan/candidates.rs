@@ -175,8 +175,9 @@ fn transit(
             .collect();
         let pose = chain.pose(&q);
         let flange = pose.position - pose.rotation * chain.tcp;
-        let upright =
-            chain.closed_form() && chain.side_angle(&q, 1).sin().abs() < rules.passing().singular_rad[0].sin();
+        let upright = !range.through_vertical
+            && chain.closed_form()
+            && chain.side_angle(&q, 1).sin().abs() < rules.passing().singular_rad[0].sin();
         up.dot(&pose.position) >= floor && up.dot(&flange) >= floor && !upright
     })
 }
