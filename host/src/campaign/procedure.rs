@@ -144,8 +144,9 @@ impl Campaign<'_> {
         Ok(())
     }
 
-    /// Poses of a stop that are neither recorded nor given up, and those to
-    /// pass through on the way to them.
+    /// Poses of a stop that are neither recorded nor given up, those to pass
+    /// through on the way to them, and those after the last: they lead to where
+    /// the nest leaves the sphere.
     fn pending<'s>(&self, stop: &'s Stop) -> Vec<&'s TourPose> {
         let mut pending = Vec::new();
         let mut passed = Vec::new();
@@ -158,6 +159,9 @@ impl Campaign<'_> {
                 pending.append(&mut passed);
                 pending.push(pose);
             }
+        }
+        if !pending.is_empty() {
+            pending.append(&mut passed);
         }
         pending
     }

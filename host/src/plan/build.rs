@@ -279,7 +279,8 @@ fn posed(id: u32, via: bool, pose: &TcpPose, joints: Vec<f64>) -> PosePlan {
 
 /// Orders the poses and makes every move between them continuous: where the
 /// direct move is not, it goes through poses on the two ways to neutral, which
-/// are known to be. Vias carry ids from 1,000,000 on.
+/// are known to be. The last pose is followed by the neutral one, in which the
+/// nest leaves the sphere as it came. Vias carry ids from 1,000,000 on.
 pub(super) fn sequence(
     chain: &Chain,
     rules: &Rules,
@@ -296,12 +297,27 @@ pub(super) fn sequence(
         let direct = rules.follow(chain, &here.0, &here.1, &next.pose);
         let continuous = direct.is_ok_and(|q| q.iter().zip(&next.joints).all(|(a, b)| (a - b).abs() < 1e-6));
         if !continuous {
-            let via = posed(1_000_000 + first_id + vias, true, &start.neutral, start.joints.clone());
+            let via = posed(
+                1_000_000 + 2 * first_id + vias,
+                true,
+                &start.neutral,
+                start.joints.clone(),
+            );
             vias += 1;
             out.push(via);
         }
         out.push(posed(first_id + next.index, false, &next.pose, next.joints.clone()));
         here = (next.pose, next.joints.clone());
+    }
+    let back = rules.follow(chain, &here.0, &here.1, &start.neutral);
+    let returns = back.is_ok_and(|q| q.iter().zip(&start.joints).all(|(a, b)| (a - b).abs() < 1e-6));
+    if returns && !out.is_empty() {
+        out.push(posed(
+            1_000_000 + 2 * first_id + vias,
+            true,
+            &start.neutral,
+            start.joints.clone(),
+        ));
     }
     out
 }

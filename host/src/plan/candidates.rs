@@ -26,6 +26,10 @@ pub struct Range {
     pub elbow_rad: f64,
     /// Whether other branches of the inverse kinematics are visited too.
     pub branches: bool,
+    /// Whether the way to a branch may swing the upper arm through the vertical,
+    /// where the first and the third axis of a seven-axis arm align. Industrial
+    /// joint motions pass there; our controller's, joint by joint, run away.
+    pub through_vertical: bool,
     /// Candidates in all, shared out over spheres, placements and branches.
     pub candidates: usize,
 }
@@ -39,6 +43,7 @@ impl Default for Range {
             turn_rad: 80f64.to_radians(),
             elbow_rad: 85f64.to_radians(),
             branches: true,
+            through_vertical: false,
             candidates: 3000,
         }
     }
@@ -86,7 +91,8 @@ pub(super) fn visits(
             if range.branches {
                 for start in others(cell, chain, rules, range, plate, &neutral) {
                     let known = starts.iter().any(|s| same_branch(chain, rules, s, &start));
-                    if starts.len() < MOST_BRANCHES && !known && transit(cell, chain, plate, home, &start) {
+                    if starts.len() < MOST_BRANCHES && !known && transit(cell, chain, rules, range, plate, home, &start)
+                    {
                         starts.push(start);
                     }
                 }
@@ -146,8 +152,17 @@ fn same_branch(chain: &Chain, rules: &Rules, a: &Start, b: &Start) -> bool {
 }
 
 /// Whether the joint motion from home to the approach keeps TCP and flange over
-/// the plate: no lower than the approach itself, but for a fifth of its height.
-fn transit(cell: &Cell, chain: &Chain, plate: &PlatePose, home: &Waypoint, start: &Start) -> bool {
+/// the plate (no lower than the approach itself, but for a fifth of its height)
+/// and, unless allowed, does not swing the upper arm through the vertical.
+fn transit(
+    cell: &Cell,
+    chain: &Chain,
+    rules: &Rules,
+    range: &Range,
+    plate: &PlatePose,
+    home: &Waypoint,
+    start: &Start,
+) -> bool {
     let up = plate.normal().into_inner();
     let floor = up.dot(&Vector3::from(plate.centre_m)) + 0.8 * cell.approach_height_m;
     (0..=40).all(|k| {
@@ -160,7 +175,10 @@ fn transit(cell: &Cell, chain: &Chain, plate: &PlatePose, home: &Waypoint, start
             .collect();
         let pose = chain.pose(&q);
         let flange = pose.position - pose.rotation * chain.tcp;
-        up.dot(&pose.position) >= floor && up.dot(&flange) >= floor
+        let upright = !range.through_vertical
+            && chain.closed_form()
+            && chain.side_angle(&q, 1).sin().abs() < rules.passing().singular_rad[0].sin();
+        up.dot(&pose.position) >= floor && up.dot(&flange) >= floor && !upright
     })
 }
 

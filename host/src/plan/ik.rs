@@ -75,8 +75,14 @@ impl Chain {
     /// sides to which shoulder, elbow and wrist are bent.
     pub fn branch(&self, q: &[f64]) -> Option<[bool; 3]> {
         self.srs()?;
-        let side = |joint: usize| Some(wrapped(q.get(joint)? + self.rows[joint].theta) >= 0.0);
-        Some([side(1)?, side(3)?, side(5)?])
+        let side = |joint: usize| self.side_angle(q, joint) >= 0.0;
+        Some([side(1), side(3), side(5)])
+    }
+
+    /// Angle by which a joint (from 0) bends the arm, offset included, in rad.
+    pub(super) fn side_angle(&self, q: &[f64], joint: usize) -> f64 {
+        let offset = self.rows.get(joint).map_or(0.0, |row| row.theta);
+        wrapped(q.get(joint).copied().unwrap_or_default() + offset)
     }
 
     /// All solutions within the joint limits.

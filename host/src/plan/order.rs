@@ -14,8 +14,9 @@ pub fn move_size(a: &TcpPose, b: &TcpPose) -> f64 {
     turn.max(elbow) + 0.1 * turn.min(elbow)
 }
 
-/// Order in which to visit `poses`, starting near `start`: nearest neighbour,
-/// then 2-opt and single moves until nothing gets shorter. Indices into `poses`.
+/// Order in which to visit `poses` on a round trip from `start` and back near
+/// it, where the arm leaves as it came: nearest neighbour, then 2-opt and single
+/// moves until nothing gets shorter. Indices into `poses`.
 pub fn order(start: &TcpPose, poses: &[TcpPose]) -> Vec<usize> {
     let n = poses.len();
     if n == 0 {
@@ -52,17 +53,14 @@ pub fn order(start: &TcpPose, poses: &[TcpPose]) -> Vec<usize> {
     tour.split_off(1)
 }
 
-/// One sweep of 2-opt on an open path whose first node is fixed.
+/// One sweep of 2-opt on a round trip whose first node is fixed.
 fn two_opt(tour: &mut [usize], d: &impl Fn(usize, usize) -> f32) -> bool {
     let n = tour.len();
     let mut improved = false;
     for i in 1..n.saturating_sub(1) {
         for j in (i + 1)..n {
-            let (before, first, last) = (tour[i - 1], tour[i], tour[j]);
-            let mut gain = d(before, first) - d(before, last);
-            if j + 1 < n {
-                gain += d(last, tour[j + 1]) - d(first, tour[j + 1]);
-            }
+            let (before, first, last, after) = (tour[i - 1], tour[i], tour[j], tour[(j + 1) % n]);
+            let gain = d(before, first) + d(last, after) - d(before, last) - d(first, after);
             if gain > 1e-5 {
                 tour[i..=j].reverse();
                 improved = true;
@@ -78,20 +76,12 @@ fn relocate(tour: &mut Vec<usize>, d: &impl Fn(usize, usize) -> f32) -> bool {
     let mut improved = false;
     for i in 1..n {
         let node = tour[i];
-        let mut saved = d(tour[i - 1], node);
-        if i + 1 < n {
-            saved += d(node, tour[i + 1]) - d(tour[i - 1], tour[i + 1]);
-        }
-        // Place k: between tour[k] and tour[k + 1], not next to itself.
+        let detour = |a: usize, b: usize| d(a, node) + d(node, b) - d(a, b);
+        let saved = detour(tour[i - 1], tour[(i + 1) % n]);
+        // Place k: between tour[k] and the next, not next to itself.
         let best = (0..n)
             .filter(|k| *k != i && *k + 1 != i)
-            .map(|k| {
-                let mut cost = d(tour[k], node);
-                if k + 1 < n {
-                    cost += d(node, tour[k + 1]) - d(tour[k], tour[k + 1]);
-                }
-                (k, cost)
-            })
+            .map(|k| (k, detour(tour[k], tour[(k + 1) % n])))
             .min_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((k, cost)) = best
             && cost < saved - 1e-5
@@ -131,4 +121,34 @@ pub(super) fn spread(start: &TcpPose, poses: &[TcpPose], count: usize) -> Vec<us
             .filter(|k| gap[*k] > 1e-9);
     }
     taken
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, Vector3};
+
+    use super::*;
+
+    fn pose(angle: f64) -> TcpPose {
+        TcpPose {
+            position: Vector3::zeros(),
+            rotation: Rotation3::from_axis_angle(&Vector3::z_axis(), angle),
+            elbow: Some(0.5 * angle),
+        }
+    }
+
+    // Fails if poses on a line are not visited out and back without a detour.
+    #[test]
+    fn a_line_is_walked_out_and_back() {
+        let poses: Vec<TcpPose> = [0.3, 0.1, 0.9, 0.5, 0.2, 0.7].map(pose).into();
+        let start = pose(0.0);
+        let tour = order(&start, &poses);
+        let mut sorted = tour.clone();
+        sorted.sort_unstable();
+        assert_eq!(sorted, [0, 1, 2, 3, 4, 5]);
+        let round = core::iter::once(&start).chain(tour.iter().map(|k| &poses[*k]));
+        let ends = round.clone().skip(1).chain(core::iter::once(&start));
+        let length: f64 = round.zip(ends).map(|(a, b)| move_size(a, b)).sum();
+        assert!((length - 2.0 * move_size(&start, &pose(0.9))).abs() < 1e-6, "{length}");
+    }
 }

@@ -75,11 +75,11 @@ pub struct Rules {
 
 impl Default for Rules {
     /// Keeps 15 degrees from the shoulder's singularity, where the elbow turns
-    /// joint 1 fast, and 10 from those of elbow and wrist; 2 degrees (and a
-    /// little, since the real arm is not the nominal one) from the limits.
+    /// joint 1 fast, and 10 from those of elbow and wrist; 7 degrees from the
+    /// limits: the arm gives way while it turns, and more where it breaks loose.
     fn default() -> Self {
         Self {
-            limit_margin_rad: 3f64.to_radians(),
+            limit_margin_rad: 7f64.to_radians(),
             singular_rad: [15f64.to_radians(), 10f64.to_radians(), 10f64.to_radians()],
             singular_value: 0.03,
             step_rad: 3f64.to_radians(),
