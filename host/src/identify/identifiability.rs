@@ -1,7 +1,7 @@
 //! What the data at hand can tell: the singular values of their whitened
 //! Jacobian, which parameters move the TCP alike, and how noise is amplified.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::normal::Normal;
@@ -28,6 +28,10 @@ pub struct Identifiability {
     pub dependencies: Vec<String>,
     /// Observability indices O1 to O5 of what is left.
     pub observability: Observability,
+    /// How much of a change of all lengths together the base cannot take up, as a
+    /// part of what it does: near zero where the data do not carry the metre (one
+    /// sphere, or spheres at unknown distances).
+    pub scale_observability: f64,
     /// Largest factor by which the noise of one coordinate enters a parameter:
     /// `1/σ_min`, in mm or mrad per unit of whitened noise.
     pub noise_amplification: f64,
@@ -111,6 +115,18 @@ pub(crate) fn analyse(design: &Normal, table: &[Parameter], poses: usize) -> Ide
             kept.push(i);
         }
     }
+    let scale_observability = scale(design, table);
+    let mut dependencies: Vec<String> = redundant
+        .iter()
+        .map(|(column, terms)| {
+            let name = |c: usize| (table[c].name.as_str(), table[c].unit);
+            let terms: Vec<_> = terms.iter().map(|(c, x)| (name(*c), *x)).collect();
+            in_words(name(*column), &terms)
+        })
+        .collect();
+    if scale_observability < SCALE_SEEN {
+        dependencies.push("the scale, all lengths together, is not seen by these data: it stays nominal".to_owned());
+    }
     let m = kept.len();
     // Per mm and mrad: a thousandth of per m and rad.
     let gram = DMatrix::from_fn(m, m, |r, c| design.matrix[(order[kept[r]], order[kept[c]])] * 1e-6);
@@ -122,18 +138,42 @@ pub(crate) fn analyse(design: &Normal, table: &[Parameter], poses: usize) -> Ide
         rank: m,
         condition: 1.0 / observability.o2,
         redundant: redundant.iter().map(|r| table[r.0].name.clone()).collect(),
-        dependencies: redundant
-            .iter()
-            .map(|(column, terms)| {
-                let name = |c: usize| (table[c].name.as_str(), table[c].unit);
-                let terms: Vec<_> = terms.iter().map(|(c, x)| (name(*c), *x)).collect();
-                in_words(name(*column), &terms)
-            })
-            .collect(),
+        dependencies,
+        scale_observability,
         noise_amplification: 1.0 / observability.o3,
         singular_values: values,
         observability,
         names,
+    }
+}
+
+/// Below this the metre is not in the data: contacts on one sphere leave about
+/// 0.003, by the nominal errors; spheres 300 mm apart 0.2.
+const SCALE_SEEN: f64 = 0.02;
+
+/// See [`Identifiability::scale_observability`].
+fn scale(design: &Normal, table: &[Parameter]) -> f64 {
+    let lengths = |p: &Parameter| match p.kind {
+        Kind::A(_) | Kind::D(_) | Kind::Tool(_) => p.nominal,
+        _ => 0.0,
+    };
+    let direction = DVector::from_fn(design.matrix.nrows(), |i, _| table.get(i).map_or(0.0, lengths));
+    let image = &design.matrix * &direction;
+    let whole = direction.dot(&image);
+    let base: Vec<usize> = (0..table.len())
+        .filter(|c| matches!(table[*c].kind, Kind::Base(..)))
+        .collect();
+    let gram = design.matrix.select_rows(&base).select_columns(&base);
+    let along = image.select_rows(&base);
+    // One sphere leaves turns of the base open: the least-squares share is unique all the same.
+    let Ok(inverse) = gram.pseudo_inverse(1e-9) else {
+        return 0.0;
+    };
+    let taken = along.dot(&(inverse * &along));
+    if whole > 0.0 {
+        ((whole - taken).max(0.0) / whole).sqrt()
+    } else {
+        0.0
     }
 }
 
