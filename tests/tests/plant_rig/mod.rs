@@ -1,6 +1,11 @@
 //! What the plant's tests share: a small impedance law of their own (nothing of
 //! the controller is trusted here), inverse kinematics, a plant over a sphere.
-#![allow(dead_code, unreachable_pub, clippy::missing_panics_doc, reason = "each test file uses a part")]
+#![allow(
+    dead_code,
+    unreachable_pub,
+    clippy::missing_panics_doc,
+    reason = "each test file uses a part"
+)]
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use spherecal::plant::{Plant, PlantConfig, Sensed};
