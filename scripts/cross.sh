@@ -6,6 +6,7 @@
 #
 #   check            say which route and which QEMU were found (the default)
 #   build [BOARD..]  build the images in release: mps2-an500 nucleo-h743zi
+#   prove            link the control path with a panic handler that does not exist
 #   cargo ARGS..     any other Cargo command in firmware/boards, same toolchain
 #
 #   --install        install what is missing (rustup first, apt-get second)
@@ -162,6 +163,10 @@ case $command in
             (cross_cargo build --release --locked --package "$board")
             [ "$dry" = yes ] || printf '%s\n' "$root/target/boards/$target/release/$board"
         done
+        ;;
+    prove)
+        cross_cargo build --release --locked --package mps2-an500 --features panic-free --bin control
+        [ "$dry" = yes ] || say "the control path links without a way to panic"
         ;;
     cargo) [ $# -gt 0 ] || usage; cross_cargo "$@" ;;
     *) say "unknown command $command"; usage ;;

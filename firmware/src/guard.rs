@@ -71,6 +71,7 @@ pub struct Guard<const N: usize> {
     limits: [JointLimits; N],
     last_tick: Option<u64>,
     missed_in_row: u32,
+    overrun_in_row: u32,
     missed: u32,
     force_ticks: u32,
     saturated_ticks: u32,
@@ -88,6 +89,7 @@ impl<const N: usize> Default for Guard<N> {
             limits: [none; N],
             last_tick: None,
             missed_in_row: 0,
+            overrun_in_row: 0,
             missed: 0,
             force_ticks: 0,
             saturated_ticks: 0,
@@ -127,11 +129,17 @@ impl<const N: usize> Guard<N> {
     }
 
     /// Counts `ticks` control periods that were missed by whoever runs the
-    /// controller; a violation once there are too many in a row.
+    /// controller, 0 for a tick that came in time; a violation once there are
+    /// too many without such a tick between them.
     pub fn overrun(&mut self, ticks: u32, limits: &Limits) -> Option<Violation> {
+        if ticks == 0 {
+            self.overrun_in_row = 0;
+            return None;
+        }
         self.missed = self.missed.saturating_add(ticks);
-        (ticks > limits.missed_ticks)
-            .then(|| Violation::new(Fault::Overrun, f64::from(ticks), f64::from(limits.missed_ticks)))
+        self.overrun_in_row = self.overrun_in_row.saturating_add(ticks);
+        let (row, allowed) = (self.overrun_in_row, limits.missed_ticks);
+        (row > allowed).then(|| Violation::new(Fault::Overrun, f64::from(row), f64::from(allowed)))
     }
 
     /// Looks at a drive state before anything is computed from it.

@@ -61,8 +61,8 @@ pub async fn run<const N: usize>(
         let beat = clock.next().await;
         if beat.missed > 0 {
             log_warn!("overrun: {} periods missed", beat.missed);
-            node.controller().missed(beat.missed);
         }
+        node.controller().missed(beat.missed);
         while let Some(message) = DrivePort::receive(ports) {
             match message {
                 FromDrive::State { state: new, time_us } => {

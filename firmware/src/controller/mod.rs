@@ -156,7 +156,8 @@ impl<const N: usize> Controller<N> {
         self.silent_ticks = 0;
     }
 
-    /// Notes `ticks` control periods that were missed by whoever runs the tick.
+    /// Notes `ticks` control periods that were missed by whoever runs the tick,
+    /// 0 for one that came in time.
     pub fn missed(&mut self, ticks: u32) {
         if let Some(violation) = self.guard.overrun(ticks, &self.procedure.limits) {
             self.fail(violation);

@@ -88,8 +88,11 @@ impl<const N: usize> Turning<N> {
             share = share.max(dq.abs() / limit);
         }
         let wanted = if share > BRISK { self.pace * BRISK / share } else { 1.0 };
-        let step = (wanted - self.pace).clamp(-SLOWER_PER_S * env.period_s, FASTER_PER_S * env.period_s);
-        self.pace = (self.pace + step).clamp(SLOWEST, 1.0);
+        // Not `clamp`, which panics where the period is not a number.
+        let step = (wanted - self.pace)
+            .max(-SLOWER_PER_S * env.period_s)
+            .min(FASTER_PER_S * env.period_s);
+        self.pace = (self.pace + step).max(SLOWEST).min(1.0);
         self.along_s += self.pace * env.period_s;
     }
 

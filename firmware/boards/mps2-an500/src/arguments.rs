@@ -9,6 +9,8 @@ pub enum Scenario {
     Hog,
     /// Controller on UART0 (drive) and UART1 (host), one tick for each drive state.
     Uart,
+    /// What the stages of the control law cost.
+    Stages,
     /// The timer across its 32-bit wrap.
     Wrap,
 }
@@ -48,6 +50,7 @@ impl<'a> Arguments<'a> {
                     "pipe" => Some(Scenario::Pipe),
                     "hog" => Some(Scenario::Hog),
                     "uart" => Some(Scenario::Uart),
+                    "stages" => Some(Scenario::Stages),
                     "wrap" => Some(Scenario::Wrap),
                     _ => None,
                 };

@@ -50,10 +50,12 @@ pub extern "C" fn on_control() {
 ///
 /// To be called once: a second call would replace an executor in use.
 pub fn start_control() -> SendSpawner {
-    assert!(!CONTROL_STARTED.load(Ordering::Acquire), "the control executor was started twice");
+    assert!(
+        !CONTROL_STARTED.load(Ordering::Acquire),
+        "the control executor was started twice"
+    );
     // SAFETY: nothing else touches the slot before `CONTROL_STARTED` is set.
-    let executor: &'static Executor =
-        unsafe { (*CONTROL_EXECUTOR.0.get()).write(Executor::new(CONTROL as *mut ())) };
+    let executor: &'static Executor = unsafe { (*CONTROL_EXECUTOR.0.get()).write(Executor::new(CONTROL as *mut ())) };
     CONTROL_STARTED.store(true, Ordering::Release);
     hardware::enable(Interrupt::Control, Priority::Control);
     executor.spawner().make_send()

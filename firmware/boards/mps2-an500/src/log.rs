@@ -130,10 +130,19 @@ defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 #[derive(Clone, Copy)]
 pub struct Sink(Option<File>);
 
+static OPENED: Mutex<core::cell::Cell<Option<File>>> = Mutex::new(core::cell::Cell::new(None));
+
+/// Writes out what has been logged, before the processor stops.
+pub fn last_words() {
+    Sink(critical_section::with(|cs| OPENED.borrow(cs).get())).empty();
+}
+
 impl Sink {
     /// A file of the host, whose path ends with a zero byte; none without a path.
     pub fn open(path: Option<&str>) -> Self {
-        Self(path.and_then(|path| File::open(path, Mode::Write)))
+        let file = path.and_then(|path| File::open(path, Mode::Write));
+        critical_section::with(|cs| OPENED.borrow(cs).set(file));
+        Self(file)
     }
 
     /// Writes out what has been logged.

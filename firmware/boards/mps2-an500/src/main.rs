@@ -8,6 +8,7 @@
 //! | `pipe` | the controller on QEMU's standard streams, in lock-step |
 //! | `hog` | the same while a thread-mode task hogs the processor for 20 ms at a time |
 //! | `uart` | the controller on UART0 (drive) and UART1 (host) |
+//! | `stages` | each stage of the control law, with its cost in instructions on standard output |
 //! | `wrap` | the time driver across the wrap of its 32-bit counter |
 //!
 //! A second argument `log=FILE` names the file of the `defmt` log. The exit
@@ -23,6 +24,7 @@ mod pipe;
 mod scenarios;
 mod semihosting;
 mod stack;
+mod stages;
 mod timer;
 mod uart;
 
@@ -78,11 +80,14 @@ fn main() -> ! {
 fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
     defmt::error!("{}", defmt::Display2Format(info));
+    log::last_words();
     semihosting::exit(EXIT_PANIC)
 }
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    cortex_m::interrupt::disable();
     defmt::error!("hard fault at {=u32:#x}, called from {=u32:#x}", frame.pc(), frame.lr());
+    log::last_words();
     semihosting::exit(EXIT_HARD_FAULT)
 }

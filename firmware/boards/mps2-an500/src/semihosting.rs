@@ -77,7 +77,10 @@ pub fn arguments(buffer: &mut [u8]) -> &str {
 
 /// Ends the process with `code`.
 pub fn exit(code: u8) -> ! {
-    block(SYS_EXIT_EXTENDED, &mut [ADP_STOPPED_APPLICATION_EXIT, usize::from(code)]);
+    block(
+        SYS_EXIT_EXTENDED,
+        &mut [ADP_STOPPED_APPLICATION_EXIT, usize::from(code)],
+    );
     loop {
         cortex_m::asm::nop();
     }

@@ -133,7 +133,11 @@ async fn housekeeping() {
         let dropped = LINKS.dropped();
         if dropped != told {
             told = dropped;
-            defmt::warn!("links: {} drive messages and {} host bytes dropped so far", dropped.0, dropped.1);
+            defmt::warn!(
+                "links: {} drive messages and {} host bytes dropped so far",
+                dropped.0,
+                dropped.1
+            );
         }
     }
 }
@@ -141,7 +145,11 @@ async fn housekeeping() {
 #[entry]
 fn main() -> ! {
     let p = embassy_stm32::init(clocks::configuration());
-    defmt::info!("spherecal {} on nucleo-h743zi, build {}", env!("CARGO_PKG_VERSION"), BUILD);
+    defmt::info!(
+        "spherecal {} on nucleo-h743zi, build {}",
+        env!("CARGO_PKG_VERSION"),
+        BUILD
+    );
     record::tell();
     clocks::watch_supply();
 
