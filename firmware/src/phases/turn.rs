@@ -92,7 +92,7 @@ impl<const N: usize> Turning<N> {
         let step = (wanted - self.pace)
             .max(-SLOWER_PER_S * env.period_s)
             .min(FASTER_PER_S * env.period_s);
-        self.pace = (self.pace + step).max(SLOWEST).min(1.0);
+        self.pace = (self.pace + step).min(1.0).max(SLOWEST);
         self.along_s += self.pace * env.period_s;
     }
 

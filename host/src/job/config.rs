@@ -41,10 +41,11 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
-    /// By the TCP error that they leave over the workspace.
-    #[default]
+    /// By the TCP error that they leave over the workspace: better, and a
+    /// sphere is visited several times.
     Optimal,
-    /// Spread over the grid.
+    /// Spread over the grid: each sphere is visited once.
+    #[default]
     Grid,
 }
 
@@ -73,7 +74,7 @@ impl Default for PlanSection {
         Self {
             poses: 150,
             paper: false,
-            choice: Choice::Optimal,
+            choice: Choice::Grid,
             range: Range::default(),
             grid: Grid::default(),
             rules: Rules::default(),

@@ -51,7 +51,12 @@ pub(super) fn full() -> ReportInput {
         contacts: vec![ContactTrace {
             title: evil.to_owned(),
             samples: (0..800)
-                .map(|k| (k as f64 * 1e-3, 8.0 / (1.0 + (-(k as f64 - 600.0) / 20.0).exp())))
+                .map(|k| {
+                    (
+                        f64::from(k) * 1e-3,
+                        8.0 / (1.0 + (-(f64::from(k) - 600.0) / 20.0).exp()),
+                    )
+                })
                 .collect(),
             trigger_s: Some(0.65),
             threshold_n: 7.5,

@@ -22,7 +22,7 @@ mod estimators;
 mod record;
 mod truth;
 
-pub use compare::{Cell, CompareOptions, Comparison, compare};
+pub use compare::{Cell, CompareOptions, Comparison, Errors, compare};
 pub use draw::{Recipe, World, draw};
 pub use estimators::{Estimator, bound_options, judge};
 pub use record::{GRID_SPHERES, PlannedPose, Trial, WorldError, paper_poses, record, record_poses};
