@@ -154,17 +154,23 @@ fn a_sphere_of_five_poses_is_the_same_in_every_bit() {
     );
     let costs: Vec<_> = trace.costs.iter().map(|c| c.tick).collect();
     let mean = costs.iter().map(|&c| f64::from(c)).sum::<f64>() / costs.len() as f64;
-    eprintln!(
-        "tick: mean {mean:.0}, worst {:?} instructions; link worst {:?}",
-        costs.iter().max(),
-        trace.costs.iter().map(|c| c.link).max()
-    );
+    let worst = costs.iter().copied().max().unwrap_or(0);
+    eprintln!("tick: mean {mean:.0}, worst {worst} instructions");
     for (tick, (a, b)) in expected.ticks.iter().zip(&trace.ticks).enumerate() {
         assert_eq!(a, b, "tick {tick} differs");
     }
     assert_eq!(expected.ticks.len(), trace.ticks.len());
     assert_eq!(here.recordings, there.recordings);
     assert_eq!(outcome.faults.len(), 0);
+    // The budget, over the whole procedure.
+    assert!(mean <= 28_000.0, "a tick takes {mean:.0} instructions on average");
+    assert!(worst <= 35_000, "a tick took {worst} instructions");
     let log = std::fs::read_to_string(folder.path().join("controller.log")).expect("a log");
-    eprintln!("{log}");
+    let ended = log.lines().find(|line| line.contains("ended:")).expect("last words");
+    eprintln!("{ended}");
+    let numbers: Vec<usize> = ended.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    let [used, room, ..] = numbers[..] else {
+        panic!("{ended}")
+    };
+    assert!(2 * used <= room, "{used} bytes of stack used of {room}");
 }

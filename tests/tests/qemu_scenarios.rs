@@ -17,7 +17,7 @@ use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::{self, Accumulator, MAX_FRAME, Message};
 use spherecal_shared::protocol::host::{ApproachCommand, Command as Order, Downlink, Event, Fault, Phase, Uplink};
-use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
 use spherecal_tests::qemu::image;
 
 /// Most instructions of a tick, on average and at worst.
@@ -61,6 +61,12 @@ fn state(tick: u64, q: &[f64; 7], dq: &[f64; 7]) -> DriveState {
     }
 }
 
+/// What the joints carry at rest, in N m.
+fn gravity(q: &[f64; 7]) -> [f64; 7] {
+    let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("an arm");
+    arm.bodies(&arm.frames(q)).gravity().data.0[0]
+}
+
 /// Hello, robot, configuration and `then`, as one packet of frames.
 fn orders(then: &[Order]) -> Vec<u8> {
     let mut all = vec![
@@ -102,7 +108,8 @@ impl Bench {
 
     fn step(&mut self, q: &[f64; 7], dq: &[f64; 7], down: &[u8]) -> DriveCommand {
         let mut up = Vec::new();
-        let state = state(self.tick, q, dq);
+        let mut state = state(self.tick, q, dq);
+        state.tau = joints(&gravity(q));
         let command = self
             .qemu
             .exchange(self.tick * 1000, &state, down, &mut up)
@@ -248,7 +255,7 @@ fn an_overrun_is_counted_and_becomes_a_fault() {
         Event::Statistics(statistics) => Some(statistics.missed),
         _ => None,
     });
-    assert!(missed.is_some_and(|missed| missed > 1000), "{missed:?} missed");
+    assert!(missed.is_some_and(|missed| missed > 500), "{missed:?} missed");
     let held = bench.step(&HOME, &STILL, &[]);
     assert!(held.enable && held.tau[1].abs() > 5.0, "gravity is held: {held:?}");
     let log = bench.log(folder.path());
@@ -274,7 +281,7 @@ fn a_hog_below_does_not_move_the_beat() {
     let log = bench.log(folder.path());
     let line = log.lines().find(|line| line.contains("beats:")).expect("a measurement");
     let numbers: Vec<u64> = line.split_whitespace().filter_map(|word| word.parse().ok()).collect();
-    let [early, late, ..] = numbers[numbers.len() - 4..] else {
+    let [early, late, ..] = numbers[..] else {
         panic!("{line}")
     };
     eprintln!("{line}");
