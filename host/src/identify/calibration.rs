@@ -140,9 +140,6 @@ pub struct Calibration {
     pub effective_parameters: f64,
     /// Natural logarithm of the model's evidence; compares models on the same data.
     pub log_evidence: f64,
-    /// Correlation of the residuals of poses that are neighbours in the joint space:
-    /// about zero where the model is right; intervals are wider where it is not.
-    pub residual_correlation: f64,
     /// Factors on the priors of stiffness and of harmonics that the evidence chose.
     pub prior_factors: (f64, f64),
     /// Whether the robot's description has no masses, so that assumed ones gave
@@ -356,7 +353,6 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         noise_scale: fit.scale,
         effective_parameters: fit.effective,
         log_evidence: fit.log_evidence,
-        residual_correlation: fit.correlation,
         prior_factors: fit.softness,
         assumed_masses: nominal.assumed(),
         inner: Inner {

@@ -433,7 +433,6 @@ impl DistanceProblem {
             covariance,
             log_evidence: f64::NAN,
             softness: (1.0, 1.0),
-            correlation: 0.0,
             identifiability,
         };
         finish(experiment, options, Model::Geometry, fit)

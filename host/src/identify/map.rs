@@ -55,8 +55,6 @@ pub(crate) struct Fit {
     pub(crate) covariance: DMatrix<f64>,
     /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
     pub(crate) log_evidence: f64,
-    /// Correlation of the residuals of neighbouring poses.
-    pub(crate) correlation: f64,
     /// Factors on the priors of stiffness and harmonics that the evidence chose.
     pub(crate) softness: (f64, f64),
     pub(crate) identifiability: Identifiability,
@@ -174,22 +172,10 @@ const SHAPES: [f64; 3] = [1.0, 10.0, 100.0];
 /// Gain in log likelihood that another shape must show.
 const SHAPE_GAIN: f64 = 8.0;
 
-/// Factors on compliance and bending that a robot may have over the priors: a
-/// real iiwa 7 has compliances of 6e-5 rad/(N m) by its gravity model.
-const STIFFNESS: [f64; 2] = [1.0, 8.0];
-/// Shapes that the harmonics' priors may have: a factor on `σ/k`, and the power
-/// of the order by which they fall. Steeper falls were tried (3 σ/k²): their
-/// evidence is often the better and their predictions the worse, as the data
-/// of few degrees cannot tell the first order from the rest.
-const HARMONICS: [(f64, i32); 2] = [(1.0, 1), (3.0, 1)];
-/// Residuals of neighbouring poses that correlate more than this say that no
-/// model at hand is right, so that their evidence means little.
-const COLOURED: f64 = 0.05;
-/// Poses whose neighbours are looked up for that.
-const NEIGHBOURS: usize = 600;
-/// What the inflation of the noise is worth in the covariance where the
-/// residuals are white: there it only guards against what they would show.
-const WHITE_SHARE: f64 = 0.45;
+/// How much softer, and how much rougher in its encoders, than the priors a
+/// robot may be: factors on compliance and bending, and on the harmonics. A real
+/// iiwa 7 has compliances of 6e-5 rad/(N m) by its gravity model.
+const PRIORS: [(f64, f64); 4] = [(1.0, 1.0), (1.0, 3.0), (8.0, 1.0), (8.0, 3.0)];
 /// Gain in log evidence that wider priors must show.
 const PRIOR_GAIN: f64 = 3.0;
 
@@ -242,81 +228,33 @@ impl Search<'_> {
         self.state.refresh();
     }
 
-    /// The unknowns under other priors of the effects.
-    fn under(&self, stiffness: f64, harmonics: (f64, i32)) -> Unknowns {
-        let mut unknowns = self.unknowns.clone();
-        for (i, &column) in self.unknowns.columns.iter().enumerate() {
-            let parameter = &self.table[column];
-            if parameter.set_by_user {
-                continue;
-            }
-            let factor = match parameter.kind {
-                Kind::Compliance(_) => {
-                    unknowns.deviation[i] = self.state.get(parameter.kind) - stiffness * parameter.nominal;
-                    stiffness
-                }
-                Kind::Bending(..) | Kind::Tilt(_) => stiffness,
-                Kind::Cosine(_, k) | Kind::Sine(_, k) => harmonics.0 * (k as f64).powi(1 - harmonics.1),
-                _ => continue,
-            };
-            unknowns.precision[i] = (parameter.prior_sigma * factor).powi(-2);
-        }
-        unknowns
-    }
-
-    /// Among a few fixed priors of the effects takes the one with the best
+    /// Among the few fixed priors of the effects takes the one with the best
     /// evidence at inflated noise: a choice of few, as learning the variances
-    /// themselves goes astray where the model is wrong. Returns the factors on
-    /// stiffness and on the first harmonics.
+    /// themselves goes astray where the model is wrong.
     fn choose_priors(&mut self, normal: &Normal) -> Result<(f64, f64), IdentifyError> {
         let s2 = self.s2 * self.options.noise.inflation.powi(2);
-        let mut best: Option<(f64, (f64, i32), f64)> = None;
-        let choices: &[_] = if self.correlation() < COLOURED {
-            &HARMONICS[1..]
-        } else {
-            &[]
-        };
-        let softer = STIFFNESS.map(|s| (Some(s), HARMONICS[0]));
-        for (stiffness, harmonics) in softer.into_iter().chain(choices.iter().map(|h| (None, *h))) {
-            let stiffness = stiffness.unwrap_or_else(|| best.map_or(1.0, |b| b.0));
-            let candidate = self.under(stiffness, harmonics);
-            let evidence = Posterior::new(normal, &candidate, s2)?.log_evidence(normal, &candidate, s2);
-            if best.is_none_or(|b| evidence > b.2 + PRIOR_GAIN) {
-                best = Some((stiffness, harmonics, evidence));
-            }
-        }
-        let (stiffness, harmonics, _) = best.unwrap_or((1.0, HARMONICS[0], 0.0));
-        self.unknowns = self.under(stiffness, harmonics);
-        Ok((stiffness, harmonics.0))
-    }
-
-    /// Correlation of the residuals of poses that are nearest neighbours in the
-    /// joint space, on the same target; about zero where the model is right.
-    fn correlation(&self) -> f64 {
-        let stride = self.prepared.len().div_ceil(NEIGHBOURS).max(1);
-        let residual = |i: usize| {
-            let observation = &self.prepared[i];
-            let k = self.state.evaluate(&observation.q, &observation.load);
-            self.state.residual(observation, &k.tcp) * self.weights[i].min(1.0)
-        };
-        let (mut both, mut own, mut other) = (0.0, 1e-300, 1e-300);
-        for group in self.groups {
-            // The look-up goes over at most so many poses, so that its cost stays linear.
-            let among = group.members.len().div_ceil(4 * NEIGHBOURS).max(1);
-            for &i in group.members.iter().step_by(stride) {
-                let q = &self.prepared[i].q;
-                let far = |j: usize| -> f64 { q.iter().zip(&self.prepared[j].q).map(|(a, b)| (a - b).powi(2)).sum() };
-                let others = group.members.iter().copied().step_by(among).filter(|j| *j != i);
-                let Some((_, j)) = others.map(|j| (far(j), j)).min_by(|a, b| a.0.total_cmp(&b.0)) else {
-                    continue;
+        let mut best = (PRIORS[0], self.unknowns.clone(), f64::NEG_INFINITY);
+        for (stiffness, harmonics) in PRIORS {
+            let mut candidate = self.unknowns.clone();
+            for (precision, &column) in candidate.precision.iter_mut().zip(&self.unknowns.columns) {
+                let parameter = &self.table[column];
+                *precision = parameter.prior_sigma.powi(-2);
+                let factor = match parameter.kind {
+                    _ if parameter.set_by_user => 1.0,
+                    Kind::Compliance(_) | Kind::Bending(..) | Kind::Tilt(_) => stiffness,
+                    Kind::Cosine(..) | Kind::Sine(..) => harmonics,
+                    _ => 1.0,
                 };
-                let (a, b) = (residual(i), residual(j));
-                both += a.dot(&b);
-                own += a.norm_squared();
-                other += b.norm_squared();
+                *precision /= factor * factor;
+            }
+            let evidence = Posterior::new(normal, &candidate, s2)?.log_evidence(normal, &candidate, s2);
+            let gain = if best.2.is_finite() { PRIOR_GAIN } else { 0.0 };
+            if evidence > best.2 + gain {
+                best = ((stiffness, harmonics), candidate, evidence);
             }
         }
-        both / (own * other).sqrt()
+        self.unknowns = best.1;
+        Ok(best.0)
     }
 
     /// One Gauss-Newton step, then noise and weights at the new state. Returns
@@ -499,7 +437,7 @@ pub(crate) fn fit(
     search.unknowns = joined(&full_table, &plain_table, &search.unknowns);
     search.layout = &layout;
     search.table = &full_table;
-    let mut softness = (1.0, 1.0);
+    let mut softness = PRIORS[0];
     if richer {
         if noise.estimate {
             search.s2 = search.s2.min(1.0);
@@ -512,10 +450,10 @@ pub(crate) fn fit(
             } else {
                 search.renew(&mut normal);
             }
-            if k == 1 {
+            if k < 2 {
                 softness = search.choose_priors(&normal)?;
             }
-            if search.step(&normal, true)? < SETTLED && k > 0 {
+            if search.step(&normal, true)? < SETTLED {
                 break;
             }
         }
@@ -533,10 +471,7 @@ pub(crate) fn fit(
     let posterior = Posterior::new(&normal, &search.unknowns, inflated)?;
     let (step, _) = posterior.step(&normal, &search.unknowns, inflated);
     search.advance(&step);
-    // Where neighbours err alike, the poses count for less than their number.
-    let correlation = search.correlation();
-    let colour = (WHITE_SHARE * (1.0 + 10.0 * correlation)).clamp(WHITE_SHARE, 2.0);
-    let mut covariance = posterior.covariance() * colour;
+    let mut covariance = posterior.covariance();
     let Search {
         whitening,
         state,
@@ -566,7 +501,6 @@ pub(crate) fn fit(
         unknowns,
         covariance,
         log_evidence,
-        correlation,
         softness,
         identifiability,
     })

@@ -32,13 +32,8 @@ pub const BASE_SIGMA_M: f64 = 10.0;
 /// what registration leaves open, but it holds a plate of one or two spheres,
 /// whose turn about their line no contact sees.
 pub const BASE_SIGMA_RAD: f64 = 0.1;
-/// Scale of joint compliance, in rad/(N m): half-normal, as a spring gives way to
-/// the load and never against it.
-pub const COMPLIANCE_SCALE: f64 = 5e-6;
-/// Mean of the half-normal of that scale: `σ √(2/π)`.
-pub const COMPLIANCE_MEAN: f64 = 0.798 * COMPLIANCE_SCALE;
-/// Standard deviation of the same: `σ √(1 − 2/π)`.
-pub const COMPLIANCE_SIGMA: f64 = 0.603 * COMPLIANCE_SCALE;
+/// Prior of joint compliance, zero mean, in rad/(N m).
+pub const COMPLIANCE_SIGMA: f64 = 5e-6;
 /// Prior of link bending and base tilt, zero mean, in rad/(N m).
 pub const BENDING_SIGMA: f64 = 2e-6;
 /// Prior of encoder harmonics of order 1, zero mean; order k has 1/k of it, in rad.
@@ -379,12 +374,7 @@ fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -> Parameter
             "a bolted tool measured by hand",
         ),
         Kind::Bending(..) | Kind::Tilt(_) => (0.0, BENDING_SIGMA, false, "zero-mean random effect: a stiff link"),
-        Kind::Compliance(_) => (
-            COMPLIANCE_MEAN,
-            COMPLIANCE_SIGMA,
-            false,
-            "a geared joint: a spring, so of known sign",
-        ),
+        Kind::Compliance(_) => (0.0, COMPLIANCE_SIGMA, false, "zero-mean random effect: a geared joint"),
         Kind::Cosine(_, k) | Kind::Sine(_, k) => (
             0.0,
             HARMONIC_SIGMA_RAD / k as f64,

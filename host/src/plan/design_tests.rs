@@ -34,7 +34,7 @@ fn sixty_chosen_poses_promise_more_than_the_papers_grid() {
         "60 chosen {:?} in {:.0} s, paper {paper:?} in {:.0} s",
         promise, designed.robot_s, grid.robot_s
     );
-    assert!(promise.mean_mm < 0.8 * paper.mean_mm);
+    assert!(promise.mean_mm < 0.9 * paper.mean_mm);
     let falling = designed.promise.windows(2).all(|w| w[1].mean_mm <= w[0].mean_mm * 1.02);
     assert!(falling, "{:?}", designed.promise);
     let again = design(&cell, &request).expect("a plan");
