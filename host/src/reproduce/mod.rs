@@ -4,7 +4,7 @@
 //! same recordings.
 //!
 //! Works on plain data ([`Recordings`]): they may come from a stored campaign or from
-//! a synthetic world ([`Trial`](crate::worlds::Trial)).
+//! a synthetic world ([`Trial`]).
 //!
 //! ```text
 //! Recordings ─ reproduce ─▶ Reproduction ─ write ─▶ reproduce.txt · reproduce.json · figure_*.svg
