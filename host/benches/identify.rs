@@ -1,7 +1,6 @@
 //! Identification, single thread: geometry on 300 poses, the full structured
 //! model with its covariance on 1,840 contacts, and how the time grows with the
-//! number of poses. `tests/compare_identify.py` runs these and NumPy/SciPy doing
-//! the same in one go.
+//! number of poses.
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use nalgebra::Vector3;

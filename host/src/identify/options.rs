@@ -200,9 +200,6 @@ pub struct Options {
     pub subset: Option<Vec<usize>>,
     /// Seed of what draws at random (the paper's mini-batches).
     pub seed: u64,
-    /// Among geometry, stiffness and full, take the one that cross-validation
-    /// prefers, where the data have several spheres or places to leave out.
-    pub choose_model: bool,
 }
 
 impl Default for Options {
@@ -219,7 +216,6 @@ impl Default for Options {
             pairs: Pairs::Norm,
             subset: None,
             seed: 1,
-            choose_model: false,
         }
     }
 }
