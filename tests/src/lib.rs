@@ -1,5 +1,6 @@
 //! What the system tests share: where the reference data are, and how to read them.
 
+pub mod bench;
 pub mod qemu;
 pub mod tour;
 pub mod worlds;
