@@ -11,7 +11,8 @@
 //!
 //! [`Controller`] is the control path: a plain synchronous `tick`. [`HostLink`]
 //! turns bytes into commands and events into bytes, with acknowledgement and
-//! repetition. [`Node`] is both, for whoever runs them in one thread.
+//! repetition. [`Node`] is both, for whoever runs them in one thread; a board
+//! runs the link below the control path, with queues between them ([`app`]).
 //!
 //! Inside the tick: [`guard`] admits the drive state, [`law`] computes the arm
 //! once and the torque from a setpoint, [`phases`] moves the setpoint through
@@ -27,7 +28,7 @@ pub mod contact;
 pub mod controller;
 pub mod guard;
 pub mod law;
-mod link;
+pub mod link;
 pub mod motion;
 mod node;
 pub mod phases;

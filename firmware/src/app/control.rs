@@ -1,14 +1,11 @@
 //! The control task.
 
-use spherecal_shared::protocol::drive::DriveState;
-use spherecal_shared::protocol::frame::MAX_FRAME;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
 
 use super::FromDrive;
-use super::ports::{Clock, DrivePort, HostPort, Probe};
-use crate::Node;
-
-/// Bytes of the host link that the control task moves in one period at most.
-pub const HOST_BYTES: usize = 8 * MAX_FRAME;
+use super::ports::{Beat, Clock, DrivePort, HostPort, Probe};
+use crate::Controller;
+use crate::link::Verdict;
 
 /// Why the control task ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,27 +17,14 @@ pub enum Ended {
     DriveRefused,
 }
 
-/// What the control task needs besides its ports: the buffers, kept out of its
-/// stack frame.
-#[derive(Debug)]
+/// What the control task keeps from tick to tick, out of its stack frame.
+#[derive(Debug, Default)]
 pub struct Workspace<const N: usize> {
-    /// The controller and its host link.
-    pub node: Node<N>,
+    /// The controller.
+    pub controller: Controller<N>,
     state: DriveState,
-    down: [u8; HOST_BYTES],
-    up: [u8; HOST_BYTES],
-}
-
-impl<const N: usize> Workspace<N> {
-    /// A controller that says `build` in its banner.
-    pub fn new(build: &str) -> Self {
-        Self {
-            node: Node::new(build),
-            state: DriveState::default(),
-            down: [0; HOST_BYTES],
-            up: [0; HOST_BYTES],
-        }
-    }
+    heard: bool,
+    drive_us: u64,
 }
 
 /// Runs the controller: one tick on every beat of `clock`, until the drive has
@@ -53,58 +37,93 @@ impl<const N: usize> Workspace<N> {
 pub async fn run<const N: usize>(
     work: &mut Workspace<N>,
     clock: &mut impl Clock,
-    ports: &mut (impl DrivePort + HostPort + Probe),
+    drive: &mut (impl DrivePort + Probe),
+    host: &mut impl HostPort,
 ) -> Ended {
-    let Workspace { node, state, down, up } = work;
-    let (mut heard, mut drive_us) = (false, 0);
     loop {
         let beat = clock.next().await;
-        if beat.missed > 0 {
-            log_warn!("overrun: {} periods missed", beat.missed);
+        if let Err(ended) = turn(work, clock, &beat, drive, host) {
+            return ended;
         }
-        node.controller().missed(beat.missed);
-        while let Some(message) = DrivePort::receive(ports) {
-            match message {
-                FromDrive::State { state: new, time_us } => {
-                    *state = new;
-                    drive_us = time_us;
-                    heard = true;
-                }
-                FromDrive::Hello(hello) => {
-                    if node.controller().connect(&hello).is_err() {
-                        log_error!(
-                            "drive refused: protocol {}, {} joints, {} us",
-                            hello.protocol,
-                            hello.limits.len(),
-                            hello.period_us
-                        );
-                        return Ended::DriveRefused;
-                    }
-                    log_info!("drive: {} joints, period {} us", hello.limits.len(), hello.period_us);
-                }
-            }
-        }
-        if ports.ended() {
-            return Ended::DriveGone;
-        }
-        let now = clock.time(&beat, drive_us);
-        let length = HostPort::receive(ports, down);
-        let room = ports.room().min(HOST_BYTES);
-        let before = node.controller().phase();
-        let (command, sent) = node.exchange_probed(
-            now,
-            state,
-            down.get(..length).unwrap_or_default(),
-            up.get_mut(..room).unwrap_or_default(),
-            ports,
-        );
-        let after = node.controller().phase();
-        if after != before {
-            log_info!("phase {} after {}, tick {}", after, before, state.tick);
-        }
-        if heard {
-            DrivePort::send(ports, &command);
-        }
-        HostPort::send(ports, up.get(..sent).unwrap_or_default());
     }
+}
+
+/// One beat: takes in what has come, ticks, hands on what there is to say.
+///
+/// # Errors
+/// Why there is no next one.
+pub fn turn<const N: usize>(
+    work: &mut Workspace<N>,
+    clock: &impl Clock,
+    beat: &Beat,
+    drive: &mut (impl DrivePort + Probe),
+    host: &mut impl HostPort,
+) -> Result<(), Ended> {
+    if beat.missed > 0 {
+        log_warn!("overrun: {} periods missed", beat.missed);
+    }
+    work.controller.missed(beat.missed);
+    while let Some(message) = drive.receive() {
+        take(work, message)?;
+    }
+    if drive.ended() {
+        return Err(Ended::DriveGone);
+    }
+    let before = work.controller.phase();
+    drive.before_tick();
+    let command = tick(work, clock, beat, host);
+    drive.after_tick();
+    if work.heard {
+        drive.send(&command);
+    }
+    let controller = &mut work.controller;
+    host.events(&mut || controller.event());
+    host.samples(&mut || controller.sample());
+    host.ticked(clock.time(beat, work.drive_us), controller.statistics());
+    let after = controller.phase();
+    if after != before {
+        log_info!("phase {} after {}, tick {}", after, before, work.state.tick);
+    }
+    Ok(())
+}
+
+/// The host's commands and the control law.
+fn tick<const N: usize>(
+    work: &mut Workspace<N>,
+    clock: &impl Clock,
+    beat: &Beat,
+    host: &mut impl HostPort,
+) -> DriveCommand {
+    let controller = &mut work.controller;
+    if host.heard() {
+        controller.heard();
+    }
+    while let Some((sequence, command)) = host.command() {
+        let result = controller.command(command);
+        host.verdict(Verdict { sequence, result });
+    }
+    controller.tick(clock.time(beat, work.drive_us), &work.state)
+}
+
+fn take<const N: usize>(work: &mut Workspace<N>, message: FromDrive) -> Result<(), Ended> {
+    match message {
+        FromDrive::State { state, time_us } => {
+            work.state = state;
+            work.drive_us = time_us;
+            work.heard = true;
+        }
+        FromDrive::Hello(hello) => {
+            if work.controller.connect(&hello).is_err() {
+                log_error!(
+                    "drive refused: protocol {}, {} joints, {} us",
+                    hello.protocol,
+                    hello.limits.len(),
+                    hello.period_us
+                );
+                return Err(Ended::DriveRefused);
+            }
+            log_info!("drive: {} joints, period {} us", hello.limits.len(), hello.period_us);
+        }
+    }
+    Ok(())
 }

@@ -2,13 +2,13 @@
 //! outside.
 //!
 //! ```text
-//!   UART ─▶ drive_in ─▶ messages ─┐              ┌─▶ newest command ─▶ drive_out ─▶ UART
-//!   UART ─▶ host_in  ─▶ bytes   ──┴─ run (1 kHz) ┴─▶ bytes          ─▶ host_out  ─▶ UART
+//!   UART ─▶ drive_in ─▶ messages ──────┐               ┌─▶ newest command ─▶ drive_out ─▶ UART
+//!   UART ─▶ host_in ─▶ bytes ─▶ host ──┴─ run (1 kHz) ─┴─▶ host ─▶ bytes ─▶ host_out ─▶ UART
 //! ```
 //!
-//! Framing of the drive link happens here, in tasks of lower priority. Every
-//! queue is bounded; what does not fit is dropped and counted, and the links'
-//! own numbering and repetition deal with the gap.
+//! Framing of both links happens here, in tasks of lower priority. Every queue
+//! is bounded; what does not fit is dropped and counted, and the links' own
+//! numbering and repetition deal with the gap.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -20,13 +20,18 @@ use embassy_time::Instant;
 use spherecal_shared::protocol::drive::DriveCommand;
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 
-use super::ports::{Beat, Clock, DrivePort, HostPort, Probe};
-use super::{DriveReceiver, FromDrive, HOST_BYTES};
+use super::ports::{Beat, Clock, DrivePort, Probe};
+use super::{DriveReceiver, FromDrive, LinkEnd};
+use crate::HostLink;
 
 /// Messages of the drive that may wait for the control task.
 const MESSAGES: usize = 4;
 /// Bytes from the host that may wait: two of the largest frames.
 const DOWN: usize = 2 * MAX_FRAME;
+/// Bytes to the host that may wait.
+const UP: usize = 8 * MAX_FRAME;
+/// Bytes that enter or leave a queue at once: interrupts are off meanwhile.
+const PIECE: usize = 64;
 
 /// A stream of bytes, from one end.
 pub trait ByteReader {
@@ -45,7 +50,7 @@ pub struct Links<M: RawMutex> {
     messages: Channel<M, FromDrive, MESSAGES>,
     command: Signal<M, DriveCommand>,
     down: Pipe<M, DOWN>,
-    up: Pipe<M, HOST_BYTES>,
+    up: Pipe<M, UP>,
     dropped_messages: AtomicU32,
     dropped_bytes: AtomicU32,
 }
@@ -110,24 +115,45 @@ impl<M: RawMutex> Links<M> {
         let mut buffer = [0; 256];
         loop {
             let length = reader.read(&mut buffer).await;
-            let mut rest = buffer.get(..length).unwrap_or_default();
-            while let Ok(taken) = self.down.try_write(rest) {
-                rest = rest.get(taken..).unwrap_or_default();
-                if rest.is_empty() {
-                    break;
-                }
+            self.put(&self.down, buffer.get(..length).unwrap_or_default());
+        }
+    }
+
+    /// Speaks the host link's protocol through `link` after every tick: hands
+    /// the host's commands to the control path, and its events to the host.
+    /// `up` is where frames are made; its length bounds what one tick may say.
+    pub async fn host(&self, link: &mut HostLink, desk: &mut LinkEnd<'_, M>, up: &mut [u8]) -> ! {
+        let mut piece = [0; PIECE];
+        loop {
+            let now = desk.ticked().await;
+            while let Ok(count) = self.down.try_read(&mut piece) {
+                link.receive(piece.get(..count).unwrap_or_default(), desk);
             }
-            let lost = u32::try_from(rest.len()).unwrap_or(u32::MAX);
-            self.dropped_bytes.fetch_add(lost, Ordering::Relaxed);
+            let room = self.up.free_capacity().min(up.len());
+            let length = link.transmit(now, up.get_mut(..room).unwrap_or_default(), desk);
+            self.put(&self.up, up.get(..length).unwrap_or_default());
         }
     }
 
     /// Sends to the host.
     pub async fn host_out(&self, writer: &mut impl ByteWriter) -> ! {
-        let mut buffer = [0; 256];
+        let mut buffer = [0; PIECE];
         loop {
             let length = self.up.read(&mut buffer).await;
             writer.write(buffer.get(..length).unwrap_or_default()).await;
+        }
+    }
+
+    /// Puts `bytes` into `pipe`, piece by piece, and counts what does not fit.
+    fn put<const LENGTH: usize>(&self, pipe: &Pipe<M, LENGTH>, bytes: &[u8]) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let Ok(taken) = pipe.try_write(rest.get(..PIECE).unwrap_or(rest)) else {
+                let lost = u32::try_from(rest.len()).unwrap_or(u32::MAX);
+                self.dropped_bytes.fetch_add(lost, Ordering::Relaxed);
+                return;
+            };
+            rest = rest.get(taken..).unwrap_or_default();
         }
     }
 }
@@ -139,33 +165,6 @@ impl<M: RawMutex> DrivePort for &Links<M> {
 
     fn send(&mut self, command: &DriveCommand) {
         self.command.signal(command.clone());
-    }
-}
-
-impl<M: RawMutex> HostPort for &Links<M> {
-    fn receive(&mut self, buffer: &mut [u8]) -> usize {
-        let mut length = 0;
-        while let Some(rest) = buffer.get_mut(length..).filter(|rest| !rest.is_empty()) {
-            let Ok(count) = self.down.try_read(rest) else { break };
-            length += count;
-        }
-        length
-    }
-
-    fn room(&self) -> usize {
-        self.up.free_capacity()
-    }
-
-    fn send(&mut self, bytes: &[u8]) {
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            let Ok(taken) = self.up.try_write(rest) else {
-                let lost = u32::try_from(rest.len()).unwrap_or(u32::MAX);
-                self.dropped_bytes.fetch_add(lost, Ordering::Relaxed);
-                return;
-            };
-            rest = rest.get(taken..).unwrap_or_default();
-        }
     }
 }
 

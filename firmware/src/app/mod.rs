@@ -9,10 +9,13 @@
 //! logging run below it.
 //!
 //! ```text
-//!   drive bytes ─▶ DriveReceiver ─▶ newest state ─┐
-//!   host bytes  ─▶ queue ────────────────────────▶├─ run (1 kHz) ─▶ torque ─▶ drive
-//!   beat (embassy Ticker, overruns watched) ─────▶┘              ─▶ queue ─▶ host
+//!   drive bytes ─▶ DriveReceiver ─▶ states ───────┐
+//!   host bytes  ─▶ HostLink ─▶ commands ─────────▶├─ run (1 kHz) ─▶ torque ─▶ drive bytes
+//!   beat (embassy Ticker, overruns watched) ─────▶┘              ─▶ events ─▶ HostLink ─▶ host bytes
 //! ```
+//!
+//! No byte is framed, checked or encoded inside the control task: [`Post`] holds
+//! the queues of typed values between it and the host link.
 
 #[macro_use]
 mod log;
@@ -21,7 +24,12 @@ mod drive;
 pub mod links;
 mod period;
 pub mod ports;
+mod post;
 
-pub use control::{Ended, HOST_BYTES, Workspace, run};
+#[cfg(test)]
+mod tests;
+
+pub use control::{Ended, Workspace, run, turn};
 pub use drive::{DriveReceiver, FromDrive};
 pub use period::{PERIOD, PeriodWatch, TickerClock};
+pub use post::{Bell, ControlEnd, LinkEnd, Post, Ticked};

@@ -41,6 +41,14 @@ impl PeriodWatch {
         missed
     }
 
+    /// When the beats are to start afresh, where a tick that ends at `now` has
+    /// run into its next beat: a period from then, in which the links below
+    /// have the processor. A control task that is always late would leave them
+    /// none, and nobody would hear of it.
+    pub fn restart(&self, now: Instant) -> Option<Instant> {
+        (now >= self.due).then_some(now)
+    }
+
     /// When the next beat is due.
     pub fn due(&self) -> Instant {
         self.due
@@ -52,17 +60,13 @@ impl PeriodWatch {
     }
 }
 
-/// The beat of an `embassy_time::Ticker` in real (or QEMU's virtual) time.
-///
-/// `LOCK_STEP` tells the control path the drive's time instead of the board's,
-/// so that two runs of the same drive agree in every bit, whatever runs the
-/// controller.
-pub struct TickerClock<const LOCK_STEP: bool> {
+/// The beat of an `embassy_time::Ticker`, in real time.
+pub struct TickerClock {
     ticker: Ticker,
     watch: PeriodWatch,
 }
 
-impl<const LOCK_STEP: bool> TickerClock<LOCK_STEP> {
+impl TickerClock {
     /// Starts beating; the first beat is due after one period.
     pub fn start() -> Self {
         let start = Instant::now();
@@ -80,8 +84,11 @@ impl<const LOCK_STEP: bool> TickerClock<LOCK_STEP> {
     }
 }
 
-impl<const LOCK_STEP: bool> Clock for TickerClock<LOCK_STEP> {
+impl Clock for TickerClock {
     async fn next(&mut self) -> Beat {
+        if let Some(now) = self.watch.restart(Instant::now()) {
+            self.ticker.reset_at(now);
+        }
         self.ticker.next().await;
         let at = Instant::now();
         let missed = self.watch.note(at);
@@ -91,12 +98,8 @@ impl<const LOCK_STEP: bool> Clock for TickerClock<LOCK_STEP> {
         Beat { at, missed }
     }
 
-    fn time(&self, beat: &Beat, drive_us: u64) -> Instant {
-        if LOCK_STEP {
-            Instant::from_micros(drive_us)
-        } else {
-            beat.at
-        }
+    fn time(&self, beat: &Beat, _drive_us: u64) -> Instant {
+        beat.at
     }
 }
 
@@ -128,6 +131,18 @@ mod tests {
         assert_eq!(watch.due(), at(8000));
         assert_eq!(watch.note(at(8000)), 0);
         assert_eq!(watch.missed(), 5);
+    }
+
+    // Fails if a tick that runs into its next beat is followed by that beat at
+    // once, or if the beat that is given up is not counted.
+    #[test]
+    fn a_tick_that_takes_too_long_leaves_a_period_to_those_below() {
+        let mut watch = PeriodWatch::new(PERIOD, at(0));
+        watch.note(at(1000));
+        assert_eq!(watch.restart(at(1999)), None);
+        assert_eq!(watch.restart(at(2500)), Some(at(2500)));
+        assert_eq!(watch.note(at(3500)), 1);
+        assert_eq!(watch.due(), at(4500));
     }
 
     // Fails if a clock that went backwards is taken for a stall.

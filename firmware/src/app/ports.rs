@@ -6,8 +6,10 @@
 
 use embassy_time::Instant;
 use spherecal_shared::protocol::drive::DriveCommand;
+use spherecal_shared::protocol::host::{Command, Event, Sample, Statistics};
 
 use super::FromDrive;
+use crate::link::Verdict;
 
 /// The drive's end.
 pub trait DrivePort {
@@ -24,16 +26,25 @@ pub trait DrivePort {
     }
 }
 
-/// The host's end: bytes.
+/// The host's end, behind the host link: typed values, no bytes.
 pub trait HostPort {
-    /// Moves bytes that have come into `buffer`; returns how many.
-    fn receive(&mut self, buffer: &mut [u8]) -> usize;
+    /// Whether the host was heard since this was asked last.
+    fn heard(&mut self) -> bool;
 
-    /// Bytes that [`send`](Self::send) would take now.
-    fn room(&self) -> usize;
+    /// The next command and its number.
+    fn command(&mut self) -> Option<(u32, Command)>;
 
-    /// Sends `bytes`, which are no more than [`room`](Self::room).
-    fn send(&mut self, bytes: &[u8]);
+    /// Says what became of a command.
+    fn verdict(&mut self, verdict: Verdict);
+
+    /// Takes events from `next` as long as there is room.
+    fn events(&mut self, next: &mut impl FnMut() -> Option<Event>);
+
+    /// Takes samples from `next` as long as there is room.
+    fn samples(&mut self, next: &mut impl FnMut() -> Option<Sample>);
+
+    /// The tick that was told `now` is over, and all that it had to say is said.
+    fn ticked(&mut self, now: Instant, statistics: Statistics);
 }
 
 /// The beat of the control period.
@@ -55,16 +66,14 @@ pub struct Beat {
     pub missed: u32,
 }
 
-/// Looks into the control task: what its parts cost, and when it ran.
+/// Looks into the control task: what a tick costs.
 ///
 /// The default does nothing and compiles to nothing.
 pub trait Probe {
-    /// The control law is about to run.
+    /// The host's commands and the control law are about to run.
     fn before_tick(&mut self) {}
-    /// The control law has run; the host link is next.
-    fn between(&mut self) {}
-    /// Both have run.
-    fn after(&mut self) {}
+    /// They have run.
+    fn after_tick(&mut self) {}
 }
 
 impl Probe for () {}

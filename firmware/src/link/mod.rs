@@ -1,5 +1,9 @@
 //! The controller's end of the host link: bytes to commands, events to bytes.
 //!
+//! It knows the control path as a [`Desk`] only: at hand in one thread
+//! ([`Node`](crate::Node)), or behind queues on a board, where the link runs
+//! below the control task ([`app`](crate::app)).
+//!
 //! Commands are carried out once, however often they come; events are sent
 //! again until the host acknowledges them, in order. Telemetry, replies and
 //! statistics are sent once: the host asks again if it misses a reply.
@@ -8,9 +12,9 @@ use embassy_time::{Duration, Instant};
 use heapless::{Deque, String, Vec};
 use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::frame::{self, Accumulator, LinkCounters, MAX_FRAME, SequenceWatch};
-use spherecal_shared::protocol::host::{Banner, Command, Downlink, Event, MAX_BATCH, Refusal, Uplink};
-
-use crate::Controller;
+use spherecal_shared::protocol::host::{
+    Banner, Command, Downlink, Event, MAX_BATCH, Refusal, Sample, Statistics, Uplink,
+};
 
 /// Events sent and not yet acknowledged, at most.
 const PENDING: usize = 8;
@@ -21,6 +25,39 @@ const RESEND: Duration = Duration::from_millis(100);
 /// How often statistics are sent.
 const STATISTICS: Duration = Duration::from_millis(1000);
 
+/// What became of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Verdict {
+    /// Number of the command.
+    pub sequence: u32,
+    /// Whether it is being carried out.
+    pub result: Result<(), Refusal>,
+}
+
+/// The control path, as the host link sees it.
+pub trait Desk {
+    /// Notes that the host was heard.
+    fn heard(&mut self);
+
+    /// Takes a command; `false` when there is no room: the host sends it again.
+    fn command(&mut self, sequence: u32, command: Command) -> bool;
+
+    /// What became of the oldest command whose verdict was not asked for yet.
+    fn verdict(&mut self) -> Option<Verdict>;
+
+    /// The next event for the host.
+    fn event(&mut self) -> Option<Event>;
+
+    /// Telemetry samples that wait.
+    fn samples_waiting(&self) -> usize;
+
+    /// The next telemetry sample.
+    fn sample(&mut self) -> Option<Sample>;
+
+    /// Counters of the control path; the link adds its own.
+    fn statistics(&self) -> Statistics;
+}
+
 /// An event that the host has not acknowledged.
 #[derive(Clone, Debug)]
 struct Pending {
@@ -29,11 +66,12 @@ struct Pending {
     sent: Option<Instant>,
 }
 
-/// The answer to the last command, for when it comes again.
+/// The answer to the last command, for when it comes again; none while the
+/// control path has not said.
 #[derive(Clone, Copy, Debug)]
 struct Answer {
     sequence: u32,
-    result: Result<(), Refusal>,
+    result: Option<Result<(), Refusal>>,
 }
 
 /// The controller's end of the host link.
@@ -84,8 +122,8 @@ impl HostLink {
         &self.counters
     }
 
-    /// Takes bytes from the host; whole commands go to the controller.
-    pub fn receive<const N: usize>(&mut self, bytes: &[u8], controller: &mut Controller<N>) {
+    /// Takes bytes from the host; whole commands go to the control path.
+    pub fn receive(&mut self, bytes: &[u8], desk: &mut impl Desk) {
         for byte in bytes {
             let mut received = None;
             self.accumulator.push(*byte, &mut |frame| {
@@ -95,16 +133,17 @@ impl HostLink {
                 None => {}
                 Some(Ok((header, downlink))) => {
                     self.watch.note(header.sequence, &mut self.counters);
-                    controller.heard();
-                    self.take(downlink, controller);
+                    desk.heard();
+                    self.take(downlink, desk);
                 }
                 Some(Err(_)) => self.counters.crc_errors = self.counters.crc_errors.saturating_add(1),
             }
         }
     }
 
-    fn take<const N: usize>(&mut self, downlink: Downlink, controller: &mut Controller<N>) {
-        match downlink.command {
+    fn take(&mut self, downlink: Downlink, desk: &mut impl Desk) {
+        let Downlink { sequence, command } = downlink;
+        match command {
             Command::KeepAlive => return,
             Command::Acknowledge { event } => {
                 for _ in 0..self.pending.len() {
@@ -115,37 +154,42 @@ impl HostLink {
                 }
                 return;
             }
-            Command::Hello => {
-                self.greeted = true;
-                let banner = self.banner();
-                self.reply(Event::Banner(banner));
-            }
             _ => {}
         }
-        let result = match self.answered {
-            // A repeat that was overtaken: its command was carried out and
-            // answered before the last one was sent.
-            Some(last)
-                if downlink.sequence.wrapping_sub(last.sequence) >= 1 << 31
-                    && !matches!(downlink.command, Command::Hello) =>
-            {
+        self.collect(desk);
+        if matches!(command, Command::Hello) {
+            self.greeted = true;
+            let banner = self.banner();
+            self.reply(Event::Banner(banner));
+        } else if let Some(last) = self.answered {
+            // A repeat: of the last command, which is answered again, or of one
+            // that was overtaken, which was answered before the last was sent.
+            let overtaken = sequence.wrapping_sub(last.sequence) >= 1 << 31;
+            if overtaken || sequence == last.sequence {
                 self.counters.duplicates = self.counters.duplicates.saturating_add(1);
+                if let (false, Some(result)) = (overtaken, last.result) {
+                    self.reply(Event::Reply { sequence, result });
+                }
                 return;
             }
-            Some(last) if last.sequence == downlink.sequence && !matches!(downlink.command, Command::Hello) => {
-                self.counters.duplicates = self.counters.duplicates.saturating_add(1);
-                last.result
+        }
+        if desk.command(sequence, command) {
+            self.answered = Some(Answer { sequence, result: None });
+        } else {
+            self.counters.overflow = self.counters.overflow.saturating_add(1);
+        }
+    }
+
+    /// Turns what the control path says of commands into replies.
+    fn collect(&mut self, desk: &mut impl Desk) {
+        while !self.replies.is_full()
+            && let Some(Verdict { sequence, result }) = desk.verdict()
+        {
+            if let Some(answered) = self.answered.as_mut().filter(|a| a.sequence == sequence) {
+                answered.result = Some(result);
             }
-            _ => controller.command(downlink.command),
-        };
-        self.answered = Some(Answer {
-            sequence: downlink.sequence,
-            result,
-        });
-        self.reply(Event::Reply {
-            sequence: downlink.sequence,
-            result,
-        });
+            self.reply(Event::Reply { sequence, result });
+        }
     }
 
     fn reply(&mut self, event: Event) {
@@ -169,7 +213,8 @@ impl HostLink {
 
     /// Writes what there is to say into `out`, whole frames only; returns the
     /// number of bytes. Nothing is said before the host's first Hello.
-    pub fn transmit<const N: usize>(&mut self, now: Instant, out: &mut [u8], controller: &mut Controller<N>) -> usize {
+    pub fn transmit(&mut self, now: Instant, out: &mut [u8], desk: &mut impl Desk) -> usize {
+        self.collect(desk);
         if !self.greeted {
             return 0;
         }
@@ -186,7 +231,7 @@ impl HostLink {
             self.replies.pop_front();
         }
         while !self.pending.is_full() {
-            let Some(body) = controller.event() else { break };
+            let Some(body) = desk.event() else { break };
             let uplink = Uplink {
                 event: self.next_event,
                 body,
@@ -195,12 +240,12 @@ impl HostLink {
             let _ = self.pending.push_back(Pending { uplink, sent: None });
         }
         used = self.send_pending(now, out, used);
-        used = self.send_samples(now, out, used, controller);
+        used = self.send_samples(now, out, used, desk);
         let due = self
             .last_statistics
             .is_none_or(|last| now.saturating_duration_since(last) >= STATISTICS);
         if due {
-            let mut statistics = controller.statistics();
+            let mut statistics = desk.statistics();
             let overflow = statistics.link.overflow;
             statistics.link = self.counters;
             statistics.link.overflow = statistics.link.overflow.saturating_add(overflow);
@@ -241,21 +286,15 @@ impl HostLink {
         used
     }
 
-    fn send_samples<const N: usize>(
-        &mut self,
-        now: Instant,
-        out: &mut [u8],
-        mut used: usize,
-        controller: &mut Controller<N>,
-    ) -> usize {
-        while controller.samples_waiting() >= MAX_BATCH {
+    fn send_samples(&mut self, now: Instant, out: &mut [u8], mut used: usize, desk: &mut impl Desk) -> usize {
+        while desk.samples_waiting() >= MAX_BATCH {
             // Only started when a whole batch surely fits.
             if out.len().saturating_sub(used) < MAX_FRAME {
                 return used;
             }
             let mut batch = Vec::new();
             while !batch.is_full() {
-                let Some(sample) = controller.sample() else { break };
+                let Some(sample) = desk.sample() else { break };
                 let _ = batch.push(sample);
             }
             match self.write(

@@ -6,13 +6,11 @@ use spherecal_shared::protocol::frame::{self, Accumulator, MAX_FRAME};
 use spherecal_shared::protocol::host::{Command, Downlink, Event, Refusal, Uplink};
 use std::vec::Vec;
 
-use super::HostLink;
-use crate::Controller;
+use crate::Node;
 
 /// A link, its controller, and the host's side of the wire.
 struct Wire {
-    link: HostLink,
-    controller: Controller<7>,
+    node: Node<7>,
     sequence: u32,
     now_ms: u64,
 }
@@ -20,8 +18,7 @@ struct Wire {
 impl Wire {
     fn new() -> Self {
         Self {
-            link: HostLink::new("a build whose name is much too long", 7),
-            controller: Controller::default(),
+            node: Node::new("a build whose name is much too long"),
             sequence: 0,
             now_ms: 0,
         }
@@ -36,16 +33,14 @@ impl Wire {
 
     fn send(&mut self, sequence: u32, command: Command) {
         let bytes = self.encode(sequence, command);
-        self.link.receive(&bytes, &mut self.controller);
+        self.node.receive(&bytes);
     }
 
     /// Lets time pass and returns what came up, statistics apart.
     fn hear(&mut self, after_ms: u64) -> Vec<Uplink> {
         self.now_ms += after_ms;
         let mut bytes = [0u8; 4 * MAX_FRAME];
-        let length = self
-            .link
-            .transmit(Instant::from_millis(self.now_ms), &mut bytes, &mut self.controller);
+        let length = self.node.transmit(Instant::from_millis(self.now_ms), &mut bytes);
         let mut heard = Vec::new();
         let mut accumulator = Accumulator::new();
         for byte in &bytes[..length] {
@@ -67,7 +62,7 @@ fn events(heard: &[Uplink]) -> Vec<u32> {
 #[test]
 fn nothing_is_said_before_the_host_greets() {
     let mut wire = Wire::new();
-    wire.controller.missed(50);
+    wire.node.controller().missed(50);
     assert!(wire.hear(10).is_empty());
     wire.send(1, Command::Hello);
     let heard = wire.hear(1);
@@ -86,7 +81,7 @@ fn nothing_is_said_before_the_host_greets() {
 fn events_come_again_until_they_are_acknowledged() {
     let mut wire = Wire::new();
     wire.send(1, Command::Hello);
-    wire.controller.missed(50);
+    wire.node.controller().missed(50);
     // A fault and the phase it leads to.
     assert_eq!(events(&wire.hear(1)), [1, 2]);
     assert!(events(&wire.hear(50)).is_empty(), "not before its time");
@@ -95,7 +90,7 @@ fn events_come_again_until_they_are_acknowledged() {
     assert_eq!(events(&wire.hear(110)), [1], "only what was acknowledged is dropped");
     wire.send(0, Command::Acknowledge { event: 1 });
     assert!(events(&wire.hear(110)).is_empty());
-    assert!(wire.link.counters().resent >= 3);
+    assert!(wire.node.link().counters().resent >= 3);
 }
 
 /// Fails if a repeated command is carried out again or answered otherwise.
@@ -104,9 +99,9 @@ fn a_repeated_command_is_answered_again_and_not_obeyed_twice() {
     let mut wire = Wire::new();
     wire.send(1, Command::Hello);
     wire.hear(1);
-    wire.controller.missed(50);
+    wire.node.controller().missed(50);
     wire.send(2, Command::ClearFault);
-    wire.controller.missed(50);
+    wire.node.controller().missed(50);
     wire.send(2, Command::ClearFault);
     let heard = wire.hear(1);
     let replies = heard
@@ -122,7 +117,7 @@ fn a_repeated_command_is_answered_again_and_not_obeyed_twice() {
         })
         .count();
     assert_eq!(replies, 2);
-    assert_eq!(wire.link.counters().duplicates, 1);
+    assert_eq!(wire.node.link().counters().duplicates, 1);
     wire.send(3, Command::Stop);
     let heard = wire.hear(1);
     let refused = Event::Reply {
@@ -141,8 +136,8 @@ fn spoilt_frames_are_counted_and_skipped() {
     let mut bytes = wire.encode(1, Command::Hello);
     bytes[3] ^= 0x10;
     bytes.extend(wire.encode(1, Command::Hello));
-    wire.link.receive(&bytes, &mut wire.controller);
-    assert_eq!(wire.link.counters().crc_errors, 1);
+    wire.node.receive(&bytes);
+    assert_eq!(wire.node.link().counters().crc_errors, 1);
     assert_eq!(wire.hear(1).len(), 2, "banner and reply for the good one");
 }
 
@@ -151,14 +146,12 @@ fn spoilt_frames_are_counted_and_skipped() {
 fn a_small_buffer_gets_whole_frames_only() {
     let mut wire = Wire::new();
     wire.send(1, Command::Hello);
-    wire.controller.missed(50);
+    wire.node.controller().missed(50);
     let mut seen = Vec::new();
     for _ in 0..20 {
         wire.now_ms += 1;
         let mut bytes = [0u8; 90];
-        let length = wire
-            .link
-            .transmit(Instant::from_millis(wire.now_ms), &mut bytes, &mut wire.controller);
+        let length = wire.node.transmit(Instant::from_millis(wire.now_ms), &mut bytes);
         let mut accumulator = Accumulator::new();
         for byte in &bytes[..length] {
             accumulator.push(*byte, &mut |frame| {

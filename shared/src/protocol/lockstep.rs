@@ -15,7 +15,7 @@
 //! in the first turn behind a `DriveHello`; up a `DriveCommand`, or nothing
 //! from a controller that refuses the drive. `tick` and `link` are what the
 //! controller spent on this tick, in counts of its own stopwatch: the control
-//! law, and the host link. A turn down with `drive` 0 ends the conversation.
+//! task, and reading and making the frames of both links. A turn down with `drive` 0 ends the conversation.
 
 /// Bytes before the two parts on the way down.
 pub const DOWN_HEADER: usize = 4;

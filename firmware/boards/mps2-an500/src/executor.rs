@@ -1,8 +1,8 @@
-//! Two embassy executors: control in an interrupt, everything else in thread
-//! mode below it.
+//! Three embassy executors: control in an interrupt, the links in one below it,
+//! everything else in thread mode.
 //!
 //! embassy's stock thread executor waits with WFE, which never sleeps in
-//! QEMU 7.2; these wait with WFI under PRIMASK, where an interrupt that comes
+//! QEMU 7.2; this one waits with WFI under PRIMASK, where an interrupt that comes
 //! between the look and the sleep still wakes the processor.
 
 use core::cell::UnsafeCell;
@@ -16,49 +16,80 @@ use crate::hardware::{self, Interrupt, Priority};
 
 const THREAD: usize = 0;
 const CONTROL: usize = 1;
+const LINK: usize = 2;
 
 static THREAD_HAS_WORK: AtomicBool = AtomicBool::new(false);
-static CONTROL_STARTED: AtomicBool = AtomicBool::new(false);
-static CONTROL_EXECUTOR: Slot = Slot(UnsafeCell::new(MaybeUninit::uninit()));
+static ON_CONTROL: Slot = Slot::new();
+static ON_LINK: Slot = Slot::new();
 
-struct Slot(UnsafeCell<MaybeUninit<Executor>>);
+/// An executor that runs in an interrupt.
+struct Slot {
+    started: AtomicBool,
+    executor: UnsafeCell<MaybeUninit<Executor>>,
+}
 
-// SAFETY: written once before the control interrupt is enabled, then only used
-// by that interrupt's handler.
+// SAFETY: the executor is written once, before its interrupt is enabled, then
+// only used by that interrupt's handler.
 unsafe impl Sync for Slot {}
+
+impl Slot {
+    const fn new() -> Self {
+        Self {
+            started: AtomicBool::new(false),
+            executor: UnsafeCell::new(MaybeUninit::uninit()),
+        }
+    }
+
+    /// To be called once: a second call would replace an executor in use.
+    fn start(&'static self, context: usize, interrupt: Interrupt, priority: Priority) -> SendSpawner {
+        assert!(
+            !self.started.load(Ordering::Acquire),
+            "an interrupt's executor was started twice"
+        );
+        // SAFETY: nothing else touches the slot before `started` is set.
+        let executor: &'static Executor = unsafe { (*self.executor.get()).write(Executor::new(context as *mut ())) };
+        self.started.store(true, Ordering::Release);
+        hardware::enable(interrupt, priority);
+        executor.spawner().make_send()
+    }
+
+    fn poll(&self) {
+        if self.started.load(Ordering::Acquire) {
+            // SAFETY: `start` has initialised the executor; the one handler
+            // that polls it does not interrupt itself.
+            unsafe { (*self.executor.get()).assume_init_ref().poll() }
+        }
+    }
+}
 
 /// Called by embassy when an executor has work.
 #[unsafe(export_name = "__pender")]
 fn pender(context: *mut ()) {
-    if context as usize == CONTROL {
-        hardware::pend(Interrupt::Control);
-    } else {
-        THREAD_HAS_WORK.store(true, Ordering::SeqCst);
+    match context as usize {
+        CONTROL => hardware::pend(Interrupt::Control),
+        LINK => hardware::pend(Interrupt::Link),
+        _ => THREAD_HAS_WORK.store(true, Ordering::SeqCst),
     }
 }
 
 /// Handler of the control executor's interrupt.
 pub extern "C" fn on_control() {
-    if CONTROL_STARTED.load(Ordering::Acquire) {
-        // SAFETY: `start_control` has initialised the executor; this handler
-        // does not interrupt itself, so `poll` is not re-entered.
-        unsafe { (*CONTROL_EXECUTOR.0.get()).assume_init_ref().poll() }
-    }
+    ON_CONTROL.poll();
+}
+
+/// Handler of the links' executor's interrupt.
+pub extern "C" fn on_link() {
+    ON_LINK.poll();
 }
 
 /// Starts the executor that runs in the control interrupt.
-///
-/// To be called once: a second call would replace an executor in use.
 pub fn start_control() -> SendSpawner {
-    assert!(
-        !CONTROL_STARTED.load(Ordering::Acquire),
-        "the control executor was started twice"
-    );
-    // SAFETY: nothing else touches the slot before `CONTROL_STARTED` is set.
-    let executor: &'static Executor = unsafe { (*CONTROL_EXECUTOR.0.get()).write(Executor::new(CONTROL as *mut ())) };
-    CONTROL_STARTED.store(true, Ordering::Release);
-    hardware::enable(Interrupt::Control, Priority::Control);
-    executor.spawner().make_send()
+    ON_CONTROL.start(CONTROL, Interrupt::Control, Priority::Control)
+}
+
+/// Starts the executor that runs in the links' interrupt.
+pub fn start_link() -> SendSpawner {
+    ON_LINK.start(LINK, Interrupt::Link, Priority::Links)
 }
 
 /// Runs the thread-mode executor for good.

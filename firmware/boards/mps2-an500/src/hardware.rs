@@ -38,6 +38,8 @@ pub enum Interrupt {
     Uart1Transmit = 3,
     /// One of the two timers.
     DualTimer = 10,
+    /// Pended by software: the links' executor.
+    Link = 30,
     /// Pended by software: the control executor.
     Control = 31,
 }
@@ -50,7 +52,9 @@ pub enum Priority {
     /// The control task.
     Control = 0x40,
     /// Bytes of the links.
-    Link = 0x80,
+    Uart = 0x80,
+    /// The links' tasks.
+    Links = 0xa0,
 }
 
 const NVIC_ISER: usize = 0xe000_e100;
@@ -86,6 +90,7 @@ pub static __INTERRUPTS: [Handler; 32] = {
     let mut table: [Handler; 32] = [DefaultHandler; 32];
     table[Interrupt::DualTimer as usize] = crate::timer::on_interrupt;
     table[Interrupt::Control as usize] = crate::executor::on_control;
+    table[Interrupt::Link as usize] = crate::executor::on_link;
     table[Interrupt::Uart0Receive as usize] = crate::uart::on_uart0_receive;
     table[Interrupt::Uart0Transmit as usize] = crate::uart::on_uart0_transmit;
     table[Interrupt::Uart1Receive as usize] = crate::uart::on_uart1_receive;

@@ -1,126 +1,163 @@
-//! The sink of `defmt`: a ring that a task of low priority empties to a file of
+//! The sink of `defmt`: rings that a task of low priority empties to a file of
 //! the host.
 //!
-//! A log statement anywhere, in an interrupt too, only copies bytes. A message
-//! that does not fit is dropped whole and counted; the count is logged as soon
-//! as there is room. The host decodes the file with the image's own ELF.
+//! Every priority that logs has a ring of its own, which it alone fills and the
+//! log's task alone empties: a log statement needs no lock, and one in thread
+//! mode does not hold up the control task. A message that does not fit is
+//! dropped whole and counted; the count is logged as soon as there is room. The
+//! host decodes the file with the image's own ELF; messages of different
+//! priorities may stand in another order than their time stamps.
 
-use core::cell::RefCell;
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::cell::UnsafeCell;
+use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
-use critical_section::{Mutex, RestoreState};
+use cortex_m::peripheral::SCB;
+use cortex_m::peripheral::scb::VectActive;
+use critical_section::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 
+use crate::hardware::Interrupt;
 use crate::semihosting::{File, Mode};
 
-const CAPACITY: usize = 16 * 1024;
+const CAPACITY: usize = 8 * 1024;
 
-/// Bytes between a writer and a reader; a message becomes visible when whole.
-struct Ring {
+/// What the writer of a ring alone uses.
+struct Writer {
+    encoder: defmt::Encoder,
     bytes: [u8; CAPACITY],
-    read: usize,
-    committed: usize,
     written: usize,
+    committed: usize,
     cut: bool,
 }
+
+/// Bytes between one writer and one reader; a message becomes visible when whole.
+struct Ring {
+    writer: UnsafeCell<Writer>,
+    writing: AtomicBool,
+    committed: AtomicUsize,
+    read: AtomicUsize,
+}
+
+// SAFETY: the writer's part is used between `begin` and `end` of one priority
+// only, which does not interrupt itself; the reader reads only bytes before
+// `committed`, which the writer does not touch until `read` has passed them.
+unsafe impl Sync for Ring {}
 
 impl Ring {
     const fn new() -> Self {
         Self {
-            bytes: [0; CAPACITY],
-            read: 0,
-            committed: 0,
-            written: 0,
-            cut: false,
+            writer: UnsafeCell::new(Writer {
+                encoder: defmt::Encoder::new(),
+                bytes: [0; CAPACITY],
+                written: 0,
+                committed: 0,
+                cut: false,
+            }),
+            writing: AtomicBool::new(false),
+            committed: AtomicUsize::new(0),
+            read: AtomicUsize::new(0),
         }
     }
 
-    fn push(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            if self.cut || self.written.wrapping_sub(self.read) >= CAPACITY {
-                self.cut = true;
-                return;
+    /// Lets `act` write; it gets the encoder and where its bytes go.
+    fn write(&self, act: impl FnOnce(&mut defmt::Encoder, &mut dyn FnMut(&[u8]))) {
+        // SAFETY: see `Sync`.
+        let Writer {
+            encoder,
+            bytes,
+            written,
+            cut,
+            ..
+        } = unsafe { &mut *self.writer.get() };
+        let read = self.read.load(Ordering::Acquire);
+        act(encoder, &mut |piece| {
+            for &byte in piece {
+                if *cut || written.wrapping_sub(read) >= CAPACITY {
+                    *cut = true;
+                    return;
+                }
+                bytes[*written % CAPACITY] = byte;
+                *written = written.wrapping_add(1);
             }
-            self.bytes[self.written % CAPACITY] = byte;
-            self.written = self.written.wrapping_add(1);
-        }
+        });
     }
 
-    fn commit(&mut self) {
-        if self.cut {
-            self.written = self.committed;
+    /// Makes what was written visible, or drops it.
+    fn commit(&self) {
+        // SAFETY: see `Sync`.
+        let writer = unsafe { &mut *self.writer.get() };
+        if writer.cut {
+            writer.written = writer.committed;
+            writer.cut = false;
             DROPPED.fetch_add(1, Ordering::Relaxed);
         }
-        self.committed = self.written;
-        self.cut = false;
+        writer.committed = writer.written;
+        self.committed.store(writer.committed, Ordering::Release);
     }
 
-    fn take(&mut self, out: &mut [u8]) -> usize {
-        let mut count = 0;
-        for slot in out {
-            if self.read == self.committed {
-                break;
-            }
-            *slot = self.bytes[self.read % CAPACITY];
-            self.read = self.read.wrapping_add(1);
-            count += 1;
+    fn take(&self, out: &mut [u8]) -> usize {
+        let (committed, read) = (
+            self.committed.load(Ordering::Acquire),
+            self.read.load(Ordering::Relaxed),
+        );
+        let count = committed.wrapping_sub(read).min(out.len());
+        for (k, slot) in out.iter_mut().take(count).enumerate() {
+            // SAFETY: see `Sync`: a byte between `read` and `committed`.
+            *slot = unsafe { (&raw const (*self.writer.get()).bytes[read.wrapping_add(k) % CAPACITY]).read() };
         }
+        self.read.store(read.wrapping_add(count), Ordering::Release);
         count
     }
 }
 
-/// What one message needs while it is written.
-struct Writing {
-    ring: Ring,
-    encoder: defmt::Encoder,
-}
-
-static WRITING: Mutex<RefCell<Writing>> = Mutex::new(RefCell::new(Writing {
-    ring: Ring::new(),
-    encoder: defmt::Encoder::new(),
-}));
-static RESTORE: Mutex<core::cell::Cell<RestoreState>> = Mutex::new(core::cell::Cell::new(RestoreState::invalid()));
-static TAKEN: AtomicBool = AtomicBool::new(false);
+/// Thread mode, the links, the control task, and what ends the image.
+static RINGS: [Ring; 4] = [const { Ring::new() }; 4];
+/// Set once the image is to end: what is logged then may interrupt anything.
+static ENDING: AtomicBool = AtomicBool::new(false);
 static DROPPED: AtomicU32 = AtomicU32::new(0);
 static FILLED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+
+/// The ring of the priority that runs now.
+fn ring() -> &'static Ring {
+    const LINK: u8 = Interrupt::Link as u8;
+    const CONTROL: u8 = Interrupt::Control as u8;
+    let number = match SCB::vect_active() {
+        _ if ENDING.load(Ordering::Relaxed) => 3,
+        VectActive::ThreadMode => 0,
+        VectActive::Interrupt { irqn: LINK } => 1,
+        VectActive::Interrupt { irqn: CONTROL } => 2,
+        _ => 3,
+    };
+    &RINGS[number]
+}
 
 #[defmt::global_logger]
 struct Logger;
 
-fn with(act: impl FnOnce(&mut Writing)) {
-    critical_section::with(|cs| act(&mut WRITING.borrow_ref_mut(cs)));
-}
-
-// SAFETY: between `acquire` and `release` interrupts are off, so messages do
-// not mix; a message begun inside another is refused by `TAKEN`.
+// SAFETY: messages of one priority do not mix, since one begun inside another
+// is refused by `writing`; those of different priorities have different rings.
 unsafe impl defmt::Logger for Logger {
     fn acquire() {
-        // SAFETY: released in `release`, which defmt calls in pairs with this.
-        let restore = unsafe { critical_section::acquire() };
-        if TAKEN.swap(true, Ordering::Relaxed) {
+        let ring = ring();
+        if ring.writing.swap(true, Ordering::Relaxed) {
             crate::semihosting::exit(crate::EXIT_LOGGER);
         }
-        critical_section::with(|cs| RESTORE.borrow(cs).set(restore));
-        with(|writing| writing.encoder.start_frame(|bytes| writing.ring.push(bytes)));
+        ring.write(|encoder, put| encoder.start_frame(put));
     }
 
     unsafe fn flush() {}
 
     unsafe fn release() {
-        with(|writing| {
-            writing.encoder.end_frame(|bytes| writing.ring.push(bytes));
-            writing.ring.commit();
-        });
+        let ring = ring();
+        ring.write(|encoder, put| encoder.end_frame(put));
+        ring.commit();
+        ring.writing.store(false, Ordering::Relaxed);
         FILLED.signal(());
-        TAKEN.store(false, Ordering::Relaxed);
-        let restore = critical_section::with(|cs| RESTORE.borrow(cs).get());
-        // SAFETY: the state is the one that `acquire` was given.
-        unsafe { critical_section::release(restore) };
     }
 
     unsafe fn write(bytes: &[u8]) {
-        with(|writing| writing.encoder.write(bytes, |bytes| writing.ring.push(bytes)));
+        ring().write(|encoder, put| encoder.write(bytes, put));
     }
 }
 
@@ -131,6 +168,12 @@ defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 pub struct Sink(Option<File>);
 
 static OPENED: Mutex<core::cell::Cell<Option<File>>> = Mutex::new(core::cell::Cell::new(None));
+
+/// What is logged from now on is the image's last.
+pub fn ending() {
+    cortex_m::interrupt::disable();
+    ENDING.store(true, Ordering::Relaxed);
+}
 
 /// Writes out what has been logged, before the processor stops.
 pub fn last_words() {
@@ -148,20 +191,21 @@ impl Sink {
     /// Writes out what has been logged.
     pub fn empty(self) {
         let mut chunk = [0; 1024];
-        loop {
-            let mut count = 0;
-            with(|writing| count = writing.ring.take(&mut chunk));
-            if count == 0 {
-                return;
-            }
-            if let Some(file) = self.0 {
-                file.write(&chunk[..count]);
+        for ring in &RINGS {
+            loop {
+                let count = ring.take(&mut chunk);
+                if count == 0 {
+                    break;
+                }
+                if let Some(file) = self.0 {
+                    file.write(&chunk[..count]);
+                }
             }
         }
     }
 }
 
-/// Empties the ring whenever something was logged.
+/// Empties the rings whenever something was logged.
 #[embassy_executor::task]
 pub async fn task(sink: Sink) -> ! {
     let mut told = 0;

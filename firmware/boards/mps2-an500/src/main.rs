@@ -78,7 +78,7 @@ fn main() -> ! {
 
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
-    cortex_m::interrupt::disable();
+    log::ending();
     defmt::error!("{}", defmt::Display2Format(info));
     log::last_words();
     semihosting::exit(EXIT_PANIC)
@@ -86,7 +86,7 @@ fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    cortex_m::interrupt::disable();
+    log::ending();
     defmt::error!("hard fault at {=u32:#x}, called from {=u32:#x}", frame.pc(), frame.lr());
     log::last_words();
     semihosting::exit(EXIT_HARD_FAULT)

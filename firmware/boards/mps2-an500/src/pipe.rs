@@ -3,10 +3,24 @@
 //! [`spherecal_shared::protocol::lockstep`] says what a turn is. Reading blocks
 //! and virtual time stands still meanwhile, so the same host gives the same
 //! run, to the bit and to the time stamp.
+//!
+//! The pipe runs below the control task, as links do on every board: it reads a
+//! turn, decodes it into queues, waits for the control task's tick and writes
+//! the answer.
+//!
+//! ```text
+//!   stdin  ─▶ serve ─▶ messages, Post ─▶ LockStep, run (1 kHz)
+//!   stdout ◀─ serve ◀─ command, Post  ◀──┘
+//! ```
 
-use heapless::Deque;
-use spherecal_firmware::app::ports::{DrivePort, HostPort, Probe};
-use spherecal_firmware::app::{DriveReceiver, FromDrive};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use heapless::spsc::{Consumer, Producer, Queue};
+use spherecal_firmware::HostLink;
+use spherecal_firmware::app::ports::{DrivePort, Probe};
+use spherecal_firmware::app::{DriveReceiver, FromDrive, LinkEnd};
 use spherecal_shared::protocol::drive::DriveCommand;
 use spherecal_shared::protocol::frame;
 use spherecal_shared::protocol::lockstep::{DOWN_HEADER, Down, MAX_DRIVE, MAX_HOST, MAX_TURN, UP_HEADER, Up};
@@ -14,48 +28,124 @@ use spherecal_shared::protocol::lockstep::{DOWN_HEADER, Down, MAX_DRIVE, MAX_HOS
 use crate::semihosting::{File, Mode};
 use crate::timer::stopwatch;
 
+/// The host link's end of the queues, with this board's lock.
+pub type Desk = LinkEnd<'static, CriticalSectionRawMutex>;
+
+/// A turn has a hello and a state at most; one place is free.
+pub type Messages = Queue<FromDrive, 3>;
+
+/// A turn has come and waits for its tick.
+pub static TURN: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+static COMMAND: Signal<CriticalSectionRawMutex, DriveCommand> = Signal::new();
+static ENDED: AtomicBool = AtomicBool::new(false);
+/// What the last tick cost, in counts of the stopwatch.
+static COST: AtomicU32 = AtomicU32::new(0);
+
+/// The control task's end.
+pub struct LockStep {
+    messages: Consumer<'static, FromDrive>,
+    started: u32,
+}
+
+impl LockStep {
+    /// Takes messages from `messages`.
+    pub fn new(messages: Consumer<'static, FromDrive>) -> Self {
+        Self { messages, started: 0 }
+    }
+}
+
+impl DrivePort for LockStep {
+    fn receive(&mut self) -> Option<FromDrive> {
+        self.messages.dequeue()
+    }
+
+    fn send(&mut self, command: &DriveCommand) {
+        COMMAND.signal(command.clone());
+    }
+
+    fn ended(&self) -> bool {
+        ENDED.load(Ordering::Acquire)
+    }
+}
+
+impl Probe for LockStep {
+    fn before_tick(&mut self) {
+        self.started = stopwatch::read();
+    }
+
+    fn after_tick(&mut self) {
+        COST.store(stopwatch::between(self.started, stopwatch::read()), Ordering::Relaxed);
+    }
+}
+
 /// The pipe and its buffers.
 pub struct Pipe {
     input: File,
     output: File,
     receiver: DriveReceiver,
-    messages: Deque<FromDrive, 2>,
+    messages: Producer<'static, FromDrive>,
+    link: HostLink,
     /// The present turn, and what has come behind it.
     down: [u8; MAX_TURN],
     filled: usize,
     consumed: usize,
-    host: core::ops::Range<usize>,
     up: [u8; MAX_TURN],
-    drive_length: usize,
     sequence: u32,
-    turn_open: bool,
-    ended: bool,
-    marks: [u32; 3],
 }
 
 impl Pipe {
-    /// Opens the standard streams.
-    pub fn open() -> Option<Self> {
+    /// Opens the standard streams; drive messages go to `messages`, `link`
+    /// speaks with the host.
+    pub fn open(messages: Producer<'static, FromDrive>, link: HostLink) -> Option<Self> {
         Some(Self {
             input: File::open(":tt\0", Mode::Read)?,
             output: File::open(":tt\0", Mode::Write)?,
             receiver: DriveReceiver::new(),
-            messages: Deque::new(),
+            messages,
+            link,
             down: [0; MAX_TURN],
             filled: 0,
             consumed: 0,
-            host: 0..0,
             up: [0; MAX_TURN],
-            drive_length: 0,
             sequence: 0,
-            turn_open: false,
-            ended: false,
-            marks: [0; 3],
         })
     }
 
-    /// Waits for a turn of the host.
-    fn read_turn(&mut self) -> Option<()> {
+    /// Serves turns until there are no more.
+    pub async fn serve(&mut self, desk: &mut Desk) {
+        let mut next = self.read_turn(desk);
+        while let Some(decoding) = next {
+            TURN.signal(());
+            let now = desk.ticked().await;
+            let started = stopwatch::read();
+            let drive = &mut self.up[UP_HEADER..UP_HEADER + MAX_DRIVE];
+            let drive = COMMAND.try_take().map_or(0, |command| {
+                frame::encode(&command, self.sequence, now.as_micros(), drive).unwrap_or(0)
+            });
+            self.sequence = self.sequence.wrapping_add(1);
+            let start = UP_HEADER + drive;
+            let host = &mut self.up[start..start + MAX_HOST];
+            let host = self.link.transmit(now, host, desk);
+            let encoding = stopwatch::between(started, stopwatch::read());
+            let header = Up {
+                drive: drive as u16,
+                host: host as u16,
+                tick: COST.load(Ordering::Relaxed),
+                link: decoding + encoding,
+            };
+            self.up[..UP_HEADER].copy_from_slice(&header.to_bytes());
+            if !self.output.write(&self.up[..start + host]) {
+                break;
+            }
+            next = self.read_turn(desk);
+        }
+        ENDED.store(true, Ordering::Release);
+        TURN.signal(());
+    }
+
+    /// Waits for a turn of the host and decodes it; returns what that cost, in
+    /// counts of the stopwatch.
+    fn read_turn(&mut self, desk: &mut Desk) -> Option<u32> {
         self.down.copy_within(self.consumed..self.filled, 0);
         self.filled -= self.consumed;
         self.consumed = 0;
@@ -72,6 +162,7 @@ impl Pipe {
             }
             self.filled += count;
         };
+        let started = stopwatch::read();
         let drive = usize::from(header.drive);
         if drive == 0 {
             return None;
@@ -79,83 +170,12 @@ impl Pipe {
         let need = DOWN_HEADER + header.body()?;
         self.consumed = need;
         let start = DOWN_HEADER + drive;
-        self.host = start..need;
-        let (receiver, messages) = (&mut self.receiver, &mut self.messages);
-        receiver.receive(self.down.get(DOWN_HEADER..start)?, &mut |message| {
-            // A turn has a hello and a state at most.
-            let _ = messages.push_back(message);
-        });
-        Some(())
-    }
-}
-
-impl DrivePort for Pipe {
-    fn receive(&mut self) -> Option<FromDrive> {
-        if !self.turn_open {
-            self.turn_open = true;
-            self.drive_length = 0;
-            if self.read_turn().is_none() {
-                self.ended = true;
-            }
-        }
-        self.messages.pop_front()
-    }
-
-    fn send(&mut self, command: &DriveCommand) {
-        let out = &mut self.up[UP_HEADER..UP_HEADER + MAX_DRIVE];
-        self.drive_length = frame::encode(command, self.sequence, command.tick.wrapping_mul(1000), out).unwrap_or(0);
-        self.sequence = self.sequence.wrapping_add(1);
-    }
-
-    fn ended(&self) -> bool {
-        self.ended
-    }
-}
-
-impl HostPort for Pipe {
-    fn receive(&mut self, buffer: &mut [u8]) -> usize {
-        let bytes = self.down.get(self.host.clone()).unwrap_or_default();
-        let Some(target) = buffer.get_mut(..bytes.len()) else {
-            return 0;
-        };
-        target.copy_from_slice(bytes);
-        let length = bytes.len();
-        self.host = 0..0;
-        length
-    }
-
-    fn room(&self) -> usize {
-        MAX_HOST
-    }
-
-    /// Ends the turn.
-    fn send(&mut self, bytes: &[u8]) {
-        let header = Up {
-            drive: self.drive_length as u16,
-            host: bytes.len() as u16,
-            tick: stopwatch::between(self.marks[0], self.marks[1]),
-            link: stopwatch::between(self.marks[1], self.marks[2]),
-        };
-        let start = UP_HEADER + self.drive_length;
-        self.up[..UP_HEADER].copy_from_slice(&header.to_bytes());
-        self.up[start..start + bytes.len()].copy_from_slice(bytes);
-        if !self.output.write(&self.up[..start + bytes.len()]) {
-            self.ended = true;
-        }
-        self.turn_open = false;
-    }
-}
-
-impl Probe for Pipe {
-    fn before_tick(&mut self) {
-        self.marks[0] = stopwatch::read();
-    }
-
-    fn between(&mut self) {
-        self.marks[1] = stopwatch::read();
-    }
-
-    fn after(&mut self) {
-        self.marks[2] = stopwatch::read();
+        let messages = &mut self.messages;
+        self.receiver
+            .receive(self.down.get(DOWN_HEADER..start)?, &mut |message| {
+                let _ = messages.enqueue(message);
+            });
+        self.link.receive(self.down.get(start..need)?, desk);
+        Some(stopwatch::between(started, stopwatch::read()))
     }
 }

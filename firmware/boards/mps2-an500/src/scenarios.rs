@@ -1,16 +1,19 @@
 //! What the image does, one function for each scenario.
 
+use embassy_executor::SendSpawner;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::{Duration, Instant, Ticker, Timer};
+use spherecal_firmware::HostLink;
 use spherecal_firmware::app::links::{DriveClock, Links};
 use spherecal_firmware::app::ports::{Beat, Clock};
-use spherecal_firmware::app::{Ended, TickerClock, Workspace, run as run_control};
+use spherecal_firmware::app::{Bell, ControlEnd, Ended, PERIOD, PeriodWatch, Post, Workspace, run as run_control};
+use spherecal_shared::protocol::lockstep::MAX_HOST;
 use static_cell::StaticCell;
 
 use crate::arguments::Scenario;
 use crate::executor;
 use crate::log::{self, Sink};
-use crate::pipe::Pipe;
+use crate::pipe::{self, Desk, LockStep, Messages, Pipe};
 use crate::semihosting;
 use crate::stack;
 use crate::timer;
@@ -28,44 +31,73 @@ pub const COUNTS_TO_WRAP: u32 = timer::HZ / 2;
 
 static LINKS: Links<CriticalSectionRawMutex> = Links::new();
 
+/// The control task's end of the queues, with this board's lock.
+type Control = ControlEnd<'static, CriticalSectionRawMutex>;
+
 /// The workspace of the one control task.
 fn workspace() -> &'static mut Workspace<JOINTS> {
     static WORKSPACE: StaticCell<Workspace<JOINTS>> = StaticCell::new();
-    WORKSPACE.init_with(|| Workspace::new(BUILD))
+    WORKSPACE.init_with(Workspace::default)
+}
+
+/// The two ends of the queues between control task and host link.
+fn post() -> (Control, Desk) {
+    static POST: StaticCell<Post> = StaticCell::new();
+    static BELL: Bell<CriticalSectionRawMutex> = Bell::new();
+    POST.init_with(Post::new).split(&BELL)
+}
+
+fn host_link() -> HostLink {
+    HostLink::new(BUILD, JOINTS)
 }
 
 /// Runs `scenario`; the log goes to `sink`.
 pub fn run(scenario: Scenario, sink: Sink) -> ! {
     let control = executor::start_control();
+    let links = executor::start_link();
     match scenario {
-        Scenario::Pipe | Scenario::Hog => {
-            static PIPE: StaticCell<Pipe> = StaticCell::new();
-            let Some(pipe) = Pipe::open() else {
-                semihosting::exit(crate::EXIT_HOST);
-            };
-            let pipe = PIPE.init(pipe);
-            control.spawn(spawned(piped(workspace(), pipe, sink)));
-        }
-        Scenario::Uart => {
-            UART0.start();
-            UART1.start();
-            control.spawn(spawned(wired(workspace(), sink)));
-        }
+        Scenario::Pipe | Scenario::Hog => start_pipe(control, links, sink),
+        Scenario::Uart => start_uarts(control, links, sink),
         Scenario::Wrap => control.spawn(spawned(wrapped(sink))),
         Scenario::Stages => crate::stages::run(),
     }
+    // What the start has used is done with: from here on the paint shows what
+    // the tasks use, at all priorities together.
+    stack::paint();
     executor::run_thread(|spawner| {
         spawner.spawn(spawned(log::task(sink)));
         if scenario == Scenario::Hog {
             spawner.spawn(spawned(hog()));
         }
-        if scenario == Scenario::Uart {
-            spawner.spawn(spawned(drive_in()));
-            spawner.spawn(spawned(drive_out()));
-            spawner.spawn(spawned(host_in()));
-            spawner.spawn(spawned(host_out()));
-        }
     })
+}
+
+// Not inlined: what they build on the stack is not to stay there.
+#[inline(never)]
+fn start_pipe(control: SendSpawner, links: SendSpawner, sink: Sink) {
+    static MESSAGES: StaticCell<Messages> = StaticCell::new();
+    static PIPE: StaticCell<Pipe> = StaticCell::new();
+    let (producer, consumer) = MESSAGES.init(Messages::new()).split();
+    let Some(pipe) = Pipe::open(producer, host_link()) else {
+        semihosting::exit(crate::EXIT_HOST);
+    };
+    let pipe = PIPE.init(pipe);
+    let (host, desk) = post();
+    control.spawn(spawned(piped(workspace(), LockStep::new(consumer), host, sink)));
+    links.spawn(spawned(serve(pipe, desk)));
+}
+
+#[inline(never)]
+fn start_uarts(control: SendSpawner, links: SendSpawner, sink: Sink) {
+    UART0.start();
+    UART1.start();
+    let (host, desk) = post();
+    control.spawn(spawned(wired(workspace(), host, sink)));
+    links.spawn(spawned(drive_in()));
+    links.spawn(spawned(drive_out()));
+    links.spawn(spawned(host_in()));
+    links.spawn(spawned(speak(desk)));
+    links.spawn(spawned(host_out()));
 }
 
 /// Every task is spawned once, so its one place is free.
@@ -87,39 +119,55 @@ fn finish(sink: Sink, ended: Ended) -> ! {
 }
 
 #[embassy_executor::task]
-async fn piped(work: &'static mut Workspace<JOINTS>, pipe: &'static mut Pipe, sink: Sink) {
-    // From here on the paint shows what the control task and all above it use.
-    stack::paint();
-    let mut clock = MeasuredClock {
-        ticker: TickerClock::start(),
-        first: None,
-        beats: 0,
-        early: 0,
-        late: 0,
-    };
-    let ended = run_control(work, &mut clock, pipe).await;
+async fn piped(work: &'static mut Workspace<JOINTS>, mut drive: LockStep, mut host: Control, sink: Sink) {
+    let mut clock = LockStepClock::start().await;
+    let ended = run_control(work, &mut clock, &mut drive, &mut host).await;
     defmt::info!(
-        "beats: {} counts early to {} counts late at 25 MHz",
+        "beats: {} since the last that was missed, {} counts early to {} counts late at 25 MHz",
+        clock.beats,
         clock.early,
         clock.late
     );
     finish(sink, ended)
 }
 
-/// The ticker's beat, with a look at how even it is.
-struct MeasuredClock {
-    ticker: TickerClock<true>,
+#[embassy_executor::task]
+async fn serve(pipe: &'static mut Pipe, mut desk: Desk) {
+    pipe.serve(&mut desk).await;
+}
+
+/// The ticker's beat, with a look at how even it is. A beat before whose turn
+/// has come waits for it, since the drive waits for us: that is lateness.
+struct LockStepClock {
+    ticker: Ticker,
+    watch: PeriodWatch,
     first: Option<u64>,
     beats: u64,
     early: u64,
     late: u64,
 }
 
-impl Clock for MeasuredClock {
-    async fn next(&mut self) -> Beat {
-        let beat = self.ticker.next().await;
-        let counts = timer::counts();
-        if beat.missed > 0 {
+impl LockStepClock {
+    /// Beats from the first turn on: before it there is no drive to wait for.
+    async fn start() -> Self {
+        pipe::TURN.wait().await;
+        pipe::TURN.signal(());
+        let start = Instant::now();
+        let mut ticker = Ticker::every(PERIOD);
+        ticker.reset_at(start);
+        Self {
+            ticker,
+            watch: PeriodWatch::new(PERIOD, start),
+            first: None,
+            beats: 0,
+            early: 0,
+            late: 0,
+        }
+    }
+
+    /// Notes that a tick begins at `counts`.
+    fn measure(&mut self, counts: u64, missed: u32) {
+        if missed > 0 {
             self.first = None;
         }
         let first = *self.first.get_or_insert_with(|| {
@@ -130,17 +178,31 @@ impl Clock for MeasuredClock {
         self.beats += 1;
         self.early = self.early.max(due.saturating_sub(counts));
         self.late = self.late.max(counts.saturating_sub(due));
-        beat
+    }
+}
+
+impl Clock for LockStepClock {
+    async fn next(&mut self) -> Beat {
+        self.ticker.next().await;
+        pipe::TURN.wait().await;
+        let counts = timer::counts();
+        let at = Instant::now();
+        let missed = self.watch.note(at);
+        if missed > 0 {
+            self.ticker.reset_at(at);
+        }
+        self.measure(counts, missed);
+        Beat { at, missed }
     }
 
-    fn time(&self, beat: &Beat, drive_us: u64) -> Instant {
-        self.ticker.time(beat, drive_us)
+    fn time(&self, _beat: &Beat, drive_us: u64) -> Instant {
+        Instant::from_micros(drive_us)
     }
 }
 
 #[embassy_executor::task]
-async fn wired(work: &'static mut Workspace<JOINTS>, sink: Sink) {
-    let ended = run_control(work, &mut DriveClock(&LINKS), &mut &LINKS).await;
+async fn wired(work: &'static mut Workspace<JOINTS>, mut host: Control, sink: Sink) {
+    let ended = run_control(work, &mut DriveClock(&LINKS), &mut &LINKS, &mut host).await;
     finish(sink, ended)
 }
 
@@ -157,6 +219,14 @@ async fn drive_out() {
 #[embassy_executor::task]
 async fn host_in() {
     LINKS.host_in(&mut &UART1).await
+}
+
+#[embassy_executor::task]
+async fn speak(mut desk: Desk) {
+    static UP: StaticCell<[u8; MAX_HOST]> = StaticCell::new();
+    static LINK: StaticCell<HostLink> = StaticCell::new();
+    let link = LINK.init_with(host_link);
+    LINKS.host(link, &mut desk, UP.init([0; MAX_HOST])).await
 }
 
 #[embassy_executor::task]

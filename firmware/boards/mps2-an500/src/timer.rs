@@ -16,7 +16,7 @@ use crate::hardware::{self, Register};
 
 /// Counts of the timers in one second.
 pub const HZ: u32 = 25_000_000;
-const COUNTS_PER_TICK: u64 = HZ as u64 / embassy_time_driver::TICK_HZ;
+const COUNTS_PER_TICK: u32 = (HZ as u64 / embassy_time_driver::TICK_HZ) as u32;
 const _: () = assert!(HZ as u64 % embassy_time_driver::TICK_HZ == 0);
 /// Longest sleep: half a wrap of the counter.
 const LONGEST: u64 = 1 << 31;
@@ -32,19 +32,36 @@ const SIZE_32: u32 = 1 << 1;
 const INTERRUPT: u32 = 1 << 5;
 const ENABLE: u32 = 1 << 7;
 
-/// Extends a 32-bit up-counter that is read at least once a wrap.
+/// Extends a 32-bit up-counter that is read at least once a wrap, in ticks and
+/// the counts of the tick that has begun: 64-bit divisions are long, and they
+/// would be made with interrupts off.
 struct Extended {
-    high: u32,
+    ticks: u64,
+    rest: u32,
     last: u32,
 }
 
 impl Extended {
-    fn update(&mut self, low: u32) -> u64 {
-        if low < self.last {
-            self.high = self.high.wrapping_add(1);
+    const fn new() -> Self {
+        Self {
+            ticks: 0,
+            rest: 0,
+            last: 0,
         }
+    }
+
+    #[inline(always)]
+    fn update(&mut self, low: u32) {
+        let passed = low.wrapping_sub(self.last);
         self.last = low;
-        u64::from(self.high) << 32 | u64::from(low)
+        let rest = self.rest + passed % COUNTS_PER_TICK;
+        let carry = u32::from(rest >= COUNTS_PER_TICK);
+        self.rest = rest - carry * COUNTS_PER_TICK;
+        self.ticks += u64::from(passed / COUNTS_PER_TICK + carry);
+    }
+
+    fn counts(&self) -> u64 {
+        self.ticks * u64::from(COUNTS_PER_TICK) + u64::from(self.rest)
     }
 }
 
@@ -59,28 +76,26 @@ struct DualTimer {
 
 embassy_time_driver::time_driver_impl!(static DRIVER: DualTimer = DualTimer {
     state: Mutex::new(RefCell::new(State {
-        counter: Extended { high: 0, last: 0 },
+        counter: Extended::new(),
         queue: Queue::new(),
     })),
 });
 
 impl State {
-    /// Counts since the start, extended.
-    fn counts(&mut self) -> u64 {
-        self.counter.update(!Register::at(COUNTER + VALUE).read())
-    }
-
-    fn ticks(&mut self) -> u64 {
-        self.counts() / COUNTS_PER_TICK
+    /// Looks at the counter.
+    #[inline(always)]
+    fn look(&mut self) -> &Extended {
+        self.counter.update(!Register::at(COUNTER + VALUE).read());
+        &self.counter
     }
 
     /// Wakes what is due and sets the alarm for what is next.
     fn serve(&mut self) {
         loop {
-            let now = self.ticks();
+            let now = self.look().ticks;
             let next = self.queue.next_expiration(now);
-            let at = next.saturating_mul(COUNTS_PER_TICK);
-            let wait = at.saturating_sub(self.counts()).min(LONGEST);
+            let at = next.saturating_mul(u64::from(COUNTS_PER_TICK));
+            let wait = at.saturating_sub(self.look().counts()).min(LONGEST);
             if wait > 0 {
                 Register::at(ALARM + CONTROL).write(0);
                 Register::at(ALARM + CLEAR).write(1);
@@ -94,14 +109,16 @@ impl State {
 
 impl Driver for DualTimer {
     fn now(&self) -> u64 {
-        critical_section::with(|cs| self.state.borrow_ref_mut(cs).ticks())
+        critical_section::with(|cs| self.state.borrow_ref_mut(cs).look().ticks)
     }
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
         critical_section::with(|cs| {
             let mut state = self.state.borrow_ref_mut(cs);
             if state.queue.schedule_wake(at, waker) {
-                state.serve();
+                // The alarm is set in the timer's own interrupt: interrupts are
+                // off here, and the beat of the control task would wait.
+                hardware::pend(hardware::Interrupt::DualTimer);
             }
         });
     }
@@ -130,7 +147,12 @@ pub fn start(counts_to_wrap: u32) {
 
 /// Counts since the start, extended to 64 bits: the raw 25 MHz clock.
 pub fn counts() -> u64 {
-    critical_section::with(|cs| DRIVER.state.borrow_ref_mut(cs).counts())
+    let (ticks, rest) = critical_section::with(|cs| {
+        let mut state = DRIVER.state.borrow_ref_mut(cs);
+        let counter = state.look();
+        (counter.ticks, counter.rest)
+    });
+    ticks * u64::from(COUNTS_PER_TICK) + u64::from(rest)
 }
 
 /// SysTick as a stopwatch of 2^24 counts at the processor's 25 MHz: with QEMU's

@@ -63,8 +63,8 @@ impl Uart {
     pub fn start(&self) {
         self.register(BAUD_DIVISOR).write(DIVISOR);
         self.register(CONTROL).write(ALL);
-        hardware::enable(self.receive, Priority::Link);
-        hardware::enable(self.transmit, Priority::Link);
+        hardware::enable(self.receive, Priority::Uart);
+        hardware::enable(self.transmit, Priority::Uart);
     }
 
     /// Received bytes that found the ring full.

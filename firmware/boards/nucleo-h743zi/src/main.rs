@@ -30,9 +30,10 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, interrupt as vector};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Instant;
+use spherecal_firmware::HostLink;
 use spherecal_firmware::app::links::Links;
 use spherecal_firmware::app::ports::{Beat, Clock};
-use spherecal_firmware::app::{TickerClock, Workspace, run};
+use spherecal_firmware::app::{Bell, ControlEnd, LinkEnd, Post, TickerClock, Workspace, run};
 use static_cell::StaticCell;
 
 use record::Cause;
@@ -42,6 +43,8 @@ use serial::{Reader, Writer};
 const JOINTS: usize = 7;
 /// The watchdog's time, in µs.
 const WATCHDOG_US: u32 = 20_000;
+/// Bytes that one tick may say to the host: three of the largest frames.
+const UP: usize = 8192;
 /// What the banner says of the build.
 const BUILD: &str = match option_env!("SPHERECAL_BUILD") {
     Some(build) => build,
@@ -73,7 +76,7 @@ unsafe fn UART8() {
 
 /// The beat of the ticker, which feeds the watchdog and looks at the supply.
 struct WatchedClock {
-    ticker: TickerClock<false>,
+    ticker: TickerClock,
     watchdog: IndependentWatchdog<'static, IWDG1>,
 }
 
@@ -93,13 +96,17 @@ impl Clock for WatchedClock {
 }
 
 #[embassy_executor::task]
-async fn control(work: &'static mut Workspace<JOINTS>, mut watchdog: IndependentWatchdog<'static, IWDG1>) {
+async fn control(
+    work: &'static mut Workspace<JOINTS>,
+    mut host: ControlEnd<'static, CriticalSectionRawMutex>,
+    mut watchdog: IndependentWatchdog<'static, IWDG1>,
+) {
     watchdog.unleash();
     let mut clock = WatchedClock {
         ticker: TickerClock::start(),
         watchdog,
     };
-    let ended = run(work, &mut clock, &mut &LINKS).await;
+    let ended = run(work, &mut clock, &mut &LINKS, &mut host).await;
     // The watchdog is no longer fed: the board starts again, and so may the drive.
     defmt::error!("control ended: {}", ended);
 }
@@ -117,6 +124,14 @@ async fn drive_out(tx: BufferedUartTx<'static>) {
 #[embassy_executor::task]
 async fn host_in(rx: BufferedUartRx<'static>) {
     LINKS.host_in(&mut Reader(rx)).await
+}
+
+#[embassy_executor::task]
+async fn speak(mut desk: LinkEnd<'static, CriticalSectionRawMutex>) {
+    static LINK: StaticCell<HostLink> = StaticCell::new();
+    static BYTES: StaticCell<[u8; UP]> = StaticCell::new();
+    let link = LINK.init_with(|| HostLink::new(BUILD, JOINTS));
+    LINKS.host(link, &mut desk, BYTES.init([0; UP])).await
 }
 
 #[embassy_executor::task]
@@ -154,7 +169,10 @@ fn main() -> ! {
     clocks::watch_supply();
 
     static WORK: StaticCell<Workspace<JOINTS>> = StaticCell::new();
-    let work = WORK.init_with(|| Workspace::new(BUILD));
+    let work = WORK.init_with(Workspace::default);
+    static POST: StaticCell<Post> = StaticCell::new();
+    static BELL: Bell<CriticalSectionRawMutex> = Bell::new();
+    let (host_end, desk) = POST.init_with(Post::new).split(&BELL);
     let watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
     let drive = serial::drive(p.USART2, p.PD6, p.PD5);
     let host = serial::host(p.USART3, p.PD9, p.PD8);
@@ -170,7 +188,7 @@ fn main() -> ! {
     let control_spawner = CONTROL.start(interrupt::UART7);
     let link_spawner = LINKING.start(interrupt::UART8);
     // Each task is spawned once, so its place is free.
-    if let Ok(token) = control(work, watchdog) {
+    if let Ok(token) = control(work, host_end, watchdog) {
         control_spawner.spawn(token);
     }
     if let Ok(token) = drive_in(drive_rx) {
@@ -180,6 +198,9 @@ fn main() -> ! {
         link_spawner.spawn(token);
     }
     if let Ok(token) = host_in(host_rx) {
+        link_spawner.spawn(token);
+    }
+    if let Ok(token) = speak(desk) {
         link_spawner.spawn(token);
     }
     if let Ok(token) = host_out(host_tx) {

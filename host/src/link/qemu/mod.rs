@@ -143,9 +143,9 @@ impl QemuOptions {
 /// What a tick cost, in instructions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Cost {
-    /// The control law and the phases.
+    /// The host's commands, the control law and the phases.
     pub tick: u32,
-    /// Events and telemetry into frames.
+    /// Frames of both links, read and made, below the control task.
     pub link: u32,
 }
 

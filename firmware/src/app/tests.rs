@@ -1,0 +1,165 @@
+//! The control task with its queues says what the node says that has none.
+
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
+
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_time::Instant;
+use heapless::Deque;
+use spherecal_shared::Joints;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
+use spherecal_shared::protocol::frame::{MAX_FRAME, encode};
+use spherecal_shared::protocol::host::{Command, Downlink};
+use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
+use std::vec;
+use std::vec::Vec;
+
+use super::ports::{Beat, Clock, DrivePort, Probe};
+use super::{Bell, FromDrive, LinkEnd, Post, Workspace, turn};
+use crate::testing::HOME;
+use crate::{HostLink, Node};
+
+/// A drive that hands over one state a tick.
+#[derive(Default)]
+struct Drive {
+    states: Deque<FromDrive, 1>,
+    command: DriveCommand,
+}
+
+impl DrivePort for Drive {
+    fn receive(&mut self) -> Option<FromDrive> {
+        self.states.pop_front()
+    }
+
+    fn send(&mut self, command: &DriveCommand) {
+        self.command = command.clone();
+    }
+}
+
+impl Probe for Drive {}
+
+/// The drive's time.
+struct Time;
+
+impl Clock for Time {
+    async fn next(&mut self) -> Beat {
+        core::future::pending().await
+    }
+
+    fn time(&self, _beat: &Beat, drive_us: u64) -> Instant {
+        Instant::from_micros(drive_us)
+    }
+}
+
+const BEAT: Beat = Beat {
+    at: Instant::MIN,
+    missed: 0,
+};
+
+fn frame(sequence: u32, command: Command) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let length = encode(&Downlink { sequence, command }, sequence, 0, &mut out).expect("it fits");
+    out[..length].to_vec()
+}
+
+/// What the host sends before tick `tick`.
+fn down(tick: u64) -> Vec<u8> {
+    let mut target: Joints = HOME.iter().copied().collect();
+    target[0] += 0.3;
+    let tool = iiwa7_tool();
+    let procedure = Procedure::default();
+    let configure = Command::Configure { tool, procedure };
+    match tick {
+        0 => [frame(1, Command::Hello), frame(2, Command::Robot(iiwa7()))].concat(),
+        1 => frame(3, configure),
+        // A repeat, and a command that is refused.
+        2 => [frame(3, Command::Stop), frame(4, Command::Decouple)].concat(),
+        // The arm does not follow: a fault.
+        20 => frame(5, Command::Move { target }),
+        1500 => frame(6, Command::ClearFault),
+        _ => Vec::new(),
+    }
+}
+
+fn state(tick: u64) -> DriveState {
+    let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
+    let gravity = arm.bodies(&arm.frames(&HOME)).gravity();
+    DriveState {
+        tick,
+        q: HOME.iter().copied().collect(),
+        dq: [0.0; 7].into_iter().collect(),
+        tau: gravity.iter().copied().collect(),
+        ..DriveState::default()
+    }
+}
+
+fn ticked(desk: &mut LinkEnd<'_, NoopRawMutex>) -> Instant {
+    let wait = pin!(desk.ticked());
+    match wait.poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(now) => now,
+        Poll::Pending => panic!("the tick was not announced"),
+    }
+}
+
+// Fails if the queues between control task and link lose, reorder or delay
+// anything: bytes to the host and torques, tick by tick, through commands, a
+// repeat, a refusal, a fault, telemetry and statistics.
+#[test]
+fn queues_between_control_and_link_change_nothing() {
+    let mut node = Node::<7>::new("one");
+    let (mut post, bell) = (Post::new(), Bell::<NoopRawMutex>::new());
+    let (mut host, mut desk) = post.split(&bell);
+    let (mut link, mut work) = (HostLink::new("one", 7), Workspace::<7>::default());
+    let mut drive = Drive::default();
+    let mut said = 0;
+    for tick in 0..3000 {
+        let (state, down) = (state(tick), down(tick));
+        let time_us = tick * 1000;
+        let (mut expected, mut up) = (vec![0; 8 * MAX_FRAME], vec![0; 8 * MAX_FRAME]);
+        let (command, length) = node.exchange(Instant::from_micros(time_us), &state, &down, &mut expected);
+
+        link.receive(&down, &mut desk);
+        drive
+            .states
+            .push_back(FromDrive::State { state, time_us })
+            .expect("the last one was taken");
+        turn(&mut work, &Time, &BEAT, &mut drive, &mut host).expect("the drive is there");
+        let now = ticked(&mut desk);
+        let count = link.transmit(now, &mut up, &mut desk);
+        assert_eq!(drive.command, command, "torques of tick {tick}");
+        assert_eq!(up[..count], expected[..length], "bytes of tick {tick}");
+        said += length;
+    }
+    assert!(said > 20_000, "only {said} bytes were compared");
+    assert_eq!(bell.dropped(), 0);
+}
+
+// Fails if a host that is not listened to for long stops the control task, or
+// if what then finds no room is lost without being counted.
+#[test]
+fn a_link_that_does_not_run_holds_up_nothing() {
+    let (mut post, bell) = (Post::new(), Bell::<NoopRawMutex>::new());
+    let (mut host, mut desk) = post.split(&bell);
+    let (mut link, mut work) = (HostLink::new("one", 7), Workspace::<7>::default());
+    let mut drive = Drive::default();
+    for tick in 0..3000u64 {
+        if tick < 3 {
+            link.receive(&down(tick), &mut desk);
+        }
+        let message = FromDrive::State {
+            state: state(tick),
+            time_us: tick * 1000,
+        };
+        drive.states.push_back(message).expect("the last one was taken");
+        turn(&mut work, &Time, &BEAT, &mut drive, &mut host).expect("the drive is there");
+        assert_eq!(drive.command.tick, tick);
+    }
+    assert!(work.controller.statistics().link.overflow > 0, "samples were dropped");
+    // Commands beyond the queue are not taken; the host repeats them.
+    let before = link.counters().overflow;
+    for sequence in 10..20 {
+        link.receive(&frame(sequence, Command::Stop), &mut desk);
+    }
+    assert_eq!(link.counters().overflow - before, 6);
+}
