@@ -1,9 +1,14 @@
 //! What tests with the controller in QEMU share: is there a QEMU and an image,
-//! and if not, may the test be left out?
+//! and if not, may the test be left out? And how is it run?
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
+
+use spherecal::link::qemu::{LOG_FILE, Qemu, QemuOptions, find_qemu, log, qemu_arguments};
+use spherecal_shared::procedure::Procedure;
+
+use crate::bench::Bench;
 
 /// Set in CI: what is missing is a failure there, not a reason to skip.
 pub const REQUIRE_VARIABLE: &str = "SPHERECAL_REQUIRE_QEMU";
@@ -54,4 +59,62 @@ fn build() -> Result<PathBuf, String> {
     let path = said.lines().last().unwrap_or_default();
     assert!(Path::new(path).is_file(), "no image at {path:?}");
     Ok(path.into())
+}
+
+/// `image` as usual, with its logs into `folder`.
+pub fn options(image: &Path, folder: &Path) -> QemuOptions {
+    QemuOptions {
+        image: Some(image.to_path_buf()),
+        ..QemuOptions::new(folder)
+    }
+}
+
+/// A configured controller in QEMU with a stand-in arm at `q` (rad).
+///
+/// # Panics
+/// When QEMU does not start.
+pub fn bench(options: &QemuOptions, q: &[f64; 7]) -> Bench<Qemu> {
+    let qemu = Qemu::start(options).expect("QEMU starts");
+    Bench::configured(qemu, q, 1, Procedure::default())
+}
+
+/// Ends the controller; returns its log.
+///
+/// # Panics
+/// When there is none.
+pub fn log_of(mut bench: Bench<Qemu>, folder: &Path) -> String {
+    bench.controller.finish().expect("a log");
+    std::fs::read_to_string(folder.join(LOG_FILE)).expect("a log")
+}
+
+/// Runs a scenario of the image that needs no drive; its raw log goes to `log`
+/// in `folder`.
+///
+/// # Panics
+/// When QEMU does not run.
+pub fn scenario(image: &Path, name: &str, folder: &Path) -> Output {
+    let log = format!("log={}", folder.join("log").display());
+    Command::new(find_qemu().expect("QEMU"))
+        .args(qemu_arguments(image, 3, &[name.to_owned(), log]))
+        .stdin(Stdio::null())
+        .output()
+        .expect("QEMU runs")
+}
+
+/// The decoded log of [`scenario`].
+///
+/// # Panics
+/// When the image cannot be read.
+pub fn scenario_log(image: &Path, folder: &Path) -> String {
+    let elf = std::fs::read(image).expect("an image");
+    log::decode(&elf, &std::fs::read(folder.join("log")).unwrap_or_default())
+}
+
+/// The whole numbers in the first line of `text` that contains `word`.
+///
+/// # Panics
+/// When there is no such line.
+pub fn numbers(text: &str, word: &str) -> Vec<u64> {
+    let line = text.lines().find(|line| line.contains(word)).expect("the line");
+    line.split_whitespace().filter_map(|word| word.parse().ok()).collect()
 }
