@@ -12,7 +12,7 @@ use spherecal_shared::Joints;
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::protocol::frame::{self, Accumulator, MAX_FRAME, Message};
 use spherecal_shared::protocol::host::{
     ApproachCommand, Banner, Command, Downlink, Event, Fault, Phase, PoseCommand, Recording, Uplink,
@@ -57,6 +57,7 @@ pub fn hello() -> DriveHello {
         limits: iiwa7().joints.iter().map(|j| j.limits).collect(),
         period_us: 1000,
         compensates_gravity: false,
+        torque_sign: TorqueSign::OfActuator,
         lock_step: true,
     }
 }

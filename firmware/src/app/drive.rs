@@ -77,7 +77,7 @@ fn message(frame: &mut [u8]) -> Result<(u32, FromDrive), FrameError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spherecal_shared::protocol::drive::DriveCommand;
+    use spherecal_shared::protocol::drive::{DriveCommand, TorqueSign};
     use spherecal_shared::protocol::frame::{MAX_FRAME, encode};
     use std::vec::Vec;
 
@@ -96,6 +96,7 @@ mod tests {
             limits: heapless::Vec::new(),
             period_us: 1000,
             compensates_gravity: false,
+            torque_sign: TorqueSign::OfActuator,
             lock_step: true,
         };
         let state = DriveState {

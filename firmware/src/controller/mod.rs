@@ -16,7 +16,7 @@ use heapless::Deque;
 use nalgebra::{SVector, Vector3};
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, TorqueSign};
 use spherecal_shared::protocol::host::{Event, FaultReport, Phase, PhaseChange, Refusal, Sample, Statistics};
 use spherecal_shared::robot::Arm;
 
@@ -48,6 +48,7 @@ pub struct Controller<const N: usize> {
     configured: Option<Configured<N>>,
     procedure: Procedure,
     gravity_by_drive: bool,
+    torque_reversed: bool,
     period_s: f64,
 
     guard: Guard<N>,
@@ -84,6 +85,7 @@ impl<const N: usize> Default for Controller<N> {
             configured: None,
             procedure: Procedure::default(),
             gravity_by_drive: false,
+            torque_reversed: false,
             period_s: 1e-3,
             guard: Guard::default(),
             observer: Observer::default(),
@@ -131,6 +133,7 @@ impl<const N: usize> Controller<N> {
             return Err(Refusal::Drive);
         }
         self.gravity_by_drive = hello.compensates_gravity;
+        self.torque_reversed = hello.torque_sign == TorqueSign::OfLink;
         self.period_s = period_s;
         Ok(())
     }
@@ -252,7 +255,12 @@ impl<const N: usize> Controller<N> {
             return self.disabled(state.tick);
         }
         match admission {
-            Admission::Fresh(admitted) => self.control(state.tick, &admitted),
+            Admission::Fresh(mut admitted) => {
+                if self.torque_reversed {
+                    admitted.tau = admitted.tau.map(|tau| -tau);
+                }
+                self.control(state.tick, &admitted)
+            }
             Admission::Bridged => self.bridge(state.tick),
             Admission::Refused(violation) => {
                 self.fail(violation);

@@ -6,7 +6,7 @@
 //! the *journal* is where events go before they are acknowledged.
 //!
 //! ```text
-//!   Tour ─▶ Campaign ─ commands ─▶ HostEndpoint ─bytes─▶ Cell (controller + drive)
+//!   Tour ─▶ Campaign ─ commands ─▶ HostEndpoint ─bytes─▶ Device (controller + drive)
 //!              │  ▲ └────────────── events ──────┘
 //!              ▼  └ Observer: progress, telemetry
 //!           Journal: stored, then acknowledged

@@ -12,7 +12,7 @@ use spherecal_shared::protocol::host::{
 use super::observe::{Observer, Stage, TelemetrySummary};
 use super::session::{Journal, Session, Waited};
 use super::{Assignment, CampaignError, Stop, TourPose};
-use crate::link::Cell;
+use crate::link::Device;
 
 /// A pose that was given up.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,7 +64,7 @@ enum AtSphere {
 /// Runs a campaign to its end or to a typed stop; the outcome is told in either case.
 pub fn run(
     assignment: &Assignment<'_>,
-    cell: &mut Cell,
+    cell: &mut dyn Device,
     journal: &mut dyn Journal,
     observer: &mut dyn Observer,
     interrupt: &AtomicBool,

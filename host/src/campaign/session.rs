@@ -11,7 +11,7 @@ use spherecal_shared::protocol::host::{
 
 use super::observe::{Observer, Progress, Stage, TelemetrySummary, force};
 use super::{CampaignError, Tour};
-use crate::link::{Arrival, Cell, HostEndpoint, Timing};
+use crate::link::{Arrival, Device, HostEndpoint, Timing};
 
 /// Why a journal could not write: in words for the user.
 #[derive(Debug, thiserror::Error)]
@@ -52,7 +52,7 @@ pub(super) enum Waited<T> {
 
 /// One connection to one cell.
 pub struct Session<'a> {
-    cell: &'a mut Cell,
+    cell: &'a mut dyn Device,
     endpoint: HostEndpoint,
     journal: &'a mut dyn Journal,
     observer: &'a mut dyn Observer,
@@ -80,7 +80,7 @@ pub struct Session<'a> {
 impl<'a> Session<'a> {
     /// A session that has not spoken yet; it stops when `interrupt` is set.
     pub fn new(
-        cell: &'a mut Cell,
+        cell: &'a mut dyn Device,
         journal: &'a mut dyn Journal,
         observer: &'a mut dyn Observer,
         interrupt: &'a AtomicBool,

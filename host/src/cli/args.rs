@@ -62,6 +62,16 @@ pub enum Command {
     Report(StoredArgs),
     /// List, show or convert robots.
     Robot(RobotArgs),
+    /// Offer the simulated arm to any controller over the drive link (docs/drive-link.md).
+    #[command(after_help = "Example: spherecal plant --listen 7401 --seed 2\n         \
+                            spherecal run --link tcp:127.0.0.1:7401 --seed 2")]
+    Plant(PlantArgs),
+    /// Run the controller as a process of its own, between a drive and a host.
+    #[command(
+        after_help = "Example: spherecal controller --drive tcp:127.0.0.1:7401 --host-link tcp:127.0.0.1:7402\n         \
+                            spherecal run --link controller:127.0.0.1:7402"
+    )]
+    Controller(ControllerArgs),
     /// The paper's study on the last run of --out, or on a synthetic robot:
     /// tables and figures beside the published numbers.
     #[command(after_help = "Example: spherecal reproduce --world W1 --seed 3 --out study")]
@@ -86,7 +96,8 @@ pub struct RunArgs {
     /// The paper's whole grid: 625 poses a sphere, as far as the arm reaches.
     #[arg(long)]
     pub paper: bool,
-    /// How controller and arm are reached: sim, qemu, serial:DEVICE or tcp:HOST:PORT.
+    /// How controller and arm are reached: sim, qemu, serial:DEVICE, tcp:HOST:PORT
+    /// (a drive: simulator or gateway) or controller:HOST:PORT (`spherecal controller`).
     #[arg(long, value_name = "LINK", default_value_t = Link::Sim)]
     pub link: Link,
     /// Folder of the database and of all results.
@@ -138,6 +149,66 @@ impl RunArgs {
     /// The database.
     pub fn database(&self) -> PathBuf {
         self.out.join("calibration.db")
+    }
+}
+
+/// Arguments of `plant`.
+#[derive(Args, Clone, Debug)]
+pub struct PlantArgs {
+    /// Where controllers connect; a port alone is on this machine only, 0 takes any.
+    #[arg(long, value_name = "[HOST:]PORT", default_value = "7401")]
+    pub listen: String,
+    /// Seed of the arm's errors and noise: that of the run, for the same arm.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Configuration of the run, for the same arm and plate.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Move by the clock, 1 kHz, and do not wait for commands.
+    #[arg(long)]
+    pub real_time: bool,
+    /// End when the first controller has gone.
+    #[arg(long)]
+    pub once: bool,
+}
+
+impl PlantArgs {
+    /// The configuration that the arguments make, checked.
+    ///
+    /// # Errors
+    /// A file or a value that cannot be used.
+    pub fn configuration(&self) -> Result<Config, JobError> {
+        let mut config = match &self.config {
+            Some(path) => Config::read(path)?,
+            None => Config::default(),
+        };
+        if let Some(seed) = self.seed {
+            config.seed = seed;
+        }
+        config.check()?;
+        Ok(config)
+    }
+}
+
+/// Arguments of `controller`.
+#[derive(Args, Clone, Debug)]
+pub struct ControllerArgs {
+    /// The drive: tcp:HOST:PORT of a simulator, a gateway or `spherecal plant`.
+    #[arg(long, value_name = "tcp:HOST:PORT", value_parser = tcp_address)]
+    pub drive: String,
+    /// Where hosts connect (`spherecal run --link controller:HOST:PORT`).
+    #[arg(long, value_name = "tcp:[HOST:]PORT", value_parser = tcp_address, default_value = "tcp:7402")]
+    pub host_link: String,
+    /// End when the first host has gone.
+    #[arg(long)]
+    pub once: bool,
+}
+
+/// `tcp:ADDRESS`, without its `tcp:`.
+fn tcp_address(text: &str) -> Result<String, String> {
+    match text.strip_prefix("tcp:") {
+        Some(address) if !address.is_empty() => Ok(address.to_owned()),
+        _ => Err("give tcp:HOST:PORT".to_owned()),
     }
 }
 

@@ -15,6 +15,7 @@ mod plan;
 mod progress;
 mod robot;
 mod run;
+mod servers;
 mod stages;
 mod studies;
 mod text;
@@ -40,6 +41,8 @@ pub fn main() -> ExitCode {
         Some(Command::Validate(args)) => stages::validate(&args),
         Some(Command::Report(args)) => stages::report(&args),
         Some(Command::Robot(args)) => robot::run(&args),
+        Some(Command::Plant(args)) => servers::plant(&args),
+        Some(Command::Controller(args)) => servers::controller(&args),
         Some(Command::Reproduce(args)) => studies::reproduce(&args),
         Some(Command::Worlds(args)) => studies::worlds(&args),
         Some(Command::Config(args)) => stages::config(&args),

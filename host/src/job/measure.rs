@@ -12,7 +12,8 @@ use super::laser::measure_laser;
 use super::{Config, JobError, Measurements, Prepared, tour};
 use crate::campaign::{self, Assignment, Journal, JournalError, Observer, Outcome};
 use crate::link::qemu::{Qemu, QemuOptions};
-use crate::link::{Arrival, Cell, Controller, controller_in_process, simulated_arm};
+use crate::link::tcp::{Remote, TcpDrive, Threaded, check_limits};
+use crate::link::{Arrival, Cell, Controller, Device, Drive, LinkError, controller_in_process, simulated_arm};
 use crate::plan::Plan;
 use crate::store::{NewRun, PlannedPose, RunInfo, SessionEnd, Store};
 
@@ -26,8 +27,11 @@ pub enum Link {
     Qemu,
     /// A controller board on a serial device.
     Serial(String),
-    /// An external simulator or the gateway of a real robot.
+    /// The controller in this process, an external simulator or the gateway of
+    /// a real robot behind the drive link.
     Tcp(String),
+    /// A controller process (`spherecal controller`), whatever its drive.
+    Controller(String),
 }
 
 impl FromStr for Link {
@@ -39,8 +43,9 @@ impl FromStr for Link {
             None if text == "qemu" => Ok(Self::Qemu),
             Some(("serial", device)) if !device.is_empty() => Ok(Self::Serial(device.to_owned())),
             Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_owned())),
+            Some(("controller", address)) if address.contains(':') => Ok(Self::Controller(address.to_owned())),
             _ => Err(format!(
-                "\"{text}\" is no link: give sim, qemu, serial:DEVICE or tcp:HOST:PORT"
+                "\"{text}\" is no link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT or controller:HOST:PORT"
             )),
         }
     }
@@ -53,6 +58,7 @@ impl std::fmt::Display for Link {
             Self::Qemu => f.write_str("qemu"),
             Self::Serial(device) => write!(f, "serial:{device}"),
             Self::Tcp(address) => write!(f, "tcp:{address}"),
+            Self::Controller(address) => write!(f, "controller:{address}"),
         }
     }
 }
@@ -109,7 +115,7 @@ impl Journal for StoreJournal<'_> {
 pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
     let begun = Instant::now();
     let tour = tour(&prepared.plan);
-    let mut cell = cell(prepared, &site, &tour.home)?;
+    let mut device = device(prepared, &site, &tour.home)?;
     let (run, done) = match resume {
         Some(info) => {
             let had = site.store.resumable(info.run)?;
@@ -131,7 +137,13 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
         run,
         session,
     };
-    let (outcome, result) = campaign::run(&assignment, &mut cell, &mut journal, site.observer, site.interrupt);
+    let (outcome, result) = campaign::run(
+        &assignment,
+        device.as_mut(),
+        &mut journal,
+        site.observer,
+        site.interrupt,
+    );
     let end = SessionEnd {
         firmware: outcome.firmware.clone(),
         simulated_us: outcome.simulated_us,
@@ -149,25 +161,41 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     Ok(Measured { run, outcome })
 }
 
-/// Whether the plant is ours, and its tracker with it.
+/// Whether the plant is in this process, and its tracker with it.
 fn simulated_plant(link: &Link) -> bool {
-    !matches!(link, Link::Tcp(_))
+    !matches!(link, Link::Tcp(_) | Link::Controller(_))
 }
 
-fn cell(prepared: &Prepared, site: &Site<'_>, home: &[f64]) -> Result<Cell, JobError> {
+/// What stands behind the link.
+fn device(prepared: &Prepared, site: &Site<'_>, home: &[f64]) -> Result<Box<dyn Device>, JobError> {
     let joints = prepared.robot.dof();
     let controller: Box<dyn Controller> = match site.link {
         Link::Sim => controller_in_process(joints)?,
         Link::Qemu => Box::new(Qemu::start(&QemuOptions::new(site.folder))?),
-        Link::Serial(_) | Link::Tcp(_) => {
+        Link::Tcp(address) => {
+            let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
+            check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+            if !drive.hello().lock_step {
+                return Ok(Box::new(Threaded::start(drive, joints)?));
+            }
+            let controller = controller_in_process(joints)?;
+            return Ok(Box::new(Cell::new(controller, Box::new(drive), joints)?));
+        }
+        Link::Controller(address) => {
+            let remote = Remote::connect(address, joints)?;
+            check_limits(&remote.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+            return Ok(Box::new(remote));
+        }
+        Link::Serial(_) => {
             return Err(JobError::NoLink {
                 link: site.link.to_string(),
-                remedy: "this build has no such transport yet: use --link sim or --link qemu".to_owned(),
+                remedy: "this build has no such transport yet: use sim, qemu, tcp:HOST:PORT or controller:HOST:PORT"
+                    .to_owned(),
             });
         }
     };
     let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, home)?;
-    Ok(Cell::new(controller, drive, joints)?)
+    Ok(Box::new(Cell::new(controller, drive, joints)?))
 }
 
 fn create_run(prepared: &Prepared, link: &Link, store: &mut Store) -> Result<i64, JobError> {

@@ -26,7 +26,7 @@ pub use error::JobError;
 pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};
 pub use laser::measure_laser;
 pub use measure::{Link, Measured, Site, measure, now_utc, read};
-pub use prepare::{Prepared, prepare, tour};
+pub use prepare::{Prepared, prepare, simulated_drive, tour};
 pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, Verdict, summarise};
 pub use write::{Files, write};
 

@@ -6,6 +6,7 @@ use spherecal_shared::robot::{Robot, Tool};
 use super::{Config, JobError};
 use crate::campaign::{Stop, Tour, TourPose};
 use crate::identify::Sphere;
+use crate::link::{Drive, simulated_arm};
 use crate::plan::{self, Chain, Plan, PlatePose};
 use crate::plant::PlantConfig;
 use crate::robots::{self, RobotModel};
@@ -34,22 +35,12 @@ pub struct Prepared {
 /// # Errors
 /// Whatever is wrong with the input.
 pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
-    config.check()?;
-    let mut model = robots::load(&config.robot)?;
-    if let Some(tool_mm) = config.tool_mm {
-        model.tool.tcp_m = tool_mm.map(|mm| mm * 1e-3);
-    }
-    let tool = model.tool_in_table();
-    let plant = config.plant()?;
-    let spheres = certificate(&plant);
-    let cell = plan::Cell {
-        robot: model.robot.clone(),
+    let Known {
+        model,
         tool,
-        spheres: spheres.clone(),
-        plates: vec![plate_pose(&plant)],
-        approach_height_m: config.plan.approach_height_m,
-        ..plan::Cell::iiwa7()
-    };
+        plant,
+        cell,
+    } = known(config)?;
     let mut plan = config.plan.make(&cell, &config.identify)?;
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
@@ -61,10 +52,59 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         robot: model.robot.clone(),
         model,
         tool,
-        spheres,
+        spheres: cell.spheres,
         plan,
         plant,
     })
+}
+
+/// What is known without a plan.
+struct Known {
+    model: RobotModel,
+    tool: Tool,
+    plant: PlantConfig,
+    cell: plan::Cell,
+}
+
+fn known(config: &Config) -> Result<Known, JobError> {
+    config.check()?;
+    let mut model = robots::load(&config.robot)?;
+    if let Some(tool_mm) = config.tool_mm {
+        model.tool.tcp_m = tool_mm.map(|mm| mm * 1e-3);
+    }
+    let tool = model.tool_in_table();
+    let plant = config.plant()?;
+    let cell = plan::Cell {
+        robot: model.robot.clone(),
+        tool,
+        spheres: certificate(&plant),
+        plates: vec![plate_pose(&plant)],
+        approach_height_m: config.plan.approach_height_m,
+        ..plan::Cell::iiwa7()
+    };
+    Ok(Known {
+        model,
+        tool,
+        plant,
+        cell,
+    })
+}
+
+/// The simulated arm that a run with this configuration calibrates, at rest at
+/// its home frame.
+///
+/// # Errors
+/// Whatever is wrong with the input.
+pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
+    let Known {
+        model,
+        tool,
+        plant,
+        cell,
+    } = known(config)?;
+    let chain = Chain::new(&model.robot, &tool)?;
+    let home = plan::home(&cell, &chain, &config.plan.rules)?;
+    Ok(simulated_arm(&model.robot, &tool, &plant, &home.joints)?)
 }
 
 /// The spheres as the certificate states them, numbered from 1.

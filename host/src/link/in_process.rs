@@ -33,6 +33,10 @@ impl<const N: usize> Controller for InProcess<N> {
             .map_err(|refusal| LinkError::Drive(refusal.to_string()))
     }
 
+    fn missed(&mut self, periods: u32) {
+        self.node.controller().missed(periods);
+    }
+
     fn exchange(
         &mut self,
         now_us: u64,

@@ -16,7 +16,10 @@
 //! | `sim` | [`InProcess`] | [`SimulatedArm`] |
 //! | `qemu` | [`Qemu`](qemu::Qemu) | [`SimulatedArm`] |
 //! | `serial:` | behind bytes | [`SimulatedArm`] or a gateway |
-//! | `tcp:` | [`InProcess`] | behind bytes |
+//! | `tcp:` | [`InProcess`] | [`TcpDrive`](tcp::TcpDrive) |
+//! | `controller:` | another process ([`Remote`](tcp::Remote)) | its own |
+//!
+//! What the host steps is a [`Device`]: a cell, or the far end of a socket.
 //!
 //! The host link is bytes in every mode, also in-process, so that framing,
 //! numbering, acknowledgement and repetition are exercised by every run.
@@ -26,9 +29,10 @@ mod endpoint;
 mod in_process;
 pub mod qemu;
 mod simulated;
+pub mod tcp;
 
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
-use spherecal_shared::protocol::frame::FrameError;
+use spherecal_shared::protocol::frame::{FrameError, LinkCounters};
 
 pub use cell::Cell;
 pub use endpoint::{Arrival, HostEndpoint, Timing};
@@ -81,6 +85,9 @@ pub enum LinkError {
     /// The controller in QEMU failed.
     #[error(transparent)]
     Qemu(#[from] qemu::QemuError),
+    /// A link between processes failed.
+    #[error(transparent)]
+    Tcp(#[from] tcp::TcpError),
     /// A transport failed.
     #[error("{link}: {source}: check the connection and start again with --resume")]
     Transport {
@@ -91,6 +98,24 @@ pub enum LinkError {
     },
 }
 
+/// Controller and drive together, as the host sees them: something that keeps
+/// the device's time and trades bytes of the host link, one control period
+/// after the other.
+pub trait Device {
+    /// Device time, in µs since the first period.
+    fn now_us(&self) -> u64;
+
+    /// Control periods carried out.
+    fn ticks(&self) -> u64;
+
+    /// One control period. `down` are the host's bytes; the controller's are
+    /// appended to `up`.
+    ///
+    /// # Errors
+    /// When controller, drive or a link between them fails for good.
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError>;
+}
+
 /// The controller, wherever it runs: one control period at a time.
 pub trait Controller: Send {
     /// Tells the controller what the drive says of itself, once, before the
@@ -99,6 +124,10 @@ pub trait Controller: Send {
     /// # Errors
     /// When the controller cannot work with such a drive.
     fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError>;
+
+    /// Notes that so many control periods went by without a tick before this
+    /// one. A controller that keeps its own beat counts them itself.
+    fn missed(&mut self, _periods: u32) {}
 
     /// Hands over the joint state of this period and the host's bytes; takes
     /// the torque command, and appends the controller's bytes for the host to
@@ -120,10 +149,22 @@ pub trait Drive: Send {
     /// What the drive says of itself.
     fn hello(&self) -> &DriveHello;
 
-    /// Carries out `command` for one control period (none at the very first
-    /// call) and writes the state at its end.
+    /// Carries out `command` for one control period and writes the state at its
+    /// end. At the very first call there is none, and the state is the present
+    /// one; at a later call without one the brakes are closed for this period.
     ///
     /// # Errors
     /// When the drive or the transport to it fails for good.
     fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError>;
+
+    /// Control periods that went by without an exchange before the last one:
+    /// none where drive and controller wait for each other.
+    fn missed(&self) -> u32 {
+        0
+    }
+
+    /// What was received from the drive, where it is behind a wire.
+    fn counters(&self) -> LinkCounters {
+        LinkCounters::new()
+    }
 }

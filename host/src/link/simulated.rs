@@ -4,7 +4,7 @@
 //! but what [`Sensed`](crate::plant::Sensed) shows, which is what real hardware shows.
 
 use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::{Drive, LinkError};
@@ -18,6 +18,7 @@ pub struct SimulatedArm<const N: usize> {
     plant: Plant<N>,
     hello: DriveHello,
     tick: u64,
+    seen: bool,
 }
 
 impl<const N: usize> SimulatedArm<N> {
@@ -30,9 +31,11 @@ impl<const N: usize> SimulatedArm<N> {
                 limits: robot.joints.iter().map(|j| j.limits).collect(),
                 period_us: PERIOD_US,
                 compensates_gravity: false,
+                torque_sign: TorqueSign::OfActuator,
                 lock_step: true,
             },
             tick: 0,
+            seen: false,
         }
     }
 
@@ -49,6 +52,11 @@ impl<const N: usize> Drive for SimulatedArm<N> {
 
     fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
         let mut braked = true;
+        if command.is_none() && self.seen {
+            self.tick += 1;
+            self.plant.step_braked();
+        }
+        self.seen = true;
         if let Some(command) = command {
             self.tick += 1;
             if command.enable {

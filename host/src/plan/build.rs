@@ -240,7 +240,10 @@ pub(super) fn tool_yaw(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlateP
 }
 
 /// Home: the neutral orientation high over the middle of the first plate.
-pub(super) fn home(cell: &Cell, chain: &Chain, rules: &Rules) -> Result<Waypoint, PlanError> {
+///
+/// # Errors
+/// No plate, or none that the arm reaches.
+pub fn home(cell: &Cell, chain: &Chain, rules: &Rules) -> Result<Waypoint, PlanError> {
     let plate = cell.plates.first().ok_or(PlanError::NoPlate)?;
     let yaw = tool_yaw(cell, chain, rules, plate)?;
     let pose = TcpPose {

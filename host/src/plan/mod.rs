@@ -31,7 +31,7 @@ mod teach;
 mod test_support;
 mod types;
 
-pub use build::{PlanRequest, paper_plan, plan, spread_plan};
+pub use build::{PlanRequest, home, paper_plan, plan, spread_plan};
 pub use candidates::Range;
 pub use cell::{Cell, PlatePose};
 pub use chain::{Chain, TcpPose, quaternion, rotation_of};

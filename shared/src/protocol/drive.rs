@@ -1,8 +1,10 @@
 //! The drive link: joint state in, joint torque out, once a millisecond.
 //!
-//! Lock-step: the drive sends [`DriveState`] number `tick`, the controller
-//! answers with the [`DriveCommand`] of the same `tick`, and only then does the
-//! drive advance. A real drive does not wait; it flags a missing command.
+//! A drive first introduces itself ([`DriveHello`]). Lock-step: it sends
+//! [`DriveState`] number `tick`, the controller answers with the
+//! [`DriveCommand`] of the same `tick`, and only then does the drive advance. A
+//! real drive does not wait; it flags a missing command. Byte by byte:
+//! `docs/drive-link.md`.
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -34,10 +36,9 @@ pub struct DriveState {
     pub q: Joints,
     /// Joint velocities, in rad/s.
     pub dq: Joints,
-    /// Measured joint torques, in N m. Sign: the torque that the actuator
-    /// exerts on its link, so at rest it equals `gravity(q) − Jᵀ F`, where `F`
-    /// is the force of the environment on the arm. A drive that measures the
-    /// opposite sign turns it in its gateway.
+    /// Measured joint torques, in N m, in the sign that [`DriveHello`] states;
+    /// by default at rest it equals `gravity(q) − Jᵀ F`, where `F` is the force
+    /// of the environment on the arm.
     pub tau: Joints,
     /// Status of the drive.
     pub status: DriveStatus,
@@ -56,6 +57,17 @@ pub struct DriveCommand {
     pub enable: bool,
 }
 
+/// In which sense a drive states measured torques. Commanded torques are
+/// always those of the actuator on its link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum TorqueSign {
+    /// The torque that the actuator exerts on its link.
+    #[default]
+    OfActuator,
+    /// The torque that the link exerts on its actuator: the opposite.
+    OfLink,
+}
+
 /// First message of a drive: what it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct DriveHello {
@@ -68,6 +80,8 @@ pub struct DriveHello {
     /// Whether the drive adds the gravity torque itself, so that the commanded
     /// torque is the rest.
     pub compensates_gravity: bool,
+    /// Sign of the measured torques.
+    pub torque_sign: TorqueSign,
     /// Whether the drive waits for each command (a simulator) or runs in real time.
     pub lock_step: bool,
 }

@@ -1,0 +1,118 @@
+//! What can go wrong between processes, each with its remedy.
+
+use spherecal_shared::protocol::frame::FrameError;
+
+/// A key as it is printed: 16 hexadecimal digits.
+fn hex(key: &[u8; 8]) -> String {
+    key.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Why a TCP link cannot be used, or ended.
+#[derive(Debug, thiserror::Error)]
+pub enum TcpError {
+    /// Nobody answers there.
+    #[error("{peer} cannot be reached ({source}): start what listens there first, and check host and port")]
+    Unreachable {
+        /// Address as given.
+        peer: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The address cannot be listened at.
+    #[error("{address} cannot be listened at ({source}): give HOST:PORT of this machine, with a port that is free")]
+    Listen {
+        /// Address as given.
+        address: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The other side closed the connection.
+    #[error("{peer} closed the connection: its own output says why; then go on with --resume")]
+    Closed {
+        /// Who.
+        peer: String,
+    },
+    /// The connection broke.
+    #[error("the connection to {peer} broke ({source}): check the network, then go on with --resume")]
+    Broken {
+        /// Who.
+        peer: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Nothing came.
+    #[error(
+        "{peer} was silent for {seconds} s ({damaged} damaged frames until then): \
+         a lock-step drive must answer every command with one state (docs/drive-link.md)"
+    )]
+    Silent {
+        /// Who.
+        peer: String,
+        /// How long was waited.
+        seconds: u64,
+        /// Frames whose checksum or shape was wrong.
+        damaged: u32,
+    },
+    /// No hello came.
+    #[error(
+        "{peer} did not introduce itself as a drive within {seconds} s: check the port, and see docs/drive-link.md"
+    )]
+    NotADrive {
+        /// Who.
+        peer: String,
+        /// How long was waited.
+        seconds: u64,
+    },
+    /// A message with another schema key.
+    #[error(
+        "{peer} sent a message with schema key {}, where {what} has {}: \
+         it was built for another version of the protocol; use versions that belong together",
+        hex(found),
+        hex(expected)
+    )]
+    Schema {
+        /// Who.
+        peer: String,
+        /// What was expected.
+        what: &'static str,
+        /// Key that came.
+        found: [u8; 8],
+        /// Key of what was expected.
+        expected: [u8; 8],
+    },
+    /// The drive allows less than the robot's description.
+    #[error(
+        "joint {joint} of the drive has {what} {drive}, the robot's description {robot}: \
+         use a description with the drive's limits (`spherecal robot convert`, then edit the limits), or widen the drive's"
+    )]
+    Limits {
+        /// Joint, from 1.
+        joint: usize,
+        /// Which limit, with its unit.
+        what: &'static str,
+        /// The drive's.
+        drive: f64,
+        /// The description's.
+        robot: f64,
+    },
+    /// A message does not fit a frame.
+    #[error("a message cannot be framed: {0}")]
+    Frame(#[from] FrameError),
+}
+
+impl TcpError {
+    /// A transport error of the connection to `peer`.
+    pub(super) fn of(peer: &str, source: std::io::Error) -> Self {
+        use std::io::ErrorKind::{BrokenPipe, ConnectionAborted, ConnectionReset, UnexpectedEof};
+        let peer = peer.to_owned();
+        match source.kind() {
+            BrokenPipe | ConnectionAborted | ConnectionReset | UnexpectedEof => Self::Closed { peer },
+            _ => Self::Broken { peer, source },
+        }
+    }
+
+    /// Whether the other side simply went away.
+    pub fn is_closed(&self) -> bool {
+        matches!(self, Self::Closed { .. })
+    }
+}
