@@ -333,15 +333,16 @@ impl<const N: usize> Controller<N> {
         let mut wanted = self.torque(&snapshot);
         let law = &self.procedure.law;
         let (gain, corner, bound) = (law.torque_loop_gain, law.torque_loop_rad_s, law.torque_loop_nm);
+        let delivered = self.delivered(&snapshot, &state.tau);
         let correction = self
             .torque_loop
-            .correction(&state.tau, gain, corner, bound, self.period_s);
+            .correction(&delivered, gain, corner, bound, self.period_s);
         for i in 0..N {
             wanted[i] += correction[i];
         }
         let limits = self.effective_limits(&snapshot, &torque_limits);
         let step = self.procedure.law.torque_rate_nm_s * self.period_s;
-        let (tau, shaped) = self.shaper.shape(&wanted, &state.tau, &limits, step);
+        let (tau, shaped) = self.shaper.shape(&wanted, &delivered, &limits, step);
         self.torque_loop.sent(&tau);
         let force = self.contact_force();
         let violation = self.guard.watch(&force, &shaped, &self.procedure.limits, self.period_s);
@@ -362,6 +363,14 @@ impl<const N: usize> Controller<N> {
         };
         self.last = Some(command.clone());
         command
+    }
+
+    /// What arrived of the torque that was sent, in N m: without the drive's own share.
+    fn delivered(&self, snapshot: &Snapshot<N>, measured: &[f64; N]) -> [f64; N] {
+        if !self.gravity_by_drive {
+            return *measured;
+        }
+        core::array::from_fn(|i| measured[i] - snapshot.gravity[i])
     }
 
     /// Torque limits of what is sent to the drive, in N m.

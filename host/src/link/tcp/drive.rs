@@ -16,13 +16,20 @@ use crate::link::{Drive, LinkError};
 const HELLO: Duration = Duration::from_secs(10);
 /// How long a lock-step drive may take for one period: a simulator that is
 /// paused by hand is given up after this.
-const ANSWER: Duration = Duration::from_secs(60);
+const ANSWER: Duration = Duration::from_mins(1);
+
+/// How long before a state is due this side begins to look for it.
+const EARLY: Duration = Duration::from_micros(250);
+/// How often it looks.
+const LOOK: Duration = Duration::from_micros(40);
 
 /// A drive behind a TCP connection.
 ///
-/// In real time every [`exchange`](Drive::exchange) waits for the next beat of
-/// this side's clock and takes the newest state that has come; where none has,
-/// the controller sees the last one again and tells it by its number.
+/// In real time an [`exchange`](Drive::exchange) ends when a new state has
+/// come: the drive is the clock, so that two clocks never drift across each
+/// other. Half a period after one was due it ends without, and the controller
+/// sees the last state again, which it tells by its number; beats that this
+/// side itself missed are counted as on a board.
 pub struct TcpDrive {
     wire: Wire,
     hello: DriveHello,
@@ -34,6 +41,7 @@ pub struct TcpDrive {
 /// The beat of a real-time drive's controller.
 struct Pace {
     start: std::time::Instant,
+    period: embassy_time::Duration,
     watch: PeriodWatch,
 }
 
@@ -42,16 +50,32 @@ impl Pace {
         let period = embassy_time::Duration::from_micros(u64::from(period_us));
         Self {
             start: std::time::Instant::now(),
+            period,
             watch: PeriodWatch::new(period, Instant::from_micros(0)),
         }
     }
 
-    /// Waits for the beat; returns the periods that went by without one.
-    fn wait(&mut self) -> u32 {
+    fn now(&self) -> Instant {
+        Instant::from_micros(u64::try_from(self.start.elapsed().as_micros()).unwrap_or(u64::MAX))
+    }
+
+    /// How long it is until the next state may come.
+    fn until_early(&self) -> Duration {
         let due = Duration::from_micros(self.watch.due().as_micros());
-        std::thread::sleep(due.saturating_sub(self.start.elapsed()));
-        let now = u64::try_from(self.start.elapsed().as_micros()).unwrap_or(u64::MAX);
-        self.watch.note(Instant::from_micros(now))
+        due.saturating_sub(EARLY).saturating_sub(self.start.elapsed())
+    }
+
+    /// Whether the next state is half a period late.
+    fn is_late(&self) -> bool {
+        self.now() >= self.watch.due().saturating_add(self.period / 2)
+    }
+
+    /// Notes a beat; returns the periods that went by without one.
+    fn beat(&mut self) -> u32 {
+        let now = self.now();
+        let missed = self.watch.note(now);
+        self.watch = PeriodWatch::new(self.period, now);
+        missed
     }
 }
 
@@ -94,10 +118,20 @@ impl TcpDrive {
             self.pace = Some(Pace::new(self.hello.period_us));
             return Ok(());
         }
-        self.missed = self.pace.as_mut().map_or(0, Pace::wait);
-        while let Some((_, newer)) = self.wire.expect("a drive state")? {
-            *state = newer;
+        let Some(pace) = &mut self.pace else { return Ok(()) };
+        std::thread::sleep(pace.until_early());
+        let mut fresh = false;
+        loop {
+            while let Some((_, newer)) = self.wire.expect("a drive state")? {
+                *state = newer;
+                fresh = true;
+            }
+            if fresh || pace.is_late() {
+                break;
+            }
+            std::thread::sleep(LOOK);
         }
+        self.missed = pace.beat();
         Ok(())
     }
 }

@@ -14,7 +14,7 @@ use crate::link::cell::check_hello;
 use crate::link::{Cell, Device, LinkError, controller_in_process};
 
 /// How long a controller may take for one period, its drive included.
-const TURN: Duration = Duration::from_secs(60);
+const TURN: Duration = Duration::from_mins(1);
 
 /// A controller process, reached over its host link.
 pub struct Remote {

@@ -62,10 +62,8 @@ impl Turns {
 pub fn serve_hosts(cell: &mut Cell, listener: &TcpListener, once: bool) -> Result<(), LinkError> {
     if cell.hello().lock_step {
         loop {
-            let (stream, _) = accept(listener)?;
-            if let Err(error) = turn_by_turn(cell, stream) {
-                gone(error)?;
-            }
+            let (stream, _) = listener.accept().map_err(|e| TcpError::of("the host link", e))?;
+            turn_by_turn(cell, stream)?;
             if once {
                 return Ok(());
             }
@@ -99,47 +97,39 @@ pub fn serve_hosts(cell: &mut Cell, listener: &TcpListener, once: bool) -> Resul
     }
 }
 
-/// A host that went away is no error of the station.
-fn gone(error: LinkError) -> Result<(), LinkError> {
-    match error {
-        LinkError::Tcp(error) if error.is_closed() => Ok(()),
-        error => Err(error),
-    }
-}
-
-fn accept(listener: &TcpListener) -> Result<(TcpStream, String), TcpError> {
-    let (stream, peer) = listener.accept().map_err(|e| TcpError::of("the host link", e))?;
-    Ok((stream, format!("the host at {peer}")))
-}
-
 /// The drive's hello, framed for the host.
-fn hello_frame(cell: &Cell) -> Result<Vec<u8>, TcpError> {
+fn hello_frame(cell: &Cell) -> std::io::Result<Vec<u8>> {
     let mut bytes = vec![0; MAX_FRAME];
-    let length = frame::encode(cell.hello(), 0, cell.now_us(), &mut bytes)?;
+    let length = frame::encode(cell.hello(), 0, cell.now_us(), &mut bytes).map_err(std::io::Error::other)?;
     bytes.truncate(length);
     Ok(bytes)
 }
 
-/// Lock-step: the host's turn, one period, the controller's turn.
+/// Lock-step: the host's turn, one period, the controller's turn; until the
+/// host goes, for whatever reason.
 fn turn_by_turn(cell: &mut Cell, mut stream: TcpStream) -> Result<(), LinkError> {
-    const PEER: &str = "the host";
-    let failed = |e| LinkError::from(TcpError::of(PEER, e));
-    stream.set_nonblocking(false).map_err(failed)?;
-    stream.set_nodelay(true).map_err(failed)?;
-    stream.write_all(&hello_frame(cell)?).map_err(failed)?;
+    let greeted = stream
+        .set_nonblocking(false)
+        .and_then(|()| stream.set_nodelay(true))
+        .and_then(|()| stream.write_all(&hello_frame(cell)?));
+    if greeted.is_err() {
+        return Ok(());
+    }
     let (mut turns, mut up, mut buffer) = (Turns::default(), Vec::new(), vec![0; 4 * MAX_FRAME]);
     loop {
         while let Some(down) = turns.next() {
             up.clear();
             cell.step(down, &mut up)?;
             up.push(0);
-            stream.write_all(&up).map_err(failed)?;
+            if stream.write_all(&up).is_err() {
+                return Ok(());
+            }
         }
         match stream.read(&mut buffer) {
             Ok(0) => return Ok(()),
             Ok(count) => turns.push(buffer.get(..count).unwrap_or_default()),
             Err(e) if e.kind() == ErrorKind::Interrupted => {}
-            Err(e) => return Err(failed(e)),
+            Err(_) => return Ok(()),
         }
     }
 }
@@ -151,60 +141,51 @@ struct Host {
 }
 
 impl Host {
-    fn greet(cell: &Cell, mut stream: TcpStream) -> Result<Self, TcpError> {
-        let failed = |e| TcpError::of("the host", e);
-        stream.set_nonblocking(false).map_err(failed)?;
-        stream.set_nodelay(true).map_err(failed)?;
-        stream
-            .set_write_timeout(Some(Duration::from_millis(1)))
-            .map_err(failed)?;
-        stream.write_all(&hello_frame(cell)?).map_err(failed)?;
-        stream.set_nonblocking(true).map_err(failed)?;
+    fn greet(cell: &Cell, mut stream: TcpStream) -> std::io::Result<Self> {
+        stream.set_nonblocking(false)?;
+        stream.set_nodelay(true)?;
+        stream.set_write_timeout(Some(Duration::from_millis(1)))?;
+        stream.write_all(&hello_frame(cell)?)?;
+        stream.set_nonblocking(true)?;
         Ok(Self {
             stream,
             backlog: Vec::new(),
         })
     }
 
-    fn read(&mut self, down: &mut Vec<u8>) -> Result<(), TcpError> {
+    fn read(&mut self, down: &mut Vec<u8>) -> std::io::Result<()> {
         let mut buffer = [0; MAX_FRAME];
         // As much as the controller takes in one period; the rest waits.
         while down.len() < 4 * MAX_FRAME {
             match self.stream.read(&mut buffer) {
                 Ok(0) => {
-                    return Err(TcpError::Closed {
-                        peer: "the host".to_owned(),
-                    });
+                    return Err(ErrorKind::BrokenPipe.into());
                 }
                 Ok(count) => down.extend_from_slice(buffer.get(..count).unwrap_or_default()),
                 Err(e) if e.kind() == ErrorKind::WouldBlock => break,
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) => return Err(TcpError::of("the host", e)),
+                Err(e) => return Err(e),
             }
         }
         Ok(())
     }
 
-    fn write(&mut self, up: &[u8]) -> Result<(), TcpError> {
+    fn write(&mut self, up: &[u8]) -> std::io::Result<()> {
         self.backlog.extend_from_slice(up);
         self.backlog.push(0);
         while !self.backlog.is_empty() {
             match self.stream.write(&self.backlog) {
                 Ok(0) => {
-                    return Err(TcpError::Closed {
-                        peer: "the host".to_owned(),
-                    });
+                    return Err(ErrorKind::BrokenPipe.into());
                 }
                 Ok(count) => drop(self.backlog.drain(..count)),
                 Err(e) if e.kind() == ErrorKind::WouldBlock => break,
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) => return Err(TcpError::of("the host", e)),
+                Err(e) => return Err(e),
             }
         }
         if self.backlog.len() > BACKLOG {
-            return Err(TcpError::Closed {
-                peer: "the host".to_owned(),
-            });
+            return Err(ErrorKind::BrokenPipe.into());
         }
         Ok(())
     }

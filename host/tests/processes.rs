@@ -1,0 +1,131 @@
+//! Plant, controller and host as three processes: the program as a lab with a
+//! simulator of its own meets it.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+
+use serde_json::Value;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+
+/// A server that has said where it listens; it is ended with the test.
+struct Server {
+    child: Child,
+    address: String,
+}
+
+impl Server {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(PROGRAM)
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the program starts");
+        let mut line = String::new();
+        let mut output = BufReader::new(child.stdout.take().expect("piped"));
+        output.read_line(&mut line).expect("one line");
+        let address = line.trim().rsplit("tcp:").next().unwrap_or_default().to_owned();
+        assert!(address.contains(':'), "{arguments:?} said {line:?}");
+        Self { child, address }
+    }
+
+    fn ended_well(mut self) {
+        assert!(self.child.wait().expect("it ends").success());
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn spherecal(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(PROGRAM)
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .expect("the program starts")
+}
+
+fn run(folder: &Path, link: &str) -> Value {
+    let out = link.split(':').next().unwrap_or_default();
+    let arguments = [
+        "run", "--poses", "9", "--seed", "5", "--json", "--link", link, "--out", out,
+    ];
+    let output = spherecal(folder, &arguments);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{said}");
+    serde_json::from_slice(&output.stdout).expect("one JSON document")
+}
+
+// Fails if a run whose plant, or whose plant and controller, are other
+// processes records one other bit than a run in one process, loses or damages
+// a frame, or if the servers do not end when told to serve once.
+#[test]
+fn three_processes_record_the_bits_of_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let here = run(folder.path(), "sim");
+    assert_eq!(here["poses"]["recorded"], 9);
+
+    let plant = Server::start(&["plant", "--listen", "0", "--seed", "5", "--once"]);
+    let there = run(folder.path(), &format!("tcp:{}", plant.address));
+    assert_eq!(there["recordings_sha256"], here["recordings_sha256"]);
+    plant.ended_well();
+
+    let plant = Server::start(&["plant", "--listen", "0", "--seed", "5", "--once"]);
+    let drive = format!("tcp:{}", plant.address);
+    let controller = Server::start(&["controller", "--drive", &drive, "--host-link", "tcp:0", "--once"]);
+    assert!(controller.address.starts_with("127.0.0.1:"), "{}", controller.address);
+    let apart = run(folder.path(), &format!("controller:{}", controller.address));
+    assert_eq!(apart["recordings_sha256"], here["recordings_sha256"]);
+    assert_eq!(
+        (&apart["link"]["crc_errors"], &apart["link"]["lost"]),
+        (&0.into(), &0.into())
+    );
+    assert_eq!(apart["faults"], Value::Array(Vec::new()));
+    controller.ended_well();
+    plant.ended_well();
+}
+
+// Fails if a plant of another seed gives the same recordings: then they would
+// not come over the link.
+#[test]
+fn another_plant_gives_other_recordings() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let here = run(folder.path(), "sim");
+    let plant = Server::start(&["plant", "--listen", "0", "--seed", "6"]);
+    let there = run(folder.path(), &format!("tcp:{}", plant.address));
+    assert_ne!(there["recordings_sha256"], here["recordings_sha256"]);
+}
+
+// Fails if a link to nowhere, or a malformed one, is not refused with its remedy.
+#[test]
+fn a_link_to_nowhere_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let refused = |arguments: &[&str], code: i32, words: &[&str]| {
+        let output = spherecal(folder.path(), arguments);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        for word in words {
+            assert!(said.contains(word), "{arguments:?} does not say \"{word}\": {said}");
+        }
+    };
+    let nowhere = ["tcp:127.0.0.1:1 cannot be reached", "start what listens there first"];
+    refused(&["measure", "--poses", "3", "--link", "tcp:127.0.0.1:1"], 1, &nowhere);
+    refused(
+        &["measure", "--poses", "3", "--link", "controller:127.0.0.1:1"],
+        1,
+        &nowhere,
+    );
+    refused(&["controller", "--drive", "tcp:127.0.0.1:1"], 1, &nowhere);
+    refused(&["controller", "--drive", "127.0.0.1:1"], 2, &["give tcp:HOST:PORT"]);
+    refused(
+        &["plant", "--listen", "not.a.host.invalid:7"],
+        1,
+        &["cannot be listened at", "HOST:PORT"],
+    );
+}
