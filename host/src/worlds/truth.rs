@@ -153,10 +153,8 @@ impl Evaluator<'_> {
                 .map(|w| w.amplitude * (w.order * angle + w.other_order * other + w.phase).cos())
                 .sum();
             let g = holding.joint[i].z;
-            own + both
-                - joint.compliance * g
-                - joint.quadratic * g * g.abs()
-                - joint.hysteresis * (g / HYSTERESIS_NM).tanh()
+            own + both - joint.compliance * g - joint.quadratic * g * g.abs()
+                + joint.hysteresis * (g / HYSTERESIS_NM).tanh()
         });
         each.collect()
     }
