@@ -6,7 +6,7 @@
 //! strength. Nothing but the control path's own arithmetic is in
 //! it, so that a run has the same bits on every machine.
 
-use nalgebra::{SVector, Vector3};
+use nalgebra::{Rotation3, SVector, UnitQuaternion, Vector3};
 use spherecal::link::Controller;
 use spherecal_shared::Joints;
 use spherecal_shared::linalg::Cholesky;
@@ -129,6 +129,23 @@ impl StandIn {
     /// What the joints carry at rest at `q`, in N m.
     pub fn gravity(&self, q: &[f64; 7]) -> [f64; 7] {
         self.arm.bodies(&self.arm.frames(q)).gravity().into()
+    }
+
+    /// What the joints carry at rest at `q` while `force` (F0, in N) is on the
+    /// TCP, in N m.
+    pub fn carrying(&self, q: &[f64; 7], force: &Vector3<f64>) -> [f64; 7] {
+        let frames = self.arm.frames(q);
+        let jacobian = self.arm.jacobian(&frames, &self.arm.tcp_frame(&frames).origin);
+        let gravity = self.arm.bodies(&frames).gravity();
+        (gravity - jacobian.fixed_rows::<3>(0).transpose() * force).into()
+    }
+
+    /// Axes of the TCP at `q`, F0, as a unit quaternion w, x, y, z.
+    pub fn orientation(&self, q: &[f64; 7]) -> [f64; 4] {
+        let rotation = self.arm.tcp_frame(&self.arm.frames(q)).rotation;
+        let rotation = Rotation3::from_matrix_unchecked(rotation);
+        let turn = UnitQuaternion::from_rotation_matrix(&rotation);
+        [turn.w, turn.i, turn.j, turn.k]
     }
 
     /// What the drives measure at `tick`.
