@@ -10,11 +10,11 @@
 
 use embassy_time::{Duration, Instant};
 use heapless::{Deque, String, Vec};
-use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::frame::{self, Accumulator, LinkCounters, MAX_FRAME, SequenceWatch};
+use spherecal_shared::protocol::frame::{self, Accumulator, FrameError, LinkCounters, MAX_FRAME, SequenceWatch};
 use spherecal_shared::protocol::host::{
     Banner, Command, Downlink, Event, MAX_BATCH, Refusal, Sample, Statistics, Uplink,
 };
+use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 
 /// Events sent and not yet acknowledged, at most.
 const PENDING: usize = 8;
@@ -136,7 +136,16 @@ impl HostLink {
                     desk.heard();
                     self.take(downlink, desk);
                 }
-                Some(Err(_)) => self.counters.crc_errors = self.counters.crc_errors.saturating_add(1),
+                Some(Err(error)) => {
+                    self.counters.crc_errors = self.counters.crc_errors.saturating_add(1);
+                    if error == FrameError::Key {
+                        // A host of another schema: it cannot be understood,
+                        // but it can be told to whom it speaks.
+                        self.greeted = true;
+                        let banner = self.banner();
+                        self.reply(Event::Banner(banner));
+                    }
+                }
             }
         }
     }
@@ -203,6 +212,7 @@ impl HostLink {
         let _ = version.push_str(env!("CARGO_PKG_VERSION"));
         Banner {
             protocol: PROTOCOL_VERSION,
+            schema: SCHEMA,
             version,
             build: self.build.clone(),
             joints: self.joints,

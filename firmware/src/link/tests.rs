@@ -2,6 +2,8 @@
 //! and spoils frames.
 
 use embassy_time::Instant;
+use spherecal_shared::protocol::SCHEMA;
+use spherecal_shared::protocol::drive::DriveState;
 use spherecal_shared::protocol::frame::{self, Accumulator, MAX_FRAME};
 use spherecal_shared::protocol::host::{Command, Downlink, Event, Refusal, Uplink};
 use std::vec::Vec;
@@ -139,6 +141,20 @@ fn spoilt_frames_are_counted_and_skipped() {
     wire.node.receive(&bytes);
     assert_eq!(wire.node.link().counters().crc_errors, 1);
     assert_eq!(wire.hear(1).len(), 2, "banner and reply for the good one");
+}
+
+/// Fails if a host of another schema is left without a word.
+#[test]
+fn a_foreign_host_is_told_who_is_here() {
+    let mut wire = Wire::new();
+    let mut bytes = [0u8; MAX_FRAME];
+    let length = frame::encode(&DriveState::default(), 0, 0, &mut bytes).expect("it fits");
+    wire.node.receive(&bytes[..length]);
+    let heard = wire.hear(1);
+    assert!(
+        matches!(&heard[..], [Uplink { event: 0, body: Event::Banner(b) }] if b.schema == SCHEMA),
+        "{heard:?}"
+    );
 }
 
 /// Fails if a small buffer makes half a frame, or loses an event.

@@ -27,6 +27,30 @@ pub enum CampaignError {
         /// This program's.
         expected: u16,
     },
+    /// The controller is of another version.
+    #[error(
+        "the controller's firmware is version {found} (build {build}), this program {expected}: \
+         use a firmware and a program of the same version"
+    )]
+    Version {
+        /// Version of the firmware.
+        found: String,
+        /// Its build.
+        build: String,
+        /// Version of this program.
+        expected: &'static str,
+    },
+    /// The messages of controller and program have another layout.
+    #[error(
+        "the controller's messages are laid out otherwise than this program's (schema {found}, here {expected:016x}): \
+         build firmware and program from the same sources (`scripts/cross.sh build`), and load the firmware again"
+    )]
+    Schema {
+        /// Key and build of the firmware, as far as they could be read.
+        found: String,
+        /// Key of this program.
+        expected: u64,
+    },
     /// The controller was built for another arm.
     #[error(
         "the controller was built for {controller} joints, the robot has {robot}: use the controller for this robot"

@@ -3,11 +3,11 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{
     Banner, Command, Contact, Coupled, Event, FaultReport, Phase, Refusal, Statistics,
 };
+use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 
 use super::observe::{Observer, Progress, Stage, TelemetrySummary, force};
 use super::{CampaignError, Tour};
@@ -274,7 +274,13 @@ impl<'a> Session<'a> {
 
     /// Greets the controller and checks who it is.
     pub(super) fn greet(&mut self, joints: usize) -> Result<(), CampaignError> {
-        self.order("greet", Command::Hello)?;
+        if let Err(error) = self.order("greet", Command::Hello) {
+            // One that does not understand a greeting may still say why.
+            return match (self.greet_again(joints), error) {
+                (Err(why), CampaignError::Timeout { .. }) => Err(why),
+                (_, error) => Err(error),
+            };
+        }
         let Waited::Got(banner) = self.wait("send its banner", ANSWER_S, |s| s.banner.clone())? else {
             // A controller that was left in a fault says so before its banner.
             return self.greet_again(joints);
@@ -285,6 +291,10 @@ impl<'a> Session<'a> {
     fn greet_again(&self, joints: usize) -> Result<(), CampaignError> {
         match &self.banner {
             Some(banner) => check_banner(banner, joints),
+            None if self.endpoint.foreign() > 0 => Err(CampaignError::Schema {
+                found: "unknown".to_owned(),
+                expected: SCHEMA,
+            }),
             None => Err(CampaignError::Timeout {
                 what: "send its banner".to_owned(),
                 limit_s: ANSWER_S,
@@ -321,6 +331,23 @@ fn check_banner(banner: &Banner, joints: usize) -> Result<(), CampaignError> {
             version: banner.version.to_string(),
             found: banner.protocol,
             expected: PROTOCOL_VERSION,
+        });
+    }
+    if banner.schema != SCHEMA {
+        return Err(CampaignError::Schema {
+            found: format!(
+                "{:016x}, version {}, build {}",
+                banner.schema, banner.version, banner.build
+            ),
+            expected: SCHEMA,
+        });
+    }
+    let version = env!("CARGO_PKG_VERSION");
+    if banner.version != version {
+        return Err(CampaignError::Version {
+            found: banner.version.to_string(),
+            build: banner.build.to_string(),
+            expected: version,
         });
     }
     if usize::from(banner.joints) != joints {

@@ -60,6 +60,7 @@ pub struct HostEndpoint {
     accumulator: Accumulator,
     watch: SequenceWatch,
     counters: LinkCounters,
+    foreign: u32,
     frames_sent: u32,
     last_command: u32,
     queue: VecDeque<Downlink>,
@@ -84,6 +85,11 @@ impl HostEndpoint {
     /// What was counted on the way up; `resent` counts commands sent again.
     pub fn counters(&self) -> LinkCounters {
         self.counters
+    }
+
+    /// Frames that came whole but are of another schema.
+    pub fn foreign(&self) -> u32 {
+        self.foreign
     }
 
     /// Queues a command; returns the number that its reply will carry.
@@ -163,7 +169,12 @@ impl HostEndpoint {
                     self.watch.note(header.sequence, &mut self.counters);
                     self.take(message, header.time_us, arrived);
                 }
-                Err(_) => self.counters.crc_errors = self.counters.crc_errors.wrapping_add(1),
+                Err(error) => {
+                    self.counters.crc_errors = self.counters.crc_errors.wrapping_add(1);
+                    if error == FrameError::Key {
+                        self.foreign = self.foreign.wrapping_add(1);
+                    }
+                }
             });
         }
         self.accumulator = accumulator;

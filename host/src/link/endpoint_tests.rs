@@ -2,8 +2,8 @@ use super::*;
 use proptest::prelude::*;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
-use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::host::Banner;
+use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 use std::convert::Infallible;
 
 /// The other end, as simple as the protocol allows: numbers its events, sends
@@ -65,6 +65,7 @@ impl Peer {
     fn banner(&self) -> Banner {
         Banner {
             protocol: PROTOCOL_VERSION,
+            schema: SCHEMA,
             version: heapless::String::new(),
             build: heapless::String::new(),
             joints: 7,

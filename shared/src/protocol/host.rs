@@ -149,6 +149,8 @@ pub const MAX_BATCH: usize = 8;
 pub struct Banner {
     /// [`PROTOCOL_VERSION`](super::PROTOCOL_VERSION) of the controller.
     pub protocol: u16,
+    /// [`SCHEMA`](super::SCHEMA) of the controller.
+    pub schema: u64,
     /// Version of the firmware crate.
     pub version: heapless::String<16>,
     /// Hash of the build, where it was recorded.

@@ -1,0 +1,131 @@
+//! Who greets whom: a controller that does not belong to this program is
+//! refused with the remedy, before any command moves the arm.
+
+use std::collections::BTreeSet;
+use std::sync::atomic::AtomicBool;
+
+use spherecal::campaign::{Assignment, CampaignError, Options, Silent, run};
+use spherecal::link::{Cell, Device, LinkError, controller_in_process, simulated_arm};
+use spherecal::plant::PlantConfig;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::drive::DriveState;
+use spherecal_shared::protocol::frame::{self, Accumulator};
+use spherecal_shared::protocol::host::{Banner, Event, Uplink};
+use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+use spherecal_tests::bench::framed;
+use spherecal_tests::tour::{Memory, tour};
+
+/// A controller that says something else than it is.
+struct Forged {
+    cell: Cell,
+    accumulator: Accumulator,
+    forge: fn(Uplink) -> Vec<u8>,
+    frames: u32,
+}
+
+impl Device for Forged {
+    fn now_us(&self) -> u64 {
+        self.cell.now_us()
+    }
+
+    fn ticks(&self) -> u64 {
+        self.cell.ticks()
+    }
+
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        let mut honest = Vec::new();
+        self.cell.step(down, &mut honest)?;
+        for byte in honest {
+            self.accumulator.push(byte, &mut |frame| {
+                let (_, uplink) = frame::decode::<Uplink>(frame.expect("whole")).expect("an uplink");
+                up.extend((self.forge)(uplink));
+                self.frames += 1;
+            });
+        }
+        Ok(())
+    }
+}
+
+/// What a campaign says of a controller whose words are forged.
+fn greet(forge: fn(Uplink) -> Vec<u8>) -> Result<(), CampaignError> {
+    let (robot, tool, config) = (iiwa7(), iiwa7_tool(), PlantConfig::typical());
+    let tour = tour(&config, &[1], &[0.0]);
+    let drive = simulated_arm(&robot, &tool, &config, &tour.home).expect("a plant");
+    let cell = Cell::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
+    let mut device = Forged {
+        cell,
+        accumulator: Accumulator::new(),
+        forge,
+        frames: 0,
+    };
+    let procedure = Procedure::default();
+    let assignment = Assignment {
+        robot: &robot,
+        tool: &tool,
+        procedure: &procedure,
+        tour: &tour,
+        done: &BTreeSet::new(),
+        options: Options::default(),
+    };
+    let (mut memory, stop) = (Memory::default(), AtomicBool::new(false));
+    let (outcome, result) = run(&assignment, &mut device, &mut memory, &mut Silent, &stop);
+    assert!(device.frames > 0, "the controller spoke");
+    assert_eq!((outcome.contacts.len(), memory.recordings.len()), (0, 0));
+    result
+}
+
+/// The uplink as it is, but for the banner.
+fn with_banner(mut uplink: Uplink, change: fn(&mut Banner)) -> Vec<u8> {
+    if let Event::Banner(banner) = &mut uplink.body {
+        change(banner);
+    }
+    framed(&uplink, 0)
+}
+
+fn refused(forge: fn(Uplink) -> Vec<u8>) -> (CampaignError, String) {
+    let error = greet(forge).expect_err("it must be refused");
+    let text = error.to_string();
+    (error, text)
+}
+
+// Fails if a controller of another protocol, schema, version or number of joints
+// is worked with, or refused without saying what to do.
+#[test]
+fn a_controller_that_does_not_belong_is_refused_with_the_remedy() {
+    let (error, text) = refused(|up| with_banner(up, |banner| banner.protocol += 1));
+    assert!(matches!(error, CampaignError::Protocol { .. }), "{text}");
+    assert!(
+        text.contains("use a firmware and a program of the same version"),
+        "{text}"
+    );
+
+    let (error, text) = refused(|up| with_banner(up, |banner| banner.schema ^= 1));
+    assert!(matches!(error, CampaignError::Schema { .. }), "{text}");
+    assert!(
+        text.contains("build firmware and program from the same sources"),
+        "{text}"
+    );
+    assert!(text.contains("build in-process"), "{text}");
+
+    let (error, text) = refused(|up| {
+        with_banner(up, |banner| {
+            banner.version.clear();
+            let _ = banner.version.push_str("9.9.9");
+        })
+    });
+    assert!(matches!(error, CampaignError::Version { .. }), "{text}");
+    assert!(text.contains("9.9.9 (build in-process)"), "{text}");
+
+    let (error, text) = refused(|up| with_banner(up, |banner| banner.joints = 6));
+    assert!(matches!(error, CampaignError::Joints { .. }), "{text}");
+    assert!(text.contains("use the controller for this robot"), "{text}");
+}
+
+// Fails if a controller whose every frame is of another schema looks like one
+// that is silent.
+#[test]
+fn a_controller_that_is_not_understood_is_said_to_be_of_another_schema() {
+    let (error, text) = refused(|_| framed(&DriveState::default(), 0));
+    assert!(matches!(error, CampaignError::Schema { .. }), "{text}");
+    assert!(text.contains("scripts/cross.sh build"), "{text}");
+}
