@@ -9,7 +9,8 @@ use super::args::RunArgs;
 use super::exit::{CliError, Exit};
 use super::progress::ProgressView;
 use super::text;
-use crate::job::{self, JobError, Measurements, Prepared, Site, Summary};
+use crate::job::{self, JobError, Link, Measurements, Prepared, Site, Summary};
+use crate::link::qemu::LOG_FILE;
 use crate::store::{RunInfo, Store};
 use crate::telemetry::{Chronicle, Trace};
 
@@ -116,10 +117,11 @@ pub(super) fn evaluate(out: &std::path::Path, store: &mut Store, info: &RunInfo)
     store.put_result(info.run, "summary", &json)?;
     let mut files = vec![store.path().to_owned()];
     files.extend(written.paths);
-    let telemetry = out.join("telemetry.mcap");
-    if telemetry.exists() {
-        files.push(telemetry);
+    files.push(out.join("telemetry.mcap"));
+    if info.link == Link::Qemu.to_string() {
+        files.push(out.join(LOG_FILE));
     }
+    files.retain(|file| file.exists());
     Ok(Finished { summary, files })
 }
 

@@ -5,7 +5,8 @@ use super::input::{
     ContactTrace, ErrorSeries, ErrorTable, Headline, ModelRow, Prediction, ReportInput, ResidualPoint, SimpleTable,
     WorkspacePoint,
 };
-use crate::job::{Evaluation, Measurements, Summary};
+use crate::job::{Evaluation, Link, Measurements, Summary};
+use crate::link::qemu::LOG_FILE;
 use crate::telemetry::Trace;
 use crate::validate::{Alignment, ValidationTable};
 
@@ -360,6 +361,10 @@ fn provenance(m: &Measurements, s: &Summary, created: &str) -> Vec<(String, Stri
         ),
         ("recordings' SHA-256".to_owned(), s.recordings_sha256.clone()),
     ];
+    if s.link_name == Link::Qemu.to_string() {
+        let log = format!("{LOG_FILE}, beside this report");
+        out.push(("controller's log".to_owned(), log));
+    }
     if let Ok(text) = toml::to_string(&m.config) {
         let words: Vec<&str> = text.lines().filter(|l| !l.trim().is_empty()).collect();
         out.push(("configuration".to_owned(), words.join("; ")));
