@@ -6,6 +6,7 @@
 #
 #   check            say which route and which QEMU were found (the default)
 #   build [BOARD..]  build the images in release: mps2-an500 nucleo-h743zi
+#   stack [BOARD]    build an image that says its functions' stack sizes, for the tests
 #   prove            link the control path with a panic handler that does not exist
 #   cargo ARGS..     any other Cargo command in firmware/boards, same toolchain
 #
@@ -163,6 +164,15 @@ case $command in
             (cross_cargo build --release --locked --package "$board")
             [ "$dry" = yes ] || printf '%s\n' "$root/target/boards/$target/release/$board"
         done
+        ;;
+    stack)
+        # A compiler switch that is not stable yet, for measuring only; the
+        # code is the same.
+        [ $# -gt 0 ] || set -- mps2-an500
+        export RUSTC_BOOTSTRAP=1
+        (cross_cargo build --release --locked --package "$1" --target-dir ../../target/stack \
+            --config "target.$target.rustflags=['-Zemit-stack-sizes']")
+        [ "$dry" = yes ] || printf '%s\n' "$root/target/stack/$target/release/$1"
         ;;
     prove)
         cross_cargo build --release --locked --package mps2-an500 --features panic-free --bin control

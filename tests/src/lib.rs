@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod qemu;
+pub mod stack;
 pub mod tour;
 pub mod worlds;
 

@@ -49,7 +49,30 @@ fn build() -> Result<PathBuf, String> {
             .unwrap_or("scripts/cross.sh check failed")
             .to_owned());
     }
-    let built = run(&["build", "mps2-an500"]).map_err(|error| error.to_string())?;
+    Ok(built(&["build", "mps2-an500"]))
+}
+
+/// The image that says its functions' stack sizes, or `None` where
+/// [`image`] is.
+///
+/// # Panics
+/// As [`image`].
+pub fn stack_image() -> Option<PathBuf> {
+    image().map(|_| built(&["stack", "mps2-an500"]))
+}
+
+/// The image of the NUCLEO-H743ZI, or `None` where [`image`] is.
+///
+/// # Panics
+/// As [`image`].
+pub fn nucleo_image() -> Option<PathBuf> {
+    image().map(|_| built(&["build", "nucleo-h743zi"]))
+}
+
+/// Runs `scripts/cross.sh` and returns the path that it says last.
+fn built(arguments: &[&str]) -> PathBuf {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scripts/cross.sh");
+    let built = Command::new(script).args(arguments).output().expect("a shell");
     assert!(
         built.status.success(),
         "the image does not build: {}",
@@ -58,7 +81,7 @@ fn build() -> Result<PathBuf, String> {
     let said = String::from_utf8_lossy(&built.stdout);
     let path = said.lines().last().unwrap_or_default();
     assert!(Path::new(path).is_file(), "no image at {path:?}");
-    Ok(path.into())
+    path.into()
 }
 
 /// `image` as usual, with its logs into `folder`.

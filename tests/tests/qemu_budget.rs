@@ -1,35 +1,83 @@
-//! What the controller costs on the Cortex-M7: instructions, by stage and over
-//! a run.
+//! What the controller costs on the Cortex-M7, and that the boards' README says
+//! so: instructions of a tick by stage, and memory.
+//!
+//! `SPHERECAL_BLESS=1` writes the tables.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use spherecal_tests::qemu::{image, scenario};
+use spherecal_shared::protocol::host::Phase;
+use spherecal_tests::bench::HOME;
+use spherecal_tests::qemu::{bench, image, log_of, nucleo_image, numbers, options, scenario, stack_image};
+use spherecal_tests::stack::{Calls, Indirect, sizes};
 
 /// Most instructions of a tick, on average.
 const MEAN_BUDGET: f64 = 28_000.0;
 
-/// What comes out of the image in each stage, in instructions: (name, mean, worst).
-fn stages(image: &Path, folder: &Path) -> Vec<(String, u32, u32)> {
-    let output = scenario(image, "stages", folder);
-    assert!(output.status.success(), "{:?}", output.status);
-    let text = String::from_utf8(output.stdout).expect("text");
-    let line = |line: &str| {
-        let mut parts = line.split('\t');
-        let name = parts.next()?.to_owned();
-        Some((name, parts.next()?.parse().ok()?, parts.next()?.parse().ok()?))
-    };
-    text.lines().map(|l| line(l).expect("name, mean, worst")).collect()
+fn readme() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware/boards/README.md")
 }
 
-// Fails if the stages cost more than the budget allows, or if the table in the
-// boards' README says something else than what is measured (5 %);
-// SPHERECAL_BLESS=1 writes the table.
+/// Compares the README's table called `name`, row by row and column by column,
+/// with `rows`: numbers may differ by `share` of themselves and `slack`.
+fn compare(name: &str, head: &str, rows: &[(String, Vec<Option<u32>>)], share: f64, slack: f64) {
+    let text = std::fs::read_to_string(readme()).expect("the boards' README");
+    let (begin, end) = (format!("<!-- {name} -->\n"), format!("<!-- end of {name} -->"));
+    let start = text.find(&begin).expect("a table") + begin.len();
+    let stop = text.find(&end).expect("the table's end");
+    let said = |value: &Option<u32>| value.map_or("–".to_owned(), |value| value.to_string());
+    if std::env::var_os("SPHERECAL_BLESS").is_some() {
+        let columns = head.matches('|').count() - 2;
+        let mut table = format!("{head}\n|---|{}\n", "---:|".repeat(columns));
+        for (row, values) in rows {
+            let values: Vec<_> = values.iter().map(said).collect();
+            table.push_str(&format!("| {row} | {} |\n", values.join(" | ")));
+        }
+        std::fs::write(readme(), format!("{}{table}{}", &text[..start], &text[stop..])).expect("written");
+        return;
+    }
+    for (row, values) in rows {
+        let line = text[start..stop]
+            .lines()
+            .find(|line| line.starts_with(&format!("| {row} |")))
+            .unwrap_or_else(|| panic!("no row {row}: SPHERECAL_BLESS=1 writes it"));
+        let told: Vec<_> = line.split('|').skip(2).map(str::trim).collect();
+        for (told, value) in told.iter().zip(values) {
+            let near = match (told.parse::<f64>(), value) {
+                (Ok(told), Some(value)) => (told - f64::from(*value)).abs() <= share * told + slack,
+                (Err(_), None) => true,
+                _ => false,
+            };
+            assert!(
+                near,
+                "{row}: the README says {told}, measured {}; SPHERECAL_BLESS=1 mends it",
+                said(value)
+            );
+        }
+    }
+}
+
+// Fails if the stages cost more than the budget allows, or if the README says
+// something else than what is measured (5 %).
 #[test]
-fn the_table_of_costs_is_what_is_measured() {
+fn the_table_of_stages_is_what_is_measured() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().expect("a folder");
-    let costs = stages(&image, folder.path());
-    let cost = |name: &str| costs.iter().find(|c| c.0 == name).map_or(0, |c| c.2);
+    let output = scenario(&image, "stages", folder.path());
+    assert!(output.status.success(), "{:?}", output.status);
+    let text = String::from_utf8(output.stdout).expect("text");
+    let row = |line: &str| {
+        let mut parts = line.split('\t');
+        let name = parts.next()?.to_owned();
+        Some((name, vec![parts.next()?.parse().ok(), parts.next()?.parse().ok()]))
+    };
+    let costs: Vec<_> = text.lines().map(|l| row(l).expect("name, mean, worst")).collect();
+    let cost = |name: &str| {
+        costs
+            .iter()
+            .find(|c| c.0 == name)
+            .and_then(|c| c.1[1])
+            .expect("a stage")
+    };
     let law = [
         "the whole snapshot",
         "observer and wrench",
@@ -38,34 +86,91 @@ fn the_table_of_costs_is_what_is_measured() {
     ];
     let law: u32 = law.iter().map(|name| cost(name)).sum();
     assert!(law < MEAN_BUDGET as u32, "the law alone takes {law} instructions");
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware/boards/README.md");
-    let readme = std::fs::read_to_string(&path).expect("the boards' README");
-    let (begin, end) = ("<!-- stages -->\n", "<!-- end of stages -->");
-    let start = readme.find(begin).expect("a table") + begin.len();
-    let stop = readme.find(end).expect("the table's end");
-    let mut table = "| stage | mean | worst |\n|---|---:|---:|\n".to_owned();
-    for (name, mean, worst) in &costs {
-        table.push_str(&format!("| {name} | {mean} | {worst} |\n"));
-    }
-    if std::env::var_os("SPHERECAL_BLESS").is_some() {
-        std::fs::write(&path, format!("{}{table}{}", &readme[..start], &readme[stop..])).expect("written");
+    compare("stages", "| stage | mean | worst |", &costs, 0.05, 40.0);
+}
+
+/// Functions that wake a task.
+const WAKERS: &[&str] = &["5waker5clone", "5waker4wake", "5waker4drop"];
+/// Whom functions that call through a register may reach.
+const INDIRECT: Indirect<'_> = &[
+    (
+        "on_control",
+        &["12___piped_task", "12___wired_task", "14___wrapped_task"],
+    ),
+    (
+        "7on_link",
+        &[
+            "12___serve_task",
+            "12___speak_task",
+            "14___host_in_task",
+            "15___host_out_task",
+            "15___drive_in_task",
+            "16___drive_out_task",
+        ],
+    ),
+    ("10run_thread", &["11___task_task", "10___hog_task"]),
+    // Everything else that does so wakes tasks.
+    ("5State5serve", WAKERS),
+    ("11TaskStorage", WAKERS),
+    ("RawMutex4lock", WAKERS),
+    ("7LinkEnd", WAKERS),
+    ("4Uart10on_receive", WAKERS),
+    ("6Ticker4next", WAKERS),
+    ("_defmt_release", WAKERS),
+];
+/// What the processor pushes for an interrupt, floating-point registers and
+/// alignment included, in bytes.
+const PUSHED: u32 = 108;
+
+/// Bound on the stack of the image with all priorities at their deepest.
+fn bound(image: &Path) -> u32 {
+    let calls = Calls::read(image);
+    let depth = |root: &str| {
+        // The scenario that measures stages runs no tasks.
+        let depth = calls.depth(root, INDIRECT, &["6stages3run"]);
+        let depth = depth.unwrap_or_else(|error| panic!("{error}"));
+        eprintln!("{root}: {} bytes", depth.bytes);
+        for (frame, name) in &depth.path {
+            eprintln!("  {frame:6} {name}");
+        }
+        depth.bytes
+    };
+    let uarts = ["16on_uart0_receive", "17on_uart0_transmit"];
+    let uart = uarts.iter().map(|root| depth(root)).max().unwrap_or(0);
+    depth("main") + depth("7on_link") + uart + depth("10on_control") + depth("5timer12on_interrupt") + 4 * PUSHED
+}
+
+// Fails if the stack's room is less than twice what it may need, by paint after
+// a run with contact or by the frames and calls of the code; or if the README
+// says something else than what is measured (5 %).
+#[test]
+fn the_table_of_memory_is_what_is_measured() {
+    let (Some(image), Some(with_frames), Some(nucleo)) = (image(), stack_image(), nucleo_image()) else {
         return;
-    }
-    let said: Vec<Vec<&str>> = readme[start..stop]
-        .lines()
-        .skip(2)
-        .map(|l| l.split('|').map(str::trim).collect())
-        .collect();
-    for (name, mean, _) in &costs {
-        let row = said
-            .iter()
-            .find(|row| row.get(1) == Some(&name.as_str()))
-            .expect("a row for each stage");
-        let told: f64 = row[2].parse().expect("a number");
-        let off = (told - f64::from(*mean)).abs();
-        assert!(
-            off <= 0.05 * told + 40.0,
-            "{name}: the README says {told}, measured {mean}; SPHERECAL_BLESS=1 mends it"
-        );
-    }
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut bench = bench(&options(&image, folder.path()), &HOME);
+    bench.approach(0.015);
+    bench.until(Phase::Coupled, 15_000);
+    bench.pose(1, 0.1);
+    bench.until(Phase::Recording, 5_000);
+    bench.until(Phase::Coupled, 5_000);
+    let log = log_of(bench, folder.path());
+    let stack = numbers(&log, "ended:");
+    let [used, room, ..] = stack[..] else { panic!("{log}") };
+    let (used, room) = (used as u32, room as u32);
+    let bound = bound(&with_frames);
+    assert!(used <= bound, "{used} bytes were used, more than the bound of {bound}");
+    assert!(2 * bound <= room, "{bound} bytes of stack may be used of {room}");
+    let (here, there) = (sizes(&image), sizes(&nucleo));
+    let row = |name: &str, here: u32, there: Option<u32>| (name.to_owned(), vec![Some(here), there]);
+    let rows = [
+        row("text: code and constants", here.text, Some(there.text)),
+        row("data", here.data, Some(there.data)),
+        row("bss", here.bss, Some(there.bss)),
+        row("stack, by paint", used, None),
+        row("stack, bound", bound, None),
+        row("stack, room", room, None),
+    ];
+    compare("memory", "| bytes | mps2-an500 | nucleo-h743zi |", &rows, 0.05, 256.0);
 }

@@ -25,6 +25,8 @@ use spherecal_shared::protocol::drive::DriveCommand;
 use spherecal_shared::protocol::frame;
 use spherecal_shared::protocol::lockstep::{DOWN_HEADER, Down, MAX_DRIVE, MAX_HOST, MAX_TURN, UP_HEADER, Up};
 
+use static_cell::ConstStaticCell;
+
 use crate::semihosting::{File, Mode};
 use crate::timer::stopwatch;
 
@@ -84,29 +86,31 @@ pub struct Pipe {
     output: File,
     receiver: DriveReceiver,
     messages: Producer<'static, FromDrive>,
-    link: HostLink,
+    link: &'static mut HostLink,
     /// The present turn, and what has come behind it.
-    down: [u8; MAX_TURN],
+    down: &'static mut [u8; MAX_TURN],
     filled: usize,
     consumed: usize,
-    up: [u8; MAX_TURN],
+    up: &'static mut [u8; MAX_TURN],
     sequence: u32,
 }
 
 impl Pipe {
     /// Opens the standard streams; drive messages go to `messages`, `link`
     /// speaks with the host.
-    pub fn open(messages: Producer<'static, FromDrive>, link: HostLink) -> Option<Self> {
+    pub fn open(messages: Producer<'static, FromDrive>, link: &'static mut HostLink) -> Option<Self> {
+        static DOWN: ConstStaticCell<[u8; MAX_TURN]> = ConstStaticCell::new([0; MAX_TURN]);
+        static UP: ConstStaticCell<[u8; MAX_TURN]> = ConstStaticCell::new([0; MAX_TURN]);
         Some(Self {
             input: File::open(":tt\0", Mode::Read)?,
             output: File::open(":tt\0", Mode::Write)?,
             receiver: DriveReceiver::new(),
             messages,
             link,
-            down: [0; MAX_TURN],
+            down: DOWN.take(),
             filled: 0,
             consumed: 0,
-            up: [0; MAX_TURN],
+            up: UP.take(),
             sequence: 0,
         })
     }

@@ -8,7 +8,7 @@ use spherecal_firmware::app::links::{DriveClock, Links};
 use spherecal_firmware::app::ports::{Beat, Clock};
 use spherecal_firmware::app::{Bell, ControlEnd, Ended, PERIOD, PeriodWatch, Post, Workspace, run as run_control};
 use spherecal_shared::protocol::lockstep::MAX_HOST;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::arguments::Scenario;
 use crate::executor;
@@ -47,8 +47,9 @@ fn post() -> (Control, Desk) {
     POST.init_with(Post::new).split(&BELL)
 }
 
-fn host_link() -> HostLink {
-    HostLink::new(BUILD, JOINTS)
+fn host_link() -> &'static mut HostLink {
+    static LINK: StaticCell<HostLink> = StaticCell::new();
+    LINK.init_with(|| HostLink::new(BUILD, JOINTS))
 }
 
 /// Runs `scenario`; the log goes to `sink`.
@@ -96,7 +97,7 @@ fn start_uarts(control: SendSpawner, links: SendSpawner, sink: Sink) {
     links.spawn(spawned(drive_in()));
     links.spawn(spawned(drive_out()));
     links.spawn(spawned(host_in()));
-    links.spawn(spawned(speak(desk)));
+    links.spawn(spawned(speak(host_link(), desk)));
     links.spawn(spawned(host_out()));
 }
 
@@ -222,11 +223,9 @@ async fn host_in() {
 }
 
 #[embassy_executor::task]
-async fn speak(mut desk: Desk) {
-    static UP: StaticCell<[u8; MAX_HOST]> = StaticCell::new();
-    static LINK: StaticCell<HostLink> = StaticCell::new();
-    let link = LINK.init_with(host_link);
-    LINKS.host(link, &mut desk, UP.init([0; MAX_HOST])).await
+async fn speak(link: &'static mut HostLink, mut desk: Desk) {
+    static UP: ConstStaticCell<[u8; MAX_HOST]> = ConstStaticCell::new([0; MAX_HOST]);
+    LINKS.host(link, &mut desk, UP.take()).await
 }
 
 #[embassy_executor::task]

@@ -34,7 +34,7 @@ use spherecal_firmware::HostLink;
 use spherecal_firmware::app::links::Links;
 use spherecal_firmware::app::ports::{Beat, Clock};
 use spherecal_firmware::app::{Bell, ControlEnd, LinkEnd, Post, TickerClock, Workspace, run};
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use record::Cause;
 use serial::{Reader, Writer};
@@ -127,11 +127,9 @@ async fn host_in(rx: BufferedUartRx<'static>) {
 }
 
 #[embassy_executor::task]
-async fn speak(mut desk: LinkEnd<'static, CriticalSectionRawMutex>) {
-    static LINK: StaticCell<HostLink> = StaticCell::new();
-    static BYTES: StaticCell<[u8; UP]> = StaticCell::new();
-    let link = LINK.init_with(|| HostLink::new(BUILD, JOINTS));
-    LINKS.host(link, &mut desk, BYTES.init([0; UP])).await
+async fn speak(link: &'static mut HostLink, mut desk: LinkEnd<'static, CriticalSectionRawMutex>) {
+    static BYTES: ConstStaticCell<[u8; UP]> = ConstStaticCell::new([0; UP]);
+    LINKS.host(link, &mut desk, BYTES.take()).await
 }
 
 #[embassy_executor::task]
@@ -173,6 +171,8 @@ fn main() -> ! {
     static POST: StaticCell<Post> = StaticCell::new();
     static BELL: Bell<CriticalSectionRawMutex> = Bell::new();
     let (host_end, desk) = POST.init_with(Post::new).split(&BELL);
+    static LINK: StaticCell<HostLink> = StaticCell::new();
+    let link = LINK.init_with(|| HostLink::new(BUILD, JOINTS));
     let watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
     let drive = serial::drive(p.USART2, p.PD6, p.PD5);
     let host = serial::host(p.USART3, p.PD9, p.PD8);
@@ -200,7 +200,7 @@ fn main() -> ! {
     if let Ok(token) = host_in(host_rx) {
         link_spawner.spawn(token);
     }
-    if let Ok(token) = speak(desk) {
+    if let Ok(token) = speak(link, desk) {
         link_spawner.spawn(token);
     }
     if let Ok(token) = host_out(host_tx) {
