@@ -142,6 +142,11 @@ pub struct Calibration {
     pub log_evidence: f64,
     /// Factors on the priors of stiffness and of harmonics that the evidence chose.
     pub prior_factors: (f64, f64),
+    /// Highest order of the encoder harmonics that the evidence left in the model.
+    pub harmonic_orders: usize,
+    /// Factor on the noise in estimate and covariance: 1 where residuals do not
+    /// repeat from pose to pose, up to [`super::Noise::inflation`] where they do.
+    pub noise_inflation: f64,
     /// Whether the robot's description has no masses, so that assumed ones gave
     /// the load its shape (and compliance is relative to them).
     pub assumed_masses: bool,
@@ -353,7 +358,9 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         noise_scale: fit.scale,
         effective_parameters: fit.effective,
         log_evidence: fit.log_evidence,
-        prior_factors: fit.softness,
+        prior_factors: (fit.choice.stiffness, fit.choice.harmonics),
+        harmonic_orders: fit.choice.orders.min(layout.orders),
+        noise_inflation: fit.inflation,
         assumed_masses: nominal.assumed(),
         inner: Inner {
             layout: layout.clone(),

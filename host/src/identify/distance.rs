@@ -19,6 +19,7 @@ use super::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use super::calibration::{Calibration, finish};
 use super::chain::{N, Nominal, Prepared, State};
 use super::data::{Experiment, Pose, Set};
+use super::effects::Choice;
 use super::error::IdentifyError;
 use super::identifiability::analyse;
 use super::map::{FEWEST, Fit, prepare, register};
@@ -432,7 +433,8 @@ impl DistanceProblem {
             effective: m as f64,
             covariance,
             log_evidence: f64::NAN,
-            softness: (1.0, 1.0),
+            choice: Choice::default(),
+            inflation: 1.0,
             identifiability,
         };
         finish(experiment, options, Model::Geometry, fit)

@@ -3,16 +3,18 @@
 //! 1. Every reference frame is registered to the nominal robot.
 //! 2. Geometry with its priors is fitted by Gauss-Newton, analytic Jacobian,
 //!    Student-t weights: gross errors are down-weighted from here on.
-//! 3. Compliance, bending and harmonics join as zero-mean random effects; the
-//!    noise scale is re-estimated from the residuals, counting the parameters
-//!    that the data really determine.
-//! 4. The noise is inflated ([`Noise::inflation`](super::options::Noise)) and the mode and covariance
-//!    taken there.
+//! 3. Compliance, bending and harmonics join as random effects; the noise scale is
+//!    re-estimated from the residuals, counting the parameters that the data
+//!    really determine; [`effects`](super::effects) chooses among a few priors and
+//!    tails by evidence.
+//! 4. The noise is inflated as far as it repeats ([`Noise::inflation`](super::options::Noise))
+//!    and the mode and covariance taken there.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::chain::{Nominal, Prepared, State};
 use super::data::{Experiment, Pose, Set};
+use super::effects::Choice;
 use super::error::IdentifyError;
 use super::identifiability::{Identifiability, analyse};
 use super::normal::{Group, Normal, Whitening, accumulate, distances, gradient, groups, likelihoods};
@@ -55,8 +57,10 @@ pub(crate) struct Fit {
     pub(crate) covariance: DMatrix<f64>,
     /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
     pub(crate) log_evidence: f64,
-    /// Factors on the priors of stiffness and harmonics that the evidence chose.
-    pub(crate) softness: (f64, f64),
+    /// Priors of the effects that the evidence chose.
+    pub(crate) choice: Choice,
+    /// Factor on the noise that was used: see [`Noise::inflation`](super::options::Noise).
+    pub(crate) inflation: f64,
     pub(crate) identifiability: Identifiability,
 }
 
@@ -172,27 +176,22 @@ const SHAPES: [f64; 3] = [1.0, 10.0, 100.0];
 /// Gain in log likelihood that another shape must show.
 const SHAPE_GAIN: f64 = 8.0;
 
-/// How much softer, and how much rougher in its encoders, than the priors a
-/// robot may be: factors on compliance and bending, and on the harmonics. A real
-/// iiwa 7 has compliances of 6e-5 rad/(N m) by its gravity model.
-const PRIORS: [(f64, f64); 4] = [(1.0, 1.0), (1.0, 3.0), (8.0, 1.0), (8.0, 3.0)];
-/// Gain in log evidence that wider priors must show.
-const PRIOR_GAIN: f64 = 3.0;
-
 /// A search in progress: one set of columns on one set of poses.
-struct Search<'a> {
-    layout: &'a Layout,
-    table: &'a [Parameter],
-    prepared: &'a [Prepared],
-    groups: &'a [Group],
-    whitening: Whitening,
-    state: State,
-    unknowns: Unknowns,
-    weights: Vec<f64>,
+pub(super) struct Search<'a> {
+    pub(super) layout: &'a Layout,
+    pub(super) table: &'a [Parameter],
+    pub(super) prepared: &'a [Prepared],
+    pub(super) groups: &'a [Group],
+    pub(super) whitening: Whitening,
+    pub(super) state: State,
+    pub(super) unknowns: Unknowns,
+    pub(super) weights: Vec<f64>,
     /// Noise variance, as a factor on the whitening.
-    s2: f64,
-    effective: f64,
-    options: &'a Options,
+    pub(super) s2: f64,
+    pub(super) effective: f64,
+    /// Degrees of freedom of the Student-t weights; 0 for least squares.
+    pub(super) nu: f64,
+    pub(super) options: &'a Options,
 }
 
 impl Search<'_> {
@@ -228,35 +227,6 @@ impl Search<'_> {
         self.state.refresh();
     }
 
-    /// Among the few fixed priors of the effects takes the one with the best
-    /// evidence at inflated noise: a choice of few, as learning the variances
-    /// themselves goes astray where the model is wrong.
-    fn choose_priors(&mut self, normal: &Normal) -> Result<(f64, f64), IdentifyError> {
-        let s2 = self.s2 * self.options.noise.inflation.powi(2);
-        let mut best = (PRIORS[0], self.unknowns.clone(), f64::NEG_INFINITY);
-        for (stiffness, harmonics) in PRIORS {
-            let mut candidate = self.unknowns.clone();
-            for (precision, &column) in candidate.precision.iter_mut().zip(&self.unknowns.columns) {
-                let parameter = &self.table[column];
-                *precision = parameter.prior_sigma.powi(-2);
-                let factor = match parameter.kind {
-                    _ if parameter.set_by_user => 1.0,
-                    Kind::Compliance(_) | Kind::Bending(..) | Kind::Tilt(_) => stiffness,
-                    Kind::Cosine(..) | Kind::Sine(..) => harmonics,
-                    _ => 1.0,
-                };
-                *precision /= factor * factor;
-            }
-            let evidence = Posterior::new(normal, &candidate, s2)?.log_evidence(normal, &candidate, s2);
-            let gain = if best.2.is_finite() { PRIOR_GAIN } else { 0.0 };
-            if evidence > best.2 + gain {
-                best = ((stiffness, harmonics), candidate, evidence);
-            }
-        }
-        self.unknowns = best.1;
-        Ok(best.0)
-    }
-
     /// One Gauss-Newton step, then noise and weights at the new state. Returns
     /// the step's length in posterior standard deviations.
     fn step(&mut self, normal: &Normal, count_parameters: bool) -> Result<f64, IdentifyError> {
@@ -271,8 +241,8 @@ impl Search<'_> {
     }
 
     /// Noise scale and robust weights at the state.
-    fn reweight(&mut self) -> Result<(), IdentifyError> {
-        let nu = self.options.student_t;
+    pub(super) fn reweight(&mut self) -> Result<(), IdentifyError> {
+        let nu = self.nu;
         let d2 = distances(&self.state, self.layout, self.prepared, &self.whitening);
         if !d2.iter().sum::<f64>().is_finite() {
             return Err(IdentifyError::Diverged { rms_mm: f64::INFINITY });
@@ -325,7 +295,7 @@ impl Search<'_> {
             point: self.whitening.point * factor * factor,
             ..self.whitening
         });
-        let nu = self.options.student_t;
+        let nu = self.nu;
         let found = likelihoods(&self.state, self.layout, self.prepared, &candidates, nu);
         let best = (0..found.len()).max_by(|a, b| found[*a].total_cmp(&found[*b]));
         match best {
@@ -424,6 +394,7 @@ pub(crate) fn fit(
         weights: vec![1.0; prepared.len()],
         s2: 1.0,
         effective: 0.0,
+        nu: options.student_t,
         options,
     };
     let richer = layout != plain;
@@ -437,7 +408,7 @@ pub(crate) fn fit(
     search.unknowns = joined(&full_table, &plain_table, &search.unknowns);
     search.layout = &layout;
     search.table = &full_table;
-    let mut softness = PRIORS[0];
+    let mut choice = Choice::default();
     if richer {
         if noise.estimate {
             search.s2 = search.s2.min(1.0);
@@ -450,8 +421,11 @@ pub(crate) fn fit(
             } else {
                 search.renew(&mut normal);
             }
+            if k == 1 {
+                search.choose_tails()?;
+            }
             if k < 2 {
-                softness = search.choose_priors(&normal)?;
+                choice = search.choose_priors(&normal, search.inflation())?;
             }
             if search.step(&normal, true)? < SETTLED {
                 break;
@@ -466,8 +440,9 @@ pub(crate) fn fit(
     // The mode and covariance under inflated noise.
     let d2 = distances(&search.state, search.layout, &prepared, &search.whitening);
     let posterior = Posterior::new(&normal, &search.unknowns, search.s2)?;
-    let log_evidence = evidence(&posterior, &search.unknowns, &d2, search.s2, options.student_t);
-    let inflated = search.s2 * noise.inflation.powi(2);
+    let log_evidence = evidence(&posterior, &search.unknowns, &d2, search.s2, search.nu);
+    let inflation = search.inflation();
+    let inflated = search.s2 * inflation.powi(2);
     let posterior = Posterior::new(&normal, &search.unknowns, inflated)?;
     let (step, _) = posterior.step(&normal, &search.unknowns, inflated);
     search.advance(&step);
@@ -501,7 +476,8 @@ pub(crate) fn fit(
         unknowns,
         covariance,
         log_evidence,
-        softness,
+        choice,
+        inflation,
         identifiability,
     })
 }

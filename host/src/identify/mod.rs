@@ -16,6 +16,7 @@ mod calibration;
 mod chain;
 mod data;
 mod distance;
+mod effects;
 mod error;
 mod holdout;
 pub mod identifiability;

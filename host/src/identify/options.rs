@@ -143,8 +143,10 @@ pub struct Noise {
     pub point_m: f64,
     /// Estimate a common factor of the noise from the residuals.
     pub estimate: bool,
-    /// Factor on the estimated noise: gear errors repeat with position, so
-    /// residuals are not white and each counts for less than one.
+    /// Most by which the estimated noise is inflated: gear errors repeat with
+    /// position, so residuals are not white and each counts for less than one. It
+    /// is used in full where residuals repeat or where few poses cannot tell, and
+    /// not at all where many poses show white noise.
     pub inflation: f64,
 }
 
@@ -185,7 +187,8 @@ pub struct Options {
     pub harmonics: usize,
     /// Noise before the data are seen.
     pub noise: Noise,
-    /// Degrees of freedom of the Student-t weights; 0 for least squares.
+    /// Degrees of freedom of the Student-t weights; lighter tails are taken where
+    /// the residuals speak for them. 0 for least squares.
     pub student_t: f64,
     /// Where the joint torque comes from.
     pub torque: Torque,

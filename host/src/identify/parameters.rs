@@ -32,10 +32,14 @@ pub const BASE_SIGMA_M: f64 = 10.0;
 /// what registration leaves open, but it holds a plate of one or two spheres,
 /// whose turn about their line no contact sees.
 pub const BASE_SIGMA_RAD: f64 = 0.1;
-/// Prior of joint compliance, zero mean, in rad/(N m).
-pub const COMPLIANCE_SIGMA: f64 = 5e-6;
+/// Prior mean of joint compliance, in rad/(N m): a spring gives way to its load
+/// and never against it, so its sign is known. Mean and sigma are those of the
+/// half of a normal distribution of 4e-6 rad/(N m) that is positive.
+pub const COMPLIANCE_MEAN: f64 = 3.2e-6;
+/// Prior sigma of joint compliance about [`COMPLIANCE_MEAN`], in rad/(N m).
+pub const COMPLIANCE_SIGMA: f64 = 2.4e-6;
 /// Prior of link bending and base tilt, zero mean, in rad/(N m).
-pub const BENDING_SIGMA: f64 = 2e-6;
+pub const BENDING_SIGMA: f64 = 1.5e-6;
 /// Prior of encoder harmonics of order 1, zero mean; order k has 1/k of it, in rad.
 pub const HARMONIC_SIGMA_RAD: f64 = 2e-4;
 /// Axes closer to parallel than this take Hayati's beta, in rad.
@@ -374,7 +378,12 @@ fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -> Parameter
             "a bolted tool measured by hand",
         ),
         Kind::Bending(..) | Kind::Tilt(_) => (0.0, BENDING_SIGMA, false, "zero-mean random effect: a stiff link"),
-        Kind::Compliance(_) => (0.0, COMPLIANCE_SIGMA, false, "zero-mean random effect: a geared joint"),
+        Kind::Compliance(_) => (
+            COMPLIANCE_MEAN,
+            COMPLIANCE_SIGMA,
+            false,
+            "a geared joint: a spring, so of known sign",
+        ),
         Kind::Cosine(_, k) | Kind::Sine(_, k) => (
             0.0,
             HARMONIC_SIGMA_RAD / k as f64,

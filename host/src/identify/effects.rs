@@ -1,0 +1,176 @@
+//! What the data are let decide about the model: how strong and how rough the
+//! robot's effects are, and how much its noise repeats.
+//!
+//! Between the search of [`map`](super::map) and its covariance. Both are choices
+//! among few: learning every variance from the data goes astray where the model
+//! is wrong (`identification.md`).
+
+use super::error::IdentifyError;
+use super::map::Search;
+use super::normal::{Normal, Root, likelihoods};
+use super::parameters::Kind;
+use super::solve::{Posterior, Unknowns};
+
+/// Factors on compliance and bending that a robot may have over the priors: a
+/// real iiwa 7 has compliances of 6e-5 rad/(N m) by its gravity model.
+const STIFFNESS: [f64; 2] = [1.0, 8.0];
+
+/// What the priors of the harmonics may look like: a factor on all, and the
+/// highest order that the encoders are believed to have.
+const HARMONICS: [(f64, usize); 5] = [(1.0, usize::MAX), (3.0, usize::MAX), (1.0, 2), (0.7, 2), (3.0, 2)];
+
+/// What is left of the prior of an order that is believed absent.
+const ABSENT: f64 = 1e-3;
+
+/// Gain in log evidence that other priors than the first must show.
+const GAIN: f64 = 3.0;
+
+/// Degrees of freedom of the Student-t weights where no residual is gross: the
+/// heavy tails that gross errors need cost a tenth of what clean data tell.
+const LIGHT_TAILS: f64 = 30.0;
+
+/// Gain in log likelihood that light tails must show.
+const TAILS_GAIN: f64 = 3.0;
+
+/// Repeating noise from which inflation sets in, and how much more of it brings
+/// it to the full.
+const REPEATING: (f64, f64) = (0.025, 0.05);
+
+/// `ln` of the factor that makes Student's t in three dimensions a density, up to
+/// what does not depend on `nu`.
+fn normaliser(nu: f64) -> f64 {
+    libm::lgamma(0.5 * (nu + 3.0)) - libm::lgamma(0.5 * nu) - 1.5 * nu.ln()
+}
+
+/// Priors of the effects that the evidence chose, as factors on the table's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Choice {
+    /// Factor on compliance, bending and tilt.
+    pub(crate) stiffness: f64,
+    /// Factor on the harmonics.
+    pub(crate) harmonics: f64,
+    /// Highest order of harmonics that is believed.
+    pub(crate) orders: usize,
+}
+
+impl Default for Choice {
+    fn default() -> Self {
+        let (harmonics, orders) = HARMONICS[0];
+        Self {
+            stiffness: STIFFNESS[0],
+            harmonics,
+            orders,
+        }
+    }
+}
+
+impl Search<'_> {
+    /// The unknowns under other priors of the effects.
+    fn under(&self, choice: Choice) -> Unknowns {
+        let mut unknowns = self.unknowns.clone();
+        for (precision, &column) in unknowns.precision.iter_mut().zip(&self.unknowns.columns) {
+            let parameter = &self.table[column];
+            if parameter.set_by_user {
+                continue;
+            }
+            let factor = match parameter.kind {
+                Kind::Compliance(_) | Kind::Bending(..) | Kind::Tilt(_) => choice.stiffness,
+                Kind::Cosine(_, k) | Kind::Sine(_, k) if k > choice.orders => ABSENT,
+                Kind::Cosine(..) | Kind::Sine(..) => choice.harmonics,
+                _ => continue,
+            };
+            *precision = (parameter.prior_sigma * factor).powi(-2);
+        }
+        unknowns
+    }
+
+    /// Takes the priors with the best evidence at inflated noise: first the
+    /// stiffness, then the harmonics.
+    pub(super) fn choose_priors(&mut self, normal: &Normal, inflation: f64) -> Result<Choice, IdentifyError> {
+        let s2 = self.s2 * inflation.powi(2);
+        let first = Choice::default();
+        let softer = STIFFNESS.map(|stiffness| (Some(stiffness), HARMONICS[0]));
+        let rougher = HARMONICS[1..].iter().map(|h| (None, *h));
+        let mut best = (first, f64::NEG_INFINITY);
+        for (stiffness, (harmonics, orders)) in softer.into_iter().chain(rougher) {
+            let candidate = Choice {
+                stiffness: stiffness.unwrap_or(best.0.stiffness),
+                harmonics,
+                orders,
+            };
+            let unknowns = self.under(candidate);
+            let evidence = Posterior::new(normal, &unknowns, s2)?.log_evidence(normal, &unknowns, s2);
+            let gain = if candidate == first { 0.0 } else { GAIN };
+            if evidence > best.1 + gain {
+                best = (candidate, evidence);
+            }
+        }
+        self.unknowns = self.under(best.0);
+        Ok(best.0)
+    }
+
+    /// Takes light tails where the residuals speak for them.
+    pub(super) fn choose_tails(&mut self) -> Result<(), IdentifyError> {
+        let heavy = self.nu;
+        if heavy <= 0.0 || heavy >= LIGHT_TAILS || !self.options.noise.estimate {
+            return Ok(());
+        }
+        let count = self.prepared.len() as f64;
+        let likelihood = |nu: f64| {
+            let found = likelihoods(&self.state, self.layout, self.prepared, &[self.whitening], nu);
+            found.first().copied().unwrap_or_default() + count * normaliser(nu)
+        };
+        if likelihood(LIGHT_TAILS) > likelihood(heavy) + TAILS_GAIN {
+            self.nu = LIGHT_TAILS;
+            self.reweight()?;
+        }
+        Ok(())
+    }
+
+    /// How much of the noise repeats: the mean over the joints of the correlation
+    /// of the residuals of poses that are neighbours in that joint's angle, along
+    /// that joint's motion; and its standard deviation where nothing repeats.
+    ///
+    /// Gear errors that the model has no term for are functions of a joint's angle.
+    /// They look like noise, but two poses with one joint alike share them.
+    pub(super) fn repeating(&self) -> (f64, f64) {
+        let n = self.layout.n;
+        let m = self.prepared.len();
+        let mut along = vec![Vec::with_capacity(m); n];
+        for (observation, weight) in self.prepared.iter().zip(&self.weights) {
+            let k = self.state.evaluate(&observation.q, &observation.load);
+            let columns: Vec<_> = (0..n)
+                .map(|j| k.frames[j].z().cross(&(k.tcp - k.frames[j].origin)))
+                .collect();
+            let root = Root::new(&self.whitening.covariance(&columns, observation.sphere.is_some()));
+            let residual = root.times(&self.state.residual(observation, &k.tcp)) * weight.sqrt().min(1.0);
+            for (joint, column) in columns.iter().enumerate() {
+                let white = root.times(column);
+                let norm = white.norm();
+                let share = if norm > 1e-9 { white.dot(&residual) / norm } else { 0.0 };
+                along[joint].push((observation.q[joint], share));
+            }
+        }
+        let mut sum = 0.0;
+        for joint in &mut along {
+            joint.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let own: f64 = joint.iter().map(|x| x.1 * x.1).sum();
+            let both: f64 = joint.windows(2).map(|w| w[0].1 * w[1].1).sum();
+            sum += if own > 0.0 { both / own } else { 0.0 };
+        }
+        let count = n.max(1) as f64;
+        (sum / count, 1.0 / (count * m.max(1) as f64).sqrt())
+    }
+
+    /// Factor on the noise in the covariance and the mode: from 1, where the noise
+    /// surely does not repeat, to the option's, where it may.
+    pub(super) fn inflation(&self) -> f64 {
+        let most = self.options.noise.inflation;
+        if most <= 1.0 || !self.options.noise.estimate {
+            return most;
+        }
+        let (repeats, uncertain) = self.repeating();
+        let share = ((repeats + 2.0 * uncertain - REPEATING.0) / REPEATING.1).clamp(0.0, 1.0);
+        1.0 + (most - 1.0) * share
+    }
+}
