@@ -52,13 +52,13 @@ fn build() -> Result<PathBuf, String> {
     Ok(built(&["build", "mps2-an500"]))
 }
 
-/// The image that says its functions' stack sizes, or `None` where
+/// The image of `board` that says its functions' stack sizes, or `None` where
 /// [`image`] is.
 ///
 /// # Panics
 /// As [`image`].
-pub fn stack_image() -> Option<PathBuf> {
-    image().map(|_| built(&["stack", "mps2-an500"]))
+pub fn stack_image(board: &str) -> Option<PathBuf> {
+    image().map(|_| built(&["stack", board]))
 }
 
 /// The image of the NUCLEO-H743ZI, or `None` where [`image`] is.

@@ -95,6 +95,28 @@ pub fn sizes(image: &Path) -> Sizes {
     sizes
 }
 
+/// Bytes that the linker leaves for the stack of `image`: from its end down to
+/// the end of static data.
+///
+/// # Panics
+/// When it is not an ELF file of `cortex-m-rt`'s making.
+pub fn room(image: &Path) -> u32 {
+    let bytes = std::fs::read(image).expect("an image");
+    let elf = Elf::parse(&*bytes).expect("an ELF file");
+    let endian = elf.endian().expect("an endianness");
+    let sections = elf.sections(endian, &*bytes).expect("sections");
+    let symbols = sections
+        .symbols(endian, &*bytes, object::elf::SHT_SYMTAB)
+        .expect("symbols");
+    let address = |wanted: &str| {
+        let named =
+            |symbol: &&object::elf::Sym32<Endianness>| symbols.symbol_name(endian, symbol) == Ok(wanted.as_bytes());
+        let symbol = symbols.iter().find(named);
+        symbol.map_or_else(|| panic!("no symbol {wanted}"), |symbol| symbol.st_value(endian))
+    };
+    address("_stack_start") - address("__sheap")
+}
+
 impl Calls {
     /// Reads `image`, which was built with stack sizes.
     ///
