@@ -10,6 +10,8 @@
 //! fault ends in a joint spring-damper about where the arm was, with gravity.
 
 mod accept;
+mod publish;
+mod transition;
 
 use embassy_time::Instant;
 use heapless::Deque;
@@ -17,11 +19,11 @@ use nalgebra::{SVector, Vector3};
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, TorqueSign};
-use spherecal_shared::protocol::host::{Event, FaultReport, Phase, PhaseChange, Refusal, Sample, Statistics};
+use spherecal_shared::protocol::host::{Event, Phase, Refusal, Sample, Statistics};
 use spherecal_shared::robot::Arm;
 
 use crate::guard::{Admission, Admitted, Guard, Violation};
-use crate::law::{JointSetpoint, Observer, Shaped, Snapshot, TorqueLoop, TorqueShaper, Wrench, joint_torque};
+use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench, joint_torque};
 use crate::phases::{Activity, Env, Next, Task};
 
 /// Events that wait for the host link.
@@ -191,57 +193,6 @@ impl<const N: usize> Controller<N> {
         };
         statistics.link.overflow = self.overflow;
         statistics
-    }
-
-    fn tell(&mut self, event: Event) {
-        if self.outbox.push_back(event).is_err() {
-            self.overflow = self.overflow.saturating_add(1);
-        }
-    }
-
-    /// Enters a phase and tells the host.
-    fn enter(&mut self, activity: Activity<N>) {
-        let from = self.activity.phase();
-        let leaves_cartesian = self.activity.is_cartesian() && !activity.is_cartesian();
-        self.activity = activity;
-        self.phase_ticks = 0;
-        if leaves_cartesian {
-            self.latch();
-        }
-        let phase = self.activity.phase();
-        self.tell(Event::Phase(PhaseChange {
-            phase,
-            from,
-            time_us: self.now_us,
-            tick: self.tick,
-        }));
-    }
-
-    /// Holds the joints where they are now.
-    fn latch(&mut self) {
-        self.hold = JointSetpoint {
-            q: self.latest_q,
-            dq: [0.0; N],
-        };
-    }
-
-    /// Enters the fault phase once; later violations find it there.
-    fn fail(&mut self, violation: Violation) {
-        if matches!(self.activity, Activity::Fault) {
-            return;
-        }
-        let report = FaultReport {
-            fault: violation.fault,
-            phase: self.activity.phase(),
-            time_us: self.now_us,
-            tick: self.tick,
-            joint: violation.joint,
-            value: violation.value,
-            limit: violation.limit,
-        };
-        self.latch();
-        self.tell(Event::Fault(report));
-        self.enter(Activity::Fault);
     }
 
     /// One control period: joint state in, joint torque out. `now` is device
@@ -444,78 +395,6 @@ impl<const N: usize> Controller<N> {
             torque += snapshot.gravity;
         }
         torque
-    }
-
-    /// A silent host is a fault while its next word matters.
-    fn watch_host(&mut self) {
-        self.silent_ticks = self.silent_ticks.saturating_add(1);
-        let limit = self.procedure.limits.host_silence_s;
-        let silent_s = f64::from(self.silent_ticks) * self.period_s;
-        let waiting = !matches!(self.activity, Activity::Idle | Activity::Fault);
-        if waiting && silent_s > limit {
-            self.fail(Violation::new(
-                spherecal_shared::protocol::host::Fault::HostSilence,
-                silent_s,
-                limit,
-            ));
-        }
-    }
-
-    /// Keeps a telemetry sample where one is due.
-    fn publish(&mut self, state: &Admitted<N>, snapshot: &Snapshot<N>, tau: &[f64; N], shaped: Shaped) {
-        let near_contact = matches!(
-            self.activity.phase(),
-            Phase::Taring | Phase::Approaching | Phase::Coupling | Phase::Verifying | Phase::Decoupling
-        );
-        let telemetry = &self.procedure.telemetry;
-        let every = if near_contact {
-            telemetry.contact_ticks
-        } else {
-            telemetry.other_ticks
-        };
-        self.since_sample = self.since_sample.saturating_add(1);
-        if every == 0 || self.since_sample < every {
-            return;
-        }
-        self.since_sample = 0;
-        let force = self.contact_force();
-        let torque = self.wrench.torque;
-        let mut sample = Sample {
-            tick: self.tick,
-            phase: self.activity.phase(),
-            force_n: [force.x as f32, force.y as f32, force.z as f32],
-            torque_nm: [torque.x as f32, torque.y as f32, torque.z as f32],
-            flags: u8::from(shaped.saturated > 0)
-                | u8::from(shaped.rate_limited) << 1
-                | u8::from(snapshot.near_singular) << 2,
-            ..Sample::default()
-        };
-        let setpoint = if self.activity.is_cartesian() {
-            self.task.setpoint.position
-        } else {
-            snapshot.tcp.origin
-        };
-        for k in 0..3 {
-            sample.tcp_m[k] = snapshot.tcp.origin[k] as f32;
-            sample.setpoint_m[k] = setpoint[k] as f32;
-        }
-        for (i, slot) in sample.q.iter_mut().enumerate().take(N) {
-            *slot = state.q[i] as f32;
-        }
-        for (i, slot) in sample.dq.iter_mut().enumerate().take(N) {
-            *slot = state.dq[i] as f32;
-        }
-        for (i, slot) in sample.tau.iter_mut().enumerate().take(N) {
-            *slot = state.tau[i] as f32;
-        }
-        for (i, slot) in sample.command.iter_mut().enumerate().take(N) {
-            *slot = tau[i] as f32;
-        }
-        if self.samples.is_full() {
-            self.samples.pop_front();
-            self.overflow = self.overflow.saturating_add(1);
-        }
-        let _ = self.samples.push_back(sample);
     }
 }
 

@@ -11,23 +11,26 @@
 //! A watchdog thread ends a QEMU that does not answer, so that no read waits
 //! for ever.
 
+mod error;
 mod image;
 pub mod log;
+mod watchdog;
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::process::{ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
+use std::time::Duration;
 
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
 use spherecal_shared::protocol::lockstep::{Down, MAX_HOST, UP_HEADER, Up};
 
+pub use error::QemuError;
 pub use image::{IMAGE_VARIABLE, find_image, find_qemu};
+
+use error::meaning;
+use watchdog::Watchdog;
 
 use super::{Controller, LinkError};
 
@@ -39,74 +42,6 @@ pub const LOG_FILE: &str = "controller.log";
 const RAW_LOG_FILE: &str = "controller.defmt";
 /// Name of the file with what QEMU itself had to say.
 const STDERR_FILE: &str = "qemu.log";
-
-/// Why the controller in QEMU cannot be used, or stopped.
-#[derive(Debug, thiserror::Error)]
-pub enum QemuError {
-    /// QEMU is not installed.
-    #[error(
-        "{PROGRAM} not found: install it with `scripts/cross.sh --install` \
-         (Debian and Ubuntu: apt-get install qemu-system-arm)"
-    )]
-    NoQemu,
-    /// The image has not been built.
-    #[error(
-        "no controller image at {path}: build it with `scripts/cross.sh build mps2-an500`, \
-         or name one in {IMAGE_VARIABLE}"
-    )]
-    NoImage {
-        /// Where it was looked for.
-        path: PathBuf,
-    },
-    /// A file of the report's folder could not be made, or QEMU not started.
-    #[error("{path}: {source}")]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The path of the log cannot be given to the image.
-    #[error(
-        "the folder {path} has blanks or commas or is too long, which QEMU's arguments cannot carry: choose another"
-    )]
-    LogPath {
-        /// The folder.
-        path: PathBuf,
-    },
-    /// The image did not answer in time.
-    #[error("the controller in QEMU did not answer for {seconds} s and was ended: see {log}")]
-    Silent {
-        /// How long it was waited for.
-        seconds: u64,
-        /// Where more is said.
-        log: PathBuf,
-    },
-    /// The image ended.
-    #[error("the controller in QEMU ended ({status}: {meaning}): see {log}{said}")]
-    Ended {
-        /// How QEMU exited.
-        status: String,
-        /// What that says of the image.
-        meaning: &'static str,
-        /// Where more is said.
-        log: PathBuf,
-        /// QEMU's own last words.
-        said: String,
-    },
-    /// The image refused the drive.
-    #[error("the controller in QEMU refuses the drive: its joints, period or protocol are not what it was built for")]
-    Refused,
-    /// What came back is not a turn.
-    #[error("the controller in QEMU sent a turn that is not one: image and program must be of the same version")]
-    Garbled,
-    /// More bytes than a turn carries.
-    #[error("{bytes} bytes for the controller in one control period: a turn carries {MAX_HOST}")]
-    TooMuch {
-        /// Bytes.
-        bytes: usize,
-    },
-}
 
 /// How QEMU is started.
 #[derive(Clone, Debug)]
@@ -340,21 +275,6 @@ impl Qemu {
     }
 }
 
-/// What an exit code of the image says.
-fn meaning(code: Option<i32>) -> &'static str {
-    match code {
-        Some(0) => "it was told to end",
-        Some(1) => "QEMU could not run it",
-        Some(2) => "it does not know the scenario",
-        Some(3) => "it could not open its files",
-        Some(5) => "its scenario failed",
-        Some(99) => "it logged inside its own log",
-        Some(100) => "a hard fault",
-        Some(101) => "a panic",
-        _ => "no exit code of the image",
-    }
-}
-
 impl Controller for Qemu {
     fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError> {
         self.hello.clear();
@@ -408,77 +328,5 @@ impl Drop for Qemu {
     fn drop(&mut self) {
         // Nobody is left to tell.
         let _ = self.finish();
-    }
-}
-
-/// Ends a QEMU that does not answer.
-struct Watchdog {
-    child: Arc<Mutex<Child>>,
-    turns: Arc<AtomicU64>,
-    expired: Arc<AtomicBool>,
-    done: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Watchdog {
-    fn over(child: Child, patience: Duration) -> Self {
-        let child = Arc::new(Mutex::new(child));
-        let (turns, expired, done) = (
-            Arc::new(AtomicU64::new(0)),
-            Arc::new(AtomicBool::new(false)),
-            Arc::new(AtomicBool::new(false)),
-        );
-        let thread = std::thread::spawn({
-            let (child, turns, expired, done) = (child.clone(), turns.clone(), expired.clone(), done.clone());
-            move || {
-                let (mut seen, mut since) = (0, Instant::now());
-                while !done.load(Ordering::Acquire) {
-                    std::thread::park_timeout(Duration::from_millis(100));
-                    let now = turns.load(Ordering::Relaxed);
-                    if now != seen {
-                        (seen, since) = (now, Instant::now());
-                    } else if since.elapsed() > patience && !done.load(Ordering::Acquire) {
-                        expired.store(true, Ordering::Release);
-                        let _ = child.lock().unwrap_or_else(PoisonError::into_inner).kill();
-                        return;
-                    }
-                }
-            }
-        });
-        Self {
-            child,
-            turns,
-            expired,
-            done,
-            thread: Some(thread),
-        }
-    }
-
-    fn answered(&self) {
-        self.turns.fetch_add(1, Ordering::Relaxed);
-    }
-
-    fn expired(&self) -> bool {
-        self.expired.load(Ordering::Acquire)
-    }
-
-    /// Waits for the process, two seconds at most, and collects it.
-    fn end(&mut self) -> Option<ExitStatus> {
-        self.done.store(true, Ordering::Release);
-        if let Some(thread) = self.thread.take() {
-            thread.thread().unpark();
-            let _ = thread.join();
-        }
-        let mut child = self.child.lock().unwrap_or_else(PoisonError::into_inner);
-        let until = Instant::now() + Duration::from_secs(2);
-        while Instant::now() < until {
-            if let Ok(Some(status)) = child.try_wait() {
-                return Some(status);
-            }
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        let _ = child.kill();
-        let _ = child.wait();
-        None
     }
 }

@@ -1,0 +1,72 @@
+//! Changes of phase, and the faults that force one.
+
+use spherecal_shared::protocol::host::{Event, Fault, FaultReport, PhaseChange};
+
+use super::Controller;
+use crate::guard::Violation;
+use crate::law::JointSetpoint;
+use crate::phases::Activity;
+
+impl<const N: usize> Controller<N> {
+    pub(super) fn tell(&mut self, event: Event) {
+        if self.outbox.push_back(event).is_err() {
+            self.overflow = self.overflow.saturating_add(1);
+        }
+    }
+
+    /// Enters a phase and tells the host.
+    pub(super) fn enter(&mut self, activity: Activity<N>) {
+        let from = self.activity.phase();
+        let leaves_cartesian = self.activity.is_cartesian() && !activity.is_cartesian();
+        self.activity = activity;
+        self.phase_ticks = 0;
+        if leaves_cartesian {
+            self.latch();
+        }
+        let phase = self.activity.phase();
+        self.tell(Event::Phase(PhaseChange {
+            phase,
+            from,
+            time_us: self.now_us,
+            tick: self.tick,
+        }));
+    }
+
+    /// Holds the joints where they are now.
+    pub(super) fn latch(&mut self) {
+        self.hold = JointSetpoint {
+            q: self.latest_q,
+            dq: [0.0; N],
+        };
+    }
+
+    /// Enters the fault phase once; later violations find it there.
+    pub(super) fn fail(&mut self, violation: Violation) {
+        if matches!(self.activity, Activity::Fault) {
+            return;
+        }
+        let report = FaultReport {
+            fault: violation.fault,
+            phase: self.activity.phase(),
+            time_us: self.now_us,
+            tick: self.tick,
+            joint: violation.joint,
+            value: violation.value,
+            limit: violation.limit,
+        };
+        self.latch();
+        self.tell(Event::Fault(report));
+        self.enter(Activity::Fault);
+    }
+
+    /// A silent host is a fault while its next word matters.
+    pub(super) fn watch_host(&mut self) {
+        self.silent_ticks = self.silent_ticks.saturating_add(1);
+        let limit = self.procedure.limits.host_silence_s;
+        let silent_s = f64::from(self.silent_ticks) * self.period_s;
+        let waiting = !matches!(self.activity, Activity::Idle | Activity::Fault);
+        if waiting && silent_s > limit {
+            self.fail(Violation::new(Fault::HostSilence, silent_s, limit));
+        }
+    }
+}
