@@ -23,7 +23,7 @@ use spherecal_shared::protocol::host::{Event, Phase, Refusal, Sample, Statistics
 use spherecal_shared::robot::Arm;
 
 use crate::guard::{Admission, Admitted, Guard, Violation};
-use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench, joint_torque};
+use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench, guide_torque, joint_torque};
 use crate::phases::{Activity, Env, Next, Task};
 
 /// Events that wait for the host link.
@@ -32,8 +32,6 @@ const OUTBOX: usize = 12;
 const SAMPLES: usize = 32;
 /// Corner of the low-pass on joint speeds that tells a still arm, in rad/s.
 const STILL_FILTER: f64 = 60.0;
-/// Damping of hand-guiding, in N m s/rad.
-const GUIDE_DAMPING: f64 = 3.0;
 
 /// What a configured controller computes with.
 #[derive(Clone, Debug)]
@@ -386,7 +384,8 @@ impl<const N: usize> Controller<N> {
                 .torque(snapshot, law.elbow_nm_rad, law.elbow_damping_ratio);
             snapshot.joint_torque(&force) + null
         } else if matches!(self.activity, Activity::HandGuiding) {
-            SVector::from_fn(|i, _| -GUIDE_DAMPING * snapshot.dq[i])
+            let margin = self.procedure.limits.position_margin_rad;
+            guide_torque(snapshot, &mut self.hold, self.guard.limits(), margin)
         } else {
             joint_torque(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0)
         };

@@ -9,6 +9,7 @@
 //! kinematics and dynamics is taken once a tick and serves law and observer.
 
 mod damping;
+mod guide;
 mod impedance;
 mod joint;
 mod null_space;
@@ -18,6 +19,7 @@ mod torque;
 mod torque_loop;
 
 pub use damping::Damping;
+pub use guide::guide_torque;
 pub use impedance::{CartesianSetpoint, Impedance, Stiffness, rotation_error};
 pub use joint::{JointSetpoint, joint_torque};
 pub use null_space::NullSpace;

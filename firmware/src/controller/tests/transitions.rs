@@ -106,22 +106,54 @@ fn a_disturbed_recording_is_begun_anew() {
     assert!(recordings[0].q.iter().all(|q| q.std < 1e-3));
 }
 
+/// Fails if the arm does not follow a hand of 20 N, drifts when it is let go
+/// with a gravity model that is wrong by 2 N m, or is anywhere faster than it may.
 #[test]
 fn hand_guiding_lets_the_arm_be_led() {
     let mut bench = Bench::new(Bench::brisk());
     bench.controller.command(Command::HandGuide { on: true }).expect("idle");
     let before = bench.tcp();
-    bench.push = nalgebra::Vector3::new(0.0, 8.0, 0.0);
-    bench.run(1_000);
+    bench.push = nalgebra::Vector3::new(0.0, 20.0, 0.0);
+    let mut last = before;
+    for _ in 0..1_000 {
+        bench.run(1);
+        let speed = (bench.tcp() - last).norm() / 1e-3;
+        assert!(speed < 0.4, "{speed} m/s");
+        last = bench.tcp();
+    }
     assert!((bench.tcp() - before).y > 0.05, "the arm follows the hand");
-    bench.push = nalgebra::Vector3::zeros();
+    // A weight that the model does not know: 2 N m on a big joint.
+    bench.push = nalgebra::Vector3::new(0.0, 0.0, -4.0);
+    bench.run(1_000);
+    let left = bench.tcp();
     bench.run(5_000);
-    assert!(bench.dq.norm() < 0.02, "and stops when let go");
+    assert!(bench.dq.norm() < 0.001, "it stops when let go");
+    assert!((bench.tcp() - left).norm() < 0.002, "and stays");
     bench
         .controller
         .command(Command::HandGuide { on: false })
         .expect("guiding");
     assert_eq!(bench.controller.phase(), Phase::Idle);
+    bench.run(1_000);
+    let sag = (bench.tcp() - left).norm();
+    assert!(sag < 0.006, "moved {sag} m when it held again");
+}
+
+/// Fails if a hand can lead a joint through the wall before its limit, which
+/// would be a fault.
+#[test]
+fn hand_guiding_ends_before_the_limits() {
+    let mut bench = Bench::new(Bench::brisk());
+    bench.controller.command(Command::HandGuide { on: true }).expect("idle");
+    // Down: joints 2 and 4 go towards their ends.
+    bench.push = nalgebra::Vector3::new(0.0, 60.0, -60.0);
+    bench.run(20_000);
+    assert_eq!(
+        bench.controller.phase(),
+        Phase::HandGuiding,
+        "{:?}",
+        bench.events.last()
+    );
 }
 
 /// Fails if the stiffness jumps, or the torque does, when phases change.
