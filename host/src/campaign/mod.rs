@@ -23,6 +23,7 @@ mod error;
 mod observe;
 mod procedure;
 mod session;
+mod teach;
 
 use std::collections::BTreeSet;
 
@@ -33,6 +34,7 @@ pub use error::{CampaignError, remedy};
 pub use observe::{Observer, Progress, Silent, Stage, TelemetrySummary};
 pub use procedure::{Outcome, Rejected, run};
 pub use session::{Journal, JournalError, Session};
+pub use teach::{Operator, Taught, teach};
 
 /// What is to be visited.
 #[derive(Clone, Debug, PartialEq)]

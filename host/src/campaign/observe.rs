@@ -14,6 +14,8 @@ pub enum Stage {
     Connect,
     /// To the home frame.
     Home,
+    /// Being led to a sphere by hand.
+    Teach,
     /// To a sphere's approach frame.
     Approach,
     /// Descending, touching, coupling.

@@ -70,12 +70,7 @@ pub fn run(
     interrupt: &AtomicBool,
 ) -> (Outcome, Result<(), CampaignError>) {
     let mut session = Session::new(cell, journal, observer, interrupt);
-    let mut campaign = Campaign {
-        assignment,
-        done: assignment.done.clone(),
-        rejected: Vec::new(),
-        recorded: 0,
-    };
+    let mut campaign = Campaign::new(assignment);
     session.progress.done = campaign.done.len();
     session.progress.done_before = campaign.done.len();
     let mut result = campaign.all(&mut session);
@@ -104,17 +99,27 @@ pub fn run(
     (outcome, result)
 }
 
-struct Campaign<'a> {
+pub(super) struct Campaign<'a> {
     assignment: &'a Assignment<'a>,
     done: BTreeSet<(u32, u32)>,
     rejected: Vec<Rejected>,
     recorded: usize,
 }
 
-impl Campaign<'_> {
-    fn all(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
-        let tour = self.assignment.tour;
-        session.stage(Stage::Connect, 0, tour);
+impl<'a> Campaign<'a> {
+    /// A campaign that has done nothing in this session.
+    pub(super) fn new(assignment: &'a Assignment<'a>) -> Self {
+        Self {
+            assignment,
+            done: assignment.done.clone(),
+            rejected: Vec::new(),
+            recorded: 0,
+        }
+    }
+
+    /// Greets the controller and tells it robot, tool and procedure.
+    pub(super) fn begin(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        session.stage(Stage::Connect, 0, self.assignment.tour);
         session.greet(self.assignment.robot.dof())?;
         session.clear_fault()?;
         session.order("take the robot", Command::Robot(self.assignment.robot.clone()))?;
@@ -124,7 +129,12 @@ impl Campaign<'_> {
                 tool: *self.assignment.tool,
                 procedure: *self.assignment.procedure,
             },
-        )?;
+        )
+    }
+
+    fn all(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        let tour = self.assignment.tour;
+        self.begin(session)?;
         let mut away = true;
         for stop in &tour.stops {
             if self.pending(stop).is_empty() {
@@ -336,7 +346,7 @@ impl Campaign<'_> {
     }
 
     /// A free motion, with as many attempts as are allowed.
-    fn travel(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<(), CampaignError> {
+    pub(super) fn travel(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<(), CampaignError> {
         let attempts = self.assignment.options.attempts.max(1);
         let mut last = None;
         for _ in 0..attempts {

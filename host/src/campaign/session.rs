@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{
-    Banner, Command, Contact, Coupled, Event, FaultReport, Phase, Refusal, Statistics,
+    Banner, Command, Contact, Coupled, Event, FaultReport, Phase, Refusal, Sample, Statistics,
 };
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 
@@ -73,6 +73,8 @@ pub struct Session<'a> {
     pub(super) coupled: Option<Coupled>,
     pub(super) recorded: Option<(u32, u32)>,
     pub(super) passed: Option<u32>,
+    /// The newest sample of the control loop.
+    pub(super) sample: Option<Sample>,
     pub(super) statistics: Statistics,
     pub(super) telemetry: TelemetrySummary,
 }
@@ -106,6 +108,7 @@ impl<'a> Session<'a> {
             coupled: None,
             recorded: None,
             passed: None,
+            sample: None,
             statistics: Statistics::default(),
             telemetry: TelemetrySummary::default(),
         }
@@ -198,6 +201,7 @@ impl<'a> Session<'a> {
                 self.telemetry.add(arrival);
                 if let Some(sample) = samples.last() {
                     self.progress.force_n = force(sample);
+                    self.sample = Some(*sample);
                 }
             }
             Event::Statistics(statistics) => self.statistics = *statistics,

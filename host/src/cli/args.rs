@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 
 use super::identify::IdentifyArgs;
-use crate::job::{Config, JobError, Link};
+use crate::job::{self, Config, JobError, Link, Prepared, Waypoints};
 use crate::worlds::World;
 
 const EXAMPLES: &str = "\
@@ -52,6 +52,10 @@ pub enum Command {
     /// Plan and measure into the database; nothing is identified.
     #[command(after_help = "Example: spherecal measure --out cell-4 && spherecal validate --out cell-4")]
     Measure(RunArgs),
+    /// Lead the arm over each sphere by hand and keep where it stood; writes waypoints.toml.
+    #[command(after_help = "Example: spherecal teach --out cell-4 && \
+                            spherecal run --waypoints cell-4/waypoints.toml --out cell-4")]
+    Teach(RunArgs),
     /// Identify any robot from a table of poses (CSV).
     Identify(Box<IdentifyArgs>),
     /// Identify the last run of --out, and print its validation table.
@@ -106,8 +110,11 @@ pub struct RunArgs {
     /// Configuration; it names only what differs from the defaults.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
+    /// Begin the descents where `spherecal teach` found the spheres.
+    #[arg(long, value_name = "FILE.toml")]
+    pub waypoints: Option<PathBuf>,
     /// Go on with the last run of --out, at the pose where it was.
-    #[arg(long, conflicts_with_all = ["poses", "paper", "config", "seed"])]
+    #[arg(long, conflicts_with_all = ["poses", "paper", "config", "seed", "waypoints"])]
     pub resume: bool,
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
@@ -144,6 +151,18 @@ impl RunArgs {
         }
         config.check()?;
         Ok(config)
+    }
+
+    /// The plan of that configuration, with the waypoints that were taught.
+    ///
+    /// # Errors
+    /// Whatever is wrong with the input.
+    pub fn prepare(&self) -> Result<Prepared, JobError> {
+        let mut prepared = job::prepare(&self.configuration()?)?;
+        if let Some(path) = &self.waypoints {
+            Waypoints::read(path)?.apply(&mut prepared)?;
+        }
+        Ok(prepared)
     }
 
     /// The database.

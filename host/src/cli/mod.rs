@@ -18,6 +18,7 @@ mod run;
 mod servers;
 mod stages;
 mod studies;
+mod teach;
 mod text;
 
 use std::process::ExitCode;
@@ -37,6 +38,7 @@ pub fn main() -> ExitCode {
         Some(Command::Run(args)) => run::run(&args),
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Measure(args)) => stages::measure(&args),
+        Some(Command::Teach(args)) => teach::run(&args),
         Some(Command::Identify(args)) => identify::run(&args),
         Some(Command::Validate(args)) => stages::validate(&args),
         Some(Command::Report(args)) => stages::report(&args),

@@ -3,11 +3,11 @@
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
 use super::text;
-use crate::job::{self, JobError};
+use crate::job::JobError;
 
 /// Plans, says what the plan is, and writes it.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
-    let prepared = job::prepare(&args.configuration()?)?;
+    let prepared = args.prepare()?;
     let json = serde_json::to_string_pretty(&prepared.plan).map_err(CliError::job)?;
     if args.json {
         println!("{json}");

@@ -94,6 +94,7 @@ fn stage_name(stage: Stage) -> &'static str {
     match stage {
         Stage::Connect => "connect",
         Stage::Home => "home",
+        Stage::Teach => "teach",
         Stage::Approach => "approach",
         Stage::Couple => "couple",
         Stage::Poses => "record",

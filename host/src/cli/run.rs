@@ -52,7 +52,7 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
     let (mut store, prepared, resume) = if args.resume {
         resumed(args)?
     } else {
-        let prepared = job::prepare(&args.configuration()?)?;
+        let prepared = args.prepare()?;
         (Store::create_or_open(&args.database())?, prepared, None)
     };
     if resume.as_ref().is_none_or(|info| info.state == "running") {
@@ -137,7 +137,7 @@ fn contact_traces(store: &mut Store, run: i64) -> Result<Vec<Trace>, CliError> {
 }
 
 /// Ctrl-C asks to stop; a second one does not wait.
-fn interrupt() -> Result<Arc<AtomicBool>, CliError> {
+pub(super) fn interrupt() -> Result<Arc<AtomicBool>, CliError> {
     let flag = Arc::new(AtomicBool::new(false));
     let seen = Arc::clone(&flag);
     let handler = move || {

@@ -64,6 +64,14 @@ pub enum JobError {
         /// What to do.
         remedy: &'static str,
     },
+    /// Waypoints that cannot be used.
+    #[error("{what}: {remedy}")]
+    Waypoints {
+        /// What is wrong.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// No laser plan.
     #[error(transparent)]
     LaserPlan(#[from] laser::PlanError),
@@ -117,6 +125,7 @@ impl JobError {
             | Self::Plant(_)
             | Self::NoLink { .. }
             | Self::Resume { .. }
+            | Self::Waypoints { .. }
             | Self::LaserPlan(_) => true,
             Self::Store(e) => e.is_input(),
             Self::Link(LinkError::Joints { .. })

@@ -168,34 +168,47 @@ fn simulated_plant(link: &Link) -> bool {
 
 /// What stands behind the link.
 fn device(prepared: &Prepared, site: &Site<'_>, home: &[f64]) -> Result<Box<dyn Device>, JobError> {
+    if let Some(device) = distant(prepared, site.link)? {
+        return Ok(device);
+    }
+    let controller = controller(prepared, site.link, site.folder)?;
+    let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, home)?;
+    Ok(Box::new(Cell::new(controller, drive, prepared.robot.dof())?))
+}
+
+/// What is reached over a link whose arm is not in this process; `None` where it is.
+pub(super) fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device>>, JobError> {
     let joints = prepared.robot.dof();
-    let controller: Box<dyn Controller> = match site.link {
-        Link::Sim => controller_in_process(joints)?,
-        Link::Qemu => Box::new(Qemu::start(&QemuOptions::new(site.folder))?),
+    match link {
+        Link::Sim | Link::Qemu | Link::Serial(_) => Ok(None),
         Link::Tcp(address) => {
             let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
             check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
             if !drive.hello().lock_step {
-                return Ok(Box::new(Threaded::start(drive, joints)?));
+                return Ok(Some(Box::new(Threaded::start(drive, joints)?)));
             }
             let controller = controller_in_process(joints)?;
-            return Ok(Box::new(Cell::new(controller, Box::new(drive), joints)?));
+            Ok(Some(Box::new(Cell::new(controller, Box::new(drive), joints)?)))
         }
         Link::Controller(address) => {
             let remote = Remote::connect(address, joints)?;
             check_limits(&remote.hello().limits, &prepared.robot).map_err(LinkError::from)?;
-            return Ok(Box::new(remote));
+            Ok(Some(Box::new(remote)))
         }
-        Link::Serial(_) => {
-            return Err(JobError::NoLink {
-                link: site.link.to_string(),
-                remedy: "this build has no such transport yet: use sim, qemu, tcp:HOST:PORT or controller:HOST:PORT"
-                    .to_owned(),
-            });
-        }
-    };
-    let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, home)?;
-    Ok(Box::new(Cell::new(controller, drive, joints)?))
+    }
+}
+
+/// The controller of a link whose arm is in this process.
+pub(super) fn controller(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Controller>, JobError> {
+    match link {
+        Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(folder))?)),
+        Link::Serial(_) => Err(JobError::NoLink {
+            link: link.to_string(),
+            remedy: "this build has no such transport yet: use sim, qemu, tcp:HOST:PORT or controller:HOST:PORT"
+                .to_owned(),
+        }),
+        Link::Sim | Link::Tcp(_) | Link::Controller(_) => Ok(controller_in_process(prepared.robot.dof())?),
+    }
 }
 
 fn create_run(prepared: &Prepared, link: &Link, store: &mut Store) -> Result<i64, JobError> {

@@ -19,6 +19,7 @@ mod laser;
 mod measure;
 mod prepare;
 mod summary;
+mod teach;
 mod write;
 
 pub use config::{CampaignSection, Choice, Config, ConfigError, LaserSection, PlanSection};
@@ -28,6 +29,7 @@ pub use laser::measure_laser;
 pub use measure::{Link, Measured, Site, measure, now_utc, read};
 pub use prepare::{Prepared, prepare, simulated_drive, tour};
 pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, Verdict, summarise};
+pub use teach::{TaughtWaypoint, Waypoints, teach};
 pub use write::{Files, write};
 
 #[cfg(test)]

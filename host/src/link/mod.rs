@@ -27,6 +27,7 @@
 mod cell;
 mod endpoint;
 mod in_process;
+mod led;
 pub mod qemu;
 mod simulated;
 pub mod tcp;
@@ -37,6 +38,7 @@ use spherecal_shared::protocol::frame::{FrameError, LinkCounters};
 pub use cell::Cell;
 pub use endpoint::{Arrival, HostEndpoint, Timing};
 pub use in_process::{InProcess, controller_in_process};
+pub use led::{OperatorCall, led_arm};
 pub use simulated::{SimulatedArm, SimulatedArmError, simulated_arm};
 
 /// Why a link failed for good. What can be repaired (lost, damaged, repeated

@@ -34,6 +34,7 @@ pub(super) enum Stream {
     Tracker,
     Sessions,
     Workspace,
+    Hand,
 }
 
 /// The generator of one stream of a seed.
