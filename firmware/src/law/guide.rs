@@ -6,7 +6,7 @@
 //! rest is dragged along once the spring carries [`YIELD_SHARE`] of the joint's
 //! torque. A model error below that is held, a hand above it leads.
 //!
-//! `τ = K (q_h − q) − D q̇ − walls`, with `|q_h − q| ≤ τ_y / K`. The damping
+//! `τ = K (q_h − q) − D q̇ − walls`, with `|q_h − q| ≤ τ_y / K` the same for all joints. The damping
 //! grows with speed past the limits, and a wall stands before each joint limit.
 
 use nalgebra::SVector;
@@ -19,9 +19,9 @@ use super::{JointSetpoint, Snapshot};
 /// joints of an iiwa 7, which a mass error of 3 % leaves on joint 2, and 5 N at
 /// a hand half a metre away.
 const YIELD_SHARE: f64 = 0.015;
-/// Stiffness of the yielding springs, in N m/rad: the arm gives by 13 mrad
-/// before it goes.
-const STIFFNESS: f64 = 200.0;
+/// How far a joint gives before it goes, in rad: light wrists get soft springs
+/// by it, as they must at 1 kHz.
+const GIVE_RAD: f64 = 0.015;
 /// Damping over that of an undamped spring's, so that what is let go does not swing.
 const DAMPING_RATIO: f64 = 0.5;
 /// Speed of the TCP above which the damping grows, in m/s: that of
@@ -49,11 +49,11 @@ pub fn guide_torque<const N: usize>(
     let mut torque = SVector::zeros();
     for (i, limit) in limits.iter().enumerate() {
         let (q, dq, inertia) = (snapshot.q[i], snapshot.dq[i], snapshot.inertia[i]);
-        let give = YIELD_SHARE * limit.torque_nm / STIFFNESS;
-        hold.q[i] = hold.q[i].max(q - give).min(q + give);
+        let spring = YIELD_SHARE * limit.torque_nm / GIVE_RAD;
+        hold.q[i] = hold.q[i].max(q - GIVE_RAD).min(q + GIVE_RAD);
         hold.dq[i] = 0.0;
         let excess = fast.max(dq.abs() / JOINT_SPEED_RAD_S) - 1.0;
-        let damping = 2.0 * DAMPING_RATIO * sqrt(inertia * STIFFNESS) * (1.0 + BRAKE * excess.max(0.0));
+        let damping = 2.0 * DAMPING_RATIO * sqrt(inertia * spring) * (1.0 + BRAKE * excess.max(0.0));
         let stiffness = WALL_SHARE * limit.torque_nm / WALL_RAD;
         let low = limit.min_rad + margin_rad + WALL_RAD;
         let high = limit.max_rad - margin_rad - WALL_RAD;
@@ -63,7 +63,7 @@ pub fn guide_torque<const N: usize>(
         } else {
             2.0 * sqrt(inertia * stiffness)
         };
-        torque[i] = STIFFNESS * (hold.q[i] - q) - (damping + wall_damping) * dq - stiffness * inside;
+        torque[i] = spring * (hold.q[i] - q) - (damping + wall_damping) * dq - stiffness * inside;
     }
     torque
 }

@@ -19,11 +19,11 @@ const SPEED_M_S: f64 = 0.10;
 /// Largest force, in N: an easy push.
 const FORCE_N: f64 = 60.0;
 /// Largest moment, in N m: a wrist's.
-const MOMENT_NM: f64 = 8.0;
+const MOMENT_NM: f64 = 10.0;
 /// Spring and damper of the grip, in N/m and N s/m.
 const GRIP: (f64, f64) = (3000.0, 200.0);
 /// The same for its orientation, in N m/rad and N m s/rad.
-const TWIST: (f64, f64) = (80.0, 4.0);
+const TWIST: (f64, f64) = (80.0, 0.8);
 /// Standard deviation of the aim by eye, each axis, in m.
 const AIM_SIGMA_M: f64 = 0.002;
 /// Standard deviation of the tilt by eye, each axis, in rad: one degree.
@@ -129,9 +129,15 @@ impl Hand {
     }
 }
 
-/// Rotation vector of a rotation.
-fn turn(rotation: &Matrix3<f64>) -> Vector3<f64> {
-    Rotation3::from_matrix_unchecked(*rotation).scaled_axis()
+/// Rotation vector of a rotation by less than half a turn; without the arc
+/// cosine of the trace, which is no number for a trace that rounds past 3.
+fn turn(r: &Matrix3<f64>) -> Vector3<f64> {
+    let sine = Vector3::new(r[(2, 1)] - r[(1, 2)], r[(0, 2)] - r[(2, 0)], r[(1, 0)] - r[(0, 1)]) * 0.5;
+    let s = sine.norm();
+    if s < 1e-12 {
+        return sine;
+    }
+    sine * (s.atan2((r.trace() - 1.0) * 0.5) / s)
 }
 
 fn at_most(vector: Vector3<f64>, most: f64) -> Vector3<f64> {
