@@ -171,16 +171,15 @@ pub fn teach(
         options: prepared.config.campaign.options(),
     };
     let mut simulated;
-    let (mut device, operator): (Box<dyn Device>, &mut dyn Operator) = match distant(prepared, link)? {
-        Some(device) => (device, person),
-        None => {
-            let controller = controller(prepared, link, folder)?;
-            let height_m = prepared.config.plan.approach_height_m;
-            let (robot, tool) = (&prepared.robot, &prepared.tool);
-            let (drive, call) = led_arm(robot, tool, &prepared.plant, &tour.home, height_m)?;
-            simulated = Simulated(call);
-            (Box::new(Cell::new(controller, drive, robot.dof())?), &mut simulated)
-        }
+    let (mut device, operator): (Box<dyn Device>, &mut dyn Operator) = if let Some(device) = distant(prepared, link)? {
+        (device, person)
+    } else {
+        let controller = controller(prepared, link, folder)?;
+        let height_m = prepared.config.plan.approach_height_m;
+        let (robot, tool) = (&prepared.robot, &prepared.tool);
+        let (drive, call) = led_arm(robot, tool, &prepared.plant, &tour.home, height_m)?;
+        simulated = Simulated(call);
+        (Box::new(Cell::new(controller, drive, robot.dof())?), &mut simulated)
     };
     let taught = campaign::teach(&assignment, device.as_mut(), operator, observer, interrupt)?;
     Ok(Waypoints {
