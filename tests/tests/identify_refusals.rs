@@ -2,7 +2,8 @@
 
 use proptest::prelude::*;
 use spherecal::identify::{
-    Experiment, IdentifyError, Method, Model, Options, Override, Pose, Set, Split, Target, holdout, identify,
+    Experiment, IdentifyError, Method, Model, Options, Override, Pose, Set, Split, Target, choose_model, holdout,
+    identify,
 };
 use spherecal_tests::worlds::World;
 
@@ -200,4 +201,27 @@ proptest! {
             let _ = identify(&e, &Options { method, ..Options::default() });
         }
     }
+}
+
+/// Fails if a model that fits better and predicts worse is kept, or if the default
+/// one is refused on data that it serves.
+#[test]
+fn a_model_that_overfits_is_refused() {
+    for name in ["world_W1_seed0", "world_W1_seed1", "world_W4_seed0", "world_W4_seed1"] {
+        let e = World::load(name).spheres();
+        let (model, refusal) = choose_model(&e, &Options::default()).expect("good data");
+        assert!(model == Model::Full && refusal.is_none(), "{name}: {refusal:?}");
+    }
+    let mut options = Options::default();
+    for (group, prior_sigma) in [("harmonic", 0.05), ("compliance", 1e-3), ("bending", 1e-3)] {
+        let set = Override {
+            prior_sigma: Some(prior_sigma),
+            ..Override::default()
+        };
+        options.parameters.0.insert(group.to_owned(), set);
+    }
+    let (model, refusal) = choose_model(&few(60), &options).expect("good data");
+    let refusal = refusal.expect("such priors let the model say anything");
+    println!("{refusal}");
+    assert!(model != Model::Full && refusal.better_mm < refusal.held_out_mm);
 }

@@ -14,6 +14,7 @@
 pub mod algorithm1;
 mod calibration;
 mod chain;
+mod choice;
 mod data;
 mod distance;
 mod effects;
@@ -30,6 +31,7 @@ pub mod simplex;
 mod solve;
 
 pub use calibration::{Calibration, FramePose, GroupFit, Outlier, ParameterEstimate, Residual, ResidualRow};
+pub use choice::{Refusal, choose_model};
 pub use data::{Experiment, Observation, Pose, Set, Sphere, Target, paper_plate};
 pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;

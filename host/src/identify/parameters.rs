@@ -333,8 +333,20 @@ pub(crate) fn table(
         .into_iter()
         .map(|kind| default_of(kind, experiment, layout))
         .collect();
+    let mut richest: Option<Vec<Parameter>> = None;
     for (name, set) in &options.parameters.0 {
-        apply(&mut table, name, set)?;
+        match apply(&mut table, name, set) {
+            // A poorer model need not have what the user says of a richer one.
+            Err(IdentifyError::UnknownParameter { .. }) => {
+                let all = richest.get_or_insert_with(|| {
+                    let layout = Layout::new(experiment, options.harmonics, true);
+                    let kinds = layout.kinds().into_iter();
+                    kinds.map(|kind| default_of(kind, experiment, &layout)).collect()
+                });
+                apply(all, name, set)?;
+            }
+            other => other?,
+        }
     }
     Ok(table)
 }

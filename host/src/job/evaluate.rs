@@ -12,7 +12,8 @@ use super::bound::bound_options;
 use super::laser::{BASE, CALIBRATE, TOOL, VALIDATE};
 use super::{Config, JobError};
 use crate::identify::{
-    Calibration, Experiment, IdentifyError, Method, Observation, Options, Pose, Set, Sphere, Target, identify,
+    Calibration, Experiment, IdentifyError, Method, Observation, Options, Pose, Set, Sphere, Target, choose_model,
+    identify,
 };
 use crate::laser::{Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
 use crate::plan::{Chain, Plan};
@@ -141,10 +142,13 @@ impl Measurements {
 pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
     let mut remarks = Vec::new();
     let experiment = m.experiment();
-    let options = Options {
+    let mut options = Options {
         seed: m.seed,
         ..m.config.identify.clone()
     };
+    let refusal;
+    (options.model, refusal) = choose_model(&experiment, &options)?;
+    remarks.extend(refusal.map(|r| r.to_string()));
     let sphere = identify(&experiment, &options)?;
     let laser = if m.laser.is_empty() {
         None

@@ -11,7 +11,9 @@ use super::judge::{Errors, Judged, Predictor, judge};
 use super::load::{Loaded, Request, Sample, load};
 use super::verdict::{Verdict, verdict};
 use super::{StudyError, plate, tune};
-use crate::identify::{Calibration, Experiment, Options, Override, Pose, Reference, Set, Target, identify};
+use crate::identify::{
+    Calibration, Experiment, Options, Override, Pose, Reference, Set, Target, choose_model, identify,
+};
 use crate::input::InputError;
 
 /// Folds of the cross-validation that stands in where no validation was given.
@@ -89,7 +91,8 @@ pub struct Study {
 struct Fit {
     /// Options with all that was chosen from the data.
     options: Options,
-    chosen: Option<String>,
+    /// What was chosen from the data, in words.
+    chosen: Vec<String>,
     used: Vec<usize>,
     rejected: Vec<(usize, f64)>,
     alignment: Alignment,
@@ -140,9 +143,16 @@ fn fit(experiment: &Experiment, options: &Options, train: &[usize], tune: bool) 
         prior_sigma: Some(BASE_SIGMA),
         ..Override::default()
     });
-    let mut chosen = None;
+    let mut chosen = Vec::new();
     if tune {
-        (options, chosen) = tune::choose(&own, &options);
+        let wider;
+        (options, wider) = tune::choose(&own, &options);
+        chosen.extend(wider);
+        let refusal;
+        (options.model, refusal) = choose_model(&own, &options)?;
+        if let Some(refusal) = refusal {
+            chosen.push(refusal.to_string());
+        }
     }
     let calibration = identify(&own, &options)?;
     Ok(Fit {
