@@ -1,14 +1,16 @@
 //! Identification, single thread: geometry on 300 poses, the full structured
 //! model with its covariance on 1,840 contacts, and how the time grows with the
-//! number of poses.
+//! number of poses; the first two beside NumPy on the same contacts in the same
+//! run (`numpy_identify.py`; left out with a word where NumPy is not installed).
 
-use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use spherecal::identify::{Experiment, Method, Model, Observation, Options, Set, Target, identify, paper_plate};
 use spherecal_shared::robot::kinematics::frames_into;
 use spherecal_shared::robot::{Frame, LinkTransform, iiwa7, iiwa7_tool};
 use std::hint::black_box;
+use std::time::Instant;
 
 /// Contacts (or measured points) of a slightly wrong arm at random configurations.
 fn experiment(poses: usize, contacts: bool) -> Experiment {
@@ -98,6 +100,7 @@ fn identification(c: &mut Criterion) {
     for poses in [1_000, 10_000, 100_000, 1_000_000] {
         let data = experiment(poses, false);
         let options = options(Method::Geometry);
+        group.throughput(Throughput::Elements(poses as u64));
         group.bench_function(format!("geometry_{poses}"), |b| {
             b.iter(|| black_box(identify(black_box(&data), &options).map(|c| c.residual.rms_mm)));
         });
@@ -105,5 +108,51 @@ fn identification(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, identification);
+/// Best time of several, in ms: what else runs on the machine only adds.
+fn best_ms(data: &Experiment, options: &Options) -> f64 {
+    let times = (0..15).map(|_| {
+        let start = Instant::now();
+        black_box(identify(black_box(data), options).map(|c| c.residual.rms_mm)).ok();
+        start.elapsed().as_secs_f64() * 1e3
+    });
+    times.fold(f64::INFINITY, f64::min)
+}
+
+/// The time of NumPy for the same contacts, in ms; none where it cannot run.
+fn numpy_ms(data: &Experiment, model: &str) -> Option<f64> {
+    let mut csv = String::from("q1,q2,q3,q4,q5,q6,q7,sphere\n");
+    for (i, o) in data.observations.iter().enumerate() {
+        let joints: Vec<_> = o.q.iter().map(|q| format!("{q:?}")).collect();
+        csv += &format!("{},{}\n", joints.join(","), i % 3);
+    }
+    let file = std::env::temp_dir().join(format!("spherecal_bench_{}_{model}.csv", std::process::id()));
+    std::fs::write(&file, csv).ok()?;
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/numpy_identify.py");
+    let run = std::process::Command::new("python3")
+        .args([script, model])
+        .arg(&file)
+        .envs([("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1")])
+        .output();
+    std::fs::remove_file(&file).ok();
+    String::from_utf8(run.ok()?.stdout).ok()?.trim().parse().ok()
+}
+
+/// One line a model: our time, NumPy's, and their ratio.
+fn beside_numpy(_: &mut Criterion) {
+    for (model, method, poses) in [("geometry", Method::Geometry, 300), ("structured", Method::Map, 1840)] {
+        let data = experiment(poses, true);
+        let ours = best_ms(&data, &options(method));
+        match numpy_ms(&data, model) {
+            Some(theirs) => println!(
+                "{model} on {poses} contacts: {ours:.2} ms, NumPy {theirs:.2} ms, ratio {:.3}",
+                ours / theirs
+            ),
+            None => {
+                println!("{model} on {poses} contacts: {ours:.2} ms; NumPy left out: `pip install numpy` for python3")
+            }
+        }
+    }
+}
+
+criterion_group!(benches, beside_numpy, identification);
 criterion_main!(benches);

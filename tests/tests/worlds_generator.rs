@@ -2,7 +2,7 @@
 //! the kind of the worlds made outside this project (`world_*.json`).
 
 use nalgebra::Vector3;
-use spherecal::identify::Target;
+use spherecal::identify::{Experiment, Method, Options, Override, Target, identify};
 use spherecal::laser::{TABLE_3, TABLE_4};
 use spherecal::worlds::{World, paper_poses, record, record_poses};
 use spherecal_shared::robot::{Arm, Robot, Tool};
@@ -155,6 +155,63 @@ fn laser_points_are_spread_as_tables_3_and_4() {
         for k in 0..3 {
             assert!((spread.mean_m[k] - table.mean_m[k]).abs() < 0.008, "{spread:?}");
             assert!((spread.std_m[k] / table.std_m[k] - 1.0).abs() < 0.03, "{spread:?}");
+        }
+    }
+}
+
+/// Root mean square over experiments of what the estimators leave, in mm: geometry
+/// and structured on the spheres, structured under the laser.
+fn residuals(experiments: &[(Experiment, Experiment)]) -> [f64; 3] {
+    let mut sums = [0.0; 3];
+    for (spheres, laser) in experiments {
+        let left = |e: &Experiment, method| {
+            let mut options = Options {
+                method,
+                ..Options::default()
+            };
+            // One model for all: no choice of orders by what a robot's data say.
+            let prior = Override {
+                prior_sigma: Some(2e-4),
+                ..Override::default()
+            };
+            options.parameters.0.insert("harmonic".to_owned(), prior);
+            identify(e, &options).expect("good data").residual.rms_mm.powi(2)
+        };
+        let found = [
+            left(spheres, Method::Geometry),
+            left(spheres, Method::Map),
+            left(laser, Method::Map),
+        ];
+        for (sum, x) in sums.iter_mut().zip(found) {
+            *sum += x / experiments.len() as f64;
+        }
+    }
+    sums.map(f64::sqrt)
+}
+
+/// Fails if drawn robots are smoother or rougher than the stored ones of the same
+/// world: by more than a tenth what the structured estimator leaves, by more than
+/// a quarter what geometry leaves, which differs more from robot to robot.
+#[test]
+fn drawn_robots_are_as_rough_as_the_stored_ones() {
+    for (world, names) in [
+        (World::W1, ["world_W1_seed0", "world_W1_seed1"]),
+        (World::W4, ["world_W4_seed0", "world_W4_seed1"]),
+    ] {
+        let stored = names.map(|name| {
+            let file = Stored::load(name);
+            (file.spheres(), file.laser())
+        });
+        let drawn: Vec<_> = (0..6)
+            .map(|seed| {
+                let trial = record(world, seed).expect("the built-in worlds work");
+                (trial.spheres, trial.laser)
+            })
+            .collect();
+        let (theirs, ours) = (residuals(&stored), residuals(&drawn));
+        println!("{world}: drawn {ours:.4?} mm, stored {theirs:.4?} mm");
+        for ((own, other), most) in ours.iter().zip(theirs).zip([0.25, 0.1, 0.1]) {
+            assert!((own / other - 1.0).abs() < most, "{world}: {ours:?} against {theirs:?}");
         }
     }
 }
