@@ -30,6 +30,7 @@ const CLEAR: usize = 0x0c;
 const ONE_SHOT: u32 = 1 << 0;
 const SIZE_32: u32 = 1 << 1;
 const INTERRUPT: u32 = 1 << 5;
+const PERIODIC: u32 = 1 << 6;
 const ENABLE: u32 = 1 << 7;
 
 /// Extends a 32-bit up-counter that is read at least once a wrap, in ticks and
@@ -97,10 +98,8 @@ impl State {
             let at = next.saturating_mul(u64::from(COUNTS_PER_TICK));
             let wait = at.saturating_sub(self.look().counts()).min(LONGEST);
             if wait > 0 {
-                Register::at(ALARM + CONTROL).write(0);
-                Register::at(ALARM + CLEAR).write(1);
+                // A new value starts a one-shot that has run out again.
                 Register::at(ALARM + LOAD).write(wait as u32);
-                Register::at(ALARM + CONTROL).write(ENABLE | INTERRUPT | SIZE_32 | ONE_SHOT);
                 return;
             }
         }
@@ -139,8 +138,11 @@ pub fn start(counts_to_wrap: u32) {
         Register::at(COUNTER + CONTROL).write(0);
         Register::at(COUNTER + LOAD).write(counts_to_wrap.wrapping_sub(1));
         Register::at(COUNTER + CONTROL).write(ENABLE | SIZE_32);
-        let mut state = DRIVER.state.borrow_ref_mut(cs);
-        state.serve();
+        Register::at(ALARM + CONTROL).write(0);
+        Register::at(ALARM + CLEAR).write(1);
+        Register::at(ALARM + LOAD).write(LONGEST as u32);
+        Register::at(ALARM + CONTROL).write(ENABLE | INTERRUPT | SIZE_32 | PERIODIC | ONE_SHOT);
+        DRIVER.state.borrow_ref_mut(cs).serve();
     });
     hardware::enable(hardware::Interrupt::DualTimer, hardware::Priority::Timer);
 }
