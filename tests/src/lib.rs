@@ -1,6 +1,7 @@
 //! What the system tests share: where the reference data are, and how to read them.
 
 pub mod bench;
+pub mod costs;
 pub mod qemu;
 pub mod stack;
 pub mod tour;

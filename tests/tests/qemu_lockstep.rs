@@ -13,6 +13,7 @@ use spherecal::plant::PlantConfig;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+use spherecal_tests::costs::compare;
 use spherecal_tests::qemu::image;
 use spherecal_tests::tour::{Memory, tour};
 
@@ -162,6 +163,9 @@ fn a_sphere_of_five_poses_is_the_same_in_every_bit() {
     assert_eq!(expected.ticks.len(), trace.ticks.len());
     assert_eq!(here.recordings, there.recordings);
     assert_eq!(outcome.faults.len(), 0);
+    let row = |name: &str, value: u32| (name.to_owned(), vec![Some(value)]);
+    let rows = [row("on average", mean as u32), row("at worst", worst)];
+    compare("run", "| a tick on the sphere | instructions |", &rows, 0.05, 0.0);
     // The budget, over the whole procedure.
     assert!(mean <= 28_000.0, "a tick takes {mean:.0} instructions on average");
     assert!(worst <= 35_000, "a tick took {worst} instructions");

@@ -16,6 +16,7 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Event, Phase, PoseCommand};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 use spherecal_tests::bench::{Bench, HOME, joints, spread, state};
+use spherecal_tests::costs::compare;
 use spherecal_tests::qemu::{image, options};
 
 /// Most instructions of a tick, at worst and on average.
@@ -312,6 +313,8 @@ fn no_tick_exceeds_its_budget() {
         RESTARTS * longer * STEPS,
         search.phases
     );
+    let rows = [("the dearest found".to_owned(), vec![Some(worst.worst)])];
+    compare("search", "| a tick of the search | instructions |", &rows, 0.05, 0.0);
     assert!(
         2 * coupled >= RESTARTS * longer * STEPS,
         "coupled in {coupled} episodes only"

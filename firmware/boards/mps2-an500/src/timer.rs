@@ -134,7 +134,7 @@ pub extern "C" fn on_interrupt() {
 /// Starts time at `counts_to_wrap` counts before the 32-bit counter wraps for
 /// the first time (0: a whole wrap ahead).
 pub fn start(counts_to_wrap: u32) {
-    critical_section::with(|cs| {
+    critical_section::with(|_| {
         Register::at(COUNTER + CONTROL).write(0);
         Register::at(COUNTER + LOAD).write(counts_to_wrap.wrapping_sub(1));
         Register::at(COUNTER + CONTROL).write(ENABLE | SIZE_32);
@@ -142,7 +142,6 @@ pub fn start(counts_to_wrap: u32) {
         Register::at(ALARM + CLEAR).write(1);
         Register::at(ALARM + LOAD).write(LONGEST as u32);
         Register::at(ALARM + CONTROL).write(ENABLE | INTERRUPT | SIZE_32 | PERIODIC | ONE_SHOT);
-        DRIVER.state.borrow_ref_mut(cs).serve();
     });
     hardware::enable(hardware::Interrupt::DualTimer, hardware::Priority::Timer);
 }

@@ -241,6 +241,26 @@ fn missed_periods_are_counted_then_refused() {
     bench.expect_fault(Fault::Overrun, Phase::Idle);
 }
 
+// Fails if the number of missed ticks that is borne is not the configured one.
+#[test]
+fn how_many_ticks_may_be_missed_is_configured() {
+    for allowed in [0, 3, 7] {
+        let mut procedure = Bench::brisk();
+        procedure.limits.missed_ticks = allowed;
+        let mut bench = Bench::new(procedure);
+        for _ in 0..allowed {
+            bench.controller.missed(1);
+        }
+        bench.run(1);
+        assert!(bench.faults().is_empty(), "{allowed} are borne");
+        bench.controller.missed(1);
+        bench.run(1);
+        let faults = bench.faults();
+        assert_eq!(faults.len(), 1);
+        assert_eq!((faults[0].fault, faults[0].limit), (Fault::Overrun, f64::from(allowed)));
+    }
+}
+
 #[test]
 fn joint_limits_are_kept() {
     let mut bench = Bench::new(Bench::brisk());
