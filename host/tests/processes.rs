@@ -1,7 +1,7 @@
 //! Plant, controller and host as three processes: the program as a lab with a
 //! simulator of its own meets it.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
@@ -128,4 +128,89 @@ fn a_link_to_nowhere_is_refused() {
         1,
         &["cannot be listened at", "HOST:PORT"],
     );
+}
+
+// Fails if the arm is not led by the simulated hand where it is simulated here,
+// or if a run does not begin where it was led to.
+#[test]
+fn taught_waypoints_are_measured_from() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = spherecal(folder.path(), &["teach", "--poses", "3", "--json", "--out", "cell"]);
+    assert_eq!(
+        output.status.code(),
+        Some(0),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let taught: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+    assert_eq!(taught["waypoints"]["waypoint"].as_array().map(Vec::len), Some(3));
+    let waypoints = ["--waypoints", "cell/waypoints.toml"];
+    let output = spherecal(
+        folder.path(),
+        &[&["plan", "--poses", "3", "--json"], &waypoints[..]].concat(),
+    );
+    let plan: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+    assert_eq!(
+        plan["spheres"][0]["approach"]["joints"],
+        taught["waypoints"]["waypoint"][0]["joints_rad"]
+    );
+    let output = spherecal(
+        folder.path(),
+        &[&["measure", "--poses", "3", "--out", "cell"], &waypoints[..]].concat(),
+    );
+    assert_eq!(
+        output.status.code(),
+        Some(0),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
+
+// Fails if over a link a person is not asked sphere by sphere, if the arm does
+// not stay where it is left, or if waypoints that were taught nowhere near the
+// spheres are measured from.
+#[test]
+fn over_a_link_a_person_leads_the_arm() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let plant = Server::start(&["plant", "--listen", "0", "--once"]);
+    let mut child = Command::new(PROGRAM)
+        .args(["teach", "--poses", "3", "--out", "cell", "--link"])
+        .arg(format!("tcp:{}", plant.address))
+        .current_dir(folder.path())
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("the program starts");
+    // A person who leads the arm nowhere and presses Enter, whenever asked.
+    let mut keyboard = child.stdin.take().expect("piped");
+    let mut asked = Vec::new();
+    for line in BufReader::new(child.stderr.take().expect("piped")).lines() {
+        let line = line.expect("text");
+        if line.contains("press Enter") {
+            asked.push(line);
+            // Not before the program listens: what was typed ahead is passed over.
+            std::thread::sleep(std::time::Duration::from_millis(300));
+            keyboard.write_all(b"\n").expect("it reads");
+        }
+    }
+    assert!(child.wait().expect("it ends").success(), "{asked:?}");
+    assert_eq!(asked.len(), 3);
+    assert!(asked[1].contains("over sphere 2"), "{asked:?}");
+    plant.ended_well();
+    let output = spherecal(
+        folder.path(),
+        &[
+            "measure",
+            "--poses",
+            "3",
+            "--waypoints",
+            "cell/waypoints.toml",
+            "--out",
+            "cell",
+        ],
+    );
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("from where the plan has it"), "{said}");
 }
