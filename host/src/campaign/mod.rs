@@ -21,6 +21,7 @@
 
 mod error;
 mod observe;
+mod outcome;
 mod procedure;
 mod session;
 mod teach;
@@ -32,7 +33,8 @@ use spherecal_shared::robot::{Robot, Tool};
 
 pub use error::{CampaignError, remedy};
 pub use observe::{Observer, Progress, Silent, Stage, TelemetrySummary};
-pub use procedure::{Outcome, Rejected, run};
+pub use outcome::{Outcome, Rejected};
+pub use procedure::run;
 pub use session::{Journal, JournalError, Session};
 pub use teach::{Operator, Taught, teach};
 

@@ -4,51 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::AtomicBool;
 
 use spherecal_shared::Joints;
-use spherecal_shared::protocol::frame::LinkCounters;
-use spherecal_shared::protocol::host::{
-    ApproachCommand, Command, Contact, Fault, FaultReport, Phase, PoseCommand, Refusal, Statistics,
-};
+use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultReport, Phase, PoseCommand, Refusal};
 
-use super::observe::{Observer, Stage, TelemetrySummary};
+use super::observe::{Observer, Stage};
+use super::outcome::{Outcome, Rejected};
 use super::session::{Journal, Session, Waited};
 use super::{Assignment, CampaignError, Stop, TourPose};
 use crate::link::Device;
-
-/// A pose that was given up.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Rejected {
-    /// Id of the sphere.
-    pub sphere: u32,
-    /// Id of the pose.
-    pub pose: u32,
-    /// Why.
-    pub reason: String,
-}
-
-/// What a session of a campaign came to.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Outcome {
-    /// Firmware version and build.
-    pub firmware: String,
-    /// Poses recorded in this session.
-    pub recorded: usize,
-    /// Poses given up in this session.
-    pub rejected: Vec<Rejected>,
-    /// Faults, in order.
-    pub faults: Vec<FaultReport>,
-    /// Contacts, in order.
-    pub contacts: Vec<Contact>,
-    /// Device time, in µs.
-    pub simulated_us: u64,
-    /// Control periods.
-    pub ticks: u64,
-    /// What the host's end of the link counted.
-    pub link: LinkCounters,
-    /// What the controller counted.
-    pub statistics: Statistics,
-    /// What telemetry amounted to.
-    pub telemetry: TelemetrySummary,
-}
 
 /// Time for a free motion, in s of device time: an arm turns half around in 8 s.
 const MOTION_S: f64 = 60.0;
