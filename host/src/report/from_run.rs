@@ -70,7 +70,7 @@ pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace
 fn headline(e: &Evaluation, s: &Summary) -> Headline {
     let of = |name: &str| s.validation.models.get(name).map(|m| m.arcs);
     let mut figures = Vec::new();
-    let sentence = match (of("nominal"), of("sphere")) {
+    let mut sentence = match (of("nominal"), of("sphere")) {
         (Some(n), Some(c)) => {
             figures.push((
                 "Mean error".to_owned(),
@@ -107,6 +107,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
             s.robot, s.residual.rms_mm
         ),
     };
+    sentence += &against_the_laser(s);
     figures.push((
         "Recordings".to_owned(),
         s.poses.recorded.to_string(),
@@ -130,6 +131,36 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
         next: s.verdict.next.clone(),
         figures,
     }
+}
+
+/// How the spheres do against a laser tracker, modelled as the paper does and
+/// modelled as well as they are: which is ahead, and by how much.
+fn against_the_laser(s: &Summary) -> String {
+    let mean = |name: &str| s.validation.models.get(name).map(|m| m.arcs.mean_mm);
+    let Some(sphere) = mean("sphere") else {
+        return String::new();
+    };
+    let ahead = |laser: f64| {
+        let difference = (laser - sphere).abs();
+        if sphere <= laser {
+            format!("is behind by {difference:.3} mm ({laser:.3} mm)")
+        } else {
+            format!("stays ahead by {difference:.3} mm ({laser:.3} mm)")
+        }
+    };
+    let paper = mean("laser").map(|laser| {
+        format!(
+            " A laser calibration of the geometry alone, as the paper's, {} in the mean.",
+            ahead(laser)
+        )
+    });
+    let equal = mean("laser_structured").map(|laser| {
+        format!(
+            " One that models the robot as fully as the spheres do {}.",
+            ahead(laser)
+        )
+    });
+    [paper, equal].into_iter().flatten().collect()
 }
 
 fn error_tables(table: &ValidationTable) -> Vec<ErrorTable> {
