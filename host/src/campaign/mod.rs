@@ -52,6 +52,9 @@ pub struct Tour {
 pub struct Stop {
     /// Id of the sphere.
     pub sphere: u32,
+    /// Whether the way to the approach frame leads over home; else it comes
+    /// straight from the stop before, if nothing went wrong there.
+    pub over_home: bool,
     /// Joint angles of the approach frame, in rad.
     pub approach: Vec<f64>,
     /// Direction of the approach in F0, a unit vector.

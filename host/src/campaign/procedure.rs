@@ -97,19 +97,25 @@ impl<'a> Campaign<'a> {
     fn all(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
         let tour = self.assignment.tour;
         self.begin(session)?;
-        let mut away = true;
-        for stop in &tour.stops {
+        // Whether the arm is anywhere but at home, and the stop that it has just
+        // left as planned.
+        let (mut away, mut left) = (false, None);
+        for (number, stop) in tour.stops.iter().enumerate() {
             if self.pending(stop).is_empty() {
                 continue;
             }
-            if away {
+            if stop.over_home || left.is_none_or(|l| l + 1 != number) {
                 session.stage(Stage::Home, 0, tour);
                 self.travel(session, "reach the home frame", &tour.home)?;
             }
+            let faults = session.faults.len();
             self.sphere(session, stop)?;
+            away = true;
+            left = (session.faults.len() == faults).then_some(number);
+        }
+        if away {
             session.stage(Stage::Home, 0, tour);
             self.travel(session, "reach the home frame", &tour.home)?;
-            away = false;
         }
         session.drain(20)?;
         session.stage(Stage::Done, 0, tour);

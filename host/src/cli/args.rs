@@ -80,8 +80,10 @@ pub enum Command {
     /// tables and figures beside the published numbers.
     #[command(after_help = "Example: spherecal reproduce --world W1 --seed 3 --out study")]
     Reproduce(ReproduceArgs),
-    /// Compare the estimators over the synthetic worlds W0 to W4.
-    #[command(after_help = "Example: spherecal worlds --world W0 --world W3 --seeds 4")]
+    /// Compare the estimators, or the plans, over the synthetic worlds W0 to W4.
+    #[command(
+        after_help = "Examples: spherecal worlds --world W0 --world W3 --seeds 4\n          spherecal worlds --plan"
+    )]
     Worlds(WorldsArgs),
     /// Print the configuration, every field with its value.
     #[command(after_help = "Example: spherecal config --print > cell.toml")]
@@ -265,6 +267,9 @@ pub struct WorldsArgs {
     /// A world to compare in; all if none is named.
     #[arg(long, value_name = "WORLD")]
     pub world: Vec<World>,
+    /// Compare plans instead: error and robot time against the number of poses.
+    #[arg(long)]
+    pub plan: bool,
     /// Robots drawn in each world.
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,

@@ -5,7 +5,7 @@ use super::exit::{CliError, Exit};
 use crate::job;
 use crate::reproduce::{Recordings, reproduce as study};
 use crate::store::Store;
-use crate::worlds::{CompareOptions, World, compare, record};
+use crate::worlds::{CompareOptions, PlanOptions, World, compare, compare_plans, record};
 
 /// `spherecal reproduce`
 pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
@@ -49,19 +49,37 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
 
 /// `spherecal worlds`
 pub(super) fn worlds(args: &WorldsArgs) -> Result<Exit, CliError> {
-    let options = CompareOptions {
-        worlds: if args.world.is_empty() {
-            World::ALL.to_vec()
-        } else {
-            args.world.clone()
-        },
-        seeds: (0..args.seeds).collect(),
-        progress: !args.json,
-        ..CompareOptions::default()
+    let worlds = if args.world.is_empty() {
+        World::ALL.to_vec()
+    } else {
+        args.world.clone()
     };
-    let table = compare(&options).map_err(CliError::job)?;
-    if args.json {
-        println!("{}", serde_json::to_string_pretty(&table).map_err(CliError::job)?);
+    let seeds = (0..args.seeds).collect();
+    let progress = !args.json;
+    if args.plan {
+        let table = compare_plans(&PlanOptions {
+            worlds,
+            seeds,
+            progress,
+            ..PlanOptions::default()
+        })
+        .map_err(CliError::job)?;
+        return print(&table, args.json);
+    }
+    let table = compare(&CompareOptions {
+        worlds,
+        seeds,
+        progress,
+        ..CompareOptions::default()
+    })
+    .map_err(CliError::job)?;
+    print(&table, args.json)
+}
+
+/// A table for people or for programs.
+fn print(table: &(impl std::fmt::Display + serde::Serialize), json: bool) -> Result<Exit, CliError> {
+    if json {
+        println!("{}", serde_json::to_string_pretty(table).map_err(CliError::job)?);
     } else {
         print!("{table}");
     }

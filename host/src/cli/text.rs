@@ -138,9 +138,14 @@ pub(super) fn plan(plan: &Plan) -> String {
         let [x, y, z] = visit.position_m.map(|m| m * 1e3);
         let _ = writeln!(
             out,
-            "  sphere {} at ({x:.1}, {y:.1}, {z:.1}) mm in the base frame: {} poses",
+            "  sphere {} at ({x:.1}, {y:.1}, {z:.1}) mm in the base frame: {} poses{}",
             visit.sphere_id,
-            visit.recorded()
+            visit.recorded(),
+            if visit.over_home {
+                ""
+            } else {
+                ", straight from the visit before"
+            }
         );
     }
     if !plan.promise.is_empty() {

@@ -9,7 +9,7 @@ use spherecal_shared::procedure::{Procedure, ProcedureError};
 
 use crate::campaign;
 use crate::identify;
-use crate::plan::{Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, plan};
+use crate::plan::{CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, plan};
 use crate::plant::{PRESETS, PlantConfig, PlantError};
 
 /// The whole configuration.
@@ -41,11 +41,10 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
-    /// By the TCP error that they leave over the workspace: better, and a
-    /// sphere is visited several times.
-    Optimal,
-    /// Spread over the grid: each sphere is visited once.
+    /// By the TCP error that they leave over the workspace.
     #[default]
+    Optimal,
+    /// Spread over the grid: each sphere is visited once, in small turns.
     Grid,
 }
 
@@ -59,6 +58,14 @@ pub struct PlanSection {
     pub paper: bool,
     /// How the poses are chosen.
     pub choice: Choice,
+    /// Contacts of an optimal plan at most, though never less than one of each
+    /// sphere; 0 for as many as are worth it.
+    pub contacts: usize,
+    /// How many recordings' time the way to an optimal pose may take before
+    /// half of what it gains is lost: small saves robot time, large poses.
+    /// 60 over the number of poses where left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub patience: Option<f64>,
     /// How wide optimal poses may lie.
     pub range: Range,
     /// The grid about each sphere.
@@ -74,7 +81,9 @@ impl Default for PlanSection {
         Self {
             poses: 150,
             paper: false,
-            choice: Choice::Grid,
+            choice: Choice::Optimal,
+            contacts: CONTACTS,
+            patience: None,
             range: Range::default(),
             grid: Grid::default(),
             rules: Rules::default(),
@@ -102,8 +111,9 @@ impl PlanSection {
         }
         let default = DesignRequest::new(self.poses);
         let request = DesignRequest {
+            contacts: self.contacts,
+            patience: self.patience.unwrap_or(default.patience),
             range: Range {
-                branches: self.range.branches && default.range.branches,
                 candidates: self.range.candidates.min(default.range.candidates),
                 ..self.range
             },
@@ -270,6 +280,15 @@ impl Config {
                 field: "plan.poses",
                 value: self.plan.poses as f64,
                 remedy: "give at most 100000 poses",
+            });
+        }
+        if let Some(patience) = self.plan.patience
+            && !(patience > 0.0)
+        {
+            return Err(ConfigError::Range {
+                field: "plan.patience",
+                value: patience,
+                remedy: "give a positive number of recordings' time, or leave it out",
             });
         }
         for value in self.tool_mm.iter().flatten() {

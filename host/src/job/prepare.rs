@@ -150,6 +150,7 @@ pub fn tour(plan: &Plan) -> Tour {
             .iter()
             .map(|visit| Stop {
                 sphere: visit.sphere_id,
+                over_home: visit.over_home,
                 approach: visit.approach.joints.clone(),
                 direction: visit.approach_direction,
                 poses: visit

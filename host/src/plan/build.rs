@@ -9,16 +9,9 @@ use super::error::PlanError;
 use super::grid::{Grid, GridPose};
 use super::order::{order, spread};
 use super::path::{Obstacle, Rules, move_angle};
+use super::travel::{RECORD_S, VISIT_S, motion_s, turn_s};
 use super::types::{Plan, PosePlan, Rejection, SpherePlan, Waypoint};
 use crate::identify::Sphere;
-
-/// Speed and acceleration of turning that times are predicted with, as
-/// [`Turn`](spherecal_shared::procedure::Turn)'s defaults, in rad/s and rad/s².
-const TURN: (f64, f64) = (0.5, 1.5);
-/// Settling and recording at a pose, in s.
-const RECORD_S: f64 = 1.3;
-/// Approach, coupling, decoupling and the way from and to home, in s.
-pub(super) const VISIT_S: f64 = 20.0;
 
 /// What to plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -120,21 +113,23 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
                 }
             };
             let poses = sequence(&chain, &request.rules, &start, &chosen, first_id);
-            plan.robot_s += VISIT_S + turning_time(&start.neutral, &poses);
             plan.spheres.push(SpherePlan {
                 sphere_id: sphere.id,
                 place,
                 position_m: start.neutral.position.into(),
+                over_home: true,
                 approach: start.approach,
                 approach_direction: cell.approach_direction(plate).into(),
                 poses,
             });
         }
     }
+    plan.robot_s = robot_time(&plan);
     Ok(plan)
 }
 
 /// Where work at a sphere begins.
+#[derive(Clone)]
 pub(super) struct Start {
     /// The neutral pose at the sphere's centre.
     pub(super) neutral: TcpPose,
@@ -327,7 +322,6 @@ pub(super) fn sequence(
 
 /// Predicted time of turning through the poses and recording, in s.
 pub(super) fn turning_time(start: &TcpPose, poses: &[PosePlan]) -> f64 {
-    let (speed, acceleration) = TURN;
     let mut here = *start;
     let mut time = 0.0;
     for pose in poses {
@@ -336,18 +330,35 @@ pub(super) fn turning_time(start: &TcpPose, poses: &[PosePlan]) -> f64 {
             rotation: super::chain::rotation_of(&pose.orientation),
             elbow: pose.elbow_rad,
         };
-        let angle = move_angle(&here, &next);
-        time += if angle * acceleration > speed * speed {
-            angle / speed + speed / acceleration
-        } else {
-            2.0 * (angle / acceleration).sqrt()
-        };
+        time += turn_s(move_angle(&here, &next));
         if !pose.via {
             time += RECORD_S;
         }
         here = next;
     }
     time
+}
+
+/// Predicted time of a whole plan, in s: travelling, touching, turning, recording.
+pub(super) fn robot_time(plan: &Plan) -> f64 {
+    let home = &plan.home.joints;
+    let mut here = home;
+    let mut time = 0.0;
+    for visit in &plan.spheres {
+        if visit.over_home {
+            time += motion_s(here, home);
+            here = home;
+        }
+        let approach = &visit.approach;
+        let start = TcpPose {
+            position: visit.position_m.into(),
+            rotation: super::chain::rotation_of(&approach.orientation),
+            elbow: approach.elbow_rad,
+        };
+        time += motion_s(here, &approach.joints) + VISIT_S + turning_time(&start, &visit.poses);
+        here = &approach.joints;
+    }
+    time + motion_s(here, home)
 }
 
 #[cfg(test)]

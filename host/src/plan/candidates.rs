@@ -30,7 +30,7 @@ pub struct Range {
     /// where the first and the third axis of a seven-axis arm align. Industrial
     /// joint motions pass there; our controller's, joint by joint, run away.
     pub through_vertical: bool,
-    /// Candidates in all, shared out over spheres, placements and branches.
+    /// Candidates in all, shared out over the visits.
     pub candidates: usize,
 }
 
@@ -40,8 +40,8 @@ impl Default for Range {
     fn default() -> Self {
         Self {
             tilt_rad: 40f64.to_radians(),
-            turn_rad: 80f64.to_radians(),
-            elbow_rad: 85f64.to_radians(),
+            turn_rad: 120f64.to_radians(),
+            elbow_rad: 100f64.to_radians(),
             branches: true,
             through_vertical: false,
             candidates: 3000,
@@ -55,6 +55,7 @@ const MOST_BRANCHES: usize = 8;
 const TRIES: usize = 6;
 
 /// A sphere in one placement and one branch.
+#[derive(Clone)]
 pub(super) struct Visit {
     pub(super) sphere_id: u32,
     pub(super) place: u32,
@@ -63,6 +64,7 @@ pub(super) struct Visit {
 }
 
 /// A pose that could be recorded.
+#[derive(Clone)]
 pub(super) struct Candidate {
     /// Index of the visit.
     pub(super) visit: usize,
@@ -91,7 +93,10 @@ pub(super) fn visits(
             if range.branches {
                 for start in others(cell, chain, rules, range, plate, &neutral) {
                     let known = starts.iter().any(|s| same_branch(chain, rules, s, &start));
-                    if starts.len() < MOST_BRANCHES && !known && transit(cell, chain, rules, range, plate, home, &start)
+                    let (from, to) = (&home.joints, &start.approach.joints);
+                    if starts.len() < MOST_BRANCHES
+                        && !known
+                        && way_is_clear(cell, chain, rules, range.through_vertical, plate, from, to)
                     {
                         starts.push(start);
                     }
@@ -151,45 +156,46 @@ fn same_branch(chain: &Chain, rules: &Rules, a: &Start, b: &Start) -> bool {
     }
 }
 
-/// Whether the joint motion from home to the approach keeps TCP and flange over
-/// the plate (no lower than the approach itself, but for a fifth of its height)
-/// and, unless allowed, does not swing the upper arm through the vertical.
-fn transit(
+/// Whether the joint motion between two configurations (rad) keeps TCP and
+/// flange over the plate (no lower than an approach, but for a fifth of its
+/// height) and, unless allowed, does not swing the upper arm through the vertical.
+pub(super) fn way_is_clear(
     cell: &Cell,
     chain: &Chain,
     rules: &Rules,
-    range: &Range,
+    through_vertical: bool,
     plate: &PlatePose,
-    home: &Waypoint,
-    start: &Start,
+    from: &[f64],
+    to: &[f64],
 ) -> bool {
     let up = plate.normal().into_inner();
     let floor = up.dot(&Vector3::from(plate.centre_m)) + 0.8 * cell.approach_height_m;
     (0..=40).all(|k| {
         let t = f64::from(k) / 40.0;
-        let q: Vec<f64> = home
-            .joints
-            .iter()
-            .zip(&start.approach.joints)
-            .map(|(a, b)| a + (b - a) * t)
-            .collect();
+        let q: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + (b - a) * t).collect();
         let pose = chain.pose(&q);
         let flange = pose.position - pose.rotation * chain.tcp;
-        let upright = !range.through_vertical
+        let upright = !through_vertical
             && chain.closed_form()
             && chain.side_angle(&q, 1).sin().abs() < rules.passing().singular_rad[0].sin();
         up.dot(&pose.position) >= floor && up.dot(&flange) >= floor && !upright
     })
 }
 
-/// Candidates of all visits that keep the rules and are reached continuously
-/// from the visit's start.
-pub(super) fn candidates(chain: &Chain, rules: &Rules, range: &Range, visits: &[Visit]) -> Vec<Candidate> {
-    let share = range.candidates.div_ceil(visits.len().max(1));
+/// About `count` candidates of all visits together that keep the rules and are
+/// reached continuously from their visit's start.
+pub(super) fn candidates(
+    chain: &Chain,
+    rules: &Rules,
+    range: &Range,
+    visits: &[Visit],
+    count: usize,
+) -> Vec<Candidate> {
+    let share = count.div_ceil(visits.len().max(1));
     let of = |(index, visit): (usize, &Visit)| -> Vec<Candidate> {
         (0..TRIES * share)
             .filter_map(|k| {
-                let pose = wide(range, &visit.start, 1 + k * visits.len() + index);
+                let pose = wide(range, &visit.start, 1 + k, index);
                 let joints = reached(chain, rules, &visit.start, &pose)?;
                 Some(Candidate {
                     visit: index,
@@ -203,9 +209,11 @@ pub(super) fn candidates(chain: &Chain, rules: &Rules, range: &Range, visits: &[
     visits.par_iter().enumerate().flat_map_iter(of).collect()
 }
 
-/// Item `k` of the poses spread over the ranges about a start.
-fn wide(range: &Range, start: &Start, k: usize) -> TcpPose {
-    let u = |dimension: usize| 2.0 * halton(k, dimension) - 1.0;
+/// Item `k` of the poses spread over the ranges about the start of visit `index`:
+/// each visit has the sequence shifted by another part of the ranges.
+fn wide(range: &Range, start: &Start, k: usize, index: usize) -> TcpPose {
+    let shift = index as f64 * 0.618_033_988_75;
+    let u = |dimension: usize| 2.0 * (halton(k, dimension) + shift).fract() - 1.0;
     let turn = Rotation3::from_euler_angles(u(0) * range.tilt_rad, u(1) * range.tilt_rad, u(2) * range.turn_rad);
     TcpPose {
         position: start.neutral.position,

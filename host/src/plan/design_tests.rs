@@ -56,6 +56,56 @@ fn the_curve_says_how_many_poses_an_accuracy_takes() {
     assert!(accuracy_curve(&cell, &request, f64::NAN).is_err());
 }
 
+// Fails if more contacts are planned than allowed, a sphere is left out, a
+// branch brings nothing, or less patience does not save time.
+#[test]
+fn contacts_and_robot_time_are_bounded_as_asked() {
+    let cell = Cell::iiwa7();
+    let plan_of = |contacts: usize, patience: f64| {
+        let request = DesignRequest {
+            contacts,
+            patience,
+            ..quick(60)
+        };
+        design(&cell, &request).expect("a plan")
+    };
+    let (three, five) = (plan_of(3, 1.0), plan_of(5, 1.0));
+    let mut ids: Vec<u32> = three.spheres.iter().map(|s| s.sphere_id).collect();
+    ids.sort_unstable();
+    assert_eq!(ids, [1, 2, 3]);
+    assert!(five.spheres.len() <= 5 && five.spheres.len() > 3);
+    assert!(promised(&five).mean_mm < promised(&three).mean_mm);
+    let hasty = plan_of(3, 0.05);
+    println!("patient {:.0} s, hasty {:.0} s", three.robot_s, hasty.robot_s);
+    assert!(hasty.robot_s < 0.97 * three.robot_s);
+}
+
+// Fails if the arm leaves a sphere in another way than it came, if the way of a
+// visit that comes straight from the one before would swing through the
+// vertical, or if the first visit does not begin at home.
+#[test]
+fn visits_begin_where_the_last_one_ended() {
+    let cell = Cell::iiwa7();
+    let plan = design(&cell, &quick(60)).expect("a plan");
+    let chain = Chain::new(&cell.robot, &cell.tool).expect("valid");
+    let side = |q: &[f64]| chain.branch(q).expect("an arm with branches")[0];
+    assert!(
+        plan.spheres
+            .iter()
+            .all(|s| side(&s.approach.joints) == side(&plan.home.joints))
+    );
+    for visit in &plan.spheres {
+        let last = visit.poses.last().expect("poses");
+        let same_turn = last
+            .orientation
+            .iter()
+            .zip(&visit.approach.orientation)
+            .all(|(a, b)| (a - b).abs() < 1e-9);
+        assert!(last.via && same_turn, "sphere {} is left in neutral", visit.sphere_id);
+    }
+    assert!(plan.spheres[0].over_home || plan.spheres.len() == 1);
+}
+
 #[test]
 fn arms_without_an_elbow_and_several_placements_are_planned() {
     let mut cell = Cell {

@@ -5,7 +5,7 @@
 //!
 //! ```text
 //!  Cell (plate, spheres, rules) ─▶ grid (Section 4.2 of the paper) ────────┐
-//!   Chain (FK, IK, Jacobian)    ─▶ path (continuous, within limits)        ├▶ order ─▶ Plan
+//!   Chain (FK, IK, Jacobian)    ─▶ path (continuous, within limits)        ├▶ order, travel ─▶ Plan
 //!   structured model ─▶ candidates ─▶ optimal (error left in the workspace) ┘
 //! ```
 //!
@@ -22,6 +22,7 @@ mod chain;
 mod design;
 mod error;
 mod grid;
+mod ground;
 mod ik;
 mod optimal;
 mod order;
@@ -29,13 +30,14 @@ mod path;
 mod teach;
 #[cfg(test)]
 mod test_support;
+mod travel;
 mod types;
 
 pub use build::{PlanRequest, home, paper_plan, plan, spread_plan};
 pub use candidates::Range;
 pub use cell::{Cell, PlatePose};
 pub use chain::{Chain, TcpPose, quaternion, rotation_of};
-pub use design::{DesignRequest, accuracy_curve, design, predicted_accuracy};
+pub use design::{CONTACTS, DesignRequest, accuracy_curve, design, predicted_accuracy};
 pub use error::PlanError;
 pub use grid::{Grid, GridPose};
 pub use ik::IK_TOLERANCE;

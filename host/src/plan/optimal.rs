@@ -8,8 +8,14 @@
 //! by `−tr((I + S)⁻¹ T)` with `S = A Σ Aᵀ` and `T = A Σ W Σ Aᵀ`, both 3 x 3. They
 //! are kept for every candidate and updated with each choice by products of 6
 //! vectors with all rows, so a choice among N costs `18 N m` multiplications.
+//!
+//! A choice may weigh what a pose gains against the time that it takes to come
+//! there ([`Travel`]).
 
 use nalgebra::{DMatrix, Matrix3, Matrix6, Matrix6xX, SMatrix, Vector3};
+use rayon::prelude::*;
+
+use super::travel::Travel;
 
 /// Mean length of a normal 3-vector over its root mean square (exact if isotropic).
 const MEAN_OF_RMS: f64 = 0.9213;
@@ -69,6 +75,38 @@ impl Problem {
     fn count(&self) -> usize {
         self.rows.ncols() / 3
     }
+
+    /// The same with only these candidates.
+    pub(super) fn only(&self, candidates: &[usize]) -> Self {
+        let m = self.rows.nrows();
+        let mut rows = DMatrix::zeros(m, 3 * candidates.len());
+        for (k, c) in candidates.iter().enumerate() {
+            rows.columns_mut(3 * k, 3).copy_from(&self.rows.columns(3 * c, 3));
+        }
+        Self {
+            rows,
+            weight: self.weight.clone(),
+            predictions: self.predictions.clone(),
+            noise: self.noise.clone(),
+        }
+    }
+}
+
+/// `Xᵀ A` and `Yᵀ A` for a candidate's rows `A` (its three columns one after the
+/// other), X and Y side by side in `left`.
+fn products(left: &[[f64; 6]], rows: &[f64]) -> (Matrix3<f64>, Matrix3<f64>) {
+    let (one, rest) = rows.split_at(left.len());
+    let (two, three) = rest.split_at(left.len());
+    let mut sums = [[0.0; 6]; 3];
+    for (((l, a), b), c) in left.iter().zip(one).zip(two).zip(three) {
+        for k in 0..6 {
+            sums[0][k] += l[k] * a;
+            sums[1][k] += l[k] * b;
+            sums[2][k] += l[k] * c;
+        }
+    }
+    let part = |first: usize| Matrix3::from_fn(|i, j| sums[j][first + i]);
+    (part(0), part(3))
 }
 
 /// Takes the best-fitting rigid motion of all points out of every column.
@@ -110,6 +148,8 @@ pub(super) struct Design<'a> {
     pub(super) chosen: Vec<usize>,
     taken: Vec<bool>,
     allowed: Vec<bool>,
+    /// Travel and how patiently it is borne.
+    travel: Option<(Travel<'a>, f64)>,
     /// `tr(W Σ)`, in m².
     pub(super) value: f64,
 }
@@ -127,10 +167,56 @@ impl<'a> Design<'a> {
             chosen: Vec::new(),
             taken: vec![false; n],
             allowed: vec![true; n],
+            travel: None,
             value: 0.0,
         };
         design.refresh();
         design
+    }
+
+    /// Weighs gains against the time to come there from here on; `patience` is
+    /// how many recordings a turn may last before half of its gain is lost.
+    pub(super) fn hurry(&mut self, mut travel: Travel<'a>, patience: f64) {
+        for c in &self.chosen {
+            travel.add(*c);
+        }
+        self.travel = Some((travel, patience));
+    }
+
+    /// These candidates chosen, in this order.
+    pub(super) fn of(problem: &'a Problem, chosen: Vec<usize>) -> Self {
+        let mut design = Self::new(problem);
+        for c in &chosen {
+            design.taken[*c] = true;
+        }
+        design.chosen = chosen;
+        design.refresh();
+        design
+    }
+
+    /// The same choice with only `allowed` candidates left in it, and the best
+    /// of these added until `count` are chosen.
+    pub(super) fn among(&self, allowed: Vec<bool>, count: usize) -> Self {
+        let mut design = self.clone();
+        for c in &self.chosen {
+            if !allowed[*c] {
+                design.update(*c, -1.0);
+            }
+        }
+        design.allow(allowed);
+        design.grow(count, |_| ());
+        design
+    }
+
+    /// The chosen candidates, and of the other allowed ones the `count` most
+    /// useful: what an exchange needs to look at.
+    pub(super) fn shortlist(&self, count: usize) -> Vec<usize> {
+        let mut others: Vec<usize> = (0..self.problem.count())
+            .filter(|c| self.allowed[*c] && !self.taken[*c])
+            .collect();
+        others.sort_by(|a, b| self.worth(*b).total_cmp(&self.worth(*a)));
+        others.truncate(count);
+        self.chosen.iter().copied().chain(others).collect()
     }
 
     /// Only candidates that `allowed` names may be chosen from here on.
@@ -140,12 +226,7 @@ impl<'a> Design<'a> {
 
     /// Every candidate chosen.
     pub(super) fn with_all(problem: &'a Problem) -> Self {
-        let n = problem.count();
-        let mut design = Self::new(problem);
-        design.chosen = (0..n).collect();
-        design.taken = vec![true; n];
-        design.refresh();
-        design
+        Self::of(problem, (0..problem.count()).collect())
     }
 
     /// Computes what the updates keep from scratch.
@@ -191,11 +272,19 @@ impl<'a> Design<'a> {
             .map_or(f64::INFINITY, |inverse| (inverse * self.t[c]).trace())
     }
 
+    /// What a candidate gains, the way there considered.
+    fn worth(&self, c: usize) -> f64 {
+        let share = self.travel.as_ref().map_or(1.0, |(t, patience)| t.share(c, *patience));
+        share * self.gain(c)
+    }
+
     /// The best candidate to add, if there is any left.
     fn best(&self) -> Option<usize> {
         (0..self.problem.count())
             .filter(|c| self.allowed[*c] && !self.taken[*c])
-            .max_by(|a, b| self.gain(*a).total_cmp(&self.gain(*b)))
+            .map(|c| (c, self.worth(c)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(c, _)| c)
     }
 
     /// Adds (`sign` 1) or removes (−1) a candidate: the rank-3 update.
@@ -212,18 +301,28 @@ impl<'a> Design<'a> {
             let product = x.tr_mul(&wx);
             Matrix3::from_fn(|i, j| product[(i, j)])
         };
-        let mut left = DMatrix::zeros(n, 6);
-        left.columns_mut(0, 3).copy_from(&x);
-        left.columns_mut(3, 3).copy_from(&(&self.sigma * &wx));
-        let product = left.tr_mul(&self.problem.rows);
-        for k in 0..self.problem.count() {
-            let b: Matrix3<f64> = product.fixed_view::<3, 3>(0, 3 * k).into_owned();
-            let d: Matrix3<f64> = product.fixed_view::<3, 3>(3, 3 * k).into_owned();
+        let wide = &self.sigma * &wx;
+        let left: Vec<[f64; 6]> = (0..n)
+            .map(|i| {
+                [
+                    x[(i, 0)],
+                    x[(i, 1)],
+                    x[(i, 2)],
+                    wide[(i, 0)],
+                    wide[(i, 1)],
+                    wide[(i, 2)],
+                ]
+            })
+            .collect();
+        let own = self.s.par_iter_mut().zip(self.t.par_iter_mut());
+        let rows = self.problem.rows.as_slice().par_chunks((3 * n).max(1));
+        own.zip(rows).with_min_len(64).for_each(|((s, t), rows)| {
+            let (b, d) = products(&left, rows);
             let mb = inverse * b;
             let cross = mb.transpose() * d;
-            self.s[k] -= b.transpose() * mb;
-            self.t[k] += mb.transpose() * inner * mb - cross - cross.transpose();
-        }
+            *s -= b.transpose() * mb;
+            *t += mb.transpose() * inner * mb - cross - cross.transpose();
+        });
         let scaled = &x * inverse;
         self.sigma.gemm(-1.0, &scaled, &x.transpose(), 1.0);
         self.value -= (inverse * inner).trace();
@@ -232,6 +331,13 @@ impl<'a> Design<'a> {
             self.chosen.push(c);
         } else {
             self.chosen.retain(|k| *k != c);
+        }
+        if let Some((travel, _)) = &mut self.travel {
+            if sign > 0.0 {
+                travel.add(c);
+            } else {
+                travel.remove(c, &self.chosen);
+            }
         }
     }
 
@@ -268,18 +374,25 @@ impl<'a> Design<'a> {
         }
     }
 
+    /// Root mean square of the predicted error with this choice, `floor` times
+    /// the joint noise included, in m (times the mean length over it).
+    pub(super) fn root_mean_square(&self, floor: f64) -> f64 {
+        let noise = self.problem.noise.iter().sum::<f64>() / self.problem.noise.len().max(1) as f64;
+        MEAN_OF_RMS * (self.value + floor * floor * noise).max(0.0).sqrt()
+    }
+
     /// The predicted error with this choice, `floor` times the joint noise included.
     pub(super) fn predicted(&self, floor: f64) -> Predicted {
-        let (mut sum, mut worst) = (0.0, 0.0f64);
-        for (g, noise) in self.problem.predictions.iter().zip(&self.problem.noise) {
-            let spread = g.dot(&(&self.sigma * g)) + floor * floor * noise;
-            let length = MEAN_OF_RMS * spread.max(0.0).sqrt();
-            sum += length;
-            worst = worst.max(length);
-        }
+        let all = self.problem.predictions.par_iter().zip(&self.problem.noise);
+        let lengths: Vec<f64> = all
+            .map(|(g, noise)| {
+                let spread = g.dot(&(&self.sigma * g)) + floor * floor * noise;
+                MEAN_OF_RMS * spread.max(0.0).sqrt()
+            })
+            .collect();
         Predicted {
-            mean: sum / self.problem.predictions.len().max(1) as f64,
-            worst,
+            mean: lengths.iter().sum::<f64>() / lengths.len().max(1) as f64,
+            worst: lengths.iter().copied().fold(0.0, f64::max),
         }
     }
 }

@@ -15,18 +15,21 @@ pub fn move_size(a: &TcpPose, b: &TcpPose) -> f64 {
 }
 
 /// Order in which to visit `poses` on a round trip from `start` and back near
-/// it, where the arm leaves as it came: nearest neighbour, then 2-opt and single
-/// moves until nothing gets shorter. Indices into `poses`.
+/// it, where the arm leaves as it came. Indices into `poses`.
 pub fn order(start: &TcpPose, poses: &[TcpPose]) -> Vec<usize> {
     let n = poses.len();
+    let at = |k: usize| poses.get(k).unwrap_or(start);
+    round_trip(n, |a, b| move_size(at(a), at(b)) as f32)
+}
+
+/// A short round trip from node `n` over the nodes 0 to n-1: nearest
+/// neighbour, then 2-opt and single moves until nothing gets shorter. `size` is
+/// the way between two nodes, the same in both directions; f32 halves the
+/// traffic, and an order needs no more.
+pub(super) fn round_trip(n: usize, size: impl Fn(usize, usize) -> f32) -> Vec<usize> {
     if n == 0 {
         return Vec::new();
     }
-    // Node n is the start. f32 halves the traffic; the order needs no more.
-    let size = |a: usize, b: usize| {
-        let (a, b) = (poses.get(a).unwrap_or(start), poses.get(b).unwrap_or(start));
-        move_size(a, b) as f32
-    };
     let mut distance = vec![0f32; (n + 1) * (n + 1)];
     for a in 0..=n {
         for b in 0..a {

@@ -47,12 +47,21 @@ pub struct SpherePlan {
     pub place: u32,
     /// Nominal centre of the sphere in F0, in m.
     pub position_m: [f64; 3],
+    /// Whether the way to the approach leads over home, and not straight from
+    /// the visit before.
+    #[serde(default = "over_home")]
+    pub over_home: bool,
     /// Where the descent begins: against the approach direction from the centre.
     pub approach: Waypoint,
     /// Direction of the descent in F0, a unit vector.
     pub approach_direction: [f64; 3],
     /// Poses in the order of motion.
     pub poses: Vec<PosePlan>,
+}
+
+/// What plans of old did.
+fn over_home() -> bool {
+    true
 }
 
 impl SpherePlan {

@@ -19,11 +19,13 @@
 mod compare;
 mod draw;
 mod estimators;
+mod plans;
 mod record;
 mod truth;
 
 pub use compare::{Cell, CompareOptions, Comparison, Errors, compare};
 pub use draw::{Recipe, World, draw};
 pub use estimators::{Estimator, bound_options, judge};
+pub use plans::{Chosen, PlanOptions, PlanRow, PlanTable, compare_plans};
 pub use record::{GRID_SPHERES, PlannedPose, Trial, WorldError, paper_poses, record, record_poses};
 pub use truth::Truth;

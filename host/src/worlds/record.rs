@@ -36,7 +36,7 @@ pub enum WorldError {
     #[error(transparent)]
     Arcs(#[from] LaserError),
     /// The poses could not be planned.
-    #[error("the paper's grid could not be planned: {0}")]
+    #[error("the poses could not be planned: {0}")]
     Grid(String),
     /// A pose is out of the drawn robot's reach.
     #[error("pose {index} on sphere {sphere} is out of the drawn robot's reach: leave it out of the plan")]
