@@ -247,10 +247,12 @@ fn help_and_configuration_are_usable() {
 }
 
 // Fails if for one of the seeds 1 to 5 the calibrated arm's mean or largest
-// error on the 125 validation points is not under half of the nominal one's.
+// error on the 125 validation points is not under a quarter of the nominal
+// one's (measured: 0.12 to 0.18 of the mean), if the default plan runs into a
+// fault, touches a sphere more than twice, or takes the robot over 11 minutes.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: run in release")]
-fn slow_five_arms_are_better_than_half_of_nominal() {
+fn slow_five_arms_are_better_than_a_quarter_of_nominal() {
     let folder = tempfile::tempdir().expect("a folder");
     for seed in ["1", "2", "3", "4", "5"] {
         let output = spherecal(folder.path(), &["run", "--seed", seed, "--json", "--out", seed]);
@@ -263,7 +265,11 @@ fn slow_five_arms_are_better_than_half_of_nominal() {
             let of = |model: &str| models[model][field].as_f64().expect("a number");
             let share = of("sphere") / of("nominal");
             println!("seed {seed}: {field} {share:.3} of nominal");
-            assert!(share < 0.5, "seed {seed}: {field} is {share} of nominal");
+            assert!(share < 0.25, "seed {seed}: {field} is {share} of nominal");
         }
+        let contacts = s["contacts"].as_array().expect("contacts");
+        assert!(contacts.len() <= 6, "seed {seed}: {} contacts", contacts.len());
+        let robot_s = s["simulated_s"].as_f64().expect("a number");
+        assert!(robot_s < 660.0, "seed {seed}: {robot_s} s");
     }
 }

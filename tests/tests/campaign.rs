@@ -70,6 +70,23 @@ fn two_spheres_are_recorded_pose_by_pose() {
     );
 }
 
+// Fails if a stop that needs no way over home is not reached straight from the
+// one before, or not as well.
+#[test]
+fn a_stop_is_reached_straight_from_the_one_before() {
+    let config = PlantConfig::typical();
+    let over_home = tour(&config, &[0, 1], &TURNS);
+    let mut straight = over_home.clone();
+    straight.stops[1].over_home = false;
+    let (_, before, result) = campaign(&config, &over_home, &BTreeSet::new());
+    result.expect("the campaign ends well");
+    let (memory, outcome, result) = campaign(&config, &straight, &BTreeSet::new());
+    result.expect("the campaign ends well");
+    assert_eq!((memory.recordings.len(), outcome.faults.len()), (6, 0));
+    let saved_s = (before.simulated_us - outcome.simulated_us) as f64 * 1e-6;
+    assert!(saved_s > 0.5, "{saved_s} s saved");
+}
+
 // Fails if the same seed gives other bits, or another seed the same.
 #[test]
 fn one_seed_gives_the_same_bits() {

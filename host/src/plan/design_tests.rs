@@ -2,7 +2,7 @@ use spherecal_shared::robot::iiwa7_tool;
 
 use super::*;
 use crate::plan::test_support::assert_continuous;
-use crate::plan::{PlatePose, paper_plan};
+use crate::plan::{PlatePose, SpherePlan, paper_plan};
 
 fn quick(poses: usize) -> DesignRequest {
     let mut request = DesignRequest::new(poses);

@@ -27,6 +27,8 @@ pub(super) struct Ground {
     pub(super) visits: Vec<Visit>,
     pub(super) candidates: Vec<Candidate>,
     pub(super) problem: Problem,
+    /// Candidates that there were before any were left out.
+    considered: usize,
 }
 
 impl Ground {
@@ -42,6 +44,7 @@ impl Ground {
             visits,
             candidates: Vec::new(),
             problem: Problem::new(0, &[], &[]),
+            considered: 0,
         })
     }
 
@@ -66,6 +69,7 @@ impl Ground {
             home: self.home.clone(),
             visits: self.visits.clone(),
             problem: Problem::new(model.columns(), &rows, &predictions(&model, &self.chain)),
+            considered: candidates.len(),
             candidates,
         })
     }
@@ -78,6 +82,7 @@ impl Ground {
             visits: self.visits.clone(),
             candidates: which.iter().map(|c| self.candidates[*c].clone()).collect(),
             problem: self.problem.only(which),
+            considered: self.considered,
         }
     }
 
@@ -119,8 +124,8 @@ impl Ground {
             robot: cell.robot.name.as_str().to_owned(),
             home: self.home.clone(),
             spheres: Vec::new(),
-            planned: self.candidates.len(),
-            reachable: self.candidates.len(),
+            planned: self.considered,
+            reachable: self.considered,
             rejected: Vec::new(),
             robot_s: 0.0,
             promise: Vec::new(),

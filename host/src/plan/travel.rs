@@ -56,11 +56,12 @@ impl<'a> Travel<'a> {
             visits,
             reach_s: Vec::new(),
         };
-        travel.reach_s = candidates.iter().map(|c| travel.from_start(c)).collect();
+        travel.reach_s = candidates.iter().map(|c| travel.start_s(c)).collect();
         travel
     }
 
-    fn from_start(&self, c: &Candidate) -> f64 {
+    /// Time from where the visit begins, in s.
+    fn start_s(&self, c: &Candidate) -> f64 {
         turn_s(move_angle(&self.visits[c.visit].start.neutral, &c.pose))
     }
 
@@ -85,7 +86,7 @@ impl<'a> Travel<'a> {
         for k in 0..self.candidates.len() {
             let c = &self.candidates[k];
             if c.visit == visit {
-                let start = self.from_start(c);
+                let start = self.start_s(c);
                 let nearest = here.iter().map(|other| turn_s(move_angle(&other.pose, &c.pose)));
                 self.reach_s[k] = nearest.fold(start, f64::min);
             }
