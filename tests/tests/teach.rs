@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
 use spherecal::campaign::{Assignment, Operator, Options, Silent, run};
-use spherecal::job::{Config, Link, Prepared, Waypoints, prepare, teach, tour};
+use spherecal::job::{Choice, Config, Link, Prepared, Waypoints, prepare, teach, tour};
 use spherecal::link::{Cell, controller_in_process, simulated_arm};
 use spherecal::plan::Chain;
 
@@ -32,6 +32,7 @@ fn prepared(preset: &str, seed: u64) -> Prepared {
         ..Config::default()
     };
     config.plan.poses = 3;
+    config.plan.choice = Choice::Grid;
     config.plant.insert("preset".to_owned(), preset.into());
     prepare(&config).expect("a plan")
 }

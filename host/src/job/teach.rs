@@ -9,11 +9,15 @@ use super::measure::{controller, distant};
 use super::{JobError, Link, Prepared, tour};
 use crate::campaign::{self, Assignment, Observer, Operator};
 use crate::link::{Cell, Device, OperatorCall, led_arm};
-use crate::plan::{Chain, quaternion};
+use crate::plan::{Chain, TcpPose, quaternion, rotation_of};
 
 /// How far a waypoint may lie from where the plan has it, in m: farther away
 /// it belongs to another plate.
 const FAR_M: f64 = 0.10;
+
+/// Joint difference beyond which a visit is one with the arm bent to another
+/// side than it was taught with, in rad.
+const ELSEWHERE_RAD: f64 = 0.5;
 
 /// Where the descents to the spheres begin, taught by hand or written by one.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -121,9 +125,27 @@ impl Waypoints {
                 ));
             }
             visit.approach.position_m = pose.position.into();
-            visit.approach.orientation = quaternion(&pose.rotation);
-            visit.approach.elbow_rad = pose.elbow;
-            visit.approach.joints.clone_from(joints);
+            let apart = joints.iter().zip(&visit.approach.joints).map(|(a, b)| (a - b).abs());
+            if apart.fold(0.0, f64::max) <= ELSEWHERE_RAD {
+                visit.approach.orientation = quaternion(&pose.rotation);
+                visit.approach.elbow_rad = pose.elbow;
+                visit.approach.joints.clone_from(joints);
+                continue;
+            }
+            // The visit comes with the arm bent to another side: it takes over
+            // the place alone.
+            let there = TcpPose {
+                position: pose.position,
+                rotation: rotation_of(&visit.approach.orientation),
+                elbow: visit.approach.elbow_rad,
+            };
+            let reached = chain.follow(&there, &visit.approach.joints);
+            visit.approach.joints = reached.filter(|q| chain.limit_margin(q) >= 0.0).ok_or_else(|| {
+                refused(
+                    format!("the arm cannot come to the waypoint of sphere {sphere} bent to another side"),
+                    "teach it nearer to the sphere's vertical, or set plan.range.branches = false",
+                )
+            })?;
         }
         Ok(())
     }

@@ -28,7 +28,7 @@ pub(super) struct Ground {
     pub(super) candidates: Vec<Candidate>,
     pub(super) problem: Problem,
     /// Candidates that there were before any were left out.
-    considered: usize,
+    pub(super) considered: usize,
 }
 
 impl Ground {
