@@ -423,11 +423,9 @@ pub(crate) fn fit(
             }
             if k == 1 {
                 search.choose_tails()?;
-            }
-            if k < 2 {
                 choice = search.choose_priors(&normal, search.inflation())?;
             }
-            if search.step(&normal, true)? < SETTLED {
+            if search.step(&normal, true)? < SETTLED && k > 0 {
                 break;
             }
         }
