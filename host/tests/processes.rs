@@ -130,12 +130,24 @@ fn a_link_to_nowhere_is_refused() {
     );
 }
 
+/// A configuration with the paper's grid, on which three poses lie on three
+/// spheres: a designed plan of so few need not touch all of them.
+fn grid_plan(folder: &std::path::Path) -> String {
+    let file = folder.join("grid.toml");
+    std::fs::write(&file, "[plan]\nchoice = \"grid\"\n").expect("a file");
+    file.display().to_string()
+}
+
 // Fails if the arm is not led by the simulated hand where it is simulated here,
 // or if a run does not begin where it was led to.
 #[test]
 fn taught_waypoints_are_measured_from() {
     let folder = tempfile::tempdir().expect("a folder");
-    let output = spherecal(folder.path(), &["teach", "--poses", "3", "--json", "--out", "cell"]);
+    let grid = grid_plan(folder.path());
+    let output = spherecal(
+        folder.path(),
+        &["teach", "--poses", "3", "--json", "--out", "cell", "--config", &grid],
+    );
     assert_eq!(
         output.status.code(),
         Some(0),
@@ -144,7 +156,7 @@ fn taught_waypoints_are_measured_from() {
     );
     let taught: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
     assert_eq!(taught["waypoints"]["waypoint"].as_array().map(Vec::len), Some(3));
-    let waypoints = ["--waypoints", "cell/waypoints.toml"];
+    let waypoints = ["--waypoints", "cell/waypoints.toml", "--config", &grid];
     let output = spherecal(
         folder.path(),
         &[&["plan", "--poses", "3", "--json"], &waypoints[..]].concat(),
@@ -172,9 +184,10 @@ fn taught_waypoints_are_measured_from() {
 #[test]
 fn over_a_link_a_person_leads_the_arm() {
     let folder = tempfile::tempdir().expect("a folder");
+    let grid = grid_plan(folder.path());
     let plant = Server::start(&["plant", "--listen", "0", "--once"]);
     let mut child = Command::new(PROGRAM)
-        .args(["teach", "--poses", "3", "--out", "cell", "--link"])
+        .args(["teach", "--poses", "3", "--config", &grid, "--out", "cell", "--link"])
         .arg(format!("tcp:{}", plant.address))
         .current_dir(folder.path())
         .stdin(Stdio::piped())
@@ -202,6 +215,8 @@ fn over_a_link_a_person_leads_the_arm() {
         folder.path(),
         &[
             "measure",
+            "--config",
+            &grid,
             "--poses",
             "3",
             "--waypoints",
