@@ -111,6 +111,24 @@ impl<T: Real, const N: usize> Cholesky<T, N> {
         x
     }
 
+    /// `A x`, by the factor: `L (Lᵀ x)`.
+    #[inline]
+    pub fn multiply(&self, x: &SVector<T, N>) -> SVector<T, N> {
+        let mut half = SVector::<T, N>::zeros();
+        for i in 0..N {
+            for k in i..N {
+                half[i] += self.lower[(k, i)] * x[k];
+            }
+        }
+        let mut product = SVector::<T, N>::zeros();
+        for i in 0..N {
+            for k in 0..=i {
+                product[i] += self.lower[(i, k)] * half[k];
+            }
+        }
+        product
+    }
+
     /// `A⁻¹ b`.
     #[inline]
     pub fn solve(&self, b: &SVector<T, N>) -> SVector<T, N> {

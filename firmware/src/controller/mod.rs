@@ -293,7 +293,11 @@ impl<const N: usize> Controller<N> {
         let step = self.procedure.law.torque_rate_nm_s * self.period_s;
         let (tau, shaped) = self.shaper.shape(&wanted, &delivered, &limits, step);
         self.torque_loop.sent(&tau);
-        let force = self.contact_force();
+        let force = if self.activity.is_cartesian() {
+            self.contact_force()
+        } else {
+            snapshot.point_force(self.observer.residual())
+        };
         let violation = self.guard.watch(&force, &shaped, &self.procedure.limits, self.period_s);
         if let Some(violation) = violation {
             self.fail(violation);

@@ -1,6 +1,6 @@
 //! Kinematics and dynamics of the arm at one tick, computed once.
 
-use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3, Vector6};
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Arm, Dynamics, Frame};
 use spherecal_shared::scalar::sqrt;
@@ -9,6 +9,10 @@ use spherecal_shared::scalar::sqrt;
 /// with, in 1/kg and 1/(kg m²): bounds the task-space inertia near
 /// singularities at 100 kg and 100 kg m².
 pub const MOBILITY_FLOOR: f64 = 0.01;
+
+/// Ratio of a torque error to the force error that may come of it, squared, in
+/// m²: 3 N m and 30 N. Damps [`Snapshot::point_force`].
+const POINT_FORCE_DAMPING: f64 = 0.01;
 
 /// The arm at one tick. Frame F0 throughout; task-space vectors are linear
 /// part first, at the TCP.
@@ -133,6 +137,31 @@ impl<const N: usize> Snapshot<N> {
             acceleration[axis] = sum;
         }
         self.mobility.solve(&acceleration)
+    }
+
+    /// The force at the TCP (F0, in N) that alone explains an external joint
+    /// torque (N m) best, damped.
+    ///
+    /// Near singularities of the wrist or the shoulder a whole wrench cannot be
+    /// told from the torques, and friction of 1 N m looks like 100 N. A force
+    /// alone can, wherever the arm is not stretched out.
+    #[inline]
+    pub fn point_force(&self, external: &SVector<f64, N>) -> Vector3<f64> {
+        let mut normal = Matrix3::zeros();
+        let mut force = Vector3::zeros();
+        for i in 0..3 {
+            for k in 0..N {
+                force[i] += self.jacobian[(i, k)] * external[k];
+            }
+            for j in 0..=i {
+                for k in 0..N {
+                    normal[(i, j)] += self.jacobian[(i, k)] * self.jacobian[(j, k)];
+                }
+            }
+            normal[(i, i)] += POINT_FORCE_DAMPING;
+        }
+        // With the damping every pivot is positive; a NaN is as good as any force.
+        Cholesky::new(&normal).map_or(force, |factor| factor.solve(&force))
     }
 
     /// Computed TCP speed, in m/s.

@@ -26,10 +26,6 @@ pub struct Range {
     pub elbow_rad: f64,
     /// Whether other branches of the inverse kinematics are visited too.
     pub branches: bool,
-    /// Whether the way to a branch may swing the upper arm through the vertical,
-    /// where the first and the third axis of a seven-axis arm align. Industrial
-    /// joint motions pass there; our controller's, joint by joint, run away.
-    pub through_vertical: bool,
     /// Candidates in all, shared out over the visits.
     pub candidates: usize,
 }
@@ -43,7 +39,6 @@ impl Default for Range {
             turn_rad: 120f64.to_radians(),
             elbow_rad: 100f64.to_radians(),
             branches: true,
-            through_vertical: false,
             candidates: 3000,
         }
     }
@@ -94,10 +89,7 @@ pub(super) fn visits(
                 for start in others(cell, chain, rules, range, plate, &neutral) {
                     let known = starts.iter().any(|s| same_branch(chain, rules, s, &start));
                     let (from, to) = (&home.joints, &start.approach.joints);
-                    if starts.len() < MOST_BRANCHES
-                        && !known
-                        && way_is_clear(cell, chain, rules, range.through_vertical, plate, from, to)
-                    {
+                    if starts.len() < MOST_BRANCHES && !known && way_is_clear(cell, chain, plate, from, to) {
                         starts.push(start);
                     }
                 }
@@ -157,17 +149,8 @@ fn same_branch(chain: &Chain, rules: &Rules, a: &Start, b: &Start) -> bool {
 }
 
 /// Whether the joint motion between two configurations (rad) keeps TCP and
-/// flange over the plate (no lower than an approach, but for a fifth of its
-/// height) and, unless allowed, does not swing the upper arm through the vertical.
-pub(super) fn way_is_clear(
-    cell: &Cell,
-    chain: &Chain,
-    rules: &Rules,
-    through_vertical: bool,
-    plate: &PlatePose,
-    from: &[f64],
-    to: &[f64],
-) -> bool {
+/// flange over the plate: no lower than an approach, but for a fifth of its height.
+pub(super) fn way_is_clear(cell: &Cell, chain: &Chain, plate: &PlatePose, from: &[f64], to: &[f64]) -> bool {
     let up = plate.normal().into_inner();
     let floor = up.dot(&Vector3::from(plate.centre_m)) + 0.8 * cell.approach_height_m;
     (0..=40).all(|k| {
@@ -175,10 +158,7 @@ pub(super) fn way_is_clear(
         let q: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + (b - a) * t).collect();
         let pose = chain.pose(&q);
         let flange = pose.position - pose.rotation * chain.tcp;
-        let upright = !through_vertical
-            && chain.closed_form()
-            && chain.side_angle(&q, 1).sin().abs() < rules.passing().singular_rad[0].sin();
-        up.dot(&pose.position) >= floor && up.dot(&flange) >= floor && !upright
+        up.dot(&pose.position) >= floor && up.dot(&flange) >= floor
     })
 }
 

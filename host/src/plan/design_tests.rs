@@ -80,20 +80,12 @@ fn contacts_and_robot_time_are_bounded_as_asked() {
     assert!(hasty.robot_s < 0.97 * three.robot_s);
 }
 
-// Fails if the arm leaves a sphere in another way than it came, if the way of a
-// visit that comes straight from the one before would swing through the
-// vertical, or if the first visit does not begin at home.
+// Fails if the arm leaves a sphere in another way than it came, or if the first
+// visit does not begin at home.
 #[test]
 fn visits_begin_where_the_last_one_ended() {
     let cell = Cell::iiwa7();
     let plan = design(&cell, &quick(60)).expect("a plan");
-    let chain = Chain::new(&cell.robot, &cell.tool).expect("valid");
-    let side = |q: &[f64]| chain.branch(q).expect("an arm with branches")[0];
-    assert!(
-        plan.spheres
-            .iter()
-            .all(|s| side(&s.approach.joints) == side(&plan.home.joints))
-    );
     for visit in &plan.spheres {
         let last = visit.poses.last().expect("poses");
         let same_turn = last

@@ -133,9 +133,8 @@ impl Ground {
         let used = |v: usize| chosen.iter().any(|c| self.candidates[*c].visit == v);
         let indices: Vec<usize> = (0..self.visits.len()).filter(|v| used(*v)).collect();
         let visits: Vec<&Visit> = indices.iter().map(|v| &self.visits[*v]).collect();
-        let vertical = request.range.through_vertical;
         let mut first_id = 0;
-        for (k, over_home) in tour(cell, &self.chain, &request.rules, vertical, &self.home, &visits) {
+        for (k, over_home) in tour(cell, &self.chain, &self.home, &visits) {
             let visit = visits[k];
             let mine = chosen.iter().filter_map(|c| self.candidates.get(*c));
             let poses: Vec<GridPose> = mine

@@ -11,7 +11,7 @@ use super::candidates::{Candidate, Visit, way_is_clear};
 use super::cell::Cell;
 use super::chain::Chain;
 use super::order::round_trip;
-use super::path::{Rules, move_angle};
+use super::path::move_angle;
 use super::types::Waypoint;
 
 /// Settling and recording at a pose, in s: 0.4 and 1.12.
@@ -103,14 +103,7 @@ impl<'a> Travel<'a> {
 /// The order of visits that takes the least travelling, from home and back, and
 /// for each whether the way to it leads over home: where the straight joint
 /// motion from the visit before is not clear.
-pub(super) fn tour(
-    cell: &Cell,
-    chain: &Chain,
-    rules: &Rules,
-    through_vertical: bool,
-    home: &Waypoint,
-    visits: &[&Visit],
-) -> Vec<(usize, bool)> {
+pub(super) fn tour(cell: &Cell, chain: &Chain, home: &Waypoint, visits: &[&Visit]) -> Vec<(usize, bool)> {
     let at = |k: usize| visits.get(k).map_or(&home.joints, |v| &v.start.approach.joints);
     let n = visits.len();
     let over_home = |a: usize, b: usize| motion_s(at(a), &home.joints) + motion_s(&home.joints, at(b));
@@ -122,7 +115,7 @@ pub(super) fn tour(
                 && cell
                     .plates
                     .get(visits[a].place as usize)
-                    .is_some_and(|plate| way_is_clear(cell, chain, rules, through_vertical, plate, at(a), at(b)));
+                    .is_some_and(|plate| way_is_clear(cell, chain, plate, at(a), at(b)));
             direct[a * n + b] = clear;
             direct[b * n + a] = clear;
         }

@@ -29,6 +29,25 @@ fn a_move_ends_at_its_target_and_holds_there() {
     assert_eq!(bench.phases(), [Phase::Moving, Phase::Idle]);
 }
 
+/// Fails if joints whose axes align run away against each other, or if the
+/// force that cannot be told there stops the arm: twelve ways through the
+/// vertical, with torque sensors that are off.
+#[test]
+fn the_upper_arm_swings_through_the_vertical() {
+    let mut bench = Bench::new(Bench::brisk());
+    bench.torque_bias = nalgebra::SVector::from([2.0, -2.0, 2.0, 2.0, -0.5, 0.5, -0.5]);
+    for k in 0..12 {
+        let side = if k % 2 == 0 { -1.0 } else { 1.0 };
+        let spread = 0.2 * f64::from(k);
+        let target = [spread, side * 0.7, -spread, -1.2, 0.5 * side, 0.8 * side, 0.3];
+        bench.go(&target).expect("idle");
+        bench.until(Phase::Idle, 10_000);
+        bench.run(200);
+        assert!((bench.q - nalgebra::SVector::from(target)).norm() < 0.05);
+    }
+    assert!(bench.faults().is_empty(), "{:?}", bench.faults());
+}
+
 /// Fails if a phase is skipped, repeated or entered without its condition.
 #[test]
 fn a_sphere_is_touched_recorded_and_left_in_order() {
