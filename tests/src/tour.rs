@@ -100,6 +100,7 @@ pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
                 .collect();
             Stop {
                 sphere: k as u32 + 1,
+                place: 0,
                 over_home: true,
                 approach: approach.to_vec(),
                 direction: down.into(),

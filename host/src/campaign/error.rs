@@ -126,6 +126,15 @@ pub enum CampaignError {
         /// Poses planned.
         planned: usize,
     },
+    /// The plate must be moved, and nobody is here to do it.
+    #[error(
+        "the plate is to be moved to placement {} of the plan, and nobody at this terminal can say that it was: \
+         run without --json at a terminal, or plan one placement (leave out plant.plate.moved)", place + 1
+    )]
+    Plate {
+        /// Placement, from 0.
+        place: u32,
+    },
     /// Stopped by the user.
     #[error("stopped on request: nothing is lost; continue with --resume")]
     Interrupted,

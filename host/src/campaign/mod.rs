@@ -32,7 +32,7 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
 
 pub use error::{CampaignError, remedy};
-pub use observe::{Observer, Progress, Silent, Stage, TelemetrySummary};
+pub use observe::{Moved, Observer, Progress, Silent, Stage, TelemetrySummary};
 pub use outcome::{Outcome, Rejected};
 pub use procedure::run;
 pub use session::{Journal, JournalError, Session};
@@ -52,6 +52,8 @@ pub struct Tour {
 pub struct Stop {
     /// Id of the sphere.
     pub sphere: u32,
+    /// Placement of the plate, from 0, that it is visited in.
+    pub place: u32,
     /// Whether the way to the approach frame leads over home; else it comes
     /// straight from the stop before, if nothing went wrong there.
     pub over_home: bool,
@@ -85,6 +87,11 @@ impl Tour {
             .iter()
             .map(|s| s.poses.iter().filter(|p| p.record).count())
             .sum()
+    }
+
+    /// Whether the plate is moved on the way.
+    pub fn several_places(&self) -> bool {
+        self.stops.iter().any(|s| s.place != 0)
     }
 }
 

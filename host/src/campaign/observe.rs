@@ -14,6 +14,8 @@ pub enum Stage {
     Connect,
     /// To the home frame.
     Home,
+    /// Waiting for the plate to be moved.
+    Plate,
     /// Being led to a sphere by hand.
     Teach,
     /// To a sphere's approach frame.
@@ -55,6 +57,17 @@ pub struct Progress {
     pub force_n: f64,
 }
 
+/// Whether the plate was moved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Moved {
+    /// It stands where it should.
+    Yes,
+    /// Not yet.
+    NotYet,
+    /// There is nobody to move it.
+    Nobody,
+}
+
 /// Someone who watches; every method does nothing unless it is overridden.
 pub trait Observer {
     /// Something came from the controller (telemetry included); it is stored already.
@@ -65,6 +78,13 @@ pub trait Observer {
 
     /// A remark for people.
     fn note(&mut self, _text: &str) {}
+
+    /// Asks for the plate to be put down in a placement, from 0, the arm being
+    /// at home; called again and again until it is. Without a person to ask, it
+    /// never will be.
+    fn plate(&mut self, _place: u32) -> Moved {
+        Moved::Nobody
+    }
 }
 
 /// Nobody watches.

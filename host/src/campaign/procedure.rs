@@ -100,11 +100,13 @@ impl<'a> Campaign<'a> {
         // Whether the arm is anywhere but at home, and the stop that it has just
         // left as planned.
         let (mut away, mut left) = (false, None);
+        let mut stands = (!tour.several_places()).then_some(0);
         for (number, stop) in tour.stops.iter().enumerate() {
             if self.pending(stop).is_empty() {
                 continue;
             }
-            if stop.over_home || left.is_none_or(|l| l + 1 != number) {
+            let at_home = self.have_plate(session, &mut stands, stop.place)?;
+            if !at_home && (stop.over_home || left.is_none_or(|l| l + 1 != number)) {
                 session.stage(Stage::Home, 0, tour);
                 self.travel(session, "reach the home frame", &tour.home)?;
             }
@@ -120,6 +122,26 @@ impl<'a> Campaign<'a> {
         session.drain(20)?;
         session.stage(Stage::Done, 0, tour);
         Ok(())
+    }
+
+    /// Has the plate moved to `place` unless it `stands` there, the arm at home.
+    /// Returns whether that took it home.
+    pub(super) fn have_plate(
+        &self,
+        session: &mut Session<'_>,
+        stands: &mut Option<u32>,
+        place: u32,
+    ) -> Result<bool, CampaignError> {
+        if *stands == Some(place) {
+            return Ok(false);
+        }
+        let tour = self.assignment.tour;
+        session.stage(Stage::Home, 0, tour);
+        self.travel(session, "reach the home frame", &tour.home)?;
+        session.stage(Stage::Plate, 0, tour);
+        session.plate(place)?;
+        *stands = Some(place);
+        Ok(true)
     }
 
     /// Poses of a stop that are neither recorded nor given up, those to pass

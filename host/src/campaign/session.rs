@@ -9,7 +9,7 @@ use spherecal_shared::protocol::host::{
 };
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 
-use super::observe::{Observer, Progress, Stage, TelemetrySummary, force};
+use super::observe::{Moved, Observer, Progress, Stage, TelemetrySummary, force};
 use super::{CampaignError, Tour};
 use crate::link::{Arrival, Device, HostEndpoint, Timing};
 
@@ -304,6 +304,23 @@ impl<'a> Session<'a> {
                 limit_s: ANSWER_S,
                 phase: self.phase,
             }),
+        }
+    }
+
+    /// Has the plate moved to a placement, by the simulation or by a person,
+    /// for whom it waits as long as it takes.
+    pub(super) fn plate(&mut self, place: u32) -> Result<(), CampaignError> {
+        if self.cell.move_plate(place) {
+            return Ok(());
+        }
+        loop {
+            match self.observer.plate(place) {
+                Moved::Yes => return Ok(()),
+                Moved::NotYet => {}
+                Moved::Nobody => return Err(CampaignError::Plate { place }),
+            }
+            self.check_interrupt()?;
+            self.step()?;
         }
     }
 

@@ -36,6 +36,8 @@ pub trait Operator {
 pub struct Taught {
     /// Id of the sphere.
     pub sphere: u32,
+    /// Placement of the plate, from 0.
+    pub place: u32,
     /// Joint angles as the encoders show them, in rad.
     pub joints: Vec<f64>,
 }
@@ -53,7 +55,8 @@ impl Journal for Nowhere {
     }
 }
 
-/// Has the arm led over every sphere of the tour, each once, from home.
+/// Has the arm led over every sphere of the tour, once in each placement of the
+/// plate, from home.
 ///
 /// # Errors
 /// Whatever stops it; a fault while the arm is led is cleared and tried again,
@@ -73,14 +76,17 @@ pub fn teach(
     session.stage(Stage::Home, 0, tour);
     campaign.travel(&mut session, "reach the home frame", &tour.home)?;
     let mut taught: Vec<Taught> = Vec::new();
+    let mut stands = (!tour.several_places()).then_some(0);
     for stop in &tour.stops {
-        if taught.iter().any(|t| t.sphere == stop.sphere) {
+        if taught.iter().any(|t| (t.sphere, t.place) == (stop.sphere, stop.place)) {
             continue;
         }
+        campaign.have_plate(&mut session, &mut stands, stop.place)?;
         session.stage(Stage::Teach, stop.sphere, tour);
         let joints = lead(assignment, &mut session, operator, stop.sphere)?;
         taught.push(Taught {
             sphere: stop.sphere,
+            place: stop.place,
             joints,
         });
     }

@@ -1,6 +1,6 @@
 //! Commands and their arguments.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 
@@ -47,7 +47,9 @@ pub enum Command {
     #[command(after_help = "Example: spherecal run --seed 2 --poses 60 --out second-arm")]
     Run(RunArgs),
     /// Plan the poses and say what they cost; writes plan.json.
-    #[command(after_help = "Example: spherecal plan --poses 60 --out small")]
+    #[command(
+        after_help = "Examples: spherecal plan --poses 60 --out small\n          spherecal plan --accuracy-mm 0.2"
+    )]
     Plan(RunArgs),
     /// Plan and measure into the database; nothing is identified.
     #[command(after_help = "Example: spherecal measure --out cell-4 && spherecal validate --out cell-4")]
@@ -99,6 +101,9 @@ pub struct RunArgs {
     /// Poses over all spheres.
     #[arg(long, value_name = "N", conflicts_with = "paper")]
     pub poses: Option<usize>,
+    /// As few poses as promise this mean error of the TCP, in mm.
+    #[arg(long, value_name = "MM", conflicts_with_all = ["poses", "paper"])]
+    pub accuracy_mm: Option<f64>,
     /// The paper's whole grid: 625 poses a sphere, as far as the arm reaches.
     #[arg(long)]
     pub paper: bool,
@@ -116,11 +121,20 @@ pub struct RunArgs {
     #[arg(long, value_name = "FILE.toml")]
     pub waypoints: Option<PathBuf>,
     /// Go on with the last run of --out, at the pose where it was.
-    #[arg(long, conflicts_with_all = ["poses", "paper", "config", "seed", "waypoints"])]
+    #[arg(long, conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "seed", "waypoints"])]
     pub resume: bool,
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
     pub json: bool,
+}
+
+/// The configuration of a file, or the defaults, with a seed of its own.
+fn base(file: Option<&Path>, seed: Option<u64>) -> Result<Config, JobError> {
+    let mut config = file.map(Config::read).transpose()?.unwrap_or_default();
+    if let Some(seed) = seed {
+        config.seed = seed;
+    }
+    Ok(config)
 }
 
 impl RunArgs {
@@ -129,13 +143,7 @@ impl RunArgs {
     /// # Errors
     /// A file or a value that cannot be used.
     pub fn configuration(&self) -> Result<Config, JobError> {
-        let mut config = match &self.config {
-            Some(path) => Config::read(path)?,
-            None => Config::default(),
-        };
-        if let Some(seed) = self.seed {
-            config.seed = seed;
-        }
+        let mut config = base(self.config.as_deref(), self.seed)?;
         if let Some(poses) = self.poses {
             if poses == 0 {
                 return Err(crate::job::ConfigError::Range {
@@ -146,6 +154,11 @@ impl RunArgs {
                 .into());
             }
             config.plan.poses = poses;
+            config.plan.paper = false;
+            config.plan.accuracy_mm = None;
+        }
+        if self.accuracy_mm.is_some() {
+            config.plan.accuracy_mm = self.accuracy_mm;
             config.plan.paper = false;
         }
         if self.paper {
@@ -199,13 +212,7 @@ impl PlantArgs {
     /// # Errors
     /// A file or a value that cannot be used.
     pub fn configuration(&self) -> Result<Config, JobError> {
-        let mut config = match &self.config {
-            Some(path) => Config::read(path)?,
-            None => Config::default(),
-        };
-        if let Some(seed) = self.seed {
-            config.seed = seed;
-        }
+        let config = base(self.config.as_deref(), self.seed)?;
         config.check()?;
         Ok(config)
     }

@@ -11,6 +11,7 @@
 mod args;
 mod exit;
 mod identify;
+mod person;
 mod plan;
 mod progress;
 mod robot;

@@ -21,6 +21,12 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     let path = args.out.join("plan.json");
     std::fs::write(&path, json + "\n").map_err(written)?;
     print!("{}", text::plan(&prepared.plan));
+    if let Some(wanted_mm) = prepared.config.plan.accuracy_mm {
+        println!(
+            "A mean error of {wanted_mm} mm takes {} poses.",
+            prepared.plan.recorded()
+        );
+    }
     println!(
         "\nFiles:\n  {}\n\nNext: spherecal measure, or spherecal run for the whole job.",
         path.display()

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use spherecal_shared::protocol::host::Phase;
 
-use crate::campaign::{Observer, Progress, Stage};
+use super::person::Person;
+use crate::campaign::{Moved, Observer, Progress, Stage};
 
 /// How often a line is written where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -19,6 +20,10 @@ pub(super) struct ProgressView {
     last_line: Instant,
     last_draw: Option<Instant>,
     device_s: f64,
+    /// Who can move the plate; nobody where nobody sits at a terminal.
+    person: Option<Person>,
+    /// The placement that was asked for.
+    asked: Option<u32>,
 }
 
 impl ProgressView {
@@ -43,6 +48,8 @@ impl ProgressView {
             last_line: now,
             last_draw: None,
             device_s: 0.0,
+            person: std::io::stdin().is_terminal().then(Person::default),
+            asked: None,
         }
     }
 
@@ -94,6 +101,7 @@ fn stage_name(stage: Stage) -> &'static str {
     match stage {
         Stage::Connect => "connect",
         Stage::Home => "home",
+        Stage::Plate => "plate",
         Stage::Teach => "teach",
         Stage::Approach => "approach",
         Stage::Couple => "couple",
@@ -147,6 +155,24 @@ impl Observer for ProgressView {
                 self.message(p)
             );
         }
+    }
+
+    fn plate(&mut self, place: u32) -> Moved {
+        let Some(person) = &mut self.person else {
+            return Moved::Nobody;
+        };
+        if self.asked != Some(place) {
+            self.asked = Some(place);
+            while person.entered() {}
+            self.bar.suspend(|| {
+                eprintln!(
+                    "The arm holds at home. Put the plate down in placement {} and press Enter.",
+                    place + 1
+                );
+            });
+            return Moved::NotYet;
+        }
+        if person.entered() { Moved::Yes } else { Moved::NotYet }
     }
 
     fn note(&mut self, text: &str) {

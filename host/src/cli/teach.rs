@@ -4,42 +4,15 @@
 //! every other link a person does, and says so by the Enter key.
 
 use std::collections::BTreeMap;
-use std::sync::mpsc::{Receiver, channel};
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::person::Person;
 use super::progress::ProgressView;
 use super::run::interrupt;
 use crate::campaign::Operator;
 use crate::job::{self, JobError};
 use crate::plan::Chain;
-
-/// A person at this terminal. The keyboard is read in a thread of its own, so
-/// that the arm's time never waits for it.
-#[derive(Default)]
-struct Person {
-    lines: Option<Receiver<()>>,
-}
-
-impl Person {
-    /// Whether a line was entered since the last call.
-    fn entered(&mut self) -> bool {
-        let lines = self.lines.get_or_insert_with(|| {
-            let (told, lines) = channel();
-            std::thread::spawn(move || {
-                let mut line = String::new();
-                // A closed stdin is no word of the operator.
-                while std::io::stdin().read_line(&mut line).is_ok_and(|count| count > 0) {
-                    if told.send(()).is_err() {
-                        break;
-                    }
-                }
-            });
-            lines
-        });
-        lines.try_recv().is_ok()
-    }
-}
 
 impl Operator for Person {
     fn lead(&mut self, sphere: u32) {
@@ -80,15 +53,18 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Done);
     }
     let chain = Chain::new(&prepared.robot, &prepared.tool)?;
-    let spheres: BTreeMap<u32, _> = prepared
+    let spheres: BTreeMap<(u32, u32), _> = prepared
         .plan
         .spheres
         .iter()
-        .map(|v| (v.sphere_id, v.position_m))
+        .map(|v| ((v.sphere_id, v.place), v.position_m))
         .collect();
     for waypoint in &taught.waypoint {
         let at = chain.pose(&waypoint.joints_rad).position;
-        let nominal = spheres.get(&waypoint.sphere).copied().unwrap_or_default();
+        let nominal = spheres
+            .get(&(waypoint.sphere, waypoint.place))
+            .copied()
+            .unwrap_or_default();
         let [x, y, z] = [0, 1, 2].map(|k| (at[k] - nominal[k]) * 1e3);
         println!(
             "sphere {}: taught at ({x:.1}, {y:.1}, {z:.1}) mm from its nominal centre",

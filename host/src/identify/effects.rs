@@ -6,9 +6,9 @@
 //! is wrong (`identification.md`).
 
 use super::error::IdentifyError;
-use super::map::Search;
 use super::normal::{Normal, Root, likelihoods};
 use super::parameters::Kind;
+use super::search::Search;
 use super::solve::{Posterior, Unknowns};
 
 /// Factors on compliance and bending that a robot may have over the priors: a

@@ -27,6 +27,7 @@ mod options;
 pub mod paper;
 pub mod parameters;
 pub(crate) mod rows;
+mod search;
 pub mod simplex;
 mod solve;
 

@@ -9,7 +9,9 @@ use spherecal_shared::procedure::{Procedure, ProcedureError};
 
 use crate::campaign;
 use crate::identify;
-use crate::plan::{CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, plan};
+use crate::plan::{
+    CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, design_for, plan,
+};
 use crate::plant::{PRESETS, PlantConfig, PlantError};
 
 /// The whole configuration.
@@ -56,6 +58,10 @@ pub struct PlanSection {
     pub poses: usize,
     /// The paper's whole grid by the paper's rules, whatever else is said here.
     pub paper: bool,
+    /// Mean TCP error that is asked for, in mm, base aligned: as few optimal
+    /// poses as promise it, in place of `poses`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accuracy_mm: Option<f64>,
     /// How the poses are chosen.
     pub choice: Choice,
     /// Contacts of an optimal plan at most, though never less than one of each
@@ -81,6 +87,7 @@ impl Default for PlanSection {
         Self {
             poses: 150,
             paper: false,
+            accuracy_mm: None,
             choice: Choice::Optimal,
             contacts: CONTACTS,
             patience: None,
@@ -101,7 +108,7 @@ impl PlanSection {
         if self.paper {
             return plan(cell, &PlanRequest::paper());
         }
-        if self.choice == Choice::Grid || self.poses == 0 {
+        if self.accuracy_mm.is_none() && (self.choice == Choice::Grid || self.poses == 0) {
             let request = PlanRequest {
                 grid: self.grid.clone(),
                 rules: self.rules,
@@ -109,7 +116,11 @@ impl PlanSection {
             };
             return plan(cell, &request);
         }
-        let default = DesignRequest::new(self.poses);
+        let default = DesignRequest::new(match self.accuracy_mm {
+            None => self.poses,
+            // The number is looked for; it sets how long the way to a pose may be.
+            Some(_) => Self::default().poses,
+        });
         let request = DesignRequest {
             contacts: self.contacts,
             patience: self.patience.unwrap_or(default.patience),
@@ -121,7 +132,10 @@ impl PlanSection {
             options: identify.clone(),
             ..default
         };
-        design(cell, &request)
+        match self.accuracy_mm {
+            None => design(cell, &request),
+            Some(wanted_mm) => design_for(cell, &request, wanted_mm),
+        }
     }
 }
 
@@ -280,6 +294,15 @@ impl Config {
                 field: "plan.poses",
                 value: self.plan.poses as f64,
                 remedy: "give at most 100000 poses",
+            });
+        }
+        if let Some(wanted) = self.plan.accuracy_mm
+            && !(wanted > 0.0 && self.plan.choice == Choice::Optimal)
+        {
+            return Err(ConfigError::Range {
+                field: "plan.accuracy_mm",
+                value: wanted,
+                remedy: "give a positive mean error in mm, with plan.choice = \"optimal\"",
             });
         }
         if let Some(patience) = self.plan.patience

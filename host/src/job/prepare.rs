@@ -8,7 +8,7 @@ use crate::campaign::{Stop, Tour, TourPose};
 use crate::identify::Sphere;
 use crate::link::{Drive, simulated_arm};
 use crate::plan::{self, Chain, Plan, PlatePose};
-use crate::plant::PlantConfig;
+use crate::plant::{PlacementConfig, PlantConfig};
 use crate::robots::{self, RobotModel};
 
 /// Everything that is known before the first motion.
@@ -78,7 +78,7 @@ fn known(config: &Config) -> Result<Known, JobError> {
         robot: model.robot.clone(),
         tool,
         spheres: certificate(&plant),
-        plates: vec![plate_pose(&plant)],
+        plates: plate_poses(&plant),
         approach_height_m: config.plan.approach_height_m,
         ..plan::Cell::iiwa7()
     };
@@ -122,23 +122,22 @@ fn certificate(plant: &PlantConfig) -> Vec<Sphere> {
         .collect()
 }
 
-/// Where the plate is meant to stand; where it does stand is the plant's affair.
-fn plate_pose(plant: &PlantConfig) -> PlatePose {
-    let [roll, pitch, yaw] = plant.plate.rpy_rad;
-    let rotation = Rotation3::from_euler_angles(roll, pitch, yaw);
-    let count = plant.plate.spheres_m.len().max(1) as f64;
-    let centroid = plant
-        .plate
-        .spheres_m
-        .iter()
-        .map(|s| Vector3::from(*s))
-        .sum::<Vector3<f64>>()
-        / count;
-    let q = UnitQuaternion::from_rotation_matrix(&rotation);
-    PlatePose {
-        centre_m: (Vector3::from(plant.plate.origin_m) + rotation * centroid).into(),
-        orientation: [q.w, q.i, q.j, q.k],
-    }
+/// Where the plate is meant to stand, in each placement; where it does stand is
+/// the plant's affair.
+fn plate_poses(plant: &PlantConfig) -> Vec<PlatePose> {
+    let spheres = &plant.plate.spheres_m;
+    let sum: Vector3<f64> = spheres.iter().map(|s| Vector3::from(*s)).sum();
+    let centroid = sum / spheres.len().max(1) as f64;
+    let pose = |placement: &PlacementConfig| {
+        let [roll, pitch, yaw] = placement.rpy_rad;
+        let rotation = Rotation3::from_euler_angles(roll, pitch, yaw);
+        let q = UnitQuaternion::from_rotation_matrix(&rotation);
+        PlatePose {
+            centre_m: (Vector3::from(placement.origin_m) + rotation * centroid).into(),
+            orientation: [q.w, q.i, q.j, q.k],
+        }
+    };
+    plant.plate.placements().iter().map(pose).collect()
 }
 
 /// The plan as the campaign takes it.
@@ -150,6 +149,7 @@ pub fn tour(plan: &Plan) -> Tour {
             .iter()
             .map(|visit| Stop {
                 sphere: visit.sphere_id,
+                place: visit.place,
                 over_home: visit.over_home,
                 approach: visit.approach.joints.clone(),
                 direction: visit.approach_direction,

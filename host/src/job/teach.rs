@@ -35,8 +35,15 @@ pub struct Waypoints {
 pub struct TaughtWaypoint {
     /// Id of the sphere.
     pub sphere: u32,
+    /// Placement of the plate, from 0.
+    #[serde(default, skip_serializing_if = "is_first")]
+    pub place: u32,
     /// Joint angles base to flange, in rad.
     pub joints_rad: Vec<f64>,
+}
+
+fn is_first(place: &u32) -> bool {
+    *place == 0
 }
 
 fn refused(what: String, remedy: &'static str) -> JobError {
@@ -94,9 +101,13 @@ impl Waypoints {
         let chain = Chain::new(robot, &prepared.tool)?;
         for visit in &mut prepared.plan.spheres {
             let sphere = visit.sphere_id;
-            let Some(waypoint) = self.waypoint.iter().find(|w| w.sphere == sphere) else {
+            let of = |w: &&TaughtWaypoint| (w.sphere, w.place) == (sphere, visit.place);
+            let Some(waypoint) = self.waypoint.iter().find(of) else {
                 return Err(refused(
-                    format!("sphere {sphere} has no waypoint"),
+                    format!(
+                        "sphere {sphere} has no waypoint in placement {} of the plate",
+                        visit.place + 1
+                    ),
                     "teach every sphere of the plan",
                 ));
             };
@@ -210,6 +221,7 @@ pub fn teach(
             .into_iter()
             .map(|t| TaughtWaypoint {
                 sphere: t.sphere,
+                place: t.place,
                 joints_rad: t.joints,
             })
             .collect(),

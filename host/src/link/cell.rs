@@ -81,6 +81,10 @@ impl Device for Cell {
         self.command = Some(command);
         Ok(())
     }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        self.drive.move_plate(place)
+    }
 }
 
 /// Whether this program can work with a drive, for a robot with `joints` joints.

@@ -73,6 +73,10 @@ impl<const N: usize> Drive for LedArm<N> {
         drop(talk);
         self.arm.exchange(command, state)
     }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        self.arm.move_plate(place)
+    }
 }
 
 /// A simulated arm at rest at `q` (rad) with an operator who leads the nest to

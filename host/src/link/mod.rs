@@ -116,6 +116,12 @@ pub trait Device {
     /// # Errors
     /// When controller, drive or a link between them fails for good.
     fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError>;
+
+    /// Moves the plate to one of its placements, from 0. Returns whether
+    /// something here can: of a real cell a person moves it.
+    fn move_plate(&mut self, _place: u32) -> bool {
+        false
+    }
 }
 
 /// The controller, wherever it runs: one control period at a time.
@@ -163,6 +169,11 @@ pub trait Drive: Send {
     /// none where drive and controller wait for each other.
     fn missed(&self) -> u32 {
         0
+    }
+
+    /// Moves the plate of a simulated cell, see [`Device::move_plate`].
+    fn move_plate(&mut self, _place: u32) -> bool {
+        false
     }
 
     /// What was received from the drive, where it is behind a wire.

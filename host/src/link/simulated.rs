@@ -76,6 +76,10 @@ impl<const N: usize> Drive for SimulatedArm<N> {
         state.status = DriveStatus::Ready;
         Ok(())
     }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        self.plant.move_plate(place)
+    }
 }
 
 fn fill<const N: usize>(joints: &mut spherecal_shared::Joints, values: &[f64; N]) {

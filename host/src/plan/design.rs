@@ -18,7 +18,7 @@ use super::types::{Accuracy, Plan};
 use crate::identify::rows::DesignModel;
 use crate::identify::{IdentifyError, Options};
 
-/// Poses over which the accuracy curve is computed at most.
+/// Poses at most that an asked accuracy may take.
 const LONGEST: usize = 400;
 /// Poses and candidates of each visit in the choice of visits.
 const SCOUT: (usize, usize) = (40, 60);
@@ -175,42 +175,72 @@ fn accuracy(design: &Design<'_>, request: &DesignRequest) -> Accuracy {
     }
 }
 
-/// The accuracy curve up to 400 poses or `wanted_mm`, whichever comes first,
-/// and with it the answer how many poses the asked mean error takes: the last
-/// item's, if it meets it.
+/// The plan with as few poses as a predicted mean error of `wanted_mm` takes
+/// ([`Accuracy::mean_mm`]); the number of poses in the request is not looked at.
+///
+/// The number is read off the growing design, then raised until the plan, which
+/// minds the way to each pose as the request says, keeps it.
 ///
 /// # Errors
-/// See [`design`].
-pub fn accuracy_curve(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Result<Vec<Accuracy>, PlanError> {
-    if wanted_mm.is_nan() || wanted_mm < 0.0 {
+/// See [`design`]; and [`PlanError::Accuracy`] where 400 poses are not enough.
+pub fn design_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Result<Plan, PlanError> {
+    if !(wanted_mm > 0.0) {
         return Err(PlanError::OutOfRange {
-            field: "wanted accuracy (mm)",
+            field: "accuracy_mm",
             value: wanted_mm,
             remedy: "give a positive mean error in mm",
         });
     }
+    let most = DesignRequest {
+        poses: LONGEST,
+        ..request.clone()
+    };
+    let mut poses = poses_for(cell, &most, wanted_mm)?;
+    loop {
+        let patience = request.patience * request.poses as f64 / poses as f64;
+        let plan = design(
+            cell,
+            &DesignRequest {
+                poses,
+                patience,
+                ..request.clone()
+            },
+        )?;
+        let promised = plan.promise.last().map_or(f64::INFINITY, |a| a.mean_mm);
+        if promised <= wanted_mm {
+            return Ok(plan);
+        }
+        if poses >= LONGEST {
+            return Err(PlanError::Accuracy {
+                wanted_mm,
+                poses,
+                best_mm: promised,
+            });
+        }
+        poses = (poses + poses.div_ceil(20)).min(LONGEST);
+    }
+}
+
+/// Poses after which a growing design promises the wanted mean error (mm).
+fn poses_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Result<usize, PlanError> {
     let ground = ground(cell, request)?;
     let mut design = ground.design(request);
-    let mut curve: Vec<Accuracy> = Vec::new();
-    for poses in 1..=LONGEST {
+    for poses in 1..=request.poses {
         design.grow(poses, |_| ());
         // The mean is somewhat under the root mean square, which is at hand.
         let maybe = design.root_mean_square(1.0 / request.options.noise.inflation) * 0.7e3 <= wanted_mm;
-        if maybe || worth_noting(poses) {
-            let now = accuracy(&design, request);
-            let met = now.mean_mm <= wanted_mm;
-            if met || worth_noting(poses) {
-                curve.push(now);
-            }
-            if met {
-                break;
-            }
+        if maybe && accuracy(&design, request).mean_mm <= wanted_mm {
+            return Ok(poses);
         }
         if design.chosen.len() < poses {
             break;
         }
     }
-    Ok(curve)
+    Err(PlanError::Accuracy {
+        wanted_mm,
+        poses: design.chosen.len(),
+        best_mm: accuracy(&design, request).mean_mm,
+    })
 }
 
 /// Predicted accuracy of a plan made in any way (the paper's grid, say).

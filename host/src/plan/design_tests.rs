@@ -41,19 +41,25 @@ fn sixty_chosen_poses_promise_more_than_the_papers_grid() {
     assert_eq!(designed, again);
 }
 
-// Fails if the answer to "how many poses" is not where the curve first meets
-// the asked accuracy.
+// Fails if the plan for an asked accuracy does not promise it, if far fewer poses
+// would do, or if an accuracy out of reach or senseless is promised.
 #[test]
-fn the_curve_says_how_many_poses_an_accuracy_takes() {
+fn an_asked_accuracy_says_how_many_poses_it_takes() {
     let cell = Cell::iiwa7();
     let mut request = quick(60);
     request.range.candidates = 400;
-    let curve = accuracy_curve(&cell, &request, 0.25).expect("a curve");
-    let last = curve.last().expect("not empty");
-    println!("{last:?}");
-    assert!(last.mean_mm <= 0.25 && last.poses > 10 && last.poses < 100);
-    assert!(curve[..curve.len() - 1].iter().all(|a| a.mean_mm > 0.25));
-    assert!(accuracy_curve(&cell, &request, f64::NAN).is_err());
+    let plan = design_for(&cell, &request, 0.25).expect("a plan");
+    let poses = plan.recorded();
+    println!("{poses} poses: {:?}", promised(&plan));
+    assert!(promised(&plan).mean_mm <= 0.25 && (10..100).contains(&poses));
+    let fewer = DesignRequest {
+        poses: poses * 3 / 4,
+        ..request.clone()
+    };
+    assert!(promised(&design(&cell, &fewer).expect("a plan")).mean_mm > 0.25);
+    let refused = design_for(&cell, &request, 0.01).expect_err("out of reach");
+    assert!(matches!(refused, PlanError::Accuracy { .. }), "{refused}");
+    assert!(design_for(&cell, &request, f64::NAN).is_err());
 }
 
 // Fails if more contacts are planned than allowed, a sphere is left out, a

@@ -35,6 +35,19 @@ pub enum PlanError {
     /// The model that accuracy is predicted with was refused.
     #[error("{0}")]
     Model(String),
+    /// No number of poses comes to the accuracy that was asked for.
+    #[error(
+        "a mean TCP error of {wanted_mm} mm is not to be expected of {poses} poses or fewer ({best_mm:.3} mm is): \
+         ask for less, move the plate to a second placement (plant.plate.moved), or allow wider poses (plan.range)"
+    )]
+    Accuracy {
+        /// Mean error that was asked for, in mm.
+        wanted_mm: f64,
+        /// The most poses that were considered.
+        poses: usize,
+        /// What they promise, in mm.
+        best_mm: f64,
+    },
     /// The arm cannot come to a sphere at all.
     #[error(
         "sphere {sphere} at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm in F0: {obstacle}; move the plate nearer to the middle of the arm's reach"

@@ -37,7 +37,7 @@ pub use build::{PlanRequest, home, paper_plan, plan, spread_plan};
 pub use candidates::Range;
 pub use cell::{Cell, PlatePose};
 pub use chain::{Chain, TcpPose, quaternion, rotation_of};
-pub use design::{CONTACTS, DesignRequest, accuracy_curve, design, predicted_accuracy};
+pub use design::{CONTACTS, DesignRequest, design, design_for, predicted_accuracy};
 pub use error::PlanError;
 pub use grid::{Grid, GridPose};
 pub use ik::IK_TOLERANCE;

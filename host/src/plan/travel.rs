@@ -129,7 +129,9 @@ pub(super) fn tour(cell: &Cell, chain: &Chain, home: &Waypoint, visits: &[&Visit
         };
         s as f32
     };
-    let order = round_trip(n, cost);
+    let mut order = round_trip(n, cost);
+    // The plate is moved once to each of its placements.
+    order.sort_by_key(|k| visits[*k].place);
     let mut before = n;
     order
         .into_iter()

@@ -144,7 +144,12 @@ impl PlantConfig {
             (1..=super::world::MAX_SPHERES).contains(&count),
             "one to eight spheres",
         )?;
-        for value in p.origin_m.iter().chain(p.spheres_m.iter().flatten()) {
+        let placements = p.placements();
+        for value in placements
+            .iter()
+            .flat_map(|m| &m.origin_m)
+            .chain(p.spheres_m.iter().flatten())
+        {
             require(
                 "plate.origin_m/spheres_m",
                 *value,
@@ -152,7 +157,7 @@ impl PlantConfig {
                 "in m, within 5 m",
             )?;
         }
-        for value in p.rpy_rad {
+        for value in placements.iter().flat_map(|m| m.rpy_rad) {
             require("plate.rpy_rad", value, value.abs() <= 7.0, "angles are in rad")?;
         }
         require(

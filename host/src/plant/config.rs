@@ -76,6 +76,30 @@ pub struct PlateConfig {
     pub placement_sigma_m: f64,
     /// Standard deviation of the placement's rotation, each axis, in rad. Default: 5 mrad, the same.
     pub placement_sigma_rad: f64,
+    /// Where the plate is moved to afterwards, one placement after the other;
+    /// nowhere by default, as in the paper.
+    pub moved: Vec<PlacementConfig>,
+}
+
+/// Nominal pose of the plate, once moved.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlacementConfig {
+    /// Nominal origin (sphere 1) in F0, in m.
+    pub origin_m: [f64; 3],
+    /// Nominal roll, pitch, yaw (about x, then y, then z, fixed axes), in rad.
+    pub rpy_rad: [f64; 3],
+}
+
+impl PlateConfig {
+    /// Nominal pose in F0 of every placement, the first one first.
+    pub fn placements(&self) -> Vec<PlacementConfig> {
+        let first = PlacementConfig {
+            origin_m: self.origin_m,
+            rpy_rad: self.rpy_rad,
+        };
+        std::iter::once(first).chain(self.moved.iter().copied()).collect()
+    }
 }
 
 /// Trihedral nest with a magnet (Section 2.2: a cube corner of three planes).

@@ -4,7 +4,8 @@
 
 use nalgebra::{SVector, Vector3};
 
-use super::simulation::Plant;
+use super::draw::draw_spheres;
+use super::simulation::{Plant, centroid_of};
 
 /// A flat obstacle for the TCP: a half-space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +43,19 @@ impl<const N: usize> Plant<N> {
     /// Switches the magnet off (lost while coupled) or on again.
     pub fn set_magnet(&mut self, on: bool) {
         self.magnet_on = on;
+    }
+
+    /// Moves the plate with its spheres to another of its placements, from 0;
+    /// returns whether there is such a one.
+    pub fn move_plate(&mut self, place: u32) -> bool {
+        let Some(plate) = self.world.plates.get(place as usize) else {
+            return false;
+        };
+        self.world.plate = *plate;
+        self.world.spheres = draw_spheres(&self.config, plate);
+        self.sphere_homes.clone_from(&self.world.spheres);
+        self.centroid = centroid_of(&self.world.spheres);
+        true
     }
 
     /// Takes sphere `index` (from 0) away. Does nothing for an index that is not there.

@@ -6,7 +6,7 @@ use nalgebra::{Rotation3, Vector3};
 use rand::RngExt;
 use spherecal_shared::robot::{Arm, Frame, Inertia, Robot, Tool};
 
-use super::config::PlantConfig;
+use super::config::{PlacementConfig, PlantConfig};
 use super::error::PlantError;
 use super::world::{JointError, MAX_SPHERES, Stream, Tone, between, normal, normal3, rpy, stream};
 
@@ -99,16 +99,20 @@ pub(super) fn draw_masses(robot: &mut Robot, tool: &mut Tool, config: &PlantConf
     scale(&mut tool.body, 1.0 + sign * size);
 }
 
-pub(super) fn draw_plate(config: &PlantConfig) -> Frame<f64> {
+/// True pose of the plate in F0 in each of its placements.
+pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Frame<f64>> {
     let p = &config.plate;
-    let mut rotation = rpy(p.rpy_rad);
-    let mut origin = Vector3::from(p.origin_m);
-    if p.placement_error {
-        let mut rng = stream(config.seed, Stream::Placement);
-        origin += normal3(&mut rng) * p.placement_sigma_m;
-        rotation = Rotation3::new(normal3(&mut rng) * p.placement_sigma_rad).into_inner() * rotation;
-    }
-    Frame { rotation, origin }
+    let mut rng = stream(config.seed, Stream::Placement);
+    let place = |nominal: &PlacementConfig| {
+        let mut rotation = rpy(nominal.rpy_rad);
+        let mut origin = Vector3::from(nominal.origin_m);
+        if p.placement_error {
+            origin += normal3(&mut rng) * p.placement_sigma_m;
+            rotation = Rotation3::new(normal3(&mut rng) * p.placement_sigma_rad).into_inner() * rotation;
+        }
+        Frame { rotation, origin }
+    };
+    p.placements().iter().map(place).collect()
 }
 
 pub(super) fn draw_spheres(

@@ -43,7 +43,7 @@ pub mod tracker;
 mod truth;
 pub mod world;
 
-pub use config::PlantConfig;
+pub use config::{PlacementConfig, PlantConfig};
 pub use disturb::{Obstacle, TorqueSensorFault};
 pub use error::PlantError;
 pub use hand::Hand;

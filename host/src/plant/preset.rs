@@ -30,6 +30,7 @@ impl Default for PlateConfig {
             placement_error: true,
             placement_sigma_m: 2e-3,
             placement_sigma_rad: 5e-3,
+            moved: Vec::new(),
         }
     }
 }

@@ -42,7 +42,7 @@ pub struct Plant<const N: usize> {
     pub(super) bend: Vector3<f64>,
     seat: Vector3<f64>,
     coupling: Coupling,
-    centroid: Vector3<f64>,
+    pub(super) centroid: Vector3<f64>,
     pub(super) hand_force: Vector3<f64>,
     pub(super) hand_moment: Vector3<f64>,
     pub(super) disturbance: SVector<f64, N>,
@@ -51,6 +51,12 @@ pub struct Plant<const N: usize> {
     pub(super) payload_kg: f64,
     pub(super) session: TrackerSession,
     pub(super) tracker_rng: ChaCha8Rng,
+}
+
+/// Centroid of the sphere centres that are there, over the number of all.
+pub(super) fn centroid_of(spheres: &[Option<Vector3<f64>>]) -> Vector3<f64> {
+    let sum: Vector3<f64> = spheres.iter().flatten().sum();
+    sum / spheres.len().max(1) as f64
 }
 
 impl<const N: usize> Plant<N> {
@@ -104,10 +110,7 @@ impl<const N: usize> Plant<N> {
             *q,
         );
         let spheres: heapless::Vec<_, MAX_SPHERES> = world.spheres.clone();
-        let mut centroid = Vector3::zeros();
-        for centre in spheres.iter().flatten() {
-            centroid += centre / spheres.len() as f64;
-        }
+        let centroid = centroid_of(&spheres);
         let settle = config.compliance.settling_s;
         let mut plant = Self {
             nest: Nest::new(&config.nest, &config.plate),

@@ -11,7 +11,7 @@ use rand_distr::StandardNormal;
 use spherecal_shared::robot::{Arm, Dynamics, Frame, Robot, Tool};
 
 use super::config::PlantConfig;
-use super::draw::{draw_geometry, draw_joint_errors, draw_masses, draw_plate, draw_spheres};
+use super::draw::{draw_geometry, draw_joint_errors, draw_masses, draw_plates, draw_spheres};
 use super::error::PlantError;
 
 /// Most spheres of a plate.
@@ -126,6 +126,8 @@ pub struct World<const N: usize> {
     pub rotor: [f64; N],
     /// Bias of the torque sensors, in N m.
     pub torque_bias: [f64; N],
+    /// The same in each of its placements.
+    pub(super) plates: Vec<Frame<f64>>,
     pub(super) errors: [JointError; N],
     quadratic: f64,
     hysteresis: f64,
@@ -161,7 +163,8 @@ impl<const N: usize> World<N> {
             nominal.joints.get(i).map_or(0.0, |j| j.rotor_kg_m2) + visible
         });
         let arm = Arm::new(&robot, &tool)?;
-        let plate = draw_plate(config);
+        let plates = draw_plates(config);
+        let plate = plates.first().copied().unwrap_or_else(Frame::identity);
         let c = &config.compliance;
         let switch = |value: f64| if c.enabled { value } else { 0.0 };
         let mut rng = stream(seed, Stream::Compliance);
@@ -189,6 +192,7 @@ impl<const N: usize> World<N> {
             tool,
             spheres: draw_spheres(config, &plate),
             plate,
+            plates,
             compliance,
             coulomb,
             viscous,

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::{Event, Phase, Sample};
 
 use super::writer::{TelemetryError, TelemetrySample, TelemetryWriter};
-use crate::campaign::{Observer, Progress};
+use crate::campaign::{Moved, Observer, Progress};
 use crate::link::Arrival;
 
 /// How much of a contact is kept before and after its trigger, in µs.
@@ -195,6 +195,10 @@ impl<O: Observer> Observer for Chronicle<O> {
 
     fn note(&mut self, text: &str) {
         self.inner.note(text);
+    }
+
+    fn plate(&mut self, place: u32) -> Moved {
+        self.inner.plate(place)
     }
 }
 

@@ -1,0 +1,200 @@
+//! One search for the mode: Gauss-Newton steps, robust weights and the noise's
+//! scale, each at the state that the last step left.
+//!
+//! [`map`](super::map) says which columns are searched and in what order;
+//! [`effects`](super::effects) adds what the data may decide on the way.
+
+use nalgebra::DVector;
+
+use super::chain::{Prepared, State};
+use super::error::IdentifyError;
+use super::normal::{Group, Normal, Whitening, accumulate, distances, gradient, likelihoods};
+use super::options::Options;
+use super::parameters::{Layout, Parameter};
+use super::solve::{Posterior, Unknowns};
+
+/// A search has settled when a step is shorter than this, in posterior standard
+/// deviations (all parameters together).
+pub(super) const SETTLED: f64 = 0.1;
+
+/// Student-t weights for three-dimensional residuals; 1 where `nu` is 0.
+fn weights(d2: &[f64], s2: f64, nu: f64) -> Vec<f64> {
+    if nu <= 0.0 {
+        return vec![1.0; d2.len()];
+    }
+    d2.iter().map(|d| (nu + 3.0) / (nu + d / s2)).collect()
+}
+
+/// Noise variance by the Student-t likelihood, `effective` parameters taken off.
+pub(crate) fn scale(d2: &[f64], effective: f64, nu: f64, start: f64) -> f64 {
+    let freedom = (3.0 * d2.len() as f64 - effective).max(1.0);
+    let mut s2 = start;
+    for _ in 0..if nu > 0.0 { 12 } else { 1 } {
+        let sum: f64 = weights(d2, s2, nu).iter().zip(d2).map(|(w, d)| w * d).sum();
+        s2 = (sum / freedom).max(1e-8);
+    }
+    s2
+}
+
+/// Start value of the noise variance that gross errors cannot move.
+fn median_scale(d2: &[f64]) -> f64 {
+    let mut sorted = d2.to_vec();
+    let middle = sorted.len() / 2;
+    if sorted.is_empty() {
+        return 1.0;
+    }
+    let (_, median, _) = sorted.select_nth_unstable_by(middle, f64::total_cmp);
+    // Median of chi-square with three degrees of freedom.
+    (*median / 2.366).max(1e-8)
+}
+
+/// Candidates for the shape of the noise, as factors on the part that does not
+/// come through the joints: joint noise rules, both count, seating rules.
+const SHAPES: [f64; 3] = [1.0, 10.0, 100.0];
+/// Gain in log likelihood that another shape must show.
+const SHAPE_GAIN: f64 = 8.0;
+
+/// A search in progress: one set of columns on one set of poses.
+pub(super) struct Search<'a> {
+    pub(super) layout: &'a Layout,
+    pub(super) table: &'a [Parameter],
+    pub(super) prepared: &'a [Prepared],
+    pub(super) groups: &'a [Group],
+    pub(super) whitening: Whitening,
+    pub(super) state: State,
+    pub(super) unknowns: Unknowns,
+    pub(super) weights: Vec<f64>,
+    /// Noise variance, as a factor on the whitening.
+    pub(super) s2: f64,
+    pub(super) effective: f64,
+    /// Degrees of freedom of the Student-t weights; 0 for least squares.
+    pub(super) nu: f64,
+    pub(super) options: &'a Options,
+}
+
+impl Search<'_> {
+    /// Normal equations at the state.
+    pub(super) fn equations(&self) -> Normal {
+        accumulate(
+            &self.state,
+            self.layout,
+            self.prepared,
+            self.groups,
+            &self.whitening,
+            &self.weights,
+        )
+    }
+
+    /// The gradient at the state, beside the matrix of an earlier one.
+    pub(super) fn renew(&self, normal: &mut Normal) {
+        normal.gradient = gradient(
+            &self.state,
+            self.layout,
+            self.prepared,
+            self.groups,
+            &self.whitening,
+            &self.weights,
+        );
+    }
+
+    pub(super) fn advance(&mut self, step: &DVector<f64>) {
+        for (i, &column) in self.unknowns.columns.iter().enumerate() {
+            self.state.add(self.table[column].kind, step[i]);
+            self.unknowns.deviation[i] += step[i];
+        }
+        self.state.refresh();
+    }
+
+    /// One Gauss-Newton step, then noise and weights at the new state. Returns
+    /// the step's length in posterior standard deviations.
+    pub(super) fn step(&mut self, normal: &Normal, count_parameters: bool) -> Result<f64, IdentifyError> {
+        let posterior = Posterior::new(normal, &self.unknowns, self.s2)?;
+        let (step, decrement) = posterior.step(normal, &self.unknowns, self.s2);
+        self.advance(&step);
+        if count_parameters {
+            self.effective = posterior.effective(&self.unknowns);
+        }
+        self.reweight()?;
+        Ok(decrement.max(0.0).sqrt())
+    }
+
+    /// Noise scale and robust weights at the state.
+    pub(super) fn reweight(&mut self) -> Result<(), IdentifyError> {
+        let nu = self.nu;
+        let d2 = distances(&self.state, self.layout, self.prepared, &self.whitening);
+        if !d2.iter().sum::<f64>().is_finite() {
+            return Err(IdentifyError::Diverged { rms_mm: f64::INFINITY });
+        }
+        if self.options.noise.estimate {
+            let start = if self.effective > 0.0 {
+                self.s2
+            } else {
+                median_scale(&d2)
+            };
+            self.s2 = scale(&d2, self.effective, nu, start);
+        }
+        self.weights = weights(&d2, self.s2, nu);
+        Ok(())
+    }
+
+    /// Fits geometry alone, from the nominal state or from where it stands. The
+    /// matrix is made at the first two states, as it hardly changes afterwards;
+    /// the gradient at every one, so that the answer does not depend on that.
+    /// Returns the first and the last equations.
+    pub(super) fn settle(&mut self, most: usize) -> Result<(Normal, Normal), IdentifyError> {
+        let first = self.equations();
+        self.step(&first, false)?;
+        let mut normal = self.equations();
+        let mut before = f64::INFINITY;
+        for k in 1..most {
+            let moved = self.step(&normal, false)?;
+            if moved < SETTLED || k + 1 == most {
+                break;
+            }
+            if moved > 0.5 * before {
+                normal = self.equations();
+            } else {
+                self.renew(&mut normal);
+            }
+            before = moved;
+        }
+        self.renew(&mut normal);
+        Ok((first, normal))
+    }
+
+    /// Takes the shape of the noise that the residuals speak for, if they speak
+    /// clearly; says whether it changed.
+    pub(super) fn choose_shape(&mut self) -> Result<bool, IdentifyError> {
+        if !self.options.noise.estimate {
+            return Ok(false);
+        }
+        let candidates = SHAPES.map(|factor| Whitening {
+            seating: self.whitening.seating * factor * factor,
+            point: self.whitening.point * factor * factor,
+            ..self.whitening
+        });
+        let nu = self.nu;
+        let found = likelihoods(&self.state, self.layout, self.prepared, &candidates, nu);
+        let best = (0..found.len()).max_by(|a, b| found[*a].total_cmp(&found[*b]));
+        match best {
+            Some(best) if found[best] > found[0] + SHAPE_GAIN => {
+                self.whitening = candidates[best];
+                self.reweight()?;
+                Ok(true)
+            }
+            _ => Ok(false),
+        }
+    }
+}
+
+/// Unknowns of `table`, standing where `other` (a part of the same table) stands.
+pub(super) fn joined(table: &[Parameter], other: &[Parameter], unknowns: &Unknowns) -> Unknowns {
+    let mut all = Unknowns::new(table);
+    for (i, &column) in all.columns.iter().enumerate() {
+        let kind = table[column].kind;
+        if let Some(at) = unknowns.columns.iter().position(|&c| other[c].kind == kind) {
+            all.deviation[i] = unknowns.deviation[at];
+        }
+    }
+    all
+}

@@ -1,0 +1,99 @@
+//! A plate that is moved: planned, asked for, measured and identified in two
+//! placements, each with its own unknown pose.
+
+use std::collections::BTreeSet;
+use std::sync::atomic::AtomicBool;
+
+use spherecal::campaign::{Assignment, CampaignError, Options, Silent, run};
+use spherecal::job::{Config, Link, Prepared, Site, evaluate, measure, prepare, read, summarise, tour};
+use spherecal::link::{Cell, Device, LinkError, controller_in_process, simulated_arm};
+use spherecal::store::Store;
+use spherecal_tests::tour::Memory;
+
+/// Two placements: the paper's, and one 120 mm to the side, 100 mm higher and turned.
+fn two_places() -> Prepared {
+    let mut config = Config::default();
+    config.plan.poses = 60;
+    config.plan.range.candidates = 700;
+    let first = config.plant().expect("the preset").plate;
+    let [x, y, z] = first.origin_m;
+    let [roll, pitch, yaw] = first.rpy_rad;
+    let moved = toml::toml! {
+        [[moved]]
+        origin_m = [0.0, 0.0, 0.0]
+        rpy_rad = [0.0, 0.0, 0.0]
+    };
+    let mut plate = moved;
+    plate["moved"][0]["origin_m"] = vec![x, y + 0.12, z + 0.10].into();
+    plate["moved"][0]["rpy_rad"] = vec![roll, pitch, yaw + 0.3].into();
+    config.plant.insert("plate".to_owned(), plate.into());
+    prepare(&config).expect("a plan")
+}
+
+// Fails if a placement is left out, if the plate is moved to and fro, if a pose
+// of either is not recorded, or if two placements, of which each brings six
+// unknowns more, do not calibrate.
+#[test]
+fn two_placements_calibrate_the_arm() {
+    let prepared = two_places();
+    let places: Vec<u32> = prepared.plan.spheres.iter().map(|v| v.place).collect();
+    assert!(places.is_sorted() && places.contains(&1), "{places:?}");
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut store = Store::create_or_open(&folder.path().join("calibration.db")).expect("a database");
+    let site = Site {
+        link: &Link::Sim,
+        folder: folder.path(),
+        store: &mut store,
+        observer: &mut Silent,
+        interrupt: &AtomicBool::new(false),
+    };
+    measure(&prepared, site, None).expect("measured");
+    let info = store.require_last_run().expect("a run");
+    let measurements = read(&mut store, &info).expect("stored");
+    assert_eq!(measurements.recordings.len(), 60);
+    assert!(measurements.faults.is_empty(), "{:?}", measurements.faults);
+    let evaluation = evaluate(&measurements).expect("identified");
+    let summary = summarise(&measurements, &evaluation).expect("summarised");
+    let error = |model: &str| summary.validation.models[model].best_fit.mean_mm;
+    println!("sphere {:.3} mm, nominal {:.3} mm", error("sphere"), error("nominal"));
+    assert!(error("sphere") < 0.15 * error("nominal"));
+}
+
+/// A cell whose plate only a person can move.
+struct Real(Cell);
+
+impl Device for Real {
+    fn now_us(&self) -> u64 {
+        self.0.now_us()
+    }
+
+    fn ticks(&self) -> u64 {
+        self.0.ticks()
+    }
+
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.0.step(down, up)
+    }
+}
+
+// Fails if a campaign goes on, or waits for ever, where nobody can move the plate.
+#[test]
+fn nobody_to_move_the_plate_is_said() {
+    let prepared = two_places();
+    let tour = tour(&prepared.plan);
+    let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &tour.home).expect("a plant");
+    let cell = Cell::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
+    let assignment = Assignment {
+        robot: &prepared.robot,
+        tool: &prepared.tool,
+        procedure: &prepared.config.procedure,
+        tour: &tour,
+        done: &BTreeSet::new(),
+        options: Options::default(),
+    };
+    let stop = AtomicBool::new(false);
+    let (_, result) = run(&assignment, &mut Real(cell), &mut Memory::default(), &mut Silent, &stop);
+    let error = result.expect_err("nobody is there");
+    assert!(matches!(error, CampaignError::Plate { place: 0 }), "{error}");
+    assert!(error.to_string().contains("placement 1"), "{error}");
+}
