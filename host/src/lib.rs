@@ -13,6 +13,7 @@
 
 pub mod campaign;
 pub mod cli;
+pub mod export;
 pub mod identify;
 pub mod input;
 pub mod job;

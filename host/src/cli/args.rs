@@ -4,7 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 
+use super::doctor::DoctorArgs;
+use super::export::ExportArgs;
 use super::identify::IdentifyArgs;
+use super::shell::{CompletionsArgs, ManArgs};
 use crate::job::{self, Config, JobError, Link, Prepared, Waypoints};
 use crate::worlds::World;
 
@@ -66,6 +69,10 @@ pub enum Command {
     /// Write all files of the last run of --out anew.
     #[command(after_help = "Example: spherecal report --out cell-4")]
     Report(StoredArgs),
+    /// Write a run as tables: Parquet or CSV.
+    #[command(after_help = "Example: spherecal export --csv --out cell-4 && \
+                            spherecal identify --robot iiwa7 --data cell-4/tables/poses.csv")]
+    Export(ExportArgs),
     /// List, show or convert robots.
     Robot(RobotArgs),
     /// Offer the simulated arm to any controller over the drive link (docs/drive-link.md).
@@ -87,9 +94,20 @@ pub enum Command {
         after_help = "Examples: spherecal worlds --world W0 --world W3 --seeds 4\n          spherecal worlds --plan"
     )]
     Worlds(WorldsArgs),
-    /// Print the configuration, every field with its value.
-    #[command(after_help = "Example: spherecal config --print > cell.toml")]
+    /// Print the configuration: every field, what it is, and its value.
+    #[command(after_help = "Example: spherecal config --print > cell.toml && spherecal run --config cell.toml")]
     Config(ConfigArgs),
+    /// Say what this machine has and lacks, and what to do about it.
+    #[command(after_help = "Example: spherecal doctor --json | jq .checks")]
+    Doctor(DoctorArgs),
+    /// Print the completions of a shell.
+    #[command(
+        after_help = "Example: spherecal completions bash > ~/.local/share/bash-completion/completions/spherecal"
+    )]
+    Completions(CompletionsArgs),
+    /// Print the manual page, or write one for each command.
+    #[command(after_help = "Example: spherecal man --out ~/.local/share/man/man1")]
+    Man(ManArgs),
 }
 
 /// Arguments of everything that plans or measures.
@@ -114,7 +132,7 @@ pub struct RunArgs {
     /// Folder of the database and of all results.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
-    /// Configuration; it names only what differs from the defaults.
+    /// Configuration; it names only what differs from the defaults (`spherecal config --print` has them all).
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
     /// Begin the descents where `spherecal teach` found the spheres.
@@ -288,10 +306,10 @@ pub struct WorldsArgs {
 /// Arguments of `config`.
 #[derive(Args, Clone, Debug)]
 pub struct ConfigArgs {
-    /// Print it (the only thing to do with it so far).
+    /// Print it; without this it is only checked.
     #[arg(long)]
     pub print: bool,
-    /// Configuration to complete.
+    /// Configuration to check or complete.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
 }
@@ -309,13 +327,20 @@ pub struct RobotArgs {
 pub enum RobotAction {
     /// List the built-in robots.
     #[command(after_help = "Example: spherecal robot list")]
-    List,
+    List {
+        /// Print one JSON document on stdout and nothing else.
+        #[arg(long)]
+        json: bool,
+    },
     /// Show a robot: table, limits, masses, tool.
     #[command(after_help = "Example: spherecal robot show arm.urdf")]
     Show {
         /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK for the chain to that link.
         #[arg(value_name = "NAME|FILE")]
         robot: String,
+        /// Print one JSON document on stdout and nothing else.
+        #[arg(long)]
+        json: bool,
     },
     /// Convert a robot; the extension of TO says to what: .toml, .urdf or .yaml.
     #[command(after_help = "Example: spherecal robot convert arm.urdf arm.toml")]

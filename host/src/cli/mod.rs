@@ -9,7 +9,9 @@
 //! but the result is not to be trusted.
 
 mod args;
+mod doctor;
 mod exit;
+mod export;
 mod identify;
 mod person;
 mod plan;
@@ -17,11 +19,13 @@ mod progress;
 mod robot;
 mod run;
 mod servers;
+mod shell;
 mod stages;
 mod studies;
 mod teach;
 mod text;
 
+use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -43,12 +47,16 @@ pub fn main() -> ExitCode {
         Some(Command::Identify(args)) => identify::run(&args),
         Some(Command::Validate(args)) => stages::validate(&args),
         Some(Command::Report(args)) => stages::report(&args),
+        Some(Command::Export(args)) => export::run(&args),
         Some(Command::Robot(args)) => robot::run(&args),
         Some(Command::Plant(args)) => servers::plant(&args),
         Some(Command::Controller(args)) => servers::controller(&args),
         Some(Command::Reproduce(args)) => studies::reproduce(&args),
         Some(Command::Worlds(args)) => studies::worlds(&args),
         Some(Command::Config(args)) => stages::config(&args),
+        Some(Command::Doctor(args)) => doctor::run(&args),
+        Some(Command::Completions(args)) => shell::completions(&args),
+        Some(Command::Man(args)) => shell::man(&args),
     };
     match result {
         Ok(exit) => exit.into(),
@@ -61,6 +69,12 @@ pub fn main() -> ExitCode {
 
 fn console_name() -> &'static str {
     "spherecal"
+}
+
+/// Whether stderr is coloured: on a terminal, unless `NO_COLOR` is set or it is a dumb one.
+fn colour() -> bool {
+    let set = |name| std::env::var_os(name).is_some_and(|value: std::ffi::OsString| !value.is_empty());
+    std::io::stderr().is_terminal() && !set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
 }
 
 /// Logs go to stderr; `SPHERECAL_LOG` or `-v` says how much.
@@ -76,6 +90,7 @@ fn log_to_stderr(verbose: u8) {
     let _ = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
+        .with_ansi(colour())
         .with_target(false)
         .try_init();
 }

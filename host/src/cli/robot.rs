@@ -12,16 +12,40 @@ use crate::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_ur
 /// Does what was asked.
 pub(super) fn run(args: &RobotArgs) -> Result<Exit, CliError> {
     match &args.action {
-        RobotAction::List => {
-            for name in BUILT_IN {
-                let joints = robots::built_in(name).map_or(0, |m| m.robot.dof());
-                println!("{name:10} {joints} joints");
-            }
-        }
-        RobotAction::Show { robot } => show(&robots::load(robot)?),
+        RobotAction::List { json } => list(*json),
+        RobotAction::Show { robot, json: false } => show(&robots::load(robot)?),
+        RobotAction::Show { robot, json: true } => println!("{:#}", document(&robots::load(robot)?)),
         RobotAction::Convert { robot, to } => convert(&robots::load(robot)?, to)?,
     }
     Ok(Exit::Done)
+}
+
+fn list(json: bool) {
+    let robots: Vec<_> = BUILT_IN
+        .iter()
+        .map(|name| (name, robots::built_in(name).map_or(0, |m| m.robot.dof())))
+        .collect();
+    if json {
+        let robots: Vec<_> = robots
+            .iter()
+            .map(|(name, joints)| serde_json::json!({ "name": name, "joints": joints }))
+            .collect();
+        println!("{:#}", serde_json::json!({ "robots": robots }));
+    } else {
+        for (name, joints) in robots {
+            println!("{name:10} {joints} joints");
+        }
+    }
+}
+
+/// A robot for programs: SI units, in the fields' names.
+fn document(model: &RobotModel) -> serde_json::Value {
+    serde_json::json!({
+        "name": model.robot.name.as_str(),
+        "convention": "modified Denavit-Hartenberg; Hayati's beta about y where consecutive axes are near parallel",
+        "joints": model.robot.joints,
+        "tool": model.tool,
+    })
 }
 
 fn show(model: &RobotModel) {

@@ -59,16 +59,16 @@ pub(super) fn report(args: &StoredArgs) -> Result<Exit, CliError> {
 
 /// `spherecal config`
 pub(super) fn config(args: &ConfigArgs) -> Result<Exit, CliError> {
-    let mut config = match &args.config {
+    let config = match &args.config {
         Some(path) => Config::read(path)?,
         None => Config::default(),
     };
     config.check()?;
-    // The plant's section, too, with every field stated.
-    let mut plant = toml::Table::try_from(config.plant()?).map_err(CliError::job)?;
-    plant.remove("seed");
-    config.plant = plant;
-    print!("{}", config.to_toml()?);
+    if args.print {
+        print!("{}", config.to_documented_toml()?);
+    } else {
+        println!("The configuration is good; --print shows it.");
+    }
     Ok(Exit::Done)
 }
 

@@ -13,6 +13,7 @@
 
 mod bound;
 mod config;
+mod document;
 mod error;
 mod evaluate;
 mod laser;

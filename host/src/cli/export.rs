@@ -1,0 +1,53 @@
+//! `spherecal export`: a run as tables.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::exit::{CliError, Exit};
+use crate::export::{ExportError, Format, export};
+use crate::store::Store;
+
+/// Arguments of `export`.
+#[derive(Args, Clone, Debug)]
+pub struct ExportArgs {
+    /// Write Parquet (the default).
+    #[arg(long, conflicts_with = "csv")]
+    pub parquet: bool,
+    /// Write CSV.
+    #[arg(long)]
+    pub csv: bool,
+    /// Folder of the run; the tables come into `tables` in it.
+    #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
+    pub out: PathBuf,
+    /// Number of the run; the last if none is given.
+    #[arg(long, value_name = "N")]
+    pub run: Option<i64>,
+}
+
+/// `spherecal export`
+pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
+    let mut store = Store::open(&args.out.join("calibration.db"))?;
+    let last = store.require_last_run()?.run;
+    let run = args.run.unwrap_or(last);
+    if !store.runs()?.iter().any(|info| info.run == run) {
+        return Err(CliError::input(format!(
+            "{}: has no run {run}: give one from 1 to {last}",
+            store.path().display()
+        )));
+    }
+    let format = if args.csv { Format::Csv } else { Format::Parquet };
+    // The telemetry in the folder is that of the last run.
+    let telemetry = args.out.join("telemetry.mcap");
+    let telemetry = (run == last && telemetry.exists()).then_some(telemetry);
+    let files =
+        export(&mut store, run, telemetry.as_deref(), format, &args.out.join("tables")).map_err(|e| match e {
+            ExportError::Store(e) => CliError::from(e),
+            ExportError::Telemetry { .. } => CliError::input(e),
+            ExportError::Write { .. } => CliError::job(e),
+        })?;
+    for file in files {
+        println!("{}", file.display());
+    }
+    Ok(Exit::Done)
+}

@@ -1,0 +1,67 @@
+//! `spherecal completions` and `spherecal man`: what shells and readers of
+//! manuals expect, made from the same description as the command line itself.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, CommandFactory as _};
+use clap_complete::Shell;
+
+use super::args::Cli;
+use super::exit::{CliError, Exit};
+use crate::job::JobError;
+
+/// Arguments of `completions`.
+#[derive(Args, Clone, Debug)]
+pub struct CompletionsArgs {
+    /// The shell.
+    #[arg(value_name = "SHELL")]
+    pub shell: Shell,
+}
+
+/// Arguments of `man`.
+#[derive(Args, Clone, Debug)]
+pub struct ManArgs {
+    /// Write one page for each command into this folder, instead of the main page to stdout.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// `spherecal completions`
+pub(super) fn completions(args: &CompletionsArgs) -> Result<Exit, CliError> {
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut Cli::command(), "spherecal", &mut script);
+    print_bytes(&script)
+}
+
+/// `spherecal man`
+pub(super) fn man(args: &ManArgs) -> Result<Exit, CliError> {
+    let Some(folder) = &args.out else {
+        let mut page = Vec::new();
+        let mut command = Cli::command().disable_help_subcommand(true);
+        command.build();
+        clap_mangen::Man::new(command)
+            .render(&mut page)
+            .map_err(CliError::job)?;
+        return print_bytes(&page);
+    };
+    std::fs::create_dir_all(folder).map_err(|source| unwritten(folder, source))?;
+    clap_mangen::generate_to(Cli::command(), folder).map_err(|source| unwritten(folder, source))?;
+    println!("{}", folder.join("spherecal.1").display());
+    Ok(Exit::Done)
+}
+
+/// A reader that has gone (`| head`) is no failure.
+fn print_bytes(bytes: &[u8]) -> Result<Exit, CliError> {
+    match std::io::stdout().lock().write_all(bytes) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(CliError::job(error)),
+        _ => Ok(Exit::Done),
+    }
+}
+
+fn unwritten(folder: &Path, source: std::io::Error) -> JobError {
+    JobError::Write {
+        path: folder.display().to_string(),
+        source,
+    }
+}
