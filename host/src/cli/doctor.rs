@@ -10,7 +10,7 @@ use std::process::Command;
 use clap::Args;
 use serde::Serialize;
 
-use super::exit::{CliError, Exit};
+use super::exit::Exit;
 use crate::link::qemu::find_image;
 
 /// The Cortex-M7's Rust target.
@@ -53,7 +53,7 @@ struct Check {
 }
 
 /// `spherecal doctor`
-pub(super) fn run(args: &DoctorArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &DoctorArgs) -> Exit {
     let checks = [
         folder(&args.out),
         room(&args.out),
@@ -81,7 +81,7 @@ pub(super) fn run(args: &DoctorArgs) -> Result<Exit, CliError> {
     } else {
         print!("{}", text(&checks));
     }
-    Ok(if healthy { Exit::Done } else { Exit::Failed })
+    if healthy { Exit::Done } else { Exit::Failed }
 }
 
 fn text(checks: &[Check]) -> String {

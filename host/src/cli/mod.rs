@@ -54,7 +54,7 @@ pub fn main() -> ExitCode {
         Some(Command::Reproduce(args)) => studies::reproduce(&args),
         Some(Command::Worlds(args)) => studies::worlds(&args),
         Some(Command::Config(args)) => stages::config(&args),
-        Some(Command::Doctor(args)) => doctor::run(&args),
+        Some(Command::Doctor(args)) => Ok(doctor::run(&args)),
         Some(Command::Completions(args)) => shell::completions(&args),
         Some(Command::Man(args)) => shell::man(&args),
     };
