@@ -203,6 +203,15 @@ proptest! {
     }
 }
 
+/// Fails if a sphere that the fit never touched is judged where two others cannot
+/// say it is: the plate may turn about the line through them.
+#[test]
+fn a_sphere_that_was_never_touched_is_judged_by_its_scatter() {
+    let found = holdout(&few(30), &Options::default(), &Split::Sphere).expect("good data");
+    assert!(found.error_mm.is_none(), "{found:?}");
+    assert!(found.figure_mm().is_some_and(|mm| mm > 0.0 && mm < 2.0), "{found:?}");
+}
+
 /// Fails if a model that fits better and predicts worse is kept, or if the default
 /// one is refused on data that it serves.
 #[test]

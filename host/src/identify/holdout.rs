@@ -7,7 +7,7 @@
 //! about each sphere's mean and the distances between those means are what can
 //! be judged; otherwise the error itself is judged too.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -41,7 +41,7 @@ pub struct Part {
     /// Observations left out.
     pub count: usize,
     /// Mean distance of the prediction from the target, in mm, where the fit
-    /// knows the frame of the target.
+    /// knows the frame of the target and, of a plate, the sphere.
     pub error_mm: Option<f64>,
     /// Mean distance of the predictions from their mean at each sphere, in mm
     /// (contacts only).
@@ -167,7 +167,7 @@ pub fn holdout(experiment: &Experiment, options: &Options, split: &Split) -> Res
         options.model
     };
     let (of, names) = parts(experiment, split)?;
-    let used: std::collections::BTreeSet<usize> = (0..of.len())
+    let used: BTreeSet<usize> = (0..of.len())
         .filter(|&i| experiment.observations[i].set == Set::Calibrate)
         .map(|i| of[i])
         .collect();
@@ -227,12 +227,17 @@ fn predict(
     let nominal = Nominal::new(&experiment.robot, &experiment.tool);
     let calibrate = |i: usize| wanted(i) && experiment.observations[i].set == Set::Calibrate;
     let prepared = prepare(experiment, &layout, &nominal, options.torque, calibrate)?;
-    let known: Vec<_> = fitted.prepared.iter().map(|p| p.reference).collect();
+    let seen: BTreeSet<_> = fitted.prepared.iter().map(|p| (p.reference, p.sphere)).collect();
+    // A sphere that the fit never touched is where the plate says, if three
+    // others say where the plate is: about the line through two it may turn.
+    let known = |reference: usize, sphere: Option<usize>| {
+        seen.contains(&(reference, sphere)) || seen.iter().filter(|s| s.0 == reference && s.1.is_some()).count() >= 3
+    };
     let mut tcps: BTreeMap<(usize, usize), Vec<Vector3<f64>>> = BTreeMap::new();
     sums.count = prepared.len();
     for observation in &prepared {
         let tcp = fitted.state.evaluate(&observation.q, &observation.load).tcp;
-        if known.contains(&observation.reference) {
+        if known(observation.reference, observation.sphere) {
             sums.errors
                 .push(fitted.state.residual(observation, &tcp).norm() * 1000.0);
         }
