@@ -129,7 +129,7 @@ pub(super) fn evaluate(out: &std::path::Path, store: &mut Store, info: &RunInfo)
 const CONTACT_TRACES: &str = "contact_traces";
 
 /// The force traces of a run's contacts that are stored; none where there are none.
-fn contact_traces(store: &mut Store, run: i64) -> Result<Vec<Trace>, CliError> {
+pub(super) fn contact_traces(store: &mut Store, run: i64) -> Result<Vec<Trace>, CliError> {
     let stored = store.result(run, CONTACT_TRACES)?;
     Ok(stored
         .and_then(|json| serde_json::from_str(&json).ok())

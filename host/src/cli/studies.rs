@@ -2,6 +2,7 @@
 
 use super::args::{ReproduceArgs, WorldsArgs};
 use super::exit::{CliError, Exit};
+use super::run::contact_traces;
 use crate::job;
 use crate::reproduce::{Recordings, reproduce as study};
 use crate::store::Store;
@@ -27,7 +28,12 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
         let mut store = Store::open(&database)?;
         let info = store.require_last_run()?;
         eprintln!("recordings: run {} in {}", info.run, database.display());
-        Recordings::from(&job::read(&mut store, &info)?)
+        let mut recordings = Recordings::from(&job::read(&mut store, &info)?);
+        if let Some(trace) = contact_traces(&mut store, info.run)?.first() {
+            let since = |&(time_s, force_n): &(f64, f64)| (time_s - trace.trigger_s, force_n);
+            recordings.contact_force = trace.samples.iter().map(since).collect();
+        }
+        recordings
     };
     if recordings.validation.is_empty() {
         return Err(CliError::input(
