@@ -28,10 +28,9 @@ pub fn hold(
     let chosen: BTreeSet<usize> = (0..places)
         .map(|k| (2 * k + 1) * recorded / (2 * places).max(1))
         .collect();
-    let mut number = 0;
-    for pose in tour.stops.iter_mut().flat_map(|s| &mut s.poses).filter(|p| p.record) {
+    let poses = tour.stops.iter_mut().flat_map(|s| &mut s.poses);
+    for (number, pose) in poses.filter(|p| p.record).enumerate() {
         pose.record = chosen.contains(&number);
-        number += 1;
     }
     let mut procedure = prepared.config.procedure;
     procedure.record.samples = hold_ticks;
