@@ -14,6 +14,7 @@
 pub mod campaign;
 pub mod cli;
 pub mod export;
+pub mod hold;
 pub mod identify;
 pub mod input;
 pub mod job;

@@ -62,9 +62,12 @@ pub struct Law {
     /// Pole of the momentum observer, in 1/s.
     pub observer_rad_s: f64,
     /// Gain of the torque loop: gear friction and rotor inertia are felt
-    /// smaller by `1 + gain`. 0 for a drive whose own torque loop does it.
+    /// smaller by `1 + gain`. 0 for a drive whose own torque loop does it. With
+    /// 4, 1 to 2 N m of dry friction left more nests beside the sphere.
     pub torque_loop_gain: f64,
-    /// Corner of the torque loop's low-pass, in rad/s.
+    /// Corner of the torque loop's low-pass, in rad/s. Below what a light joint
+    /// with a heavy rotor swings at (60 rad/s) the loop's lag drives it: at 30
+    /// joint 7 ran into its speed limit.
     pub torque_loop_rad_s: f64,
     /// Largest correction of the torque loop, in N m.
     pub torque_loop_nm: f64,
@@ -80,7 +83,7 @@ impl Default for Law {
             stiffness_ramp_s: 0.10,
             torque_rate_nm_s: 4000.0,
             observer_rad_s: 60.0,
-            torque_loop_gain: 4.0,
+            torque_loop_gain: 6.0,
             torque_loop_rad_s: 60.0,
             torque_loop_nm: 20.0,
         }
@@ -141,6 +144,10 @@ pub struct Approach {
     pub contact_speed_m_s: f64,
     /// Travel of the arm without contact after which the sphere is missed, in m.
     pub travel_m: f64,
+    /// How fast the force across the approach grows that keeps the arm on its
+    /// line against joint friction, in N/(m s), until something is felt; 0 for
+    /// none. The spring of 50 N/m alone may be held 30 mm beside.
+    pub line_n_m_s: f64,
 }
 
 impl Default for Approach {
@@ -155,6 +162,7 @@ impl Default for Approach {
             tare_limit_n: 12.0,
             contact_speed_m_s: 0.010,
             travel_m: 0.080,
+            line_n_m_s: 100.0,
         }
     }
 }
@@ -167,6 +175,16 @@ pub struct Couple {
     pub stiffness_n_m: f64,
     /// Time of the hold, in s.
     pub hold_s: f64,
+    /// Searches that a nest is given which is found loose by the test pull.
+    pub searches: u32,
+    /// Push of a search along the approach, in N: the planes of the nest turn
+    /// it into a force towards the sphere's centre.
+    pub search_n: f64,
+    /// Force that circles across the approach meanwhile, at its largest, in N:
+    /// it breaks friction loose.
+    pub search_across_n: f64,
+    /// Time of a search, in s.
+    pub search_s: f64,
 }
 
 impl Default for Couple {
@@ -174,6 +192,10 @@ impl Default for Couple {
         Self {
             stiffness_n_m: 5.0,
             hold_s: 5.0,
+            searches: 2,
+            search_n: 12.0,
+            search_across_n: 5.0,
+            search_s: 3.0,
         }
     }
 }
@@ -409,8 +431,13 @@ impl Procedure {
             ("approach.tare_limit_n", a.tare_limit_n, 0.0, 100.0),
             ("approach.contact_speed_m_s", a.contact_speed_m_s, 1e-4, 0.25),
             ("approach.travel_m", a.travel_m, 0.001, 0.5),
+            ("approach.line_n_m_s", a.line_n_m_s, 0.0, 250.0),
             ("couple.stiffness_n_m", self.couple.stiffness_n_m, 0.0, k),
             ("couple.hold_s", self.couple.hold_s, 0.0, 60.0),
+            ("couple.searches", f64::from(self.couple.searches), 0.0, 10.0),
+            ("couple.search_n", self.couple.search_n, 0.0, 25.0),
+            ("couple.search_across_n", self.couple.search_across_n, 0.0, 15.0),
+            ("couple.search_s", self.couple.search_s, 0.1, 60.0),
             ("turn.stiffness_n_m", self.turn.stiffness_n_m, 0.0, k),
             ("turn.speed_rad_s", self.turn.speed_rad_s, 0.01, 2.0),
             ("turn.acceleration_rad_s2", self.turn.acceleration_rad_s2, 0.01, 20.0),

@@ -3,7 +3,7 @@
     pip install mujoco
     python tests/python/mujoco_speed.py       (prints JSON: microseconds a step of 0.25 ms)
 
-Compare with `cargo bench -p spherecal --bench plant`, whose tick is four such steps.
+`scripts/speed` times it and our plant in one run; a tick of ours is four such steps.
 """
 import json
 import time
@@ -20,7 +20,7 @@ def pose(m, d, q):
     return d.site("tcp").xpos.copy()
 
 
-def timed(seated, coulomb, steps=40_000):
+def timed(seated, coulomb, steps=40_000, rounds=5):
     q = np.array([0.0, 0.55, 0.0, -1.70, 0.0, np.pi - 0.55 - 1.70, 0.0])
     bare = mujoco.MjModel.from_xml_string(model(rows(), 2.5e-4, "Euler"))
     data = mujoco.MjData(bare)
@@ -31,7 +31,7 @@ def timed(seated, coulomb, steps=40_000):
     )
     best = np.inf
     contacts = 0
-    for _ in range(5):
+    for _ in range(rounds):
         d = mujoco.MjData(m)
         d.qpos[:] = q
         d.ctrl[:] = hold

@@ -4,15 +4,24 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
+use spherecal::campaign::{Stop, Trace, Waypoints};
 use spherecal::plant::PlantConfig;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Event, Fault, Phase};
+use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 use spherecal_tests::rig::{Rig, SEED, down, nominal, solve};
 
 /// Yaw of the tool at which the wrist is far from its limits over the plate.
 const YAW: f64 = std::f64::consts::PI;
 /// Approaches over both presets.
 const APPROACHES: u64 = 500;
+/// Descents to one sphere, as many as the campaign makes by default.
+const ATTEMPTS: u32 = 3;
+
+/// Least share that seats at the first try, in percent.
+const SEATED_PERCENT: f64 = 99.5;
+/// Limit of the true contact force at any time, in N.
+const PEAK_N: f64 = 250.0;
 
 /// What one approach came to.
 #[derive(Debug, Default)]
@@ -23,7 +32,7 @@ struct Outcome {
     seated: bool,
     /// Fault of the first try.
     fault: Option<Fault>,
-    /// Seated at the second try.
+    /// Seated at a later try.
     retried: bool,
     /// Coupled or recorded without being seated, and nothing said so.
     silent: bool,
@@ -73,6 +82,27 @@ fn attempt(rig: &mut Rig, direction: Vector3<f64>, outcome: &mut Outcome) -> boo
     false
 }
 
+/// After a fault: lets go of the sphere and says what the fault was and where
+/// the next descent begins, by what the host knows.
+fn retreat(rig: &mut Rig, waypoints: &Waypoints, stop: &Stop, missed: &mut u32) -> (Option<Fault>, [f64; 7]) {
+    let mut latest = rig.events.iter().rev();
+    let fault = latest.find_map(|e| if let Event::Fault(f) = e { Some(f.fault) } else { None });
+    let contact = latest.find_map(|e| if let Event::Contact(c) = e { Some(c) } else { None });
+    let arm = nominal();
+    let tcp = arm.tcp_frame(&arm.frames(&rig.plant.sensed().q)).origin;
+    let last = Trace::new(contact, Some([tcp.x as f32, tcp.y as f32, tcp.z as f32]));
+    let mut from = stop.approach.clone();
+    if fault.is_some_and(Waypoints::helps) {
+        *missed += 1;
+        from = waypoints.retry(stop, *missed, &last);
+    }
+    rig.run(300);
+    rig.controller.command(Command::ClearFault).expect("a fault to clear");
+    rig.controller.command(Command::Decouple).expect("a sphere to leave");
+    rig.run_until(Phase::Idle, 10_000);
+    (fault, from.try_into().expect("seven joints"))
+}
+
 /// Approach number `k`: waypoint up to 10 mm beside, direction and tool tilted by
 /// up to 5 degrees; a retry after a fault, as the campaign does.
 fn approach(k: u64) -> Outcome {
@@ -97,16 +127,24 @@ fn approach(k: u64) -> Outcome {
     rig.run(300);
     let mut outcome = Outcome::default();
     let mut coupled = attempt(&mut rig, direction, &mut outcome);
-    if coupled {
-        outcome.seated = rig.plant.truth().seated == Some(0);
-    } else {
-        outcome.fault = rig
-            .events
-            .iter()
-            .find_map(|e| if let Event::Fault(f) = e { Some(f.fault) } else { None });
-        rig.run(1_000);
-        rig.controller.command(Command::ClearFault).expect("a fault to clear");
-        coupled = rig.run_until(Phase::Idle, 10_000) && rig.move_to(&q) && attempt(&mut rig, direction, &mut outcome);
+    outcome.seated = coupled && rig.plant.truth().seated == Some(0);
+    // As the campaign does: let go, and descend from beside the waypoint.
+    let waypoints = Waypoints::new(&iiwa7(), &iiwa7_tool());
+    let stop = Stop {
+        sphere: 1,
+        over_home: true,
+        approach: q.to_vec(),
+        direction: direction.into(),
+        poses: Vec::new(),
+    };
+    let mut missed = 0;
+    for _ in 1..ATTEMPTS {
+        if coupled {
+            break;
+        }
+        let (fault, from) = retreat(&mut rig, &waypoints, &stop, &mut missed);
+        outcome.fault = outcome.fault.or(fault);
+        coupled = rig.move_to(&from) && attempt(&mut rig, direction, &mut outcome);
         outcome.retried = coupled && rig.plant.truth().seated == Some(0);
     }
     if coupled {
@@ -120,16 +158,15 @@ fn approach(k: u64) -> Outcome {
 }
 
 // Fails if a trigger fires before anything is touched, if anything is coupled or
-// recorded unseated, if what does not seat ends otherwise than in a fault with a
-// name, or if fewer nests seat at the first try than stated: 99.5 % on the typical
-// arm, and what was reached on the harsh one (80 %; the aim is 99.5 % there too:
-// its friction holds the nest beside the sphere, and the same try again ends alike).
-// The peak is the magnet snapping the pads onto the sphere, for a few milliseconds.
+// recorded unseated, if fewer than 99.5 % seat at the first try on either arm, or
+// if one that does not ends otherwise than in a fault with a name and a retry
+// that seats. The peak is the magnet snapping the pads onto the sphere, for a few
+// milliseconds; its limit is PEAK_N.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: run in release")]
 fn slow_five_hundred_approaches() {
     let outcomes: Vec<Outcome> = (0..APPROACHES).into_par_iter().map(approach).collect();
-    for (preset, first, least_percent, peak_n) in [("typical", 0, 99.5, 130.0), ("harsh", 1, 75.0, 200.0)] {
+    for (preset, first) in [("typical", 0), ("harsh", 1)] {
         let own: Vec<&Outcome> = outcomes.iter().skip(first).step_by(2).collect();
         let count = |f: &dyn Fn(&Outcome) -> bool| own.iter().filter(|o| f(o)).count();
         let (false_triggers, seated, silent) =
@@ -150,11 +187,11 @@ fn slow_five_hundred_approaches() {
         );
         assert_eq!((false_triggers, silent), (0, 0), "{preset}");
         assert!(
-            own.iter().all(|o| o.seated || o.fault.is_some()),
-            "{preset}: an end without a name"
+            own.iter().all(|o| o.seated || (o.fault.is_some() && o.retried)),
+            "{preset}: an end without a name, or a retry in vain"
         );
         let percent = 100.0 * seated as f64 / own.len() as f64;
-        assert!(percent >= least_percent, "{preset}: {percent} % seated");
-        assert!(peak[2] < peak_n, "{preset}: {} N", peak[2]);
+        assert!(percent >= SEATED_PERCENT, "{preset}: {percent} % seated");
+        assert!(peak[2] < PEAK_N, "{preset}: {} N", peak[2]);
     }
 }

@@ -8,9 +8,12 @@ use spherecal::link::{Cell, controller_in_process, simulated_arm};
 use spherecal::plant::PlantConfig;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::Fault;
-use spherecal_shared::robot::{iiwa7, iiwa7_tool};
-use spherecal_tests::tour::{Memory, tour};
+use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
+use spherecal_tests::tour::{Memory, solve, tour};
 
+/// How far a waypoint is off that ends beside the sphere, in m: the nest's body
+/// ends 42 mm from its axis.
+const WRONG_M: f64 = 0.043;
 /// Turns of the tool about each sphere, in rad.
 const TURNS: [f64; 3] = [0.0, 0.15, -0.1];
 
@@ -129,4 +132,26 @@ fn a_resumed_campaign_records_what_is_missing() {
     result.expect("the campaign ends well");
     let order: Vec<_> = memory.recordings.iter().map(|r| (r.sphere, r.pose)).collect();
     assert_eq!(order, [(2, 0), (2, 2)]);
+}
+
+// Fails if a nest that lands beside a sphere is not brought onto it from beside
+// its waypoint: the waypoint of sphere 1 is so far off that the same descent
+// would end beside the sphere again.
+#[test]
+fn a_retry_begins_beside_a_waypoint_that_was_wrong() {
+    let config = PlantConfig::typical();
+    let mut tour = tour(&config, &[0], &TURNS);
+    let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("an arm");
+    let from: [f64; 7] = tour.stops[0].approach.as_slice().try_into().expect("seven joints");
+    let start = arm.tcp_frame(&arm.frames(&from));
+    let aside = start.origin + start.rotation.column(0) * WRONG_M;
+    tour.stops[0].approach = solve(&arm, aside, start.rotation, from).to_vec();
+    let (memory, outcome, result) = campaign(&config, &tour, &BTreeSet::new());
+    result.expect("the campaign ends well");
+    assert_eq!(memory.recordings.len(), 3);
+    let faults: Vec<_> = outcome.faults.iter().map(|f| f.fault).collect();
+    assert!(
+        !faults.is_empty() && faults.iter().all(|f| matches!(f, Fault::NotSeated | Fault::NoContact)),
+        "{faults:?}"
+    );
 }

@@ -12,6 +12,12 @@ use crate::motion::LineMove;
 /// Time for the observer to settle before the tare is taken, in s.
 const SETTLE_S: f64 = 0.3;
 
+/// Estimated contact force at which the arm no longer corrects its line, in N.
+const FELT_N: f64 = 2.0;
+/// Largest force that keeps the arm on its line, in N: what 2 N m of friction
+/// at the wrist may hold against it.
+const LINE_N: f64 = 10.0;
+
 /// At rest, averaging the observer's wrench.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Taring {
@@ -50,6 +56,8 @@ pub struct Approaching {
     start: Vector3<f64>,
     line: LineMove,
     trigger: ContactTrigger,
+    /// Force that keeps the arm on its line, F0, in N.
+    keeping: Vector3<f64>,
 }
 
 impl Approaching {
@@ -66,7 +74,24 @@ impl Approaching {
             start: task.setpoint.position,
             line,
             trigger: ContactTrigger::default(),
+            keeping: Vector3::zeros(),
         }
+    }
+
+    /// Grows the force that brings the arm back to its line; keeps it once
+    /// something is felt, so that the sphere may push the nest aside.
+    fn keep_line<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) {
+        if (env.wrench.force - task.tare.force).norm() > FELT_N {
+            return;
+        }
+        let error = task.setpoint.position - env.snapshot.tcp.origin;
+        let across = error - task.direction * error.dot(&task.direction);
+        self.keeping += across * (env.procedure.approach.line_n_m_s * env.period_s);
+        let size = self.keeping.norm();
+        if size > LINE_N {
+            self.keeping *= LINE_N / size;
+        }
+        task.setpoint.feed_forward = task.compensation(self.keeping);
     }
 
     /// One tick.
@@ -75,6 +100,7 @@ impl Approaching {
         let (displacement, velocity) = self.line.step(env.period_s);
         task.setpoint.position = self.start + displacement;
         task.setpoint.velocity.fixed_rows_mut::<3>(0).copy_from(&velocity);
+        self.keep_line(env, task);
 
         let tcp = env.snapshot.tcp.origin;
         let travel = (tcp - self.start).dot(&task.direction);

@@ -1,5 +1,7 @@
 //! Coupling: 5 N/m for 5 s while the magnet seats the nest; then a test pull
-//! that a seated nest resists and a loose one does not.
+//! that a seated nest resists and a loose one does not. A nest that is found
+//! loose, because friction of the joints holds it beside the sphere, is pushed
+//! on while a force circles across the approach, and tested again.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Coupled, Event, Fault};
@@ -10,34 +12,73 @@ use crate::contact::SeatingWatch;
 /// Farthest that the nest may wander while the magnet seats it, in m: half
 /// the taught error of 10 mm more than that error.
 const WANDER_M: f64 = 0.015;
+/// Farthest that a search may carry it, in m: across the cone of the nest.
+const SEARCH_M: f64 = 0.035;
+/// Turns a second of the force that circles in a search.
+const CIRCLES_HZ: f64 = 1.0;
 
-/// Soft hold after contact.
+/// Soft hold after contact, or a search.
 #[derive(Clone, Copy, Debug)]
-pub struct Coupling;
+pub struct Coupling {
+    /// Searches made, this one included.
+    searches: u32,
+}
 
 impl Coupling {
     /// Re-latches the setpoint to the measured pose and goes soft.
     pub fn new<const N: usize>(env: &Env<'_, N>, task: &mut Task<N>) -> Self {
         task.relatch(env.snapshot, env.snapshot.tcp.rotation);
         task.soften(env, env.procedure.couple.stiffness_n_m);
-        Self
+        Self { searches: 0 }
+    }
+
+    /// The force of a search at the present time: a push along the approach
+    /// that rises, stays and falls, and a growing circle across it.
+    fn search<const N: usize>(env: &Env<'_, N>, task: &Task<N>) -> Vector3<f64> {
+        let couple = &env.procedure.couple;
+        let share = (env.elapsed_s / couple.search_s).min(1.0);
+        let envelope = (4.0 * share).min(1.0).min(4.0 * (1.0 - share));
+        let along = &task.direction;
+        let reference = if along.z.abs() > 0.9 {
+            Vector3::x()
+        } else {
+            Vector3::z()
+        };
+        let x = along.cross(&reference);
+        let x = x / x.norm();
+        let y = along.cross(&x);
+        let (sine, cosine) = libm::sincos(core::f64::consts::TAU * CIRCLES_HZ * env.elapsed_s);
+        let circle = (x * cosine + y * sine) * (couple.search_across_n * share);
+        (along * couple.search_n + circle) * envelope
     }
 
     /// One tick.
     pub fn step<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+        let couple = &env.procedure.couple;
+        let (most, time_s) = if self.searches == 0 {
+            (WANDER_M, couple.hold_s)
+        } else {
+            (SEARCH_M, couple.search_s)
+        };
         let wander = (env.snapshot.tcp.origin - task.contact).norm();
-        if wander > WANDER_M {
-            return Next::fail(Fault::NotSeated, wander, WANDER_M);
+        if wander > most {
+            return Next::fail(Fault::NotSeated, wander, most);
         }
-        if env.elapsed_s < env.procedure.couple.hold_s {
+        if env.elapsed_s < time_s {
+            if self.searches > 0 {
+                task.setpoint.position = env.snapshot.tcp.origin;
+                task.setpoint.feed_forward = task.compensation(Self::search(env, task));
+            }
             return Next::Stay;
         }
+        task.setpoint.feed_forward = task.compensation(Vector3::zeros());
         task.setpoint.position = env.snapshot.tcp.origin;
         task.watch = SeatingWatch::new(env.snapshot.tcp.origin);
         Next::Enter(
             Activity::Verifying(Verifying {
                 start: env.snapshot.tcp.origin,
                 moved: 0.0,
+                searches: self.searches,
             }),
             None,
         )
@@ -49,6 +90,7 @@ impl Coupling {
 pub struct Verifying {
     start: Vector3<f64>,
     moved: f64,
+    searches: u32,
 }
 
 impl Verifying {
@@ -59,6 +101,13 @@ impl Verifying {
         self.moved = self.moved.max((tcp - self.start).norm());
         if self.moved > seating.test_m {
             task.setpoint.feed_forward = task.compensation(Vector3::zeros());
+            if self.searches < env.procedure.couple.searches {
+                task.setpoint.position = tcp;
+                let search = Coupling {
+                    searches: self.searches + 1,
+                };
+                return Next::Enter(Activity::Coupling(search), None);
+            }
             return Next::fail(Fault::NotSeated, self.moved, seating.test_m);
         }
         if env.elapsed_s < seating.test_s {

@@ -15,7 +15,8 @@
 //! Algorithm 2: greet, configure, home; for each sphere: approach frame,
 //! approach, couple; poses, each only when the recording of the last is stored;
 //! decouple, home. After a fault, Section 6: clear it, decouple, move away,
-//! couple again and go on at the pose where it was; after so many attempts in
+//! couple again, from beside the waypoint where the nest did not find its seat
+//! ([`Waypoints`]), and go on at the pose where it was; after so many attempts in
 //! vain, stop with a typed reason. The campaign sees only the host link: no
 //! plant, no truth.
 
@@ -23,6 +24,7 @@ mod error;
 mod observe;
 mod outcome;
 mod procedure;
+mod retry;
 mod session;
 mod teach;
 
@@ -35,8 +37,9 @@ pub use error::{CampaignError, remedy};
 pub use observe::{Moved, Observer, Progress, Silent, Stage, TelemetrySummary};
 pub use outcome::{Outcome, Rejected};
 pub use procedure::run;
+pub use retry::{Trace, Waypoints};
 pub use session::{Journal, JournalError, Session};
-pub use teach::{Operator, Taught, teach};
+pub use teach::{Nowhere, Operator, Taught, teach};
 
 /// What is to be visited.
 #[derive(Clone, Debug, PartialEq)]

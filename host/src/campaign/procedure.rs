@@ -8,6 +8,7 @@ use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultRep
 
 use super::observe::{Observer, Stage};
 use super::outcome::{Outcome, Rejected};
+use super::retry::{Trace, Waypoints};
 use super::session::{Journal, Session, Waited};
 use super::{Assignment, CampaignError, Stop, TourPose};
 use crate::link::Device;
@@ -66,6 +67,7 @@ pub(super) struct Campaign<'a> {
     done: BTreeSet<(u32, u32)>,
     rejected: Vec<Rejected>,
     recorded: usize,
+    waypoints: Waypoints,
 }
 
 impl<'a> Campaign<'a> {
@@ -76,6 +78,7 @@ impl<'a> Campaign<'a> {
             done: assignment.done.clone(),
             rejected: Vec::new(),
             recorded: 0,
+            waypoints: Waypoints::new(assignment.robot, assignment.tool),
         }
     }
 
@@ -171,15 +174,25 @@ impl<'a> Campaign<'a> {
         let tour = self.assignment.tour;
         let mut in_vain = 0;
         let mut failures: BTreeMap<u32, u32> = BTreeMap::new();
+        let mut approach = stop.approach.clone();
+        // Descents in a row that did not find the seat.
+        let mut missed = 0;
         loop {
             session.stage(Stage::Approach, stop.sphere, tour);
-            self.travel(session, "reach the approach frame", &stop.approach)?;
+            self.travel(session, "reach the approach frame", &approach)?;
             let before = self.recorded;
+            let contacts = session.contacts.len();
             let (report, pose) = match self.attempt(session, stop)? {
                 AtSphere::Finished => return Ok(()),
                 AtSphere::Fault(report, pose) => (report, pose),
             };
             in_vain = if self.recorded > before { 1 } else { in_vain + 1 };
+            if Waypoints::helps(report.fault) {
+                missed += 1;
+                let contact = session.contacts.get(contacts..).and_then(<[_]>::last);
+                let last = Trace::new(contact, session.sample.map(|s| s.tcp_m));
+                approach = self.waypoints.retry(stop, missed, &last);
+            }
             session.note(&format!(
                 "sphere {}: {:?} while {:?}; recovering",
                 stop.sphere, report.fault, report.phase
@@ -231,8 +244,9 @@ impl<'a> Campaign<'a> {
             s.coupled
                 .filter(|c| c.sphere == stop.sphere && s.phase == Phase::Coupled)
         };
-        if let Waited::Fault(report) = session.wait("touch and couple", limit, coupled)? {
-            return Ok(AtSphere::Fault(report, None));
+        match session.wait("touch and couple", limit, coupled)? {
+            Waited::Got(coupled) => self.waypoints.seated(stop, &coupled),
+            Waited::Fault(report) => return Ok(AtSphere::Fault(report, None)),
         }
 
         session.stage(Stage::Poses, stop.sphere, tour);

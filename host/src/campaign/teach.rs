@@ -42,8 +42,9 @@ pub struct Taught {
     pub joints: Vec<f64>,
 }
 
-/// Nothing that happens while teaching is kept but the waypoints.
-struct Nowhere;
+/// A journal of what need not be kept: teaching, and studies that listen.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Nowhere;
 
 impl Journal for Nowhere {
     fn append(&mut self, _: &[Arrival]) -> Result<(), JournalError> {

@@ -61,6 +61,10 @@ pub enum Command {
     #[command(after_help = "Example: spherecal teach --out cell-4 && \
                             spherecal run --waypoints cell-4/waypoints.toml --out cell-4")]
     Teach(RunArgs),
+    /// Hold long at some of the poses and tell whether one second would have done;
+    /// writes stability.html and stability.json.
+    #[command(after_help = "Example: spherecal stability --hold-s 30 --places 4 --out cell-4")]
+    Stability(StabilityArgs),
     /// Identify any robot from a table of poses (CSV).
     Identify(Box<IdentifyArgs>),
     /// Identify the last run of --out, and print its validation table.
@@ -202,6 +206,20 @@ impl RunArgs {
     pub fn database(&self) -> PathBuf {
         self.out.join("calibration.db")
     }
+}
+
+/// Arguments of `stability`.
+#[derive(Args, Clone, Debug)]
+pub struct StabilityArgs {
+    /// The cell, and the plan that the places are taken from.
+    #[command(flatten)]
+    pub run: RunArgs,
+    /// Length of each hold, in s.
+    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u8).range(2..=120))]
+    pub hold_s: u8,
+    /// Places to hold at, spread over the plan.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=100))]
+    pub places: u8,
 }
 
 /// Arguments of `plant`.

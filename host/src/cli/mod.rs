@@ -20,6 +20,7 @@ mod robot;
 mod run;
 mod servers;
 mod shell;
+mod stability;
 mod stages;
 mod studies;
 mod teach;
@@ -44,6 +45,7 @@ pub fn main() -> ExitCode {
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Measure(args)) => stages::measure(&args),
         Some(Command::Teach(args)) => teach::run(&args),
+        Some(Command::Stability(args)) => stability::run(&args),
         Some(Command::Identify(args)) => identify::run(&args),
         Some(Command::Validate(args)) => stages::validate(&args),
         Some(Command::Report(args)) => stages::report(&args),

@@ -52,7 +52,7 @@ pub(super) fn colour(name: &str) -> RGBColor {
 }
 
 /// A number on an axis, without needless zeros.
-fn short(value: &f64) -> String {
+pub(super) fn short(value: &f64) -> String {
     let text = format!("{value:.4}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
@@ -112,7 +112,7 @@ pub(super) fn round_step(span: f64, parts: f64) -> f64 {
     nice * power
 }
 
-type Area<'a, 'b> = &'a DrawingArea<SVGBackend<'b>, Shift>;
+pub(super) type Area<'a, 'b> = &'a DrawingArea<SVGBackend<'b>, Shift>;
 
 /// A chart with axes in the house's style.
 macro_rules! axes {
@@ -142,6 +142,8 @@ macro_rules! axes {
     }};
 }
 
+pub(super) use axes;
+
 /// The legend, top right, on the page's own ground.
 macro_rules! legend {
     ($chart:expr) => {
@@ -155,6 +157,8 @@ macro_rules! legend {
             .draw()?
     };
 }
+
+pub(super) use legend;
 
 /// Histograms of several models over one axis (Figures 11 and 12).
 pub(super) fn histogram(series: &[&ErrorSeries], what: &str) -> Result<String, ChartError> {

@@ -2,8 +2,8 @@
 
 use super::from_study::{correlation, group_table, identifiability_words, parameter_rows};
 use super::input::{
-    ContactTrace, ErrorSeries, ErrorTable, Headline, ModelRow, Prediction, ReportInput, ResidualPoint, SimpleTable,
-    WorkspacePoint,
+    ContactTrace, ErrorSeries, ErrorTable, Headline, Heap, ModelRow, Prediction, ReportInput, ResidualPoint,
+    SimpleTable, WorkspacePoint,
 };
 use crate::job::{Evaluation, Link, Measurements, Summary};
 use crate::link::qemu::LOG_FILE;
@@ -39,6 +39,9 @@ pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace
                 threshold_n: m.config.procedure.approach.trigger_n,
             })
             .collect(),
+        triggers: triggers(m),
+        stillness: Vec::new(),
+        stillness_tables: Vec::new(),
         parameters: parameter_rows(&e.sphere),
         identifiability: identifiability_words(&e.sphere),
         residuals: residuals(m, e),
@@ -264,6 +267,41 @@ fn residuals(m: &Measurements, e: &Evaluation) -> Vec<ResidualPoint> {
             })
         })
         .collect()
+}
+
+/// Latency and overshoot of the trigger; nothing for a run without contact.
+fn triggers(m: &Measurements) -> Vec<Heap> {
+    if m.contacts.is_empty() {
+        return Vec::new();
+    }
+    let approach = &m.config.procedure.approach;
+    let dwell_ms = approach.dwell_s * 1e3;
+    let heap = |what: &str, caption: String, values: Vec<f64>| Heap {
+        what: what.to_owned(),
+        of: "contacts".to_owned(),
+        caption,
+        values,
+    };
+    vec![
+        heap(
+            "latency of the trigger (ms)",
+            format!(
+                "Latency of the trigger: control periods from the crossing of {:.1} N that lasted to the declaration; \
+                 {dwell_ms:.0} ms are asked for.",
+                approach.trigger_n
+            ),
+            m.contacts.iter().map(|c| f64::from(c.latency_ticks)).collect(),
+        ),
+        heap(
+            "overshoot of the trigger (N)",
+            format!(
+                "Overshoot: how far the estimated force had risen above {:.1} N by the declaration, impacts that did \
+                 not last included.",
+                approach.trigger_n
+            ),
+            m.contacts.iter().map(|c| c.peak_n - approach.trigger_n).collect(),
+        ),
+    ]
 }
 
 fn contacts(m: &Measurements) -> SimpleTable {

@@ -74,6 +74,32 @@ pub struct ContactTrace {
     pub threshold_n: f64,
 }
 
+/// A histogram of one quantity, such as the latency of the trigger.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Heap {
+    /// What is counted, for the axis, with its unit.
+    pub what: String,
+    /// What it is counted over, for the other axis.
+    pub of: String,
+    /// Words under the figure.
+    pub caption: String,
+    /// Values.
+    pub values: Vec<f64>,
+}
+
+/// Curves over time, such as the drift while the arm holds still.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Curves {
+    /// What is drawn, for the axis, with its unit.
+    pub what: String,
+    /// Words under the figure.
+    pub caption: String,
+    /// Name, and points: time in s, value.
+    pub curves: Vec<(String, Vec<(f64, f64)>)>,
+    /// Half the width of a band about zero, in the same unit; 0 for none.
+    pub band: f64,
+}
+
 /// One parameter (Table 6 of the paper, with what it lacks).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ParameterRow {
@@ -156,6 +182,12 @@ pub struct ReportInput {
     pub workspace: Vec<WorkspacePoint>,
     /// Force traces.
     pub contacts: Vec<ContactTrace>,
+    /// Latency and overshoot of the trigger over all contacts.
+    pub triggers: Vec<Heap>,
+    /// How still the arm held.
+    pub stillness: Vec<Curves>,
+    /// Tables to that.
+    pub stillness_tables: Vec<SimpleTable>,
     /// Parameters.
     pub parameters: Vec<ParameterRow>,
     /// What the data could tell, in sentences.

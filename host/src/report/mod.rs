@@ -9,17 +9,20 @@
 //! Figures are SVG inside the page; their colours follow the page's theme.
 
 mod charts;
+mod from_holds;
 mod from_run;
 mod from_study;
 mod input;
 mod page;
 mod space;
+mod time_charts;
 
+pub use from_holds::holds_report;
 pub use from_run::run_report;
 pub use from_study::study_report;
 pub use input::{
-    ContactTrace, Correlation, ErrorSeries, ErrorTable, Headline, ModelRow, ParameterRow, Prediction, ReportInput,
-    ResidualPoint, SimpleTable, WorkspacePoint,
+    ContactTrace, Correlation, Curves, ErrorSeries, ErrorTable, Headline, Heap, ModelRow, ParameterRow, Prediction,
+    ReportInput, ResidualPoint, SimpleTable, WorkspacePoint,
 };
 pub use page::render;
 

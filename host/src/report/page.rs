@@ -6,6 +6,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use super::charts;
 use super::input::{ErrorSeries, ErrorTable, ParameterRow, ReportInput, SimpleTable};
 use super::space;
+use super::time_charts;
 
 /// Parameters shown before the rest is folded away.
 const SHOWN_PARAMETERS: usize = 48;
@@ -24,6 +25,7 @@ pub fn render(input: &ReportInput) -> Result<String, String> {
         }
     };
     let mut figures = Figures(0);
+    add("stillness", "How still it holds", stillness(input, &mut figures)?);
     add("accuracy", "Accuracy", accuracy(input, &mut figures)?);
     add("workspace", "Over the workspace", workspace(input, &mut figures)?);
     add("predicted", "Predicted accuracy", predicted(input, &mut figures)?);
@@ -338,10 +340,13 @@ fn residuals(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
 }
 
 fn contacts(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, String> {
-    if input.contacts.is_empty() {
+    if input.contacts.is_empty() && input.triggers.is_empty() {
         return Ok(None);
     }
     let mut drawn = Vec::new();
+    for heap in &input.triggers {
+        drawn.push(figures.figure(&time_charts::heap(heap)?, &html! { (heap.caption) }));
+    }
     for trace in &input.contacts {
         let words = html! {
             (trace.title) ": force against the approach, threshold " (format!("{:.1} N", trace.threshold_n))
@@ -350,6 +355,20 @@ fn contacts(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>
         drawn.push(figures.figure(&charts::force(trace)?, &words));
     }
     Ok(Some(html! { @for f in &drawn { (f) } }))
+}
+
+fn stillness(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, String> {
+    if input.stillness.is_empty() && input.stillness_tables.is_empty() {
+        return Ok(None);
+    }
+    let mut drawn = Vec::new();
+    for curves in &input.stillness {
+        drawn.push(figures.figure(&time_charts::curves(curves)?, &html! { (curves.caption) }));
+    }
+    Ok(Some(html! {
+        @for t in &input.stillness_tables { (simple_table(t)) }
+        @for f in &drawn { (f) }
+    }))
 }
 
 fn notes(input: &ReportInput) -> Option<Markup> {

@@ -61,6 +61,22 @@ pub(super) fn full() -> ReportInput {
             trigger_s: Some(0.65),
             threshold_n: 7.5,
         }],
+        triggers: vec![Heap {
+            what: evil.to_owned(),
+            of: evil.to_owned(),
+            caption: evil.to_owned(),
+            values: vec![20.0, 20.0, 23.0, f64::NAN],
+        }],
+        stillness: vec![Curves {
+            what: evil.to_owned(),
+            caption: evil.to_owned(),
+            curves: vec![(
+                evil.to_owned(),
+                (0..30).map(|k| (f64::from(k), 0.1 * f64::from(k))).collect(),
+            )],
+            band: 1.0,
+        }],
+        stillness_tables: vec![SimpleTable::default()],
         parameters: (0..30)
             .map(|k| ParameterRow {
                 name: format!("{evil}{k}"),
@@ -123,6 +139,7 @@ fn everything_is_escaped_and_nothing_is_fetched() {
         "correlation",
         "residuals",
         "contacts",
+        "stillness",
         "health",
         "provenance",
     ] {
@@ -143,6 +160,10 @@ fn an_empty_report_is_a_page() {
     odd.workspace.truncate(2);
     odd.workspace[0].at_m = odd.workspace[1].at_m;
     odd.contacts[0].samples = Vec::new();
+    odd.triggers[0].values = vec![7.0];
+    odd.triggers.push(Heap::default());
+    odd.stillness[0].curves[0].1 = vec![(0.0, f64::NAN)];
+    odd.stillness.push(Curves::default());
     odd.residuals.truncate(1);
     odd.prediction = Some(Prediction {
         pairs_mm: vec![(0.0, 0.0); 5],

@@ -1,0 +1,124 @@
+//! `spherecal stability`: how still the seated arm holds, as the paper's
+//! stability analysis asked.
+
+use std::path::Path;
+
+use super::args::StabilityArgs;
+use super::exit::{CliError, Exit};
+use super::progress::ProgressView;
+use super::run::interrupt;
+use crate::hold::{Held, analyse};
+use crate::job::{self, Files, JobError, Prepared, now_utc};
+use crate::plan::Chain;
+use crate::report;
+use crate::robots;
+
+/// Time over which a recording averages, in s: the paper's second.
+const WINDOW_S: f64 = 1.0;
+/// Control period of the drives that there are, in s.
+const PERIOD_S: f64 = 1e-3;
+
+/// Holds, judges, and writes the report.
+pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
+    let run = &args.run;
+    if run.resume {
+        return Err(CliError::input("stability begins anew: leave out --resume"));
+    }
+    let interrupt = interrupt()?;
+    let prepared = run.prepare()?;
+    std::fs::create_dir_all(&run.out).map_err(|source| JobError::Write {
+        path: run.out.display().to_string(),
+        source,
+    })?;
+    let (model, chain) = model(&prepared, &run.out)?;
+    let ticks = u32::from(args.hold_s) * (1.0 / PERIOD_S).round() as u32;
+    let places = usize::from(args.places);
+    let mut view = ProgressView::new();
+    let held = job::hold(&prepared, &run.link, &run.out, (places, ticks), &mut view, &interrupt);
+    view.finish();
+    let (holds, outcome) = held?;
+    let holds: Vec<Held> = holds
+        .iter()
+        .map(|hold| analyse(hold, &chain, WINDOW_S, PERIOD_S))
+        .collect::<Result<_, _>>()
+        .map_err(CliError::job)?;
+    if holds.is_empty() {
+        return Err(CliError::job("no hold was recorded: see the faults, and run it again"));
+    }
+    let within = holds.iter().all(|h| h.within_noise);
+    let document = serde_json::json!({
+        "command": "stability",
+        "version": env!("CARGO_PKG_VERSION"),
+        "robot": prepared.robot.name,
+        "seed": prepared.config.seed,
+        "link": run.link.to_string(),
+        "model": model,
+        "hold_s": args.hold_s,
+        "window_s": WINDOW_S,
+        "within_noise": within,
+        "holds": holds,
+        "faults": outcome.faults,
+    });
+    let robot = prepared.robot.name.as_str();
+    let about = format!("{} · link {} · seed {}", now_utc(), run.link, prepared.config.seed);
+    let provenance = vec![
+        ("program".to_owned(), format!("spherecal {}", env!("CARGO_PKG_VERSION"))),
+        ("kinematic model".to_owned(), model.clone()),
+        ("faults".to_owned(), outcome.faults.len().to_string()),
+    ];
+    let input = report::holds_report(robot, &about, &model, &holds, WINDOW_S, provenance);
+    let page = report::render(&input).map_err(CliError::job)?;
+    let mut files = Files::default();
+    files.put(&run.out, "stability.json", &format!("{document:#}\n"))?;
+    files.put(&run.out, "stability.html", &page)?;
+    if run.json {
+        println!("{document:#}");
+    } else {
+        print!("{}", text(&input.headline.sentence, &holds));
+        println!("\nFiles:");
+        for path in &files.paths {
+            println!("  {}", path.display());
+        }
+    }
+    Ok(if within { Exit::Done } else { Exit::NotTrusted })
+}
+
+/// The model that tells the TCP: the one that a run left in `out`, else the nominal one.
+fn model(prepared: &Prepared, out: &Path) -> Result<(String, Chain), CliError> {
+    let path = out.join("calibrated.toml");
+    if path.exists() {
+        let model = robots::load(&path.display().to_string()).map_err(CliError::input)?;
+        if model.robot.dof() == prepared.robot.dof() {
+            let chain = Chain::new(&model.robot, &model.tool_in_table())?;
+            return Ok(("calibrated".to_owned(), chain));
+        }
+    }
+    Ok(("nominal".to_owned(), Chain::new(&prepared.robot, &prepared.tool)?))
+}
+
+/// The result for people.
+fn text(sentence: &str, holds: &[Held]) -> String {
+    let mut out = format!("{sentence}\n\n");
+    out += "                      worst joint, 1 s mean (µrad)        TCP, 1 s mean (µm)\n";
+    out += "  sphere pose  windows   noise   first  largest     noise   first  largest   drift/s  within\n";
+    for h in holds {
+        let ratio = |j: &crate::hold::Stillness| j.first.abs() / j.noise.max(1e-12);
+        let joint = h.joints_urad.iter().max_by(|a, b| ratio(a).total_cmp(&ratio(b)));
+        let joint = joint.copied().unwrap_or_default();
+        out += &format!(
+            "  {:6} {:4}  {:7}  {:6.3}  {:6.3}  {:7.3}    {:6.3}  {:6.3}  {:7.3}  {:8.4}  {}\n",
+            h.sphere,
+            h.pose,
+            h.windows,
+            joint.noise,
+            joint.first,
+            joint.largest,
+            h.tcp_um.noise,
+            h.tcp_um.first,
+            h.tcp_um.largest,
+            h.tcp_um.drift_per_s,
+            if h.within_noise { "yes" } else { "no" }
+        );
+    }
+    out
+}
