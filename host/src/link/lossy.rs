@@ -305,6 +305,13 @@ mod tests {
             let refusal = config.check().expect_err("refused").to_string();
             assert!(refusal.contains("bit_flip") && refusal.contains("0.9"), "{refusal}");
         }
-        assert!(Lossy { loss: 0.2, ..Lossy::default() }.check().is_ok());
+        assert!(
+            Lossy {
+                loss: 0.2,
+                ..Lossy::default()
+            }
+            .check()
+            .is_ok()
+        );
     }
 }
