@@ -39,7 +39,7 @@ pub fn run(
     let mut result = campaign.all(&mut session);
     if matches!(result, Err(CampaignError::Interrupted)) {
         // Leave the arm holding, damped; a refusal changes nothing about that.
-        if let Err(error) = session.ask("stop", Command::Stop).and_then(|_| session.drain(20)) {
+        if let Err(error) = session.stop_at_once().and_then(|()| session.drain(20)) {
             result = Err(error);
         }
     }

@@ -297,13 +297,21 @@ impl<'a> Session<'a> {
     /// Sends a command and waits for its reply.
     pub(super) fn ask(&mut self, what: &str, command: Command) -> Result<Result<(), Refusal>, CampaignError> {
         let start_us = match command {
-            // Nothing is known yet of the controller's clock, or it must not wait.
-            Command::Hello | Command::Stop => 0,
+            // Nothing is known yet of the controller's clock.
+            Command::Hello => 0,
             _ => self.heard_us.saturating_add(self.lead_us).max(1),
         };
+        self.ask_at(start_us, what, command)
+    }
+
+    /// As [`ask`](Self::ask), of a command that is to start at `start_us`.
+    fn ask_at(&mut self, start_us: u64, what: &str, command: Command) -> Result<Result<(), Refusal>, CampaignError> {
         let sequence = self.endpoint.send_at(start_us, command);
-        // It is answered when it has started.
-        self.heard_us = self.heard_us.max(start_us);
+        // It is answered when it has started, and an answer that is lost must be
+        // asked for again: what nothing but the answer leads to starts a lead later.
+        if start_us > 0 {
+            self.heard_us = self.heard_us.max(start_us.saturating_add(self.lead_us));
+        }
         let start = self.now_us();
         self.reply = None;
         loop {
@@ -315,6 +323,11 @@ impl<'a> Session<'a> {
             }
             self.check_time(start, ANSWER_S, || format!("answer to \"{what}\""))?;
         }
+    }
+
+    /// Has the arm stop and hold, at once.
+    pub(super) fn stop_at_once(&mut self) -> Result<(), CampaignError> {
+        self.ask_at(0, "stop", Command::Stop).map(|_| ())
     }
 
     /// Sends a command that must not be refused.

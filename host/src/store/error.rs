@@ -140,8 +140,17 @@ impl StoreError {
     }
 }
 
-/// SQLite's primary result code of an error, where it is one.
+/// SQLite's primary result code of an error, or of what lies behind it.
 fn code(error: &sqlx::Error) -> Option<u32> {
-    let code = error.as_database_error()?.code()?;
-    code.parse::<u32>().ok().map(|extended| extended & 0xff)
+    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
+    while let Some(error) = cause {
+        if let Some(code) = error
+            .downcast_ref::<sqlx::Error>()
+            .and_then(|e| e.as_database_error()?.code())
+        {
+            return code.parse::<u32>().ok().map(|extended| extended & 0xff);
+        }
+        cause = error.source();
+    }
+    None
 }
