@@ -1,21 +1,16 @@
 //! Controller and host link in one thread, in lock-step with the drive.
 
 use embassy_time::Instant;
-use heapless::Deque;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
 use spherecal_shared::protocol::host::{Command, Event, Sample, Statistics};
 
 use crate::link::{Desk, Verdict};
 use crate::{Controller, HostLink};
 
-/// Verdicts that wait for the next answer to the host.
-const VERDICTS: usize = 8;
-
 /// Controller and host link together.
 #[derive(Clone, Debug)]
 pub struct Node<const N: usize> {
     controller: Controller<N>,
-    verdicts: Deque<Verdict, VERDICTS>,
     link: HostLink,
 }
 
@@ -31,7 +26,6 @@ impl<const N: usize> Node<N> {
     pub fn new(build: &str) -> Self {
         Self {
             controller: Controller::default(),
-            verdicts: Deque::new(),
             link: HostLink::new(build, N),
         }
     }
@@ -46,21 +40,16 @@ impl<const N: usize> Node<N> {
         &self.link
     }
 
-    /// Takes the host's bytes; whole commands are carried out at once.
+    /// Takes the host's bytes; whole commands are carried out at once, or wait
+    /// for the tick at which they are to start.
     pub fn receive(&mut self, down: &[u8]) {
-        let mut desk = Direct {
-            controller: &mut self.controller,
-            verdicts: &mut self.verdicts,
-        };
+        let mut desk = Direct(&mut self.controller);
         self.link.receive(down, &mut desk);
     }
 
     /// Writes whole frames for the host into `up`; returns the number of bytes.
     pub fn transmit(&mut self, now: Instant, up: &mut [u8]) -> usize {
-        let mut desk = Direct {
-            controller: &mut self.controller,
-            verdicts: &mut self.verdicts,
-        };
+        let mut desk = Direct(&mut self.controller);
         self.link.transmit(now, up, &mut desk)
     }
 
@@ -74,42 +63,35 @@ impl<const N: usize> Node<N> {
     }
 }
 
-/// The controller at hand: commands are carried out as they come.
-struct Direct<'a, const N: usize> {
-    controller: &'a mut Controller<N>,
-    verdicts: &'a mut Deque<Verdict, VERDICTS>,
-}
+/// The controller at hand.
+struct Direct<'a, const N: usize>(&'a mut Controller<N>);
 
 impl<const N: usize> Desk for Direct<'_, N> {
     fn heard(&mut self) {
-        self.controller.heard();
+        self.0.heard();
     }
 
-    fn command(&mut self, sequence: u32, command: Command) -> bool {
-        if self.verdicts.is_full() {
-            return false;
-        }
-        let result = self.controller.command(command);
-        self.verdicts.push_back(Verdict { sequence, result }).is_ok()
+    fn command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool {
+        self.0.order(sequence, start_us, command)
     }
 
     fn verdict(&mut self) -> Option<Verdict> {
-        self.verdicts.pop_front()
+        self.0.verdict()
     }
 
     fn event(&mut self) -> Option<Event> {
-        self.controller.event()
+        self.0.event()
     }
 
     fn samples_waiting(&self) -> usize {
-        self.controller.samples_waiting()
+        self.0.samples_waiting()
     }
 
     fn sample(&mut self) -> Option<Sample> {
-        self.controller.sample()
+        self.0.sample()
     }
 
     fn statistics(&self) -> Statistics {
-        self.controller.statistics()
+        self.0.statistics()
     }
 }

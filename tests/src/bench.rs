@@ -253,7 +253,8 @@ impl<C: Controller> Bench<C> {
     }
 
     fn send(&mut self, sequence: u32, command: Command) {
-        self.down.extend(framed(&Downlink { sequence, command }, self.frames));
+        self.down
+            .extend(framed(&Downlink::at_once(sequence, command), self.frames));
         self.frames += 1;
     }
 

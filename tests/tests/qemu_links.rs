@@ -143,7 +143,7 @@ fn the_uarts_carry_both_links() {
     let down = greeting(Procedure::default())
         .into_iter()
         .zip(1..)
-        .flat_map(|(command, sequence)| framed(&Downlink { sequence, command }, sequence))
+        .flat_map(|(command, sequence)| framed(&Downlink::at_once(sequence, command), sequence))
         .collect::<Vec<_>>();
     host.write_all(&down).expect("written");
     let mut greeted = Accumulator::new();

@@ -5,7 +5,6 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
 use super::FromDrive;
 use super::ports::{Beat, Clock, DrivePort, HostPort, Probe};
 use crate::Controller;
-use crate::link::Verdict;
 
 /// Why the control task ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,11 +97,22 @@ fn tick<const N: usize>(
     if host.heard() {
         controller.heard();
     }
-    while let Some((sequence, command)) = host.command() {
-        let result = controller.command(command);
-        host.verdict(Verdict { sequence, result });
+    while let Some((sequence, start_us, command)) = host.command() {
+        if !controller.order(sequence, start_us, command) {
+            // Without an answer the host sends it again.
+            break;
+        }
+        hand_on(controller, host);
     }
-    controller.tick(clock.time(beat, work.drive_us), &work.state)
+    let command = controller.tick(clock.time(beat, work.drive_us), &work.state);
+    hand_on(controller, host);
+    command
+}
+
+fn hand_on<const N: usize>(controller: &mut Controller<N>, host: &mut impl HostPort) {
+    while let Some(verdict) = controller.verdict() {
+        host.verdict(verdict);
+    }
 }
 
 fn take<const N: usize>(work: &mut Workspace<N>, message: FromDrive) -> Result<(), Ended> {

@@ -31,8 +31,9 @@ pub trait HostPort {
     /// Whether the host was heard since this was asked last.
     fn heard(&mut self) -> bool;
 
-    /// The next command and its number.
-    fn command(&mut self) -> Option<(u32, Command)>;
+    /// The next command: its number, the device time at which it is to start
+    /// (µs, 0 for at once), and what to do.
+    fn command(&mut self) -> Option<(u32, u64, Command)>;
 
     /// Says what became of a command.
     fn verdict(&mut self, verdict: Verdict);

@@ -42,7 +42,7 @@ pub struct Ticked {
 /// The queues.
 #[derive(Debug, Default)]
 pub struct Post {
-    commands: Queue<(u32, Command), COMMANDS>,
+    commands: Queue<(u32, u64, Command), COMMANDS>,
     verdicts: Queue<Verdict, VERDICTS>,
     events: Queue<Event, EVENTS>,
     samples: Queue<Sample, SAMPLES>,
@@ -115,7 +115,7 @@ impl Post {
 
 /// The control task's end.
 pub struct ControlEnd<'a, M: RawMutex> {
-    commands: Consumer<'a, (u32, Command)>,
+    commands: Consumer<'a, (u32, u64, Command)>,
     verdicts: Producer<'a, Verdict>,
     events: Producer<'a, Event>,
     samples: Producer<'a, Sample>,
@@ -127,7 +127,7 @@ impl<M: RawMutex> HostPort for ControlEnd<'_, M> {
         self.bell.heard.swap(false, Ordering::Relaxed)
     }
 
-    fn command(&mut self) -> Option<(u32, Command)> {
+    fn command(&mut self) -> Option<(u32, u64, Command)> {
         self.commands.dequeue()
     }
 
@@ -162,7 +162,7 @@ impl<M: RawMutex> HostPort for ControlEnd<'_, M> {
 
 /// The host link's end.
 pub struct LinkEnd<'a, M: RawMutex> {
-    commands: Producer<'a, (u32, Command)>,
+    commands: Producer<'a, (u32, u64, Command)>,
     verdicts: Consumer<'a, Verdict>,
     events: Consumer<'a, Event>,
     samples: Consumer<'a, Sample>,
@@ -184,8 +184,8 @@ impl<M: RawMutex> Desk for LinkEnd<'_, M> {
         self.bell.heard.store(true, Ordering::Relaxed);
     }
 
-    fn command(&mut self, sequence: u32, command: Command) -> bool {
-        self.commands.enqueue((sequence, command)).is_ok()
+    fn command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool {
+        self.commands.enqueue((sequence, start_us, command)).is_ok()
     }
 
     fn verdict(&mut self) -> Option<Verdict> {

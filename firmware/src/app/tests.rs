@@ -59,7 +59,7 @@ const BEAT: Beat = Beat {
 
 fn frame(sequence: u32, command: Command) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
-    let length = encode(&Downlink { sequence, command }, sequence, 0, &mut out).expect("it fits");
+    let length = encode(&Downlink::at_once(sequence, command), sequence, 0, &mut out).expect("it fits");
     out[..length].to_vec()
 }
 

@@ -13,6 +13,13 @@ use crate::motion::rotation_of;
 
 use crate::phases::{Activity, Decoupling, Env, Moving, Pose, Taring, Turning};
 
+/// How far the TCP of a pose's posture may lie from where it is, in m: the tool
+/// turns about the sphere.
+const POSTURE_M: f64 = 0.1;
+/// Trace of the rotation between a pose's posture and its orientation, which may
+/// be 0.3 rad: a posture that solves another pose would pull the elbow away.
+const POSTURE_TRACE: f64 = 1.0 + 2.0 * 0.955_336;
+
 fn array<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
     let values: [f64; N] = values.try_into().ok()?;
     values.iter().all(|x| x.is_finite()).then_some(values)
@@ -26,6 +33,11 @@ impl<const N: usize> Controller<N> {
     /// Why the command is not carried out; nothing has changed then.
     pub fn command(&mut self, command: Command) -> Result<(), Refusal> {
         self.heard();
+        self.start(command)
+    }
+
+    /// Carries out a command that was heard before.
+    pub(super) fn start(&mut self, command: Command) -> Result<(), Refusal> {
         match command {
             Command::Hello | Command::Acknowledge { .. } | Command::KeepAlive => Ok(()),
             Command::Robot(robot) => self.accept_robot(robot),
@@ -193,6 +205,14 @@ impl<const N: usize> Controller<N> {
         self.usable()?;
         if !matches!(self.activity, Activity::Coupled) {
             return Err(Refusal::Phase);
+        }
+        if let (Some(posture), Some(configured), Some(snapshot)) = (&posture, &self.configured, &self.snapshot) {
+            let there = configured.arm.tcp_frame(&configured.arm.frames(posture));
+            let turned = (there.rotation.transpose() * rotation).trace();
+            let away = (there.origin - snapshot.tcp.origin).norm_squared();
+            if !(turned > POSTURE_TRACE && away < POSTURE_M * POSTURE_M) {
+                return Err(Refusal::Target);
+            }
         }
         let pose = Pose {
             id: command.pose,

@@ -11,6 +11,7 @@
 
 mod accept;
 mod publish;
+mod schedule;
 mod transition;
 
 use embassy_time::Instant;
@@ -25,6 +26,7 @@ use spherecal_shared::robot::Arm;
 use crate::guard::{Admission, Admitted, Guard, Violation};
 use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench, guide_torque, joint_torque};
 use crate::phases::{Activity, Env, Next, Task};
+use schedule::Schedule;
 
 /// Events that wait for the host link.
 const OUTBOX: usize = 12;
@@ -68,6 +70,7 @@ pub struct Controller<const N: usize> {
     phase_ticks: u32,
     silent_ticks: u32,
 
+    schedule: Schedule,
     last: Option<DriveCommand>,
     ticks: u64,
     now_us: u64,
@@ -106,6 +109,7 @@ impl<const N: usize> Default for Controller<N> {
             slow_dq: [0.0; N],
             phase_ticks: 0,
             silent_ticks: 0,
+            schedule: Schedule::default(),
             last: None,
             ticks: 0,
             now_us: 0,
@@ -187,6 +191,7 @@ impl<const N: usize> Controller<N> {
         let mut statistics = Statistics {
             ticks: self.ticks,
             missed: self.guard.missed(),
+            late: self.schedule.late(),
             ..Statistics::default()
         };
         statistics.link.overflow = self.overflow;
@@ -199,6 +204,7 @@ impl<const N: usize> Controller<N> {
         self.now_us = now.as_micros();
         self.ticks += 1;
         self.phase_ticks = self.phase_ticks.saturating_add(1);
+        self.start_what_is_due();
         let admission = self.guard.admit(state, &self.procedure.limits);
         if self.configured.is_none() {
             return self.disabled(state.tick);

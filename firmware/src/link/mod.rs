@@ -7,12 +7,16 @@
 //! Commands are carried out once, however often they come; events are sent
 //! again until the host acknowledges them, in order. Telemetry, replies and
 //! statistics are sent once: the host asks again if it misses a reply.
+//!
+//! Only the host that greeted last is obeyed. Whoever else speaks is told who
+//! is here, in a banner of the present session: so a host learns that the
+//! controller was restarted, or that another host has taken over.
 
 use embassy_time::{Duration, Instant};
 use heapless::{Deque, String, Vec};
 use spherecal_shared::protocol::frame::{self, Accumulator, FrameError, LinkCounters, MAX_FRAME, SequenceWatch};
 use spherecal_shared::protocol::host::{
-    Banner, Command, Downlink, Event, MAX_BATCH, Refusal, Sample, Statistics, Uplink,
+    Banner, Command, Downlink, Event, MAX_BATCH, Refusal, Sample, SessionId, Statistics, Uplink,
 };
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 
@@ -20,8 +24,9 @@ use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 const PENDING: usize = 8;
 /// Answers waiting to be sent, at most.
 const REPLIES: usize = 4;
-/// After which an unacknowledged event is sent again.
-const RESEND: Duration = Duration::from_millis(100);
+/// After which an unacknowledged event is sent again, where the board says
+/// nothing else: a host that keeps up answers within two periods.
+const RESEND: Duration = Duration::from_millis(5);
 /// How often statistics are sent.
 const STATISTICS: Duration = Duration::from_millis(1000);
 
@@ -39,8 +44,9 @@ pub trait Desk {
     /// Notes that the host was heard.
     fn heard(&mut self);
 
-    /// Takes a command; `false` when there is no room: the host sends it again.
-    fn command(&mut self, sequence: u32, command: Command) -> bool;
+    /// Takes a command that is to be carried out at `start_us` (device time, in
+    /// µs); `false` when there is no room: the host sends it again.
+    fn command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool;
 
     /// What became of the oldest command whose verdict was not asked for yet.
     fn verdict(&mut self) -> Option<Verdict>;
@@ -82,6 +88,11 @@ pub struct HostLink {
     counters: LinkCounters,
     build: String<24>,
     joints: u8,
+    resend: Duration,
+    session: Option<SessionId>,
+    /// The session before: a late repeat of its greeting does not bring it back.
+    previous: Option<SessionId>,
+    /// Whether there is anyone to speak to.
     greeted: bool,
     answered: Option<Answer>,
     replies: Deque<Event, REPLIES>,
@@ -107,6 +118,9 @@ impl HostLink {
             counters: LinkCounters::default(),
             build: text,
             joints: u8::try_from(joints).unwrap_or(u8::MAX),
+            resend: RESEND,
+            session: None,
+            previous: None,
             greeted: false,
             answered: None,
             replies: Deque::new(),
@@ -115,6 +129,13 @@ impl HostLink {
             sequence: 0,
             last_statistics: None,
         }
+    }
+
+    /// The same link with another time after which an unacknowledged event is
+    /// sent again: for wires on which a frame takes long.
+    pub fn resending_after(mut self, resend: Duration) -> Self {
+        self.resend = resend;
+        self
     }
 
     /// What this end has received.
@@ -133,7 +154,6 @@ impl HostLink {
                 None => {}
                 Some(Ok((header, downlink))) => {
                     self.watch.note(header.sequence, &mut self.counters);
-                    desk.heard();
                     self.take(downlink, desk);
                 }
                 Some(Err(error)) => {
@@ -141,9 +161,7 @@ impl HostLink {
                     if error == FrameError::Key {
                         // A host of another schema: it cannot be understood,
                         // but it can be told to whom it speaks.
-                        self.greeted = true;
-                        let banner = self.banner();
-                        self.reply(Event::Banner(banner));
+                        self.introduce();
                     }
                 }
             }
@@ -151,7 +169,24 @@ impl HostLink {
     }
 
     fn take(&mut self, downlink: Downlink, desk: &mut impl Desk) {
-        let Downlink { sequence, command } = downlink;
+        let Downlink {
+            session,
+            sequence,
+            start_us,
+            command,
+        } = downlink;
+        let hello = matches!(command, Command::Hello);
+        if hello && self.session != Some(session) && self.previous != Some(session) {
+            // What happened until now belongs to the session that ends here.
+            self.take_events(desk);
+            self.previous = self.session.replace(session);
+            self.answered = None;
+            self.replies.clear();
+        } else if self.session != Some(session) {
+            self.introduce();
+            return;
+        }
+        desk.heard();
         match command {
             Command::KeepAlive => return,
             Command::Acknowledge { event } => {
@@ -166,24 +201,28 @@ impl HostLink {
             _ => {}
         }
         self.collect(desk);
-        if matches!(command, Command::Hello) {
-            self.greeted = true;
-            let banner = self.banner();
-            self.reply(Event::Banner(banner));
-        } else if let Some(last) = self.answered {
+        if hello {
+            self.introduce();
+        }
+        if let Some(last) = self.answered {
             // A repeat: of the last command, which is answered again, or of one
             // that was overtaken, which was answered before the last was sent.
             let overtaken = sequence.wrapping_sub(last.sequence) >= 1 << 31;
             if overtaken || sequence == last.sequence {
                 self.counters.duplicates = self.counters.duplicates.saturating_add(1);
-                if let (false, Some(result)) = (overtaken, last.result) {
-                    self.reply(Event::Reply { sequence, result });
+                match last.result {
+                    _ if overtaken => {}
+                    Some(result) => self.reply(Event::Reply { sequence, result }),
+                    None => self.reply(Event::Held { sequence }),
                 }
                 return;
             }
         }
-        if desk.command(sequence, command) {
+        if desk.command(sequence, start_us, command) {
             self.answered = Some(Answer { sequence, result: None });
+            if start_us > 0 {
+                self.reply(Event::Held { sequence });
+            }
         } else {
             self.counters.overflow = self.counters.overflow.saturating_add(1);
         }
@@ -199,6 +238,16 @@ impl HostLink {
             }
             self.reply(Event::Reply { sequence, result });
         }
+    }
+
+    fn introduce(&mut self) {
+        self.greeted = true;
+        let banner = self.banner();
+        self.reply(Event::Banner(banner));
+    }
+
+    fn session(&self) -> SessionId {
+        self.session.unwrap_or_default()
     }
 
     fn reply(&mut self, event: Event) {
@@ -231,6 +280,7 @@ impl HostLink {
         let mut used = 0;
         while let Some(event) = self.replies.front() {
             let uplink = Uplink {
+                session: self.session(),
                 event: 0,
                 body: event.clone(),
             };
@@ -240,15 +290,7 @@ impl HostLink {
             used += length;
             self.replies.pop_front();
         }
-        while !self.pending.is_full() {
-            let Some(body) = desk.event() else { break };
-            let uplink = Uplink {
-                event: self.next_event,
-                body,
-            };
-            self.next_event = self.next_event.wrapping_add(1).max(1);
-            let _ = self.pending.push_back(Pending { uplink, sent: None });
-        }
+        self.take_events(desk);
         used = self.send_pending(now, out, used);
         used = self.send_samples(now, out, used, desk);
         let due = self
@@ -261,6 +303,7 @@ impl HostLink {
             statistics.link.overflow = statistics.link.overflow.saturating_add(overflow);
             if let Some(length) = self.write(
                 &Uplink {
+                    session: self.session(),
                     event: 0,
                     body: Event::Statistics(statistics),
                 },
@@ -275,6 +318,20 @@ impl HostLink {
         used
     }
 
+    /// Numbers events for as many as may wait for their acknowledgement.
+    fn take_events(&mut self, desk: &mut impl Desk) {
+        while !self.pending.is_full() {
+            let Some(body) = desk.event() else { break };
+            let uplink = Uplink {
+                session: self.session(),
+                event: self.next_event,
+                body,
+            };
+            self.next_event = self.next_event.wrapping_add(1).max(1);
+            let _ = self.pending.push_back(Pending { uplink, sent: None });
+        }
+    }
+
     fn send_pending(&mut self, now: Instant, out: &mut [u8], mut used: usize) -> usize {
         for _ in 0..self.pending.len() {
             // The queue is turned once around, so that no borrow of it lasts.
@@ -283,7 +340,7 @@ impl HostLink {
             };
             let due = entry
                 .sent
-                .is_none_or(|sent| now.saturating_duration_since(sent) >= RESEND);
+                .is_none_or(|sent| now.saturating_duration_since(sent) >= self.resend);
             if due && let Some(length) = self.write(&entry.uplink, now, out, used) {
                 used += length;
                 if entry.sent.is_some() {
@@ -309,6 +366,7 @@ impl HostLink {
             }
             match self.write(
                 &Uplink {
+                    session: self.session(),
                     event: 0,
                     body: Event::Telemetry(batch),
                 },

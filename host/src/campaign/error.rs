@@ -2,7 +2,7 @@
 
 use spherecal_shared::protocol::host::{Fault, FaultReport, Phase, Refusal};
 
-use super::JournalError;
+use super::{Implausible, JournalError};
 use crate::link::LinkError;
 
 /// What can end a campaign before its time.
@@ -61,6 +61,18 @@ pub enum CampaignError {
         /// Joints of the robot.
         robot: usize,
     },
+    /// The controller says what cannot be.
+    #[error(
+        "the controller sent what cannot be ({0}); it was not stored: check that controller, drive and program are of \
+         the same version, then continue with --resume"
+    )]
+    Implausible(#[from] Implausible),
+    /// The controller knows nothing of this session any more.
+    #[error(
+        "the controller was restarted, or another host has taken it over: see that nobody else uses it and that the \
+         arm is safe; then continue with --resume"
+    )]
+    Restarted,
     /// A command was refused.
     #[error("the controller refused to {what}: {refusal}")]
     Refused {

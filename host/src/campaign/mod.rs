@@ -23,6 +23,7 @@
 mod error;
 mod observe;
 mod outcome;
+mod plausible;
 mod procedure;
 mod retry;
 mod session;
@@ -36,6 +37,7 @@ use spherecal_shared::robot::{Robot, Tool};
 pub use error::{CampaignError, remedy};
 pub use observe::{Moved, Observer, Progress, Silent, Stage, TelemetrySummary};
 pub use outcome::{Outcome, Rejected};
+pub use plausible::{Implausible, plausible};
 pub use procedure::run;
 pub use retry::{Trace, Waypoints};
 pub use session::{Journal, JournalError, Session};
@@ -108,6 +110,9 @@ pub struct Options {
     pub pose_attempts: u32,
     /// Poses given up, in percent of those planned, after which the campaign stops.
     pub rejected_percent: u32,
+    /// How long after its cause a command starts, in ms: time for a lossy link
+    /// to get both through, without a tick of the arm depending on it.
+    pub lead_ms: u32,
 }
 
 impl Default for Options {
@@ -116,6 +121,7 @@ impl Default for Options {
             attempts: 3,
             pose_attempts: 2,
             rejected_percent: 25,
+            lead_ms: 60,
         }
     }
 }

@@ -4,6 +4,7 @@ use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{Contact, FaultReport, Statistics};
 
 use super::observe::TelemetrySummary;
+use crate::link::Injected;
 
 /// A pose that was given up.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,6 +36,8 @@ pub struct Outcome {
     pub ticks: u64,
     /// What the host's end of the link counted.
     pub link: LinkCounters,
+    /// What was done to the link's frames on purpose.
+    pub injected: Injected,
     /// What the controller counted.
     pub statistics: Statistics,
     /// What telemetry amounted to.

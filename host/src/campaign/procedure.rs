@@ -32,14 +32,15 @@ pub fn run(
     observer: &mut dyn Observer,
     interrupt: &AtomicBool,
 ) -> (Outcome, Result<(), CampaignError>) {
-    let mut session = Session::new(cell, journal, observer, interrupt);
+    let lead_us = u64::from(assignment.options.lead_ms) * 1000;
+    let mut session = Session::new(cell, journal, observer, interrupt, lead_us);
     let mut campaign = Campaign::new(assignment);
     session.progress.done = campaign.done.len();
     session.progress.done_before = campaign.done.len();
     let mut result = campaign.all(&mut session);
     if matches!(result, Err(CampaignError::Interrupted)) {
         // Leave the arm holding, damped; a refusal changes nothing about that.
-        if let Err(error) = session.ask("stop", Command::Stop).and_then(|_| session.drain(20)) {
+        if let Err(error) = session.stop_at_once().and_then(|()| session.drain(20)) {
             result = Err(error);
         }
     }
@@ -56,6 +57,7 @@ pub fn run(
         simulated_us: session.now_us(),
         ticks: session.ticks(),
         link: session.counters(),
+        injected: session.injected(),
         statistics: session.statistics,
         telemetry: session.telemetry,
     };
@@ -87,6 +89,7 @@ impl<'a> Campaign<'a> {
         session.stage(Stage::Connect, 0, self.assignment.tour);
         session.greet(self.assignment.robot.dof())?;
         session.clear_fault()?;
+        self.take_over(session)?;
         session.order("take the robot", Command::Robot(self.assignment.robot.clone()))?;
         session.order(
             "take the procedure",
@@ -95,6 +98,42 @@ impl<'a> Campaign<'a> {
                 procedure: *self.assignment.procedure,
             },
         )
+    }
+
+    /// Brings a controller that an earlier host has left in the middle of
+    /// something to rest in free space: a robot that hangs on a sphere must not be
+    /// told that it does not.
+    fn take_over(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        for _ in 0..self.assignment.options.attempts.max(1) {
+            match session.ask("stop", Command::Stop)? {
+                Ok(()) | Err(Refusal::FaultPending) => {}
+                Err(refusal) => {
+                    return Err(CampaignError::Refused {
+                        what: "stop".to_owned(),
+                        refusal,
+                    });
+                }
+            }
+            let before = session.changes;
+            match session.ask("leave the sphere", Command::Decouple)? {
+                // New, or nothing was touched.
+                Err(Refusal::Phase | Refusal::NotConfigured) => return Ok(()),
+                Ok(()) | Err(Refusal::FaultPending) => {}
+                Err(refusal) => {
+                    return Err(CampaignError::Refused {
+                        what: "leave the sphere".to_owned(),
+                        refusal,
+                    });
+                }
+            }
+            session.note("the controller was left on a sphere: leaving it first");
+            let free = |s: &Session<'_>| (s.changes > before && s.phase == Phase::Idle).then_some(());
+            match session.wait("leave the sphere", self.decouple_limit(), free)? {
+                Waited::Got(()) => return Ok(()),
+                Waited::Fault(_) => session.clear_fault()?,
+            }
+        }
+        Ok(())
     }
 
     fn all(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {

@@ -1,28 +1,61 @@
 //! One connection to one cell: steps time, stores and acknowledges, and turns
 //! commands and waits into plain calls.
+//!
+//! What the campaign does depends on what it hears, and when it does it is
+//! counted from the controller's own times: every command is to start a fixed
+//! lead after the event that led to it. What arrives is heard one event at a
+//! time. So a link that loses and repeats frames, or a host that is slow,
+//! changes no tick of what the arm does, as long as a frame gets through within
+//! the lead; a command that does not starts when it comes, and is counted late.
 
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{
-    Banner, Command, Contact, Coupled, Event, FaultReport, Phase, Refusal, Sample, Statistics,
+    Banner, Command, Contact, Coupled, Event, FaultReport, Phase, Refusal, Sample, SessionId, Statistics,
 };
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 
 use super::observe::{Moved, Observer, Progress, Stage, TelemetrySummary, force};
-use super::{CampaignError, Tour};
-use crate::link::{Arrival, Device, HostEndpoint, Timing};
+use super::{CampaignError, Tour, plausible};
+use crate::link::{Arrival, Device, HostEndpoint, Injected, Timing};
 
-/// Why a journal could not write: in words for the user.
+/// Why a journal did not take what came.
 #[derive(Debug, thiserror::Error)]
-#[error("{message}")]
-pub struct JournalError {
-    /// What happened, and the remedy.
-    pub message: String,
+pub enum JournalError {
+    /// It could not be written.
+    #[error("{message}")]
+    Store {
+        /// What happened, and the remedy, in words for the user.
+        message: String,
+    },
+    /// A run that is repeated from its start measured something else.
+    #[error(
+        "sphere {sphere}, pose {pose}: repeating the run from its start gave another recording than the one that is \
+         stored: it was begun by another version of this program, or its configuration has changed; begin a new run \
+         without --resume. The stored recordings are as they were"
+    )]
+    Differs {
+        /// Id of the sphere.
+        sphere: u32,
+        /// Id of the pose.
+        pose: u32,
+    },
 }
 
 /// Where events go before they are acknowledged.
 pub trait Journal {
+    /// Notes that the controller is about to be greeted under this number:
+    /// events of this session and of earlier ones of the same run are to be
+    /// kept; others are those of another run, and are to be passed over.
+    ///
+    /// # Errors
+    /// When it could not be noted.
+    fn greet(&mut self, _session: SessionId) -> Result<(), JournalError> {
+        Ok(())
+    }
+
     /// Makes a batch of events durable. A recording that is already there is
     /// not stored again, and that is no error.
     ///
@@ -39,6 +72,9 @@ pub trait Journal {
 
 /// How often an observer hears of progress at least, in µs of device time.
 const PROGRESS_US: u64 = 100_000;
+/// The first command after a greeting starts when the controller's clock shows
+/// a multiple of this, in µs: so that what a lost greeting costs is not seen.
+const ROUND_US: u64 = 500_000;
 /// How long the controller may take to answer a command, in s of device time.
 const ANSWER_S: f64 = 10.0;
 
@@ -60,6 +96,14 @@ pub struct Session<'a> {
     down: Vec<u8>,
     up: Vec<u8>,
     arrived: Vec<Arrival>,
+    /// What has arrived and was not heard yet.
+    inbox: VecDeque<Arrival>,
+    /// Joints of the robot.
+    joints: usize,
+    /// How long after its cause a command starts, in µs.
+    lead_us: u64,
+    /// When, by the controller's clock, what was heard last happened, in µs.
+    heard_us: u64,
     last_progress_us: u64,
     pub(super) progress: Progress,
     pub(super) banner: Option<Banner>,
@@ -80,12 +124,14 @@ pub struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// A session that has not spoken yet; it stops when `interrupt` is set.
+    /// A session that has not spoken yet; its commands start `lead_us` after
+    /// what led to them, and it stops when `interrupt` is set.
     pub fn new(
         cell: &'a mut dyn Device,
         journal: &'a mut dyn Journal,
         observer: &'a mut dyn Observer,
         interrupt: &'a AtomicBool,
+        lead_us: u64,
     ) -> Self {
         Self {
             cell,
@@ -96,6 +142,10 @@ impl<'a> Session<'a> {
             down: Vec::new(),
             up: Vec::new(),
             arrived: Vec::new(),
+            inbox: VecDeque::new(),
+            joints: 0,
+            lead_us,
+            heard_us: 0,
             last_progress_us: 0,
             progress: Progress::default(),
             banner: None,
@@ -129,6 +179,11 @@ impl<'a> Session<'a> {
         self.endpoint.counters()
     }
 
+    /// What was done to frames on purpose.
+    pub fn injected(&self) -> Injected {
+        self.cell.injected()
+    }
+
     pub(super) fn journal(&mut self) -> &mut dyn Journal {
         self.journal
     }
@@ -154,8 +209,20 @@ impl<'a> Session<'a> {
         self.observer.progress(&self.progress);
     }
 
-    /// One control period.
+    /// Hears the next thing that has arrived, after a control period if nothing has.
     pub(super) fn step(&mut self) -> Result<(), CampaignError> {
+        if self.inbox.is_empty() {
+            self.exchange()?;
+        }
+        if let Some(arrival) = self.inbox.pop_front() {
+            self.hear(&arrival);
+            self.observer.event(self.cell.now_us(), &arrival);
+        }
+        Ok(())
+    }
+
+    /// One control period.
+    fn exchange(&mut self) -> Result<(), CampaignError> {
         self.down.clear();
         self.up.clear();
         let now_us = self.cell.now_us();
@@ -164,16 +231,16 @@ impl<'a> Session<'a> {
             .map_err(crate::link::LinkError::from)?;
         self.cell.step(&self.down, &mut self.up)?;
         let journal = &mut *self.journal;
-        self.endpoint
-            .receive(&self.up, &mut self.arrived, |batch| journal.append(batch))?;
-        if !self.arrived.is_empty() {
-            let arrived = std::mem::take(&mut self.arrived);
-            for arrival in &arrived {
-                self.hear(arrival);
-                self.observer.event(now_us, arrival);
+        let joints = self.joints;
+        self.endpoint.receive(&self.up, &mut self.arrived, |batch| {
+            for arrival in batch {
+                plausible(&arrival.body, joints)?;
             }
-            self.arrived = arrived;
-            self.arrived.clear();
+            journal.append(batch).map_err(CampaignError::from)
+        })?;
+        self.inbox.extend(self.arrived.drain(..));
+        if self.endpoint.lost_session() {
+            return Err(CampaignError::Restarted);
         }
         if now_us.saturating_sub(self.last_progress_us) >= PROGRESS_US {
             self.report_progress();
@@ -182,8 +249,17 @@ impl<'a> Session<'a> {
     }
 
     fn hear(&mut self, arrival: &Arrival) {
+        if let Some(time_us) = time_of(&arrival.body) {
+            self.heard_us = self.heard_us.max(time_us);
+        }
         match &arrival.body {
-            Event::Banner(banner) => self.banner = Some(banner.clone()),
+            Event::Banner(banner) => {
+                self.banner = Some(banner.clone());
+                // The next command starts at a round time.
+                let earliest = arrival.sent_us.saturating_add(self.lead_us).saturating_add(1);
+                self.heard_us = earliest.next_multiple_of(ROUND_US).saturating_sub(self.lead_us);
+            }
+            Event::Held { .. } => {}
             Event::Reply { sequence, result } => self.reply = Some((*sequence, *result)),
             Event::Phase(change) => {
                 self.phase = change.phase;
@@ -220,7 +296,22 @@ impl<'a> Session<'a> {
 
     /// Sends a command and waits for its reply.
     pub(super) fn ask(&mut self, what: &str, command: Command) -> Result<Result<(), Refusal>, CampaignError> {
-        let sequence = self.endpoint.send(command);
+        let start_us = match command {
+            // Nothing is known yet of the controller's clock.
+            Command::Hello => 0,
+            _ => self.heard_us.saturating_add(self.lead_us).max(1),
+        };
+        self.ask_at(start_us, what, command)
+    }
+
+    /// As [`ask`](Self::ask), of a command that is to start at `start_us`.
+    fn ask_at(&mut self, start_us: u64, what: &str, command: Command) -> Result<Result<(), Refusal>, CampaignError> {
+        let sequence = self.endpoint.send_at(start_us, command);
+        // It is answered when it has started, and an answer that is lost must be
+        // asked for again: what nothing but the answer leads to starts a lead later.
+        if start_us > 0 {
+            self.heard_us = self.heard_us.max(start_us.saturating_add(self.lead_us));
+        }
         let start = self.now_us();
         self.reply = None;
         loop {
@@ -232,6 +323,11 @@ impl<'a> Session<'a> {
             }
             self.check_time(start, ANSWER_S, || format!("answer to \"{what}\""))?;
         }
+    }
+
+    /// Has the arm stop and hold, at once.
+    pub(super) fn stop_at_once(&mut self) -> Result<(), CampaignError> {
+        self.ask_at(0, "stop", Command::Stop).map(|_| ())
     }
 
     /// Sends a command that must not be refused.
@@ -278,6 +374,9 @@ impl<'a> Session<'a> {
 
     /// Greets the controller and checks who it is.
     pub(super) fn greet(&mut self, joints: usize) -> Result<(), CampaignError> {
+        self.joints = joints;
+        let session = self.endpoint.next_session();
+        self.journal.greet(session)?;
         if let Err(error) = self.order("greet", Command::Hello) {
             // One that does not understand a greeting may still say why.
             return match (self.greet_again(joints), error) {
@@ -339,10 +438,28 @@ impl<'a> Session<'a> {
 
     /// Lets acknowledgements reach the controller.
     pub(super) fn drain(&mut self, ticks: u32) -> Result<(), CampaignError> {
-        for _ in 0..ticks {
+        let end = self.ticks().saturating_add(u64::from(ticks));
+        while self.ticks() < end {
             self.step()?;
         }
         Ok(())
+    }
+}
+
+/// When an event happened, by the controller's clock, in µs.
+fn time_of(event: &Event) -> Option<u64> {
+    match event {
+        Event::Phase(change) => Some(change.time_us),
+        Event::Contact(contact) => Some(contact.time_us),
+        Event::Coupled(coupled) => Some(coupled.time_us),
+        Event::Recording(recording) => Some(recording.end_us),
+        Event::Fault(report) => Some(report.time_us),
+        Event::Banner(_)
+        | Event::Held { .. }
+        | Event::Reply { .. }
+        | Event::Passed { .. }
+        | Event::Telemetry(_)
+        | Event::Statistics(_) => None,
     }
 }
 

@@ -71,7 +71,8 @@ pub fn teach(
 ) -> Result<Vec<Taught>, CampaignError> {
     let tour = assignment.tour;
     let mut nowhere = Nowhere;
-    let mut session = Session::new(device, &mut nowhere, observer, interrupt);
+    let lead_us = u64::from(assignment.options.lead_ms) * 1000;
+    let mut session = Session::new(device, &mut nowhere, observer, interrupt, lead_us);
     let campaign = Campaign::new(assignment);
     campaign.begin(&mut session)?;
     session.stage(Stage::Home, 0, tour);

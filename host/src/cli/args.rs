@@ -112,6 +112,11 @@ pub enum Command {
     /// Print the manual page, or write one for each command.
     #[command(after_help = "Example: spherecal man --out ~/.local/share/man/man1")]
     Man(ManArgs),
+    /// Check a database, or save what can be read of a damaged one.
+    Store(StoreArgs),
+    /// Run the same simulated cell for hours of robot time: what grows or drifts is told.
+    #[command(after_help = "Example: spherecal soak --hours 24 --out soak")]
+    Soak(SoakArgs),
 }
 
 /// Arguments of everything that plans or measures.
@@ -319,6 +324,62 @@ pub struct WorldsArgs {
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Arguments of `soak`.
+#[derive(Args, Clone, Debug)]
+pub struct SoakArgs {
+    /// Hours of robot time.
+    #[arg(long, value_name = "H", default_value_t = 24.0)]
+    pub hours: f64,
+    /// Poses of a lap.
+    #[arg(long, value_name = "N")]
+    pub poses: Option<usize>,
+    /// Seed of everything that is drawn.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Configuration; it names only what differs from the defaults.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Folder of the database (soak.db).
+    #[arg(long, value_name = "DIR", default_value = "spherecal-soak")]
+    pub out: PathBuf,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `store`.
+#[derive(Args, Clone, Debug)]
+pub struct StoreArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub action: StoreAction,
+}
+
+/// What `store` does.
+#[derive(Clone, Debug, Subcommand)]
+pub enum StoreAction {
+    /// Read everything in a database, and hold it against its digests.
+    #[command(after_help = "Example: spherecal store check spherecal-out/calibration.db")]
+    Check {
+        /// The database.
+        #[arg(value_name = "DATABASE")]
+        database: PathBuf,
+    },
+    /// Save what can be read of a damaged database in a new file; the old one stays as it is.
+    #[command(after_help = "Example: spherecal store recover spherecal-out/calibration.db saved/calibration.db")]
+    Recover {
+        /// The damaged database.
+        #[arg(value_name = "DAMAGED")]
+        damaged: PathBuf,
+        /// The new one.
+        #[arg(value_name = "NEW")]
+        new: PathBuf,
+        /// Print one JSON document on stdout and nothing else.
+        #[arg(long)]
+        json: bool,
+    },
 }
 
 /// Arguments of `config`.

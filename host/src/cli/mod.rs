@@ -21,7 +21,9 @@ mod run;
 mod servers;
 mod shell;
 mod stability;
+mod soak;
 mod stages;
+mod store;
 mod studies;
 mod teach;
 mod text;
@@ -59,6 +61,8 @@ pub fn main() -> ExitCode {
         Some(Command::Doctor(args)) => Ok(doctor::run(&args)),
         Some(Command::Completions(args)) => shell::completions(&args),
         Some(Command::Man(args)) => shell::man(&args),
+        Some(Command::Store(args)) => store::run(&args),
+        Some(Command::Soak(args)) => soak::run(&args),
     };
     match result {
         Ok(exit) => exit.into(),

@@ -55,6 +55,7 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
         let prepared = args.prepare()?;
         (Store::create_or_open(&args.database())?, prepared, None)
     };
+    let _claim = Store::claim(&args.database())?;
     if resume.as_ref().is_none_or(|info| info.state == "running") {
         if !args.json {
             eprint!("{}", text::plan(&prepared.plan));
@@ -77,6 +78,13 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
         // Also of a session that was stopped: the run may go on with --resume.
         if let Some(info) = store.last_run()? {
             let mut all = contact_traces(&mut store, info.run)?;
+            // A run that was repeated from its start has all of them again.
+            let again = |old: &Trace| {
+                traces
+                    .iter()
+                    .any(|new| (new.sphere, new.trigger_s) == (old.sphere, old.trigger_s))
+            };
+            all.retain(|trace| !again(trace));
             all.append(&mut traces);
             let json = serde_json::to_string(&all).map_err(CliError::job)?;
             store.put_result(info.run, CONTACT_TRACES, &json)?;

@@ -9,6 +9,7 @@ use spherecal_shared::procedure::{Procedure, ProcedureError};
 
 use crate::campaign;
 use crate::identify;
+use crate::link::{Lossy, LossyError};
 use crate::plan::{
     CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, design_for, plan,
 };
@@ -35,6 +36,8 @@ pub struct Config {
     pub plant: toml::Table,
     /// The laser tracker's reference.
     pub laser: LaserSection,
+    /// What is done to the host link on purpose.
+    pub host_link: Lossy,
     /// How the robot is identified.
     pub identify: identify::Options,
 }
@@ -149,6 +152,9 @@ pub struct CampaignSection {
     pub pose_attempts: u32,
     /// Poses given up, in percent, after which the campaign stops.
     pub rejected_percent: u32,
+    /// How long after its cause a command starts, in ms: within it a lossy link
+    /// must get an event up and a command down, or recordings depend on it.
+    pub lead_ms: u32,
     /// Error of the taught waypoints along each axis, in m, either way: quick
     /// hand-guiding (the paper's, Section 4.2).
     pub taught_error_m: f64,
@@ -161,6 +167,7 @@ impl Default for CampaignSection {
             attempts: options.attempts,
             pose_attempts: options.pose_attempts,
             rejected_percent: options.rejected_percent,
+            lead_ms: options.lead_ms,
             taught_error_m: 0.010,
         }
     }
@@ -173,6 +180,7 @@ impl CampaignSection {
             attempts: self.attempts.max(1),
             pose_attempts: self.pose_attempts.max(1),
             rejected_percent: self.rejected_percent,
+            lead_ms: self.lead_ms,
         }
     }
 }
@@ -202,6 +210,7 @@ impl Default for Config {
             procedure: Procedure::default(),
             plant: toml::Table::new(),
             laser: LaserSection::default(),
+            host_link: Lossy::default(),
             identify: identify::Options::default(),
         }
     }
@@ -232,6 +241,9 @@ pub enum ConfigError {
     /// The plant is impossible.
     #[error(transparent)]
     Plant(#[from] PlantError),
+    /// A bad link that is none.
+    #[error("host_link.{0}")]
+    HostLink(#[from] LossyError),
     /// Another number is out of range.
     #[error("{field} is {value}: {remedy}")]
     Range {
@@ -261,8 +273,16 @@ impl Config {
             path: name.clone(),
             source,
         })?;
-        toml::from_str(&text).map_err(|e| ConfigError::Syntax {
-            path: name,
+        Self::parse(&name, &text)
+    }
+
+    /// As [`read`](Self::read), of a text; `name` is for messages.
+    ///
+    /// # Errors
+    /// What is not TOML or names what does not exist.
+    pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
+        toml::from_str(text).map_err(|e| ConfigError::Syntax {
+            path: name.to_owned(),
             message: e.to_string().trim_end().to_owned(),
         })
     }
@@ -274,6 +294,14 @@ impl Config {
     pub fn check(&self) -> Result<(), ConfigError> {
         self.procedure.check()?;
         self.plant()?;
+        self.host_link.check()?;
+        if self.campaign.lead_ms > 2000 {
+            return Err(ConfigError::Range {
+                field: "campaign.lead_ms",
+                value: f64::from(self.campaign.lead_ms),
+                remedy: "give milliseconds from 0 to 2000",
+            });
+        }
         let most = 0.05;
         if !(0.0..=most).contains(&self.campaign.taught_error_m) {
             return Err(ConfigError::Range {

@@ -9,9 +9,10 @@ use std::collections::BTreeMap;
 use super::{Config, ConfigError};
 
 /// The sources in which the configuration's structs stand.
-const SOURCES: [&str; 9] = [
+const SOURCES: [&str; 10] = [
     include_str!("config.rs"),
     include_str!("../../../shared/src/procedure.rs"),
+    include_str!("../link/lossy.rs"),
     include_str!("../identify/options.rs"),
     include_str!("../identify/data.rs"),
     include_str!("../plan/candidates.rs"),

@@ -4,13 +4,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
-use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording};
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::bound::bound_options;
 use super::laser::{BASE, CALIBRATE, TOOL, VALIDATE};
-use super::{Config, JobError};
+use super::{Config, JobError, LinkRecord};
 use crate::identify::{
     Calibration, Experiment, IdentifyError, Method, Observation, Options, Pose, Set, Sphere, Target, choose_model,
     identify,
@@ -50,7 +49,7 @@ pub struct Measurements {
     /// Laser shots; none without a tracker.
     pub laser: Vec<LaserShot>,
     /// What host and controller counted on the host link.
-    pub link: [LinkCounters; 2],
+    pub link: LinkRecord,
     /// Device time, in s.
     pub simulated_s: f64,
     /// Time on the wall, in s.

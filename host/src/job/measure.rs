@@ -6,14 +6,18 @@ use std::str::FromStr;
 use std::sync::atomic::AtomicBool;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
+use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::frame::LinkCounters;
 
+use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::laser::measure_laser;
 use super::{Config, JobError, Measurements, Prepared, tour};
-use crate::campaign::{self, Assignment, Journal, JournalError, Observer, Outcome};
+use crate::campaign::{self, Assignment, Observer, Outcome};
 use crate::link::qemu::{Qemu, QemuOptions};
 use crate::link::tcp::{Remote, TcpDrive, Threaded, check_limits};
-use crate::link::{Arrival, Cell, Controller, Device, Drive, LinkError, controller_in_process, simulated_arm};
+use crate::link::{
+    Cell, Controller, Device, Drive, Injected, LinkError, LossyDevice, controller_in_process, simulated_arm,
+};
 use crate::plan::Plan;
 use crate::store::{NewRun, PlannedPose, RunInfo, SessionEnd, Store};
 
@@ -86,29 +90,9 @@ pub struct Measured {
     pub outcome: Outcome,
 }
 
-/// The store as a campaign's journal.
-struct StoreJournal<'a> {
-    store: &'a mut Store,
-    run: i64,
-    session: i64,
-}
-
-impl Journal for StoreJournal<'_> {
-    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
-        self.store
-            .append(self.run, self.session, events)
-            .map_err(|e| JournalError { message: e.to_string() })
-    }
-
-    fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError> {
-        self.store
-            .reject_pose(self.run, sphere, pose, reason)
-            .map_err(|e| JournalError { message: e.to_string() })
-    }
-}
-
 /// Runs the campaign, and the laser reference after it; goes on with `resume`
-/// where it is given.
+/// where it is given: where the arm is, if it lives on, or by repeating the run
+/// from its start, if the arm was simulated in the process that ended.
 ///
 /// # Errors
 /// Whatever stops it. What was recorded until then is in the store.
@@ -116,14 +100,30 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     let begun = Instant::now();
     let tour = tour(&prepared.plan);
     let mut device = device(prepared, &site, &tour.home)?;
+    let repeats = repeats(site.link);
     let (run, done) = match resume {
+        Some(info) if repeats => (info.run, BTreeSet::new()),
         Some(info) => {
             let had = site.store.resumable(info.run)?;
             (info.run, had.recorded.union(&had.rejected).copied().collect())
         }
         None => (create_run(prepared, site.link, site.store)?, BTreeSet::new()),
     };
-    let session = site.store.begin_session(run, &now_utc())?;
+    let repeated = repeats && site.store.sessions(run)?.len() as i64 >= REPEATED_SESSION;
+    let session = if repeated {
+        REPEATED_SESSION
+    } else {
+        site.store.begin_session(run, &now_utc())?
+    };
+    let mut journal = if repeated {
+        let stored = site.store.resumable(run)?.recorded.len();
+        site.observer.note(&format!(
+            "the simulated arm begins anew: the run is repeated, and its first {stored} recordings must come out the same"
+        ));
+        StoreJournal::repeated(site.store, run)?
+    } else {
+        StoreJournal::live(site.store, run, session)?
+    };
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
@@ -132,11 +132,6 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
         done: &done,
         options: prepared.config.campaign.options(),
     };
-    let mut journal = StoreJournal {
-        store: site.store,
-        run,
-        session,
-    };
     let (outcome, result) = campaign::run(
         &assignment,
         device.as_mut(),
@@ -144,12 +139,26 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
         site.observer,
         site.interrupt,
     );
+    let passed_over = journal.passed_over();
+    if passed_over > 0 {
+        site.observer.note(&format!(
+            "the controller still held {passed_over} events of another run: they were passed over"
+        ));
+    }
+    if result.is_ok() {
+        journal.finish()?;
+    }
+    drop(journal);
     let end = SessionEnd {
         firmware: outcome.firmware.clone(),
         simulated_us: outcome.simulated_us,
         ticks: outcome.ticks,
         wall_s: begun.elapsed().as_secs_f64(),
-        link_json: json(&[outcome.link, outcome.statistics.link])?,
+        link_json: json(&LinkRecord {
+            ends: [outcome.link, outcome.statistics.link],
+            injected: outcome.injected,
+            late: outcome.statistics.late,
+        })?,
         telemetry_json: json(&outcome.telemetry)?,
     };
     site.store.end_session(run, session, &end)?;
@@ -161,13 +170,64 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     Ok(Measured { run, outcome })
 }
 
+/// Whether a run over this link goes on by being repeated: where the arm was in
+/// the process that ended and does the same again for the same commands.
+fn repeats(link: &Link) -> bool {
+    matches!(link, Link::Sim | Link::Qemu)
+}
+
 /// Whether the plant is in this process, and its tracker with it.
 fn simulated_plant(link: &Link) -> bool {
     !matches!(link, Link::Tcp(_) | Link::Controller(_))
 }
 
-/// What stands behind the link.
-fn device(prepared: &Prepared, site: &Site<'_>, home: &[f64]) -> Result<Box<dyn Device>, JobError> {
+/// What the two ends of the host link counted in a session.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LinkRecord {
+    /// What the host received, and what the controller did.
+    pub ends: [LinkCounters; 2],
+    /// What was done to frames on purpose.
+    #[serde(default)]
+    pub injected: Injected,
+    /// Commands that came after their start.
+    #[serde(default)]
+    pub late: u32,
+}
+
+impl LinkRecord {
+    /// As it stands in the database; a session that was killed has told nothing.
+    fn stored(text: &str) -> Self {
+        serde_json::from_str(text)
+            .or_else(|_| {
+                // The counters alone, as the first versions wrote them.
+                serde_json::from_str(text).map(|ends| Self {
+                    ends,
+                    ..Self::default()
+                })
+            })
+            .unwrap_or_default()
+    }
+
+    fn add(&mut self, other: &Self) {
+        for (sum, part) in self.ends.iter_mut().zip(&other.ends) {
+            add(sum, part);
+        }
+        self.injected = self.injected.plus(other.injected);
+        self.late = self.late.saturating_add(other.late);
+    }
+}
+
+/// What stands behind the link, and behind what is done to it on purpose.
+pub(super) fn device(prepared: &Prepared, site: &Site<'_>, home: &[f64]) -> Result<Box<dyn Device>, JobError> {
+    let device = good_device(prepared, site, home)?;
+    let lossy = prepared.config.host_link;
+    if lossy.is_active() {
+        return Ok(Box::new(LossyDevice::new(device, lossy)));
+    }
+    Ok(device)
+}
+
+fn good_device(prepared: &Prepared, site: &Site<'_>, home: &[f64]) -> Result<Box<dyn Device>, JobError> {
     if let Some(device) = distant(prepared, site.link)? {
         return Ok(device);
     }
@@ -211,7 +271,7 @@ pub(super) fn controller(prepared: &Prepared, link: &Link, folder: &Path) -> Res
     }
 }
 
-fn create_run(prepared: &Prepared, link: &Link, store: &mut Store) -> Result<i64, JobError> {
+pub(super) fn create_run(prepared: &Prepared, link: &Link, store: &mut Store) -> Result<i64, JobError> {
     let poses = prepared
         .plan
         .spheres
@@ -255,13 +315,9 @@ pub fn read(store: &mut Store, info: &RunInfo) -> Result<Measurements, JobError>
     })?;
     let plan: Plan = serde_json::from_str(&info.plan_json).map_err(undecodable("the stored plan"))?;
     let sessions = store.sessions(info.run)?;
-    let mut link = [LinkCounters::default(); 2];
+    let mut link = LinkRecord::default();
     for session in &sessions {
-        // A session that was killed has told nothing.
-        let counted: [LinkCounters; 2] = serde_json::from_str(&session.link_json).unwrap_or_default();
-        for (sum, part) in link.iter_mut().zip(counted) {
-            add(sum, &part);
-        }
+        link.add(&LinkRecord::stored(&session.link_json));
     }
     Ok(Measurements {
         seed: info.seed,

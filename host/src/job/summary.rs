@@ -9,8 +9,9 @@ use sha2::{Digest, Sha256};
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
-use super::{Evaluation, JobError, Measurements};
+use super::{Evaluation, JobError, LinkRecord, Measurements};
 use crate::identify::ParameterEstimate;
+use crate::link::Injected;
 use crate::validate::{Alignment, Statistics};
 
 /// Poses, counted.
@@ -35,23 +36,31 @@ pub struct LinkSummary {
     pub frames: u64,
     /// Frames whose checksum or shape was wrong.
     pub crc_errors: u64,
-    /// Frames missing by their numbers.
+    /// Frames missing by their numbers, the damaged among them.
     pub lost: u64,
     /// Messages sent again.
     pub resent: u64,
     /// Messages that came again.
     pub duplicates: u64,
+    /// Commands that came after the time at which they were to start: none
+    /// means that the link changed no tick of what the arm did.
+    pub late: u64,
+    /// What was done to frames on purpose.
+    pub injected: Injected,
 }
 
 impl LinkSummary {
-    fn of(ends: &[LinkCounters; 2]) -> Self {
-        let sum = |f: fn(&LinkCounters) -> u32| ends.iter().map(|c| u64::from(f(c))).sum();
+    /// From what the two ends counted.
+    pub fn of(record: &LinkRecord) -> Self {
+        let sum = |f: fn(&LinkCounters) -> u32| record.ends.iter().map(|c| u64::from(f(c))).sum();
         Self {
             frames: sum(|c| c.frames),
             crc_errors: sum(|c| c.crc_errors),
             lost: sum(|c| c.lost),
             resent: sum(|c| c.resent),
             duplicates: sum(|c| c.duplicates),
+            late: record.late.into(),
+            injected: record.injected,
         }
     }
 }

@@ -1,7 +1,8 @@
 //! The host's end of the host link.
 //!
 //! Down: one command at a time is under way; it is sent again, with the same
-//! number, until its reply comes, on the device's time. Up: every event that
+//! number, until the controller says that it holds it, and again from its start
+//! on until its reply comes, on the device's time. Up: every event that
 //! carries a number is handed on exactly once and in the order of the numbers,
 //! and is acknowledged only after the caller has stored it. What came before is
 //! acknowledged again and dropped; what comes too early waits for its turn.
@@ -12,11 +13,14 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use spherecal_shared::protocol::frame::{self, Accumulator, FrameError, LinkCounters, MAX_FRAME, SequenceWatch};
-use spherecal_shared::protocol::host::{Command, Downlink, Event, Uplink};
+use spherecal_shared::protocol::host::{Command, Downlink, Event, SessionId, Uplink};
 
 /// Events that may wait for an earlier one; what is beyond is not kept, and
 /// the controller sends it again.
 const EARLY_MOST: usize = 64;
+
+/// A command that the controller holds is sent again after this at the latest, in µs.
+const HELD_US: u64 = 1_000_000;
 
 /// When the endpoint repeats itself, in µs of device time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,7 +34,7 @@ pub struct Timing {
 impl Default for Timing {
     fn default() -> Self {
         Self {
-            repeat_us: 50_000,
+            repeat_us: 5_000,
             keep_alive_us: 250_000,
         }
     }
@@ -39,6 +43,8 @@ impl Default for Timing {
 /// Something from the controller, once.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arrival {
+    /// Session in which it happened.
+    pub session: SessionId,
     /// Number of the event, 0 for what is not sent again.
     pub event: u32,
     /// The sender's time when the frame was made, in µs.
@@ -51,6 +57,8 @@ struct Pending {
     message: Downlink,
     sent_us: u64,
     since_us: u64,
+    /// Whether the controller has it and waits for its time.
+    held: bool,
 }
 
 /// The host's end of the host link.
@@ -61,6 +69,15 @@ pub struct HostEndpoint {
     watch: SequenceWatch,
     counters: LinkCounters,
     foreign: u32,
+    /// The session is this number and the count of greetings.
+    nonce: u32,
+    greetings: u32,
+    lost_session: bool,
+    /// Newest time that the controller has stated, in µs.
+    device_us: u64,
+    /// The host's time then, and at the last transmission, in µs.
+    device_at_us: u64,
+    now_us: u64,
     frames_sent: u32,
     last_command: u32,
     queue: VecDeque<Downlink>,
@@ -78,8 +95,29 @@ impl HostEndpoint {
     pub fn new(timing: Timing) -> Self {
         Self {
             timing,
+            nonce: unheard_of(),
             ..Self::default()
         }
+    }
+
+    /// The session of the last greeting.
+    pub fn session(&self) -> SessionId {
+        self.session_of(self.greetings)
+    }
+
+    fn session_of(&self, greetings: u32) -> SessionId {
+        self.nonce.wrapping_add(greetings).to_le_bytes()
+    }
+
+    /// The session of the next greeting.
+    pub fn next_session(&self) -> SessionId {
+        self.session_of(self.greetings.wrapping_add(1))
+    }
+
+    /// Whether the controller has said that it knows nothing of this session:
+    /// it was restarted, or another host has greeted it. Until the next Hello.
+    pub fn lost_session(&self) -> bool {
+        self.lost_session
     }
 
     /// What was counted on the way up; `resent` counts commands sent again.
@@ -92,20 +130,34 @@ impl HostEndpoint {
         self.foreign
     }
 
-    /// Queues a command; returns the number that its reply will carry.
+    /// Queues a command to be carried out at once; returns the number that its
+    /// reply will carry.
     pub fn send(&mut self, command: Command) -> u32 {
+        self.send_at(0, command)
+    }
+
+    /// Queues a command to be carried out at `start_us` of the controller's own
+    /// clock; returns the number that its reply will carry.
+    pub fn send_at(&mut self, start_us: u64, command: Command) -> u32 {
         let sequence = if matches!(command, Command::Hello) {
             // Hello restarts the count; what was queued before it is void.
             self.queue.clear();
             self.pending = None;
             self.next_event = None;
             self.early.clear();
+            self.greetings = self.greetings.wrapping_add(1);
+            self.lost_session = false;
             1
         } else {
             self.last_command.wrapping_add(1).max(1)
         };
         self.last_command = sequence;
-        self.queue.push_back(Downlink { sequence, command });
+        self.queue.push_back(Downlink {
+            session: self.session(),
+            sequence,
+            start_us,
+            command,
+        });
         sequence
     }
 
@@ -119,11 +171,16 @@ impl HostEndpoint {
     /// # Errors
     /// When a command does not fit a frame.
     pub fn transmit(&mut self, now_us: u64, out: &mut Vec<u8>) -> Result<(), FrameError> {
+        self.now_us = now_us;
         while let Some(event) = self.acknowledgements.pop_front() {
             self.unnumbered(Command::Acknowledge { event }, now_us, out)?;
         }
+        let device_us = self.device_us.saturating_add(now_us.saturating_sub(self.device_at_us));
         if let Some(pending) = &mut self.pending {
-            if now_us.saturating_sub(pending.sent_us) >= self.timing.repeat_us {
+            let waits = pending.held
+                && device_us < pending.message.start_us.saturating_add(self.timing.repeat_us)
+                && now_us.saturating_sub(pending.sent_us) < HELD_US;
+            if !waits && now_us.saturating_sub(pending.sent_us) >= self.timing.repeat_us {
                 pending.sent_us = now_us;
                 let message = pending.message.clone();
                 self.counters.resent = self.counters.resent.wrapping_add(1);
@@ -135,6 +192,7 @@ impl HostEndpoint {
                 message,
                 sent_us: now_us,
                 since_us: now_us,
+                held: false,
             });
         }
         let silent = self
@@ -189,16 +247,41 @@ impl HostEndpoint {
     }
 
     fn take(&mut self, message: Uplink, sent_us: u64, arrived: &mut Vec<Arrival>) {
+        let ours = message.session == self.session();
+        if ours {
+            self.hear_time(sent_us);
+        }
         let arrival = Arrival {
+            session: message.session,
             event: message.event,
             sent_us,
             body: message.body,
         };
         if arrival.event == 0 {
-            if let Event::Banner(banner) = &arrival.body
-                && self.next_event.is_none()
-            {
-                self.next_event = Some(banner.first_event);
+            match &arrival.body {
+                Event::Banner(banner) if ours => {
+                    if self.next_event.is_none() {
+                        self.next_event = Some(banner.first_event);
+                    }
+                }
+                Event::Banner(_) => {
+                    // A late one of a greeting of ours says nothing new; before
+                    // the first it may be all that a foreign controller says.
+                    let late = (0..self.greetings).any(|k| self.session_of(k) == message.session);
+                    self.lost_session |= self.next_event.is_some() && !late;
+                    if late {
+                        return;
+                    }
+                }
+                // Of a session that is over.
+                _ if !ours => return,
+                Event::Held { sequence } => {
+                    if let Some(pending) = self.pending.as_mut().filter(|p| p.message.sequence == *sequence) {
+                        pending.held = true;
+                    }
+                    return;
+                }
+                _ => {}
             }
             if let Event::Reply { sequence, .. } = arrival.body {
                 match &self.pending {
@@ -238,6 +321,14 @@ impl HostEndpoint {
         }
     }
 
+    /// Notes what the controller's clock shows.
+    fn hear_time(&mut self, sent_us: u64) {
+        if sent_us >= self.device_us || self.next_event.is_none() {
+            self.device_us = sent_us;
+            self.device_at_us = self.now_us;
+        }
+    }
+
     fn advance(&mut self, arrival: Arrival) {
         // 0 means "not numbered", so the count goes round it.
         self.next_event = Some(arrival.event.wrapping_add(1).max(1));
@@ -245,7 +336,13 @@ impl HostEndpoint {
     }
 
     fn unnumbered(&mut self, command: Command, now_us: u64, out: &mut Vec<u8>) -> Result<(), FrameError> {
-        self.frame(&Downlink { sequence: 0, command }, now_us, out)
+        let message = Downlink {
+            session: self.session(),
+            sequence: 0,
+            start_us: 0,
+            command,
+        };
+        self.frame(&message, now_us, out)
     }
 
     fn frame(&mut self, message: &Downlink, now_us: u64, out: &mut Vec<u8>) -> Result<(), FrameError> {
@@ -256,6 +353,13 @@ impl HostEndpoint {
         out.extend_from_slice(bytes.get(..length).unwrap_or(&bytes));
         Ok(())
     }
+}
+
+/// A number that no other host uses: random, without being asked for a seed, for
+/// it must differ from run to run and steers nothing.
+fn unheard_of() -> u32 {
+    use std::hash::{BuildHasher as _, RandomState};
+    RandomState::new().hash_one(std::process::id()) as u32
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use std::convert::Infallible;
 struct Peer {
     accumulator: Accumulator,
     frames: u32,
+    session: SessionId,
     last_command: u32,
     carried_out: Vec<u32>,
     waiting: VecDeque<(u32, u64)>,
@@ -34,6 +35,7 @@ impl Peer {
                 Command::KeepAlive => {}
                 _ => {
                     if matches!(message.command, Command::Hello) {
+                        self.session = message.session;
                         let banner = self.banner();
                         up.push(self.frame(0, Event::Banner(banner), now_us));
                     }
@@ -76,7 +78,8 @@ impl Peer {
 
     fn frame(&mut self, event: u32, body: Event, now_us: u64) -> Vec<u8> {
         let mut bytes = [0u8; MAX_FRAME];
-        let length = frame::encode(&Uplink { event, body }, self.frames, now_us, &mut bytes).expect("it fits");
+        let session = self.session;
+        let length = frame::encode(&Uplink { session, event, body }, self.frames, now_us, &mut bytes).expect("it fits");
         self.frames += 1;
         bytes[..length].to_vec()
     }

@@ -28,6 +28,7 @@ mod cell;
 mod endpoint;
 mod in_process;
 mod led;
+mod lossy;
 pub mod qemu;
 mod simulated;
 pub mod tcp;
@@ -39,6 +40,7 @@ pub use cell::Cell;
 pub use endpoint::{Arrival, HostEndpoint, Timing};
 pub use in_process::{InProcess, controller_in_process};
 pub use led::{OperatorCall, led_arm};
+pub use lossy::{Injected, Lossy, LossyDevice, LossyError};
 pub use simulated::{SimulatedArm, SimulatedArmError, simulated_arm};
 
 /// Why a link failed for good. What can be repaired (lost, damaged, repeated
@@ -121,6 +123,33 @@ pub trait Device {
     /// something here can: of a real cell a person moves it.
     fn move_plate(&mut self, _place: u32) -> bool {
         false
+    }
+
+    /// What was done to frames of the host link on purpose ([`LossyDevice`]).
+    fn injected(&self) -> Injected {
+        Injected::default()
+    }
+}
+
+impl<D: Device + ?Sized> Device for Box<D> {
+    fn now_us(&self) -> u64 {
+        (**self).now_us()
+    }
+
+    fn ticks(&self) -> u64 {
+        (**self).ticks()
+    }
+
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        (**self).step(down, up)
+    }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        (**self).move_plate(place)
+    }
+
+    fn injected(&self) -> Injected {
+        (**self).injected()
     }
 }
 

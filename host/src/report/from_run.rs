@@ -363,7 +363,8 @@ fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
             "bad checksums",
             "lost",
             "sent again",
-            "duplicates",
+            "duplicates dropped",
+            "commands late",
             "samples recorded",
             "gaps",
         ]),
@@ -373,10 +374,30 @@ fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
             s.link.lost.to_string(),
             s.link.resent.to_string(),
             s.link.duplicates.to_string(),
+            s.link.late.to_string(),
             samples.to_string(),
             gaps.to_string(),
         ]],
     }];
+    let injected = &s.link.injected;
+    if injected.frames > 0 {
+        tables.push(SimpleTable {
+            title: "What was done to the host link on purpose".to_owned(),
+            caption: "Frames of both directions, by [host_link] of the configuration.".to_owned(),
+            columns: strings(&["frames", "lost", "sent twice", "held back", "with a flipped bit"]),
+            rows: vec![
+                [
+                    injected.frames,
+                    injected.lost,
+                    injected.duplicated,
+                    injected.reordered,
+                    injected.flipped,
+                ]
+                .map(|count| count.to_string())
+                .to_vec(),
+            ],
+        });
+    }
     if s.faults.is_empty() {
         tables[0].caption.push_str(" No fault occurred.");
     } else {

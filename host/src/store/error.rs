@@ -1,6 +1,6 @@
 //! Why the store refused or failed.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What can go wrong with a database.
 #[derive(Debug, thiserror::Error)]
@@ -14,9 +14,9 @@ pub enum StoreError {
         /// File.
         path: PathBuf,
     },
-    /// Another version wrote it.
+    /// A newer version wrote it.
     #[error(
-        "{path}: has schema version {found}, this program reads and writes {expected}: \
+        "{path}: has schema version {found}, this program knows those up to {expected}: \
          use the spherecal that wrote it, or choose another --out folder; nothing was changed",
         path = path.display()
     )]
@@ -30,7 +30,8 @@ pub enum StoreError {
     },
     /// Pages of the file are damaged.
     #[error(
-        "{path}: is damaged ({what}): keep it, and choose another --out folder; nothing was changed",
+        "{path}: is damaged ({what}): keep it, save what can be read into a new file with \
+         `spherecal store recover {path} NEW.db`, or choose another --out folder; nothing was changed",
         path = path.display()
     )]
     Damaged {
@@ -76,6 +77,36 @@ pub enum StoreError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// Another program holds it.
+    #[error(
+        "{path}: another program has it locked ({what}): end that program, then continue with --resume; \
+         nothing that was acknowledged is lost",
+        path = path.display()
+    )]
+    Locked {
+        /// File.
+        path: PathBuf,
+        /// What is held.
+        what: String,
+    },
+    /// There is no room, or the disk fails.
+    #[error(
+        "{path}: cannot be written ({what}): make room on the disk and see that it works, then continue with \
+         --resume; nothing that was acknowledged is lost",
+        path = path.display()
+    )]
+    Full {
+        /// File.
+        path: PathBuf,
+        /// What the database said.
+        what: String,
+    },
+    /// A file stands where a new one is to be written.
+    #[error("{path}: is there already: name a file that does not exist; nothing was changed", path = path.display())]
+    Exists {
+        /// File.
+        path: PathBuf,
+    },
     /// The database failed.
     #[error("{path}: {source}: check free space and permissions, then continue with --resume", path = path.display())]
     Database {
@@ -87,8 +118,39 @@ pub enum StoreError {
 }
 
 impl StoreError {
+    /// What the database said, sorted by what a person has to do.
+    pub(super) fn of(path: &Path, source: sqlx::Error) -> Self {
+        let path = path.to_owned();
+        let what = source.to_string();
+        // SQLite's primary result codes.
+        match code(&source) {
+            Some(5 | 6) => Self::Locked { path, what },
+            Some(8 | 10 | 13 | 14) => Self::Full { path, what },
+            Some(11 | 26) => Self::Damaged { path, what },
+            _ => Self::Database { path, source },
+        }
+    }
+
     /// Whether the input is to blame (exit code 2), not the machine.
     pub fn is_input(&self) -> bool {
-        !matches!(self, Self::Database { .. } | Self::Io { .. })
+        !matches!(
+            self,
+            Self::Database { .. } | Self::Io { .. } | Self::Locked { .. } | Self::Full { .. }
+        )
     }
+}
+
+/// SQLite's primary result code of an error, or of what lies behind it.
+fn code(error: &sqlx::Error) -> Option<u32> {
+    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
+    while let Some(error) = cause {
+        if let Some(code) = error
+            .downcast_ref::<sqlx::Error>()
+            .and_then(|e| e.as_database_error()?.code())
+        {
+            return code.parse::<u32>().ok().map(|extended| extended & 0xff);
+        }
+        cause = error.source();
+    }
+    None
 }

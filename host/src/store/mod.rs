@@ -10,12 +10,20 @@
 //!
 //! SQLite, in write-ahead mode with a synchronous commit: what was acknowledged
 //! survives a kill and a power cut. A recording is keyed by run, sphere and
-//! pose, so that one that comes again is not stored again. The schema
-//! (`migrations/`) keeps to what SQLite and PostgreSQL share.
+//! pose, every other event by the host link session in which it happened and
+//! its number there, so that what comes again is not stored again. The schema
+//! (`migrations/`) keeps to what SQLite and PostgreSQL share; older ones are
+//! brought forward when they are opened, newer ones are refused.
+//!
+//! A file is checked before anything is written to it. One that is damaged is
+//! left as it is; [`recover`] reads what it can into a new one.
 
+mod digest;
 mod error;
+mod lock;
 mod open;
 mod read;
+mod recover;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -25,9 +33,11 @@ use sqlx::SqliteConnection;
 use tokio::runtime::Runtime;
 
 pub use error::StoreError;
+pub use lock::Claim;
 pub use open::SCHEMA_VERSION;
 pub use read::{Resumable, RunInfo};
-pub use write::SessionEnd;
+pub use recover::{Recovered, recover};
+pub use write::{Placed, SessionEnd};
 
 use crate::identify::Sphere;
 
@@ -98,5 +108,7 @@ impl Store {
     }
 }
 
+#[cfg(test)]
+mod damage_tests;
 #[cfg(test)]
 mod tests;

@@ -1,4 +1,5 @@
-//! Opening: what is not ours or not our version is refused before anything is written.
+//! Opening: what is not ours, newer than we are or damaged is refused before
+//! anything is written; what is older is brought forward.
 
 use std::io::Read as _;
 use std::path::Path;
@@ -6,18 +7,18 @@ use std::time::Duration;
 
 use sqlx::migrate::Migrator;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
-use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
+use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _, SqliteConnection};
 
 use super::{Store, StoreError};
 
-/// Version of the schema that this program reads and writes.
-pub const SCHEMA_VERSION: i64 = 1;
+/// Version of the schema that this program writes; it reads older ones, too.
+pub const SCHEMA_VERSION: i64 = 2;
 
 /// `SPHC`, in SQLite's application id: says whose database it is.
 const APPLICATION_ID: i64 = 0x5350_4843;
 
 /// How long another program's lock is waited for.
-const PATIENCE: Duration = Duration::from_secs(10);
+const PATIENCE: Duration = Duration::from_millis(if cfg!(test) { 300 } else { 10_000 });
 
 static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
 
@@ -61,16 +62,16 @@ impl Store {
             refuse_foreign(path, io)?;
         }
         let connection = runtime.block_on(async {
-            let database = |source| StoreError::Database {
-                path: path.to_owned(),
-                source,
-            };
-            if fresh {
-                make(path, create).await.map_err(database)?;
+            let failed = |source| StoreError::of(path, source);
+            let version = if fresh && create {
+                make(path).await?;
+                SCHEMA_VERSION
+            } else if fresh {
+                return Err(StoreError::NotOurs { path: path.to_owned() });
             } else {
-                check(path).await?;
-            }
-            SqliteConnectOptions::new()
+                check(path).await?
+            };
+            let mut connection = SqliteConnectOptions::new()
                 .filename(path)
                 .foreign_keys(true)
                 .busy_timeout(PATIENCE)
@@ -78,8 +79,14 @@ impl Store {
                 .synchronous(SqliteSynchronous::Full)
                 .connect()
                 .await
-                .map_err(database)
+                .map_err(failed)?;
+            if version < SCHEMA_VERSION {
+                bring_forward(&mut connection).await.map_err(failed)?;
+                tracing::info!(path = %path.display(), version, now = SCHEMA_VERSION, "schema brought forward");
+            }
+            Ok(connection)
         })?;
+        sync_folder(path);
         Ok(Self {
             runtime,
             connection: Some(connection),
@@ -100,22 +107,55 @@ impl Drop for Store {
     }
 }
 
-/// Makes the tables and signs the file, before write-ahead mode is switched on,
-/// so that the signature stands in the file itself.
-async fn make(path: &Path, create: bool) -> Result<(), sqlx::Error> {
-    let mut connection = SqliteConnectOptions::new()
-        .filename(path)
-        .create_if_missing(create)
-        .busy_timeout(PATIENCE)
-        .connect()
-        .await?;
-    MIGRATIONS.run(&mut connection).await?;
+/// Has the folder remember its files: a write-ahead log that a power cut takes
+/// out of its folder is lost with what it holds. Not every system can do it.
+fn sync_folder(path: &Path) {
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
+    let synced = std::fs::File::open(folder.unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all());
+    if let Err(error) = synced {
+        tracing::debug!(path = %path.display(), %error, "the folder could not be synchronised");
+    }
+}
+
+/// Makes a database under another name, whole and signed, and only then gives it
+/// its own: a kill in between leaves no half of one.
+async fn make(path: &Path) -> Result<(), StoreError> {
+    let mut name = path.as_os_str().to_owned();
+    name.push(format!(".new-{}", std::process::id()));
+    let draft = std::path::PathBuf::from(name);
+    let io = |source| StoreError::Io {
+        path: draft.clone(),
+        source,
+    };
+    if draft.exists() {
+        std::fs::remove_file(&draft).map_err(io)?;
+    }
+    let made = async {
+        let mut connection = SqliteConnectOptions::new()
+            .filename(&draft)
+            .create_if_missing(true)
+            .busy_timeout(PATIENCE)
+            .connect()
+            .await?;
+        bring_forward(&mut connection).await?;
+        connection.close().await
+    };
+    made.await.map_err(|source| StoreError::of(path, source))?;
+    std::fs::rename(&draft, path).map_err(io)?;
+    sync_folder(path);
+    Ok(())
+}
+
+/// Brings the tables to this program's schema and signs the file. Each step is
+/// a transaction, and the signature comes last: after a kill it is done again.
+async fn bring_forward(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    MIGRATIONS.run(&mut *connection).await?;
     for (pragma, value) in [("application_id", APPLICATION_ID), ("user_version", SCHEMA_VERSION)] {
         sqlx::query(AssertSqlSafe(format!("PRAGMA {pragma} = {value}")))
-            .execute(&mut connection)
+            .execute(&mut *connection)
             .await?;
     }
-    connection.close().await
+    Ok(())
 }
 
 /// Whether there is nothing at `path` yet, or only an empty file.
@@ -141,14 +181,20 @@ fn refuse_foreign(path: &Path, io: impl Fn(std::io::Error) -> StoreError) -> Res
     }
 }
 
-/// Reads version and owner without changing a page.
-async fn check(path: &Path) -> Result<(), StoreError> {
-    let damaged = |e: sqlx::Error| StoreError::Damaged {
-        path: path.to_owned(),
-        what: e.to_string(),
+/// Reads version and owner and looks at every page, without changing one: a
+/// connection that may only read does not carry the log into the file, either.
+/// Returns the version.
+async fn check(path: &Path) -> Result<i64, StoreError> {
+    let damaged = |source: sqlx::Error| match StoreError::of(path, source) {
+        StoreError::Database { path, source } => StoreError::Damaged {
+            path,
+            what: source.to_string(),
+        },
+        other => other,
     };
     let mut connection = SqliteConnectOptions::new()
         .filename(path)
+        .read_only(true)
         .busy_timeout(PATIENCE)
         .connect()
         .await
@@ -161,7 +207,14 @@ async fn check(path: &Path) -> Result<(), StoreError> {
     };
     let owner = pragma("PRAGMA application_id").await?;
     let version = pragma("PRAGMA user_version").await?;
-    let good = sqlx::query_scalar::<_, String>("PRAGMA quick_check(1)")
+    if owner == APPLICATION_ID && version > SCHEMA_VERSION {
+        return Err(StoreError::Version {
+            path: path.to_owned(),
+            found: version,
+            expected: SCHEMA_VERSION,
+        });
+    }
+    let good = sqlx::query_scalar::<_, String>("PRAGMA integrity_check(1)")
         .fetch_one(&mut connection)
         .await
         .map_err(damaged)?;
@@ -170,18 +223,17 @@ async fn check(path: &Path) -> Result<(), StoreError> {
     if owner != APPLICATION_ID {
         return Err(StoreError::NotOurs { path: path.to_owned() });
     }
-    if version != SCHEMA_VERSION {
-        return Err(StoreError::Version {
-            path: path.to_owned(),
-            found: version,
-            expected: SCHEMA_VERSION,
-        });
-    }
     if good != "ok" {
         return Err(StoreError::Damaged {
             path: path.to_owned(),
             what: good,
         });
     }
-    Ok(())
+    if version < 1 {
+        return Err(StoreError::Damaged {
+            path: path.to_owned(),
+            what: format!("its schema version is {version}"),
+        });
+    }
+    Ok(version)
 }

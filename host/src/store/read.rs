@@ -1,6 +1,6 @@
 //! Reading: what a run has, in the order in which it came.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::de::DeserializeOwned;
 use spherecal_shared::protocol::host::{
@@ -10,6 +10,7 @@ use spherecal_shared::robot::{Robot, Tool};
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 
+use super::digest::{self, recording_subject};
 use super::{LaserShot, SessionEnd, Store, StoreError};
 use crate::identify::Sphere;
 
@@ -81,11 +82,24 @@ impl Store {
         rows.iter().map(|row| self.run_info(row)).collect()
     }
 
-    fn run_info(&self, row: &SqliteRow) -> Result<RunInfo, StoreError> {
+    fn run_info(&mut self, row: &SqliteRow) -> Result<RunInfo, StoreError> {
+        let run: i64 = self.get(row, "run")?;
+        let spheres = self.spheres(run)?;
+        let text = |column| self.get::<&str>(row, column);
+        let texts = [
+            text("link")?,
+            text("robot_json")?,
+            text("tool_json")?,
+            text("config_toml")?,
+            text("plan_json")?,
+        ];
+        let seed = self.get::<i64>(row, "seed")? as u64;
+        let digest = digest::of_run(seed, texts, &spheres);
+        self.compare(run, "run", digest, "the run's settings")?;
         Ok(RunInfo {
-            run: self.get(row, "run")?,
+            run,
             created_utc: self.get(row, "created_utc")?,
-            seed: self.get::<i64>(row, "seed")? as u64,
+            seed,
             link: self.get(row, "link")?,
             robot: self.json(row, "robot_json")?,
             tool: self.json(row, "tool_json")?,
@@ -94,6 +108,39 @@ impl Store {
             program: self.get(row, "program")?,
             state: self.get(row, "state")?,
         })
+    }
+
+    /// Under which numbers (nonces) the sessions of a run have greeted the
+    /// controller: session and greeting of each.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn greetings(&mut self, run: i64) -> Result<BTreeMap<u32, (i64, i64)>, StoreError> {
+        let rows = self.rows("SELECT * FROM greetings WHERE run = $1", run)?;
+        rows.iter()
+            .map(|row| {
+                let place = (self.get(row, "session")?, self.get(row, "greeting")?);
+                Ok((self.count(row, "nonce")?, place))
+            })
+            .collect()
+    }
+
+    /// Whether `digest` is the stored one; older runs have none.
+    fn compare(&mut self, run: i64, subject: &str, digest: i64, what: &str) -> Result<(), StoreError> {
+        let stored: Option<i64> = self.block(async |connection| {
+            sqlx::query_scalar("SELECT digest FROM digests WHERE run = $1 AND subject = $2")
+                .bind(run)
+                .bind(subject)
+                .fetch_optional(connection)
+                .await
+        })?;
+        match stored {
+            Some(stored) if stored != digest => Err(StoreError::Damaged {
+                path: self.path.clone(),
+                what: format!("{what} of run {run} are not what was written"),
+            }),
+            _ => Ok(()),
+        }
     }
 
     /// Sessions of a run, oldest first.
@@ -157,8 +204,36 @@ impl Store {
     /// Recordings, in the order in which they came.
     ///
     /// # Errors
-    /// When the database fails.
+    /// When the database fails, or one is not what was written.
     pub fn recordings(&mut self, run: i64) -> Result<Vec<Recording>, StoreError> {
+        let recordings = self.unchecked_recordings(run)?;
+        let digests = self.digests(run)?;
+        for recording in &recordings {
+            let subject = recording_subject(recording.sphere, recording.pose);
+            let digest = digest::of_recording(recording);
+            if digests.get(&subject).is_some_and(|stored| *stored != digest) {
+                return Err(StoreError::Damaged {
+                    path: self.path.clone(),
+                    what: format!(
+                        "the recording of sphere {}, pose {} in run {run} is not what was written",
+                        recording.sphere, recording.pose
+                    ),
+                });
+            }
+        }
+        Ok(recordings)
+    }
+
+    /// The digests of a run, by subject.
+    pub(super) fn digests(&mut self, run: i64) -> Result<BTreeMap<String, i64>, StoreError> {
+        let rows = self.rows("SELECT subject, digest FROM digests WHERE run = $1", run)?;
+        rows.iter()
+            .map(|row| Ok((self.get(row, "subject")?, self.get(row, "digest")?)))
+            .collect()
+    }
+
+    /// Recordings as they stand in the file, whether or not that was written.
+    pub(super) fn unchecked_recordings(&mut self, run: i64) -> Result<Vec<Recording>, StoreError> {
         let joints = self.rows(
             "SELECT j.* FROM recording_joints j JOIN recordings r \
              ON r.run = j.run AND r.sphere = j.sphere AND r.pose = j.pose \
@@ -282,7 +357,7 @@ impl Store {
                     phase: self.named::<Phase>(row, "phase")?,
                     time_us: self.get::<i64>(row, "time_us")? as u64,
                     tick: self.get::<i64>(row, "tick")? as u64,
-                    joint: self.count(row, "joint")? as u8,
+                    joint: u8::try_from(self.count(row, "joint")?).unwrap_or(u8::MAX),
                     value: number("value")?,
                     limit: number("bound")?,
                 })
@@ -296,7 +371,8 @@ impl Store {
     /// When the database fails or joints do not decode.
     pub fn laser(&mut self, run: i64) -> Result<Vec<LaserShot>, StoreError> {
         let rows = self.rows("SELECT * FROM laser_shots WHERE run = $1 ORDER BY position", run)?;
-        rows.iter()
+        let shots = rows
+            .iter()
             .map(|row| {
                 Ok(LaserShot {
                     purpose: self.get(row, "purpose")?,
@@ -304,7 +380,9 @@ impl Store {
                     point_m: self.triple(row, ["x_m", "y_m", "z_m"])?,
                 })
             })
-            .collect()
+            .collect::<Result<Vec<_>, StoreError>>()?;
+        self.compare(run, "laser", digest::of_laser(&shots), "the laser measurements")?;
+        Ok(shots)
     }
 
     /// A named result, as JSON.
@@ -329,14 +407,15 @@ impl Store {
     where
         T: sqlx::Decode<'r, sqlx::Sqlite> + sqlx::Type<sqlx::Sqlite>,
     {
-        row.try_get(column).map_err(|source| StoreError::Database {
-            path: self.path.clone(),
-            source,
-        })
+        row.try_get(column).map_err(|source| StoreError::of(&self.path, source))
     }
 
     fn count(&self, row: &SqliteRow, column: &'static str) -> Result<u32, StoreError> {
-        Ok(self.get::<i64>(row, column)? as u32)
+        let value = self.get::<i64>(row, column)?;
+        u32::try_from(value).map_err(|_| StoreError::Damaged {
+            path: self.path.clone(),
+            what: format!("{column} is {value}"),
+        })
     }
 
     fn triple(&self, row: &SqliteRow, columns: [&'static str; 3]) -> Result<[f64; 3], StoreError> {

@@ -4,7 +4,7 @@ use crate::link::Arrival;
 use spherecal_shared::protocol::host::{Event, Fault, FaultReport, Phase, PhaseChange, Recording, SignalStatistics};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
-fn new_run() -> NewRun {
+pub(super) fn new_run() -> NewRun {
     NewRun {
         created_utc: "2026-01-02T03:04:05Z".to_owned(),
         seed: u64::MAX - 3,
@@ -26,7 +26,7 @@ fn new_run() -> NewRun {
     }
 }
 
-fn recording(pose: u32, odd: f64) -> Recording {
+pub(super) fn recording(pose: u32, odd: f64) -> Recording {
     let signal = |k: usize| SignalStatistics {
         mean: odd / (k as f64 + 3.0),
         std: 1e-300 / (k as f64 + 1.0),
@@ -47,11 +47,20 @@ fn recording(pose: u32, odd: f64) -> Recording {
     }
 }
 
-fn arrival(event: u32, body: Event) -> Arrival {
+pub(super) fn arrival(event: u32, body: Event) -> Arrival {
     Arrival {
+        session: [1; 4],
         event,
         sent_us: 1,
         body,
+    }
+}
+
+pub(super) fn placed(session: i64, arrival: &Arrival) -> Placed<'_> {
+    Placed {
+        session,
+        event: i64::from(arrival.event),
+        arrival,
     }
 }
 
@@ -69,9 +78,10 @@ fn recordings_survive_to_the_bit_and_come_once() {
         let run = store.create_run(&new_run()).expect("a run");
         let session = store.begin_session(run, "now").expect("a session");
         for (r, k) in recordings.iter().zip(1..) {
-            let batch = [arrival(k, Event::Recording(r.clone()))];
-            store.append(run, session, &batch).expect("stored");
-            store.append(run, session, &batch).expect("a repeat is no error");
+            let arrival = arrival(k, Event::Recording(r.clone()));
+            let batch = [placed(session, &arrival)];
+            store.append(run, &batch).expect("stored");
+            store.append(run, &batch).expect("a repeat is no error");
         }
         // Dropped without a word, as by a kill.
     }
@@ -110,7 +120,8 @@ fn faults_phases_shots_and_results_come_back() {
         tick: 8,
     };
     let batch = [arrival(1, Event::Fault(fault)), arrival(2, Event::Phase(phase))];
-    store.append(run, session, &batch).expect("stored");
+    let batch = batch.each_ref().map(|a| placed(session, a));
+    store.append(run, &batch).expect("stored");
     let read = store.faults(run).expect("read");
     assert_eq!(
         (read.len(), read[0].fault, read[0].limit),

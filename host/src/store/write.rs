@@ -4,6 +4,7 @@ use serde::Serialize;
 use spherecal_shared::protocol::host::{Contact, Coupled, Event, FaultReport, PhaseChange, Recording};
 use sqlx::{Connection as _, QueryBuilder, Sqlite, SqliteConnection};
 
+use super::digest::{self, recording_subject};
 use super::{LaserShot, NewRun, Store, StoreError};
 use crate::link::Arrival;
 
@@ -22,6 +23,27 @@ pub struct SessionEnd {
     pub link_json: String,
     /// Telemetry summary, as JSON.
     pub telemetry_json: String,
+}
+
+/// An event and where it belongs: the session of the run in which it happened,
+/// and a number that it has to itself there.
+#[derive(Clone, Copy, Debug)]
+pub struct Placed<'a> {
+    /// Session of the run.
+    pub session: i64,
+    /// Number within it.
+    pub event: i64,
+    /// What happened.
+    pub arrival: &'a Arrival,
+}
+
+/// What is done with an event that is stored already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Known {
+    /// It stays as it is.
+    Stays,
+    /// It is written anew.
+    IsReplaced,
 }
 
 /// Name of a unit variant as serde writes it (`joint_position`).
@@ -48,6 +70,16 @@ impl Store {
         };
         let robot = encode("robot_json", serde_json::to_string(&new.robot))?;
         let tool = encode("tool_json", serde_json::to_string(&new.tool))?;
+        let texts = [
+            new.link.as_str(),
+            robot.as_str(),
+            tool.as_str(),
+            new.config_toml.as_str(),
+            new.plan_json.as_str(),
+        ];
+        let mut certificate = new.spheres.clone();
+        certificate.sort_by_key(|sphere| sphere.id);
+        let digest = digest::of_run(new.seed, texts, &certificate);
         self.block(async |connection| {
             let mut t = connection.begin().await?;
             let run: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(run), 0) + 1 FROM runs")
@@ -99,6 +131,7 @@ impl Store {
                 });
                 insert.build().execute(&mut *t).await?;
             }
+            put_digest(&mut t, run, "run", digest).await?;
             t.commit().await?;
             Ok(run)
         })
@@ -177,25 +210,51 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails; then nothing of the batch is stored.
-    pub fn append(&mut self, run: i64, session: i64, events: &[Arrival]) -> Result<(), StoreError> {
-        let measured = events.iter().any(|arrival| {
+    pub fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
+        self.write_events(run, events, Known::Stays)
+    }
+
+    /// As [`append`](Self::append), but what was stored under the numbers of
+    /// these events is written anew, recordings excepted: for a run that is
+    /// repeated from its start.
+    ///
+    /// # Errors
+    /// When the database fails; then nothing of the batch is stored.
+    pub fn rewrite(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
+        self.write_events(run, events, Known::IsReplaced)
+    }
+
+    fn write_events(&mut self, run: i64, events: &[Placed<'_>], known: Known) -> Result<(), StoreError> {
+        let measured = events.iter().any(|placed| {
             matches!(
-                arrival.body,
+                placed.arrival.body,
                 Event::Recording(_) | Event::Contact(_) | Event::Coupled(_) | Event::Fault(_)
             )
         });
         self.set_durable(measured)?;
         self.block(async |connection| {
             let mut t = connection.begin().await?;
-            for arrival in events {
-                let key = (run, session, i64::from(arrival.event));
-                match &arrival.body {
+            for placed in events {
+                let session = placed.session;
+                let key = (run, session, placed.event);
+                if known == Known::IsReplaced {
+                    for statement in FORGET {
+                        sqlx::query(statement)
+                            .bind(run)
+                            .bind(session)
+                            .bind(placed.event)
+                            .execute(&mut *t)
+                            .await?;
+                    }
+                }
+                match &placed.arrival.body {
                     Event::Phase(phase) => insert_phase(&mut t, key, phase).await?,
                     Event::Contact(contact) => insert_contact(&mut t, key, contact).await?,
                     Event::Coupled(coupled) => insert_coupled(&mut t, key, coupled).await?,
                     Event::Recording(recording) => insert_recording(&mut t, run, session, recording).await?,
                     Event::Fault(fault) => insert_fault(&mut t, key, fault).await?,
                     Event::Banner(_)
+                    | Event::Held { .. }
                     | Event::Reply { .. }
                     | Event::Passed { .. }
                     | Event::Telemetry(_)
@@ -203,6 +262,48 @@ impl Store {
                 }
             }
             t.commit().await
+        })
+    }
+
+    /// Removes the events of a run, recordings excepted, that do not belong to
+    /// `session` or came after event `last` of it.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn forget_after(&mut self, run: i64, session: i64, last: i64) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            let mut t = connection.begin().await?;
+            for statement in FORGET_AFTER {
+                sqlx::query(statement)
+                    .bind(run)
+                    .bind(session)
+                    .bind(last)
+                    .execute(&mut *t)
+                    .await?;
+            }
+            t.commit().await
+        })
+    }
+
+    /// Notes under which number (`nonce`) a session greets the controller, as
+    /// its greeting number `greeting`.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError> {
+        self.set_durable(true)?;
+        self.block(async |connection| {
+            sqlx::query(
+                "INSERT INTO greetings (run, session, greeting, nonce) VALUES ($1, $2, $3, $4) \
+                 ON CONFLICT (run, session, greeting) DO UPDATE SET nonce = excluded.nonce",
+            )
+            .bind(run)
+            .bind(session)
+            .bind(greeting)
+            .bind(i64::from(nonce))
+            .execute(connection)
+            .await
+            .map(|_| ())
         })
     }
 
@@ -242,6 +343,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError> {
+        let digest = digest::of_laser(shots);
         self.block(async |connection| {
             let mut t = connection.begin().await?;
             sqlx::query("DELETE FROM laser_shots WHERE run = $1")
@@ -265,6 +367,7 @@ impl Store {
                 });
                 insert.build().execute(&mut *t).await?;
             }
+            put_digest(&mut t, run, "laser", digest).await?;
             t.commit().await
         })
     }
@@ -293,19 +396,45 @@ impl Store {
         &mut self,
         work: impl AsyncFnOnce(&mut SqliteConnection) -> Result<T, sqlx::Error>,
     ) -> Result<T, StoreError> {
-        let database = |source| StoreError::Database {
-            path: self.path.clone(),
-            source,
-        };
+        let failed = |source| StoreError::of(&self.path, source);
         let connection = self
             .connection
             .as_mut()
-            .ok_or_else(|| database(sqlx::Error::WorkerCrashed))?;
-        self.runtime.block_on(work(connection)).map_err(database)
+            .ok_or_else(|| failed(sqlx::Error::WorkerCrashed))?;
+        self.runtime.block_on(work(connection)).map_err(failed)
     }
 }
 
 type Key = (i64, i64, i64);
+
+/// What is known of one event, recordings excepted.
+const FORGET: [&str; 4] = [
+    "DELETE FROM phases WHERE run = $1 AND session = $2 AND event = $3",
+    "DELETE FROM contacts WHERE run = $1 AND session = $2 AND event = $3",
+    "DELETE FROM couplings WHERE run = $1 AND session = $2 AND event = $3",
+    "DELETE FROM faults WHERE run = $1 AND session = $2 AND event = $3",
+];
+
+/// What does not belong to a session up to an event.
+const FORGET_AFTER: [&str; 4] = [
+    "DELETE FROM phases WHERE run = $1 AND (session <> $2 OR event > $3)",
+    "DELETE FROM contacts WHERE run = $1 AND (session <> $2 OR event > $3)",
+    "DELETE FROM couplings WHERE run = $1 AND (session <> $2 OR event > $3)",
+    "DELETE FROM faults WHERE run = $1 AND (session <> $2 OR event > $3)",
+];
+
+async fn put_digest(t: &mut SqliteConnection, run: i64, subject: &str, digest: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO digests (run, subject, digest) VALUES ($1, $2, $3) \
+         ON CONFLICT (run, subject) DO UPDATE SET digest = excluded.digest",
+    )
+    .bind(run)
+    .bind(subject)
+    .bind(digest)
+    .execute(t)
+    .await
+    .map(|_| ())
+}
 
 async fn insert_phase(t: &mut SqliteConnection, key: Key, phase: &PhaseChange) -> Result<(), sqlx::Error> {
     sqlx::query(
@@ -416,7 +545,12 @@ async fn insert_recording(t: &mut SqliteConnection, run: i64, session: i64, r: &
     .bind(fz)
     .execute(&mut *t)
     .await?;
-    if inserted.rows_affected() == 0 || r.q.is_empty() {
+    if inserted.rows_affected() == 0 {
+        return Ok(());
+    }
+    let subject = recording_subject(r.sphere, r.pose);
+    put_digest(t, run, &subject, digest::of_recording(r)).await?;
+    if r.q.is_empty() {
         return Ok(());
     }
     let mut insert = QueryBuilder::<Sqlite>::new(

@@ -218,7 +218,7 @@ pub struct LinkCounters {
     pub frames: u32,
     /// Frames whose checksum or shape was wrong.
     pub crc_errors: u32,
-    /// Frames missing by their sequence numbers.
+    /// Frames missing by their sequence numbers, the damaged among them.
     pub lost: u32,
     /// Frames that came again.
     pub duplicates: u32,
@@ -242,30 +242,48 @@ impl LinkCounters {
     }
 }
 
-/// Watches the sequence numbers of one direction.
+/// Watches the sequence numbers of one direction: tells frames that are missing
+/// from those that were overtaken and from those that come again.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SequenceWatch {
     next: Option<u32>,
+    /// Of the 64 numbers before `next`, the newest in the lowest bit: which have come.
+    seen: u64,
 }
 
 impl SequenceWatch {
     /// A watch that has seen nothing.
     pub const fn new() -> Self {
-        Self { next: None }
+        Self { next: None, seen: 0 }
     }
 
     /// Notes a frame's sequence number in `counters`.
     pub fn note(&mut self, sequence: u32, counters: &mut LinkCounters) {
         counters.frames = counters.frames.wrapping_add(1);
-        if let Some(next) = self.next {
-            let ahead = sequence.wrapping_sub(next);
-            if ahead >= 1 << 31 {
-                counters.duplicates = counters.duplicates.wrapping_add(1);
-                return;
-            }
+        let Some(next) = self.next else {
+            // Nothing is missing before the first.
+            self.seen = u64::MAX;
+            self.next = Some(sequence.wrapping_add(1));
+            return;
+        };
+        let ahead = sequence.wrapping_sub(next);
+        if ahead < 1 << 31 {
             counters.lost = counters.lost.wrapping_add(ahead);
+            self.seen = self.seen.checked_shl(ahead.saturating_add(1)).unwrap_or(0) | 1;
+            self.next = Some(sequence.wrapping_add(1));
+            return;
         }
-        self.next = Some(sequence.wrapping_add(1));
+        // What is older than can be remembered counts as a repeat.
+        let bit = 1u64
+            .checked_shl(next.wrapping_sub(sequence).wrapping_sub(1))
+            .unwrap_or(0);
+        if bit == 0 || self.seen & bit != 0 {
+            counters.duplicates = counters.duplicates.wrapping_add(1);
+        } else {
+            // It was overtaken, not lost.
+            self.seen |= bit;
+            counters.lost = counters.lost.wrapping_sub(1);
+        }
     }
 }
 
@@ -356,10 +374,7 @@ mod tests {
     #[test]
     fn another_message_is_refused_by_its_key() {
         let mut bytes = [0u8; MAX_FRAME];
-        let message = Downlink {
-            sequence: 1,
-            command: Command::Stop,
-        };
+        let message = Downlink::at_once(1, Command::Stop);
         let length = encode(&message, 1, 2, &mut bytes).expect("it fits");
         assert_eq!(decode::<DriveState>(&mut bytes[..length - 1]), Err(FrameError::Key));
     }
@@ -371,5 +386,14 @@ mod tests {
             watch.note(sequence, &mut counters);
         }
         assert_eq!((counters.frames, counters.lost, counters.duplicates), (4, 2, 1));
+        // One of the two was only late; the second time it is a repeat.
+        watch.note(1, &mut counters);
+        assert_eq!((counters.lost, counters.duplicates), (1, 1));
+        watch.note(1, &mut counters);
+        assert_eq!((counters.lost, counters.duplicates), (1, 2));
+        // What nobody remembers any more counts as one that came before.
+        watch.note(4000, &mut counters);
+        watch.note(2, &mut counters);
+        assert_eq!((counters.lost, counters.duplicates), (3997, 3));
     }
 }

@@ -6,6 +6,16 @@
 //! [`Uplink::event`] is sent again until the host acknowledges it
 //! ([`Command::Acknowledge`]), so that no recording, contact or fault is lost,
 //! and the host drops what it has already seen, so that none counts twice.
+//!
+//! A *session* begins with a host's [`Command::Hello`] and has a number of its
+//! own ([`SessionId`]), which every frame carries: late frames of an earlier
+//! host, or of a controller before its restart, are told from those of now, and
+//! an event is known for good by its session and number.
+//!
+//! A command may name the device time at which it is to be carried out
+//! ([`Downlink::start_us`]). A host that counts it from the event that made it
+//! decide, with some time for repeats, has the arm do the same at the same
+//! tick, whatever the link loses meanwhile.
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -15,15 +25,41 @@ use crate::procedure::Procedure;
 use crate::robot::{Robot, Tool};
 use crate::{Joints, MAX_JOINTS};
 
+/// Number of a session: drawn by the host for every [`Command::Hello`].
+pub type SessionId = [u8; 4];
+
 /// A frame from the host to the controller.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Downlink {
+    /// The sender's session. What does not belong to the one that the
+    /// controller was greeted for is not obeyed.
+    pub session: SessionId,
     /// Number of the command, from 1, growing by one with each new command; a
-    /// repeat has the same. [`Command::Hello`] restarts the count;
-    /// acknowledgements and keep-alives carry 0 and are not answered.
+    /// repeat has the same. [`Command::Hello`] of a new session restarts the
+    /// count; acknowledgements and keep-alives carry 0 and are not answered.
     pub sequence: u32,
+    /// Device time at which to carry it out, in µs, [`START_MOST_US`] ahead at
+    /// most; what has passed means at once, and so does 0. A command that comes
+    /// while another one waits takes its place.
+    pub start_us: u64,
     /// What to do.
     pub command: Command,
+}
+
+/// How far ahead of the present a command's start may lie, in µs.
+pub const START_MOST_US: u64 = 5_000_000;
+
+impl Downlink {
+    /// A command to be carried out at once, of a session that has no number of
+    /// its own: for hosts that are the only one there will ever be.
+    pub fn at_once(sequence: u32, command: Command) -> Self {
+        Self {
+            session: SessionId::default(),
+            sequence,
+            start_us: 0,
+            command,
+        }
+    }
 }
 
 /// What the host asks of the controller.
@@ -100,6 +136,9 @@ pub struct PoseCommand {
 /// A frame from the controller to the host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Uplink {
+    /// Session in which it happened; that of the last greeting for what carries
+    /// no number, all zero before the first.
+    pub session: SessionId,
     /// Number of the event, from 1; 0 for what is not sent again (telemetry,
     /// replies, statistics).
     pub event: u32,
@@ -113,7 +152,12 @@ pub struct Uplink {
 pub enum Event {
     /// Who the controller is.
     Banner(Banner),
-    /// The answer to a command.
+    /// A command has come and waits for its time: no need to repeat it.
+    Held {
+        /// Sequence number of the command.
+        sequence: u32,
+    },
+    /// The answer to a command, once it is carried out.
     Reply {
         /// Sequence number of the command.
         sequence: u32,
@@ -374,6 +418,9 @@ pub enum Refusal {
     /// A queue is full.
     #[error("the controller is busy: its queue is full, try again")]
     Busy,
+    /// The start is too far ahead.
+    #[error("the command is to start more than 5 s from now: send it later")]
+    Start,
 }
 
 /// One sample of the control loop, in single precision.
@@ -410,6 +457,8 @@ pub struct Statistics {
     pub ticks: u64,
     /// Ticks for which no fresh drive state came.
     pub missed: u32,
+    /// Commands that came after the time at which they were to start.
+    pub late: u32,
     /// What the controller's side of the host link has received.
     pub link: LinkCounters,
 }

@@ -179,8 +179,8 @@ fn check_body(joint: usize, body: &Inertia) -> Result<(), RobotError> {
         joint,
         "mass_kg",
         body.mass_kg,
-        body.mass_kg >= 0.0,
-        "a mass is zero or positive",
+        (0.0..=1e4).contains(&body.mass_kg),
+        "a mass is zero or positive, and at most 10000 kg",
     )?;
     for value in body.com_m {
         require(
@@ -196,8 +196,8 @@ fn check_body(joint: usize, body: &Inertia) -> Result<(), RobotError> {
             joint,
             "inertia_kg_m2",
             value,
-            k >= 3 || value >= 0.0,
-            "xx, yy and zz are zero or positive",
+            value.abs() <= 1e4 && (k >= 3 || value >= 0.0),
+            "xx, yy and zz are zero or positive, and none is beyond 10000",
         )?;
     }
     Ok(())
@@ -220,29 +220,41 @@ impl Robot {
         for (index, joint) in self.joints.iter().enumerate() {
             let i = index + 1;
             let row = &joint.mdh;
-            finite(i, "alpha", row.alpha)?;
-            finite(i, "beta", row.beta)?;
-            finite(i, "theta", row.theta)?;
+            for (field, angle) in [("alpha", row.alpha), ("beta", row.beta), ("theta", row.theta)] {
+                require(i, field, angle, angle.abs() <= 100.0, "angles are in rad, at most 100")?;
+            }
             require(i, "a", row.a, row.a.abs() <= 10.0, "lengths are in m, at most 10")?;
             require(i, "d", row.d, row.d.abs() <= 10.0, "lengths are in m, at most 10")?;
             check_body(i, &joint.link)?;
             let l = &joint.limits;
-            finite(i, "min_rad", l.min_rad)?;
-            require(i, "max_rad", l.max_rad, l.max_rad > l.min_rad, "must exceed min_rad")?;
+            require(i, "min_rad", l.min_rad, l.min_rad >= -1e4, "must be at least -10000")?;
+            require(
+                i,
+                "max_rad",
+                l.max_rad,
+                l.max_rad > l.min_rad && l.max_rad <= 1e4,
+                "must exceed min_rad, and be at most 10000",
+            )?;
             require(
                 i,
                 "velocity_rad_s",
                 l.velocity_rad_s,
-                l.velocity_rad_s > 0.0,
-                "must be positive",
+                l.velocity_rad_s > 0.0 && l.velocity_rad_s <= 1e3,
+                "must be positive, and at most 1000",
             )?;
-            require(i, "torque_nm", l.torque_nm, l.torque_nm > 0.0, "must be positive")?;
+            require(
+                i,
+                "torque_nm",
+                l.torque_nm,
+                l.torque_nm > 0.0 && l.torque_nm <= 1e5,
+                "must be positive, and at most 100000",
+            )?;
             require(
                 i,
                 "rotor_kg_m2",
                 joint.rotor_kg_m2,
-                joint.rotor_kg_m2 >= 0.0,
-                "must be zero or positive",
+                (0.0..=1e4).contains(&joint.rotor_kg_m2),
+                "must be zero or positive, and at most 10000",
             )?;
         }
         Ok(())

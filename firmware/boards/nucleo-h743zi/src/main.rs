@@ -172,7 +172,10 @@ fn main() -> ! {
     static BELL: Bell<CriticalSectionRawMutex> = Bell::new();
     let (host_end, desk) = POST.init_with(Post::new).split(&BELL);
     static LINK: StaticCell<HostLink> = StaticCell::new();
-    let link = LINK.init_with(|| HostLink::new(BUILD, JOINTS));
+    let link = LINK.init_with(|| {
+        // A recording takes milliseconds on this wire: it is not sent again sooner.
+        HostLink::new(BUILD, JOINTS).resending_after(embassy_time::Duration::from_millis(50))
+    });
     let watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
     let drive = serial::drive(p.USART2, p.PD6, p.PD5);
     let host = serial::host(p.USART3, p.PD9, p.PD8);

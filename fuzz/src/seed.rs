@@ -1,0 +1,206 @@
+//! Writes the first corpora: one good example of everything.
+//!
+//! `cargo run --bin seed` in `fuzz/`; what the fuzzer finds beyond is not kept
+//! in the repository, but for findings that were mended.
+
+use std::path::Path;
+
+use spherecal::job::Config;
+use spherecal::robots;
+use spherecal::store::{NewRun, PlannedPose, Store};
+use spherecal_fuzz::joined;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
+use spherecal_shared::protocol::frame::{self, MAX_FRAME};
+use spherecal_shared::protocol::host::{
+    ApproachCommand, Banner, Command, Downlink, Event, Fault, FaultReport, Phase, PhaseChange, PoseCommand, Recording,
+    Refusal, SignalStatistics, Uplink,
+};
+use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
+use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+
+fn write(target: &str, name: &str, bytes: &[u8]) {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    std::fs::write(folder.join(name), bytes).expect("written");
+}
+
+fn body(message: &impl serde::Serialize) -> Vec<u8> {
+    postcard::to_stdvec(message).expect("it fits")
+}
+
+fn main() {
+    let commands = [
+        ("robot", Command::Robot(iiwa7())),
+        (
+            "configure",
+            Command::Configure {
+                tool: iiwa7_tool(),
+                procedure: Procedure::default(),
+            },
+        ),
+        (
+            "move",
+            Command::Move {
+                target: [0.1, 0.6, 0.0, -1.1, 0.0, 1.2, 0.1].into_iter().collect(),
+            },
+        ),
+        (
+            "approach",
+            Command::Approach(ApproachCommand {
+                sphere: 2,
+                direction: [0.0, 0.0, -1.0],
+            }),
+        ),
+        (
+            "pose",
+            Command::Pose(PoseCommand {
+                pose: 5,
+                orientation: [0.0, 1.0, 0.0, 0.0],
+                elbow_rad: Some(0.1),
+                posture: [0.1, 0.6, 0.0, -1.1, 0.0, 1.2, 0.1].into_iter().collect(),
+                record: true,
+            }),
+        ),
+        ("decouple", Command::Decouple),
+        ("stop", Command::Stop),
+        ("clear", Command::ClearFault),
+        ("guide", Command::HandGuide { on: true }),
+        ("hello", Command::Hello),
+    ];
+    let mut all = Vec::new();
+    for (name, command) in commands {
+        let mut message = Downlink::at_once(1, command);
+        message.start_us = 5000;
+        let mut piece = vec![3];
+        piece.extend(body(&message));
+        write("frames", &format!("down-{name}"), &body(&message));
+        write("commands", name, &joined(std::slice::from_ref(&piece)));
+        all.push(piece);
+    }
+    write("commands", "all", &joined(&all));
+    let joints = |x: f64| [x; 7].into_iter().collect::<spherecal_shared::Joints>();
+    let states: Vec<Vec<u8>> = (0..6u64)
+        .map(|k| {
+            let state = DriveState {
+                tick: k + 3,
+                q: joints(0.01 * k as f64),
+                dq: joints(0.0),
+                tau: joints(if k == 4 { f64::NAN } else { 1.0 }),
+                status: DriveStatus::Ready,
+            };
+            [vec![1], body(&state)].concat()
+        })
+        .collect();
+    write("drive", "six", &joined(&states));
+    let signal = SignalStatistics {
+        mean: 0.1,
+        std: 1e-6,
+        min: 0.09,
+        max: 0.11,
+    };
+    let happened = [
+        Event::Banner(Banner {
+            protocol: PROTOCOL_VERSION,
+            schema: SCHEMA,
+            version: "0.1.0".try_into().expect("short"),
+            build: "fuzz".try_into().expect("short"),
+            joints: 7,
+            period_us: 1000,
+            first_event: 1,
+        }),
+        Event::Held { sequence: 1 },
+        Event::Reply {
+            sequence: 1,
+            result: Err(Refusal::Phase),
+        },
+        Event::Phase(PhaseChange {
+            phase: Phase::Moving,
+            from: Phase::Idle,
+            time_us: 5,
+            tick: 6,
+        }),
+        Event::Recording(Recording {
+            sphere: 1,
+            pose: 2,
+            start_us: 1,
+            end_us: 2,
+            count: 1000,
+            gaps: 0,
+            q: [signal; 7].into_iter().collect(),
+            tau: [signal; 7].into_iter().collect(),
+            tcp_spread_m: 1e-5,
+            force_n: [0.1; 3],
+        }),
+        Event::Fault(FaultReport {
+            fault: Fault::Force,
+            phase: Phase::Turning,
+            time_us: 9,
+            tick: 9,
+            joint: 0,
+            value: 70.0,
+            limit: 60.0,
+        }),
+    ];
+    let messages: Vec<Vec<u8>> = happened
+        .into_iter()
+        .zip(0..)
+        .map(|(event, k): (Event, u32)| {
+            body(&Uplink {
+                session: [1; 4],
+                event: k.saturating_sub(2),
+                body: event,
+            })
+        })
+        .collect();
+    for (message, k) in messages.iter().zip(0..) {
+        write("frames", &format!("up-{k}"), message);
+    }
+    write("events", "six", &joined(&messages));
+    let mut out = [0; MAX_FRAME];
+    let length = frame::encode(&Downlink::at_once(1, Command::Stop), 1, 2, &mut out).expect("it fits");
+    write("frames", "framed", &out[..length]);
+
+    write("csv", "absolute", b"q1,q2,q3,q4,q5,q6,q7,x_mm,y_mm,z_mm\n0.1,0.2,0.3,-1,0.5,0.6,0.7,500,0,300\n");
+    write("csv", "spheres", b"q1_deg;q2_deg;q3_deg;q4_deg;q5_deg;q6_deg;sphere;place;set\n1;2;3;4;5;6;2;a;validate\n");
+    write("csv", "plate", b"[[sphere]]\nid = 1\nx_mm = 0.0\ny_mm = 1.0\nz_mm = 2.0\nsigma_mm = 0.001\n");
+
+    let config = Config::default();
+    write("config", "all", config.to_toml().expect("it can be written").as_bytes());
+    write("config", "cell", b"seed = 7\n[plan]\nposes = 30\nchoice = \"grid\"\n[plant]\npreset = \"typical\"\n[plant.plate]\nplacement_sigma_m = 0.0015\n[host_link]\nloss = 0.2\n");
+
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data");
+    for name in ["ur5e.urdf", "irb120.urdf"] {
+        let text = std::fs::read(data.join(name)).expect("the reference data are there");
+        write("robots", name, &text);
+    }
+    let model = robots::load("ur5e").expect("built in");
+    write("robots", "ur5e.toml", robots::toml_file::write(&model, &[]).as_bytes());
+
+    let folder = std::env::temp_dir().join(format!("spherecal-seed-{}", std::process::id()));
+    let path = folder.join("seed.db");
+    let mut store = Store::create_or_open(&path).expect("made");
+    let run = store
+        .create_run(&NewRun {
+            created_utc: "2026-01-01T00:00:00Z".to_owned(),
+            seed: 1,
+            link: "sim".to_owned(),
+            robot: iiwa7(),
+            tool: iiwa7_tool(),
+            config_toml: "seed = 1\n".to_owned(),
+            plan_json: "{}".to_owned(),
+            program: "seed".to_owned(),
+            spheres: spherecal::identify::paper_plate(),
+            poses: vec![PlannedPose {
+                sphere: 1,
+                pose: 1,
+                orientation: [1.0, 0.0, 0.0, 0.0],
+                elbow_rad: None,
+            }],
+        })
+        .expect("a run");
+    store.begin_session(run, "now").expect("a session");
+    drop(store);
+    write("database", "empty-run", &std::fs::read(&path).expect("read"));
+    std::fs::remove_dir_all(&folder).expect("removed");
+}

@@ -1,0 +1,86 @@
+//! `spherecal soak`: the same cell for hours of robot time.
+
+use super::args::SoakArgs;
+use super::exit::{CliError, Exit};
+use super::progress::ProgressView;
+use super::run::interrupt;
+use crate::job::{self, Link, Site, Soak};
+use crate::store::Store;
+
+/// `spherecal soak`
+pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
+    if !(args.hours > 0.0 && args.hours <= 10_000.0) {
+        return Err(CliError::input(format!(
+            "--hours is {}: give hours of robot time, more than 0 and at most 10000",
+            args.hours
+        )));
+    }
+    let interrupt = interrupt()?;
+    let mut config = match &args.config {
+        Some(path) => job::Config::read(path)?,
+        None => job::Config::default(),
+    };
+    config.seed = args.seed.unwrap_or(config.seed);
+    config.plan.poses = args.poses.unwrap_or(config.plan.poses);
+    config.check()?;
+    let prepared = job::prepare(&config)?;
+    let path = args.out.join("soak.db");
+    let mut store = Store::create_or_open(&path)?;
+    let _claim = Store::claim(&path)?;
+    let mut view = ProgressView::new();
+    let site = Site {
+        link: &Link::Sim,
+        folder: &args.out,
+        store: &mut store,
+        observer: &mut view,
+        interrupt: &interrupt,
+    };
+    let soak = job::soak(&prepared, site, args.hours);
+    view.finish();
+    let soak = soak?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&soak).map_err(CliError::job)?);
+    } else {
+        print!("{}", table(&soak));
+    }
+    Ok(if soak.complaints.is_empty() {
+        Exit::Done
+    } else {
+        Exit::Failed
+    })
+}
+
+fn table(soak: &Soak) -> String {
+    let mut out = format!(
+        "{:.2} h of robot time in {:.0} s ({:.0}x)\n\n  hour   laps      ticks  missed  late  recordings  faults  \
+         q std urad  spread um  contact N  torque N m  us/tick  memory MiB\n",
+        soak.simulated_s / 3600.0,
+        soak.wall_s,
+        soak.simulated_s / soak.wall_s.max(1e-9),
+    );
+    for (h, number) in soak.hours.iter().zip(1..) {
+        out += &format!(
+            "  {number:4} {:6} {:10} {:7} {:5} {:11} {:7} {:11.3} {:10.2} {:10.3} {:11.2} {:8.2} {:11.1}\n",
+            h.laps,
+            h.ticks,
+            h.missed,
+            h.late,
+            h.recordings,
+            h.faults,
+            h.q_std_rad * 1e6,
+            h.tcp_spread_m * 1e6,
+            h.contact_n,
+            h.max_torque_nm,
+            h.wall_ns_per_tick * 1e-3,
+            h.resident_kib as f64 / 1024.0,
+        );
+    }
+    out.push('\n');
+    if soak.complaints.is_empty() {
+        out.push_str("Nothing has changed from the first hour to the last.\n");
+    }
+    for complaint in &soak.complaints {
+        out += &format!("  - {complaint}\n");
+    }
+    out
+}

@@ -1,0 +1,260 @@
+//! The host killed at any instant, again and again: the real program, the real
+//! signal, and the database that is left.
+//!
+//! `SPHERECAL_KILLS=200 cargo test -p spherecal --test kills` kills as often as
+//! is asked; a few times is what the suite has time for.
+
+#![cfg(unix)]
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use spherecal::store::Store;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+
+fn kills() -> usize {
+    let asked = std::env::var("SPHERECAL_KILLS").ok().and_then(|text| text.parse().ok());
+    asked.unwrap_or(12)
+}
+
+/// A short run: the paper's grid needs no design of its own.
+fn cell(folder: &Path) -> PathBuf {
+    let file = folder.join("cell.toml");
+    let text = "seed = 4\n[plan]\nposes = 5\nchoice = \"grid\"\n[couple]\n";
+    let text = text.replace("[couple]\n", "[procedure.couple]\nhold_s = 1.0\n");
+    std::fs::write(&file, text).expect("written");
+    file
+}
+
+fn measure(folder: &Path, out: &Path, link: &str, resume: bool) -> Child {
+    let mut command = Command::new(PROGRAM);
+    command.args(["measure", "--json", "--link", link, "--out"]).arg(out);
+    if resume {
+        command.arg("--resume");
+    } else {
+        command.arg("--config").arg(cell(folder));
+    }
+    command
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts")
+}
+
+/// Everything that a database holds of its one run but for the times on the
+/// wall, the numbers that tell hosts apart, and the force traces of contacts.
+fn contents(database: &Path) -> String {
+    let mut store = Store::open(database).expect("the database is whole");
+    let info = store.require_last_run().expect("a run");
+    assert_eq!(info.run, 1);
+    let mut sessions = store.sessions(1).expect("read");
+    for session in &mut sessions {
+        session.wall_s = 0.0;
+    }
+    format!(
+        "{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n{}\n{:?}",
+        store.recordings(1).expect("read"),
+        store.contacts(1).expect("read"),
+        store.couplings(1).expect("read"),
+        store.phases(1).expect("read"),
+        store.faults(1).expect("read"),
+        store.resumable(1).expect("read"),
+        store.spheres(1).expect("read"),
+        store.laser(1).expect("read"),
+        sessions,
+        info.config_toml,
+        info.state,
+    )
+}
+
+/// The recordings that are stored, in words; none where there is no run yet.
+fn recorded(database: &Path) -> Vec<String> {
+    let Ok(mut store) = Store::open(database) else {
+        assert!(!database.exists(), "{} is not whole", database.display());
+        return Vec::new();
+    };
+    match store.last_run().expect("read") {
+        Some(info) => store
+            .recordings(info.run)
+            .expect("read")
+            .iter()
+            .map(|r| format!("{r:?}"))
+            .collect(),
+        None => Vec::new(),
+    }
+}
+
+fn has_run(database: &Path) -> bool {
+    database.exists() && Store::open(database).is_ok_and(|mut s| s.last_run().expect("read").is_some())
+}
+
+fn finished(mut child: Child) {
+    let mut said = String::new();
+    if let Some(stderr) = child.stderr.take() {
+        for line in BufReader::new(stderr).lines() {
+            said += &line.expect("text");
+            said.push('\n');
+        }
+    }
+    assert!(child.wait().expect("it ends").success(), "{said}");
+}
+
+/// Kills the host at a random instant of its first `within`; `true` if it still ran.
+fn kill(mut child: Child, rng: &mut ChaCha8Rng, within: Duration) -> bool {
+    std::thread::sleep(within.mul_f64(rng.random()));
+    let ran = child.try_wait().expect("known").is_none();
+    let _ = child.kill();
+    let _ = child.wait();
+    ran
+}
+
+// Fails if after any number of kills the database differs from that of a run
+// that was left alone, if one kill leaves a file that cannot be opened, or if a
+// recording that was stored is lost or changed.
+#[test]
+fn kills_at_any_instant_leave_the_database_of_a_run_left_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let alone = folder.path().join("alone");
+    let begun = Instant::now();
+    finished(measure(folder.path(), &alone, "sim", false));
+    let took = begun.elapsed();
+    let expected = contents(&alone.join("calibration.db"));
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    let (mut killed, mut runs) = (0, 0);
+    while killed < kills() {
+        let out = folder.path().join(format!("run-{runs}"));
+        let database = out.join("calibration.db");
+        let mut stored: Vec<String> = Vec::new();
+        // Several kills to a run, then it may end.
+        for _ in 0..8 {
+            let child = measure(folder.path(), &out, "sim", has_run(&database));
+            if !kill(child, &mut rng, took.mul_f64(1.05)) {
+                break;
+            }
+            killed += 1;
+            let now = recorded(&database);
+            assert!(now.starts_with(&stored), "a stored recording is lost or changed");
+            stored = now;
+        }
+        finished(measure(folder.path(), &out, "sim", has_run(&database)));
+        assert!(contents(&database) == expected, "after {killed} kills");
+        runs += 1;
+        std::fs::remove_dir_all(&out).expect("removed");
+    }
+    println!("{killed} kills in {runs} runs: each database is that of a run left alone");
+}
+
+// Fails if a disk on which nothing can be written any more ends the program
+// without its reason and its remedy, loses a recording that was stored, or
+// leaves a run that cannot go on when there is room again.
+#[test]
+fn a_full_disk_stops_with_its_reason_and_the_run_goes_on() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let alone = folder.path().join("alone");
+    finished(measure(folder.path(), &alone, "sim", false));
+    let out = folder.path().join("full");
+    let database = out.join("calibration.db");
+    // No file may grow beyond so many blocks of 512 bytes; the signal is ignored,
+    // so that writes fail as they do on a full disk.
+    let mut refused = false;
+    for blocks in [150, 250, 400] {
+        let mut command = Command::new("sh");
+        command
+            .args(["-c", "trap '' XFSZ; ulimit -f $1; shift; exec \"$@\"", "sh"])
+            .args([&blocks.to_string(), PROGRAM, "measure", "--json", "--out"])
+            .arg(&out);
+        if has_run(&database) {
+            command.arg("--resume");
+        } else {
+            command.arg("--config").arg(cell(folder.path()));
+        }
+        let output = command.output().expect("a shell");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        if output.status.success() {
+            break;
+        }
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        refused |= said.contains("make room") && said.contains("--resume");
+        println!("{blocks} blocks: {}", said.lines().last().unwrap_or_default());
+    }
+    assert!(refused, "no limit was met, or none was told");
+    finished(measure(folder.path(), &out, "sim", has_run(&database)));
+    assert!(contents(&database) == contents(&alone.join("calibration.db")));
+}
+
+/// A server that has said where it listens; it is ended with the test.
+struct Server {
+    child: Child,
+    address: String,
+}
+
+impl Server {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(PROGRAM)
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the program starts");
+        let mut line = String::new();
+        let mut output = BufReader::new(child.stdout.take().expect("piped"));
+        output.read_line(&mut line).expect("one line");
+        let address = line.trim().rsplit("tcp:").next().unwrap_or_default().to_owned();
+        assert!(address.contains(':'), "{arguments:?} said {line:?}");
+        Self { child, address }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+// Fails if a host that is killed and started again on a controller that lives
+// on loses what was stored, stores a pose twice, or cannot go on.
+#[test]
+fn a_host_that_is_killed_goes_on_with_the_controller_that_lives() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let config = cell(folder.path());
+    let config = config.display().to_string();
+    let plant = Server::start(&["plant", "--listen", "0", "--config", &config]);
+    let drive = format!("tcp:{}", plant.address);
+    let controller = Server::start(&["controller", "--drive", &drive, "--host-link", "tcp:0"]);
+    let link = format!("controller:{}", controller.address);
+    let out = folder.path().join("cell");
+    let database = out.join("calibration.db");
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let mut stored: Vec<String> = Vec::new();
+    let mut killed = 0;
+    for _ in 0..kills().div_ceil(2) {
+        let child = measure(folder.path(), &out, &link, has_run(&database));
+        killed += usize::from(kill(child, &mut rng, Duration::from_millis(2500)));
+        let now = recorded(&database);
+        assert!(now.starts_with(&stored), "a stored recording is lost or changed");
+        stored = now;
+    }
+    finished(measure(folder.path(), &out, &link, has_run(&database)));
+    let mut store = Store::open(&database).expect("whole");
+    let info = store.require_last_run().expect("a run");
+    assert_eq!(info.state, "measured");
+    let recordings = store.recordings(info.run).expect("read");
+    let poses: std::collections::BTreeSet<_> = recordings.iter().map(|r| (r.sphere, r.pose)).collect();
+    assert_eq!((recordings.len(), poses.len()), (5, 5));
+    // Contacts and phases of every session once: an event has one number.
+    let phases = store.phases(info.run).expect("read");
+    let mut unique = phases.clone();
+    unique.dedup();
+    assert_eq!(unique, phases);
+    println!(
+        "{killed} kills, {} phases, {} contacts",
+        phases.len(),
+        store.contacts(info.run).expect("read").len()
+    );
+}
