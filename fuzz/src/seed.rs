@@ -1,12 +1,18 @@
 //! Writes the first corpora: one good example of everything.
 //!
-//! `cargo run --bin seed` in `fuzz/`; what the fuzzer finds beyond is not kept
-//! in the repository, but for findings that were mended.
+//! `scripts/fuzz seed`; what the fuzzer finds beyond is not kept in the
+//! repository, but for findings that were mended. It is a fuzz target in form,
+//! for what is instrumented links with libFuzzer only.
+
+#![no_main]
 
 use std::path::Path;
 
+#[cfg(feature = "host")]
 use spherecal::job::Config;
+#[cfg(feature = "host")]
 use spherecal::robots;
+#[cfg(feature = "host")]
 use spherecal::store::{NewRun, PlannedPose, Store};
 use spherecal_fuzz::joined;
 use spherecal_shared::procedure::Procedure;
@@ -29,7 +35,26 @@ fn body(message: &impl serde::Serialize) -> Vec<u8> {
     postcard::to_stdvec(message).expect("it fits")
 }
 
-fn main() {
+libfuzzer_sys::fuzz_target!(
+    init: {
+        links();
+        #[cfg(feature = "host")]
+        host();
+        // There is nothing to fuzz.
+        if links_written() {
+            std::process::exit(0)
+        }
+    },
+    |_data: &[u8]| {}
+);
+
+/// Whether the corpora are there, as they always are by then.
+fn links_written() -> bool {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus/frames").is_dir()
+}
+
+/// Messages of both links.
+fn links() {
     let commands = [
         ("robot", Command::Robot(iiwa7())),
         (
@@ -161,6 +186,11 @@ fn main() {
     let length = frame::encode(&Downlink::at_once(1, Command::Stop), 1, 2, &mut out).expect("it fits");
     write("frames", "framed", &out[..length]);
 
+}
+
+/// Files that users bring.
+#[cfg(feature = "host")]
+fn host() {
     write("csv", "absolute", b"q1,q2,q3,q4,q5,q6,q7,x_mm,y_mm,z_mm\n0.1,0.2,0.3,-1,0.5,0.6,0.7,500,0,300\n");
     write("csv", "spheres", b"q1_deg;q2_deg;q3_deg;q4_deg;q5_deg;q6_deg;sphere;place;set\n1;2;3;4;5;6;2;a;validate\n");
     write("csv", "plate", b"[[sphere]]\nid = 1\nx_mm = 0.0\ny_mm = 1.0\nz_mm = 2.0\nsigma_mm = 0.001\n");

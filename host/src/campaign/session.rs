@@ -102,6 +102,8 @@ pub struct Session<'a> {
     joints: usize,
     /// How long after its cause a command starts, in µs.
     lead_us: u64,
+    /// Whether the controller was greeted and has not answered yet.
+    greeting: bool,
     /// When, by the controller's clock, what was heard last happened, in µs.
     heard_us: u64,
     last_progress_us: u64,
@@ -145,6 +147,7 @@ impl<'a> Session<'a> {
             inbox: VecDeque::new(),
             joints: 0,
             lead_us,
+            greeting: false,
             heard_us: 0,
             last_progress_us: 0,
             progress: Progress::default(),
@@ -255,9 +258,12 @@ impl<'a> Session<'a> {
         match &arrival.body {
             Event::Banner(banner) => {
                 self.banner = Some(banner.clone());
-                // The next command starts at a round time.
-                let earliest = arrival.sent_us.saturating_add(self.lead_us).saturating_add(1);
-                self.heard_us = earliest.next_multiple_of(ROUND_US).saturating_sub(self.lead_us);
+                // The next command starts at a round time; what a late repeat of
+                // the banner says changes nothing about those after it.
+                if std::mem::take(&mut self.greeting) {
+                    let earliest = arrival.sent_us.saturating_add(self.lead_us).saturating_add(1);
+                    self.heard_us = earliest.next_multiple_of(ROUND_US).saturating_sub(self.lead_us);
+                }
             }
             Event::Held { .. } => {}
             Event::Reply { sequence, result } => self.reply = Some((*sequence, *result)),
@@ -375,6 +381,7 @@ impl<'a> Session<'a> {
     /// Greets the controller and checks who it is.
     pub(super) fn greet(&mut self, joints: usize) -> Result<(), CampaignError> {
         self.joints = joints;
+        self.greeting = true;
         let session = self.endpoint.next_session();
         self.journal.greet(session)?;
         if let Err(error) = self.order("greet", Command::Hello) {

@@ -260,9 +260,7 @@ impl HostEndpoint {
         if arrival.event == 0 {
             match &arrival.body {
                 Event::Banner(banner) if ours => {
-                    if self.next_event.is_none() {
-                        self.next_event = Some(banner.first_event);
-                    }
+                    self.next_event.get_or_insert(banner.first_event);
                 }
                 Event::Banner(_) => {
                     // A late one of a greeting of ours says nothing new; before

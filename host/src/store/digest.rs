@@ -28,7 +28,8 @@ impl Digest {
 
     pub(super) fn numbers<'a>(mut self, values: impl IntoIterator<Item = &'a f64>) -> Self {
         for value in values {
-            self.0.update(value.to_bits().to_le_bytes());
+            // SQLite keeps no sign of a zero.
+            self.0.update((value + 0.0).to_bits().to_le_bytes());
         }
         self
     }
@@ -40,7 +41,7 @@ impl Digest {
     }
 }
 
-/// Digest of a recording: every bit of every number counts.
+/// Digest of a recording: every bit of every number counts, but for the sign of zero.
 pub(super) fn of_recording(r: &Recording) -> i64 {
     let mut digest = Digest::new();
     for whole in [
