@@ -132,6 +132,7 @@ fn approach(k: u64) -> Outcome {
     let waypoints = Waypoints::new(&iiwa7(), &iiwa7_tool());
     let stop = Stop {
         sphere: 1,
+        place: 0,
         over_home: true,
         approach: q.to_vec(),
         direction: direction.into(),

@@ -44,6 +44,9 @@ impl Trace {
 #[derive(Clone, Debug, Default)]
 pub struct Waypoints {
     chain: Option<Chain>,
+    /// Placement of the plate that the seats are of: a plate that is put down
+    /// anew is off in another way.
+    place: u32,
     /// Sphere, and where its seat was found against its waypoint's line, in m.
     seats: Vec<(u32, Vector3<f64>)>,
 }
@@ -54,6 +57,7 @@ impl Waypoints {
     pub fn new(robot: &Robot, tool: &Tool) -> Self {
         Self {
             chain: Chain::new(robot, tool).ok(),
+            place: 0,
             seats: Vec::new(),
         }
     }
@@ -68,6 +72,10 @@ impl Waypoints {
         let Some(chain) = &self.chain else { return };
         let start = chain.pose(&stop.approach).position;
         let found = across(&(Vector3::from(coupled.centre_m) - start), &stop.direction);
+        if stop.place != self.place {
+            self.place = stop.place;
+            self.seats.clear();
+        }
         if found.norm() <= FAR_M {
             self.seats.retain(|(sphere, _)| *sphere != stop.sphere);
             self.seats.push((stop.sphere, found));
@@ -113,6 +121,9 @@ impl Waypoints {
     /// Where a sphere was found against its waypoint's line, or the others in
     /// the mean, in m.
     fn known(&self, stop: &Stop) -> Option<Vector3<f64>> {
+        if stop.place != self.place {
+            return None;
+        }
         if let Some((_, own)) = self.seats.iter().find(|(sphere, _)| *sphere == stop.sphere) {
             return Some(*own);
         }
@@ -150,6 +161,7 @@ mod tests {
     fn stop(sphere: u32) -> Stop {
         Stop {
             sphere,
+            place: 0,
             over_home: true,
             approach: vec![0.1, 0.6, -0.1, -1.5, 0.05, 1.0, 0.2],
             direction: [0.0, 0.0, -1.0],
