@@ -275,8 +275,8 @@ fn slow_five_arms_are_better_than_a_quarter_of_nominal() {
 }
 
 // Fails if long holds are not made at the places asked for, if a second's mean
-// is not what the hold's is within the noise on the typical arm, if a deviation
-// is out of proportion to the noise, or if table, plot and JSON are missing.
+// of the TCP is not the hold's within the noise on the typical arm, if its noise
+// is more than a few µm, or if table, plot and JSON are missing.
 #[test]
 fn a_second_tells_what_a_long_hold_does() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -304,7 +304,7 @@ fn a_second_tells_what_a_long_hold_does() {
         assert_eq!(hold["joints_urad"].as_array().expect("joints").len(), 7);
         let (noise, first) = (&hold["tcp_um"]["noise"], &hold["tcp_um"]["first"]);
         let (noise, first) = (noise.as_f64().expect("noise"), first.as_f64().expect("first"));
-        assert!(noise > 0.0 && first <= 4.0 * noise, "{hold:#}");
+        assert!(noise > 0.0 && noise < 5.0 && first <= 4.0 * noise, "{hold:#}");
     }
     let page = std::fs::read_to_string(folder.join("still/stability.html")).expect("a report");
     assert!(page.contains("<svg") && page.contains("How still it holds"));

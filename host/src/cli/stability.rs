@@ -74,7 +74,8 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
     if run.json {
         println!("{document:#}");
     } else {
-        print!("{}", text(&input.headline.sentence, &holds));
+        let said = [&[input.headline.sentence.clone()][..], &input.headline.reasons].concat();
+        print!("{}", text(&said.join("\n"), &holds));
         println!("\nFiles:");
         for path in &files.paths {
             println!("  {}", path.display());
@@ -100,7 +101,7 @@ fn model(prepared: &Prepared, out: &Path) -> Result<(String, Chain), CliError> {
 fn text(sentence: &str, holds: &[Held]) -> String {
     let mut out = format!("{sentence}\n\n");
     out += "                      worst joint, 1 s mean (µrad)        TCP, 1 s mean (µm)\n";
-    out += "  sphere pose  windows   noise   first  largest     noise   first  largest   drift/s  within\n";
+    out += "  sphere pose  windows   noise   first  largest     noise   first  largest   drift/s  TCP within\n";
     for h in holds {
         let ratio = |j: &crate::hold::Stillness| j.first.abs() / j.noise.max(1e-12);
         let joint = h.joints_urad.iter().max_by(|a, b| ratio(a).total_cmp(&ratio(b)));

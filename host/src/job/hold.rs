@@ -24,6 +24,8 @@ pub fn hold(
     interrupt: &AtomicBool,
 ) -> Result<(Vec<Hold>, Outcome), JobError> {
     let mut tour = tour(&prepared.plan);
+    // Nobody moves the plate for it.
+    tour.stops.retain(|stop| stop.place == 0);
     let recorded = tour.poses();
     let chosen: BTreeSet<usize> = (0..places)
         .map(|k| (2 * k + 1) * recorded / (2 * places).max(1))
