@@ -181,7 +181,7 @@ pub struct Trend {
     pub steps: Vec<Step>,
     /// Whether the arm has moved by more than the calibrations' own uncertainty.
     pub drifting: bool,
-    /// Speed of the straight line through all moves, in mm a year; `None` with fewer than two runs.
+    /// Speed of the straight line through all moves, in mm a year; `None` where all are of one day.
     pub mm_per_year: Option<f64>,
     /// Move at which a calibration is due, in mm.
     pub limit_mm: f64,
@@ -220,7 +220,8 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
     let (product, square) = steps.iter().fold((0.0, 0.0), |(p, s), step| {
         (p + step.days * step.moved_mm, s + step.days * step.days)
     });
-    let per_day = (square > 0.0).then(|| product / square);
+    // Runs of one day say nothing of a speed.
+    let per_day = (last.days >= 1.0).then(|| product / square);
     let until = match per_day {
         // The last calibration has taken up what had moved until then.
         Some(speed) if drifting && speed > 0.0 => (limit_mm / speed).min(YEAR_DAYS),

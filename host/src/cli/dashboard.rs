@@ -213,7 +213,11 @@ impl Dashboard {
             return None;
         }
         execute!(stderr(), EnterAlternateScreen, Hide).ok()?;
-        let terminal = Terminal::new(CrosstermBackend::new(stderr())).ok();
+        let mut terminal = Terminal::new(CrosstermBackend::new(stderr())).ok();
+        if let Some(terminal) = &mut terminal {
+            // A terminal without another screen still shows what was there.
+            let _ = terminal.clear();
+        }
         Some(Self {
             terminal,
             screen: screen(robot, tool, trigger_n),
