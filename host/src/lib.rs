@@ -14,6 +14,7 @@
 pub mod campaign;
 pub mod cli;
 pub mod export;
+pub mod history;
 pub mod hold;
 pub mod identify;
 pub mod input;
@@ -25,6 +26,7 @@ pub mod plant;
 pub mod report;
 pub mod reproduce;
 pub mod robots;
+pub mod rpc;
 pub mod store;
 pub mod study;
 pub mod telemetry;

@@ -117,7 +117,8 @@ fn a_run_is_exported_as_tables() {
     // The telemetry's rate depends on the phase: 20 ms apart at most.
     assert!(times.windows(2).all(|t| t[0] < t[1] && t[1] - t[0] <= 21e6));
     let last = times.last().expect("rows") * 1e-9;
-    assert!((last - seconds).abs() < 0.1, "{last} s of {seconds} s");
+    // What is left of the last batch of eight is not sent.
+    assert!((last - seconds).abs() <= 0.18, "{last} s of {seconds} s");
     assert!(rows("phases.csv").iter().any(|row| row.ends_with("recording,turning")));
 
     let again = spherecal(

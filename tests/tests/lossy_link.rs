@@ -29,6 +29,7 @@ fn measured(poses: usize, host_link: Lossy) -> Measurements {
     let mut store = Store::create_or_open(&folder.path().join("calibration.db")).expect("a store");
     let site = Site {
         link: &Link::Sim,
+        tracker: None,
         folder: folder.path(),
         store: &mut store,
         observer: &mut Silent,

@@ -42,6 +42,7 @@ fn two_placements_calibrate_the_arm() {
     let mut store = Store::create_or_open(&folder.path().join("calibration.db")).expect("a database");
     let site = Site {
         link: &Link::Sim,
+        tracker: None,
         folder: folder.path(),
         store: &mut store,
         observer: &mut Silent,

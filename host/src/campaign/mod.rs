@@ -22,6 +22,7 @@
 
 mod error;
 mod observe;
+mod operate;
 mod outcome;
 mod plausible;
 mod procedure;
@@ -36,6 +37,7 @@ use spherecal_shared::robot::{Robot, Tool};
 
 pub use error::{CampaignError, remedy};
 pub use observe::{Moved, Observer, Progress, Silent, Stage, TelemetrySummary};
+pub use operate::{Answer, Desk, Order, operate};
 pub use outcome::{Outcome, Rejected};
 pub use plausible::{Implausible, plausible};
 pub use procedure::run;
@@ -44,7 +46,7 @@ pub use session::{Journal, JournalError, Session};
 pub use teach::{Nowhere, Operator, Taught, teach};
 
 /// What is to be visited.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tour {
     /// Joint angles of the home frame, in rad.
     pub home: Vec<f64>,

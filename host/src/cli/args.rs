@@ -6,9 +6,13 @@ use clap::{Args, Parser, Subcommand};
 
 use super::doctor::DoctorArgs;
 use super::export::ExportArgs;
+use super::history::{HistoryArgs, TrendArgs};
 use super::identify::IdentifyArgs;
+use super::serve::ServeArgs;
 use super::shell::{CompletionsArgs, ManArgs};
 use crate::job::{self, Config, JobError, Link, Prepared, Waypoints};
+use crate::rpc::Peer;
+use crate::store::Place;
 use crate::worlds::World;
 
 const EXAMPLES: &str = "\
@@ -89,6 +93,16 @@ pub enum Command {
                             spherecal run --link controller:127.0.0.1:7402"
     )]
     Controller(ControllerArgs),
+    /// Offer robot, laser tracker and database as network services (gRPC, Figure 4 of the paper).
+    #[command(after_help = "Example: spherecal serve --grpc 7403 --seed 2\n         \
+                            spherecal run --link grpc:127.0.0.1:7403 --tracker grpc:127.0.0.1:7403 --store grpc:127.0.0.1:7403")]
+    Serve(Box<ServeArgs>),
+    /// List past calibrations.
+    #[command(after_help = "Example: spherecal history --store postgres://robots@db/fleet --arm A-17")]
+    History(HistoryArgs),
+    /// Say whether an arm is drifting, and when its next calibration is due.
+    #[command(after_help = "Example: spherecal trend --arm A-17 --limit-mm 0.3")]
+    Trend(TrendArgs),
     /// The paper's study on the last run of --out, or on a synthetic robot:
     /// tables and figures beside the published numbers.
     #[command(after_help = "Example: spherecal reproduce --world W1 --seed 3 --out study")]
@@ -135,12 +149,23 @@ pub struct RunArgs {
     #[arg(long)]
     pub paper: bool,
     /// How controller and arm are reached: sim, qemu, serial:DEVICE, tcp:HOST:PORT
-    /// (a drive: simulator or gateway) or controller:HOST:PORT (`spherecal controller`).
+    /// (a drive: simulator or gateway), controller:HOST:PORT (`spherecal controller`),
+    /// grpc:HOST:PORT or grpcs:HOST:PORT (`spherecal serve`).
     #[arg(long, value_name = "LINK", default_value_t = Link::Sim)]
     pub link: Link,
     /// Folder of the database and of all results.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
+    /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT;
+    /// calibration.db in --out if none is given.
+    #[arg(long, value_name = "STORE")]
+    pub store: Option<Place>,
+    /// Laser tracker behind gRPC: grpc:HOST:PORT or grpcs:HOST:PORT.
+    #[arg(long, value_name = "PEER", value_parser = peer)]
+    pub tracker: Option<Peer>,
+    /// Which arm this is (serial number), for history and trend.
+    #[arg(long, value_name = "NAME")]
+    pub arm: Option<String>,
     /// Configuration; it names only what differs from the defaults (`spherecal config --print` has them all).
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
@@ -150,6 +175,9 @@ pub struct RunArgs {
     /// Go on with the last run of --out, at the pose where it was.
     #[arg(long, conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "seed", "waypoints"])]
     pub resume: bool,
+    /// Show the run on the whole terminal: phase, force, joints, what is found so far.
+    #[arg(long)]
+    pub dashboard: bool,
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
     pub json: bool,
@@ -191,6 +219,9 @@ impl RunArgs {
         if self.paper {
             config.plan.paper = true;
         }
+        if let Some(arm) = &self.arm {
+            config.arm.clone_from(arm);
+        }
         config.check()?;
         Ok(config)
     }
@@ -208,8 +239,8 @@ impl RunArgs {
     }
 
     /// The database.
-    pub fn database(&self) -> PathBuf {
-        self.out.join("calibration.db")
+    pub fn database(&self) -> Place {
+        database(self.store.as_ref(), &self.out)
     }
 }
 
@@ -225,6 +256,18 @@ pub struct StabilityArgs {
     /// Places to hold at, spread over the plan.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=100))]
     pub places: u8,
+}
+
+/// The store that was given, or the file in the folder of results.
+fn database(store: Option<&Place>, out: &std::path::Path) -> Place {
+    store
+        .cloned()
+        .unwrap_or_else(|| Place::File(out.join("calibration.db")))
+}
+
+/// `grpc:HOST:PORT` or `grpcs:HOST:PORT`.
+fn peer(text: &str) -> Result<Peer, String> {
+    Peer::parse(text).ok_or_else(|| "give grpc:HOST:PORT or grpcs:HOST:PORT".to_owned())
 }
 
 /// Arguments of `plant`.
@@ -287,9 +330,23 @@ pub struct StoredArgs {
     /// Folder of the database and of all results.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
+    /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT;
+    /// calibration.db in --out if none is given.
+    #[arg(long, value_name = "STORE")]
+    pub store: Option<Place>,
+    /// Whose last run, in a database that several robots share.
+    #[arg(long, value_name = "NAME", default_value = "")]
+    pub arm: String,
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
     pub json: bool,
+}
+
+impl StoredArgs {
+    /// The database.
+    pub fn database(&self) -> Place {
+        database(self.store.as_ref(), &self.out)
+    }
 }
 
 /// Arguments of `reproduce`.

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::exit::{CliError, Exit};
 use crate::export::{ExportError, Format, export};
-use crate::store::Store;
+use crate::store::{Place, Store};
 
 /// Arguments of `export`.
 #[derive(Args, Clone, Debug)]
@@ -20,6 +20,10 @@ pub struct ExportArgs {
     /// Folder of the run; the tables come into `tables` in it.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
+    /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT;
+    /// calibration.db in --out if none is given.
+    #[arg(long, value_name = "STORE")]
+    pub store: Option<Place>,
     /// Number of the run; the last if none is given.
     #[arg(long, value_name = "N")]
     pub run: Option<i64>,
@@ -27,7 +31,8 @@ pub struct ExportArgs {
 
 /// `spherecal export`
 pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
-    let mut store = Store::open(&args.out.join("calibration.db"))?;
+    let file = Place::File(args.out.join("calibration.db"));
+    let mut store = Store::at(args.store.as_ref().unwrap_or(&file), false)?;
     let last = store.require_last_run()?.run;
     let run = args.run.unwrap_or(last);
     if !store.runs()?.iter().any(|info| info.run == run) {

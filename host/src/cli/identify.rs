@@ -127,6 +127,8 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         return stages::report(&StoredArgs {
             out: args.out.clone(),
             json: args.json,
+            store: None,
+            arm: String::new(),
         });
     };
     let study = request(args, robot, data).and_then(|r| study(&r)).map_err(refuse)?;

@@ -9,15 +9,18 @@
 //! but the result is not to be trusted.
 
 mod args;
+mod dashboard;
 mod doctor;
 mod exit;
 mod export;
+mod history;
 mod identify;
 mod person;
 mod plan;
 mod progress;
 mod robot;
 mod run;
+mod serve;
 mod servers;
 mod shell;
 mod soak;
@@ -55,6 +58,9 @@ pub fn main() -> ExitCode {
         Some(Command::Robot(args)) => robot::run(&args),
         Some(Command::Plant(args)) => servers::plant(&args),
         Some(Command::Controller(args)) => servers::controller(&args),
+        Some(Command::Serve(args)) => serve::run(&args),
+        Some(Command::History(args)) => history::history(&args),
+        Some(Command::Trend(args)) => history::trend(&args),
         Some(Command::Reproduce(args)) => studies::reproduce(&args),
         Some(Command::Worlds(args)) => studies::worlds(&args),
         Some(Command::Config(args)) => stages::config(&args),

@@ -87,7 +87,7 @@ impl Default for ProgressView {
 }
 
 /// Time to go, from the poses done in this session.
-fn remaining(p: &Progress, wall_s: f64) -> String {
+pub(super) fn remaining(p: &Progress, wall_s: f64) -> String {
     let done = p.done.saturating_sub(p.done_before);
     if done < 3 {
         return "ETA -:--".to_owned();
@@ -97,7 +97,7 @@ fn remaining(p: &Progress, wall_s: f64) -> String {
     format!("ETA {}:{:02}", seconds / 60, seconds % 60)
 }
 
-fn stage_name(stage: Stage) -> &'static str {
+pub(super) fn stage_name(stage: Stage) -> &'static str {
     match stage {
         Stage::Connect => "connect",
         Stage::Home => "home",
@@ -112,7 +112,7 @@ fn stage_name(stage: Stage) -> &'static str {
     }
 }
 
-fn phase_name(phase: Phase) -> &'static str {
+pub(super) fn phase_name(phase: Phase) -> &'static str {
     match phase {
         Phase::Idle => "idle",
         Phase::Moving => "moving",

@@ -6,18 +6,76 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::args::RunArgs;
+use super::dashboard::Dashboard;
 use super::exit::{CliError, Exit};
 use super::progress::ProgressView;
 use super::text;
+use crate::campaign::{Moved, Observer, Progress};
+use crate::history::{FINGERPRINT, Fingerprint};
 use crate::job::{self, JobError, Link, Measurements, Prepared, Site, Summary};
+use crate::link::Arrival;
 use crate::link::qemu::LOG_FILE;
-use crate::store::{RunInfo, Store};
+use crate::store::{Place, RunInfo, Store};
 use crate::telemetry::{Chronicle, Trace};
 
 /// What a run of the whole job left.
 pub(super) struct Finished {
     pub(super) summary: Summary,
     pub(super) files: Vec<PathBuf>,
+}
+
+/// How progress is shown.
+enum View {
+    /// A bar or lines.
+    Plain(ProgressView),
+    /// The whole terminal.
+    Whole(Box<Dashboard>),
+}
+
+impl View {
+    fn new(args: &RunArgs, prepared: &Prepared) -> Result<Self, CliError> {
+        if !args.dashboard {
+            return Ok(Self::Plain(ProgressView::new()));
+        }
+        let trigger_n = prepared.config.procedure.approach.trigger_n;
+        Dashboard::start(&prepared.robot, &prepared.tool, trigger_n)
+            .map(|dashboard| Self::Whole(Box::new(dashboard)))
+            .ok_or_else(|| {
+                CliError::input("--dashboard: stderr is no terminal: leave it out, or do not redirect stderr")
+            })
+    }
+
+    fn finish(&mut self) {
+        match self {
+            Self::Plain(view) => view.finish(),
+            Self::Whole(dashboard) => dashboard.finish(),
+        }
+    }
+
+    fn inner(&mut self) -> &mut dyn Observer {
+        match self {
+            Self::Plain(view) => view,
+            Self::Whole(dashboard) => dashboard.as_mut(),
+        }
+    }
+}
+
+impl Observer for View {
+    fn event(&mut self, now_us: u64, arrival: &Arrival) {
+        self.inner().event(now_us, arrival);
+    }
+
+    fn progress(&mut self, progress: &Progress) {
+        self.inner().progress(progress);
+    }
+
+    fn note(&mut self, text: &str) {
+        self.inner().note(text);
+    }
+
+    fn plate(&mut self, place: u32) -> Moved {
+        self.inner().plate(place)
+    }
 }
 
 /// Runs the whole job.
@@ -53,9 +111,13 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
         resumed(args)?
     } else {
         let prepared = args.prepare()?;
-        (Store::create_or_open(&args.database())?, prepared, None)
+        (Store::at(&args.database(), true)?, prepared, None)
     };
-    let _claim = Store::claim(&args.database())?;
+    // A server takes care of several writers itself.
+    let _claim = match args.database() {
+        Place::File(path) => Some(Store::claim(&path)?),
+        Place::Postgres(_) | Place::Service(_) => None,
+    };
     if resume.as_ref().is_none_or(|info| info.state == "running") {
         if !args.json {
             eprint!("{}", text::plan(&prepared.plan));
@@ -64,16 +126,18 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
             ("robot".to_owned(), prepared.robot.name.to_string()),
             ("link".to_owned(), args.link.to_string()),
         ]);
-        let mut view = Chronicle::new(ProgressView::new(), &args.out, prepared.robot.dof(), &about);
+        let view = View::new(args, &prepared)?;
+        let mut view = Chronicle::new(view, &args.out, prepared.robot.dof(), &about);
         let site = Site {
             link: &args.link,
+            tracker: args.tracker.as_ref(),
             folder: &args.out,
             store: &mut store,
             observer: &mut view,
             interrupt: &interrupt,
         };
         let measured = job::measure(&prepared, site, resume.as_ref());
-        let (view, _, mut traces) = view.finish();
+        let (mut view, _, mut traces) = view.finish();
         view.finish();
         // Also of a session that was stopped: the run may go on with --resume.
         if let Some(info) = store.last_run()? {
@@ -96,8 +160,8 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
 }
 
 fn resumed(args: &RunArgs) -> Result<(Store, Prepared, Option<RunInfo>), CliError> {
-    let mut store = Store::open(&args.database())?;
-    let info = store.require_last_run()?;
+    let mut store = Store::at(&args.database(), false)?;
+    let info = store.require_run_of(args.arm.as_deref().unwrap_or_default())?;
     if info.link != args.link.to_string() {
         return Err(JobError::Resume {
             what: format!(
@@ -123,6 +187,9 @@ pub(super) fn evaluate(out: &std::path::Path, store: &mut Store, info: &RunInfo)
     let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;
     let json = serde_json::to_string(&summary).map_err(CliError::job)?;
     store.put_result(info.run, "summary", &json)?;
+    let fingerprint = Fingerprint::of(&evaluation.sphere);
+    let json = serde_json::to_string(&fingerprint).map_err(CliError::job)?;
+    store.put_result(info.run, FINGERPRINT, &json)?;
     let mut files = vec![store.path().to_owned()];
     files.extend(written.paths);
     files.push(out.join("telemetry.mcap"));

@@ -30,6 +30,7 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
     let mut view = ProgressView::new();
     let site = Site {
         link: &Link::Sim,
+        tracker: None,
         folder: &args.out,
         store: &mut store,
         observer: &mut view,

@@ -73,8 +73,8 @@ pub(super) fn config(args: &ConfigArgs) -> Result<Exit, CliError> {
 }
 
 fn stored(args: &StoredArgs) -> Result<(Store, RunInfo), CliError> {
-    let mut store = Store::open(&args.out.join("calibration.db"))?;
-    let info = store.require_last_run()?;
+    let mut store = Store::at(&args.database(), false)?;
+    let info = store.require_run_of(&args.arm)?;
     if info.state == "running" {
         return Err(CliError::input(format!(
             "run {} is not measured to its end: go on with `spherecal run --resume --out {}`",

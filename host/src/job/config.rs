@@ -23,6 +23,9 @@ pub struct Config {
     pub seed: u64,
     /// Robot: a built-in name, or a .toml or .urdf file.
     pub robot: String,
+    /// Which arm of that kind this is: its serial number, or whatever names it
+    /// in the fleet; `spherecal history` tells arms apart by it.
+    pub arm: String,
     /// Nominal TCP in the flange frame, in mm; the robot's own where left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tool_mm: Option<[f64; 3]>,
@@ -204,6 +207,7 @@ impl Default for Config {
         Self {
             seed: 1,
             robot: "iiwa7".to_owned(),
+            arm: String::new(),
             tool_mm: None,
             plan: PlanSection::default(),
             campaign: CampaignSection::default(),

@@ -8,6 +8,7 @@ use crate::link::{LinkError, SimulatedArmError};
 use crate::plan::PlanError;
 use crate::plant::PlantError;
 use crate::robots::RobotFileError;
+use crate::rpc::RpcError;
 use crate::store::StoreError;
 use crate::validate::ValidateError;
 
@@ -53,6 +54,9 @@ pub enum JobError {
     /// The campaign stopped.
     #[error(transparent)]
     Campaign(#[from] CampaignError),
+    /// A service could not be offered or reached.
+    #[error(transparent)]
+    Rpc(#[from] RpcError),
     /// The store refused or failed.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -128,6 +132,7 @@ impl JobError {
             | Self::Waypoints { .. }
             | Self::LaserPlan(_) => true,
             Self::Store(e) => e.is_input(),
+            Self::Rpc(e) => e.is_input(),
             Self::Link(LinkError::Joints { .. })
             | Self::Qemu(QemuError::NoQemu | QemuError::NoImage { .. } | QemuError::LogPath { .. }) => true,
             Self::Link(_)

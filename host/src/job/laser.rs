@@ -1,8 +1,9 @@
-//! The simulated laser tracker measures what Section 4.3 of the paper measured:
+//! The laser tracker, here or behind gRPC, measures what Section 4.3 of the paper measured:
 //! 284 configurations to calibrate from, 125 to validate, and the arcs.
 
 use super::{JobError, Prepared};
 use crate::laser;
+use crate::link::LinkError;
 use crate::plant::{Plant, TrackerSession};
 use crate::store::LaserShot;
 
@@ -12,15 +13,45 @@ pub(super) const VALIDATE: &str = "validate";
 pub(super) const BASE: &str = "base_";
 pub(super) const TOOL: &str = "tool_";
 
-/// Measures the whole laser plan with the plant's tracker.
+/// A laser tracker, and the robot that shows it its reflector.
+pub trait Tracker {
+    /// The robot stands at `q` (rad) and the tracker, stationed for `session`,
+    /// measures: the joint angles as the encoders show them, in rad, and the
+    /// point in the tracker's frame, in m.
+    ///
+    /// # Errors
+    /// When robot or tracker fail.
+    fn shot(&mut self, session: TrackerSession, q: &[f64]) -> Result<(Vec<f64>, [f64; 3]), JobError>;
+}
+
+/// The plant's tracker.
+struct Simulated<const N: usize>(Plant<N>);
+
+impl<const N: usize> Tracker for Simulated<N> {
+    fn shot(&mut self, session: TrackerSession, q: &[f64]) -> Result<(Vec<f64>, [f64; 3]), JobError> {
+        let q: &[f64; N] = q.try_into().map_err(|_| LinkError::OtherRobot {
+            drive: N,
+            robot: q.len(),
+        })?;
+        self.0.tracker_session(session);
+        let shot = self.0.tracker_shot(q);
+        Ok((shot.q_encoder.to_vec(), shot.point_m))
+    }
+}
+
+/// The simulated tracker of a configuration, as it is before its first shot.
 ///
 /// # Errors
-/// A plan or a plant that cannot be made.
-pub fn measure_laser(prepared: &Prepared) -> Result<Vec<LaserShot>, JobError> {
+/// A plant that cannot be made.
+pub fn simulated_tracker(prepared: &Prepared) -> Result<Box<dyn Tracker + Send>, JobError> {
+    fn made<const N: usize>(prepared: &Prepared) -> Result<Box<dyn Tracker + Send>, JobError> {
+        let plant = Plant::<N>::new(&prepared.robot, &prepared.tool, &prepared.plant, &[0.0; N])?;
+        Ok(Box::new(Simulated(plant)))
+    }
     match prepared.robot.dof() {
-        6 => shots::<6>(prepared),
-        7 => shots::<7>(prepared),
-        joints => Err(crate::link::LinkError::Joints {
+        6 => made::<6>(prepared),
+        7 => made::<7>(prepared),
+        joints => Err(LinkError::Joints {
             joints,
             built: "6 and 7",
         }
@@ -28,33 +59,33 @@ pub fn measure_laser(prepared: &Prepared) -> Result<Vec<LaserShot>, JobError> {
     }
 }
 
-fn shots<const N: usize>(prepared: &Prepared) -> Result<Vec<LaserShot>, JobError> {
+/// Measures the whole laser plan.
+///
+/// # Errors
+/// No plan, or a tracker that fails.
+pub fn measure_laser(prepared: &Prepared, tracker: &mut dyn Tracker) -> Result<Vec<LaserShot>, JobError> {
     let plan = laser::plan(&prepared.robot, &prepared.tool, prepared.config.seed)?;
-    let mut plant = Plant::<N>::new(&prepared.robot, &prepared.tool, &prepared.plant, &[0.0; N])?;
     let mut shots = Vec::new();
-    let mut take = |plant: &mut Plant<N>, purpose: &str, configurations: &[Vec<f64>]| {
+    let mut take = |session, purpose: &str, configurations: &[Vec<f64>]| -> Result<(), JobError> {
         for q in configurations {
-            // The plan is made for this robot: every configuration has N joints.
-            if let Ok(q) = <&[f64; N]>::try_from(q.as_slice()) {
-                let shot = plant.tracker_shot(q);
-                shots.push(LaserShot {
-                    purpose: purpose.to_owned(),
-                    q: shot.q_encoder.to_vec(),
-                    point_m: shot.point_m,
-                });
-            }
+            let (q, point_m) = tracker.shot(session, q)?;
+            shots.push(LaserShot {
+                purpose: purpose.to_owned(),
+                q,
+                point_m,
+            });
         }
+        Ok(())
     };
-    plant.tracker_session(TrackerSession::BaseArcs);
     for arc in &plan.base_arcs {
-        take(&mut plant, &format!("{BASE}{}", arc.joint), &arc.configurations);
+        let purpose = format!("{BASE}{}", arc.joint);
+        take(TrackerSession::BaseArcs, &purpose, &arc.configurations)?;
     }
-    plant.tracker_session(TrackerSession::ToolArcs);
     for arc in &plan.tool_arcs {
-        take(&mut plant, &format!("{TOOL}{}", arc.joint), &arc.configurations);
+        let purpose = format!("{TOOL}{}", arc.joint);
+        take(TrackerSession::ToolArcs, &purpose, &arc.configurations)?;
     }
-    plant.tracker_session(TrackerSession::Measurement);
-    take(&mut plant, CALIBRATE, &plan.calibration);
-    take(&mut plant, VALIDATE, &plan.validation);
+    take(TrackerSession::Measurement, CALIBRATE, &plan.calibration)?;
+    take(TrackerSession::Measurement, VALIDATE, &plan.validation)?;
     Ok(shots)
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::frame::LinkCounters;
 
 use super::journal::{REPEATED_SESSION, StoreJournal};
-use super::laser::measure_laser;
+use super::laser::{Tracker, measure_laser, simulated_tracker};
 use super::{Config, JobError, Measurements, Prepared, tour};
 use crate::campaign::{self, Assignment, Observer, Outcome};
 use crate::link::qemu::{Qemu, QemuOptions};
@@ -19,6 +19,7 @@ use crate::link::{
     Cell, Controller, Device, Drive, Injected, LinkError, LossyDevice, controller_in_process, simulated_arm,
 };
 use crate::plan::Plan;
+use crate::rpc::{Peer, RemoteRobot, RemoteTracker};
 use crate::store::{NewRun, PlannedPose, RunInfo, SessionEnd, Store};
 
 /// How controller and drive are reached.
@@ -36,12 +37,17 @@ pub enum Link {
     Tcp(String),
     /// A controller process (`spherecal controller`), whatever its drive.
     Controller(String),
+    /// A robot behind the service `RobotController` (`spherecal serve`).
+    Grpc(Peer),
 }
 
 impl FromStr for Link {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        if let Some(peer) = Peer::parse(text) {
+            return Ok(Self::Grpc(peer));
+        }
         match text.split_once(':') {
             None if text == "sim" => Ok(Self::Sim),
             None if text == "qemu" => Ok(Self::Qemu),
@@ -49,7 +55,8 @@ impl FromStr for Link {
             Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_owned())),
             Some(("controller", address)) if address.contains(':') => Ok(Self::Controller(address.to_owned())),
             _ => Err(format!(
-                "\"{text}\" is no link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT or controller:HOST:PORT"
+                "\"{text}\" is no link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT, controller:HOST:PORT, \
+                 grpc:HOST:PORT or grpcs:HOST:PORT"
             )),
         }
     }
@@ -63,6 +70,7 @@ impl std::fmt::Display for Link {
             Self::Serial(device) => write!(f, "serial:{device}"),
             Self::Tcp(address) => write!(f, "tcp:{address}"),
             Self::Controller(address) => write!(f, "controller:{address}"),
+            Self::Grpc(peer) => peer.fmt(f),
         }
     }
 }
@@ -71,6 +79,8 @@ impl std::fmt::Display for Link {
 pub struct Site<'a> {
     /// The link.
     pub link: &'a Link,
+    /// A laser tracker behind gRPC; the plant's own, where the plant is here, if none.
+    pub tracker: Option<&'a Peer>,
     /// Folder for logs of the controller; it exists.
     pub folder: &'a Path,
     /// Where it is stored.
@@ -99,7 +109,7 @@ pub struct Measured {
 pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
     let begun = Instant::now();
     let tour = tour(&prepared.plan);
-    let mut device = device(prepared, &site, &tour.home)?;
+    let mut device = device(prepared, site.link, site.folder)?;
     let repeats = repeats(site.link);
     let (run, done) = match resume {
         Some(info) if repeats => (info.run, BTreeSet::new()),
@@ -163,8 +173,16 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     };
     site.store.end_session(run, session, &end)?;
     result?;
-    if prepared.config.laser.enabled && simulated_plant(site.link) {
-        site.store.put_laser(run, &measure_laser(prepared)?)?;
+    if prepared.config.laser.enabled {
+        let tracker: Option<Box<dyn Tracker>> = match site.tracker {
+            Some(peer) => Some(Box::new(RemoteTracker::connect(peer)?)),
+            None if simulated_plant(site.link) => Some(simulated_tracker(prepared)?),
+            None => None,
+        };
+        if let Some(mut tracker) = tracker {
+            let shots = measure_laser(prepared, tracker.as_mut())?;
+            site.store.put_laser(run, &shots)?;
+        }
     }
     site.store.set_state(run, "measured")?;
     Ok(Measured { run, outcome })
@@ -178,7 +196,7 @@ fn repeats(link: &Link) -> bool {
 
 /// Whether the plant is in this process, and its tracker with it.
 fn simulated_plant(link: &Link) -> bool {
-    !matches!(link, Link::Tcp(_) | Link::Controller(_))
+    !matches!(link, Link::Tcp(_) | Link::Controller(_) | Link::Grpc(_))
 }
 
 /// What the two ends of the host link counted in a session.
@@ -217,9 +235,13 @@ impl LinkRecord {
     }
 }
 
-/// What stands behind the link, and behind what is done to it on purpose.
-pub(super) fn device(prepared: &Prepared, site: &Site<'_>, home: &[f64]) -> Result<Box<dyn Device>, JobError> {
-    let device = good_device(prepared, site, home)?;
+/// What stands behind the link, and behind what is done to it on purpose; a
+/// controller that logs does so in `folder`.
+///
+/// # Errors
+/// A link that cannot be used, or behind which nobody or another robot stands.
+pub fn device(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
+    let device = good_device(prepared, link, folder)?;
     let lossy = prepared.config.host_link;
     if lossy.is_active() {
         return Ok(Box::new(LossyDevice::new(device, lossy)));
@@ -227,11 +249,12 @@ pub(super) fn device(prepared: &Prepared, site: &Site<'_>, home: &[f64]) -> Resu
     Ok(device)
 }
 
-fn good_device(prepared: &Prepared, site: &Site<'_>, home: &[f64]) -> Result<Box<dyn Device>, JobError> {
-    if let Some(device) = distant(prepared, site.link)? {
+fn good_device(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
+    if let Some(device) = distant(prepared, link)? {
         return Ok(device);
     }
-    let controller = controller(prepared, site.link, site.folder)?;
+    let controller = controller(prepared, link, folder)?;
+    let home = &prepared.plan.home.joints;
     let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, home)?;
     Ok(Box::new(Cell::new(controller, drive, prepared.robot.dof())?))
 }
@@ -255,6 +278,7 @@ pub(super) fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn
             check_limits(&remote.hello().limits, &prepared.robot).map_err(LinkError::from)?;
             Ok(Some(Box::new(remote)))
         }
+        Link::Grpc(peer) => Ok(Some(Box::new(RemoteRobot::attach(peer, &prepared.robot)?))),
     }
 }
 
@@ -267,7 +291,9 @@ pub(super) fn controller(prepared: &Prepared, link: &Link, folder: &Path) -> Res
             remedy: "this build has no such transport yet: use sim, qemu, tcp:HOST:PORT or controller:HOST:PORT"
                 .to_owned(),
         }),
-        Link::Sim | Link::Tcp(_) | Link::Controller(_) => Ok(controller_in_process(prepared.robot.dof())?),
+        Link::Sim | Link::Tcp(_) | Link::Controller(_) | Link::Grpc(_) => {
+            Ok(controller_in_process(prepared.robot.dof())?)
+        }
     }
 }
 
@@ -295,6 +321,7 @@ pub(super) fn create_run(prepared: &Prepared, link: &Link, store: &mut Store) ->
         program: concat!("spherecal ", env!("CARGO_PKG_VERSION")).to_owned(),
         spheres: prepared.spheres.clone(),
         poses,
+        arm: prepared.config.arm.clone(),
     })?)
 }
 
@@ -362,7 +389,7 @@ pub fn now_utc() -> String {
 }
 
 /// Seconds since 1970 as RFC 3339, by the civil calendar (Hinnant's algorithm).
-pub(super) fn utc(seconds: u64) -> String {
+pub(crate) fn utc(seconds: u64) -> String {
     let (days, rest) = (seconds / 86_400, seconds % 86_400);
     let shifted = days + 719_468;
     let era = shifted / 146_097;

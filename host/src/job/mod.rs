@@ -30,8 +30,9 @@ pub use config::{CampaignSection, Choice, Config, ConfigError, LaserSection, Pla
 pub use error::JobError;
 pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};
 pub use hold::hold;
-pub use laser::measure_laser;
-pub use measure::{Link, LinkRecord, Measured, Site, measure, now_utc, read};
+pub use laser::{Tracker, measure_laser, simulated_tracker};
+pub(crate) use measure::utc;
+pub use measure::{Link, LinkRecord, Measured, Site, device, measure, now_utc, read};
 pub use prepare::{Prepared, prepare, simulated_drive, tour};
 pub use soak::{Hour, Soak, soak};
 pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, Verdict, summarise};

@@ -78,7 +78,7 @@ const DRIFT: f64 = 0.10;
 pub fn soak(prepared: &Prepared, site: Site<'_>, hours: f64) -> Result<Soak, JobError> {
     let begun = Instant::now();
     let tour = tour(&prepared.plan);
-    let mut cell = device(prepared, &site, &tour.home)?;
+    let mut cell = device(prepared, site.link, site.folder)?;
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,

@@ -18,6 +18,7 @@
 //! | `serial:` | behind bytes | [`SimulatedArm`] or a gateway |
 //! | `tcp:` | [`InProcess`] | [`TcpDrive`](tcp::TcpDrive) |
 //! | `controller:` | another process ([`Remote`](tcp::Remote)) | its own |
+//! | `grpc:` | a service ([`RemoteRobot`](crate::rpc::RemoteRobot)) | its own |
 //!
 //! What the host steps is a [`Device`]: a cell, or the far end of a socket.
 //!
@@ -92,6 +93,9 @@ pub enum LinkError {
     /// A link between processes failed.
     #[error(transparent)]
     Tcp(#[from] tcp::TcpError),
+    /// A robot behind gRPC failed.
+    #[error(transparent)]
+    Rpc(#[from] crate::rpc::RpcError),
     /// A transport failed.
     #[error("{link}: {source}: check the connection and start again with --resume")]
     Transport {
@@ -105,7 +109,7 @@ pub enum LinkError {
 /// Controller and drive together, as the host sees them: something that keeps
 /// the device's time and trades bytes of the host link, one control period
 /// after the other.
-pub trait Device {
+pub trait Device: Send {
     /// Device time, in µs since the first period.
     fn now_us(&self) -> u64;
 

@@ -115,6 +115,17 @@ pub enum StoreError {
         /// What the database said.
         source: sqlx::Error,
     },
+    /// A database server cannot be used.
+    #[error("{url}: {source}: check the URL, and that the server runs and lets this user in")]
+    Server {
+        /// URL, without the password.
+        url: String,
+        /// What the server or the way to it said.
+        source: sqlx::Error,
+    },
+    /// A store behind gRPC refused or failed.
+    #[error(transparent)]
+    Remote(#[from] crate::rpc::RpcError),
 }
 
 impl StoreError {
@@ -133,10 +144,13 @@ impl StoreError {
 
     /// Whether the input is to blame (exit code 2), not the machine.
     pub fn is_input(&self) -> bool {
-        !matches!(
-            self,
-            Self::Database { .. } | Self::Io { .. } | Self::Locked { .. } | Self::Full { .. }
-        )
+        match self {
+            Self::Remote(error) => error.is_input(),
+            other => !matches!(
+                other,
+                Self::Database { .. } | Self::Io { .. } | Self::Locked { .. } | Self::Full { .. } | Self::Server { .. }
+            ),
+        }
     }
 }
 

@@ -12,7 +12,9 @@
 //! survives a kill and a power cut. A recording is keyed by run, sphere and
 //! pose, every other event by the host link session in which it happened and
 //! its number there, so that what comes again is not stored again. The schema
-//! (`migrations/`) keeps to what SQLite and PostgreSQL share; older ones are
+//! (`migrations/`) keeps to what SQLite and PostgreSQL share, and so do the
+//! statements: a store is a file, a PostgreSQL database by its URL, or the
+//! service `CalibrationStore` of another machine ([`Place`]). Older schemas are
 //! brought forward when they are opened, newer ones are refused.
 //!
 //! A file is checked before anything is written to it. One that is damaged is
@@ -22,6 +24,7 @@ mod digest;
 mod error;
 mod lock;
 mod open;
+mod place;
 mod read;
 mod recover;
 mod write;
@@ -29,26 +32,42 @@ mod write;
 use std::path::{Path, PathBuf};
 
 use spherecal_shared::robot::{Robot, Tool};
-use sqlx::SqliteConnection;
+use sqlx::AnyConnection;
 use tokio::runtime::Runtime;
 
 pub use error::StoreError;
 pub use lock::Claim;
 pub use open::SCHEMA_VERSION;
+pub use place::Place;
 pub use read::{Resumable, RunInfo};
 pub use recover::{Recovered, recover};
 pub use write::{Placed, SessionEnd};
 
 use crate::identify::Sphere;
+use crate::rpc::RemoteStore;
+
+/// Which database a store is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Sqlite,
+    Postgres,
+}
 
 /// The database of calibrations, behind blocking calls.
 pub struct Store {
+    /// A store behind gRPC; then there is no connection.
+    remote: Option<RemoteStore>,
     runtime: Runtime,
-    /// Always there until the store is dropped.
-    connection: Option<SqliteConnection>,
+    /// Always there until the store is dropped, unless it is remote.
+    connection: Option<AnyConnection>,
+    kind: Kind,
+    /// The file, or the URL without its password.
     path: PathBuf,
     /// Whether commits wait for the disk.
     durable: bool,
+    /// The run that this program has begun or chosen: to it, that is the last one,
+    /// whatever other robots begin meanwhile.
+    own: Option<i64>,
 }
 
 /// What is known of a run before its first event.
@@ -74,6 +93,8 @@ pub struct NewRun {
     pub spheres: Vec<Sphere>,
     /// Planned poses, in the order in which they are to be visited.
     pub poses: Vec<PlannedPose>,
+    /// Which arm this is: its serial number, or whatever names it in the fleet.
+    pub arm: String,
 }
 
 /// One planned pose.
@@ -102,7 +123,7 @@ pub struct LaserShot {
 }
 
 impl Store {
-    /// The file.
+    /// The file, or the URL without its password.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -2,17 +2,19 @@
 //! anything is written; what is older is brought forward.
 
 use std::io::Read as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use sqlx::migrate::Migrator;
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
-use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _, SqliteConnection};
+use sqlx::migrate::{MigrateError, Migrator};
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{AnyConnection, AssertSqlSafe, ConnectOptions as _, Connection as _, SqliteConnection};
+use tokio::runtime::Runtime;
 
-use super::{Store, StoreError};
+use super::{Kind, Place, Store, StoreError};
+use crate::rpc::{Peer, RemoteStore};
 
 /// Version of the schema that this program writes; it reads older ones, too.
-pub const SCHEMA_VERSION: i64 = 2;
+pub const SCHEMA_VERSION: i64 = 3;
 
 /// `SPHC`, in SQLite's application id: says whose database it is.
 const APPLICATION_ID: i64 = 0x5350_4843;
@@ -22,7 +24,99 @@ const PATIENCE: Duration = Duration::from_millis(if cfg!(test) { 300 } else { 10
 
 static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
 
+fn runtime(path: &Path) -> Result<Runtime, StoreError> {
+    tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|source| StoreError::Io {
+            path: path.to_owned(),
+            source,
+        })
+}
+
+/// A path as the driver's URL has it.
+fn url_of(path: &Path) -> Result<String, StoreError> {
+    let io = |source| StoreError::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let whole = std::path::absolute(path).map_err(io)?;
+    let text = whole
+        .to_str()
+        .ok_or_else(|| io(std::io::Error::other("the path is not UTF-8")))?;
+    let mut url = String::from("sqlite://");
+    for byte in text.bytes() {
+        if byte.is_ascii_alphanumeric() || b"/-_.~".contains(&byte) {
+            url.push(char::from(byte));
+        } else {
+            url.push_str(&format!("%{byte:02X}"));
+        }
+    }
+    Ok(url + "?mode=rw")
+}
+
 impl Store {
+    /// Opens the store at a place: a file, made with its folder if `create`, a
+    /// PostgreSQL database, whose tables are made if there are none, or a service.
+    ///
+    /// # Errors
+    /// As [`Store::create_or_open`]; a server that does not answer or refuses.
+    pub fn at(place: &Place, create: bool) -> Result<Self, StoreError> {
+        match place {
+            Place::File(path) if create => Self::create_or_open(path),
+            Place::File(path) => Self::open(path),
+            Place::Postgres(url) => Self::postgres(url),
+            Place::Service(peer) => Self::service(peer),
+        }
+    }
+
+    fn service(peer: &Peer) -> Result<Self, StoreError> {
+        let path = PathBuf::from(peer.to_string());
+        Ok(Self {
+            remote: Some(RemoteStore::connect(peer)?),
+            runtime: runtime(&path)?,
+            connection: None,
+            kind: Kind::Sqlite,
+            path,
+            durable: true,
+            own: None,
+        })
+    }
+
+    fn postgres(url: &str) -> Result<Self, StoreError> {
+        sqlx::any::install_default_drivers();
+        let path = PathBuf::from(Place::Postgres(url.to_owned()).to_string());
+        let runtime = runtime(&path)?;
+        let database = |source| StoreError::Server {
+            url: path.display().to_string(),
+            source,
+        };
+        let connection = runtime.block_on(async {
+            let mut connection = AnyConnection::connect(url).await.map_err(database)?;
+            // A lock of the server's keeps two programs from making the tables at once.
+            match MIGRATIONS.run(&mut connection).await {
+                Ok(()) => Ok(connection),
+                Err(MigrateError::VersionMissing(found) | MigrateError::VersionMismatch(found)) => {
+                    Err(StoreError::Version {
+                        path: path.clone(),
+                        found,
+                        expected: SCHEMA_VERSION,
+                    })
+                }
+                Err(error) => Err(database(error.into())),
+            }
+        })?;
+        Ok(Self {
+            remote: None,
+            runtime,
+            connection: Some(connection),
+            kind: Kind::Postgres,
+            path,
+            durable: true,
+            own: None,
+        })
+    }
+
     /// Opens the database, or makes it with its folder where there is none.
     ///
     /// # Errors
@@ -53,10 +147,9 @@ impl Store {
             path: path.to_owned(),
             source,
         };
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .map_err(io)?;
+        sqlx::any::install_default_drivers();
+        let runtime = runtime(path)?;
+        let url = url_of(path)?;
         let fresh = is_fresh(path).map_err(io)?;
         if !fresh {
             refuse_foreign(path, io)?;
@@ -71,27 +164,33 @@ impl Store {
             } else {
                 check(path).await?
             };
-            let mut connection = SqliteConnectOptions::new()
-                .filename(path)
-                .foreign_keys(true)
-                .busy_timeout(PATIENCE)
-                .journal_mode(SqliteJournalMode::Wal)
-                .synchronous(SqliteSynchronous::Full)
-                .connect()
-                .await
-                .map_err(failed)?;
             if version < SCHEMA_VERSION {
-                bring_forward(&mut connection).await.map_err(failed)?;
+                bring_file_forward(path).await.map_err(failed)?;
                 tracing::info!(path = %path.display(), version, now = SCHEMA_VERSION, "schema brought forward");
+            }
+            let mut connection = AnyConnection::connect(&url).await.map_err(failed)?;
+            for (pragma, value) in [
+                ("busy_timeout", PATIENCE.as_millis().to_string()),
+                ("foreign_keys", "ON".to_owned()),
+                ("journal_mode", "WAL".to_owned()),
+                ("synchronous", "FULL".to_owned()),
+            ] {
+                sqlx::query(AssertSqlSafe(format!("PRAGMA {pragma} = {value}")))
+                    .execute(&mut connection)
+                    .await
+                    .map_err(failed)?;
             }
             Ok(connection)
         })?;
         sync_folder(path);
         Ok(Self {
+            remote: None,
             runtime,
             connection: Some(connection),
+            kind: Kind::Sqlite,
             path: path.to_owned(),
             durable: true,
+            own: None,
         })
     }
 }
@@ -144,6 +243,17 @@ async fn make(path: &Path) -> Result<(), StoreError> {
     std::fs::rename(&draft, path).map_err(io)?;
     sync_folder(path);
     Ok(())
+}
+
+/// Brings an older file to this program's schema.
+async fn bring_file_forward(path: &Path) -> Result<(), sqlx::Error> {
+    let mut connection = SqliteConnectOptions::new()
+        .filename(path)
+        .busy_timeout(PATIENCE)
+        .connect()
+        .await?;
+    bring_forward(&mut connection).await?;
+    connection.close().await
 }
 
 /// Brings the tables to this program's schema and signs the file. Each step is

@@ -8,10 +8,10 @@ use spherecal_shared::protocol::host::{
 };
 use spherecal_shared::robot::{Robot, Tool};
 use sqlx::Row as _;
-use sqlx::sqlite::SqliteRow;
+use sqlx::any::AnyRow;
 
 use super::digest::{self, recording_subject};
-use super::{LaserShot, SessionEnd, Store, StoreError};
+use super::{Kind, LaserShot, SessionEnd, Store, StoreError};
 use crate::identify::Sphere;
 
 /// A run, without its data.
@@ -37,6 +37,8 @@ pub struct RunInfo {
     pub program: String,
     /// `running`, `measured` or `complete`.
     pub state: String,
+    /// Which arm it was: its serial number, or whatever names it in the fleet.
+    pub arm: String,
 }
 
 /// What a run has already, for one that goes on.
@@ -49,16 +51,48 @@ pub struct Resumable {
 }
 
 impl Store {
-    /// The newest run.
+    /// The run that this program has begun or chosen; else the newest.
     ///
     /// # Errors
     /// When the database fails or the run does not decode.
     pub fn last_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
+        if let Some(own) = self.own {
+            return Ok(self.runs()?.into_iter().find(|info| info.run == own));
+        }
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.last_run()?);
+        }
         let rows = self.rows(
             "SELECT * FROM runs WHERE run = (SELECT MAX(run) FROM runs) AND $1 = $1",
             0,
         )?;
         rows.first().map(|row| self.run_info(row)).transpose()
+    }
+
+    /// The newest run of one arm, or of all if `arm` is empty. In a store that
+    /// several robots share the arm must be named.
+    ///
+    /// # Errors
+    /// As [`Store::last_run`]; no such run, or no arm named where it must be.
+    pub fn require_run_of(&mut self, arm: &str) -> Result<RunInfo, StoreError> {
+        let shared = self.remote.is_some() || self.kind == Kind::Postgres;
+        if arm.is_empty() && shared {
+            return Err(StoreError::Absent {
+                path: self.path.clone(),
+                what: "may hold the runs of several robots".to_owned(),
+                remedy: "say with --arm whose last run is meant",
+            });
+        }
+        if arm.is_empty() {
+            return self.require_last_run();
+        }
+        let found = self.runs_of(arm)?.pop().ok_or_else(|| StoreError::Absent {
+            path: self.path.clone(),
+            what: format!("holds no run of arm {arm}"),
+            remedy: "`spherecal history` lists what there is",
+        })?;
+        self.own = Some(found.run);
+        Ok(found)
     }
 
     /// The newest run.
@@ -78,11 +112,27 @@ impl Store {
     /// # Errors
     /// When the database fails or a run does not decode.
     pub fn runs(&mut self) -> Result<Vec<RunInfo>, StoreError> {
-        let rows = self.rows("SELECT * FROM runs WHERE $1 = $1 ORDER BY run", 0)?;
+        self.runs_of("")
+    }
+
+    /// The runs of one arm, or of all if `arm` is empty; oldest first.
+    ///
+    /// # Errors
+    /// When the database fails or a run does not decode.
+    pub fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.runs_of(arm)?);
+        }
+        let rows = self.block(async |connection| {
+            sqlx::query("SELECT * FROM runs WHERE $1 = '' OR arm = $1 ORDER BY run")
+                .bind(arm)
+                .fetch_all(connection)
+                .await
+        })?;
         rows.iter().map(|row| self.run_info(row)).collect()
     }
 
-    fn run_info(&mut self, row: &SqliteRow) -> Result<RunInfo, StoreError> {
+    fn run_info(&mut self, row: &AnyRow) -> Result<RunInfo, StoreError> {
         let run: i64 = self.get(row, "run")?;
         let spheres = self.spheres(run)?;
         let text = |column| self.get::<&str>(row, column);
@@ -107,6 +157,7 @@ impl Store {
             plan_json: self.get(row, "plan_json")?,
             program: self.get(row, "program")?,
             state: self.get(row, "state")?,
+            arm: self.get(row, "arm")?,
         })
     }
 
@@ -116,6 +167,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn greetings(&mut self, run: i64) -> Result<BTreeMap<u32, (i64, i64)>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.read(run)?.greetings);
+        }
         let rows = self.rows("SELECT * FROM greetings WHERE run = $1", run)?;
         rows.iter()
             .map(|row| {
@@ -148,6 +202,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn sessions(&mut self, run: i64) -> Result<Vec<SessionEnd>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.read(run)?.sessions);
+        }
         let rows = self.rows("SELECT * FROM sessions WHERE run = $1 ORDER BY session", run)?;
         rows.iter()
             .map(|row| {
@@ -168,6 +225,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn spheres(&mut self, run: i64) -> Result<Vec<Sphere>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.read(run)?.spheres);
+        }
         let rows = self.rows("SELECT * FROM spheres WHERE run = $1 ORDER BY sphere", run)?;
         rows.iter()
             .map(|row| {
@@ -185,12 +245,19 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn resumable(&mut self, run: i64) -> Result<Resumable, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            let read = remote.read(run)?;
+            return Ok(Resumable {
+                recorded: read.recordings.iter().map(|r| (r.sphere, r.pose)).collect(),
+                rejected: read.rejected.into_iter().collect(),
+            });
+        }
         let recorded = self.rows("SELECT sphere, pose FROM recordings WHERE run = $1", run)?;
         let rejected = self.rows(
             "SELECT sphere, pose FROM poses WHERE run = $1 AND rejected IS NOT NULL",
             run,
         )?;
-        let pairs = |rows: &[SqliteRow]| {
+        let pairs = |rows: &[AnyRow]| {
             rows.iter()
                 .map(|row| Ok((self.count(row, "sphere")?, self.count(row, "pose")?)))
                 .collect::<Result<BTreeSet<_>, StoreError>>()
@@ -206,6 +273,9 @@ impl Store {
     /// # Errors
     /// When the database fails, or one is not what was written.
     pub fn recordings(&mut self, run: i64) -> Result<Vec<Recording>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.read(run)?.recordings);
+        }
         let recordings = self.unchecked_recordings(run)?;
         let digests = self.digests(run)?;
         for recording in &recordings {
@@ -285,6 +355,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn contacts(&mut self, run: i64) -> Result<Vec<Contact>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.read(run)?.contacts);
+        }
         let rows = self.rows("SELECT * FROM contacts WHERE run = $1 ORDER BY session, event", run)?;
         rows.iter()
             .map(|row| {
@@ -308,6 +381,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn couplings(&mut self, run: i64) -> Result<Vec<Coupled>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.read(run)?.couplings);
+        }
         let rows = self.rows("SELECT * FROM couplings WHERE run = $1 ORDER BY session, event", run)?;
         rows.iter()
             .map(|row| {
@@ -327,6 +403,9 @@ impl Store {
     /// # Errors
     /// When the database fails or a phase is unknown.
     pub fn phases(&mut self, run: i64) -> Result<Vec<PhaseChange>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.read(run)?.phases);
+        }
         let rows = self.rows("SELECT * FROM phases WHERE run = $1 ORDER BY session, event", run)?;
         rows.iter()
             .map(|row| {
@@ -345,6 +424,9 @@ impl Store {
     /// # Errors
     /// When the database fails or a fault is unknown.
     pub fn faults(&mut self, run: i64) -> Result<Vec<FaultReport>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.read(run)?.faults);
+        }
         let rows = self.rows("SELECT * FROM faults WHERE run = $1 ORDER BY session, event", run)?;
         rows.iter()
             .map(|row| {
@@ -370,6 +452,9 @@ impl Store {
     /// # Errors
     /// When the database fails or joints do not decode.
     pub fn laser(&mut self, run: i64) -> Result<Vec<LaserShot>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.read(run)?.laser);
+        }
         let rows = self.rows("SELECT * FROM laser_shots WHERE run = $1 ORDER BY position", run)?;
         let shots = rows
             .iter()
@@ -390,6 +475,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.result(run, name)?);
+        }
         self.block(async |connection| {
             sqlx::query_scalar("SELECT json FROM results WHERE run = $1 AND name = $2")
                 .bind(run)
@@ -399,18 +487,18 @@ impl Store {
         })
     }
 
-    fn rows(&mut self, statement: &'static str, run: i64) -> Result<Vec<SqliteRow>, StoreError> {
+    fn rows(&mut self, statement: &'static str, run: i64) -> Result<Vec<AnyRow>, StoreError> {
         self.block(async |connection| sqlx::query(statement).bind(run).fetch_all(connection).await)
     }
 
-    fn get<'r, T>(&self, row: &'r SqliteRow, column: &'static str) -> Result<T, StoreError>
+    fn get<'r, T>(&self, row: &'r AnyRow, column: &'static str) -> Result<T, StoreError>
     where
-        T: sqlx::Decode<'r, sqlx::Sqlite> + sqlx::Type<sqlx::Sqlite>,
+        T: sqlx::Decode<'r, sqlx::Any> + sqlx::Type<sqlx::Any>,
     {
         row.try_get(column).map_err(|source| StoreError::of(&self.path, source))
     }
 
-    fn count(&self, row: &SqliteRow, column: &'static str) -> Result<u32, StoreError> {
+    fn count(&self, row: &AnyRow, column: &'static str) -> Result<u32, StoreError> {
         let value = self.get::<i64>(row, column)?;
         u32::try_from(value).map_err(|_| StoreError::Damaged {
             path: self.path.clone(),
@@ -418,17 +506,17 @@ impl Store {
         })
     }
 
-    fn triple(&self, row: &SqliteRow, columns: [&'static str; 3]) -> Result<[f64; 3], StoreError> {
+    fn triple(&self, row: &AnyRow, columns: [&'static str; 3]) -> Result<[f64; 3], StoreError> {
         let [x, y, z] = columns;
         Ok([self.get(row, x)?, self.get(row, y)?, self.get(row, z)?])
     }
 
-    fn json<T: DeserializeOwned>(&self, row: &SqliteRow, column: &'static str) -> Result<T, StoreError> {
+    fn json<T: DeserializeOwned>(&self, row: &AnyRow, column: &'static str) -> Result<T, StoreError> {
         let text: String = self.get(row, column)?;
         serde_json::from_str(&text).map_err(|source| self.undecodable(column, source))
     }
 
-    fn named<T: DeserializeOwned>(&self, row: &SqliteRow, column: &'static str) -> Result<T, StoreError> {
+    fn named<T: DeserializeOwned>(&self, row: &AnyRow, column: &'static str) -> Result<T, StoreError> {
         let text: String = self.get(row, column)?;
         serde_json::from_value(serde_json::Value::String(text)).map_err(|source| self.undecodable(column, source))
     }

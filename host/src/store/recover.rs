@@ -13,7 +13,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteRow};
 use sqlx::{
-    AssertSqlSafe, ConnectOptions as _, Connection as _, Row as _, SqliteConnection, TypeInfo as _, ValueRef as _,
+    AnyConnection, AssertSqlSafe, ConnectOptions as _, Connection as _, Row as _, SqliteConnection, TypeInfo as _,
+    ValueRef as _,
 };
 
 use super::digest::{self, recording_subject};
@@ -210,7 +211,7 @@ async fn open_copy(copy: &Path) -> Result<SqliteConnection, sqlx::Error> {
 async fn copy_table(
     table: &str,
     source: &mut SqliteConnection,
-    target: &mut SqliteConnection,
+    target: &mut AnyConnection,
 ) -> Result<Saved, sqlx::Error> {
     let columns: Vec<String> = sqlx::query_scalar(AssertSqlSafe(format!(
         "SELECT name FROM pragma_table_info('{table}') ORDER BY cid"
@@ -275,7 +276,7 @@ async fn has_table(table: &str, source: &mut SqliteConnection) -> bool {
 
 /// Writes one row as it was; `false` when the new file refuses it (a key that is
 /// there twice, a run that is lost, a number where none may be missing).
-async fn insert_row(insert: &str, row: &SqliteRow, columns: usize, target: &mut SqliteConnection) -> bool {
+async fn insert_row(insert: &str, row: &SqliteRow, columns: usize, target: &mut AnyConnection) -> bool {
     let mut query = sqlx::query(AssertSqlSafe(insert.to_owned()));
     for column in 0..columns {
         let Ok(value) = row.try_get_raw(column) else {

@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 use spherecal_shared::protocol::host::{Contact, Coupled, Event, FaultReport, PhaseChange, Recording};
-use sqlx::{Connection as _, QueryBuilder, Sqlite, SqliteConnection};
+use sqlx::{AnyConnection, AssertSqlSafe, Connection as _};
 
 use super::digest::{self, recording_subject};
-use super::{LaserShot, NewRun, Store, StoreError};
+use super::{Kind, LaserShot, NewRun, Store, StoreError};
 use crate::link::Arrival;
 
 /// What is known of a session at its end (or so far).
@@ -60,6 +60,16 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn create_run(&mut self, new: &NewRun) -> Result<i64, StoreError> {
+        let run = match &mut self.remote {
+            Some(remote) => remote.create_run(new)?,
+            None => self.insert_run(new)?,
+        };
+        self.own = Some(run);
+        Ok(run)
+    }
+
+    fn insert_run(&mut self, new: &NewRun) -> Result<i64, StoreError> {
+        let kind = self.kind;
         let path = self.path.clone();
         let encode = |field, result: Result<String, serde_json::Error>| {
             result.map_err(|source| StoreError::Decode {
@@ -81,13 +91,22 @@ impl Store {
         certificate.sort_by_key(|sphere| sphere.id);
         let digest = digest::of_run(new.seed, texts, &certificate);
         self.block(async |connection| {
-            let mut t = connection.begin().await?;
+            // Several robots may begin at once: the number is taken under a lock.
+            let mut t = match kind {
+                Kind::Sqlite => connection.begin_with("BEGIN IMMEDIATE").await?,
+                Kind::Postgres => connection.begin().await?,
+            };
+            if kind == Kind::Postgres {
+                sqlx::query("LOCK TABLE runs IN SHARE ROW EXCLUSIVE MODE")
+                    .execute(&mut *t)
+                    .await?;
+            }
             let run: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(run), 0) + 1 FROM runs")
                 .fetch_one(&mut *t)
                 .await?;
             sqlx::query(
                 "INSERT INTO runs (run, created_utc, seed, link, robot, robot_json, tool_json, config_toml, \
-                 plan_json, program, state) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'running')",
+                 plan_json, program, arm, state) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'running')",
             )
             .bind(run)
             .bind(&new.created_utc)
@@ -99,6 +118,7 @@ impl Store {
             .bind(&new.config_toml)
             .bind(&new.plan_json)
             .bind(&new.program)
+            .bind(&new.arm)
             .execute(&mut *t)
             .await?;
             for sphere in &new.spheres {
@@ -116,20 +136,24 @@ impl Store {
                 .await?;
             }
             for (chunk, at) in new.poses.chunks(500).zip((0i64..).step_by(500)) {
-                let mut insert = QueryBuilder::<Sqlite>::new(
-                    "INSERT INTO poses (run, sphere, pose, position, qw, qx, qy, qz, elbow_rad) ",
+                let statement = rows(
+                    "INSERT INTO poses (run, sphere, pose, position, qw, qx, qy, qz, elbow_rad)",
+                    chunk.len(),
+                    9,
                 );
-                insert.push_values(chunk.iter().zip(at..), |mut row, (pose, position)| {
-                    row.push_bind(run)
-                        .push_bind(i64::from(pose.sphere))
-                        .push_bind(i64::from(pose.pose))
-                        .push_bind(position);
+                let mut insert = sqlx::query(AssertSqlSafe(statement));
+                for (pose, position) in chunk.iter().zip(at..) {
+                    insert = insert
+                        .bind(run)
+                        .bind(i64::from(pose.sphere))
+                        .bind(i64::from(pose.pose))
+                        .bind(position);
                     for value in pose.orientation {
-                        row.push_bind(value);
+                        insert = insert.bind(value);
                     }
-                    row.push_bind(pose.elbow_rad);
-                });
-                insert.build().execute(&mut *t).await?;
+                    insert = insert.bind(pose.elbow_rad);
+                }
+                insert.execute(&mut *t).await?;
             }
             put_digest(&mut t, run, "run", digest).await?;
             t.commit().await?;
@@ -142,6 +166,10 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, StoreError> {
+        self.own = Some(run);
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.begin_session(run, started_utc)?);
+        }
         self.block(async |connection| {
             let mut t = connection.begin().await?;
             let session: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(session), 0) + 1 FROM sessions WHERE run = $1")
@@ -167,6 +195,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.end_session(run, session, end)?);
+        }
         self.block(async |connection| {
             sqlx::query(
                 "UPDATE sessions SET simulated_us = $3, ticks = $4, wall_s = $5, link_json = $6, telemetry_json = $7, \
@@ -191,6 +222,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.set_state(run, state)?);
+        }
         self.block(async |connection| {
             sqlx::query("UPDATE runs SET state = $2 WHERE run = $1")
                 .bind(run)
@@ -225,6 +259,9 @@ impl Store {
     }
 
     fn write_events(&mut self, run: i64, events: &[Placed<'_>], known: Known) -> Result<(), StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.append(run, events, known == Known::IsReplaced)?);
+        }
         let measured = events.iter().any(|placed| {
             matches!(
                 placed.arrival.body,
@@ -271,6 +308,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn forget_after(&mut self, run: i64, session: i64, last: i64) -> Result<(), StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.forget_after(run, session, last)?);
+        }
         self.block(async |connection| {
             let mut t = connection.begin().await?;
             for statement in FORGET_AFTER {
@@ -291,6 +331,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.put_greeting(run, session, greeting, nonce)?);
+        }
         self.set_durable(true)?;
         self.block(async |connection| {
             sqlx::query(
@@ -310,10 +353,11 @@ impl Store {
     /// Whether the next commits wait for the disk.
     fn set_durable(&mut self, durable: bool) -> Result<(), StoreError> {
         if self.durable != durable {
-            let statement = if durable {
-                "PRAGMA synchronous = FULL"
-            } else {
-                "PRAGMA synchronous = NORMAL"
+            let statement = match (self.kind, durable) {
+                (Kind::Sqlite, true) => "PRAGMA synchronous = FULL",
+                (Kind::Sqlite, false) => "PRAGMA synchronous = NORMAL",
+                (Kind::Postgres, true) => "SET synchronous_commit TO on",
+                (Kind::Postgres, false) => "SET synchronous_commit TO off",
             };
             self.block(async |connection| sqlx::query(statement).execute(connection).await.map(|_| ()))?;
             self.durable = durable;
@@ -326,6 +370,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.reject_pose(run, sphere, pose, reason)?);
+        }
         self.block(async |connection| {
             sqlx::query("UPDATE poses SET rejected = $4 WHERE run = $1 AND sphere = $2 AND pose = $3")
                 .bind(run)
@@ -343,6 +390,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.put_laser(run, shots)?);
+        }
         let digest = digest::of_laser(shots);
         self.block(async |connection| {
             let mut t = connection.begin().await?;
@@ -351,21 +401,21 @@ impl Store {
                 .execute(&mut *t)
                 .await?;
             for (chunk, at) in shots.chunks(500).zip((0i64..).step_by(500)) {
-                let mut insert = QueryBuilder::<Sqlite>::new(
-                    "INSERT INTO laser_shots (run, purpose, position, q_json, x_m, y_m, z_m) ",
+                let statement = rows(
+                    "INSERT INTO laser_shots (run, purpose, position, q_json, x_m, y_m, z_m)",
+                    chunk.len(),
+                    7,
                 );
-                insert.push_values(chunk.iter().zip(at..), |mut row, (shot, position)| {
+                let mut insert = sqlx::query(AssertSqlSafe(statement));
+                for (shot, position) in chunk.iter().zip(at..) {
                     // A vector of floats always encodes.
                     let q = serde_json::to_string(&shot.q).unwrap_or_default();
-                    row.push_bind(run)
-                        .push_bind(&shot.purpose)
-                        .push_bind(position)
-                        .push_bind(q);
+                    insert = insert.bind(run).bind(&shot.purpose).bind(position).bind(q);
                     for value in shot.point_m {
-                        row.push_bind(value);
+                        insert = insert.bind(value);
                     }
-                });
-                insert.build().execute(&mut *t).await?;
+                }
+                insert.execute(&mut *t).await?;
             }
             put_digest(&mut t, run, "laser", digest).await?;
             t.commit().await
@@ -377,6 +427,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), StoreError> {
+        if let Some(remote) = &mut self.remote {
+            return Ok(remote.put_result(run, name, json)?);
+        }
         self.block(async |connection| {
             sqlx::query(
                 "INSERT INTO results (run, name, json) VALUES ($1, $2, $3) \
@@ -394,9 +447,16 @@ impl Store {
     /// Runs one piece of database work to its end.
     pub(super) fn block<T>(
         &mut self,
-        work: impl AsyncFnOnce(&mut SqliteConnection) -> Result<T, sqlx::Error>,
+        work: impl AsyncFnOnce(&mut AnyConnection) -> Result<T, sqlx::Error>,
     ) -> Result<T, StoreError> {
-        let failed = |source| StoreError::of(&self.path, source);
+        let kind = self.kind;
+        let failed = |source| match kind {
+            Kind::Sqlite => StoreError::of(&self.path, source),
+            Kind::Postgres => StoreError::Server {
+                url: self.path.display().to_string(),
+                source,
+            },
+        };
         let connection = self
             .connection
             .as_mut()
@@ -423,7 +483,7 @@ const FORGET_AFTER: [&str; 4] = [
     "DELETE FROM faults WHERE run = $1 AND (session <> $2 OR event > $3)",
 ];
 
-async fn put_digest(t: &mut SqliteConnection, run: i64, subject: &str, digest: i64) -> Result<(), sqlx::Error> {
+async fn put_digest(t: &mut AnyConnection, run: i64, subject: &str, digest: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "INSERT INTO digests (run, subject, digest) VALUES ($1, $2, $3) \
          ON CONFLICT (run, subject) DO UPDATE SET digest = excluded.digest",
@@ -436,7 +496,7 @@ async fn put_digest(t: &mut SqliteConnection, run: i64, subject: &str, digest: i
     .map(|_| ())
 }
 
-async fn insert_phase(t: &mut SqliteConnection, key: Key, phase: &PhaseChange) -> Result<(), sqlx::Error> {
+async fn insert_phase(t: &mut AnyConnection, key: Key, phase: &PhaseChange) -> Result<(), sqlx::Error> {
     sqlx::query(
         "INSERT INTO phases (run, session, event, phase, previous, time_us, tick) VALUES ($1, $2, $3, $4, $5, $6, $7) \
          ON CONFLICT DO NOTHING",
@@ -453,7 +513,7 @@ async fn insert_phase(t: &mut SqliteConnection, key: Key, phase: &PhaseChange) -
     .map(|_| ())
 }
 
-async fn insert_contact(t: &mut SqliteConnection, key: Key, contact: &Contact) -> Result<(), sqlx::Error> {
+async fn insert_contact(t: &mut AnyConnection, key: Key, contact: &Contact) -> Result<(), sqlx::Error> {
     let ([tx, ty, tz], [px, py, pz]) = (contact.tare_n, contact.tcp_m);
     sqlx::query(
         "INSERT INTO contacts (run, session, event, sphere, time_us, force_n, peak_n, tare_x_n, tare_y_n, tare_z_n, \
@@ -481,7 +541,7 @@ async fn insert_contact(t: &mut SqliteConnection, key: Key, contact: &Contact) -
     .map(|_| ())
 }
 
-async fn insert_coupled(t: &mut SqliteConnection, key: Key, coupled: &Coupled) -> Result<(), sqlx::Error> {
+async fn insert_coupled(t: &mut AnyConnection, key: Key, coupled: &Coupled) -> Result<(), sqlx::Error> {
     let [x, y, z] = coupled.centre_m;
     sqlx::query(
         "INSERT INTO couplings (run, session, event, sphere, time_us, centre_x_m, centre_y_m, centre_z_m, shift_m, \
@@ -502,7 +562,7 @@ async fn insert_coupled(t: &mut SqliteConnection, key: Key, coupled: &Coupled) -
     .map(|_| ())
 }
 
-async fn insert_fault(t: &mut SqliteConnection, key: Key, fault: &FaultReport) -> Result<(), sqlx::Error> {
+async fn insert_fault(t: &mut AnyConnection, key: Key, fault: &FaultReport) -> Result<(), sqlx::Error> {
     // Value and bound as text: a fault may report a NaN, which columns of numbers cannot hold.
     sqlx::query(
         "INSERT INTO faults (run, session, event, fault, phase, time_us, tick, joint, value, bound) \
@@ -523,7 +583,7 @@ async fn insert_fault(t: &mut SqliteConnection, key: Key, fault: &FaultReport) -
     .map(|_| ())
 }
 
-async fn insert_recording(t: &mut SqliteConnection, run: i64, session: i64, r: &Recording) -> Result<(), sqlx::Error> {
+async fn insert_recording(t: &mut AnyConnection, run: i64, session: i64, r: &Recording) -> Result<(), sqlx::Error> {
     let [fx, fy, fz] = r.force_n;
     let inserted = sqlx::query(
         "INSERT INTO recordings (run, sphere, pose, position, session, start_us, end_us, samples, gaps, tcp_spread_m, \
@@ -550,24 +610,43 @@ async fn insert_recording(t: &mut SqliteConnection, run: i64, session: i64, r: &
     }
     let subject = recording_subject(r.sphere, r.pose);
     put_digest(t, run, &subject, digest::of_recording(r)).await?;
-    if r.q.is_empty() {
+    if r.q.is_empty() || r.tau.is_empty() {
         return Ok(());
     }
-    let mut insert = QueryBuilder::<Sqlite>::new(
+    let statement = rows(
         "INSERT INTO recording_joints (run, sphere, pose, joint, q_mean_rad, q_std_rad, q_min_rad, q_max_rad, \
-         tau_mean_nm, tau_std_nm, tau_min_nm, tau_max_nm) ",
+         tau_mean_nm, tau_std_nm, tau_min_nm, tau_max_nm)",
+        r.q.len().min(r.tau.len()),
+        12,
     );
-    insert.push_values(r.q.iter().zip(&r.tau).zip(1i64..), |mut row, ((q, tau), joint)| {
-        row.push_bind(run)
-            .push_bind(i64::from(r.sphere))
-            .push_bind(i64::from(r.pose))
-            .push_bind(joint);
+    let mut insert = sqlx::query(AssertSqlSafe(statement));
+    for ((q, tau), joint) in r.q.iter().zip(&r.tau).zip(1i64..) {
+        insert = insert
+            .bind(run)
+            .bind(i64::from(r.sphere))
+            .bind(i64::from(r.pose))
+            .bind(joint);
         for signal in [q, tau] {
-            row.push_bind(signal.mean)
-                .push_bind(signal.std)
-                .push_bind(signal.min)
-                .push_bind(signal.max);
+            insert = insert
+                .bind(signal.mean)
+                .bind(signal.std)
+                .bind(signal.min)
+                .bind(signal.max);
         }
-    });
-    insert.build().execute(t).await.map(|_| ())
+    }
+    insert.execute(t).await.map(|_| ())
+}
+
+/// An insertion of so many rows; numbered places are what both databases know.
+fn rows(insert: &str, rows: usize, columns: usize) -> String {
+    let mut statement = format!("{insert} VALUES ");
+    for row in 0..rows {
+        statement.push_str(if row == 0 { "(" } else { ", (" });
+        for column in 1..=columns {
+            let comma = if column == 1 { "" } else { ", " };
+            statement.push_str(&format!("{comma}${}", row * columns + column));
+        }
+        statement.push(')');
+    }
+    statement
 }

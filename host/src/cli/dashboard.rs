@@ -1,0 +1,418 @@
+//! `spherecal run --dashboard`: the run on a whole terminal, ten times a second.
+//!
+//! ```text
+//!   ┌ iiwa7 · record · recording ──────────────────────────────┐
+//!   │ poses  ████████████░░░░░░░░ 84 of 150, ETA 0:12          │
+//!   │ force  ██████░░░░░░░░░░░░░░ 3.1 N of 7.5 N               │
+//!   ├ joints ──────────────────────────────────────────────────┤
+//!   │ 1  -12.4°  ·····█···········   0.8°/s   12.1 N m         │
+//!   ├ so far ──────────────────────────────────────────────────┤
+//! ```
+//!
+//! It draws on stderr's other screen and leaves the terminal as it was; keys
+//! are the terminal's own, so that Ctrl-C stops the run as ever.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::io::{IsTerminal as _, Stderr, stderr};
+use std::time::{Duration, Instant};
+
+use nalgebra::Vector3;
+use ratatui::Terminal;
+use ratatui::backend::CrosstermBackend;
+use ratatui::buffer::Buffer;
+use ratatui::crossterm::cursor::{Hide, Show};
+use ratatui::crossterm::execute;
+use ratatui::crossterm::terminal::{EnterAlternateScreen, LeaveAlternateScreen};
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Style, Stylize as _};
+use ratatui::text::Line;
+use ratatui::widgets::{Block, Gauge, Paragraph, Sparkline, Widget};
+use spherecal_shared::protocol::host::{Event, Recording, Sample};
+use spherecal_shared::robot::{Robot, Tool};
+
+use super::progress::{phase_name, remaining, stage_name};
+use crate::campaign::{Observer, Progress};
+use crate::link::Arrival;
+use crate::robots::table_frames;
+
+/// Time between two pictures.
+const PERIOD: Duration = Duration::from_millis(100);
+/// Forces kept for the curve.
+const FORCES: usize = 240;
+/// Remarks kept.
+const NOTES: usize = 6;
+
+/// What is on the screen.
+struct Screen {
+    robot: Robot,
+    tool: Tool,
+    trigger_n: f64,
+    progress: Progress,
+    wall_s: f64,
+    sample: Option<Sample>,
+    /// Newest last, in tenths of a newton.
+    forces: VecDeque<u64>,
+    /// Where the nominal model puts the TCP of every recording, by visit: how
+    /// often the arm has touched, and the sphere.
+    seen: BTreeMap<(usize, u32), Vec<Vector3<f64>>>,
+    contacts: usize,
+    notes: VecDeque<String>,
+    coloured: bool,
+}
+
+impl Screen {
+    fn record(&mut self, recording: &Recording) {
+        let q: Vec<f64> = recording.q.iter().map(|s| s.mean).collect();
+        let rows: Vec<_> = self.robot.joints.iter().map(|j| j.mdh).collect();
+        if let Some(flange) = table_frames(&rows, &q).last() {
+            let tcp = flange.origin + flange.rotation * self.tool.tcp();
+            self.seen
+                .entry((self.contacts, recording.sphere))
+                .or_default()
+                .push(tcp);
+        }
+    }
+
+    /// By how much the nominal model misses that the TCP stood still on each
+    /// visit, root mean square, in mm: what is there to be identified.
+    fn residual_mm(&self) -> Option<f64> {
+        let (mut sum, mut count) = (0.0, 0usize);
+        for points in self.seen.values().filter(|points| points.len() > 1) {
+            let mean = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+            sum += points.iter().map(|p| (p - mean).norm_squared()).sum::<f64>();
+            count += points.len() - 1;
+        }
+        (count > 0).then(|| (sum / count as f64).sqrt() * 1e3)
+    }
+
+    fn style(&self, colour: Color) -> Style {
+        if self.coloured {
+            Style::new().fg(colour)
+        } else {
+            Style::new()
+        }
+    }
+
+    /// One line for a joint: angle, where in its range, speed, torque.
+    fn joint(&self, number: usize, sample: &Sample) -> Line<'static> {
+        let at = |values: &[f32]| values.get(number).map_or(0.0, |v| f64::from(*v));
+        let (q, dq, tau) = (at(&sample.q), at(&sample.dq), at(&sample.tau));
+        let range = self.robot.joints.get(number).map(|j| &j.limits);
+        let share = range.map_or(0.5, |l| (q - l.min_rad) / (l.max_rad - l.min_rad));
+        let cell = (share * 24.0).round().max(0.0).min(24.0) as usize;
+        let bar: String = (0..25).map(|k| if k == cell { '█' } else { '·' }).collect();
+        Line::from(format!(
+            " {}  {:7.1}°  {bar}  {:6.1}°/s  {:7.1} N m",
+            number + 1,
+            q.to_degrees(),
+            dq.to_degrees(),
+            tau
+        ))
+    }
+}
+
+/// A share as a gauge takes it, whatever it is computed from.
+fn ratio(part: f64, whole: f64) -> f64 {
+    let ratio = part / whole;
+    if ratio.is_finite() {
+        ratio.max(0.0).min(1.0)
+    } else {
+        0.0
+    }
+}
+
+impl Widget for &Screen {
+    fn render(self, area: Rect, buffer: &mut Buffer) {
+        let p = &self.progress;
+        let joints = self.robot.dof() as u16;
+        let [top, middle, curve, bottom] = Layout::vertical([
+            Constraint::Length(4),
+            Constraint::Length(joints + 2),
+            Constraint::Length(6),
+            Constraint::Min(3),
+        ])
+        .areas(area);
+        let sphere = if p.sphere > 0 {
+            format!(" · sphere {}", p.sphere)
+        } else {
+            String::new()
+        };
+        let title = format!(
+            " {} · {} · {}{sphere} ",
+            self.robot.name,
+            stage_name(p.stage),
+            phase_name(p.phase)
+        );
+        let block = Block::bordered().title(title.bold());
+        let [poses, force] = Layout::vertical([Constraint::Length(1); 2]).areas(block.inner(top));
+        block.render(top, buffer);
+        Gauge::default()
+            .gauge_style(self.style(Color::Cyan))
+            .ratio(ratio(p.done as f64, p.poses as f64))
+            .label(format!(
+                "{} of {} poses, {}",
+                p.done,
+                p.poses,
+                remaining(p, self.wall_s)
+            ))
+            .render(poses, buffer);
+        let near = p.force_n > 0.8 * self.trigger_n;
+        Gauge::default()
+            .gauge_style(self.style(if near { Color::Yellow } else { Color::Green }))
+            .ratio(ratio(p.force_n, 2.0 * self.trigger_n))
+            .label(format!("{:.1} N of {:.1} N", p.force_n, self.trigger_n))
+            .render(force, buffer);
+        let lines: Vec<Line<'_>> = match &self.sample {
+            Some(sample) => (0..self.robot.dof()).map(|k| self.joint(k, sample)).collect(),
+            None => vec![Line::from(" waiting for the controller")],
+        };
+        Paragraph::new(lines)
+            .block(Block::bordered().title(" joints "))
+            .render(middle, buffer);
+        let block = Block::bordered().title(" contact force ");
+        let width = usize::from(block.inner(curve).width);
+        let newest: Vec<u64> = self.forces.iter().rev().take(width).rev().copied().collect();
+        Sparkline::default()
+            .block(block)
+            .style(self.style(Color::Green))
+            .data(newest)
+            .render(curve, buffer);
+        let residual = self
+            .residual_mm()
+            .map_or_else(|| "-".to_owned(), |mm| format!("{mm:.3} mm"));
+        let mut lines = vec![Line::from(format!(
+            " {} contacts, {} faults; the nominal model misses the spheres by {residual} (rms); {:.0} s of robot time, {:.0}x",
+            self.contacts,
+            p.faults,
+            p.device_s,
+            if self.wall_s > 0.1 {
+                p.device_s / self.wall_s
+            } else {
+                0.0
+            }
+        ))];
+        lines.extend(self.notes.iter().map(|note| Line::from(format!(" {note}"))));
+        Paragraph::new(lines)
+            .block(Block::bordered().title(" so far "))
+            .render(bottom, buffer);
+    }
+}
+
+/// The dashboard as an observer of a campaign.
+pub(super) struct Dashboard {
+    terminal: Option<Terminal<CrosstermBackend<Stderr>>>,
+    screen: Screen,
+    begun: Instant,
+    drawn: Option<Instant>,
+}
+
+impl Dashboard {
+    /// Takes the terminal; `None` where stderr is none.
+    pub(super) fn start(robot: &Robot, tool: &Tool, trigger_n: f64) -> Option<Self> {
+        if !stderr().is_terminal() {
+            return None;
+        }
+        execute!(stderr(), EnterAlternateScreen, Hide).ok()?;
+        let mut terminal = Terminal::new(CrosstermBackend::new(stderr())).ok();
+        if let Some(terminal) = &mut terminal {
+            // A terminal without another screen still shows what was there.
+            let _ = terminal.clear();
+        }
+        Some(Self {
+            terminal,
+            screen: screen(robot, tool, trigger_n),
+            begun: Instant::now(),
+            drawn: None,
+        })
+    }
+
+    fn draw(&mut self) {
+        let now = Instant::now();
+        if self.drawn.is_some_and(|last| now - last < PERIOD) {
+            return;
+        }
+        self.drawn = Some(now);
+        let force = (self.screen.progress.force_n * 10.0).round().max(0.0) as u64;
+        self.screen.forces.push_back(force);
+        while self.screen.forces.len() > FORCES {
+            self.screen.forces.pop_front();
+        }
+        self.screen.wall_s = self.begun.elapsed().as_secs_f64();
+        if let Some(terminal) = &mut self.terminal {
+            let screen = &self.screen;
+            // A terminal that has gone does not stop a robot.
+            let _ = terminal.draw(|frame| frame.render_widget(screen, frame.area()));
+        }
+    }
+
+    /// Gives the terminal back.
+    pub(super) fn finish(&mut self) {
+        if self.terminal.take().is_some() {
+            let _ = execute!(stderr(), LeaveAlternateScreen, Show);
+        }
+    }
+}
+
+fn screen(robot: &Robot, tool: &Tool, trigger_n: f64) -> Screen {
+    Screen {
+        robot: robot.clone(),
+        tool: *tool,
+        trigger_n,
+        progress: Progress::default(),
+        wall_s: 0.0,
+        sample: None,
+        forces: VecDeque::new(),
+        seen: BTreeMap::new(),
+        contacts: 0,
+        notes: VecDeque::new(),
+        coloured: std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty()),
+    }
+}
+
+impl Drop for Dashboard {
+    /// Also when a run fails.
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+impl Observer for Dashboard {
+    fn event(&mut self, _now_us: u64, arrival: &Arrival) {
+        match &arrival.body {
+            Event::Telemetry(samples) => self.screen.sample = samples.last().copied().or(self.screen.sample),
+            Event::Contact(_) => self.screen.contacts += 1,
+            Event::Recording(recording) => self.screen.record(recording),
+            _ => {}
+        }
+    }
+
+    fn progress(&mut self, progress: &Progress) {
+        self.screen.progress = *progress;
+        self.draw();
+    }
+
+    fn note(&mut self, text: &str) {
+        self.screen.notes.push_front(text.to_owned());
+        self.screen.notes.truncate(NOTES);
+        self.drawn = None;
+        self.draw();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ratatui::backend::TestBackend;
+    use spherecal_shared::protocol::host::{Phase, SignalStatistics};
+    use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+
+    fn shown(screen: &Screen, width: u16, height: u16) -> String {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).expect("a terminal");
+        terminal
+            .draw(|frame| frame.render_widget(screen, frame.area()))
+            .expect("drawn");
+        let buffer = terminal.backend().buffer().clone();
+        let rows = buffer.content.chunks(usize::from(width));
+        rows.map(|row| row.iter().map(ratatui::buffer::Cell::symbol).collect::<String>() + "\n")
+            .collect()
+    }
+
+    fn busy() -> Screen {
+        let mut screen = screen(&iiwa7(), &iiwa7_tool(), 7.5);
+        screen.progress = Progress {
+            phase: Phase::Recording,
+            sphere: 2,
+            spheres: 3,
+            done: 84,
+            poses: 150,
+            force_n: 3.12,
+            device_s: 300.0,
+            ..Progress::default()
+        };
+        screen.wall_s = 10.0;
+        let mut sample = Sample::default();
+        sample.q[2] = 0.5;
+        sample.tau[2] = 12.25;
+        screen.sample = Some(sample);
+        screen.notes.push_front("sphere 2: recovering".to_owned());
+        screen
+    }
+
+    // Fails if phase, poses, time to go, force, a joint, or a remark is not on
+    // the screen.
+    #[test]
+    fn everything_is_on_the_screen() {
+        let text = shown(&busy(), 100, 30);
+        for words in [
+            "iiwa7",
+            "recording",
+            "sphere 2",
+            "84 of 150 poses, ETA 0:08",
+            "3.1 N of 7.5 N",
+            "28.6°",
+            "12.2 N m",
+            "0 contacts, 0 faults",
+            "30x",
+            "recovering",
+        ] {
+            assert!(text.contains(words), "no \"{words}\" in\n{text}");
+        }
+    }
+
+    // Fails if a small terminal, or one of no size, ends the run.
+    #[test]
+    fn any_terminal_will_do() {
+        for (width, height) in [(1, 1), (20, 5), (40, 12), (300, 80)] {
+            shown(&busy(), width, height);
+        }
+        let mut empty = busy();
+        empty.progress = Progress::default();
+        empty.progress.force_n = f64::NAN;
+        shown(&empty, 80, 24);
+    }
+
+    // Fails if the residual so far is not the scatter of the nominal TCP about
+    // each visit's own mean: two recordings 2 mm apart have 1.41 mm.
+    #[test]
+    fn the_residual_is_the_scatter_of_each_visit() {
+        let mut screen = busy();
+        let at = |q1: f64| {
+            let mut q: heapless::Vec<SignalStatistics, 8> = heapless::Vec::new();
+            for k in 0..7 {
+                let mean = [q1, 0.5, 0.0, -1.2, 0.0, 0.8, 0.0][k];
+                let signal = SignalStatistics {
+                    mean,
+                    ..SignalStatistics::default()
+                };
+                q.push(signal).expect("room");
+            }
+            Recording {
+                sphere: 1,
+                pose: 1,
+                start_us: 0,
+                end_us: 0,
+                count: 1,
+                gaps: 0,
+                q,
+                tau: heapless::Vec::new(),
+                tcp_spread_m: 0.0,
+                force_n: [0.0; 3],
+            }
+        };
+        screen.record(&at(0.0));
+        assert_eq!(screen.residual_mm(), None);
+        let radius = {
+            let points = screen.seen.values().next().expect("a visit");
+            points[0].xy().norm()
+        };
+        screen.record(&at(2e-3 / radius));
+        let residual = screen.residual_mm().expect("two recordings");
+        assert!((residual - 2f64.sqrt()).abs() < 1e-4, "{residual}");
+        // Another visit has a mean of its own.
+        screen.contacts = 1;
+        screen.record(&at(1.0));
+        screen.record(&at(1.0));
+        let residual = screen.residual_mm().expect("more");
+        assert!((residual - 1.0).abs() < 1e-4, "{residual}");
+    }
+}

@@ -1,0 +1,145 @@
+//! `spherecal history` and `spherecal trend`: past calibrations.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::exit::{CliError, Exit};
+use crate::history::{self, Past, Trend};
+use crate::store::{Place, Store};
+
+/// Arguments of `history`.
+#[derive(Args, Clone, Debug)]
+pub struct HistoryArgs {
+    /// Folder with calibration.db, where no --store is given.
+    #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
+    pub out: PathBuf,
+    /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT.
+    #[arg(long, value_name = "STORE")]
+    pub store: Option<Place>,
+    /// Only this arm.
+    #[arg(long, value_name = "NAME", default_value = "")]
+    pub arm: String,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `trend`.
+#[derive(Args, Clone, Debug)]
+pub struct TrendArgs {
+    #[command(flatten)]
+    history: HistoryArgs,
+    /// How far an arm may move, in mm, before it is to be calibrated again.
+    #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = positive)]
+    limit_mm: f64,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "give a number of mm".to_owned())?;
+    if value > 0.0 && value.is_finite() {
+        Ok(value)
+    } else {
+        Err("give a positive number of mm".to_owned())
+    }
+}
+
+fn past(args: &HistoryArgs) -> Result<Vec<Past>, CliError> {
+    let file = Place::File(args.out.join("calibration.db"));
+    let mut store = Store::at(args.store.as_ref().unwrap_or(&file), false)?;
+    Ok(history::read(&mut store, &args.arm)?)
+}
+
+/// A number, or a dash.
+fn number(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"))
+}
+
+/// `spherecal history`
+pub(super) fn history(args: &HistoryArgs) -> Result<Exit, CliError> {
+    let past = past(args)?;
+    if args.json {
+        println!("{:#}", serde_json::json!({ "runs": past }));
+        return Ok(Exit::Done);
+    }
+    println!(
+        "{:>5}  {:20}  {:10}  {:12}  {:8}  {:>7}  {:>6}  {:>8}  {:>8}  {:>8}",
+        "run", "begun", "robot", "arm", "state", "trusted", "poses", "rms/mm", "before", "after/mm"
+    );
+    for p in &past {
+        let trusted = p.trusted.map_or("-", |t| if t { "yes" } else { "no" });
+        println!(
+            "{:>5}  {:20}  {:10}  {:12}  {:8}  {trusted:>7}  {:>6}  {:>8}  {:>8}  {:>8}",
+            p.run,
+            p.created_utc,
+            p.robot,
+            if p.arm.is_empty() { "-" } else { &p.arm },
+            p.state,
+            p.recorded.map_or_else(|| "-".to_owned(), |n| n.to_string()),
+            number(p.residual_rms_mm),
+            number(p.nominal_mm),
+            number(p.calibrated_mm),
+        );
+    }
+    Ok(Exit::Done)
+}
+
+/// `spherecal trend`
+pub(super) fn trend(args: &TrendArgs) -> Result<Exit, CliError> {
+    let past = past(&args.history)?;
+    let mut arms: Vec<(String, String)> = past.iter().map(|p| (p.robot.clone(), p.arm.clone())).collect();
+    arms.sort();
+    arms.dedup();
+    let trends: Vec<Trend> = arms
+        .iter()
+        .filter_map(|(robot, arm)| {
+            let own: Vec<Past> = past
+                .iter()
+                .filter(|p| p.robot == *robot && p.arm == *arm)
+                .cloned()
+                .collect();
+            history::trend(&own, args.limit_mm)
+        })
+        .collect();
+    if args.history.json {
+        println!("{:#}", serde_json::json!({ "trends": trends }));
+    } else if trends.is_empty() {
+        println!("No trusted calibration is stored yet: run `spherecal run --arm NAME`.");
+    } else {
+        for trend in &trends {
+            print!("{}", text(trend));
+        }
+    }
+    Ok(Exit::Done)
+}
+
+fn text(trend: &Trend) -> String {
+    let arm = if trend.arm.is_empty() {
+        "(not named)"
+    } else {
+        &trend.arm
+    };
+    let mut out = format!("{} {arm}: {} calibrations\n", trend.robot, trend.steps.len());
+    for step in &trend.steps {
+        out.push_str(&format!(
+            "  run {:>4}, day {:8.2}: moved {:.3} mm since the first (1 sigma {:.3}), {:.3} mm since the last\n",
+            step.run, step.days, step.moved_mm, step.sigma_mm, step.moved_since_last_mm
+        ));
+    }
+    out.push_str(if trend.drifting {
+        "  It is drifting"
+    } else {
+        "  No drift beyond what the calibrations do not know"
+    });
+    if let (true, Some(speed)) = (trend.drifting, trend.mm_per_year) {
+        out.push_str(&format!(", {speed:.2} mm a year"));
+    }
+    if let Some(due) = &trend.due_utc {
+        out.push_str(&format!(
+            ". Next calibration due {} (limit {} mm, a year at most).\n",
+            due.split('T').next().unwrap_or(due),
+            trend.limit_mm
+        ));
+    }
+    out
+}

@@ -1,0 +1,108 @@
+//! The host's end of a robot behind `RobotController.Attach`.
+
+use std::time::Duration;
+
+use spherecal_shared::robot::{JointLimits, Robot};
+use tokio::runtime::Runtime;
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::Streaming;
+
+use super::proto::robot_controller_client::RobotControllerClient;
+use super::proto::{ControllerTurn, DescribeRequest, HostTurn};
+use super::{MAX_MESSAGE, Peer, RpcError};
+use crate::link::tcp::check_limits;
+use crate::link::{Device, LinkError};
+
+/// How long a robot may take for one period.
+const TURN: Duration = Duration::from_mins(1);
+
+/// A robot whose controller is behind gRPC.
+pub struct RemoteRobot {
+    runtime: Runtime,
+    peer: String,
+    down: mpsc::Sender<HostTurn>,
+    up: Streaming<ControllerTurn>,
+    now_us: u64,
+    ticks: u64,
+}
+
+impl RemoteRobot {
+    /// Connects, checks that the robot there is `robot`, and takes hold of it.
+    ///
+    /// # Errors
+    /// When nobody answers, another client has the robot, or it is another robot.
+    pub fn attach(peer: &Peer, robot: &Robot) -> Result<Self, LinkError> {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .map_err(RpcError::from)?;
+        let name = peer.to_string();
+        let (down, turns) = mpsc::channel(1);
+        let (limits, up) = runtime.block_on(async {
+            let status = |status| RpcError::status(&name, &status);
+            let (channel, credentials) = peer.connect().await?;
+            let mut client =
+                RobotControllerClient::with_interceptor(channel, credentials).max_decoding_message_size(MAX_MESSAGE);
+            let about = client.describe(DescribeRequest {}).await.map_err(status)?.into_inner();
+            let up = client.attach(ReceiverStream::new(turns)).await.map_err(status)?;
+            Ok::<_, RpcError>((about.limits, up.into_inner()))
+        })?;
+        if limits.len() != robot.dof() {
+            return Err(LinkError::OtherRobot {
+                drive: limits.len(),
+                robot: robot.dof(),
+            });
+        }
+        let limits: Vec<JointLimits> = limits
+            .iter()
+            .map(|l| JointLimits {
+                min_rad: l.min_rad,
+                max_rad: l.max_rad,
+                velocity_rad_s: l.velocity_rad_s,
+                torque_nm: l.torque_nm,
+            })
+            .collect();
+        check_limits(&limits, robot)?;
+        Ok(Self {
+            runtime,
+            peer: name,
+            down,
+            up,
+            now_us: 0,
+            ticks: 0,
+        })
+    }
+}
+
+impl Device for RemoteRobot {
+    fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
+    fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        let gone = |what: &str| RpcError::Transport {
+            peer: self.peer.clone(),
+            what: what.to_owned(),
+        };
+        let turn = HostTurn { frames: down.to_vec() };
+        let answer = self.runtime.block_on(async {
+            // The other side's reason, if it has one, is in what it sends last.
+            let _ = self.down.send(turn).await;
+            match tokio::time::timeout(TURN, self.up.message()).await {
+                Ok(Ok(Some(answer))) => Ok(answer),
+                Ok(Ok(None)) => Err(gone("the connection was closed")),
+                Ok(Err(status)) => Err(RpcError::status(&self.peer, &status)),
+                Err(_) => Err(gone("silent for a minute")),
+            }
+        })?;
+        up.extend_from_slice(&answer.frames);
+        self.now_us = answer.now_us;
+        self.ticks = answer.ticks;
+        Ok(())
+    }
+}

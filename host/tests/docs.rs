@@ -1,0 +1,143 @@
+//! The documentation is held to the program: every link leads somewhere, and
+//! every `spherecal` command in it is one that the program takes.
+
+use std::path::{Path, PathBuf};
+
+use clap::Parser as _;
+use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
+use spherecal::cli::Cli;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn pages() -> Vec<PathBuf> {
+    let mut pages = vec![root().join("README.md")];
+    for entry in std::fs::read_dir(root().join("docs")).expect("docs") {
+        let path = entry.expect("an entry").path();
+        if path.extension().is_some_and(|e| e == "md") {
+            pages.push(path);
+        }
+    }
+    pages.sort();
+    pages
+}
+
+/// What a page links to, and the code in it: blocks by line, and spans.
+fn read(page: &Path) -> (Vec<String>, Vec<String>) {
+    let text = std::fs::read_to_string(page).expect("a page");
+    let (mut links, mut code, mut block) = (Vec::new(), Vec::new(), None);
+    for event in Parser::new_ext(&text, Options::ENABLE_TABLES) {
+        match event {
+            Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => links.push(dest_url.to_string()),
+            Event::Start(Tag::CodeBlock(CodeBlockKind::Fenced(kind))) if kind.starts_with("console") => {
+                block = Some(String::new());
+            }
+            Event::Text(words) if block.is_some() => block.as_mut().expect("inside").push_str(&words),
+            Event::End(TagEnd::CodeBlock) => {
+                let lines = block.take().unwrap_or_default();
+                code.extend(lines.lines().filter_map(|l| l.strip_prefix("$ ")).map(str::to_owned));
+            }
+            Event::Code(words) if words.starts_with("spherecal ") => code.push(words.to_string()),
+            _ => {}
+        }
+    }
+    (links, code)
+}
+
+/// The name that a heading's anchor has in mdBook and on GitHub.
+fn anchors(page: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(page).expect("a page");
+    text.lines()
+        .filter_map(|line| line.strip_prefix('#'))
+        .map(|line| {
+            let heading = line.trim_start_matches('#').trim().to_lowercase();
+            heading
+                .chars()
+                .filter(|c| c.is_alphanumeric() || " -_".contains(*c))
+                .map(|c| if c == ' ' { '-' } else { c })
+                .collect()
+        })
+        .collect()
+}
+
+// Fails if a relative link or the anchor in it leads nowhere, or if a page of
+// the folder is not in the table of contents.
+#[test]
+fn every_link_leads_somewhere() {
+    let mut wrong = Vec::new();
+    let mut checked = 0;
+    for page in pages() {
+        for link in read(&page).0 {
+            if link.starts_with("http") || link.starts_with("mailto:") {
+                continue;
+            }
+            let (file, anchor) = link.split_once('#').unwrap_or((&link, ""));
+            let target = if file.is_empty() {
+                page.clone()
+            } else {
+                page.parent().expect("a folder").join(file)
+            };
+            checked += 1;
+            if !target.exists() || (!anchor.is_empty() && !anchors(&target).contains(&anchor.to_owned())) {
+                wrong.push(format!("{}: {link}", page.display()));
+            }
+        }
+    }
+    assert!(checked >= 15, "{checked} links");
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    let contents = read(&root().join("docs/SUMMARY.md")).0;
+    for page in pages()
+        .iter()
+        .filter(|p| p.parent().is_some_and(|f| f.ends_with("docs")))
+    {
+        let name = page.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        assert!(
+            name == "SUMMARY.md" || contents.contains(&name),
+            "{name} is not in SUMMARY.md"
+        );
+    }
+}
+
+// Fails if a page shows a command, an option or a value that the program refuses.
+#[test]
+fn every_command_is_one_that_the_program_takes() {
+    let mut wrong = Vec::new();
+    let mut checked = 0;
+    for page in pages() {
+        for line in read(&page).1 {
+            // Of a line of a shell: each part, without what it is piped to and its remarks.
+            for part in line.split("&&").flat_map(|p| p.split('|')) {
+                let part = part
+                    .split(" #")
+                    .next()
+                    .unwrap_or_default()
+                    .split('>')
+                    .next()
+                    .unwrap_or_default();
+                let Some(words) = shlex::split(part) else {
+                    wrong.push(format!("{}: {line}", page.display()));
+                    continue;
+                };
+                if words.first().is_none_or(|w| w != "spherecal") {
+                    continue;
+                }
+                checked += 1;
+                let parsed = Cli::try_parse_from(&words);
+                let shown = |e: &clap::Error| {
+                    use clap::error::ErrorKind::{DisplayHelp, DisplayVersion};
+                    matches!(e.kind(), DisplayHelp | DisplayVersion)
+                };
+                if let Err(error) = parsed
+                    && !shown(&error)
+                    // A command named without what it needs, in running text.
+                    && !(error.kind() == clap::error::ErrorKind::MissingRequiredArgument && words.len() <= 2)
+                {
+                    wrong.push(format!("{}: {part}: {error}", page.display()));
+                }
+            }
+        }
+    }
+    assert!(checked >= 40, "{checked} commands");
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}

@@ -1,0 +1,295 @@
+//! What leaves the program, as independent readers of the field find it: MCAP,
+//! Parquet, URDF, gRPC. `scripts/test` makes a Python with their packages and
+//! names it in `SPHERECAL_FIELD_PYTHON`; without it these tests say so and are
+//! left out.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use rand::{RngExt as _, SeedableRng as _};
+use serde_json::{Value, json};
+use spherecal::robots::{self, RobotModel};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+
+fn python() -> Option<String> {
+    let python = std::env::var("SPHERECAL_FIELD_PYTHON").ok();
+    if python.is_none() {
+        assert!(
+            std::env::var_os("SPHERECAL_REQUIRE_FIELD").is_none(),
+            "SPHERECAL_FIELD_PYTHON is not set: scripts/test makes one"
+        );
+        eprintln!("left out: no Python is named in SPHERECAL_FIELD_PYTHON");
+    }
+    python
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Runs one of the scripts; its last line is JSON.
+fn check(python: &str, script: &str, arguments: &[&Path]) -> Value {
+    let output = Command::new(python)
+        .arg(root().join(script))
+        .args(arguments)
+        .output()
+        .expect("Python");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{script}: {said}");
+    let text = String::from_utf8_lossy(&output.stdout);
+    serde_json::from_str(text.lines().last().unwrap_or_default()).unwrap_or_else(|e| panic!("{script}: {e}: {text}"))
+}
+
+fn spherecal(folder: &Path, arguments: &[&str]) -> String {
+    let output = Command::new(PROGRAM)
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .expect("the program starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{arguments:?}: {said}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+// Fails if the telemetry has a wrong checksum, a message that its schema does
+// not describe, times that go back or an index that counts otherwise; or if a
+// table is another for Arrow than for a reader of CSV.
+#[test]
+fn telemetry_and_tables_are_read_by_others() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let summary: Value =
+        serde_json::from_str(&spherecal(folder, &["run", "--poses", "6", "--json", "--out", "o"])).expect("JSON");
+    let mcap = check(
+        &python,
+        "tests/python/check_mcap.py",
+        &[&folder.join("o/telemetry.mcap")],
+    );
+    let seconds = summary["simulated_s"].as_f64().expect("simulated_s");
+    // The rate depends on the phase: 50 Hz at least, 1 kHz at most.
+    let count = mcap["counts"]["/tcp"].as_f64().expect("/tcp");
+    assert!(
+        (50.0 * seconds..1e3 * seconds).contains(&(count + 8.0)),
+        "{count} in {seconds} s"
+    );
+    for topic in ["/joint_states", "/wrench", "/phase"] {
+        assert_eq!(mcap["counts"][topic].as_f64(), Some(count), "{topic}");
+    }
+    spherecal(folder, &["export", "--parquet", "--out", "o"]);
+    spherecal(folder, &["export", "--csv", "--out", "o"]);
+    let rows = check(&python, "tests/python/check_tables.py", &[&folder.join("o/tables")]);
+    assert_eq!(rows["recordings"], 6, "{rows}");
+    assert_eq!(rows["telemetry"].as_f64(), mcap["counts"]["/tcp"].as_f64(), "{rows}");
+}
+
+/// Our forward kinematics of a model, in the file's frames, at 100 configurations.
+fn cases(model: &RobotModel, file: &Path, joints: &[String]) {
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+    let cases: Vec<Value> = (0..100)
+        .map(|_| {
+            let q: Vec<f64> = model
+                .robot
+                .joints
+                .iter()
+                .map(|j| random.random_range(j.limits.min_rad..j.limits.max_rad))
+                .collect();
+            let flange = model.flange_at(&q);
+            let row = |k: usize| {
+                let r = &flange.rotation;
+                json!([r[(k, 0)], r[(k, 1)], r[(k, 2)], flange.origin[k]])
+            };
+            json!({ "q": q, "pose": [row(0), row(1), row(2), [0, 0, 0, 1]] })
+        })
+        .collect();
+    let (base, flange) = &model.frame_names;
+    let document = json!({ "base": base, "flange": flange, "joints": joints, "cases": cases });
+    std::fs::write(file, document.to_string()).expect("written");
+}
+
+/// Names of the moving joints of a URDF, in order.
+fn joint_names(urdf: &str) -> Vec<String> {
+    let document = roxmltree::Document::parse(urdf).expect("XML");
+    document
+        .descendants()
+        .filter(|n| n.has_tag_name("joint") && n.attribute("type") == Some("revolute"))
+        .map(|n| n.attribute("name").expect("a name").to_owned())
+        .collect()
+}
+
+// Fails if a URDF that was written, nominal or calibrated, built in or the
+// user's, is another robot for an independent parser and its kinematics: by
+// more than 1e-9 m or as much in rotation, at 100 configurations.
+#[test]
+fn urdfs_are_the_same_robot_for_another_parser() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let same = |urdf: &Path, model: &RobotModel| {
+        let text = std::fs::read_to_string(urdf).expect("a URDF");
+        let file = folder.join("cases.json");
+        cases(model, &file, &joint_names(&text));
+        let found = check(&python, "tests/python/check_urdf.py", &[urdf, &file]);
+        let largest = found["distance_m"]
+            .as_f64()
+            .expect("m")
+            .max(found["rotation"].as_f64().expect("rotation"));
+        assert!(largest < 1e-9, "{}: {found}", urdf.display());
+        assert_eq!(found["cases"], 100);
+    };
+    let data = root().join("tests/data");
+    // The run's arm, and users' arms of 6 and 7 axes from tables of their own.
+    spherecal(folder, &["run", "--poses", "9", "--out", "run"]);
+    let mut robots = vec![("iiwa7".to_owned(), "run")];
+    for (name, out) in [("ur5e", "six"), ("irb120", "other"), ("panda", "seven")] {
+        let urdf = data.join(format!("{name}.urdf"));
+        let nominal = robots::load(&urdf.display().to_string()).expect("a robot");
+        let csv = folder.join(format!("{out}.csv"));
+        std::fs::write(&csv, table(&nominal)).expect("written");
+        let robot = urdf.display().to_string();
+        spherecal(
+            folder,
+            &[
+                "identify",
+                "--robot",
+                &robot,
+                "--data",
+                &csv.display().to_string(),
+                "--out",
+                out,
+            ],
+        );
+        robots.push((robot, out));
+    }
+    for (robot, out) in robots {
+        let nominal = robots::load(&robot).expect("a robot");
+        let written = folder.join(format!("{out}-nominal.urdf"));
+        spherecal(folder, &["robot", "convert", &robot, &written.display().to_string()]);
+        same(&written, &nominal);
+        let calibrated = robots::load(&folder.join(out).join("calibrated.toml").display().to_string()).expect("TOML");
+        let mut model = nominal.clone();
+        model.robot = calibrated.robot;
+        assert_ne!(model.rows(), nominal.rows(), "{robot}: nothing was calibrated");
+        same(&folder.join(out).join("calibrated.urdf"), &model);
+    }
+}
+
+/// A user's table: what a tracker saw of an arm that is not built as drawn.
+fn table(nominal: &RobotModel) -> String {
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+    let mut real = nominal.clone();
+    for joint in real.robot.joints.iter_mut().skip(1) {
+        joint.mdh.a += 3e-4 * random.random_range(-1.0..1.0);
+        joint.mdh.alpha += 5e-4 * random.random_range(-1.0..1.0);
+        joint.mdh.theta += 8e-4 * random.random_range(-1.0..1.0);
+    }
+    let names = (1..=nominal.robot.dof()).map(|k| format!("q{k}"));
+    let mut out = names
+        .chain(["x_mm", "y_mm", "z_mm"].map(str::to_owned))
+        .collect::<Vec<_>>()
+        .join(",");
+    out.push('\n');
+    for _ in 0..80 {
+        let q: Vec<f64> = real
+            .robot
+            .joints
+            .iter()
+            .map(|j| 0.6 * random.random_range(j.limits.min_rad..j.limits.max_rad).clamp(-3.0, 3.0))
+            .collect();
+        let flange = real.flange_at(&q);
+        let tcp = flange.rotation * nalgebra::Vector3::from(real.tool.tcp_m) + flange.origin;
+        let numbers = q.iter().map(|q| format!("{q:.9}"));
+        let point = tcp.iter().map(|m| format!("{:.6}", 1e3 * m));
+        out.push_str(&numbers.chain(point).collect::<Vec<_>>().join(","));
+        out.push('\n');
+    }
+    out
+}
+
+// Fails if the example client in Python does not touch, record every pose of
+// the first sphere and let go.
+#[test]
+fn the_python_client_records_a_sphere() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    spherecal(folder, &["plan", "--poses", "6", "--seed", "5", "--out", "cell"]);
+    let mut server = Command::new(PROGRAM)
+        .args(["serve", "--grpc", "0", "--seed", "5", "--service", "robot"])
+        .current_dir(folder)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut line = String::new();
+    let mut output = BufReader::new(server.stdout.take().expect("piped"));
+    output.read_line(&mut line).expect("one line");
+    let address = line.trim().trim_start_matches("services on grpc:").to_owned();
+    let output = Command::new(&python)
+        .arg(root().join("examples/python/grpc_client.py"))
+        .args([&address, "cell/plan.json"])
+        .current_dir(folder)
+        .output()
+        .expect("Python");
+    let _ = server.kill();
+    let _ = server.wait();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    assert!(
+        said.contains("contact at ") && said.contains("iiwa7, 7 joints"),
+        "{said}"
+    );
+    let plan: Value =
+        serde_json::from_str(&std::fs::read_to_string(folder.join("cell/plan.json")).expect("plan")).expect("JSON");
+    let poses = plan["spheres"][0]["poses"].as_array().expect("poses").iter();
+    let wanted: Vec<u64> = poses
+        .filter(|p| p["via"] == false)
+        .filter_map(|p| p["id"].as_u64())
+        .collect();
+    let text = String::from_utf8_lossy(&output.stdout);
+    let recordings: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).expect("JSON")).collect();
+    let recorded: Vec<u64> = recordings.iter().filter_map(|r| r["pose"].as_u64()).collect();
+    assert!(!wanted.is_empty());
+    assert_eq!(recorded, wanted);
+    assert!(recordings.iter().all(|r| r["samples"] == 1000), "{text}");
+}
+
+// Fails if the report asks the network for anything, has an error or a warning
+// in the browser, a figure that is empty, a part that is wider than a page or a
+// telephone, or text that is hard to read in the light or in the dark.
+#[test]
+fn the_report_renders_in_a_browser() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    spherecal(folder, &["run", "--poses", "9", "--out", "o"]);
+    for width in ["1000", "380"] {
+        let found = check(
+            &python,
+            "tests/python/check_report.py",
+            &[&folder.join("o/report.html"), &folder.join("shots"), Path::new(width)],
+        );
+        assert_eq!(found["requests"], json!([]), "{found}");
+        assert_eq!(found["errors"], json!([]), "{found}");
+        assert_eq!(found["empty_figures"], 0, "{found}");
+        assert_eq!(found["too_wide"], 0, "{width}: {found}");
+        assert!(found["figures"].as_u64().is_some_and(|n| n >= 9), "{found}");
+        for scheme in ["contrast_light", "contrast_dark"] {
+            assert!(found[scheme].as_f64().is_some_and(|c| c > 7.0), "{found}");
+        }
+        let headings = found["headings"].to_string();
+        for heading in [
+            "Accuracy",
+            "Over the workspace",
+            "Parameters",
+            "Correlations",
+            "Contacts",
+            "Provenance",
+        ] {
+            assert!(headings.contains(heading), "{headings}");
+        }
+    }
+    let printed = folder.join("shots/print.png");
+    assert!(printed.metadata().is_ok_and(|m| m.len() > 50_000));
+}

@@ -1,0 +1,229 @@
+//! The services of Figure 4: robot, tracker and database behind gRPC, as their
+//! users and those who must not use them meet them.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+
+use serde_json::Value;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+
+/// `spherecal serve`, ended with the test.
+struct Server {
+    child: Child,
+    /// `grpc:HOST:PORT`
+    peer: String,
+}
+
+impl Server {
+    fn start(folder: &Path, arguments: &[&str]) -> Self {
+        let mut child = Command::new(PROGRAM)
+            .arg("serve")
+            .args(arguments)
+            .current_dir(folder)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::inherit())
+            .spawn()
+            .expect("the program starts");
+        let mut line = String::new();
+        let mut output = BufReader::new(child.stdout.take().expect("piped"));
+        output.read_line(&mut line).expect("one line");
+        let peer = line.trim().strip_prefix("services on ").unwrap_or_default().to_owned();
+        assert!(peer.starts_with("grpc"), "{arguments:?} said {line:?}");
+        Self { child, peer }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn spherecal(folder: &Path, arguments: &[&str], environment: &[(&str, &str)]) -> Output {
+    Command::new(PROGRAM)
+        .args(arguments)
+        .current_dir(folder)
+        .env_remove("SPHERECAL_TOKEN")
+        .env_remove("SPHERECAL_CA")
+        .envs(environment.iter().copied())
+        .output()
+        .expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn summary(output: &Output) -> Value {
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|e| panic!("{e}: {}", text(&output.stderr)))
+}
+
+// Fails if a run whose robot, tracker and database are services records another
+// bit than one in a single process, if the tracker measures another, if the
+// served database is not where it was stored, or if reading it back differs.
+#[test]
+fn a_run_over_services_is_the_run_in_one_process() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let run = ["run", "--poses", "9", "--seed", "5", "--json"];
+    let here = summary(&spherecal(folder, &[&run[..], &["--out", "here"]].concat(), &[]));
+    assert_eq!(here["poses"]["recorded"], 9);
+
+    let server = Server::start(folder, &["--grpc", "0", "--seed", "5", "--out", "served"]);
+    let peer = server.peer.as_str();
+    let services = [
+        "--link",
+        peer,
+        "--tracker",
+        peer,
+        "--store",
+        peer,
+        "--out",
+        "there",
+        "--arm",
+        "A-17",
+    ];
+    let output = spherecal(folder, &[&run[..], &services].concat(), &[]);
+    let there = summary(&output);
+    assert_eq!(here["recordings_sha256"], there["recordings_sha256"]);
+    for model in ["nominal", "sphere", "laser"] {
+        assert_eq!(
+            here["validation"]["models"][model], there["validation"]["models"][model],
+            "{model}"
+        );
+    }
+    assert!(!folder.join("there/calibration.db").exists());
+    assert!(folder.join("there/report.html").exists());
+
+    // The same stages on the stored run say the same, over the network and at the server.
+    let again = summary(&spherecal(
+        folder,
+        &["report", "--store", peer, "--arm", "A-17", "--out", "again", "--json"],
+        &[],
+    ));
+    assert_eq!(again["parameters"], there["parameters"]);
+    drop(server);
+    let again = summary(&spherecal(folder, &["report", "--out", "served", "--json"], &[]));
+    assert_eq!(again["parameters"], there["parameters"]);
+    let history = spherecal(folder, &["history", "--out", "served", "--arm", "A-17"], &[]);
+    assert!(text(&history.stdout).contains("A-17"), "{}", text(&history.stdout));
+    let none = spherecal(folder, &["history", "--out", "served", "--arm", "B", "--json"], &[]);
+    assert_eq!(summary(&none)["runs"], serde_json::json!([]));
+}
+
+// Fails if a server names a service that it does not offer as healthy, or
+// offers one that it was not asked to.
+#[test]
+fn health_says_what_is_served() {
+    use tonic_health::pb::health_check_response::ServingStatus;
+    use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let server = Server::start(folder.path(), &["--grpc", "0", "--service", "store"]);
+    let address = format!("http://{}", server.peer.trim_start_matches("grpc:"));
+    let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+    let status = |service: &str| {
+        let request = HealthCheckRequest {
+            service: service.to_owned(),
+        };
+        runtime.block_on(async {
+            let endpoint = tonic::transport::Endpoint::from_shared(address.clone()).expect("an address");
+            let mut client = HealthClient::new(endpoint.connect().await.expect("connects"));
+            client.check(request).await.map(|answer| answer.into_inner().status)
+        })
+    };
+    assert_eq!(
+        status("spherecal.v1.CalibrationStore").expect("known"),
+        i32::from(ServingStatus::Serving)
+    );
+    let missing = status("spherecal.v1.RobotController").expect_err("not offered");
+    assert_eq!(missing.code(), tonic::Code::NotFound);
+    // And the robot that is not there is refused with what to do.
+    let output = spherecal(
+        folder.path(),
+        &["run", "--poses", "6", "--link", &server.peer, "--out", "o"],
+        &[],
+    );
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        text(&output.stderr).contains("start that server with this service"),
+        "{}",
+        text(&output.stderr)
+    );
+}
+
+/// This machine's address as others see it; loopback where there is no network.
+fn outside() -> std::net::IpAddr {
+    let socket = std::net::UdpSocket::bind("0.0.0.0:0").expect("a socket");
+    // Nothing is sent: the system only says from where it would be.
+    let found = socket.connect("192.0.2.1:9").and_then(|()| socket.local_addr());
+    match found {
+        Ok(address) if !address.ip().is_unspecified() => address.ip(),
+        _ => std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST),
+    }
+}
+
+// Fails if a server listens beyond loopback without TLS and token, lets in a
+// client without the token, with another, or without TLS, or keeps out one
+// that has both.
+#[test]
+fn beyond_loopback_only_the_token_opens() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let refused = |arguments: &[&str]| {
+        let output = spherecal(folder, &[&["serve", "--service", "store"], arguments].concat(), &[]);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        text(&output.stderr)
+    };
+    assert!(refused(&["--grpc", "0.0.0.0:0"]).contains("TLS is missing"));
+
+    let outside = outside();
+    let names = vec!["localhost".to_owned(), "127.0.0.1".to_owned(), outside.to_string()];
+    let signed = rcgen::generate_simple_self_signed(names).expect("a certificate");
+    let token = "7f".repeat(16);
+    std::fs::write(folder.join("cert.pem"), signed.cert.pem()).expect("written");
+    std::fs::write(folder.join("key.pem"), signed.signing_key.serialize_pem()).expect("written");
+    std::fs::write(folder.join("token"), &token).expect("written");
+    let tls = ["--tls-cert", "cert.pem", "--tls-key", "key.pem"];
+    assert!(refused(&[&["--grpc", "0.0.0.0:0"], &tls[..]].concat()).contains("the token is missing"));
+
+    let protected = [
+        "--grpc",
+        "0.0.0.0:0",
+        "--token-file",
+        "token",
+        "--service",
+        "store",
+        "--out",
+        "served",
+    ];
+    let server = Server::start(folder, &[&protected[..], &tls].concat());
+    let port = server.peer.rsplit(':').next().expect("a port");
+    assert!(server.peer.starts_with("grpcs:"), "{}", server.peer);
+    let ask = |peer: &str, environment: &[(&str, &str)]| {
+        spherecal(folder, &["history", "--json", "--store", peer], environment)
+    };
+    let peer = format!("grpcs:{outside}:{port}");
+    let (ca, right) = (("SPHERECAL_CA", "cert.pem"), ("SPHERECAL_TOKEN", token.as_str()));
+    let answer = ask(&peer, &[ca, right]);
+    assert!(answer.status.success(), "{}", text(&answer.stderr));
+    assert_eq!(summary(&answer)["runs"], serde_json::json!([]));
+    for (environment, words) in [
+        (vec![ca], "bearer token"),
+        (
+            vec![ca, ("SPHERECAL_TOKEN", "ffffffffffffffffffffffffffffffff")],
+            "bearer token",
+        ),
+        (vec![right], "certificate"),
+    ] {
+        let answer = ask(&peer, &environment);
+        assert_eq!(answer.status.code(), Some(1), "{environment:?}");
+        let said = text(&answer.stderr);
+        assert!(said.to_lowercase().contains(words), "{environment:?}: {said}");
+    }
+    let plain = ask(&peer.replace("grpcs", "grpc"), &[right]);
+    assert_eq!(plain.status.code(), Some(1), "{}", text(&plain.stdout));
+}
