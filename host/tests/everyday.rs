@@ -114,8 +114,13 @@ fn a_run_is_exported_as_tables() {
         .iter()
         .map(|row| row.split(',').next().unwrap_or_default().parse().expect("a time"))
         .collect();
-    // The telemetry's rate depends on the phase: 20 ms apart at most.
-    assert!(times.windows(2).all(|t| t[0] < t[1] && t[1] - t[0] <= 21e6));
+    // The telemetry's rate depends on the phase: 20 ms apart at most, and two
+    // samples may bear one time where the phase changes.
+    let wrong: Vec<_> = times
+        .windows(2)
+        .filter(|t| !(t[0] <= t[1] && t[1] - t[0] <= 21e6))
+        .collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
     let last = times.last().expect("rows") * 1e-9;
     // What is left of the last batch of eight is not sent.
     assert!((last - seconds).abs() <= 0.18, "{last} s of {seconds} s");

@@ -63,7 +63,9 @@ fn one_seed_gives_one_summary() {
     assert_eq!(printed, a);
     assert_eq!(a["poses"]["recorded"], a["poses"]["chosen"]);
     assert_eq!(a["faults"], Value::Array(Vec::new()));
-    assert_eq!(a["contacts"].as_array().map(Vec::len), Some(3));
+    // One of each sphere, or up to five where another branch is worth it.
+    let contacts = a["contacts"].as_array().map_or(0, Vec::len);
+    assert!((3..=5).contains(&contacts), "{contacts} contacts");
     assert_eq!(a["validation"]["n"], 125);
     for name in ["nominal", "sphere", "laser"] {
         let mean = a["validation"]["models"][name]["mean_mm"].as_f64();
@@ -93,7 +95,10 @@ fn without_contact_the_run_fails() {
     let output = spherecal(folder.path(), &["run", "--config", "air.toml", "--poses", "6"]);
     assert_eq!(output.status.code(), Some(1));
     let said = text(&output.stderr);
-    assert!(said.contains("no contact with sphere 1 in 3 attempts"), "{said}");
+    assert!(
+        said.contains("no contact with sphere ") && said.contains(" in 3 attempts"),
+        "{said}"
+    );
     assert!(!folder.path().join("spherecal-out/summary.json").exists());
 }
 

@@ -92,7 +92,8 @@ fn a_loose_nest_fails_the_test_pull() {
     // The sphere goes; 5 N/m hold the arm nearly where it is.
     bench.sphere = None;
     until_fault(&mut bench, 3_000);
-    bench.expect_fault(Fault::NotSeated, Phase::Verifying);
+    // Found loose by the pull, and by every search for the seat after it.
+    bench.expect_fault(Fault::NotSeated, Phase::Coupling);
 }
 
 #[test]

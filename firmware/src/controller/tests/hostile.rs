@@ -190,6 +190,12 @@ fn a_start_is_kept_and_an_absurd_one_refused() {
     // Too late: at the next tick, and counted.
     assert!(bench.controller.order(5, now_us, go()));
     bench.run(1);
-    assert_eq!(bench.controller.phase(), Phase::Moving);
+    // The arm is there already, so that the move may end as it begins.
+    assert!(
+        bench
+            .controller
+            .verdict()
+            .is_some_and(|v| v.sequence == 5 && v.result.is_ok())
+    );
     assert_eq!(bench.controller.statistics().late, 1);
 }
