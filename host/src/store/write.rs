@@ -525,15 +525,15 @@ async fn insert_contact(t: &mut AnyConnection, key: Key, contact: &Contact) -> R
     .bind(key.2)
     .bind(i64::from(contact.sphere))
     .bind(contact.time_us as i64)
-    .bind(contact.force_n)
-    .bind(contact.peak_n)
-    .bind(tx)
-    .bind(ty)
-    .bind(tz)
-    .bind(px)
-    .bind(py)
-    .bind(pz)
-    .bind(contact.travel_m)
+    .bind(real(contact.force_n))
+    .bind(real(contact.peak_n))
+    .bind(real(tx))
+    .bind(real(ty))
+    .bind(real(tz))
+    .bind(real(px))
+    .bind(real(py))
+    .bind(real(pz))
+    .bind(real(contact.travel_m))
     .bind(i64::from(contact.latency_ticks))
     .bind(i64::from(contact.early_crossings))
     .execute(t)
@@ -552,11 +552,11 @@ async fn insert_coupled(t: &mut AnyConnection, key: Key, coupled: &Coupled) -> R
     .bind(key.2)
     .bind(i64::from(coupled.sphere))
     .bind(coupled.time_us as i64)
-    .bind(x)
-    .bind(y)
-    .bind(z)
-    .bind(coupled.shift_m)
-    .bind(coupled.test_m)
+    .bind(real(x))
+    .bind(real(y))
+    .bind(real(z))
+    .bind(real(coupled.shift_m))
+    .bind(real(coupled.test_m))
     .execute(t)
     .await
     .map(|_| ())
@@ -599,10 +599,10 @@ async fn insert_recording(t: &mut AnyConnection, run: i64, session: i64, r: &Rec
     .bind(r.end_us as i64)
     .bind(i64::from(r.count))
     .bind(i64::from(r.gaps))
-    .bind(r.tcp_spread_m)
-    .bind(fx)
-    .bind(fy)
-    .bind(fz)
+    .bind(real(r.tcp_spread_m))
+    .bind(real(fx))
+    .bind(real(fy))
+    .bind(real(fz))
     .execute(&mut *t)
     .await?;
     if inserted.rows_affected() == 0 {
@@ -628,13 +628,19 @@ async fn insert_recording(t: &mut AnyConnection, run: i64, session: i64, r: &Rec
             .bind(joint);
         for signal in [q, tau] {
             insert = insert
-                .bind(signal.mean)
-                .bind(signal.std)
-                .bind(signal.min)
-                .bind(signal.max);
+                .bind(real(signal.mean))
+                .bind(real(signal.std))
+                .bind(real(signal.min))
+                .bind(real(signal.max));
         }
     }
     insert.execute(t).await.map(|_| ())
+}
+
+/// A number as it is stored: SQLite keeps no sign of a zero, so no store does,
+/// and a run has the same bits in all of them.
+fn real(value: f64) -> f64 {
+    value + 0.0
 }
 
 /// An insertion of so many rows; numbered places are what both databases know.
