@@ -153,7 +153,7 @@ pub struct GeometryConfig {
     /// Mean nominal error to which the drawn errors are scaled, in m, over 500
     /// configurations in joint space with one tool; 0: not scaled. Default
     /// 1.27 mm: with tool, gears and compliance the median validation error is
-    /// then the paper's 1.40 mm (`tests/tests/plant_presets.rs`).
+    /// then the paper's 1.40 mm (`tests/tests/arm/plant_presets.rs`).
     pub nominal_mean_m: f64,
 }
 

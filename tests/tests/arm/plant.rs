@@ -1,10 +1,8 @@
 //! The simulated plant against MuJoCo, against conservation laws, and against
 //! what its sensors, its configuration and its tracker are specified to do.
 
-mod plant_rig;
-
+use super::plant_rig::{Law, at_sphere, free, run};
 use nalgebra::{SVector, Vector3};
-use plant_rig::{Law, at_sphere, free, run};
 use serde::Deserialize;
 use spherecal::plant::{Plant, PlantConfig, PlantError, TrackerSession};
 use spherecal_shared::robot::{Dynamics, Inertia, Robot, Tool, iiwa7, iiwa7_tool};

@@ -1,10 +1,8 @@
 //! Nest, magnet, rim and plate of the simulated plant; plant truth is read by
 //! the tests only.
 
-mod plant_rig;
-
+use super::plant_rig::{Law, at_sphere, down, free, run};
 use nalgebra::Vector3;
-use plant_rig::{Law, at_sphere, down, free, run};
 use spherecal::plant::{Obstacle, Plant, PlantConfig, TorqueSensorFault};
 use spherecal_shared::robot::{Arm, Dynamics, Frame, iiwa7, iiwa7_tool};
 

@@ -1,7 +1,7 @@
 //! The host killed at any instant, again and again: the real program, the real
 //! signal, and the database that is left.
 //!
-//! `SPHERECAL_KILLS=200 cargo test -p spherecal --test kills` kills as often as
+//! `SPHERECAL_KILLS=200 cargo test -p spherecal --test cli kills` kills as often as
 //! is asked; a few times is what the suite has time for.
 
 #![cfg(unix)]

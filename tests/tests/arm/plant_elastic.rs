@@ -1,10 +1,8 @@
 //! Joint elasticity as a state, and the static relations between encoder,
 //! motor and link.
 
-mod plant_rig;
-
+use super::plant_rig::{Law, free};
 use nalgebra::{SVector, Vector3};
-use plant_rig::{Law, free};
 use spherecal::plant::{Plant, PlantConfig};
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Dynamics, iiwa7, iiwa7_tool};

@@ -1,0 +1,11 @@
+//! The program as its users run it: commands, processes, services, and what
+//! others read of its files.
+
+mod docs;
+mod everyday;
+mod field;
+mod fleet;
+mod kills;
+mod main_job;
+mod processes;
+mod services;

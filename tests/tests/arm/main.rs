@@ -1,0 +1,17 @@
+//! The arm, its controller and the simulated plant: against references, against
+//! conservation laws, and together on spheres.
+
+mod approaches;
+mod campaign;
+mod contact;
+mod law;
+mod placements;
+mod plant;
+mod plant_drops;
+mod plant_elastic;
+mod plant_friction;
+mod plant_nest;
+mod plant_presets;
+mod plant_rig;
+mod robot_oracle;
+mod teach;

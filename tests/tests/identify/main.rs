@@ -1,0 +1,13 @@
+//! Identification, planning and the worlds: against the bound, the literature,
+//! stored worlds and data of other robots.
+
+mod identifiability;
+mod laser_validate;
+mod mukca;
+mod plan_worlds;
+mod refusals;
+mod reproduce;
+mod simplex;
+mod worlds;
+mod worlds_compare;
+mod worlds_generator;

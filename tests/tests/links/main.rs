@@ -1,0 +1,10 @@
+//! What crosses a boundary: the host and drive links and their documentation,
+//! and how the crates are built for the target.
+
+mod cross_routes;
+mod drive_link_page;
+mod handshake;
+mod lossy_link;
+mod mujoco_drive;
+mod no_std_tree;
+mod tcp_link;
