@@ -1,0 +1,125 @@
+//! The targets of the host.
+
+use std::path::PathBuf;
+
+use spherecal::input::{Labels, read_csv, read_plate};
+use spherecal::job::Config;
+use spherecal::link::{HostEndpoint, Timing};
+use spherecal::robots;
+use spherecal::store::{Store, recover};
+use spherecal_shared::protocol::host::{Command, Uplink};
+
+use crate::{framed, pieces};
+
+/// Any messages of a controller to the host's end: each event once, in order.
+pub fn events(data: &[u8]) {
+    let mut endpoint = HostEndpoint::new(Timing::default());
+    endpoint.send(Command::Hello);
+    let mut down = Vec::new();
+    let _ = endpoint.transmit(0, &mut down);
+    let (mut arrived, mut last, mut now) = (Vec::new(), None, 0);
+    for (body, k) in pieces(data).take(64).zip(1..) {
+        now += 1000;
+        let up = match postcard::from_bytes::<Uplink>(body) {
+            Ok(mut message) => {
+                if message.session[0] % 4 != 0 {
+                    message.session = endpoint.session();
+                }
+                framed(&message, k)
+            }
+            Err(_) => body.to_vec(),
+        };
+        let stored: Result<(), ()> = endpoint.receive(&up, &mut arrived, |batch| {
+            for arrival in batch {
+                let next = last.map_or(arrival.event, |last: u32| last.wrapping_add(1).max(1));
+                assert_eq!(arrival.event, next, "out of order");
+                last = Some(arrival.event);
+            }
+            Ok(())
+        });
+        assert!(stored.is_ok());
+        down.clear();
+        let _ = endpoint.transmit(now, &mut down);
+    }
+}
+
+/// Any table of poses, and any certificate of a plate.
+pub fn csv(data: &[u8]) {
+    let joints = data.first().map_or(7, |b| if b % 2 == 0 { 6 } else { 7 });
+    let mut places = Labels::default();
+    if let Ok(table) = read_csv("fuzz.csv", data, joints, Some("note"), &mut places) {
+        for row in &table.rows {
+            assert_eq!(row.q.len(), joints);
+            assert!(row.q.iter().all(|q| q.is_finite()), "{row:?}");
+        }
+    }
+    if let Ok(text) = std::str::from_utf8(data) {
+        let _ = read_plate("fuzz.toml", text);
+    }
+}
+
+/// Any configuration: refused, or one that can be written and read again.
+pub fn config(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    let Ok(config) = Config::parse("fuzz.toml", text) else { return };
+    if config.check().is_ok() {
+        let again = config.to_toml().expect("what was read can be written");
+        let read = Config::parse("again.toml", &again).expect("what was written can be read");
+        assert!(read.check().is_ok());
+    }
+}
+
+/// Any robot description, URDF or TOML: refused, or a robot that passes its check.
+pub fn robots(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    for model in [
+        robots::load_urdf_text("fuzz.urdf", text, None),
+        robots::toml_file::load("fuzz.toml", text),
+    ]
+    .into_iter()
+    .flatten()
+    {
+        assert!(model.robot.check().is_ok());
+    }
+}
+
+/// A folder that the process has to itself.
+fn folder() -> PathBuf {
+    // In memory where there is such a place: the fuzzer writes thousands of files a second.
+    let base = PathBuf::from("/dev/shm");
+    let base = if base.is_dir() { base } else { std::env::temp_dir() };
+    base.join(format!("spherecal-fuzz-{}", std::process::id()))
+}
+
+/// Any file as a database: refused, or read to its end; and what can be
+/// recovered of it is a database.
+pub fn database(data: &[u8]) {
+    let folder = folder();
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let (file, saved) = (folder.join("fuzz.db"), folder.join("saved.db"));
+    for old in [&file, &saved] {
+        for end in ["", "-wal", "-shm", "-journal"] {
+            let mut name = old.clone().into_os_string();
+            name.push(end);
+            let _ = std::fs::remove_file(name);
+        }
+    }
+    std::fs::write(&file, data).expect("written");
+    if let Ok(mut store) = Store::open(&file) {
+        read_all(&mut store);
+    }
+    // Dearer: only now and then.
+    if data.last().is_some_and(|byte| byte % 8 == 1) && recover(&file, &saved).is_ok() {
+        read_all(&mut Store::open(&saved).expect("what was recovered can be opened"));
+    }
+}
+
+fn read_all(store: &mut Store) {
+    for info in store.runs().unwrap_or_default() {
+        let _ = spherecal::job::read(store, &info);
+        let _ = store.recordings(info.run);
+        let _ = store.phases(info.run);
+        let _ = store.greetings(info.run);
+        let _ = store.result(info.run, "summary");
+    }
+}
