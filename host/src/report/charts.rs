@@ -14,7 +14,7 @@ use super::input::{ContactTrace, Correlation, ErrorSeries, Prediction, ResidualP
 pub(super) type ChartError = String;
 
 /// Stand-ins and the CSS variables that they become.
-const PALETTE: [(RGBColor, &str); 10] = [
+const PALETTE: [(RGBColor, &str); 13] = [
     (INK, "--ink"),
     (FAINT, "--rule"),
     (SOFT, "--soft"),
@@ -23,19 +23,25 @@ const PALETTE: [(RGBColor, &str); 10] = [
     (SERIES[2], "--series-2"),
     (SERIES[3], "--series-3"),
     (SERIES[4], "--series-4"),
+    (SERIES[5], "--series-5"),
+    (SERIES[6], "--series-6"),
+    (SERIES[7], "--series-7"),
     (ALARM, "--alarm"),
     (PAPER, "--paper"),
 ];
 pub(super) const INK: RGBColor = RGBColor(1, 2, 3);
 pub(super) const FAINT: RGBColor = RGBColor(4, 5, 6);
 pub(super) const SOFT: RGBColor = RGBColor(7, 8, 9);
-/// Nominal, calibrated, and up to three others.
-pub(super) const SERIES: [RGBColor; 5] = [
+/// One for each model that there is (see [`colour`]), and one for any other.
+pub(super) const SERIES: [RGBColor; 8] = [
     RGBColor(10, 11, 12),
     RGBColor(13, 14, 15),
     RGBColor(16, 17, 18),
     RGBColor(19, 20, 21),
     RGBColor(22, 23, 24),
+    RGBColor(31, 32, 33),
+    RGBColor(34, 35, 36),
+    RGBColor(37, 38, 39),
 ];
 pub(super) const ALARM: RGBColor = RGBColor(25, 26, 27);
 pub(super) const PAPER: RGBColor = RGBColor(28, 29, 30);
@@ -47,7 +53,10 @@ pub(super) fn colour(name: &str) -> RGBColor {
         "sphere" | "calibrated" => 1,
         "laser" => 2,
         "paper_nelder_mead" => 3,
-        other => 3 + other.len() % 2,
+        "bound" => 4,
+        "laser_structured" => 5,
+        "calibrated_table_only" => 6,
+        _ => 7,
     }]
 }
 

@@ -150,6 +150,55 @@ fn everything_is_escaped_and_nothing_is_fetched() {
     roxmltree::Document::parse(&page[start..end]).unwrap();
 }
 
+// Fails if two models that are shown in one figure have one colour, or a model
+// has another in the table than in its figure, or a colour that the page lacks.
+#[test]
+fn every_model_has_a_colour_of_its_own() {
+    let names = [
+        "nominal",
+        "sphere",
+        "laser",
+        "laser_structured",
+        "paper_nelder_mead",
+        "bound",
+        "calibrated_table_only",
+        "another",
+    ];
+    let mut input = full();
+    input.error_tables[0].rows = names
+        .iter()
+        .map(|name| ModelRow {
+            name: (*name).to_owned(),
+            ..input.error_tables[0].rows[0].clone()
+        })
+        .collect();
+    input.errors = names
+        .iter()
+        .map(|name| ErrorSeries {
+            name: (*name).to_owned(),
+            errors_mm: vec![0.1, 0.2, 0.3],
+        })
+        .collect();
+    let page = render(&input).unwrap();
+    let style = include_str!("style.css");
+    for (number, name) in names.iter().enumerate() {
+        let own = charts::colour(name);
+        let same = names.iter().filter(|other| charts::colour(other) == own).count();
+        assert_eq!(same, 1, "{name}");
+        let index = charts::SERIES.iter().position(|s| *s == own).unwrap();
+        // Its dot in the table, and its curve.
+        assert!(
+            page.contains(&format!(
+                "<span class=\"dot\" style=\"background:var(--series-{index})\">"
+            )),
+            "{number}"
+        );
+        assert!(page.contains(&format!("stroke:var(--series-{index})")), "{name}");
+        // In the light, in the dark, and on paper.
+        assert_eq!(style.matches(&format!("--series-{index}:#")).count(), 3, "{name}");
+    }
+}
+
 /// Empty and degenerate input makes a page, not a panic.
 #[test]
 fn an_empty_report_is_a_page() {
