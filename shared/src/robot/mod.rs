@@ -8,11 +8,31 @@
 //! number of joints known only at run time (identification of any robot's CSV)
 //! uses the slice functions of [`kinematics`].
 //!
+//! # The frames
+//!
 //! ```text
 //!   F0 base ─ joint 1 ─ F1 ─ … ─ joint n ─ Fn flange ─ tool ─ FT (TCP)
 //! ```
 //!
-//! Frame Fi turns with joint i about its z axis (Craig's convention).
+#![doc = include_str!("frames.svg")]
+//!
+//! | frame | where it is | what is given in it |
+//! |---|---|---|
+//! | F0 | the robot's base, z up | TCP, forces, directions of approach, all plans |
+//! | Fi | turns with joint i about its z axis (Craig's convention) | link i's mass and centre of mass |
+//! | Fn | the flange: the last frame of the table | the tool: its TCP and its mass |
+//! | FT | axes of Fn, origin at the TCP: the centre of a sphere on which the nest sits | orientations of poses |
+//! | W | the plate; where it stands is found, not known | the spheres' certificate |
+//! | T | the laser tracker, where there is one | its points |
+//!
+//! A file's own base and flange (URDF's `base_link`, `tool0`) may differ from F0
+//! and Fn by constant transforms; the host keeps those, and nothing here knows them.
+//!
+//! # One row of the table
+//!
+#![doc = include_str!("row.svg")]
+//!
+//! `T_i = Rx(alpha) Tx(a) Ry(beta) Rz(theta + q) Tz(d)`, in [`MdhRow`]'s names.
 
 mod arm;
 mod builtin;
