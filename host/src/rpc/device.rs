@@ -73,6 +73,24 @@ impl RemoteRobot {
             ticks: 0,
         })
     }
+
+    /// One turn, and the answer to it.
+    fn turn(&mut self, turn: HostTurn) -> Result<ControllerTurn, RpcError> {
+        let gone = |what: &str| RpcError::Transport {
+            peer: self.peer.clone(),
+            what: what.to_owned(),
+        };
+        self.runtime.block_on(async {
+            // The other side's reason, if it has one, is in what it sends last.
+            let _ = self.down.send(turn).await;
+            match tokio::time::timeout(TURN, self.up.message()).await {
+                Ok(Ok(Some(answer))) => Ok(answer),
+                Ok(Ok(None)) => Err(gone("the connection was closed")),
+                Ok(Err(status)) => Err(RpcError::status(&self.peer, &status)),
+                Err(_) => Err(gone("silent for a minute")),
+            }
+        })
+    }
 }
 
 impl Device for RemoteRobot {
@@ -85,24 +103,22 @@ impl Device for RemoteRobot {
     }
 
     fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
-        let gone = |what: &str| RpcError::Transport {
-            peer: self.peer.clone(),
-            what: what.to_owned(),
-        };
-        let turn = HostTurn { frames: down.to_vec() };
-        let answer = self.runtime.block_on(async {
-            // The other side's reason, if it has one, is in what it sends last.
-            let _ = self.down.send(turn).await;
-            match tokio::time::timeout(TURN, self.up.message()).await {
-                Ok(Ok(Some(answer))) => Ok(answer),
-                Ok(Ok(None)) => Err(gone("the connection was closed")),
-                Ok(Err(status)) => Err(RpcError::status(&self.peer, &status)),
-                Err(_) => Err(gone("silent for a minute")),
-            }
+        let answer = self.turn(HostTurn {
+            frames: down.to_vec(),
+            move_plate: None,
         })?;
         up.extend_from_slice(&answer.frames);
         self.now_us = answer.now_us;
         self.ticks = answer.ticks;
         Ok(())
+    }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        let turn = HostTurn {
+            frames: Vec::new(),
+            move_plate: Some(place),
+        };
+        // A link that has failed says so at the next period.
+        self.turn(turn).is_ok_and(|answer| answer.plate_moved)
     }
 }

@@ -141,14 +141,18 @@ impl RobotController for RobotService {
             // However the client goes, the robot stays as it is and holds.
             while let Ok(Some(turn)) = turns.message().await {
                 up.clear();
-                let stepped = device.step(&turn.frames, &mut up);
+                let stepped = match turn.move_plate {
+                    Some(place) => Ok(device.move_plate(place)),
+                    None => device.step(&turn.frames, &mut up).map(|()| false),
+                };
                 ear.hear(&up, &newest);
                 let failed = stepped.is_err();
                 let answer = stepped
-                    .map(|()| ControllerTurn {
+                    .map(|plate_moved| ControllerTurn {
                         frames: up.clone(),
                         now_us: device.now_us().saturating_sub(begun_us),
                         ticks: device.ticks().saturating_sub(begun_ticks),
+                        plate_moved,
                     })
                     .map_err(|e| Status::unavailable(e.to_string()));
                 if answers.send(answer).await.is_err() {

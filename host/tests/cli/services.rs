@@ -114,6 +114,50 @@ fn a_run_over_services_is_the_run_in_one_process() {
     assert_eq!(summary(&none)["runs"], serde_json::json!([]));
 }
 
+// Fails if the plate of a simulated cell behind gRPC does not move between two
+// placements, or moves elsewhere than in one process.
+#[test]
+fn the_plate_is_moved_over_services() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let plate = spherecal::job::Config::default().plant().expect("the preset").plate;
+    let ([x, y, z], [roll, pitch, yaw]) = (plate.origin_m, plate.rpy_rad);
+    let cell = format!(
+        "[plan]\nposes = 24\n[plan.range]\ncandidates = 700\n[[plant.plate.moved]]\norigin_m = [{x}, {}, {}]\n\
+         rpy_rad = [{roll}, {pitch}, {}]\n",
+        y + 0.12,
+        z + 0.10,
+        yaw + 0.3
+    );
+    std::fs::write(folder.join("cell.toml"), cell).expect("written");
+    let run = ["run", "--config", "cell.toml", "--seed", "5", "--json"];
+    let here = summary(&spherecal(folder, &[&run[..], &["--out", "here"]].concat(), &[]));
+    assert_eq!(here["poses"]["recorded"], 24);
+    let serve = [
+        "--grpc",
+        "0",
+        "--seed",
+        "5",
+        "--config",
+        "cell.toml",
+        "--service",
+        "robot",
+    ];
+    let server = Server::start(folder, &serve);
+    let output = spherecal(
+        folder,
+        &[&run[..], &["--link", &server.peer, "--out", "there"]].concat(),
+        &[],
+    );
+    let there = summary(&output);
+    assert_eq!(here["recordings_sha256"], there["recordings_sha256"]);
+    let plan: Value = serde_json::from_slice(
+        &spherecal(folder, &["plan", "--config", "cell.toml", "--json", "--out", "p"], &[]).stdout,
+    )
+    .expect("JSON");
+    assert!(plan.to_string().contains("\"place\":1"), "two placements are planned");
+}
+
 // Fails if a server names a service that it does not offer as healthy, or
 // offers one that it was not asked to.
 #[test]
