@@ -11,6 +11,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::exit::Exit;
+use super::out::{out, outln};
 use crate::link::qemu::find_image;
 
 /// The Cortex-M7's Rust target.
@@ -77,9 +78,9 @@ pub(super) fn run(args: &DoctorArgs) -> Exit {
             "healthy": healthy,
             "checks": checks,
         });
-        println!("{document:#}");
+        outln!("{document:#}");
     } else {
-        print!("{}", text(&checks));
+        out!("{}", text(&checks));
     }
     if healthy { Exit::Done } else { Exit::Failed }
 }

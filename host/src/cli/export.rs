@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::exit::{CliError, Exit};
+use super::out::outln;
 use crate::export::{ExportError, Format, export};
 use crate::store::{Place, Store};
 
@@ -52,7 +53,7 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
             ExportError::Write { .. } => CliError::job(e),
         })?;
     for file in files {
-        println!("{}", file.display());
+        outln!("{}", file.display());
     }
     Ok(Exit::Done)
 }

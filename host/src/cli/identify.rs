@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::args::StoredArgs;
 use super::exit::{CliError, Exit};
+use super::out::outln;
 use super::stages;
 use crate::identify::{Method, Model, Options};
 use crate::input::triple;
@@ -135,11 +136,11 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     let report = render(&study_report(&study, &now_utc())).map_err(|e| refuse(StudyError::Report(e)))?;
     let files = write_files(&study, &args.out, Some(&report)).map_err(refuse)?;
     if args.json {
-        println!("{:#}", summary_json(&study));
+        outln!("{:#}", summary_json(&study));
     } else {
-        println!("{}", summary_text(&study));
+        outln!("{}", summary_text(&study));
         for path in &files.paths {
-            println!("  {}", path.display());
+            outln!("  {}", path.display());
         }
     }
     Ok(if study.verdict.trusted {

@@ -15,6 +15,7 @@ mod exit;
 mod export;
 mod history;
 mod identify;
+mod out;
 mod person;
 mod plan;
 mod progress;
@@ -39,6 +40,7 @@ use tracing_subscriber::EnvFilter;
 
 pub use args::{Cli, Command, RunArgs};
 pub use exit::{CliError, Exit};
+use out::errln;
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
@@ -71,9 +73,17 @@ pub fn main() -> ExitCode {
         Some(Command::Soak(args)) => soak::run(&args),
     };
     match result {
+        Ok(_) if out::failure().is_some() => {
+            errln!(
+                "{}: stdout: {}",
+                console_name(),
+                out::failure().map_or_else(String::new, ToString::to_string)
+            );
+            Exit::Failed.into()
+        }
         Ok(exit) => exit.into(),
         Err(error) => {
-            eprintln!("{}: {error}", console_name());
+            errln!("{}: {error}", console_name());
             error.exit().into()
         }
     }

@@ -2,6 +2,7 @@
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::out::{out, outln};
 use super::text;
 use crate::job::JobError;
 
@@ -10,7 +11,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     let prepared = args.prepare()?;
     let json = serde_json::to_string_pretty(&prepared.plan).map_err(CliError::job)?;
     if args.json {
-        println!("{json}");
+        outln!("{json}");
         return Ok(Exit::Done);
     }
     let written = |source: std::io::Error| JobError::Write {
@@ -20,14 +21,14 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     std::fs::create_dir_all(&args.out).map_err(written)?;
     let path = args.out.join("plan.json");
     std::fs::write(&path, json + "\n").map_err(written)?;
-    print!("{}", text::plan(&prepared.plan));
+    out!("{}", text::plan(&prepared.plan));
     if let Some(wanted_mm) = prepared.config.plan.accuracy_mm {
-        println!(
+        outln!(
             "A mean error of {wanted_mm} mm takes {} poses.",
             prepared.plan.recorded()
         );
     }
-    println!(
+    outln!(
         "\nFiles:\n  {}\n\nNext: spherecal measure, or spherecal run for the whole job.",
         path.display()
     );

@@ -6,6 +6,7 @@ use spherecal_shared::robot::BUILT_IN;
 
 use super::args::{RobotAction, RobotArgs};
 use super::exit::{CliError, Exit};
+use super::out::outln;
 use crate::job::JobError;
 use crate::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_urdf};
 
@@ -14,7 +15,7 @@ pub(super) fn run(args: &RobotArgs) -> Result<Exit, CliError> {
     match &args.action {
         RobotAction::List { json } => list(*json),
         RobotAction::Show { robot, json: false } => show(&robots::load(robot)?),
-        RobotAction::Show { robot, json: true } => println!("{:#}", document(&robots::load(robot)?)),
+        RobotAction::Show { robot, json: true } => outln!("{:#}", document(&robots::load(robot)?)),
         RobotAction::Convert { robot, to } => convert(&robots::load(robot)?, to)?,
     }
     Ok(Exit::Done)
@@ -30,10 +31,10 @@ fn list(json: bool) {
             .iter()
             .map(|(name, joints)| serde_json::json!({ "name": name, "joints": joints }))
             .collect();
-        println!("{:#}", serde_json::json!({ "robots": robots }));
+        outln!("{:#}", serde_json::json!({ "robots": robots }));
     } else {
         for (name, joints) in robots {
-            println!("{name:10} {joints} joints");
+            outln!("{name:10} {joints} joints");
         }
     }
 }
@@ -49,18 +50,27 @@ fn document(model: &RobotModel) -> serde_json::Value {
 }
 
 fn show(model: &RobotModel) {
-    println!(
+    outln!(
         "{}, {} joints (modified DH, mm and degrees)\n",
         model.robot.name,
         model.robot.dof()
     );
-    println!(
+    outln!(
         "  {:>5} {:>9} {:>9} {:>9} {:>9} {:>9}   {:>17} {:>8} {:>7} {:>7}",
-        "joint", "alpha", "a", "beta", "theta", "d", "range", "deg/s", "N m", "kg"
+        "joint",
+        "alpha",
+        "a",
+        "beta",
+        "theta",
+        "d",
+        "range",
+        "deg/s",
+        "N m",
+        "kg"
     );
     for (joint, number) in model.robot.joints.iter().zip(1..) {
         let (r, l) = (&joint.mdh, &joint.limits);
-        println!(
+        outln!(
             "  {number:>5} {:9.3} {:9.3} {:9.3} {:9.3} {:9.3}   {:8.1} {:8.1} {:8.1} {:7.1} {:7.3}",
             r.alpha.to_degrees(),
             r.a * 1e3,
@@ -75,7 +85,7 @@ fn show(model: &RobotModel) {
         );
     }
     let [x, y, z] = model.tool.tcp_m.map(|m| m * 1e3);
-    println!(
+    outln!(
         "\n  tool: TCP ({x:.3}, {y:.3}, {z:.3}) mm in the flange frame, {:.3} kg",
         model.tool.body.mass_kg
     );
@@ -102,6 +112,6 @@ fn convert(model: &RobotModel, to: &Path) -> Result<(), CliError> {
         path: to.display().to_string(),
         source,
     })?;
-    println!("{}", to.display());
+    outln!("{}", to.display());
     Ok(())
 }

@@ -9,6 +9,7 @@ use std::io::Write;
 
 use super::args::{ControllerArgs, PlantArgs};
 use super::exit::{CliError, Exit};
+use super::out::errln;
 use crate::job;
 use crate::link::tcp::{DriveServer, TcpDrive, listen, station};
 use crate::link::{Cell, Drive, LinkError, controller_in_process};
@@ -29,12 +30,15 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
     let mut server = DriveServer::new(drive, args.real_time);
     loop {
         match server.serve(&listener) {
-            Ok(service) => eprintln!(
+            Ok(service) => errln!(
                 "a controller has gone after {} commands ({} missing, {} late, {} damaged frames)",
-                service.commands, service.missing, service.late, service.link.crc_errors
+                service.commands,
+                service.missing,
+                service.late,
+                service.link.crc_errors
             ),
             // One bad controller does not end the service of a drive that works.
-            Err(LinkError::Tcp(error)) if !args.once => eprintln!("spherecal plant: {error}"),
+            Err(LinkError::Tcp(error)) if !args.once => errln!("spherecal plant: {error}"),
             Err(error) => return Err(error.into()),
         }
         if args.once {
@@ -59,9 +63,12 @@ pub(super) fn controller(args: &ControllerArgs) -> Result<Exit, CliError> {
     ));
     let result = station::serve_hosts(&mut cell, &listener, args.once);
     let link = cell.drive_counters();
-    eprintln!(
+    errln!(
         "drive link: {} states, {} damaged, {} lost, {} repeated",
-        link.frames, link.crc_errors, link.lost, link.duplicates
+        link.frames,
+        link.crc_errors,
+        link.lost,
+        link.duplicates
     );
     result?;
     Ok(Exit::Done)

@@ -9,6 +9,7 @@ use clap_complete::Shell;
 
 use super::args::Cli;
 use super::exit::{CliError, Exit};
+use super::out::outln;
 use crate::job::JobError;
 
 /// Arguments of `completions`.
@@ -47,7 +48,7 @@ pub(super) fn man(args: &ManArgs) -> Result<Exit, CliError> {
     };
     std::fs::create_dir_all(folder).map_err(|source| unwritten(folder, source))?;
     clap_mangen::generate_to(Cli::command(), folder).map_err(|source| unwritten(folder, source))?;
-    println!("{}", folder.join("spherecal.1").display());
+    outln!("{}", folder.join("spherecal.1").display());
     Ok(Exit::Done)
 }
 

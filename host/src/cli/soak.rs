@@ -2,6 +2,7 @@
 
 use super::args::SoakArgs;
 use super::exit::{CliError, Exit};
+use super::out::{out, outln};
 use super::progress::ProgressView;
 use super::run::interrupt;
 use crate::job::{self, Link, Site, Soak};
@@ -40,9 +41,9 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
     view.finish();
     let soak = soak?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&soak).map_err(CliError::job)?);
+        outln!("{}", serde_json::to_string_pretty(&soak).map_err(CliError::job)?);
     } else {
-        print!("{}", table(&soak));
+        out!("{}", table(&soak));
     }
     Ok(if soak.complaints.is_empty() {
         Exit::Done

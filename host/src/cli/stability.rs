@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::args::StabilityArgs;
 use super::exit::{CliError, Exit};
+use super::out::{out, outln};
 use super::progress::ProgressView;
 use super::run::interrupt;
 use crate::hold::{Held, analyse};
@@ -72,13 +73,13 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
     files.put(&run.out, "stability.json", &format!("{document:#}\n"))?;
     files.put(&run.out, "stability.html", &page)?;
     if run.json {
-        println!("{document:#}");
+        outln!("{document:#}");
     } else {
         let said = [&[input.headline.sentence.clone()][..], &input.headline.reasons].concat();
-        print!("{}", text(&said.join("\n"), &holds));
-        println!("\nFiles:");
+        out!("{}", text(&said.join("\n"), &holds));
+        outln!("\nFiles:");
         for path in &files.paths {
-            println!("  {}", path.display());
+            outln!("  {}", path.display());
         }
     }
     Ok(if within { Exit::Done } else { Exit::NotTrusted })

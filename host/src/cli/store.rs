@@ -2,6 +2,7 @@
 
 use super::args::{StoreAction, StoreArgs};
 use super::exit::{CliError, Exit};
+use super::out::outln;
 use crate::job;
 use crate::store::{Store, StoreError, recover};
 
@@ -13,7 +14,7 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
             for info in store.runs()? {
                 // Reads everything, and holds it against its digests.
                 let measured = job::read(&mut store, &info)?;
-                println!(
+                outln!(
                     "run {}: {}, {} of {} poses recorded",
                     info.run,
                     info.state,
@@ -21,22 +22,22 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
                     measured.plan.recorded()
                 );
             }
-            println!("{}: is whole", database.display());
+            outln!("{}: is whole", database.display());
             Ok(Exit::Done)
         }
         StoreAction::Recover { damaged, new, json } => {
             let recovered = recover(damaged, new)?;
             let recordings = recovered.tables.get("recordings").copied().unwrap_or_default();
             if *json {
-                println!("{}", serde_json::to_string_pretty(&recovered).map_err(CliError::job)?);
+                outln!("{}", serde_json::to_string_pretty(&recovered).map_err(CliError::job)?);
             } else {
                 for (table, saved) in &recovered.tables {
-                    println!("  {table:18} {:8} rows saved {:8} lost", saved.read, saved.lost);
+                    outln!("  {table:18} {:8} rows saved {:8} lost", saved.read, saved.lost);
                 }
                 for (run, sphere, pose) in &recovered.recordings_left_out {
-                    println!("  left out, for it is not what was written: run {run}, sphere {sphere}, pose {pose}");
+                    outln!("  left out, for it is not what was written: run {run}, sphere {sphere}, pose {pose}");
                 }
-                println!(
+                outln!(
                     "{}: {} recordings; {} is as it was. What is missing is recorded by `spherecal run --resume` on a \
                      folder with the new file as calibration.db",
                     new.display(),

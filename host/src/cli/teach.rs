@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::out::{errln, outln};
 use super::person::Person;
 use super::progress::ProgressView;
 use super::run::interrupt;
@@ -17,7 +18,7 @@ use crate::plan::Chain;
 impl Operator for Person {
     fn lead(&mut self, sphere: u32) {
         while self.entered() {}
-        eprintln!("Lead the nest to some 50 mm over sphere {sphere}, opening downwards, and press Enter.");
+        errln!("Lead the nest to some 50 mm over sphere {sphere}, opening downwards, and press Enter.");
     }
 
     fn is_there(&mut self) -> bool {
@@ -25,7 +26,7 @@ impl Operator for Person {
     }
 
     fn let_go(&mut self) {
-        eprintln!("The arm holds: let go.");
+        errln!("The arm holds: let go.");
     }
 }
 
@@ -49,7 +50,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     taught.write(&path)?;
     if args.json {
         let document = serde_json::json!({"command": "teach", "file": path, "waypoints": taught});
-        println!("{document:#}");
+        outln!("{document:#}");
         return Ok(Exit::Done);
     }
     let chain = Chain::new(&prepared.robot, &prepared.tool)?;
@@ -66,12 +67,12 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
             .copied()
             .unwrap_or_default();
         let [x, y, z] = [0, 1, 2].map(|k| (at[k] - nominal[k]) * 1e3);
-        println!(
+        outln!(
             "sphere {}: taught at ({x:.1}, {y:.1}, {z:.1}) mm from its nominal centre",
             waypoint.sphere
         );
     }
-    println!(
+    outln!(
         "\nNext: spherecal run --waypoints {} --out {}",
         path.display(),
         args.out.display()

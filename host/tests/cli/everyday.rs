@@ -1,7 +1,7 @@
 //! What shells, manuals and troubled users get from the program.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use serde_json::Value;
 
@@ -230,5 +230,76 @@ fn nothing_is_coloured_without_a_terminal() {
         for stream in [output.stdout, output.stderr] {
             assert!(!text(&stream).contains('\u{1b}'), "{arguments:?}: {}", text(&stream));
         }
+    }
+}
+
+// Fails if a command panics, complains or changes its exit code because the
+// reader of its output has seen enough (`| head -1`), or of its messages.
+#[test]
+fn readers_may_leave() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let without = |arguments: &[&str], stdout: bool, stderr: bool| {
+        let mut child = Command::new(PROGRAM)
+            .args(arguments)
+            .current_dir(folder)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        // Closed before anything is written, as a reader may be at worst.
+        if stdout {
+            drop(child.stdout.take());
+        }
+        if stderr {
+            drop(child.stderr.take());
+        }
+        let output = child.wait_with_output().expect("it ends");
+        (output.status.code(), text(&output.stderr))
+    };
+    let run = ["run", "--poses", "9", "--seed", "5", "--out", "o"];
+    let code = spherecal(folder, &run).status.code();
+    assert!(matches!(code, Some(0 | 3)), "{code:?}");
+    assert_eq!(without(&[&run[..], &["--json"]].concat(), true, false).0, code);
+    assert_eq!(without(&run, true, true).0, code);
+    for arguments in [
+        &["history", "--out", "o"][..],
+        &["history", "--out", "o", "--json"],
+        &["trend", "--out", "o"],
+        &["validate", "--out", "o"],
+        &["report", "--out", "o", "--json"],
+        &["export", "--csv", "--out", "o"],
+        &["store", "check", "o/calibration.db"],
+        &["plan", "--poses", "6", "--out", "p"],
+        &["config", "--print"],
+        &["doctor"],
+        &["robot", "list"],
+        &["robot", "show", "iiwa7", "--json"],
+        &["completions", "bash"],
+        &["man"],
+        &["--help"],
+    ] {
+        let code = spherecal(folder, arguments).status.code();
+        let (left, said) = without(arguments, true, false);
+        assert_eq!(left, code, "{arguments:?}: {said}");
+        assert!(
+            !said.contains("panicked") && !said.contains("pipe"),
+            "{arguments:?}: {said}"
+        );
+        assert_eq!(
+            without(arguments, true, true).0,
+            code,
+            "{arguments:?}, also without stderr"
+        );
+    }
+    // What cannot be written for another reason is not passed over.
+    if let Ok(full) = std::fs::File::options().write(true).open("/dev/full") {
+        let output = Command::new(PROGRAM)
+            .args(["robot", "list"])
+            .stdout(full)
+            .output()
+            .expect("the program starts");
+        assert_eq!(output.status.code(), Some(1));
+        assert!(text(&output.stderr).contains("stdout"), "{}", text(&output.stderr));
     }
 }

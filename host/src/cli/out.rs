@@ -1,0 +1,58 @@
+//! Words on stdout and stderr, for whoever still listens.
+//!
+//! A reader that has seen enough (`spherecal run --json | head -1`) closes the
+//! pipe. Then the rest goes nowhere and the command does what it has to do, and
+//! ends with its own exit code; nothing of it is said. Any other failure of
+//! stdout (a full disk) makes the command fail, at its end.
+
+use std::fmt::Arguments;
+use std::io::{Error, ErrorKind, Write as _};
+use std::sync::OnceLock;
+
+/// Why stdout takes nothing more.
+static CLOSED: OnceLock<Error> = OnceLock::new();
+
+/// Writes to stdout, until it takes nothing more.
+pub(super) fn write(words: Arguments<'_>) {
+    if CLOSED.get().is_some() {
+        return;
+    }
+    let mut out = std::io::stdout().lock();
+    if let Err(error) = out.write_fmt(words).and_then(|()| out.flush()) {
+        // The first reason counts.
+        let _ = CLOSED.set(error);
+    }
+}
+
+/// Writes to stderr, if anybody listens.
+pub(super) fn write_error(words: Arguments<'_>) {
+    let _ = std::io::stderr().lock().write_fmt(words);
+}
+
+/// Why what was printed is not where it should be; a reader that has gone is no reason.
+pub(super) fn failure() -> Option<&'static Error> {
+    CLOSED.get().filter(|error| error.kind() != ErrorKind::BrokenPipe)
+}
+
+/// `println!` that a reader may leave.
+macro_rules! outln {
+    () => { $crate::cli::out::write(format_args!("\n")) };
+    ($($words:tt)*) => { $crate::cli::out::write(format_args!("{}\n", format_args!($($words)*))) };
+}
+
+/// `print!` that a reader may leave.
+macro_rules! out {
+    ($($words:tt)*) => { $crate::cli::out::write(format_args!($($words)*)) };
+}
+
+/// `eprintln!` that a reader may leave.
+macro_rules! errln {
+    ($($words:tt)*) => { $crate::cli::out::write_error(format_args!("{}\n", format_args!($($words)*))) };
+}
+
+/// `eprint!` that a reader may leave.
+macro_rules! err {
+    ($($words:tt)*) => { $crate::cli::out::write_error(format_args!($($words)*)) };
+}
+
+pub(super) use {err, errln, out, outln};
