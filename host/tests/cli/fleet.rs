@@ -2,6 +2,7 @@
 //! and names it in `SPHERECAL_POSTGRES_URL`; without it these tests say so and
 //! are left out.
 
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
@@ -40,28 +41,23 @@ fn json(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or_else(|e| panic!("{e}: {said}"))
 }
 
-// Fails if robots that write to one database at once lose a recording, get one
-// of another, or a number of a run that is taken, or if PostgreSQL gives back
-// another bit than SQLite.
-#[test]
-fn three_robots_share_one_database() {
-    let Some(url) = url() else { return };
-    let folder = tempfile::tempdir().expect("a folder");
-    let folder = folder.path();
+/// Three robots at once, each of which writes to `store`, and what is then in
+/// the database at `url`; `cell` begins their arms' names.
+fn three_at_once(folder: &Path, cell: &str, store: &str, url: &str) {
     let seeds = ["11", "12", "13"];
     let robots: Vec<Child> = seeds
         .iter()
         .map(|seed| {
-            let (arm, out) = (format!("A-{seed}"), format!("pg{seed}"));
+            let (arm, out) = (format!("{cell}-{seed}"), format!("{cell}{seed}"));
             let arguments = [
-                "run", "--poses", "9", "--json", "--seed", seed, "--arm", &arm, "--store", &url, "--out", &out,
+                "run", "--poses", "9", "--json", "--seed", seed, "--arm", &arm, "--store", store, "--out", &out,
             ];
             start(folder, &arguments)
         })
         .collect();
     let summaries: Vec<Value> = robots.into_iter().map(|r| json(&ended(r))).collect();
 
-    let history = json(&ended(start(folder, &["history", "--json", "--store", &url])));
+    let history = json(&ended(start(folder, &["history", "--json", "--store", url])));
     let runs = history["runs"].as_array().expect("runs").clone();
     for (seed, summary) in seeds.iter().zip(&summaries) {
         assert_eq!(summary["poses"]["recorded"], 9, "seed {seed}");
@@ -84,12 +80,12 @@ fn three_robots_share_one_database() {
             "seed {seed}"
         );
         // What the database gives back is what a file of its own does.
-        let arm = format!("A-{seed}");
+        let arm = format!("{cell}-{seed}");
         let mine: Vec<&Value> = runs.iter().filter(|r| r["arm"] == arm.as_str()).collect();
         let run = mine.last().expect("the run")["run"].to_string();
         let (from_server, from_file) = (format!("t{seed}"), format!("own{seed}"));
         for arguments in [
-            vec!["export", "--csv", "--store", &url, "--run", &run, "--out", &from_server],
+            vec!["export", "--csv", "--store", url, "--run", &run, "--out", &from_server],
             vec!["export", "--csv", "--out", &from_file],
         ] {
             let output = ended(start(folder, &arguments));
@@ -106,6 +102,35 @@ fn three_robots_share_one_database() {
     let mut numbers: Vec<i64> = runs.iter().filter_map(|r| r["run"].as_i64()).collect();
     numbers.dedup();
     assert_eq!(numbers.len(), runs.len(), "{numbers:?}");
+}
+
+// Fails if robots that write to one database at once lose a recording, get one
+// of another, or a number of a run that is taken, or if PostgreSQL gives back
+// another bit than SQLite.
+#[test]
+fn three_robots_share_one_database() {
+    let Some(url) = url() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    three_at_once(folder.path(), "A", &url, &url);
+}
+
+// Fails if they do where one server has the database, and they reach it over gRPC.
+#[test]
+fn three_robots_share_one_service() {
+    let Some(url) = url() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let mut server = start(
+        folder,
+        &["serve", "--grpc", "0", "--service", "store,page", "--store", &url],
+    );
+    let mut line = String::new();
+    let mut output = BufReader::new(server.stdout.take().expect("piped"));
+    output.read_line(&mut line).expect("one line");
+    let peer = line.trim().trim_start_matches("services on ");
+    three_at_once(folder, "B", peer, &url);
+    let _ = server.kill();
+    let _ = server.wait();
 }
 
 // Fails if two calibrations of one arm are seen as drift, or if another arm
