@@ -11,6 +11,8 @@
 //! moving as fast as the straight line through all its runs will have moved by
 //! the limit since the last.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Robot;
@@ -18,6 +20,8 @@ use spherecal_shared::robot::Robot;
 use crate::identify::{Calibration, Pose};
 use crate::store::{Store, StoreError};
 
+/// How far an arm may move, in mm, before it is to be calibrated again, unless something else is said.
+pub const LIMIT_MM: f64 = 0.3;
 /// Name of a fingerprint among a run's results.
 pub const FINGERPRINT: &str = "fingerprint";
 /// Configurations of a fingerprint.
@@ -153,6 +157,15 @@ pub fn read(store: &mut Store, arm: &str) -> Result<Vec<Past>, StoreError> {
         });
     }
     Ok(past)
+}
+
+/// The past by arm, in the order of their names; each one's oldest first.
+pub fn by_arm(past: Vec<Past>) -> Vec<Vec<Past>> {
+    let mut arms: BTreeMap<(String, String), Vec<Past>> = BTreeMap::new();
+    for run in past {
+        arms.entry((run.robot.clone(), run.arm.clone())).or_default().push(run);
+    }
+    arms.into_values().collect()
 }
 
 /// One point of a trend.

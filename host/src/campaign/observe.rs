@@ -6,7 +6,7 @@ use spherecal_shared::protocol::host::{Event, Phase, Sample};
 use crate::link::Arrival;
 
 /// What the campaign is about.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
     /// Greeting and configuring.

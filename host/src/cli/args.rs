@@ -11,7 +11,7 @@ use super::identify::IdentifyArgs;
 use super::serve::ServeArgs;
 use super::shell::{CompletionsArgs, ManArgs};
 use crate::job::{self, Config, JobError, Link, Prepared, Waypoints};
-use crate::rpc::Peer;
+use crate::rpc::{GuardFiles, Peer};
 use crate::store::Place;
 use crate::worlds::World;
 
@@ -51,7 +51,10 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// The whole job: plan, measure, identify, validate, report.
-    #[command(after_help = "Example: spherecal run --seed 2 --poses 60 --out second-arm")]
+    #[command(
+        after_help = "Examples: spherecal run --seed 2 --poses 60 --out second-arm\n          \
+                            spherecal run --serve 7404      and look at http://127.0.0.1:7404/ meanwhile"
+    )]
     Run(RunArgs),
     /// Plan the poses and say what they cost; writes plan.json.
     #[command(
@@ -93,7 +96,8 @@ pub enum Command {
                             spherecal run --link controller:127.0.0.1:7402"
     )]
     Controller(ControllerArgs),
-    /// Offer robot, laser tracker and database as network services (gRPC, Figure 4 of the paper).
+    /// Offer robot, laser tracker and database as network services (gRPC, Figure 4 of the paper),
+    /// and a web page with the runs that go on and those of the past.
     #[command(after_help = "Example: spherecal serve --grpc 7403 --seed 2\n         \
                             spherecal run --link grpc:127.0.0.1:7403 --tracker grpc:127.0.0.1:7403 --store grpc:127.0.0.1:7403")]
     Serve(Box<ServeArgs>),
@@ -178,9 +182,44 @@ pub struct RunArgs {
     /// Show the run on the whole terminal: phase, force, joints, what is found so far.
     #[arg(long)]
     pub dashboard: bool,
+    /// Show the run on a web page here, as long as it goes on; a port alone is on this machine only, 0 takes any.
+    #[arg(long, value_name = "[HOST:]PORT")]
+    pub serve: Option<String>,
+    /// Protection of --serve.
+    #[command(flatten)]
+    pub protection: ProtectionArgs,
+    /// Show the run on the page of `spherecal serve` there: grpc:HOST:PORT or grpcs:HOST:PORT.
+    /// It is shown without this where --store or --link is such a server.
+    #[arg(long, value_name = "PEER", value_parser = peer)]
+    pub publish: Option<Peer>,
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Files that protect what listens beyond this machine.
+#[derive(Args, Clone, Debug, Default)]
+pub struct ProtectionArgs {
+    /// Certificate chain, PEM: clients then use grpcs, and browsers https.
+    #[arg(long, value_name = "FILE.pem")]
+    pub tls_cert: Option<PathBuf>,
+    /// Private key of the certificate, PEM.
+    #[arg(long, value_name = "FILE.pem")]
+    pub tls_key: Option<PathBuf>,
+    /// File with the token that clients must show (theirs is in SPHERECAL_TOKEN; the page asks for it).
+    #[arg(long, value_name = "FILE")]
+    pub token_file: Option<PathBuf>,
+}
+
+impl ProtectionArgs {
+    /// The files, as a server takes them.
+    pub fn files(&self) -> GuardFiles {
+        GuardFiles {
+            certificate: self.tls_cert.clone(),
+            key: self.tls_key.clone(),
+            token: self.token_file.clone(),
+        }
+    }
 }
 
 /// The configuration of a file, or the defaults, with a seed of its own.
@@ -241,6 +280,19 @@ impl RunArgs {
     /// The database.
     pub fn database(&self) -> Place {
         database(self.store.as_ref(), &self.out)
+    }
+
+    /// The server whose page shows the run.
+    pub fn shown_by(&self) -> Option<Peer> {
+        let store = match &self.store {
+            Some(Place::Service(peer)) => Some(peer),
+            _ => None,
+        };
+        let link = match &self.link {
+            Link::Grpc(peer) => Some(peer),
+            _ => None,
+        };
+        self.publish.as_ref().or(store).or(link).cloned()
     }
 }
 

@@ -12,11 +12,10 @@
 //! It draws on stderr's other screen and leaves the terminal as it was; keys
 //! are the terminal's own, so that Ctrl-C stops the run as ever.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::io::{IsTerminal as _, Stderr, stderr};
 use std::time::{Duration, Instant};
 
-use nalgebra::Vector3;
 use ratatui::Terminal;
 use ratatui::backend::CrosstermBackend;
 use ratatui::buffer::Buffer;
@@ -27,13 +26,13 @@ use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize as _};
 use ratatui::text::Line;
 use ratatui::widgets::{Block, Gauge, Paragraph, Sparkline, Widget};
-use spherecal_shared::protocol::host::{Event, Recording, Sample};
+use spherecal_shared::protocol::host::{Event, Sample};
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::progress::{phase_name, remaining, stage_name};
 use crate::campaign::{Observer, Progress};
 use crate::link::Arrival;
-use crate::robots::table_frames;
+use crate::live::Scatter;
 
 /// Time between two pictures.
 const PERIOD: Duration = Duration::from_millis(100);
@@ -45,46 +44,18 @@ const NOTES: usize = 6;
 /// What is on the screen.
 struct Screen {
     robot: Robot,
-    tool: Tool,
     trigger_n: f64,
     progress: Progress,
     wall_s: f64,
     sample: Option<Sample>,
     /// Newest last, in tenths of a newton.
     forces: VecDeque<u64>,
-    /// Where the nominal model puts the TCP of every recording, by visit: how
-    /// often the arm has touched, and the sphere.
-    seen: BTreeMap<(usize, u32), Vec<Vector3<f64>>>,
-    contacts: usize,
+    scatter: Scatter,
     notes: VecDeque<String>,
     coloured: bool,
 }
 
 impl Screen {
-    fn record(&mut self, recording: &Recording) {
-        let q: Vec<f64> = recording.q.iter().map(|s| s.mean).collect();
-        let rows: Vec<_> = self.robot.joints.iter().map(|j| j.mdh).collect();
-        if let Some(flange) = table_frames(&rows, &q).last() {
-            let tcp = flange.origin + flange.rotation * self.tool.tcp();
-            self.seen
-                .entry((self.contacts, recording.sphere))
-                .or_default()
-                .push(tcp);
-        }
-    }
-
-    /// By how much the nominal model misses that the TCP stood still on each
-    /// visit, root mean square, in mm: what is there to be identified.
-    fn residual_mm(&self) -> Option<f64> {
-        let (mut sum, mut count) = (0.0, 0usize);
-        for points in self.seen.values().filter(|points| points.len() > 1) {
-            let mean = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
-            sum += points.iter().map(|p| (p - mean).norm_squared()).sum::<f64>();
-            count += points.len() - 1;
-        }
-        (count > 0).then(|| (sum / count as f64).sqrt() * 1e3)
-    }
-
     fn style(&self, colour: Color) -> Style {
         if self.coloured {
             Style::new().fg(colour)
@@ -178,11 +149,12 @@ impl Widget for &Screen {
             .data(newest)
             .render(curve, buffer);
         let residual = self
+            .scatter
             .residual_mm()
             .map_or_else(|| "-".to_owned(), |mm| format!("{mm:.3} mm"));
         let mut lines = vec![Line::from(format!(
             " {} contacts, {} faults; the nominal model misses the spheres by {residual} (rms); {:.0} s of robot time, {:.0}x",
-            self.contacts,
+            self.scatter.contacts(),
             p.faults,
             p.device_s,
             if self.wall_s > 0.1 {
@@ -256,14 +228,12 @@ impl Dashboard {
 fn screen(robot: &Robot, tool: &Tool, trigger_n: f64) -> Screen {
     Screen {
         robot: robot.clone(),
-        tool: *tool,
         trigger_n,
         progress: Progress::default(),
         wall_s: 0.0,
         sample: None,
         forces: VecDeque::new(),
-        seen: BTreeMap::new(),
-        contacts: 0,
+        scatter: Scatter::new(robot, tool),
         notes: VecDeque::new(),
         coloured: std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty()),
     }
@@ -280,8 +250,8 @@ impl Observer for Dashboard {
     fn event(&mut self, _now_us: u64, arrival: &Arrival) {
         match &arrival.body {
             Event::Telemetry(samples) => self.screen.sample = samples.last().copied().or(self.screen.sample),
-            Event::Contact(_) => self.screen.contacts += 1,
-            Event::Recording(recording) => self.screen.record(recording),
+            Event::Contact(_) => self.screen.scatter.contact(),
+            Event::Recording(recording) => self.screen.scatter.record(recording),
             _ => {}
         }
     }
@@ -303,7 +273,7 @@ impl Observer for Dashboard {
 mod tests {
     use super::*;
     use ratatui::backend::TestBackend;
-    use spherecal_shared::protocol::host::{Phase, SignalStatistics};
+    use spherecal_shared::protocol::host::Phase;
     use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
     fn shown(screen: &Screen, width: u16, height: u16) -> String {
@@ -369,50 +339,5 @@ mod tests {
         empty.progress = Progress::default();
         empty.progress.force_n = f64::NAN;
         shown(&empty, 80, 24);
-    }
-
-    // Fails if the residual so far is not the scatter of the nominal TCP about
-    // each visit's own mean: two recordings 2 mm apart have 1.41 mm.
-    #[test]
-    fn the_residual_is_the_scatter_of_each_visit() {
-        let mut screen = busy();
-        let at = |q1: f64| {
-            let mut q: heapless::Vec<SignalStatistics, 8> = heapless::Vec::new();
-            for k in 0..7 {
-                let mean = [q1, 0.5, 0.0, -1.2, 0.0, 0.8, 0.0][k];
-                let signal = SignalStatistics {
-                    mean,
-                    ..SignalStatistics::default()
-                };
-                q.push(signal).expect("room");
-            }
-            Recording {
-                sphere: 1,
-                pose: 1,
-                start_us: 0,
-                end_us: 0,
-                count: 1,
-                gaps: 0,
-                q,
-                tau: heapless::Vec::new(),
-                tcp_spread_m: 0.0,
-                force_n: [0.0; 3],
-            }
-        };
-        screen.record(&at(0.0));
-        assert_eq!(screen.residual_mm(), None);
-        let radius = {
-            let points = screen.seen.values().next().expect("a visit");
-            points[0].xy().norm()
-        };
-        screen.record(&at(2e-3 / radius));
-        let residual = screen.residual_mm().expect("two recordings");
-        assert!((residual - 2f64.sqrt()).abs() < 1e-4, "{residual}");
-        // Another visit has a mean of its own.
-        screen.contacts = 1;
-        screen.record(&at(1.0));
-        screen.record(&at(1.0));
-        let residual = screen.residual_mm().expect("more");
-        assert!((residual - 1.0).abs() < 1e-4, "{residual}");
     }
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::exit::{CliError, Exit};
+use super::out::{out, outln};
 use crate::history::{self, Past, Trend};
 use crate::store::{Place, Store};
 
@@ -31,7 +32,7 @@ pub struct TrendArgs {
     #[command(flatten)]
     history: HistoryArgs,
     /// How far an arm may move, in mm, before it is to be calibrated again.
-    #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = positive)]
+    #[arg(long, value_name = "MM", default_value_t = history::LIMIT_MM, value_parser = positive)]
     limit_mm: f64,
 }
 
@@ -59,16 +60,25 @@ fn number(value: Option<f64>) -> String {
 pub(super) fn history(args: &HistoryArgs) -> Result<Exit, CliError> {
     let past = past(args)?;
     if args.json {
-        println!("{:#}", serde_json::json!({ "runs": past }));
+        outln!("{:#}", serde_json::json!({ "runs": past }));
         return Ok(Exit::Done);
     }
-    println!(
+    outln!(
         "{:>5}  {:20}  {:10}  {:12}  {:8}  {:>7}  {:>6}  {:>8}  {:>8}  {:>8}",
-        "run", "begun", "robot", "arm", "state", "trusted", "poses", "rms/mm", "before", "after/mm"
+        "run",
+        "begun",
+        "robot",
+        "arm",
+        "state",
+        "trusted",
+        "poses",
+        "rms/mm",
+        "before",
+        "after/mm"
     );
     for p in &past {
         let trusted = p.trusted.map_or("-", |t| if t { "yes" } else { "no" });
-        println!(
+        outln!(
             "{:>5}  {:20}  {:10}  {:12}  {:8}  {trusted:>7}  {:>6}  {:>8}  {:>8}  {:>8}",
             p.run,
             p.created_utc,
@@ -87,27 +97,17 @@ pub(super) fn history(args: &HistoryArgs) -> Result<Exit, CliError> {
 /// `spherecal trend`
 pub(super) fn trend(args: &TrendArgs) -> Result<Exit, CliError> {
     let past = past(&args.history)?;
-    let mut arms: Vec<(String, String)> = past.iter().map(|p| (p.robot.clone(), p.arm.clone())).collect();
-    arms.sort();
-    arms.dedup();
-    let trends: Vec<Trend> = arms
+    let trends: Vec<Trend> = history::by_arm(past)
         .iter()
-        .filter_map(|(robot, arm)| {
-            let own: Vec<Past> = past
-                .iter()
-                .filter(|p| p.robot == *robot && p.arm == *arm)
-                .cloned()
-                .collect();
-            history::trend(&own, args.limit_mm)
-        })
+        .filter_map(|own| history::trend(own, args.limit_mm))
         .collect();
     if args.history.json {
-        println!("{:#}", serde_json::json!({ "trends": trends }));
+        outln!("{:#}", serde_json::json!({ "trends": trends }));
     } else if trends.is_empty() {
-        println!("No trusted calibration is stored yet: run `spherecal run --arm NAME`.");
+        outln!("No trusted calibration is stored yet: run `spherecal run --arm NAME`.");
     } else {
         for trend in &trends {
-            print!("{}", text(trend));
+            out!("{}", text(trend));
         }
     }
     Ok(Exit::Done)

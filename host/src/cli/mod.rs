@@ -24,6 +24,7 @@ mod run;
 mod serve;
 mod servers;
 mod shell;
+mod shown;
 mod soak;
 mod stability;
 mod stages;

@@ -6,8 +6,10 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use spherecal_shared::protocol::host::Phase;
 
+use super::out::errln;
 use super::person::Person;
 use crate::campaign::{Moved, Observer, Progress, Stage};
+use crate::live::eta_s;
 
 /// How often a line is written where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -88,11 +90,9 @@ impl Default for ProgressView {
 
 /// Time to go, from the poses done in this session.
 pub(super) fn remaining(p: &Progress, wall_s: f64) -> String {
-    let done = p.done.saturating_sub(p.done_before);
-    if done < 3 {
+    let Some(left) = eta_s(p, wall_s) else {
         return "ETA -:--".to_owned();
-    }
-    let left = wall_s / done as f64 * p.poses.saturating_sub(p.done) as f64;
+    };
     let seconds = left.ceil() as u64;
     format!("ETA {}:{:02}", seconds / 60, seconds % 60)
 }
@@ -147,7 +147,7 @@ impl Observer for ProgressView {
             self.bar.set_message(self.message(p));
         } else if now - self.last_line >= LINE_EVERY {
             self.last_line = now;
-            eprintln!(
+            errln!(
                 "{}: pose {} of {}, {}",
                 stage_name(p.stage),
                 p.done,
@@ -165,7 +165,7 @@ impl Observer for ProgressView {
             self.asked = Some(place);
             while person.entered() {}
             self.bar.suspend(|| {
-                eprintln!(
+                errln!(
                     "The arm holds at home. Put the plate down in placement {} and press Enter.",
                     place + 1
                 );
@@ -179,7 +179,7 @@ impl Observer for ProgressView {
         if self.terminal {
             self.bar.println(text);
         } else {
-            eprintln!("{text}");
+            errln!("{text}");
         }
     }
 }

@@ -8,13 +8,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::args::RunArgs;
 use super::dashboard::Dashboard;
 use super::exit::{CliError, Exit};
+use super::out::{err, out, outln};
 use super::progress::ProgressView;
+use super::shown::Shown;
 use super::text;
 use crate::campaign::{Moved, Observer, Progress};
 use crate::history::{FINGERPRINT, Fingerprint};
 use crate::job::{self, JobError, Link, Measurements, Prepared, Site, Summary};
 use crate::link::Arrival;
 use crate::link::qemu::LOG_FILE;
+use crate::live::End;
 use crate::store::{Place, RunInfo, Store};
 use crate::telemetry::{Chronicle, Trace};
 
@@ -24,15 +27,15 @@ pub(super) struct Finished {
     pub(super) files: Vec<PathBuf>,
 }
 
-/// How progress is shown.
-enum View {
+/// How progress is shown to whoever started the run.
+enum Face {
     /// A bar or lines.
     Plain(ProgressView),
     /// The whole terminal.
     Whole(Box<Dashboard>),
 }
 
-impl View {
+impl Face {
     fn new(args: &RunArgs, prepared: &Prepared) -> Result<Self, CliError> {
         if !args.dashboard {
             return Ok(Self::Plain(ProgressView::new()));
@@ -60,42 +63,63 @@ impl View {
     }
 }
 
+/// All who watch a run: here, and from outside.
+struct View {
+    face: Face,
+    shown: Shown,
+}
+
 impl Observer for View {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
-        self.inner().event(now_us, arrival);
+        self.face.inner().event(now_us, arrival);
+        self.shown.event(now_us, arrival);
     }
 
     fn progress(&mut self, progress: &Progress) {
-        self.inner().progress(progress);
+        self.face.inner().progress(progress);
+        self.shown.progress(progress);
     }
 
     fn note(&mut self, text: &str) {
-        self.inner().note(text);
+        self.face.inner().note(text);
+        self.shown.note(text);
     }
 
     fn plate(&mut self, place: u32) -> Moved {
-        self.inner().plate(place)
+        self.face.inner().plate(place)
     }
 }
 
 /// Runs the whole job.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
-    let (mut store, info) = measure(args)?;
-    let finished = evaluate(&args.out, &mut store, &info)?;
-    store.set_state(info.run, "complete")?;
+    let (mut store, info, mut shown) = measure(args)?;
+    shown.remark("measured to its end: now the robot is identified");
+    let finished = evaluate(&args.out, &mut store, &info).and_then(|finished| {
+        store.set_state(info.run, "complete")?;
+        Ok(finished)
+    });
+    let end = |trusted, text| End {
+        run: Some(info.run),
+        trusted,
+        text,
+    };
+    shown.end(&match &finished {
+        Ok(finished) => end(Some(finished.summary.verdict.trusted), text::verdict(&finished.summary)),
+        Err(error) => end(None, error.to_string()),
+    });
     drop(store);
-    print(&finished, args.json)
+    print(&finished?, args.json)
 }
 
 /// Prints a result, as JSON or for people.
 pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
     if json {
-        println!(
+        outln!(
             "{}",
             serde_json::to_string_pretty(&finished.summary).map_err(CliError::job)?
         );
     } else {
-        print!("{}", text::result(&finished.summary, &finished.files));
+        out!("{}", text::result(&finished.summary, &finished.files));
     }
     Ok(if finished.summary.verdict.trusted {
         Exit::Done
@@ -104,8 +128,9 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
     })
 }
 
-/// Plans and measures, or goes on with the last run.
-pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
+/// Plans and measures, or goes on with the last run. Those who see it from
+/// outside still do.
+pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo, Shown), CliError> {
     let interrupt = interrupt()?;
     let (mut store, prepared, resume) = if args.resume {
         resumed(args)?
@@ -118,15 +143,19 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
         Place::File(path) => Some(Store::claim(&path)?),
         Place::Postgres(_) | Place::Service(_) => None,
     };
+    let mut shown = Shown::default();
     if resume.as_ref().is_none_or(|info| info.state == "running") {
         if !args.json {
-            eprint!("{}", text::plan(&prepared.plan));
+            err!("{}", text::plan(&prepared.plan));
         }
         let about = BTreeMap::from([
             ("robot".to_owned(), prepared.robot.name.to_string()),
             ("link".to_owned(), args.link.to_string()),
         ]);
-        let view = View::new(args, &prepared)?;
+        let view = View {
+            face: Face::new(args, &prepared)?,
+            shown: Shown::start(args, &prepared)?,
+        };
         let mut view = Chronicle::new(view, &args.out, prepared.robot.dof(), &about);
         let site = Site {
             link: &args.link,
@@ -137,26 +166,41 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo), CliError> {
             interrupt: &interrupt,
         };
         let measured = job::measure(&prepared, site, resume.as_ref());
-        let (mut view, _, mut traces) = view.finish();
-        view.finish();
-        // Also of a session that was stopped: the run may go on with --resume.
-        if let Some(info) = store.last_run()? {
-            let mut all = contact_traces(&mut store, info.run)?;
-            // A run that was repeated from its start has all of them again.
-            let again = |old: &Trace| {
-                traces
-                    .iter()
-                    .any(|new| (new.sphere, new.trigger_s) == (old.sphere, old.trigger_s))
-            };
-            all.retain(|trace| !again(trace));
-            all.append(&mut traces);
-            let json = serde_json::to_string(&all).map_err(CliError::job)?;
-            store.put_result(info.run, CONTACT_TRACES, &json)?;
+        let (view, _, traces) = view.finish();
+        let View { mut face, shown: seen } = view;
+        face.finish();
+        if let Err(error) = measured {
+            seen.end(&End {
+                run: None,
+                trusted: None,
+                text: error.to_string(),
+            });
+            keep_traces(&mut store, traces)?;
+            return Err(error.into());
         }
-        measured?;
+        shown = seen;
+        keep_traces(&mut store, traces)?;
     }
     let info = store.require_last_run()?;
-    Ok((store, info))
+    Ok((store, info, shown))
+}
+
+/// Stores the force traces of a session's contacts, also of one that was
+/// stopped: the run may go on with --resume.
+fn keep_traces(store: &mut Store, mut traces: Vec<Trace>) -> Result<(), CliError> {
+    if let Some(info) = store.last_run()? {
+        let mut all = job::contact_traces(store, info.run)?;
+        // A run that was repeated from its start has all of them again.
+        let again = |old: &Trace| {
+            traces
+                .iter()
+                .any(|new| (new.sphere, new.trigger_s) == (old.sphere, old.trigger_s))
+        };
+        all.retain(|trace| !again(trace));
+        all.append(&mut traces);
+        job::put_contact_traces(store, info.run, &all)?;
+    }
+    Ok(())
 }
 
 fn resumed(args: &RunArgs) -> Result<(Store, Prepared, Option<RunInfo>), CliError> {
@@ -183,7 +227,7 @@ pub(super) fn evaluate(out: &std::path::Path, store: &mut Store, info: &RunInfo)
     let measurements: Measurements = job::read(store, info)?;
     let evaluation = job::evaluate(&measurements)?;
     let summary = job::summarise(&measurements, &evaluation)?;
-    let traces = contact_traces(store, info.run)?;
+    let traces = job::contact_traces(store, info.run)?;
     let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;
     let json = serde_json::to_string(&summary).map_err(CliError::job)?;
     store.put_result(info.run, "summary", &json)?;
@@ -198,17 +242,6 @@ pub(super) fn evaluate(out: &std::path::Path, store: &mut Store, info: &RunInfo)
     }
     files.retain(|file| file.exists());
     Ok(Finished { summary, files })
-}
-
-/// Name of the contacts' force traces among a run's results.
-const CONTACT_TRACES: &str = "contact_traces";
-
-/// The force traces of a run's contacts that are stored; none where there are none.
-pub(super) fn contact_traces(store: &mut Store, run: i64) -> Result<Vec<Trace>, CliError> {
-    let stored = store.result(run, CONTACT_TRACES)?;
-    Ok(stored
-        .and_then(|json| serde_json::from_str(&json).ok())
-        .unwrap_or_default())
 }
 
 /// Ctrl-C asks to stop; a second one does not wait.

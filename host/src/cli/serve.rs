@@ -1,4 +1,5 @@
-//! `spherecal serve`: robot, laser tracker and database as network services.
+//! `spherecal serve`: robot, laser tracker and database as network services, and
+//! the web page.
 //!
 //! It prints one line on stdout as soon as it listens, with the address, so
 //! that a script can wait for it; everything else goes to stderr. Ctrl-C ends it.
@@ -11,12 +12,15 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 
+use super::args::ProtectionArgs;
 use super::exit::{CliError, Exit};
+use super::out::errln;
 use super::run::interrupt;
 use crate::job::{self, Config, Link, Prepared};
 use crate::link::LinkError;
-use crate::rpc::{GuardFiles, Offer, RobotFacts, Server};
+use crate::rpc::{Offer, RobotFacts, Server};
 use crate::store::{Place, Store};
+use crate::web::Page;
 
 /// What may be served.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -27,6 +31,8 @@ pub enum Service {
     Tracker,
     /// `CalibrationStore`.
     Store,
+    /// The web page, and `LiveView`; past calibrations are on it where the store is served.
+    Page,
 }
 
 /// Arguments of `serve`.
@@ -35,7 +41,7 @@ pub struct ServeArgs {
     /// Where clients connect; a port alone is on this machine only, 0 takes any.
     #[arg(long, value_name = "[HOST:]PORT", default_value = "7403")]
     pub grpc: String,
-    /// What is served: robot, tracker, store; all of them if nothing is said.
+    /// What is served: robot, tracker, store, page; all of them if nothing is said.
     #[arg(long, value_name = "SERVICE", value_delimiter = ',')]
     pub service: Vec<Service>,
     /// What stands behind the robot: sim, qemu, tcp:HOST:PORT or controller:HOST:PORT.
@@ -54,15 +60,8 @@ pub struct ServeArgs {
     /// Configuration of the run, for the same arm and plate.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
-    /// Certificate chain, PEM: clients then use grpcs.
-    #[arg(long, value_name = "FILE.pem")]
-    pub tls_cert: Option<PathBuf>,
-    /// Private key of the certificate, PEM.
-    #[arg(long, value_name = "FILE.pem")]
-    pub tls_key: Option<PathBuf>,
-    /// File with the token that clients must show (theirs is in SPHERECAL_TOKEN).
-    #[arg(long, value_name = "FILE")]
-    pub token_file: Option<PathBuf>,
+    #[command(flatten)]
+    pub protection: ProtectionArgs,
 }
 
 impl ServeArgs {
@@ -115,17 +114,22 @@ pub(super) fn run(args: &ServeArgs) -> Result<Exit, CliError> {
         let store = Store::at(args.store.as_ref().unwrap_or(&file), true)?;
         offer.store = Some(Arc::new(Mutex::new(store)));
     }
-    let files = GuardFiles {
-        certificate: args.tls_cert.clone(),
-        key: args.tls_key.clone(),
-        token: args.token_file.clone(),
-    };
-    let server = Server::start(&args.grpc, &files, offer)?;
+    if args.serves(Service::Page) {
+        let page = Page {
+            store: offer.store.clone(),
+            ..Page::default()
+        };
+        offer.page = Some((page, true));
+    }
+    let server = Server::start(&args.grpc, &args.protection.files(), offer)?;
     let scheme = if server.is_encrypted() { "grpcs" } else { "grpc" };
     let mut out = std::io::stdout().lock();
     // A reader that has gone does not matter to a server.
     let _ = writeln!(out, "services on {scheme}:{}", server.address()).and_then(|()| out.flush());
     drop(out);
+    if args.serves(Service::Page) {
+        errln!("page on {}", server.page_url());
+    }
     while !interrupted.load(Ordering::Relaxed) {
         std::thread::sleep(Duration::from_millis(50));
     }

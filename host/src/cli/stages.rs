@@ -2,23 +2,30 @@
 
 use super::args::{ConfigArgs, RunArgs, StoredArgs};
 use super::exit::{CliError, Exit};
+use super::out::{out, outln};
 use super::run::{self, evaluate, print};
 use super::text;
 use crate::job::Config;
+use crate::live::End;
 use crate::store::{RunInfo, Store};
 
 /// `spherecal measure`
 pub(super) fn measure(args: &RunArgs) -> Result<Exit, CliError> {
-    let (mut store, info) = run::measure(args)?;
+    let (mut store, info, shown) = run::measure(args)?;
     let recorded = store.recordings(info.run)?.len();
+    shown.end(&End {
+        run: Some(info.run),
+        trusted: None,
+        text: format!("Measured: {recorded} recordings. Nothing is identified yet."),
+    });
     if args.json {
         let document = serde_json::json!({
             "command": "measure", "run": info.run, "seed": info.seed, "robot": info.robot.name.as_str(),
             "recorded": recorded, "database": store.path(),
         });
-        println!("{document:#}");
+        outln!("{document:#}");
     } else {
-        println!(
+        outln!(
             "{recorded} recordings of run {} are in {}\n\nNext: spherecal report --out {}",
             info.run,
             store.path().display(),
@@ -42,7 +49,7 @@ pub(super) fn validate(args: &StoredArgs) -> Result<Exit, CliError> {
             info.run
         )));
     }
-    print!("{table}");
+    out!("{table}");
     Ok(if finished.summary.verdict.trusted {
         Exit::Done
     } else {
@@ -65,9 +72,9 @@ pub(super) fn config(args: &ConfigArgs) -> Result<Exit, CliError> {
     };
     config.check()?;
     if args.print {
-        print!("{}", config.to_documented_toml()?);
+        out!("{}", config.to_documented_toml()?);
     } else {
-        println!("The configuration is good; --print shows it.");
+        outln!("The configuration is good; --print shows it.");
     }
     Ok(Exit::Done)
 }

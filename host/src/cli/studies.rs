@@ -2,7 +2,7 @@
 
 use super::args::{ReproduceArgs, WorldsArgs};
 use super::exit::{CliError, Exit};
-use super::run::contact_traces;
+use super::out::{errln, out, outln};
 use crate::job;
 use crate::reproduce::{Recordings, reproduce as study};
 use crate::store::Store;
@@ -18,7 +18,7 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
         given => given,
     };
     let recordings = if let Some(world) = world {
-        eprintln!(
+        errln!(
             "recordings: a synthetic robot of world {world} ({}), seed {}",
             world.about(),
             args.seed
@@ -27,9 +27,9 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
     } else {
         let mut store = Store::open(&database)?;
         let info = store.require_last_run()?;
-        eprintln!("recordings: run {} in {}", info.run, database.display());
+        errln!("recordings: run {} in {}", info.run, database.display());
         let mut recordings = Recordings::from(&job::read(&mut store, &info)?);
-        if let Some(trace) = contact_traces(&mut store, info.run)?.first() {
+        if let Some(trace) = job::contact_traces(&mut store, info.run)?.first() {
             let since = |&(time_s, force_n): &(f64, f64)| (time_s - trace.trigger_s, force_n);
             recordings.contact_force = trace.samples.iter().map(since).collect();
         }
@@ -43,11 +43,11 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
     let done = study(&recordings).map_err(CliError::job)?;
     let files = done.write(&args.out).map_err(CliError::job)?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&done).map_err(CliError::job)?);
+        outln!("{}", serde_json::to_string_pretty(&done).map_err(CliError::job)?);
     } else {
-        print!("{done}\nFiles:\n");
+        out!("{done}\nFiles:\n");
         for file in files {
-            println!("  {}", file.display());
+            outln!("  {}", file.display());
         }
     }
     Ok(Exit::Done)
@@ -85,9 +85,9 @@ pub(super) fn worlds(args: &WorldsArgs) -> Result<Exit, CliError> {
 /// A table for people or for programs.
 fn print(table: &(impl std::fmt::Display + serde::Serialize), json: bool) -> Result<Exit, CliError> {
     if json {
-        println!("{}", serde_json::to_string_pretty(table).map_err(CliError::job)?);
+        outln!("{}", serde_json::to_string_pretty(table).map_err(CliError::job)?);
     } else {
-        print!("{table}");
+        out!("{table}");
     }
     Ok(Exit::Done)
 }

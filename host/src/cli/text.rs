@@ -108,7 +108,7 @@ fn row(title: &str, m: &ModelSummary) -> String {
     )
 }
 
-fn verdict(summary: &Summary) -> String {
+pub(super) fn verdict(summary: &Summary) -> String {
     let v = &summary.verdict;
     let mut out = match (v.trusted, v.improvement) {
         (true, Some(share)) => format!(

@@ -84,21 +84,41 @@ impl Guard {
     pub fn is_encrypted(&self) -> bool {
         self.tls.is_some()
     }
+
+    /// Whether clients must show a token.
+    pub fn wants_token(&self) -> bool {
+        self.token.is_some()
+    }
+
+    /// Whether this is the token.
+    pub fn takes_token(&self, shown: &str) -> bool {
+        // Digests are compared, so that the time it takes tells nothing of the token.
+        self.token == Some(digest(shown.as_bytes()))
+    }
+
+    /// What a browser that has shown the token shows from then on: it opens the
+    /// page and no service, and the token cannot be told from it.
+    pub fn pass(&self) -> Option<String> {
+        let token = self.token?;
+        let pass = digest(&[b"spherecal page ".as_slice(), &token].concat());
+        Some(pass.iter().map(|byte| format!("{byte:02x}")).collect())
+    }
+
+    /// Whether this is the pass.
+    pub fn takes_pass(&self, shown: &str) -> bool {
+        self.pass()
+            .is_some_and(|pass| digest(pass.as_bytes()) == digest(shown.as_bytes()))
+    }
 }
 
 impl Interceptor for Guard {
     fn call(&mut self, request: Request<()>) -> Result<Request<()>, Status> {
-        let Some(expected) = &self.token else {
-            return Ok(request);
-        };
         let shown = request
             .metadata()
             .get("authorization")
             .and_then(|value| value.to_str().ok())
-            .and_then(|value| value.strip_prefix("Bearer "))
-            .map(|token| digest(token.as_bytes()));
-        // Digests are compared, so that the time it takes tells nothing of the token.
-        if shown.as_ref() == Some(expected) {
+            .and_then(|value| value.strip_prefix("Bearer "));
+        if !self.wants_token() || shown.is_some_and(|token| self.takes_token(token)) {
             Ok(request)
         } else {
             Err(Status::unauthenticated("this server wants a bearer token"))
@@ -294,6 +314,12 @@ mod tests {
         assert!(!with(Some(token.to_owned())));
         assert!(!with(Some(format!("Bearer {token}0"))));
         assert!(!with(Some("Bearer ".to_owned())));
+        // A browser's pass is not the token, and opens no service.
+        let pass = guard.pass().expect("a token");
+        assert!(guard.takes_pass(&pass) && !guard.takes_token(&pass) && !guard.takes_pass(token));
+        assert!(guard.call(Request::new(())).is_err());
+        assert_eq!(Guard::default().pass(), None);
+        assert!(!Guard::default().takes_pass(""));
     }
 
     // Fails if a peer is misread.

@@ -4,7 +4,8 @@
 //! ```text
 //!                       ┌─ RobotController ── controller ── drive
 //!   campaign ── gRPC ───┼─ LaserTracker ───── tracker
-//!   (spherecal run)     └─ CalibrationStore ─ SQLite or PostgreSQL
+//!   (spherecal run)     ├─ CalibrationStore ─ SQLite or PostgreSQL
+//!                       └─ LiveView ───────── the web page, on the same port
 //!                             (spherecal serve)
 //! ```
 //!
@@ -24,6 +25,7 @@ mod convert;
 mod device;
 mod error;
 mod guard;
+mod live;
 mod operate;
 mod robot;
 mod server;
@@ -34,6 +36,7 @@ mod tracker;
 pub use device::RemoteRobot;
 pub use error::RpcError;
 pub use guard::{Guard, GuardFiles, Peer};
+pub use live::Publisher;
 pub use robot::{DeviceFactory, RobotFacts};
 pub use server::{Offer, Server};
 pub use tracker::RemoteTracker;

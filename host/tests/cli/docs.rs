@@ -7,7 +7,7 @@ use clap::Parser as _;
 use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
 use spherecal::cli::Cli;
 
-fn root() -> PathBuf {
+pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
@@ -43,6 +43,30 @@ fn read(page: &Path) -> (Vec<String>, Vec<String>) {
         }
     }
     (links, code)
+}
+
+/// The code blocks of a page whose language is `kind`: all that stands beside
+/// it at the block's head, and the text.
+pub(crate) fn blocks(page: &Path, kind: &str) -> Vec<(String, String)> {
+    let text = std::fs::read_to_string(page).expect("a page");
+    let (mut blocks, mut block) = (Vec::new(), None);
+    for event in Parser::new(&text) {
+        match event {
+            Event::Start(Tag::CodeBlock(CodeBlockKind::Fenced(head)))
+                if head.split_whitespace().next() == Some(kind) =>
+            {
+                block = Some((head.to_string(), String::new()));
+            }
+            Event::Text(words) => {
+                if let Some((_, text)) = &mut block {
+                    text.push_str(&words);
+                }
+            }
+            Event::End(TagEnd::CodeBlock) => blocks.extend(block.take()),
+            _ => {}
+        }
+    }
+    blocks
 }
 
 /// The name that a heading's anchor has in mdBook and on GitHub.

@@ -13,7 +13,7 @@ use spherecal::robots::{self, RobotModel};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
 
-fn python() -> Option<String> {
+pub(crate) fn python() -> Option<String> {
     let python = std::env::var("SPHERECAL_FIELD_PYTHON").ok();
     if python.is_none() {
         assert!(
@@ -30,7 +30,7 @@ fn root() -> PathBuf {
 }
 
 /// Runs one of the scripts; its last line is JSON.
-fn check(python: &str, script: &str, arguments: &[&Path]) -> Value {
+pub(crate) fn check(python: &str, script: &str, arguments: &[&Path]) -> Value {
     let output = Command::new(python)
         .arg(root().join(script))
         .args(arguments)
@@ -177,7 +177,7 @@ fn urdfs_are_the_same_robot_for_another_parser() {
 }
 
 /// A user's table: what a tracker saw of an arm that is not built as drawn.
-fn table(nominal: &RobotModel) -> String {
+pub(crate) fn table(nominal: &RobotModel) -> String {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(5);
     let mut real = nominal.clone();
     for joint in real.robot.joints.iter_mut().skip(1) {

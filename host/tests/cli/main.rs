@@ -7,5 +7,6 @@ mod field;
 mod fleet;
 mod kills;
 mod main_job;
+mod page;
 mod processes;
 mod services;

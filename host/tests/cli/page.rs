@@ -1,0 +1,362 @@
+//! The web page, as a browser and as those who must not look in meet it.
+
+use std::io::{BufRead, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::field::{check, python};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+
+fn start(folder: &Path, arguments: &[&str]) -> Child {
+    Command::new(PROGRAM)
+        .args(arguments)
+        .current_dir(folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts")
+}
+
+/// `spherecal serve`, ended with the test.
+struct Server {
+    child: Child,
+    /// `HOST:PORT`
+    address: String,
+}
+
+impl Server {
+    fn start(folder: &Path, arguments: &[&str]) -> Self {
+        let mut child = start(folder, &[&["serve"], arguments].concat());
+        let mut line = String::new();
+        let mut output = BufReader::new(child.stdout.take().expect("piped"));
+        output.read_line(&mut line).expect("one line");
+        let address = line.trim().rsplit_once("grpc").map(|(_, rest)| rest);
+        let address = address.and_then(|rest| rest.split_once(':')).expect(&line).1.to_owned();
+        Self { child, address }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn spherecal(folder: &Path, arguments: &[&str]) -> Value {
+    let output = start(folder, arguments).wait_with_output().expect("it ends");
+    let said = String::from_utf8_lossy(&output.stderr);
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|e| panic!("{arguments:?}: {e}: {said}"))
+}
+
+/// Sends a request, `HEADERS` each with its line's end; the answer's status, and all of it.
+fn http(address: &str, line: &str, headers: &str) -> (u16, String) {
+    let mut socket = TcpStream::connect(address).expect("connects");
+    socket
+        .set_read_timeout(Some(Duration::from_mins(1)))
+        .expect("a time limit");
+    let host = if headers.contains("Host:") {
+        String::new()
+    } else {
+        format!("Host: {address}\r\n")
+    };
+    write!(socket, "{line} HTTP/1.1\r\n{host}{headers}Connection: close\r\n\r\n").expect("sent");
+    let mut answer = Vec::new();
+    let _ = socket.read_to_end(&mut answer);
+    let answer = String::from_utf8_lossy(&answer).into_owned();
+    let status = answer.get(9..12).and_then(|s| s.parse().ok()).unwrap_or_default();
+    (status, answer)
+}
+
+// Fails if the page of a run lacks a file, if its stream is without the scene,
+// frames, a contact or the end, if the arm stands still in it, or if the run
+// waits for a browser that takes nothing.
+#[test]
+fn a_run_serves_its_own_page() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut run = start(
+        folder.path(),
+        &["run", "--poses", "9", "--json", "--serve", "0", "--out", "o"],
+    );
+    let mut said = BufReader::new(run.stderr.take().expect("piped"));
+    let mut line = String::new();
+    while !line.contains("page on http://") {
+        line.clear();
+        assert!(said.read_line(&mut line).expect("a line") > 0, "no page is named");
+    }
+    let address = line
+        .trim()
+        .rsplit("//")
+        .next()
+        .expect("an address")
+        .trim_end_matches('/')
+        .to_owned();
+    // One that asks for everything and takes nothing.
+    let mut idle = TcpStream::connect(&address).expect("connects");
+    write!(idle, "GET /api/live HTTP/1.1\r\nHost: {address}\r\n\r\n").expect("sent");
+    let live = {
+        let address = address.clone();
+        std::thread::spawn(move || http(&address, "GET /api/live", "").1)
+    };
+    for (path, words) in [
+        ("/", "<title>spherecal"),
+        ("/page.js", "EventSource"),
+        ("/arm.js", "chain"),
+        ("/plots.js", "plot"),
+        ("/past.js", "history"),
+        ("/page.css", "--ink"),
+        ("/icon.svg", "<svg"),
+        ("/api/history", "\"arms\""),
+    ] {
+        let (status, answer) = http(&address, &format!("GET {path}"), "");
+        assert_eq!(status, 200, "{path}: {answer}");
+        assert!(answer.contains(words), "{path}: {answer}");
+        assert!(
+            path.starts_with("/api") || answer.contains("default-src 'none'"),
+            "{path}"
+        );
+        for elsewhere in ["http://", "https://"] {
+            let text = answer.replace("http://www.w3.org/2000/svg", "");
+            assert!(!text.contains(elsewhere), "{path} names {elsewhere}");
+        }
+    }
+    assert_eq!(http(&address, "GET /report/99", "").0, 404);
+    assert_eq!(http(&address, "GET /nothing", "").0, 404);
+    let live = live.join().expect("no panic");
+    let rest = std::thread::spawn(move || {
+        let mut rest = String::new();
+        let _ = said.read_to_string(&mut rest);
+        rest
+    });
+    let output = run.wait_with_output().expect("it ends");
+    let rest = rest.join().expect("no panic");
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{rest}");
+    let summary: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    drop(idle);
+
+    let messages: Vec<Value> = live
+        .lines()
+        .filter_map(|l| serde_json::from_str(l.strip_prefix("data: ")?).ok())
+        .collect();
+    let of = |kind: &str| {
+        messages
+            .iter()
+            .filter_map(|m| m["message"].get(kind))
+            .collect::<Vec<_>>()
+    };
+    let scene = of("scene");
+    assert_eq!(scene[0]["robot"], "iiwa7", "{live}");
+    assert_eq!(scene[0]["joints"].as_array().map(Vec::len), Some(7));
+    assert!(
+        scene[0]["sites"].as_array().is_some_and(|s| s.len() >= 3),
+        "{}",
+        scene[0]
+    );
+    let frames = of("frame");
+    assert!(frames.len() > 5, "{}", frames.len());
+    let angles: Vec<f64> = frames.iter().filter_map(|f| f["q"][0].as_f64()).collect();
+    let (low, high) = angles
+        .iter()
+        .fold((9.0f64, -9.0f64), |(l, h), q| (l.min(*q), h.max(*q)));
+    assert!(high - low > 0.05, "joint 1 went from {low} to {high}");
+    let touches = of("touch");
+    assert!(!touches.is_empty());
+    assert!(
+        touches[0]["samples"].as_array().is_some_and(|s| s.len() > 100),
+        "{}",
+        touches[0]
+    );
+    let last = frames.last().expect("a frame");
+    assert_eq!(last["done"], 9, "{last}");
+    assert_eq!(of("end").len(), 1);
+    assert_eq!(of("end")[0]["trusted"], summary["verdict"]["trusted"]);
+}
+
+// Fails if the page is opened without the token where there is one, by a name
+// that another site can point here where there is none, or if a service answers
+// what a browser can send.
+#[test]
+fn the_page_is_guarded() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let refused = start(folder, &["run", "--poses", "6", "--serve", "0.0.0.0:0", "--out", "o"]);
+    let output = refused.wait_with_output().expect("it ends");
+    assert_eq!(output.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("TLS is missing"), "{said}");
+
+    let open = Server::start(folder, &["--grpc", "0", "--service", "store,page"]);
+    assert_eq!(http(&open.address, "GET /api/history", "").0, 200);
+    let port = open.address.rsplit(':').next().expect("a port");
+    for name in ["evil.example", "10.1.2.3", ""] {
+        let header = format!("Host: {name}:{port}\r\n");
+        for path in ["/", "/api/history", "/page.js"] {
+            assert_eq!(
+                http(&open.address, &format!("GET {path}"), &header).0,
+                421,
+                "{name}{path}"
+            );
+        }
+    }
+    let service = "POST /spherecal.v1.CalibrationStore/ListRuns";
+    assert_eq!(http(&open.address, service, "Content-Length: 0\r\n").0, 404);
+
+    let token = "5c".repeat(16);
+    std::fs::write(folder.join("token"), &token).expect("written");
+    let closed = Server::start(
+        folder,
+        &["--grpc", "0", "--service", "store,page", "--token-file", "token"],
+    );
+    let ask = |line: &str, headers: &str| http(&closed.address, line, headers);
+    for path in ["/", "/api/history", "/api/live", "/report/1"] {
+        let (status, answer) = ask(&format!("GET {path}"), "");
+        assert_eq!(status, 401, "{path}: {answer}");
+        assert!(!answer.contains("\"arms\""), "{path}: {answer}");
+    }
+    let bearer = |token: &str| format!("Authorization: Bearer {token}\r\n");
+    assert_eq!(ask("GET /api/history", &bearer(&token)).0, 200);
+    assert_eq!(ask("GET /api/history", &bearer(&"0".repeat(32))).0, 401);
+    assert_eq!(ask("POST /login", &bearer(&"0".repeat(32))).0, 401);
+    assert_eq!(ask("POST /login", "").0, 401);
+    let (status, answer) = ask("POST /login", &bearer(&token));
+    assert_eq!(status, 204, "{answer}");
+    let cookie = answer
+        .lines()
+        .find_map(|l| l.strip_prefix("set-cookie: "))
+        .expect("a cookie");
+    assert!(
+        cookie.contains("HttpOnly") && cookie.contains("SameSite=Strict"),
+        "{cookie}"
+    );
+    assert!(!cookie.contains(&token));
+    let pass = cookie.split(';').next().expect("a value");
+    assert_eq!(ask("GET /api/history", &format!("Cookie: a=b; {pass}\r\n")).0, 200);
+    assert_eq!(ask("GET /api/history", "Cookie: spherecal_pass=\r\n").0, 401);
+}
+
+// Fails if, in a browser, the arm does not move while the run does, or stands
+// elsewhere than the controller computes; if force, contact, progress or the
+// end are not shown; if past runs are not listed or their report does not open;
+// if there is an error, a request to another host, a part wider than the page,
+// an element without a name, or text that is hard to read.
+#[test]
+fn a_run_is_watched_in_a_browser() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    for _ in 0..2 {
+        let arguments = [
+            "run", "--poses", "30", "--seed", "5", "--arm", "A-17", "--json", "--out", "cell",
+        ];
+        assert_eq!(spherecal(folder, &arguments)["poses"]["recorded"], 30);
+    }
+    let server = Server::start(folder, &["--grpc", "0", "--service", "store,page", "--out", "cell"]);
+    let (url, peer) = (
+        format!("http://{}/", server.address),
+        format!("grpc:{}", server.address),
+    );
+    // The second time on a telephone.
+    for (round, width) in ["1400", "390"].into_iter().enumerate() {
+        let shots = std::env::var_os("SPHERECAL_SHOTS").map_or_else(|| folder.to_owned(), Into::into);
+        let (shots, out) = (shots.join(width), folder.join(width));
+        let command = [
+            "run", "--poses", "30", "--seed", "6", "--arm", "A-17", "--store", &peer, "--out",
+        ];
+        let arguments: Vec<&Path> = [Path::new(&url), &shots, Path::new(width), Path::new(PROGRAM)]
+            .into_iter()
+            .chain(command.iter().map(Path::new))
+            .chain([out.as_path()])
+            .collect();
+        let found = check(&python, "tests/python/check_live.py", &arguments);
+        let number = |name: &str| found[name].as_f64().unwrap_or_else(|| panic!("{name}: {found}"));
+        assert_eq!(found["requests"], json!([]), "{found}");
+        assert_eq!(found["errors"], json!([]), "{found}");
+        assert!(matches!(found["exit"].as_i64(), Some(0 | 3)), "{found}");
+        assert!(number("frames") > 20.0, "{found}");
+        assert!(number("moved_rad") > 0.3 && number("shown_rad") > 0.3, "{found}");
+        // The controller tells its own in single precision.
+        assert!(number("tcp_off_mm") < 2e-3, "{found}");
+        assert!(number("points") > 100.0 && number("touch") > 100.0, "{found}");
+        assert!(number("residual") > 0.05, "{found}");
+        for list in ["done", "words", "phases"] {
+            assert!(found[list].as_array().is_some_and(|l| l.len() >= 4), "{list}: {found}");
+        }
+        for canvas in ["arm", "curve", "contact"] {
+            assert!(found["painted"][canvas].as_f64().is_some_and(|n| n > 10.0), "{found}");
+        }
+        assert!(
+            found["end"].as_str().is_some_and(|t| t.contains("calibration")),
+            "{found}"
+        );
+        assert_eq!(
+            (number("arms_before"), number("rows_before")),
+            (1.0, 2.0 + round as f64),
+            "{found}"
+        );
+        assert_eq!(number("rows_after"), 3.0 + round as f64, "{found}");
+        assert!(
+            found["arm_words"]
+                .as_str()
+                .is_some_and(|t| t.contains("iiwa7 A-17") && t.contains("Next calibration due")),
+            "{found}"
+        );
+        assert!(found["report"].to_string().contains("Accuracy"), "{found}");
+        assert_eq!(found["too_wide"], 0, "{width}: {found}");
+        assert_eq!(found["nameless"], json!([]), "{found}");
+        for scheme in ["contrast_light", "contrast_dark"] {
+            assert!(number(scheme) > 4.5, "{scheme}: {found}");
+        }
+    }
+}
+
+// Fails if a browser beyond loopback looks in without the token, or cannot with it.
+#[test]
+fn a_browser_is_let_in_by_the_token() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let names = vec!["localhost".to_owned(), "127.0.0.1".to_owned()];
+    let signed = rcgen::generate_simple_self_signed(names).expect("a certificate");
+    let token = "7f".repeat(16);
+    std::fs::write(folder.join("cert.pem"), signed.cert.pem()).expect("written");
+    std::fs::write(folder.join("key.pem"), signed.signing_key.serialize_pem()).expect("written");
+    std::fs::write(folder.join("token"), &token).expect("written");
+    let server = Server::start(
+        folder,
+        &[
+            "--grpc",
+            "0.0.0.0:0",
+            "--service",
+            "store,page",
+            "--tls-cert",
+            "cert.pem",
+            "--tls-key",
+            "key.pem",
+            "--token-file",
+            "token",
+        ],
+    );
+    let port = server.address.rsplit(':').next().expect("a port");
+    let url = format!("https://127.0.0.1:{port}/");
+    let found = check(
+        &python,
+        "tests/python/check_live.py",
+        &[Path::new("--login"), Path::new(&url), Path::new(&token)],
+    );
+    assert_eq!(found["first"], 401, "{found}");
+    assert_eq!(found["history"], 401, "{found}");
+    assert_eq!(found["wrong"], "spherecal: token", "{found}");
+    assert!(
+        found["right"]
+            .as_str()
+            .is_some_and(|t| t.starts_with("spherecal") && !t.contains("token")),
+        "{found}"
+    );
+    assert_eq!(found["inside"], 200, "{found}");
+    assert_eq!(found["secrets"], "", "{found}");
+}
