@@ -8,5 +8,6 @@ mod fleet;
 mod kills;
 mod main_job;
 mod page;
+mod paths;
 mod processes;
 mod services;

@@ -1,0 +1,166 @@
+//! New users' ways, as the documentation tells them: its pages' own commands,
+//! run one after the other in an empty folder.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use rand::{RngExt as _, SeedableRng as _};
+use spherecal::robots::{self, RobotModel};
+
+use crate::docs::{blocks, root};
+use crate::field::table;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+
+/// The commands of a page's console blocks, in order, without the program's name.
+fn commands(page: &str) -> Vec<Vec<String>> {
+    blocks(&root().join(page), "console")
+        .iter()
+        .flat_map(|(_, block)| block.lines().map(str::to_owned).collect::<Vec<_>>())
+        .filter_map(|line| {
+            let words = shlex::split(line.strip_prefix("$ ")?.split(" #").next()?)?;
+            let (program, rest) = words.split_first()?;
+            (program == "spherecal").then(|| rest.to_vec())
+        })
+        .collect()
+}
+
+fn spherecal(folder: &Path, arguments: &[String]) -> Output {
+    Command::new(PROGRAM)
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Files that a page's table names in its first column.
+fn promised(page: &str) -> Vec<String> {
+    let page = std::fs::read_to_string(root().join(page)).expect("a page");
+    page.lines()
+        .filter_map(|line| line.strip_prefix("| `")?.split('|').next())
+        .flat_map(|cell| cell.split('`').map(str::to_owned).collect::<Vec<_>>())
+        .filter(|word| word.contains('.') && !word.contains(' '))
+        .collect()
+}
+
+// Fails if a command of the quick start does not do its work in an empty
+// folder, or does not leave the files that the page promises; if the report
+// does not say in words whether the robot is better; or if the calibrated robot
+// cannot be loaded.
+#[test]
+fn the_quick_start_leads_from_nothing_to_a_report() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let commands = commands("docs/quick-start.md");
+    assert!(commands.len() >= 6, "{commands:?}");
+    assert!(commands.contains(&Vec::new()), "the main job is shown");
+    for arguments in &commands {
+        let output = spherecal(folder, arguments);
+        // The doctor may find something missing: that is his work.
+        let doctor = arguments.first().is_some_and(|word| word == "doctor");
+        assert!(
+            output.status.success() || (doctor && output.status.code() == Some(1)),
+            "{arguments:?}: {:?}: {}",
+            output.status,
+            text(&output.stderr)
+        );
+        assert!(!output.stdout.is_empty(), "{arguments:?} says nothing");
+    }
+    let files = promised("docs/quick-start.md");
+    assert!(files.len() >= 7, "{files:?}");
+    for file in files {
+        let path = folder.join("spherecal-out").join(&file);
+        assert!(path.metadata().is_ok_and(|m| m.len() > 100), "{file} is not there");
+    }
+    let report = std::fs::read_to_string(folder.join("spherecal-out/report.html")).expect("a report");
+    assert!(report.contains("May be used"), "the default run is good");
+    let urdf = folder.join("spherecal-out/calibrated.urdf");
+    assert_eq!(
+        robots::load(&urdf.display().to_string()).expect("a robot").robot.dof(),
+        7
+    );
+}
+
+/// Mean distance (mm) of two models' TCPs at drawn configurations, both in the robot's base.
+fn apart_mm(a: &RobotModel, b: &RobotModel) -> f64 {
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(8);
+    let tcp = |model: &RobotModel, q: &[f64]| {
+        let flange = model.flange_at(q);
+        flange.origin + flange.rotation * nalgebra::Vector3::from(model.tool.tcp_m)
+    };
+    let sum: f64 = (0..100)
+        .map(|_| {
+            let joints = a.robot.joints.iter();
+            let q: Vec<f64> = joints
+                .map(|j| 0.5 * random.random_range(j.limits.min_rad..j.limits.max_rad).clamp(-3.0, 3.0))
+                .collect();
+            1e3 * (tcp(a, &q) - tcp(b, &q)).norm()
+        })
+        .sum();
+    sum / 100.0
+}
+
+/// What a user brings, and what the page's commands make of it.
+fn own_arm(urdf: &str, contacts: Option<&str>, wanted: usize) {
+    let page = "docs/your-robot.md";
+    let data = root().join("tests/data");
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    std::fs::copy(data.join(urdf), folder.join("my_arm.urdf")).expect("copied");
+    let nominal = robots::load(&folder.join("my_arm.urdf").display().to_string()).expect("a robot");
+    std::fs::write(folder.join("poses.csv"), table(&nominal)).expect("written");
+    if let Some(contacts) = contacts {
+        std::fs::copy(data.join(contacts), folder.join("contacts.csv")).expect("copied");
+    }
+    for (kind, block) in blocks(&root().join(page), "toml") {
+        if let Some(name) = kind.split_whitespace().nth(1) {
+            std::fs::write(folder.join(name), block).expect("written");
+        }
+    }
+    let mut done = 0;
+    for arguments in commands(page) {
+        let out = arguments.iter().skip_while(|word| *word != "--out").nth(1);
+        let (Some(out), true) = (out, arguments.first().is_some_and(|word| word == "identify")) else {
+            continue;
+        };
+        if arguments.iter().any(|word| word == "contacts.csv") && contacts.is_none() {
+            continue;
+        }
+        let output = spherecal(folder, &arguments);
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", text(&output.stderr));
+        let calibrated = folder.join(out).join("calibrated.urdf");
+        let urdf = robots::load(&calibrated.display().to_string()).expect("a URDF");
+        let table = robots::load(&folder.join(out).join("calibrated.toml").display().to_string()).expect("TOML");
+        let mut exact = nominal.clone();
+        exact.robot = table.robot;
+        exact.tool = urdf.tool;
+        assert!(apart_mm(&urdf, &exact) < 1e-6, "the URDF is not the calibrated table");
+        exact.tool = nominal.tool;
+        assert!(
+            apart_mm(&nominal, &exact) > 0.05,
+            "{arguments:?}: nothing was calibrated"
+        );
+        let report = std::fs::read_to_string(folder.join(out).join("report.html")).expect("a report");
+        assert!(report.contains("May be used"), "{arguments:?}");
+        done += 1;
+    }
+    assert_eq!(done, wanted, "commands of {page}");
+}
+
+// Fails if an owner of a seven-axis arm, with its URDF, points of a tracker and
+// real contacts with two sockets, does not get a calibrated URDF and a report
+// by the commands and the files that the page shows.
+#[test]
+fn a_seven_axis_arm_is_calibrated_from_its_owners_tables() {
+    own_arm("iiwa14.urdf", Some("mukca_iiwa14.csv"), 2);
+}
+
+// Fails if an owner of a six-axis arm does not.
+#[test]
+fn a_six_axis_arm_is_calibrated_from_its_owners_table() {
+    own_arm("irb120.urdf", None, 1);
+}
