@@ -37,20 +37,25 @@ pub enum JobError {
     /// The plant was refused.
     #[error(transparent)]
     Plant(#[from] PlantError),
+    /// The plate stands where the arm cannot work, and a place where it can.
+    #[error(
+        "{source}. At this place the arm reaches all of it; write into the configuration (--config):\n\n\
+         [plant.plate]\norigin_m = {origin_m:?}\nrpy_rad = {rpy_rad:?}\n"
+    )]
+    PlateOutOfReach {
+        /// What is out of reach.
+        source: PlanError,
+        /// Place of sphere 1 in F0, in m.
+        origin_m: [f64; 3],
+        /// Roll, pitch and yaw of the plate in F0, in rad.
+        rpy_rad: [f64; 3],
+    },
     /// The link was refused or failed.
     #[error(transparent)]
     Link(#[from] LinkError),
     /// The controller in QEMU cannot be used.
     #[error(transparent)]
     Qemu(#[from] QemuError),
-    /// A link that cannot be used here.
-    #[error("link \"{link}\": {remedy}")]
-    NoLink {
-        /// As given.
-        link: String,
-        /// What to give instead.
-        remedy: String,
-    },
     /// The campaign stopped.
     #[error(transparent)]
     Campaign(#[from] CampaignError),
@@ -125,15 +130,15 @@ impl JobError {
             Self::Config(_)
             | Self::Robot(_)
             | Self::Plan(_)
+            | Self::PlateOutOfReach { .. }
             | Self::NoPose { .. }
             | Self::Plant(_)
-            | Self::NoLink { .. }
             | Self::Resume { .. }
             | Self::Waypoints { .. }
             | Self::LaserPlan(_) => true,
             Self::Store(e) => e.is_input(),
             Self::Rpc(e) => e.is_input(),
-            Self::Link(LinkError::Joints { .. })
+            Self::Link(LinkError::Joints { .. } | LinkError::Serial { .. } | LinkError::Baud { .. })
             | Self::Qemu(QemuError::NoQemu | QemuError::NoImage { .. } | QemuError::LogPath { .. }) => true,
             Self::Link(_)
             | Self::Qemu(_)

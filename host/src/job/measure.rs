@@ -16,7 +16,7 @@ use crate::campaign::{self, Assignment, Observer, Outcome};
 use crate::link::qemu::{Qemu, QemuOptions};
 use crate::link::tcp::{Remote, TcpDrive, Threaded, check_limits};
 use crate::link::{
-    Cell, Controller, Device, Drive, Injected, LinkError, LossyDevice, controller_in_process, simulated_arm,
+    Cell, Controller, Device, Drive, Injected, LinkError, LossyDevice, Serial, controller_in_process, simulated_arm,
 };
 use crate::plan::Plan;
 use crate::rpc::{Peer, RemoteRobot, RemoteTracker};
@@ -30,7 +30,7 @@ pub enum Link {
     Sim,
     /// The controller on a Cortex-M7 in QEMU, the plant in this process.
     Qemu,
-    /// A controller board on a serial device.
+    /// A controller board on a serial device: `DEVICE` or `DEVICE@BAUD`.
     Serial(String),
     /// The controller in this process, an external simulator or the gateway of
     /// a real robot behind the drive link.
@@ -196,7 +196,7 @@ fn repeats(link: &Link) -> bool {
 
 /// Whether the plant is in this process, and its tracker with it.
 fn simulated_plant(link: &Link) -> bool {
-    !matches!(link, Link::Tcp(_) | Link::Controller(_) | Link::Grpc(_))
+    matches!(link, Link::Sim | Link::Qemu)
 }
 
 /// What the two ends of the host link counted in a session.
@@ -263,7 +263,8 @@ fn good_device(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dy
 pub(super) fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device>>, JobError> {
     let joints = prepared.robot.dof();
     match link {
-        Link::Sim | Link::Qemu | Link::Serial(_) => Ok(None),
+        Link::Sim | Link::Qemu => Ok(None),
+        Link::Serial(device) => Ok(Some(Box::new(Serial::open(device)?))),
         Link::Tcp(address) => {
             let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
             check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
@@ -286,12 +287,7 @@ pub(super) fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn
 pub(super) fn controller(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Controller>, JobError> {
     match link {
         Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(folder))?)),
-        Link::Serial(_) => Err(JobError::NoLink {
-            link: link.to_string(),
-            remedy: "this build has no such transport yet: use sim, qemu, tcp:HOST:PORT or controller:HOST:PORT"
-                .to_owned(),
-        }),
-        Link::Sim | Link::Tcp(_) | Link::Controller(_) | Link::Grpc(_) => {
+        Link::Sim | Link::Serial(_) | Link::Tcp(_) | Link::Controller(_) | Link::Grpc(_) => {
             Ok(controller_in_process(prepared.robot.dof())?)
         }
     }

@@ -7,7 +7,7 @@ use super::{Config, JobError};
 use crate::campaign::{Stop, Tour, TourPose};
 use crate::identify::Sphere;
 use crate::link::{Drive, simulated_arm};
-use crate::plan::{self, Chain, Plan, PlatePose};
+use crate::plan::{self, Chain, Plan, PlanError, PlatePose};
 use crate::plant::{PlacementConfig, PlantConfig};
 use crate::robots::{self, RobotModel};
 
@@ -41,7 +41,8 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         plant,
         cell,
     } = known(config)?;
-    let mut plan = config.plan.make(&cell, &config.identify)?;
+    let made = config.plan.make(&cell, &config.identify);
+    let mut plan = made.map_err(|error| with_a_place(error, &cell, config))?;
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
     }
@@ -56,6 +57,30 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         plan,
         plant,
     })
+}
+
+/// A plate that is out of reach, with a place where it would not be.
+fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobError {
+    if !matches!(source, PlanError::SphereOutOfReach { .. }) {
+        return source.into();
+    }
+    let found = Chain::new(&cell.robot, &cell.tool)
+        .ok()
+        .and_then(|chain| plan::suggest(cell, &chain, &config.plan.rules));
+    let Some(plate) = found else {
+        return source.into();
+    };
+    let [roll, pitch, yaw] = plate.rotation().euler_angles().into();
+    // The configuration speaks of sphere 1, the plan of the centroid.
+    let first = cell.spheres.first();
+    let origin = first.map_or(plate.centre_m.into(), |sphere| cell.sphere_in_base(&plate, sphere));
+    let short = |value: f64| (value * 1e3).round() / 1e3;
+    JobError::PlateOutOfReach {
+        source,
+        origin_m: origin.map(short).into(),
+        // + 0: no sign of a zero.
+        rpy_rad: [roll, pitch, yaw].map(|angle| (angle * 1e6).round() / 1e6 + 0.0),
+    }
 }
 
 /// What is known without a plan.
@@ -74,7 +99,7 @@ fn known(config: &Config) -> Result<Known, JobError> {
     }
     let tool = model.tool_in_table();
     let plant = config.plant()?;
-    let cell = plan::Cell {
+    let mut cell = plan::Cell {
         robot: model.robot.clone(),
         tool,
         spheres: certificate(&plant),
@@ -82,6 +107,9 @@ fn known(config: &Config) -> Result<Known, JobError> {
         approach_height_m: config.plan.approach_height_m,
         ..plan::Cell::iiwa7()
     };
+    if cell.robot != plan::Cell::iiwa7().robot {
+        cell.tool_yaw_rad = None;
+    }
     Ok(Known {
         model,
         tool,
@@ -103,7 +131,8 @@ pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
         cell,
     } = known(config)?;
     let chain = Chain::new(&model.robot, &tool)?;
-    let home = plan::home(&cell, &chain, &config.plan.rules)?;
+    let home = plan::home(&cell, &chain, &config.plan.rules);
+    let home = home.map_err(|error| with_a_place(error, &cell, config))?;
     Ok(simulated_arm(&model.robot, &tool, &plant, &home.joints)?)
 }
 

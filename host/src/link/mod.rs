@@ -15,7 +15,7 @@
 //! |---|---|---|
 //! | `sim` | [`InProcess`] | [`SimulatedArm`] |
 //! | `qemu` | [`Qemu`](qemu::Qemu) | [`SimulatedArm`] |
-//! | `serial:` | behind bytes | [`SimulatedArm`] or a gateway |
+//! | `serial:` | a board ([`Serial`]) | its own |
 //! | `tcp:` | [`InProcess`] | [`TcpDrive`](tcp::TcpDrive) |
 //! | `controller:` | another process ([`Remote`](tcp::Remote)) | its own |
 //! | `grpc:` | a service ([`RemoteRobot`](crate::rpc::RemoteRobot)) | its own |
@@ -31,6 +31,7 @@ mod in_process;
 mod led;
 mod lossy;
 pub mod qemu;
+mod serial;
 mod simulated;
 pub mod tcp;
 
@@ -42,6 +43,7 @@ pub use endpoint::{Arrival, HostEndpoint, Timing};
 pub use in_process::{InProcess, controller_in_process};
 pub use led::{OperatorCall, led_arm};
 pub use lossy::{Injected, Lossy, LossyDevice, LossyError};
+pub use serial::Serial;
 pub use simulated::{SimulatedArm, SimulatedArmError, simulated_arm};
 
 /// Why a link failed for good. What can be repaired (lost, damaged, repeated
@@ -96,6 +98,27 @@ pub enum LinkError {
     /// A robot behind gRPC failed.
     #[error(transparent)]
     Rpc(#[from] crate::rpc::RpcError),
+    /// A serial device cannot be opened.
+    #[error(
+        "{link} cannot be opened: {source}; {found}. Name the board's device, and be of the group that may \
+         open it (`spherecal doctor` tells)"
+    )]
+    Serial {
+        /// Which link.
+        link: String,
+        /// What the system said.
+        source: std::io::Error,
+        /// Which devices there are.
+        found: String,
+    },
+    /// A rate that is none.
+    #[error(
+        "{link}: what follows the @ is no rate in bits per second: give serial:DEVICE or, say, serial:DEVICE@921600"
+    )]
+    Baud {
+        /// Which link.
+        link: String,
+    },
     /// A transport failed.
     #[error("{link}: {source}: check the connection and start again with --resume")]
     Transport {

@@ -12,6 +12,8 @@
 //! [`design`] is the default: the poses that leave the least TCP error.
 //! [`paper_plan`] is the paper's grid, [`spread_plan`] a thinned one.
 //!
+//! Where the plate stands out of reach, [`suggest`] finds a better place.
+//!
 //! Nothing here knows the plant: plans are made from the nominal robot and the
 //! nominal places of the spheres; the operator's error comes in by [`teach`].
 
@@ -27,6 +29,7 @@ mod ik;
 mod optimal;
 mod order;
 mod path;
+mod place;
 mod teach;
 #[cfg(test)]
 mod test_support;
@@ -43,5 +46,6 @@ pub use grid::{Grid, GridPose};
 pub use ik::IK_TOLERANCE;
 pub use order::{move_size, order};
 pub use path::{Obstacle, Rules};
+pub use place::suggest;
 pub use teach::teach;
 pub use types::{Accuracy, Plan, PosePlan, Rejection, SpherePlan, Waypoint};

@@ -112,6 +112,27 @@ fn no_flipped_bit_changes_a_recording_in_silence() {
     assert!(refused > 50, "only {refused} of 400 were seen");
 }
 
+// Fails if a column's type that is no text is handed to the driver, whose thread
+// then ends and leaves the reader waiting for ever; or if such a file cannot be
+// recovered whole.
+#[test]
+fn a_schema_that_is_no_text_is_seen_and_saved() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, recordings) = database(folder.path());
+    let mut bytes = std::fs::read(&path).expect("read");
+    let types: Vec<usize> = (0..bytes.len() - 8)
+        .filter(|i| &bytes[*i..i + 7] == b"DOUBLE ")
+        .collect();
+    assert!(!types.is_empty(), "the schema has columns of this type");
+    for at in types {
+        bytes[at] = 0xff;
+    }
+    std::fs::write(&path, &bytes).expect("written");
+    let refusal = Store::open(&path).map(drop).expect_err("refused");
+    assert!(matches!(refusal, StoreError::Damaged { .. }), "{refusal}");
+    assert_eq!(recovered(&path, &recordings).0, recordings.len());
+}
+
 /// What is recovered: a subset of what was stored, bit by bit.
 fn recovered(damaged: &Path, recordings: &[Recording]) -> (usize, Recovered) {
     let before = std::fs::read(damaged).expect("read");

@@ -245,6 +245,16 @@ async fn make(path: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
+/// Whether names and types of tables and columns are text. SQLite does not mind
+/// if they are not; the driver does, and never comes back from the first query.
+pub(super) async fn names_are_text(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    let rows: Vec<Vec<u8>> =
+        sqlx::query_scalar("SELECT CAST(name || tbl_name || COALESCE(sql, '') AS BLOB) AS words FROM sqlite_master")
+            .fetch_all(connection)
+            .await?;
+    Ok(rows.iter().all(|words| std::str::from_utf8(words).is_ok()))
+}
+
 /// Brings an older file to this program's schema.
 async fn bring_file_forward(path: &Path) -> Result<(), sqlx::Error> {
     let mut connection = SqliteConnectOptions::new()
@@ -328,6 +338,7 @@ async fn check(path: &Path) -> Result<i64, StoreError> {
         .fetch_one(&mut connection)
         .await
         .map_err(damaged)?;
+    let words = names_are_text(&mut connection).await.map_err(damaged)?;
     // Closing can fail only in ways that do not matter to a reader.
     let _ = connection.close().await;
     if owner != APPLICATION_ID {
@@ -337,6 +348,12 @@ async fn check(path: &Path) -> Result<i64, StoreError> {
         return Err(StoreError::Damaged {
             path: path.to_owned(),
             what: good,
+        });
+    }
+    if !words {
+        return Err(StoreError::Damaged {
+            path: path.to_owned(),
+            what: "the list of its tables is no text".to_owned(),
         });
     }
     if version < 1 {

@@ -18,6 +18,7 @@ use sqlx::{
 };
 
 use super::digest::{self, recording_subject};
+use super::open::names_are_text;
 use super::{Store, StoreError};
 
 /// Tables, those that others refer to first.
@@ -188,7 +189,7 @@ impl Drop for Workshop {
 }
 
 /// Opens a copy that may be shorter than its header says, and sees whether it
-/// knows its tables.
+/// knows its tables by names that are text.
 async fn open_copy(copy: &Path) -> Result<SqliteConnection, sqlx::Error> {
     let mut connection = SqliteConnectOptions::new()
         .filename(copy)
@@ -200,7 +201,7 @@ async fn open_copy(copy: &Path) -> Result<SqliteConnection, sqlx::Error> {
     )
     .fetch_one(&mut connection)
     .await?;
-    if known == 3 {
+    if known == 3 && names_are_text(&mut connection).await? {
         Ok(connection)
     } else {
         Err(sqlx::Error::RowNotFound)

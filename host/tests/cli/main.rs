@@ -1,6 +1,7 @@
 //! The program as its users run it: commands, processes, services, and what
 //! others read of its files.
 
+mod arms;
 mod docs;
 mod everyday;
 mod field;

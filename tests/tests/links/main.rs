@@ -7,4 +7,5 @@ mod handshake;
 mod lossy_link;
 mod mujoco_drive;
 mod no_std_tree;
+mod serial_link;
 mod tcp_link;
