@@ -379,7 +379,7 @@ fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
     let mut rows = Vec::with_capacity(fit.prepared.len());
     let mut columns = [Vector3::zeros(); N];
     for (observation, &weight) in fit.prepared.iter().zip(&fit.weights) {
-        let k = state.evaluate(&observation.q, &observation.load);
+        let k = state.at(observation);
         for j in 0..layout.n {
             columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].origin));
         }

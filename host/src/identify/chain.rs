@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use spherecal_shared::MAX_JOINTS;
-use spherecal_shared::robot::kinematics::{next_frame, parameter_columns};
+use spherecal_shared::robot::kinematics::{next_frame, next_frame_turned, parameter_columns};
 use spherecal_shared::robot::{Frame, GRAVITY_M_S2, LinkTransform, MdhRow, Robot, Tool};
 use spherecal_shared::scalar::Real;
 
@@ -101,12 +101,47 @@ impl Nominal {
     }
 }
 
+/// Cosine and sine by joint.
+pub(crate) type Trig = [(f64, f64); N];
+
+/// Cosine and sine of joint angles.
+pub(crate) fn trig(q: &[f64; N]) -> Trig {
+    q.map(|angle| {
+        let (s, c) = angle.sin_cos_of();
+        (c, s)
+    })
+}
+
+/// Angles up to this are turned by their series, in rad: 1e-17 of it is left out.
+const SMALL_RAD: f64 = 0.05;
+
+/// Cosine and sine of an angle, quickly if it is small.
+#[inline]
+fn small(angle: f64) -> (f64, f64) {
+    if angle.abs() < SMALL_RAD {
+        let e = angle * angle;
+        let sine = angle * (1.0 - e / 6.0 * (1.0 - e / 20.0 * (1.0 - e / 42.0)));
+        (1.0 - e / 2.0 * (1.0 - e / 12.0 * (1.0 - e / 30.0)), sine)
+    } else {
+        let (s, c) = angle.sin_cos_of();
+        (c, s)
+    }
+}
+
+/// Cosine and sine of the sum of two angles.
+#[inline]
+fn sum(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
+    (a.0 * b.0 - a.1 * b.1, a.1 * b.0 + a.0 * b.1)
+}
+
 /// One observation, ready for the estimators.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Prepared {
     /// Index into the experiment's observations.
     pub(crate) index: usize,
     pub(crate) q: [f64; N],
+    /// Cosine and sine of `q`: evaluations are many, angles stay.
+    pub(crate) trig: Trig,
     pub(crate) load: Load,
     /// Target in its reference frame, in m (a sphere's certified centre).
     pub(crate) target: Vector3<f64>,
@@ -138,6 +173,9 @@ pub(crate) struct State {
     pub(crate) spheres: Vec<Vector3<f64>>,
     #[serde(skip)]
     links: Vec<LinkTransform<f64>>,
+    /// Cosine and sine of the rows' theta.
+    #[serde(skip)]
+    offsets: Vec<(f64, f64)>,
 }
 
 /// What one evaluation leaves behind for the Jacobian.
@@ -147,7 +185,7 @@ pub(crate) struct Kinematics {
     /// TCP in F0, in m.
     pub(crate) tcp: Vector3<f64>,
     /// Cosine and sine of the encoder angles.
-    pub(crate) trig: [(f64, f64); N],
+    pub(crate) trig: Trig,
 }
 
 impl State {
@@ -164,6 +202,7 @@ impl State {
             tilt: [0.0; 2],
             spheres: vec![Vector3::zeros(); layout.spheres.len()],
             links: Vec::new(),
+            offsets: Vec::new(),
         };
         state.refresh();
         state
@@ -172,6 +211,11 @@ impl State {
     /// Recomputes what follows from the rows.
     pub(crate) fn refresh(&mut self) {
         self.links = self.rows.iter().map(LinkTransform::from).collect();
+        let offset = |row: &MdhRow<f64>| {
+            let (s, c) = row.theta.sin_cos_of();
+            (c, s)
+        };
+        self.offsets = self.rows.iter().map(offset).collect();
     }
 
     /// The value of a parameter (base rotations: components of the rotation vector).
@@ -237,33 +281,37 @@ impl State {
         }
     }
 
-    /// Joint angles after compliance and harmonics, in rad.
+    /// What compliance and harmonics add to an encoder angle, in rad.
     #[inline]
-    fn joints(&self, q: &[f64], load: &Load, trig: &mut [(f64, f64); N]) -> [f64; N] {
-        let mut angles = [0.0; N];
-        for (j, harmonics) in self.harmonics.iter().enumerate().take(N) {
-            let (s, c) = q[j].sin_cos_of();
-            trig[j] = (c, s);
-            let mut angle = q[j] - self.compliance[j] * load.joint[j][2];
-            let (mut ck, mut sk) = (c, s);
-            for [cosine, sine] in harmonics {
-                angle += cosine * ck + sine * sk;
-                (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
-            }
-            angles[j] = angle;
+    fn deviation(&self, joint: usize, (c, s): (f64, f64), load: &Load) -> f64 {
+        let mut deviation = -self.compliance[joint] * load.joint[joint][2];
+        let (mut ck, mut sk) = (c, s);
+        for [cosine, sine] in &self.harmonics[joint] {
+            deviation += cosine * ck + sine * sk;
+            (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
         }
-        angles
+        deviation
     }
 
     /// Frames and TCP at encoder angles `q` (at least n) under `load`.
-    #[inline]
     pub(crate) fn evaluate(&self, q: &[f64; N], load: &Load) -> Kinematics {
-        let mut trig = [(1.0, 0.0); N];
-        let angles = self.joints(q, load, &mut trig);
+        self.turned(&trig(q), load)
+    }
+
+    /// Frames and TCP of an observation.
+    #[inline]
+    pub(crate) fn at(&self, observation: &Prepared) -> Kinematics {
+        self.turned(&observation.trig, &observation.load)
+    }
+
+    #[inline]
+    fn turned(&self, trig: &Trig, load: &Load) -> Kinematics {
         let mut frames = [Frame::identity(); N];
         let mut frame = Frame::identity();
-        for ((link, angle), slot) in self.links.iter().zip(&angles).zip(&mut frames) {
-            frame = next_frame(&frame, link, *angle);
+        for (j, ((link, offset), slot)) in self.links.iter().zip(&self.offsets).zip(&mut frames).enumerate() {
+            let deviation = self.deviation(j, trig[j], load);
+            let (c, s) = sum(sum(trig[j], *offset), small(deviation));
+            frame = next_frame_turned(&frame, link, (s, c));
             *slot = frame;
         }
         let mut tcp = frame.point(&self.tcp);
@@ -276,7 +324,11 @@ impl State {
         }
         let tilt = Vector3::new(-self.tilt[0] * load.base[0], -self.tilt[1] * load.base[1], 0.0);
         tcp += tilt.cross(&rigid);
-        Kinematics { frames, tcp, trig }
+        Kinematics {
+            frames,
+            tcp,
+            trig: *trig,
+        }
     }
 
     /// Columns of the general block and of the joints, in F0: `general` has

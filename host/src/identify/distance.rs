@@ -218,7 +218,7 @@ impl DistanceProblem {
     /// TCPs in F0 at parameters `x`, in mm.
     pub fn tcps_mm(&self, x: &[f64]) -> Vec<Vector3<f64>> {
         let state = self.state(x);
-        let tcp = |p: &Prepared| state.evaluate(&p.q, &p.load).tcp * MM;
+        let tcp = |p: &Prepared| state.at(p).tcp * MM;
         self.prepared.iter().map(tcp).collect()
     }
 
@@ -248,7 +248,7 @@ impl DistanceProblem {
     /// Indices that are out of range count nothing.
     pub fn batch_mm2(&self, x: &[f64], pairs: &[(usize, usize)]) -> f64 {
         let state = self.state(x);
-        let tcp = |i: usize| self.prepared.get(i).map(|p| state.evaluate(&p.q, &p.load).tcp * MM);
+        let tcp = |i: usize| self.prepared.get(i).map(|p| state.at(p).tcp * MM);
         let term = |&(i, j): &(usize, usize)| match (tcp(i), tcp(j)) {
             (Some(a), Some(b)) if self.pairs == Pairs::Vector => {
                 let (a, b) = (self.error(&a, &self.prepared[i]), self.error(&b, &self.prepared[j]));
@@ -283,7 +283,7 @@ impl DistanceProblem {
         let mut tcps = Vec::with_capacity(self.poses());
         let mut jacobians: Vec<DMatrix<f64>> = Vec::with_capacity(self.poses());
         for observation in &self.prepared {
-            let k = state.evaluate(&observation.q, &observation.load);
+            let k = state.at(observation);
             state.columns(&self.layout, &k, &observation.load, &mut general, &mut joints);
             let mut jacobian = DMatrix::zeros(3, m);
             for (c, &column) in self.columns.iter().enumerate() {

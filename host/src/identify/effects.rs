@@ -138,7 +138,7 @@ impl Search<'_> {
         let m = self.prepared.len();
         let mut along = vec![Vec::with_capacity(m); n];
         for (observation, weight) in self.prepared.iter().zip(&self.weights) {
-            let k = self.state.evaluate(&observation.q, &observation.load);
+            let k = self.state.at(observation);
             let columns: Vec<_> = (0..n)
                 .map(|j| k.frames[j].z().cross(&(k.tcp - k.frames[j].origin)))
                 .collect();

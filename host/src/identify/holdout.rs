@@ -236,7 +236,7 @@ fn predict(
     let mut tcps: BTreeMap<(usize, usize), Vec<Vector3<f64>>> = BTreeMap::new();
     sums.count = prepared.len();
     for observation in &prepared {
-        let tcp = fitted.state.evaluate(&observation.q, &observation.load).tcp;
+        let tcp = fitted.state.at(observation).tcp;
         if known(observation.reference, observation.sphere) {
             sums.errors
                 .push(fitted.state.residual(observation, &tcp).norm() * 1000.0);

@@ -12,7 +12,7 @@
 
 use nalgebra::{DMatrix, Vector3};
 
-use super::chain::{Nominal, Prepared, State};
+use super::chain::{Nominal, Prepared, State, trig};
 use super::data::{Experiment, Pose, Set};
 use super::effects::Choice;
 use super::error::IdentifyError;
@@ -107,6 +107,7 @@ pub(crate) fn prepare(
         prepared.push(Prepared {
             index,
             q,
+            trig: trig(&q),
             load: nominal.load(&observation.q, tau),
             target,
             reference: layout
@@ -124,7 +125,7 @@ pub(crate) fn prepare(
 pub(crate) fn register(state: &mut State, prepared: &[Prepared], base: Option<&Pose>) {
     for reference in 0..state.bases.len() {
         let of = || prepared.iter().filter(move |p| p.reference == reference);
-        let from: Vec<_> = of().map(|p| state.evaluate(&p.q, &p.load).tcp).collect();
+        let from: Vec<_> = of().map(|p| state.at(p).tcp).collect();
         let onto: Vec<_> = of().map(|p| p.target).collect();
         if let Some(pose) = Pose::fit(&from, &onto) {
             state.bases[reference] = pose;

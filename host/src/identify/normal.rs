@@ -168,37 +168,41 @@ pub(crate) fn accumulate(
     };
     let n = layout.n;
     let basis = layout.basis();
+    // A joint with one column only is a column like any other.
+    let plain = basis == 1;
     let own = layout.general() + 6;
+    let wide = own + if plain { n } else { 0 };
+    let apart = if plain { 0 } else { n };
     let width = |joint: usize| own + (n - joint) * basis;
     let mut chunk = Chunk {
-        own: vec![0.0; own * 3 * CHUNK],
+        own: vec![0.0; wide * 3 * CHUNK],
         phi: vec![vec![0.0; basis * CHUNK]; n],
         white: vec![[Vector3::zeros(); N]; CHUNK],
-        stack: vec![0.0; width(0) * CHUNK],
+        stack: vec![0.0; if plain { 0 } else { width(0) * CHUNK }],
     };
     for group in groups {
-        let mut block = vec![0.0; own * own];
-        let mut sums: Vec<Vec<f64>> = (0..n).map(|i| vec![0.0; width(i) * basis]).collect();
+        let mut block = vec![0.0; wide * wide];
+        let mut sums: Vec<Vec<f64>> = (0..apart).map(|i| vec![0.0; width(i) * basis]).collect();
         let mut gradient = Gradient::new(layout);
         for members in group.members.chunks(CHUNK) {
             let count = members.len();
             for (b, &index) in members.iter().enumerate() {
                 let pose = Pose::new(state, layout, &prepared[index], whitening, weights[index]);
                 pose.add_gradient(layout, &prepared[index], &mut gradient);
-                let slot = &mut chunk.own[3 * own * b..3 * own * (b + 1)];
-                for (c, v) in pose.own[..own].iter().enumerate() {
+                let slot = &mut chunk.own[3 * wide * b..3 * wide * (b + 1)];
+                for (c, v) in pose.own[..own].iter().chain(&pose.joints[..wide - own]).enumerate() {
                     slot[c] = v.x;
-                    slot[own + c] = v.y;
-                    slot[2 * own + c] = v.z;
+                    slot[wide + c] = v.y;
+                    slot[2 * wide + c] = v.z;
                 }
-                for (j, phi) in chunk.phi.iter_mut().enumerate() {
+                for (j, phi) in chunk.phi.iter_mut().enumerate().take(apart) {
                     let phi = &mut phi[b * basis..(b + 1) * basis];
                     pose.basis(layout, j, &prepared[index], phi);
                 }
                 chunk.white[b] = pose.joints;
             }
-            add_product(&mut block, &chunk.own, &chunk.own, own, own, 3 * count);
-            for i in 0..n {
+            add_product(&mut block, &chunk.own, &chunk.own, wide, wide, 3 * count);
+            for i in 0..apart {
                 let wide = width(i);
                 for b in 0..count {
                     let slot = &mut chunk.stack[b * wide..(b + 1) * wide];
@@ -221,7 +225,22 @@ pub(crate) fn accumulate(
                 add_product(&mut sums[i], &chunk.stack, &chunk.phi[i], wide, basis, count);
             }
         }
-        scatter(layout, group, &block, &sums, &gradient, &mut normal);
+        let mut at = places(layout, group);
+        for &(c, column, sign) in &at {
+            normal.gradient[column] += sign * gradient.own[c];
+        }
+        for (at, value) in (layout.joint(0)..).zip(&gradient.joints) {
+            normal.gradient[at] += value;
+        }
+        for (i, sum) in sums.iter().enumerate() {
+            scatter(layout, i, &at, sum, &mut normal);
+        }
+        at.extend((own..wide).map(|c| (c, layout.joint(c - own), 1.0)));
+        for &(c, column, sign) in &at {
+            for &(r, row, other) in &at {
+                normal.matrix[(row, column)] += sign * other * block[c * wide + r];
+            }
+        }
     }
     normal
 }
@@ -238,34 +257,22 @@ fn places(layout: &Layout, group: &Group) -> Vec<(usize, usize, f64)> {
     places
 }
 
-/// Adds a group's sums to the whole.
-fn scatter(layout: &Layout, group: &Group, block: &[f64], sums: &[Vec<f64>], gradient: &Gradient, normal: &mut Normal) {
+/// Adds a group's sums for one joint to the whole.
+fn scatter(layout: &Layout, joint: usize, places: &[(usize, usize, f64)], sum: &[f64], normal: &mut Normal) {
     let own = layout.general() + 6;
-    let (n, basis) = (layout.n, layout.basis());
-    let places = places(layout, group);
-    for &(c, column, sign) in &places {
-        normal.gradient[column] += sign * gradient.own[c];
-        for &(r, row, other) in &places {
-            normal.matrix[(row, column)] += sign * other * block[c * own + r];
+    let basis = layout.basis();
+    let wide = own + (layout.n - joint) * basis;
+    for k in 0..basis {
+        let column = layout.joint(joint) + k;
+        let from = &sum[k * wide..(k + 1) * wide];
+        for &(r, row, sign) in places {
+            normal.matrix[(row, column)] += sign * from[r];
+            normal.matrix[(column, row)] += sign * from[r];
         }
-    }
-    for (at, value) in (layout.joint(0)..).zip(&gradient.joints) {
-        normal.gradient[at] += value;
-    }
-    for (i, sum) in sums.iter().enumerate() {
-        let wide = own + (n - i) * basis;
-        for k in 0..basis {
-            let column = layout.joint(i) + k;
-            let from = &sum[k * wide..(k + 1) * wide];
-            for &(r, row, sign) in &places {
-                normal.matrix[(row, column)] += sign * from[r];
-                normal.matrix[(column, row)] += sign * from[r];
-            }
-            for (row, value) in (layout.joint(i)..).zip(&from[own..]) {
-                normal.matrix[(row, column)] += value;
-                if row >= layout.joint(i) + basis {
-                    normal.matrix[(column, row)] += value;
-                }
+        for (row, value) in (layout.joint(joint)..).zip(&from[own..]) {
+            normal.matrix[(row, column)] += value;
+            if row >= layout.joint(joint) + basis {
+                normal.matrix[(column, row)] += value;
             }
         }
     }
@@ -327,7 +334,7 @@ impl Pose {
         let general = layout.general();
         let mut own = [Vector3::zeros(); 5 * N + 16];
         let mut joints = [Vector3::zeros(); N];
-        let kinematics = state.evaluate(&observation.q, &observation.load);
+        let kinematics = state.at(observation);
         state.columns(layout, &kinematics, &observation.load, &mut own, &mut joints);
         let rotation = state
             .bases
@@ -405,7 +412,7 @@ pub(crate) fn distances(state: &State, layout: &Layout, prepared: &[Prepared], w
     prepared
         .iter()
         .map(|observation| {
-            let k = state.evaluate(&observation.q, &observation.load);
+            let k = state.at(observation);
             for j in 0..layout.n {
                 columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].origin));
             }
@@ -428,7 +435,7 @@ pub(crate) fn likelihoods(
     let mut distances = vec![Vec::with_capacity(prepared.len()); candidates.len()];
     let mut logs = vec![0.0; candidates.len()];
     for observation in prepared {
-        let k = state.evaluate(&observation.q, &observation.load);
+        let k = state.at(observation);
         for j in 0..layout.n {
             columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].origin));
         }

@@ -9,7 +9,7 @@
 use nalgebra::Vector3;
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::chain::{N, Nominal, Prepared, State};
+use super::chain::{N, Nominal, Prepared, State, trig};
 use super::data::{Experiment, Observation, Set, Sphere, Target};
 use super::error::IdentifyError;
 use super::normal::{Root, Whitening};
@@ -140,12 +140,13 @@ impl DesignModel {
         let observation = Prepared {
             index: 0,
             q: padded,
+            trig: trig(&padded),
             load: self.nominal.load(q, None),
             target: Vector3::zeros(),
             reference: 0,
             sphere: None,
         };
-        let k = self.state.evaluate(&observation.q, &observation.load);
+        let k = self.state.at(&observation);
         let mut general = [Vector3::zeros(); 5 * N + 16];
         let mut joints = [Vector3::zeros(); N];
         self.state

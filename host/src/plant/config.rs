@@ -64,6 +64,7 @@ pub struct PlateConfig {
     /// Sphere radius, in m. Default: 50.8 mm spheres, Section 2.2.
     pub sphere_radius_m: f64,
     /// Depth of the plate's surface under the sphere centres, in m (spheres stand on posts).
+    /// Default 60 mm: from the photographs of the plate (Figure 2), no drawing is published.
     pub surface_below_m: f64,
     /// Whether the spheres deviate from their certificate.
     pub certificate_error: bool,
@@ -121,11 +122,12 @@ pub struct NestConfig {
     pub magnet_n: f64,
     /// Gap at which the pull is a quarter, in m: `F = F0 / (1 + gap/scale)²`. Default 1 mm (`plant.md`).
     pub magnet_scale_m: f64,
-    /// Gap beyond which there is no pull, in m.
+    /// Gap beyond which there is no pull, in m. Default 50 mm, where 0.01 N is left.
     pub magnet_range_m: f64,
     /// Height of the rim over the seated sphere's centre along the tool's +z, in m.
+    /// Default 2.5 mm: assumed, no drawing is published.
     pub rim_height_m: f64,
-    /// Outer radius of the nest's body, in m.
+    /// Outer radius of the nest's body, in m. Default 42 mm: from the photographs (Figure 2).
     pub body_radius_m: f64,
     /// Whether the sphere seats differently each time.
     pub seating_error: bool,
@@ -133,7 +135,8 @@ pub struct NestConfig {
     /// Default 1.5 µm (`plant.md`: 1-3 µm).
     pub seating_sigma_m: f64,
     /// Standard deviation of the seat over the orientations of one coupling
-    /// (form of sphere and pads), each axis, in m. Default 1.5 µm.
+    /// (form of sphere and pads), each axis, in m. Default 1.5 µm, assumed: a ball of
+    /// grade 25 is round within 0.6 µm (ISO 3290), three lapped pads are not better.
     pub form_sigma_m: f64,
 }
 
@@ -146,9 +149,9 @@ pub struct GeometryConfig {
     pub enabled: bool,
     /// Standard deviation of `a` and `d`, in m. Default 0.20 mm (`identification.md`, worlds).
     pub length_sigma_m: f64,
-    /// Standard deviation of `alpha`, in rad. Default 0.5 mrad.
+    /// Standard deviation of `alpha`, in rad. Default 0.5 mrad (the same).
     pub alpha_sigma_rad: f64,
-    /// Standard deviation of `theta`, in rad. Default 0.8 mrad.
+    /// Standard deviation of `theta`, in rad. Default 0.8 mrad (the same).
     pub theta_sigma_rad: f64,
     /// Mean nominal error to which the drawn errors are scaled, in m, over 500
     /// configurations in joint space with one tool; 0: not scaled. Default
@@ -189,7 +192,7 @@ pub struct ComplianceConfig {
     /// Tilt of the base about x and y under the moment it carries, in rad/(N m). Default 0 (W3: 1e-6).
     pub base_rad_per_nm: f64,
     /// Time constant with which a joint's deflection follows its torque, in s
-    /// (the motor cannot jump). Default 4 ms.
+    /// (the motor cannot jump). Default 4 ms: a first resonance near 40 Hz, as an arm of this size has.
     pub settling_s: f64,
 }
 
@@ -208,7 +211,8 @@ pub struct EncoderConfig {
     /// Gear error, rms, in rad: three tones per joint between the orders below,
     /// so that poses a few degrees apart see unrelated values. Default 5e-5 (W0's white joint error).
     pub gear_rad: f64,
-    /// Lowest and highest order of the gear's tones, per turn.
+    /// Lowest and highest order of the gear's tones, per turn. Default 60 to 160, assumed: about
+    /// one and two times the ratio of a strain wave gear.
     pub gear_orders: [u32; 2],
     /// Smooth error of no particular form, rms, in rad (W4: 1.2e-4): random
     /// Fourier features with a Gaussian kernel.
@@ -231,18 +235,19 @@ pub struct SensorConfig {
     pub angle_correlated_rad: f64,
     /// Correlation time of that noise, in s. Default 50 ms (`control.md`).
     pub angle_correlation_s: f64,
-    /// Step of the angle, in rad; 0: none. Default 2π/2^22.
+    /// Step of the angle, in rad; 0: none. Default 2π/2^22: a 22 bit encoder, assumed.
     pub angle_step_rad: f64,
     /// White noise of a velocity sample, in rad/s. Default 3e-4: a drive that
     /// differentiates its motor encoder before the gear.
     pub velocity_white_rad_s: f64,
-    /// Step of the velocity, in rad/s; 0: none. Default 1e-5.
+    /// Step of the velocity, in rad/s; 0: none. Default 1e-5: far under the noise, assumed.
     pub velocity_step_rad_s: f64,
-    /// Time constant of the drive's velocity filter, in s; 0: none. Default 0.8 ms (200 Hz).
+    /// Time constant of the drive's velocity filter, in s; 0: none. Default 0.8 ms (200 Hz),
+    /// assumed: slower ones were seen to cost the loop its damping.
     pub velocity_filter_s: f64,
-    /// White noise of a torque sample, in N m. Default 0.03.
+    /// White noise of a torque sample, in N m. Default 0.03: 1e-4 of the range of joint 1.
     pub torque_white_nm: f64,
-    /// Step of the torque, in N m; 0: none. Default 0.005.
+    /// Step of the torque, in N m; 0: none. Default 0.005: 16 bits over that range.
     pub torque_step_nm: f64,
     /// Standard deviation of the torque sensors' bias as a share of the joint's
     /// torque limit. Default 0.0005; 0.005 is the "0.5 % of range" of `control.md`.
@@ -255,12 +260,14 @@ pub struct SensorConfig {
 pub struct FrictionConfig {
     /// Switch.
     pub enabled: bool,
-    /// Dry friction of each joint, in N m, the least and the most (uniform).
+    /// Dry friction of each joint, in N m, the least and the most (uniform). Default 0.03 to 0.10: what is left
+    /// of the gear's friction behind a drive's torque loop, assumed; `harsh` has the 1 to 2 of a bare gear.
     pub coulomb_nm: [f64; 2],
-    /// Viscous friction of each joint, in N m s/rad, the least and the most (uniform).
+    /// Viscous friction of each joint, in N m s/rad, the least and the most (uniform). Default 0.05 to 0.2, the same.
     pub viscous_nm_s: [f64; 2],
     /// Share of the friction that acts beyond the torque sensor, on the link
     /// (bearings), 0 to 1. The rest acts in the gear and the sensor sees its effect.
+    /// Default 0: bearings have little.
     pub beyond_sensor: f64,
 }
 
@@ -270,16 +277,19 @@ pub struct FrictionConfig {
 pub struct InertiaConfig {
     /// Switch of the mass errors.
     pub mass_error: bool,
-    /// Standard deviation of each link's mass as a share of it.
+    /// Standard deviation of each link's mass as a share of it. Default 0.003: a model identified by its maker;
+    /// `harsh` has 0.01.
     pub link_mass_sigma: f64,
-    /// Error of the tool's mass as a share of it, least and most, either sign.
+    /// Error of the tool's mass as a share of it, least and most, either sign. Default up to 0.005: a tool put
+    /// on scales; `harsh` has 0.03 to 0.05.
     pub tool_mass_error: [f64; 2],
     /// Switch of the rotors.
     pub rotors: bool,
     /// Rotor inertia of joints 1.., reflected to the link, in kg m². Default:
     /// Drake's estimates for the iiwa 7 (iiwa7.json); joints beyond the list have none.
     pub rotor_kg_m2: [f64; 8],
-    /// Share of it that the drive's torque loop leaves visible, 0 to 1.
+    /// Share of it that the drive's torque loop leaves visible, 0 to 1. Default 0.25: the reduction that
+    /// torque feedback of gain 3 brings.
     pub rotor_share: f64,
 }
 
@@ -292,9 +302,10 @@ pub struct ElasticityConfig {
     pub enabled: bool,
     /// Joint stiffness, in N m/rad. Default 16,000 (6e-5 rad/(N m), the real iiwa 7 of `identification.md`).
     pub stiffness_nm_rad: f64,
-    /// Damping of the spring, in N m s/rad. Default 20.
+    /// Damping of the spring, in N m s/rad. Default 20: 8 % of critical with 1 kg m² behind it.
     pub damping_nm_s: f64,
-    /// Smallest motor inertia, in kg m², where `inertia.rotor_kg_m2` times its share is less. Default 0.05.
+    /// Smallest motor inertia, in kg m², where `inertia.rotor_kg_m2` times its share is less.
+    /// Default 0.05: a small joint's, so that the motor side stays resolved at the sub-step.
     pub least_motor_kg_m2: f64,
 }
 
@@ -313,9 +324,10 @@ pub struct TrackerConfig {
     pub remount_m: f64,
     /// Tracker restationed between base arcs and calibration, in m (length of the offset). W1: 0.15 mm.
     pub restation_m: f64,
-    /// Pose of the tracker's frame in F0: position in m.
+    /// Pose of the tracker's frame in F0: position in m. Default some 2.5 m off and askew, so that no
+    /// frame agrees with another by accident.
     pub position_m: [f64; 3],
-    /// Roll, pitch, yaw of the tracker's frame in F0, in rad.
+    /// Roll, pitch, yaw of the tracker's frame in F0, in rad. Default: see there.
     pub rpy_rad: [f64; 3],
 }
 

@@ -247,7 +247,7 @@ async fn make(path: &Path) -> Result<(), StoreError> {
 
 /// Whether names and types of tables and columns are text. SQLite does not mind
 /// if they are not; the driver does, and never comes back from the first query.
-pub(super) async fn names_are_text(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+async fn names_are_text(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
     let rows: Vec<Vec<u8>> =
         sqlx::query_scalar("SELECT CAST(name || tbl_name || COALESCE(sql, '') AS BLOB) AS words FROM sqlite_master")
             .fetch_all(connection)

@@ -98,7 +98,13 @@ impl<T: Real> Frame<T> {
 /// The next frame of the chain: `parent · T_i(q)`.
 #[inline]
 pub fn next_frame<T: Real>(parent: &Frame<T>, link: &LinkTransform<T>, q: T) -> Frame<T> {
-    let (s, c) = (link.theta + q).sin_cos_of();
+    next_frame_turned(parent, link, (link.theta + q).sin_cos_of())
+}
+
+/// As [`next_frame`], for whoever knows sine and cosine of the joint's whole
+/// angle, offset included.
+#[inline]
+pub fn next_frame_turned<T: Real>(parent: &Frame<T>, link: &LinkTransform<T>, (s, c): (T, T)) -> Frame<T> {
     let r = parent.rotation * link.fixed;
     let (x, y) = (r.column(0), r.column(1));
     let rotation = Matrix3::from_columns(&[x * c + y * s, y * c - x * s, r.column(2).into()]);

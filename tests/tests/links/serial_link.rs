@@ -44,8 +44,8 @@ fn campaign(device: &mut dyn Device) -> (Vec<Recording>, Outcome) {
 }
 
 /// A board: a control period at every millisecond, whoever listens.
-fn board(line: &SerialPort, gone: &AtomicBool) {
-    let (mut cell, begun, mut periods) = (cell(), Instant::now(), 0);
+fn board(mut cell: Cell, line: &SerialPort, gone: &AtomicBool) {
+    let (begun, mut periods) = (Instant::now(), 0);
     let (mut down, mut up, mut buffer) = (Vec::new(), Vec::new(), [0; 4096]);
     while !gone.load(Ordering::Relaxed) {
         // The timeout of the port paces this loop.
@@ -73,8 +73,8 @@ fn a_board_on_a_serial_line_records_what_the_lock_step_does() {
     line.set_write_timeout(Duration::from_millis(1)).expect("set up");
     let gone = Arc::new(AtomicBool::new(false));
     let thread = thread::spawn({
-        let gone = Arc::clone(&gone);
-        move || board(&line, &gone)
+        let (gone, cell) = (Arc::clone(&gone), cell());
+        move || board(cell, &line, &gone)
     });
     let mut device = Serial::over(port, "serial:test").expect("a device");
     let (recorded, outcome) = campaign(&mut device);
