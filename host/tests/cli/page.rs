@@ -74,8 +74,8 @@ fn http(address: &str, line: &str, headers: &str) -> (u16, String) {
 }
 
 // Fails if the page of a run lacks a file, if its stream is without the scene,
-// frames, a contact or the end, if the arm stands still in it, or if the run
-// waits for a browser that takes nothing.
+// frames, a contact or the end, if the arm stands still in it, if the run waits
+// for a browser that takes nothing, or if it records another bit for being seen.
 #[test]
 fn a_run_serves_its_own_page() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -173,8 +173,46 @@ fn a_run_serves_its_own_page() {
     );
     let last = frames.last().expect("a frame");
     assert_eq!(last["done"], 9, "{last}");
+    let alone = spherecal(folder.path(), &["run", "--poses", "9", "--json", "--out", "alone"]);
+    assert_eq!(summary["recordings_sha256"], alone["recordings_sha256"]);
     assert_eq!(of("end").len(), 1);
     assert_eq!(of("end")[0]["trusted"], summary["verdict"]["trusted"]);
+}
+
+// Fails if a run waits for a server that is not there to show it, does not say
+// so, or ends otherwise; or if one that comes later is not told of the run.
+#[test]
+fn a_page_that_is_not_there_holds_nothing_up() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = free.local_addr().expect("an address").to_string();
+    drop(free);
+    let peer = format!("grpc:{address}");
+    let mut run = start(
+        folder,
+        &["run", "--poses", "150", "--json", "--publish", &peer, "--out", "o"],
+    );
+    let mut said = BufReader::new(run.stderr.take().expect("piped")).lines();
+    let missing = |line: &std::io::Result<String>| line.as_ref().is_ok_and(|l| l.contains("not shown for now"));
+    assert!(
+        said.any(|line| missing(&line)),
+        "it is not said that nobody shows the run"
+    );
+    let server = Server::start(folder, &["--grpc", &address, "--service", "page"]);
+    let rest = std::thread::spawn(move || said.map_while(Result::ok).collect::<Vec<_>>());
+    let output = run.wait_with_output().expect("it ends");
+    assert_eq!(output.status.code(), Some(0), "{:?}", rest.join());
+    // What the page has kept of it: the stream goes on, so it is read until its end is told.
+    let mut socket = TcpStream::connect(&server.address).expect("connects");
+    write!(socket, "GET /api/live HTTP/1.1\r\nHost: {address}\r\n\r\n").expect("sent");
+    let lines = BufReader::new(socket).lines().map_while(Result::ok);
+    let told: Vec<String> = lines
+        .take_while(|line| !line.contains("{\"end\":"))
+        .filter(|line| line.contains("{\"scene\":"))
+        .collect();
+    assert_eq!(told.len(), 1);
+    assert!(told[0].contains("iiwa7"), "{}", told[0]);
 }
 
 // Fails if the page is opened without the token where there is one, by a name
