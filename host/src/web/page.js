@@ -14,6 +14,8 @@ const runs = new Map();
 let chosen = null;
 let byHand = false;
 let dirty = true;
+/** Whether the server has said that it ends, as that of a run does with the run. */
+let closed = false;
 const view = new ArmView(at("arm"));
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
@@ -45,7 +47,7 @@ function hear({ id, message: told }) {
   else if (kind === "end") {
     run.end = message;
     tabs();
-    past();
+    setTimeout(past, 400);
   }
   dirty = true;
 }
@@ -127,11 +129,13 @@ function remarks(run) {
   }
   const end = at("end");
   end.hidden = !run.end;
-  if (!run.end || end.dataset.of === `${run.id}`) return;
-  end.dataset.of = `${run.id}`;
+  const shown = `${run.id} ${closed}`;
+  if (!run.end || end.dataset.of === shown) return;
+  end.dataset.of = shown;
   end.className = `verdict ${run.end.trusted === null ? "" : run.end.trusted ? "good" : "bad"}`;
   end.textContent = run.end.text.trim();
-  if (run.end.run !== null && run.end.trusted !== null) {
+  if (closed) end.append("\nThis page has ended with its server; report.html is in the run's folder.");
+  else if (run.end.run !== null && run.end.trusted !== null) {
     const link = document.createElement("a");
     link.href = `/report/${run.end.run}`;
     link.textContent = `Report of run ${run.end.run}`;
@@ -175,6 +179,7 @@ function line(words, kind) {
 }
 
 async function past() {
+  if (closed) return;
   try {
     window.spherecal.past = await showPast();
   } catch (error) {
@@ -192,6 +197,8 @@ function listen() {
   source.onmessage = event => hear(JSON.parse(event.data));
   source.addEventListener("closed", () => {
     source.close();
+    closed = true;
+    dirty = true;
     line("the server has ended", "quiet");
   });
   source.onerror = () => line("no connection, trying again", "bad");
