@@ -11,10 +11,17 @@ use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
 use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::{JointLimits, Robot};
 
+use crate::envelope::Envelope;
 use crate::law::Shaped;
+use crate::plausible::Plausibility;
 
 /// How long the contact force may exceed its limit, in s: impacts are shorter.
 const FORCE_DWELL_S: f64 = 0.010;
+/// By how much the clocks of controller and drive may drift apart in a period,
+/// in µs: 0.1 % at 1 kHz, more than any quartz does.
+const DRIFT_US: i64 = 1;
+/// Speed out of its range above which a joint in the margin counts as leaving, in rad/s.
+const OUTWARD_RAD_S: f64 = 0.02;
 /// How long a torque may stay saturated, in s.
 const SATURATION_DWELL_S: f64 = 0.050;
 
@@ -70,11 +77,15 @@ pub enum Admission<const N: usize> {
 pub struct Guard<const N: usize> {
     limits: [JointLimits; N],
     last_tick: Option<u64>,
+    /// Least difference between the controller's time and the drive's, in µs.
+    offset_us: Option<i64>,
     missed_in_row: u32,
     overrun_in_row: u32,
     missed: u32,
     force_ticks: u32,
     saturated_ticks: u32,
+    plausibility: Plausibility<N>,
+    envelope: Envelope<N>,
 }
 
 impl<const N: usize> Default for Guard<N> {
@@ -88,11 +99,14 @@ impl<const N: usize> Default for Guard<N> {
         Self {
             limits: [none; N],
             last_tick: None,
+            offset_us: None,
             missed_in_row: 0,
             overrun_in_row: 0,
             missed: 0,
             force_ticks: 0,
             saturated_ticks: 0,
+            plausibility: Plausibility::default(),
+            envelope: Envelope::default(),
         }
     }
 }
@@ -108,11 +122,18 @@ impl<const N: usize> Guard<N> {
         for (slot, joint) in self.limits.iter_mut().zip(&robot.joints) {
             *slot = joint.limits;
         }
+        self.plausibility.reset();
+        self.envelope = Envelope::default();
     }
 
     /// Limits of the joints.
     pub fn limits(&self) -> &[JointLimits; N] {
         &self.limits
+    }
+
+    /// The limits, and the envelope that is watched with them.
+    pub(crate) fn parts(&mut self) -> (&[JointLimits; N], &mut Envelope<N>) {
+        (&self.limits, &mut self.envelope)
     }
 
     /// Drive states that were missed or unusable so far.
@@ -142,9 +163,18 @@ impl<const N: usize> Guard<N> {
         (row > allowed).then(|| Violation::new(Fault::Overrun, f64::from(row), f64::from(allowed)))
     }
 
-    /// Looks at a drive state before anything is computed from it.
+    /// Looks at a drive state before anything is computed from it; `sent` are
+    /// the torques of the last command, in N m, none while the brakes are closed,
+    /// and `now_us` is the controller's own time, by which late states are told.
     #[inline]
-    pub fn admit(&mut self, state: &DriveState, limits: &Limits) -> Admission<N> {
+    pub fn admit(
+        &mut self,
+        now_us: u64,
+        state: &DriveState,
+        sent: &[f64],
+        limits: &Limits,
+        period_s: f64,
+    ) -> Admission<N> {
         let whole = match (joints(&state.q), joints(&state.dq), joints(&state.tau)) {
             (Some(q), Some(dq), Some(tau)) => Some(Admitted { q, dq, tau }),
             _ => None,
@@ -166,6 +196,19 @@ impl<const N: usize> Guard<N> {
         let Some(admitted) = whole else {
             return self.bridge(1, Fault::NotFinite, limits);
         };
+        if self.late(now_us, state.tick, limits, period_s) {
+            return self.bridge(1, Fault::StaleState, limits);
+        }
+        if let Some(violation) = self
+            .plausibility
+            .look(state.tick, &admitted, sent, &self.limits, limits, period_s)
+        {
+            if violation.fault == Fault::PositionJump {
+                return self.bridged(1, violation, limits);
+            }
+            self.missed = self.missed.saturating_add(1);
+            return Admission::Refused(violation);
+        }
         self.missed_in_row = 0;
         if state.status != DriveStatus::Ready {
             return Admission::Refused(Violation::new(Fault::Drive, f64::from(state.status as u8), 0.0));
@@ -173,11 +216,32 @@ impl<const N: usize> Guard<N> {
         Admission::Fresh(admitted)
     }
 
+    /// Whether a state is older than states used to be when they came: a law
+    /// that answers the arm of a while ago makes it swing.
+    fn late(&mut self, now_us: u64, tick: u64, limits: &Limits, period_s: f64) -> bool {
+        let period_us = (period_s * 1e6 + 0.5) as i64;
+        let offset = (now_us as i64).wrapping_sub((tick as i64).wrapping_mul(period_us));
+        let least = match self.offset_us {
+            // The clocks may drift apart.
+            Some(least) => least.saturating_add(DRIFT_US).min(offset),
+            None => offset,
+        };
+        self.offset_us = Some(least);
+        let allowed = i64::from(limits.missed_ticks) * period_us + period_us / 2;
+        offset.saturating_sub(least) > allowed
+    }
+
     fn bridge(&mut self, ticks: u32, fault: Fault, limits: &Limits) -> Admission<N> {
+        let row = self.missed_in_row.saturating_add(ticks);
+        let violation = Violation::new(fault, f64::from(row), f64::from(limits.missed_ticks));
+        self.bridged(ticks, violation, limits)
+    }
+
+    /// So many states that cannot be used; a violation once there are too many in a row.
+    fn bridged(&mut self, ticks: u32, violation: Violation, limits: &Limits) -> Admission<N> {
         self.missed = self.missed.saturating_add(ticks);
         self.missed_in_row = self.missed_in_row.saturating_add(ticks);
         if self.missed_in_row > limits.missed_ticks {
-            let violation = Violation::new(fault, f64::from(self.missed_in_row), f64::from(limits.missed_ticks));
             return Admission::Refused(violation);
         }
         Admission::Bridged
@@ -193,7 +257,10 @@ impl<const N: usize> Guard<N> {
                 limit.min_rad + limits.position_margin_rad,
                 limit.max_rad - limits.position_margin_rad,
             );
-            if q < min || q > max {
+            // Between margin and limit an arm may stand, and go back.
+            let out = q < limit.min_rad || q > limit.max_rad;
+            let leaves = (q < min && state.dq[i] < -OUTWARD_RAD_S) || (q > max && state.dq[i] > OUTWARD_RAD_S);
+            if out || leaves {
                 let limit = if q < min { min } else { max };
                 return Some(Violation {
                     fault: Fault::JointPosition,

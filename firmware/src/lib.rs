@@ -26,12 +26,14 @@ extern crate std;
 pub mod app;
 pub mod contact;
 pub mod controller;
+pub mod envelope;
 pub mod guard;
 pub mod law;
 pub mod link;
 pub mod motion;
 mod node;
 pub mod phases;
+pub mod plausible;
 pub mod recorder;
 #[cfg(test)]
 mod testing;

@@ -23,6 +23,7 @@ use crate::Controller;
 pub(crate) const HOME: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.241_592_653_589_793, 0.0];
 
 /// Controller and stand-in.
+#[derive(Clone)]
 pub(crate) struct Bench {
     /// The controller under test.
     pub(crate) controller: Controller<7>,
@@ -50,7 +51,8 @@ pub(crate) struct Bench {
     pub(crate) host: bool,
     /// The last command.
     pub(crate) command: DriveCommand,
-    caught: bool,
+    /// Whether the sphere holds the TCP.
+    pub(crate) caught: bool,
     tau: SVector<f64, 7>,
     arm: Arm<f64, 7>,
 }
@@ -159,7 +161,7 @@ impl Bench {
         for i in 0..7 {
             self.tau[i] = self.command.tau[i];
         }
-        if self.blocked {
+        if self.blocked || !self.command.enable {
             self.dq = SVector::zeros();
             return;
         }

@@ -14,9 +14,11 @@
 pub mod campaign;
 pub mod cli;
 pub mod export;
+pub mod faults;
 pub mod history;
 pub mod hold;
 pub mod identify;
+pub mod inject;
 pub mod input;
 pub mod job;
 pub mod laser;

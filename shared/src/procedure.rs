@@ -337,7 +337,35 @@ pub struct Limits {
     pub host_silence_s: f64,
     /// Missed or repeated drive states in a row that are bridged.
     pub missed_ticks: u32,
+    /// States in a row that are the same to the last bit, from a drive that had
+    /// noise or says that it moves, after which it counts as frozen; 0 never.
+    pub frozen_ticks: u32,
+    /// How far an angle may change between two states beyond what one and a
+    /// half times the joint's speed limit allows, in rad: noise and resolution.
+    pub jump_rad: f64,
+    /// Difference between commanded and measured torque that is borne for
+    /// longer than 20 ms, as a share of the joint's torque limit: gear friction.
+    pub torque_error_share: f64,
+    /// Speed of the TCP, in m/s, that stops the arm.
+    pub speed_m_s: f64,
+    /// Speed of the TCP, in m/s, above which a free motion slows down.
+    pub soft_speed_m_s: f64,
+    /// Estimated force at the TCP, in N, above which a free motion slows down.
+    pub soft_force_n: f64,
+    /// Orientation error while turning, in rad, that stops the arm.
+    pub turn_rad: f64,
+    /// Least coordinates of the TCP, F0, in m.
+    pub workspace_min_m: [f64; 3],
+    /// Largest coordinates of the TCP, F0, in m.
+    pub workspace_max_m: [f64; 3],
+    /// Normal of the plate, away from it, a unit vector in F0.
+    pub plate_normal: [f64; 3],
+    /// Least coordinate of the TCP along that normal, in m.
+    pub plate_offset_m: f64,
 }
+
+/// No bound, in m: farther than any arm reaches.
+pub const UNBOUNDED_M: f64 = 10.0;
 
 impl Default for Limits {
     fn default() -> Self {
@@ -349,6 +377,17 @@ impl Default for Limits {
             path_rad: 0.1,
             host_silence_s: 2.0,
             missed_ticks: 3,
+            frozen_ticks: 20,
+            jump_rad: 0.002,
+            torque_error_share: 0.15,
+            speed_m_s: 1.5,
+            soft_speed_m_s: 0.75,
+            soft_force_n: 40.0,
+            turn_rad: 0.3,
+            workspace_min_m: [-UNBOUNDED_M; 3],
+            workspace_max_m: [UNBOUNDED_M; 3],
+            plate_normal: [0.0, 0.0, 1.0],
+            plate_offset_m: -UNBOUNDED_M,
         }
     }
 }
@@ -394,6 +433,8 @@ impl Procedure {
     pub fn check(&self) -> Result<(), ProcedureError> {
         let k = MAX_STIFFNESS_N_M;
         let a = &self.approach;
+        let (l, u) = (&self.limits, UNBOUNDED_M);
+        let normal2 = l.plate_normal.iter().map(|x| x * x).sum::<f64>();
         let ranges: &[(&'static str, f64, f64, f64)] = &[
             ("law.damping_ratio", self.law.damping_ratio, 0.1, 1.0),
             (
@@ -465,6 +506,36 @@ impl Procedure {
             ("limits.path_rad", self.limits.path_rad, 0.001, 3.0),
             ("limits.host_silence_s", self.limits.host_silence_s, 0.05, 3600.0),
             ("limits.missed_ticks", f64::from(self.limits.missed_ticks), 0.0, 100.0),
+            ("limits.frozen_ticks", f64::from(self.limits.frozen_ticks), 0.0, 1000.0),
+            ("limits.jump_rad", self.limits.jump_rad, 0.0, 10.0),
+            ("limits.torque_error_share", self.limits.torque_error_share, 0.01, 10.0),
+            ("limits.speed_m_s", self.limits.speed_m_s, 0.01, 5.0),
+            ("limits.soft_speed_m_s", self.limits.soft_speed_m_s, 0.01, 5.0),
+            ("limits.soft_force_n", self.limits.soft_force_n, 1.0, 500.0),
+            ("limits.turn_rad", self.limits.turn_rad, 0.01, 3.2),
+            (
+                "limits.workspace_min_m[0]",
+                l.workspace_min_m[0],
+                -u,
+                l.workspace_max_m[0],
+            ),
+            (
+                "limits.workspace_min_m[1]",
+                l.workspace_min_m[1],
+                -u,
+                l.workspace_max_m[1],
+            ),
+            (
+                "limits.workspace_min_m[2]",
+                l.workspace_min_m[2],
+                -u,
+                l.workspace_max_m[2],
+            ),
+            ("limits.workspace_max_m[0]", l.workspace_max_m[0], -u, u),
+            ("limits.workspace_max_m[1]", l.workspace_max_m[1], -u, u),
+            ("limits.workspace_max_m[2]", l.workspace_max_m[2], -u, u),
+            ("|limits.plate_normal|²", normal2, 1.0 - 1e-6, 1.0 + 1e-6),
+            ("limits.plate_offset_m", l.plate_offset_m, -u, u),
             (
                 "telemetry.contact_ticks",
                 f64::from(self.telemetry.contact_ticks),

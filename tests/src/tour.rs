@@ -101,6 +101,7 @@ pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
             Stop {
                 sphere: k as u32 + 1,
                 place: 0,
+                centre_m: centre.into(),
                 over_home: true,
                 approach: approach.to_vec(),
                 direction: down.into(),

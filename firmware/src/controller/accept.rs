@@ -25,6 +25,12 @@ fn array<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
     values.iter().all(|x| x.is_finite()).then_some(values)
 }
 
+/// A unit vector; a NaN is none.
+fn unit(direction: [f64; 3]) -> Option<Vector3<f64>> {
+    let direction = Vector3::from(direction);
+    ((direction.norm_squared() - 1.0).abs() < 1e-6).then_some(direction)
+}
+
 impl<const N: usize> Controller<N> {
     /// Carries out a command, or says why not. Acknowledgements, greetings and
     /// keep-alives are the link's business and always accepted.
@@ -77,6 +83,7 @@ impl<const N: usize> Controller<N> {
                     Activity::Decoupling(Decoupling::new(env, task))
                 })
             }
+            Command::Retreat { direction } => self.accept_retreat(direction),
             Command::Stop => {
                 if matches!(self.activity, Activity::Fault) {
                     return Err(Refusal::FaultPending);
@@ -89,6 +96,7 @@ impl<const N: usize> Controller<N> {
             }
             Command::ClearFault => {
                 if matches!(self.activity, Activity::Fault) {
+                    self.braked = false;
                     self.enter(Activity::Idle);
                 }
                 Ok(())
@@ -172,10 +180,7 @@ impl<const N: usize> Controller<N> {
     }
 
     fn accept_approach(&mut self, approach: &ApproachCommand) -> Result<(), Refusal> {
-        let direction = Vector3::from(approach.direction);
-        if !((direction.norm_squared() - 1.0).abs() < 1e-6) {
-            return Err(Refusal::Target);
-        }
+        let direction = unit(approach.direction).ok_or(Refusal::Target)?;
         self.idle()?;
         self.task.sphere = approach.sphere;
         self.task.direction = direction;
@@ -183,6 +188,21 @@ impl<const N: usize> Controller<N> {
         self.touched = true;
         self.enter(Activity::Taring(Taring::default()));
         Ok(())
+    }
+
+    /// Leaves a sphere that is not known to have been touched.
+    fn accept_retreat(&mut self, direction: [f64; 3]) -> Result<(), Refusal> {
+        let direction = unit(direction).ok_or(Refusal::Target)?;
+        self.idle()?;
+        self.task.direction = direction;
+        self.task.tare = Wrench::default();
+        self.touched = true;
+        self.with_env(|env, task| {
+            let soft =
+                crate::law::Stiffness::isotropic(env.procedure.couple.stiffness_n_m, env.procedure.law.rotation_nm_rad);
+            task.engage(env.snapshot, soft);
+            Activity::Decoupling(Decoupling::new(env, task))
+        })
     }
 
     fn accept_pose(&mut self, command: &PoseCommand) -> Result<(), Refusal> {
@@ -237,8 +257,10 @@ impl<const N: usize> Controller<N> {
             wrench: self.wrench,
             tau: &self.measured,
             joint_speed: 0.0,
+            force_n: 0.0,
             procedure: &self.procedure,
             speeds: &configured.speeds,
+            joints: self.guard.limits(),
             period_s: self.period_s,
             elapsed_s: 0.0,
             time_us: self.now_us,

@@ -6,8 +6,10 @@
 //! ```
 //!
 //! `tick` allocates nothing, has bounded loops and returns a torque for every
-//! state: while a drive state is unusable the last torque stands, and every
-//! fault ends in a joint spring-damper about where the arm was, with gravity.
+//! state: while a drive state is unusable the last torque stands for some ticks,
+//! then the brakes are asked for, as they are where the motors do not do what
+//! they are told; every other fault ends in a joint spring-damper about where
+//! the arm was, with gravity.
 
 mod accept;
 mod publish;
@@ -20,7 +22,7 @@ use nalgebra::{SVector, Vector3};
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, TorqueSign};
-use spherecal_shared::protocol::host::{Event, Phase, Refusal, Sample, Statistics};
+use spherecal_shared::protocol::host::{Event, Fault, Phase, Refusal, Sample, Statistics};
 use spherecal_shared::robot::Arm;
 
 use crate::guard::{Admission, Admitted, Guard, Violation};
@@ -34,6 +36,11 @@ const OUTBOX: usize = 12;
 const SAMPLES: usize = 32;
 /// Corner of the low-pass on joint speeds that tells a still arm, in rad/s.
 const STILL_FILTER: f64 = 60.0;
+
+/// Ticks past [`missed_ticks`](spherecal_shared::procedure::Limits::missed_ticks)
+/// for which the last torque stands while no state can be used; then the brakes
+/// are asked for: an unwatched torque does not hold an arm for long.
+const BLIND_TICKS: u32 = 20;
 
 /// What a configured controller computes with.
 #[derive(Clone, Debug)]
@@ -72,6 +79,10 @@ pub struct Controller<const N: usize> {
 
     schedule: Schedule,
     last: Option<DriveCommand>,
+    /// Ticks in a row without a state that could be used.
+    blind: u32,
+    /// Whether the motors cannot be relied on, until the fault is cleared.
+    braked: bool,
     ticks: u64,
     now_us: u64,
     tick: u64,
@@ -111,6 +122,8 @@ impl<const N: usize> Default for Controller<N> {
             silent_ticks: 0,
             schedule: Schedule::default(),
             last: None,
+            blind: 0,
+            braked: false,
             ticks: 0,
             now_us: 0,
             tick: 0,
@@ -205,7 +218,10 @@ impl<const N: usize> Controller<N> {
         self.ticks += 1;
         self.phase_ticks = self.phase_ticks.saturating_add(1);
         self.start_what_is_due();
-        let admission = self.guard.admit(state, &self.procedure.limits);
+        let sent = self.last.as_ref().map_or(&[][..], |last| &last.tau);
+        let admission = self
+            .guard
+            .admit(self.now_us, state, sent, &self.procedure.limits, self.period_s);
         if self.configured.is_none() {
             return self.disabled(state.tick);
         }
@@ -219,6 +235,10 @@ impl<const N: usize> Controller<N> {
             Admission::Bridged => self.bridge(state.tick),
             Admission::Refused(violation) => {
                 self.fail(violation);
+                if violation.fault == Fault::PositionJump {
+                    // Whatever the last torque was for, the arm is not there.
+                    return self.disabled(state.tick);
+                }
                 self.bridge(state.tick)
             }
         }
@@ -239,26 +259,36 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// The last torque again, for a state that could not be used.
+    /// The last torque again, for a state that could not be used; brakes after too many.
     fn bridge(&mut self, tick: u64) -> DriveCommand {
+        self.blind = self.blind.saturating_add(1);
+        let most = self.procedure.limits.missed_ticks.saturating_add(BLIND_TICKS);
         match &self.last {
-            Some(last) => DriveCommand { tick, ..last.clone() },
-            None => self.disabled(tick),
+            Some(last) if self.blind <= most => DriveCommand { tick, ..last.clone() },
+            _ => self.disabled(tick),
         }
+    }
+
+    /// Takes over from closed brakes, bumpless: nothing of before is true any more.
+    fn release(&mut self) {
+        self.holding = false;
+        self.observer.reset();
+        self.shaper.reset();
+        self.torque_loop.reset();
     }
 
     fn control(&mut self, tick: u64, state: &Admitted<N>) -> DriveCommand {
         self.tick = tick;
         self.latest_q = state.q;
+        if self.last.is_none() {
+            self.release();
+        }
+        self.blind = 0;
         let Some(configured) = &self.configured else {
             return self.disabled(tick);
         };
         let Some(snapshot) = Snapshot::new(&configured.arm, &state.q, &state.dq) else {
-            self.fail(Violation::new(
-                spherecal_shared::protocol::host::Fault::Internal,
-                0.0,
-                0.0,
-            ));
+            self.fail(Violation::new(Fault::Internal, 0.0, 0.0));
             return self.bridge(tick);
         };
         let torque_limits = configured.torque_limits;
@@ -283,12 +313,28 @@ impl<const N: usize> Controller<N> {
         if let Some(violation) = self.guard.joint_state(state, &self.procedure.limits) {
             self.fail(violation);
         }
-        self.advance(&snapshot, &speeds, joint_speed);
+        let force = if self.activity.is_cartesian() {
+            self.contact_force()
+        } else {
+            snapshot.point_force(self.observer.residual())
+        };
+        self.advance(&snapshot, &speeds, joint_speed, force.norm());
 
         let mut wanted = self.torque(&snapshot);
         let law = &self.procedure.law;
         let (gain, corner, bound) = (law.torque_loop_gain, law.torque_loop_rad_s, law.torque_loop_nm);
         let delivered = self.delivered(&snapshot, &state.tau);
+        let limits = &self.procedure.limits;
+        let (joints, envelope) = self.guard.parts();
+        let violation = envelope
+            .tcp(&snapshot.tcp.origin, &snapshot.velocity, limits, self.period_s)
+            .or_else(|| {
+                let sent = &self.last.as_ref()?.tau;
+                envelope.torque(sent, &delivered, joints, limits, self.period_s)
+            });
+        if let Some(violation) = violation {
+            self.fail(violation);
+        }
         let correction = self
             .torque_loop
             .correction(&delivered, gain, corner, bound, self.period_s);
@@ -299,11 +345,6 @@ impl<const N: usize> Controller<N> {
         let step = self.procedure.law.torque_rate_nm_s * self.period_s;
         let (tau, shaped) = self.shaper.shape(&wanted, &delivered, &limits, step);
         self.torque_loop.sent(&tau);
-        let force = if self.activity.is_cartesian() {
-            self.contact_force()
-        } else {
-            snapshot.point_force(self.observer.residual())
-        };
         let violation = self.guard.watch(&force, &shaped, &self.procedure.limits, self.period_s);
         if let Some(violation) = violation {
             self.fail(violation);
@@ -311,6 +352,9 @@ impl<const N: usize> Controller<N> {
         self.watch_host();
         self.publish(state, &snapshot, &tau, shaped);
         self.snapshot = Some(snapshot);
+        if self.braked {
+            return self.disabled(tick);
+        }
         let mut joints = Joints::new();
         for value in tau {
             let _ = joints.push(value);
@@ -341,14 +385,16 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Moves the setpoint and the phase by one tick.
-    fn advance(&mut self, snapshot: &Snapshot<N>, speeds: &[f64; N], joint_speed: f64) {
+    fn advance(&mut self, snapshot: &Snapshot<N>, speeds: &[f64; N], joint_speed: f64, force_n: f64) {
         let env = Env {
             snapshot,
             wrench: self.wrench,
             tau: &self.measured,
             joint_speed,
+            force_n,
             procedure: &self.procedure,
             speeds,
+            joints: self.guard.limits(),
             period_s: self.period_s,
             elapsed_s: f64::from(self.phase_ticks) * self.period_s,
             time_us: self.now_us,
@@ -359,11 +405,7 @@ impl<const N: usize> Controller<N> {
             let tcp = &snapshot.tcp.origin;
             if let Some(distance) = self.task.watch.push(tcp, snapshot.tcp_speed(), seating, env.period_s) {
                 let limit = seating.window_m;
-                self.fail(Violation::new(
-                    spherecal_shared::protocol::host::Fault::ContactLost,
-                    distance,
-                    limit,
-                ));
+                self.fail(Violation::new(Fault::ContactLost, distance, limit));
                 return;
             }
         }

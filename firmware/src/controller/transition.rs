@@ -55,6 +55,8 @@ impl<const N: usize> Controller<N> {
             limit: violation.limit,
         };
         self.latch();
+        // No torque holds an arm whose motors do not give it.
+        self.braked = violation.fault == Fault::TorqueSensor;
         self.tell(Event::Fault(report));
         self.enter(Activity::Fault);
     }

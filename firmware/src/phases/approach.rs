@@ -6,6 +6,7 @@ use spherecal_shared::protocol::host::{Contact, Event, Fault};
 
 use super::{Activity, Coupling, Env, Next, Task};
 use crate::contact::{ContactTrigger, Tare};
+use crate::envelope::room;
 use crate::law::Stiffness;
 use crate::motion::LineMove;
 
@@ -128,6 +129,11 @@ impl Approaching {
         }
         if travel > approach.travel_m {
             return Next::fail(Fault::NoContact, travel, approach.travel_m);
+        }
+        // Nearer to the plate than any sphere is: there is none.
+        let (left, _) = room(&tcp, &env.procedure.limits);
+        if left < 0.0 {
+            return Next::fail(Fault::NoContact, travel, travel + left);
         }
         let lag = (task.setpoint.position - tcp).norm();
         if lag > env.procedure.limits.path_m {

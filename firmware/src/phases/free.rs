@@ -2,6 +2,7 @@
 
 use spherecal_shared::protocol::host::Fault;
 
+use super::pace::{Pace, joint_load, tcp_load};
 use super::{Activity, Env, Next};
 use crate::law::JointSetpoint;
 use crate::motion::JointMove;
@@ -10,6 +11,10 @@ use crate::motion::JointMove;
 #[derive(Clone, Debug)]
 pub struct Moving<const N: usize> {
     path: JointMove<N>,
+    /// Time along the path, in s: slower than the clock where a soft limit bites.
+    along_s: f64,
+    pace: Pace,
+    over_s: f64,
 }
 
 impl<const N: usize> Moving<N> {
@@ -25,12 +30,20 @@ impl<const N: usize> Moving<N> {
                 env.speeds,
                 motion.acceleration_rad_s2,
             ),
+            along_s: 0.0,
+            pace: Pace::default(),
+            over_s: 0.0,
         }
     }
 
     /// One tick.
     pub fn step(&mut self, env: &Env<'_, N>, hold: &mut JointSetpoint<N>) -> Next<N> {
-        *hold = self.path.at(env.elapsed_s);
+        let pace = self.pace.step(tcp_load(env).max(joint_load(env)), env.period_s);
+        self.along_s += pace * env.period_s;
+        *hold = self.path.at(self.along_s);
+        for speed in &mut hold.dq {
+            *speed *= pace;
+        }
         let motion = &env.procedure.motion;
         let mut worst = 0.0f64;
         for (wanted, is) in hold.q.iter().zip(&env.snapshot.q) {
@@ -40,10 +53,10 @@ impl<const N: usize> Moving<N> {
         if worst > limits.path_rad {
             return Next::fail(Fault::PathDeviation, worst, limits.path_rad);
         }
-        let over = env.elapsed_s - self.path.duration_s();
-        if over < 0.0 {
+        if self.along_s < self.path.duration_s() {
             return Next::Stay;
         }
+        self.over_s += env.period_s;
         if worst <= motion.tolerance_rad && env.joint_speed <= motion.tolerance_rad {
             *hold = JointSetpoint {
                 q: *self.path.target(),
@@ -51,7 +64,7 @@ impl<const N: usize> Moving<N> {
             };
             return Next::Enter(Activity::Idle, None);
         }
-        if over > motion.settle_s {
+        if self.over_s > motion.settle_s {
             return Next::fail(Fault::MotionTimeout, worst, motion.tolerance_rad);
         }
         Next::Stay

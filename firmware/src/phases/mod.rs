@@ -19,18 +19,21 @@ mod approach;
 mod couple;
 mod decouple;
 mod free;
+mod pace;
 mod record;
 mod turn;
 
 use nalgebra::{Matrix3, Vector3, Vector6};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Event, Fault, Phase};
+use spherecal_shared::robot::JointLimits;
 use spherecal_shared::robot::elbow::elbow;
 
 pub use approach::{Approaching, Taring};
 pub use couple::{Coupling, Verifying};
 pub use decouple::Decoupling;
 pub use free::Moving;
+pub use pace::Pace;
 pub use record::Recording;
 pub use turn::{Pose, Turning};
 
@@ -49,10 +52,14 @@ pub struct Env<'a, const N: usize> {
     pub tau: &'a [f64; N],
     /// Fastest joint, low-pass filtered, in rad/s.
     pub joint_speed: f64,
+    /// Size of the force at the TCP that the force limit watches, in N.
+    pub force_n: f64,
     /// The procedure.
     pub procedure: &'a Procedure,
     /// Speed limits of the joints, in rad/s.
     pub speeds: &'a [f64; N],
+    /// Limits of the joints.
+    pub joints: &'a [JointLimits; N],
     /// Control period, in s.
     pub period_s: f64,
     /// Time since the phase was entered, in s.

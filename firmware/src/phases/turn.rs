@@ -4,6 +4,7 @@
 use nalgebra::Matrix3;
 use spherecal_shared::protocol::host::{Event, Fault};
 
+use super::pace::{Pace, joint_load};
 use super::record::Recording;
 use super::{Activity, Env, Next, Task};
 use crate::law::NullSpace;
@@ -40,7 +41,7 @@ pub struct Turning<const N: usize> {
     null: NullMove<N>,
     /// Time along the path, in s: slower than the clock where a joint is fast.
     along_s: f64,
-    pace: f64,
+    pace: Pace,
     over_s: f64,
     still_s: f64,
 }
@@ -74,7 +75,7 @@ impl<const N: usize> Turning<N> {
             path,
             null,
             along_s: 0.0,
-            pace: 1.0,
+            pace: Pace::default(),
             over_s: 0.0,
             still_s: 0.0,
         }
@@ -87,13 +88,8 @@ impl<const N: usize> Turning<N> {
         for (dq, limit) in env.snapshot.dq.iter().zip(env.speeds) {
             share = share.max(dq.abs() / limit);
         }
-        let wanted = if share > BRISK { self.pace * BRISK / share } else { 1.0 };
-        // Not `clamp`, which panics where the period is not a number.
-        let step = (wanted - self.pace)
-            .max(-SLOWER_PER_S * env.period_s)
-            .min(FASTER_PER_S * env.period_s);
-        self.pace = (self.pace + step).min(1.0).max(SLOWEST);
-        self.along_s += self.pace * env.period_s;
+        let load = (share / BRISK).max(joint_load(env));
+        self.along_s += self.pace.step(load, env.period_s) * env.period_s;
     }
 
     /// One tick.
@@ -104,12 +100,12 @@ impl<const N: usize> Turning<N> {
         task.setpoint
             .velocity
             .fixed_rows_mut::<3>(3)
-            .copy_from(&(at.angular * self.pace));
+            .copy_from(&(at.angular * self.pace.now()));
         match &self.null {
             NullMove::Elbow => {
                 task.null_space = NullSpace::Elbow {
                     angle: at.elbow,
-                    rate: at.elbow_rate * self.pace,
+                    rate: at.elbow_rate * self.pace.now(),
                 }
             }
             NullMove::Posture(start, target) => {
@@ -126,12 +122,16 @@ impl<const N: usize> Turning<N> {
             }
             NullMove::Stay => {}
         }
+        let error = task.orientation_error(env.snapshot);
+        let most = env.procedure.limits.turn_rad;
+        if error > most {
+            return Next::fail(Fault::PathDeviation, error, most);
+        }
         if self.along_s < self.path.duration_s() {
             return Next::Stay;
         }
         self.over_s += env.period_s;
         let turn = &env.procedure.turn;
-        let error = task.orientation_error(env.snapshot);
         let elbow_error = task.null_space.elbow_error(env.snapshot).abs();
         let there = error <= turn.tolerance_rad && elbow_error <= turn.elbow_tolerance_rad;
         if there && !self.pose.record {
@@ -161,10 +161,6 @@ impl<const N: usize> Turning<N> {
 
 /// Share of the speed limits beyond which a turn slows down.
 const BRISK: f64 = 0.6;
-/// How fast the pace falls and rises again, per s, and its least value.
-const SLOWER_PER_S: f64 = 20.0;
-const FASTER_PER_S: f64 = 2.0;
-const SLOWEST: f64 = 0.05;
 
 /// How long the arm must have been still to count as settled, in s.
 pub(super) const STILL_S: f64 = 0.020;

@@ -127,6 +127,28 @@ pub enum CampaignError {
         /// The last fault.
         report: FaultReport,
     },
+    /// The controller was lost.
+    #[error(
+        "the controller was not heard for {silent_s:.0} s and does not answer greetings: check its power and the \
+         host link; then continue with --resume"
+    )]
+    Lost {
+        /// For how long it was not heard, in s.
+        silent_s: f64,
+    },
+    /// A sphere is not where it was.
+    #[error(
+        "sphere {sphere} is {by_mm:.0} mm from where it should be by sphere {other}: the plate or a sphere was \
+         moved; fix them and begin a new run, for what was recorded before does not fit what would come"
+    )]
+    Moved {
+        /// The sphere.
+        sphere: u32,
+        /// The sphere that it was held against; itself where it was found before.
+        other: u32,
+        /// By how much, in mm.
+        by_mm: f64,
+    },
     /// Too many poses failed.
     #[error(
         "{rejected} of {planned} poses were given up: something is wrong with the coupling or with the plan; \
@@ -184,6 +206,12 @@ pub fn remedy(fault: Fault) -> &'static str {
         Fault::Drive => "release the emergency stop and enable the drives",
         Fault::Overrun => "the controller misses its period: take load off it",
         Fault::HostSilence => "the host link was silent: check the network and the load of this computer",
+        Fault::PositionJump => "an encoder has lost its place: reference the joint and start the controller again",
+        Fault::TorqueSensor => {
+            "a torque sensor or a motor fails: let the drive check itself, and have the joint looked at"
+        }
+        Fault::TcpSpeed => "lower procedure.motion.speed_rad_s, and look for what drives the arm",
+        Fault::Workspace => "the way leads out of procedure.limits.workspace or to the plate: check plate and plan",
         Fault::Internal => "this is a defect of the controller: please report it with the database",
     }
 }

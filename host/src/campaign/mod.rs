@@ -17,15 +17,20 @@
 //! decouple, home. After a fault, Section 6: clear it, decouple, move away,
 //! couple again, from beside the waypoint where the nest did not find its seat
 //! ([`Waypoints`]), and go on at the pose where it was; after so many attempts in
-//! vain, stop with a typed reason. The campaign sees only the host link: no
+//! vain, stop with a typed reason ([`recovery`]). A controller that falls silent
+//! or was reset is greeted and configured again, and retreats from the sphere.
+//! The campaign sees only the host link: no
 //! plant, no truth.
 
 mod error;
 mod observe;
 mod operate;
 mod outcome;
+mod places;
 mod plausible;
 mod procedure;
+mod recover;
+pub mod recovery;
 mod retry;
 mod session;
 mod teach;
@@ -61,6 +66,8 @@ pub struct Stop {
     pub sphere: u32,
     /// Placement of the plate, from 0, that it is visited in.
     pub place: u32,
+    /// Its nominal centre in F0, in m.
+    pub centre_m: [f64; 3],
     /// Whether the way to the approach frame leads over home; else it comes
     /// straight from the stop before, if nothing went wrong there.
     pub over_home: bool,

@@ -8,13 +8,12 @@ use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultRep
 
 use super::observe::{Observer, Stage};
 use super::outcome::{Outcome, Rejected};
+use super::places::Places;
+use super::recovery::policy;
 use super::retry::{Trace, Waypoints};
 use super::session::{Journal, Session, Waited};
 use super::{Assignment, CampaignError, Stop, TourPose};
 use crate::link::Device;
-
-/// Time for a free motion, in s of device time: an arm turns half around in 8 s.
-const MOTION_S: f64 = 60.0;
 
 /// How work at a sphere ended.
 enum AtSphere {
@@ -65,11 +64,14 @@ pub fn run(
 }
 
 pub(super) struct Campaign<'a> {
-    assignment: &'a Assignment<'a>,
+    pub(super) assignment: &'a Assignment<'a>,
     done: BTreeSet<(u32, u32)>,
     rejected: Vec<Rejected>,
-    recorded: usize,
+    pub(super) recorded: usize,
     waypoints: Waypoints,
+    places: Places,
+    /// Whether the nest may be on a sphere.
+    pub(super) touching: bool,
 }
 
 impl<'a> Campaign<'a> {
@@ -81,6 +83,8 @@ impl<'a> Campaign<'a> {
             rejected: Vec::new(),
             recorded: 0,
             waypoints: Waypoints::new(assignment.robot, assignment.tool),
+            places: Places::default(),
+            touching: false,
         }
     }
 
@@ -90,20 +94,25 @@ impl<'a> Campaign<'a> {
         session.greet(self.assignment.robot.dof())?;
         session.clear_fault()?;
         self.take_over(session)?;
+        self.configure(session)
+    }
+
+    pub(super) fn configuration(&self) -> Command {
+        Command::Configure {
+            tool: *self.assignment.tool,
+            procedure: *self.assignment.procedure,
+        }
+    }
+
+    pub(super) fn configure(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
         session.order("take the robot", Command::Robot(self.assignment.robot.clone()))?;
-        session.order(
-            "take the procedure",
-            Command::Configure {
-                tool: *self.assignment.tool,
-                procedure: *self.assignment.procedure,
-            },
-        )
+        session.order("take the procedure", self.configuration())
     }
 
     /// Brings a controller that an earlier host has left in the middle of
     /// something to rest in free space: a robot that hangs on a sphere must not be
     /// told that it does not.
-    fn take_over(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+    pub(super) fn take_over(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
         for _ in 0..self.assignment.options.attempts.max(1) {
             match session.ask("stop", Command::Stop)? {
                 Ok(()) | Err(Refusal::FaultPending) => {}
@@ -114,23 +123,20 @@ impl<'a> Campaign<'a> {
                     });
                 }
             }
-            let before = session.changes;
-            match session.ask("leave the sphere", Command::Decouple)? {
-                // New, or nothing was touched.
-                Err(Refusal::Phase | Refusal::NotConfigured) => return Ok(()),
-                Ok(()) | Err(Refusal::FaultPending) => {}
-                Err(refusal) => {
-                    return Err(CampaignError::Refused {
-                        what: "leave the sphere".to_owned(),
-                        refusal,
-                    });
+            match self.leave(session) {
+                Ok(None) => {
+                    session.note("the controller had been left on a sphere");
+                    return Ok(());
                 }
-            }
-            session.note("the controller was left on a sphere: leaving it first");
-            let free = |s: &Session<'_>| (s.changes > before && s.phase == Phase::Idle).then_some(());
-            match session.wait("leave the sphere", self.decouple_limit(), free)? {
-                Waited::Got(()) => return Ok(()),
-                Waited::Fault(_) => session.clear_fault()?,
+                Ok(Some(_)) => {
+                    session.clear_fault()?;
+                }
+                // New, or nothing was touched.
+                Err(CampaignError::Refused {
+                    refusal: Refusal::Phase | Refusal::NotConfigured,
+                    ..
+                }) => return Ok(()),
+                Err(error) => return Err(error),
             }
         }
         Ok(())
@@ -148,18 +154,26 @@ impl<'a> Campaign<'a> {
                 continue;
             }
             let at_home = self.have_plate(session, &mut stands, stop.place)?;
-            if !at_home && (stop.over_home || left.is_none_or(|l| l + 1 != number)) {
-                session.stage(Stage::Home, 0, tour);
-                self.travel(session, "reach the home frame", &tour.home)?;
-            }
+            let straight = at_home || (!stop.over_home && left.is_some_and(|l| l + 1 == number));
             let faults = session.faults.len();
-            self.sphere(session, stop)?;
+            let lost = self.whatever_is_lost(session, Some(stop), |campaign, session, again| {
+                if again || !straight {
+                    session.stage(Stage::Home, 0, tour);
+                    campaign.travel(session, "reach the home frame", &tour.home)?;
+                }
+                if campaign.pending(stop).is_empty() {
+                    return Ok(());
+                }
+                campaign.sphere(session, stop)
+            })?;
             away = true;
-            left = (session.faults.len() == faults).then_some(number);
+            left = (!lost && session.faults.len() == faults).then_some(number);
         }
         if away {
-            session.stage(Stage::Home, 0, tour);
-            self.travel(session, "reach the home frame", &tour.home)?;
+            self.whatever_is_lost(session, None, |campaign, session, _| {
+                session.stage(Stage::Home, 0, tour);
+                campaign.travel(session, "reach the home frame", &tour.home)
+            })?;
         }
         session.drain(20)?;
         session.stage(Stage::Done, 0, tour);
@@ -222,7 +236,10 @@ impl<'a> Campaign<'a> {
             let before = self.recorded;
             let contacts = session.contacts.len();
             let (report, pose) = match self.attempt(session, stop)? {
-                AtSphere::Finished => return Ok(()),
+                AtSphere::Finished => {
+                    self.touching = false;
+                    return Ok(());
+                }
                 AtSphere::Fault(report, pose) => (report, pose),
             };
             in_vain = if self.recorded > before { 1 } else { in_vain + 1 };
@@ -236,7 +253,9 @@ impl<'a> Campaign<'a> {
                 "sphere {}: {:?} while {:?}; recovering",
                 stop.sphere, report.fault, report.phase
             ));
-            if let Some(pose) = pose {
+            if let Some(pose) = pose
+                && policy(report.fault).blames_pose
+            {
                 let count = failures.entry(pose).or_default();
                 *count += 1;
                 if *count >= self.assignment.options.pose_attempts {
@@ -245,7 +264,8 @@ impl<'a> Campaign<'a> {
                 }
             }
             session.stage(Stage::Recover, stop.sphere, tour);
-            self.let_go(session, stop)?;
+            self.let_go(session, stop, report)?;
+            self.touching = false;
             if in_vain >= self.assignment.options.attempts {
                 return Err(if report.fault == Fault::NoContact {
                     CampaignError::NoContact {
@@ -260,6 +280,9 @@ impl<'a> Campaign<'a> {
                     }
                 });
             }
+            if self.pending(stop).is_empty() {
+                return Ok(());
+            }
         }
     }
 
@@ -273,7 +296,10 @@ impl<'a> Campaign<'a> {
             sphere: stop.sphere,
             direction: stop.direction,
         };
-        session.order("approach", Command::Approach(approach))?;
+        if let Some(report) = session.carry_out("approach", Command::Approach(approach))? {
+            return Ok(AtSphere::Fault(report, None));
+        }
+        self.touching = true;
         let limit = p.approach.tare_s
             + 2.0 * p.approach.travel_m / p.approach.speed_m_s
             + p.couple.hold_s
@@ -284,7 +310,13 @@ impl<'a> Campaign<'a> {
                 .filter(|c| c.sphere == stop.sphere && s.phase == Phase::Coupled)
         };
         match session.wait("touch and couple", limit, coupled)? {
-            Waited::Got(coupled) => self.waypoints.seated(stop, &coupled),
+            Waited::Got(coupled) => {
+                if let Err(moved) = self.places.check(stop, &coupled.centre_m) {
+                    self.leave(session)?;
+                    return Err(moved);
+                }
+                self.waypoints.seated(stop, &coupled);
+            }
             Waited::Fault(report) => return Ok(AtSphere::Fault(report, None)),
         }
 
@@ -321,7 +353,7 @@ impl<'a> Campaign<'a> {
                 let there = s.recorded == Some(wanted) || (!pose.record && s.passed == Some(pose.pose));
                 (there && s.phase == Phase::Coupled).then_some(())
             };
-            let waited = session.wait("record a pose", limit, there)?;
+            let waited = session.wait("record a pose", limit, there);
             if session.recorded == Some(wanted) {
                 // Stored, so it counts, whatever came after it.
                 self.done.insert(wanted);
@@ -329,100 +361,16 @@ impl<'a> Campaign<'a> {
                 session.progress.done = self.done.len();
                 session.report_progress();
             }
-            if let Waited::Fault(report) = waited {
+            if let Waited::Fault(report) = waited? {
                 return Ok(AtSphere::Fault(report, pose.record.then_some(pose.pose)));
             }
         }
 
         session.stage(Stage::Decouple, stop.sphere, tour);
-        let before = session.changes;
-        session.order("decouple", Command::Decouple)?;
-        let limit = self.decouple_limit();
-        let free = |s: &Session<'_>| (s.changes > before && s.phase == Phase::Idle).then_some(());
-        match session.wait("leave the sphere", limit, free)? {
-            Waited::Got(()) => Ok(AtSphere::Finished),
-            Waited::Fault(_) => {
-                self.let_go(session, stop)?;
-                Ok(AtSphere::Finished)
-            }
+        if let Some(report) = self.leave(session)? {
+            self.let_go(session, stop, report)?;
         }
-    }
-
-    fn decouple_limit(&self) -> f64 {
-        let p = &self.assignment.procedure.decouple;
-        p.retreat_m / p.speed_m_s + p.settle_s + 20.0
-    }
-
-    /// Clears the fault, pulls the nest off if it is on, and leaves the arm
-    /// holding in free space.
-    fn let_go(&self, session: &mut Session<'_>, stop: &Stop) -> Result<(), CampaignError> {
-        let attempts = self.assignment.options.attempts.max(1);
-        let mut last = None;
-        for _ in 0..attempts {
-            session.clear_fault()?;
-            let before = session.changes;
-            match session.ask("decouple", Command::Decouple)? {
-                // Not touched yet: there is nothing to let go of.
-                Err(Refusal::Phase) => return Ok(()),
-                Ok(()) | Err(Refusal::FaultPending) => {}
-                Err(refusal) => {
-                    return Err(CampaignError::Refused {
-                        what: format!("leave sphere {}", stop.sphere),
-                        refusal,
-                    });
-                }
-            }
-            let free = |s: &Session<'_>| (s.changes > before && s.phase == Phase::Idle).then_some(());
-            match session.wait("leave the sphere", self.decouple_limit(), free)? {
-                Waited::Got(()) => return Ok(()),
-                Waited::Fault(report) => last = Some(report),
-            }
-        }
-        match last {
-            Some(report) => Err(CampaignError::GivenUp {
-                sphere: stop.sphere,
-                attempts,
-                report,
-            }),
-            None => Ok(()),
-        }
-    }
-
-    /// A free motion, with as many attempts as are allowed.
-    pub(super) fn travel(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<(), CampaignError> {
-        let attempts = self.assignment.options.attempts.max(1);
-        let mut last = None;
-        for _ in 0..attempts {
-            let before = session.changes;
-            match session.ask(what, Command::Move { target: joints(target) })? {
-                Ok(()) => {
-                    let rest = |s: &Session<'_>| (s.changes > before && s.phase == Phase::Idle).then_some(());
-                    match session.wait(what, MOTION_S, rest)? {
-                        Waited::Got(()) => return Ok(()),
-                        Waited::Fault(report) => last = Some(report),
-                    }
-                }
-                Err(Refusal::FaultPending) => {}
-                Err(refusal) => {
-                    return Err(CampaignError::Refused {
-                        what: what.to_owned(),
-                        refusal,
-                    });
-                }
-            }
-            session.clear_fault()?;
-        }
-        match last {
-            Some(report) => Err(CampaignError::Motion {
-                what: what.to_owned(),
-                attempts,
-                report,
-            }),
-            None => Err(CampaignError::Refused {
-                what: what.to_owned(),
-                refusal: Refusal::FaultPending,
-            }),
-        }
+        Ok(AtSphere::Finished)
     }
 
     fn give_up_pose(
@@ -462,6 +410,6 @@ impl<'a> Campaign<'a> {
 
 /// Joint values as they travel; more than the protocol carries are cut, and
 /// the controller refuses what is left.
-fn joints(values: &[f64]) -> Joints {
+pub(super) fn joints(values: &[f64]) -> Joints {
     values.iter().copied().take(spherecal_shared::MAX_JOINTS).collect()
 }

@@ -160,6 +160,7 @@ mod tests {
 
     fn stop(sphere: u32) -> Stop {
         Stop {
+            centre_m: [0.5, 0.0, 0.3],
             sphere,
             place: 0,
             over_home: true,

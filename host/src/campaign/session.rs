@@ -18,6 +18,7 @@ use spherecal_shared::protocol::host::{
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 
 use super::observe::{Moved, Observer, Progress, Stage, TelemetrySummary, force};
+use super::recovery::{GREET_S, LOST_S};
 use super::{CampaignError, Tour, plausible};
 use crate::link::{Arrival, Device, HostEndpoint, Injected, Timing};
 
@@ -78,6 +79,9 @@ const ROUND_US: u64 = 500_000;
 /// How long the controller may take to answer a command, in s of device time.
 const ANSWER_S: f64 = 10.0;
 
+/// How long a cleared fault is watched for coming back, in µs of device time.
+const CLEAR_US: u64 = 50_000;
+
 /// How a wait ended.
 pub(super) enum Waited<T> {
     /// What was waited for.
@@ -107,6 +111,8 @@ pub struct Session<'a> {
     /// When, by the controller's clock, what was heard last happened, in µs.
     heard_us: u64,
     last_progress_us: u64,
+    /// Time of the cell at which a frame of the controller last came, in µs.
+    alive_us: u64,
     pub(super) progress: Progress,
     pub(super) banner: Option<Banner>,
     pub(super) phase: Phase,
@@ -150,6 +156,7 @@ impl<'a> Session<'a> {
             greeting: false,
             heard_us: 0,
             last_progress_us: 0,
+            alive_us: 0,
             progress: Progress::default(),
             banner: None,
             phase: Phase::Idle,
@@ -235,6 +242,7 @@ impl<'a> Session<'a> {
         self.cell.step(&self.down, &mut self.up)?;
         let journal = &mut *self.journal;
         let joints = self.joints;
+        let frames = self.endpoint.counters().frames;
         self.endpoint.receive(&self.up, &mut self.arrived, |batch| {
             for arrival in batch {
                 plausible(&arrival.body, joints)?;
@@ -242,6 +250,9 @@ impl<'a> Session<'a> {
             journal.append(batch).map_err(CampaignError::from)
         })?;
         self.inbox.extend(self.arrived.drain(..));
+        if self.endpoint.counters().frames != frames {
+            self.alive_us = now_us;
+        }
         if self.endpoint.lost_session() {
             return Err(CampaignError::Restarted);
         }
@@ -344,6 +355,56 @@ impl<'a> Session<'a> {
         })
     }
 
+    /// Sends a command; the fault that kept it from being carried out, if there was one.
+    pub(super) fn carry_out(&mut self, what: &str, command: Command) -> Result<Option<FaultReport>, CampaignError> {
+        match self.ask(what, command)? {
+            Ok(()) => Ok(None),
+            Err(Refusal::FaultPending) => {
+                // Its report is on the way.
+                match self.wait("report its fault", ANSWER_S, |_| None::<()>)? {
+                    Waited::Fault(report) => Ok(Some(report)),
+                    Waited::Got(()) => Ok(None),
+                }
+            }
+            Err(refusal) => Err(CampaignError::Refused {
+                what: what.to_owned(),
+                refusal,
+            }),
+        }
+    }
+
+    /// Sends a command that sets the arm in motion, and waits until it rests again,
+    /// so many s at most; the fault, if one came.
+    pub(super) fn carry_to_rest(
+        &mut self,
+        what: &str,
+        command: Command,
+        limit_s: f64,
+    ) -> Result<Option<FaultReport>, CampaignError> {
+        let before = self.changes;
+        if let Some(report) = self.carry_out(what, command)? {
+            return Ok(Some(report));
+        }
+        let rest = |s: &Self| (s.changes > before && s.phase == Phase::Idle).then_some(());
+        match self.wait(what, limit_s, rest)? {
+            Waited::Got(()) => Ok(None),
+            Waited::Fault(report) => Ok(Some(report)),
+        }
+    }
+
+    /// Lets time pass, in s.
+    pub(super) fn rest(&mut self, time_s: f64) -> Result<(), CampaignError> {
+        let start = self.now_us();
+        while (self.now_us().saturating_sub(start) as f64) * 1e-6 < time_s {
+            self.check_interrupt()?;
+            self.step()?;
+            self.check_time(start, f64::INFINITY, String::new)?;
+        }
+        // By the controller's clock, too: what comes next starts that much later.
+        self.heard_us = self.heard_us.saturating_add((time_s * 1e6) as u64);
+        Ok(())
+    }
+
     /// Steps until `done` says so or a fault comes.
     pub(super) fn wait<T>(
         &mut self,
@@ -368,6 +429,10 @@ impl<'a> Session<'a> {
     }
 
     fn check_time(&self, start_us: u64, limit_s: f64, what: impl FnOnce() -> String) -> Result<(), CampaignError> {
+        let silent_s = self.now_us().saturating_sub(self.alive_us) as f64 * 1e-6;
+        if self.banner.is_some() && silent_s > LOST_S {
+            return Err(CampaignError::Lost { silent_s });
+        }
         if self.now_us().saturating_sub(start_us) as f64 * 1e-6 > limit_s {
             return Err(CampaignError::Timeout {
                 what: what(),
@@ -430,17 +495,50 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Clears a fault, if there is one.
-    pub(super) fn clear_fault(&mut self) -> Result<(), CampaignError> {
+    /// Clears a fault, if there is one; the fault that came back at once, if one did.
+    pub(super) fn clear_fault(&mut self) -> Result<Option<FaultReport>, CampaignError> {
+        let quiet = self.pending_fault.take().is_none() && self.phase != Phase::Fault;
         self.order("clear the fault", Command::ClearFault)?;
-        self.pending_fault = None;
+        if quiet && self.pending_fault.is_none() {
+            return Ok(None);
+        }
         // The fault is over when the controller says so, not when it says yes.
         let start = self.now_us();
-        while self.phase == Phase::Fault {
+        loop {
             self.step()?;
+            if self.phase != Phase::Fault && self.now_us().saturating_sub(start) > CLEAR_US {
+                return Ok(None);
+            }
+            if let (Phase::Fault, Some(report)) = (self.phase, self.pending_fault) {
+                return Ok(Some(report));
+            }
             self.check_time(start, ANSWER_S, || "leave the fault".to_owned())?;
         }
-        Ok(())
+    }
+
+    /// Greets a controller that fell silent or was reset, for as long as it may take.
+    pub(super) fn regreet(&mut self, joints: usize) -> Result<(), CampaignError> {
+        let start = self.now_us();
+        self.inbox.clear();
+        self.banner = None;
+        self.pending_fault = None;
+        self.phase = Phase::Idle;
+        self.greeting = true;
+        let session = self.endpoint.next_session();
+        self.journal.greet(session)?;
+        let sequence = self.endpoint.send(Command::Hello);
+        self.reply = None;
+        while self.banner.is_none() || self.reply.is_none_or(|(number, _)| number != sequence) {
+            self.check_interrupt()?;
+            self.step()?;
+            let silent_s = self.now_us().saturating_sub(start) as f64 * 1e-6;
+            if silent_s > GREET_S {
+                return Err(CampaignError::Lost { silent_s });
+            }
+        }
+        self.banner
+            .as_ref()
+            .map_or(Ok(()), |banner| check_banner(banner, joints))
     }
 
     /// Lets acknowledgements reach the controller.

@@ -116,6 +116,12 @@ pub enum Command {
         after_help = "Examples: spherecal worlds --world W0 --world W3 --seeds 4\n          spherecal worlds --plan"
     )]
     Worlds(WorldsArgs),
+    /// Inject every fault there is, at random instants, and say what becomes of it.
+    #[command(after_help = "Examples: spherecal faults --list\n          \
+                            spherecal faults --show human_push > push.toml && spherecal run --inject push.toml\n          \
+                            spherecal faults --instants 20 --seeds 3\n          \
+                            spherecal faults --campaign 1000")]
+    Faults(FaultsArgs),
     /// Print the configuration: every field, what it is, and its value.
     #[command(after_help = "Example: spherecal config --print > cell.toml && spherecal run --config cell.toml")]
     Config(ConfigArgs),
@@ -176,6 +182,9 @@ pub struct RunArgs {
     /// Begin the descents where `spherecal teach` found the spheres.
     #[arg(long, value_name = "FILE.toml")]
     pub waypoints: Option<PathBuf>,
+    /// Let things go wrong: a preset (`spherecal faults --list`) or a file (`spherecal faults --show PRESET`).
+    #[arg(long, value_name = "FILE.toml|PRESET")]
+    pub inject: Option<String>,
     /// Go on with the last run of --out, at the pose where it was.
     #[arg(long, conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "seed", "waypoints"])]
     pub resume: bool,
@@ -430,6 +439,32 @@ pub struct WorldsArgs {
     /// Robots drawn in each world.
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `faults`.
+#[derive(Args, Clone, Debug)]
+pub struct FaultsArgs {
+    /// List the faults.
+    #[arg(long)]
+    pub list: bool,
+    /// Print a fault as a file for --inject.
+    #[arg(long, value_name = "NAME")]
+    pub show: Option<String>,
+    /// Inject only this; all if none is named.
+    #[arg(long, value_name = "NAME")]
+    pub only: Vec<String>,
+    /// Random instants for each fault and arm.
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
+    pub instants: u32,
+    /// Arms, each with its own errors.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: u64,
+    /// So many runs with one to four random faults each, instead.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub campaign: Option<u64>,
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
     pub json: bool,

@@ -13,6 +13,7 @@ mod dashboard;
 mod doctor;
 mod exit;
 mod export;
+mod faults;
 mod history;
 mod identify;
 mod out;
@@ -66,6 +67,7 @@ pub fn main() -> ExitCode {
         Some(Command::Trend(args)) => history::trend(&args),
         Some(Command::Reproduce(args)) => studies::reproduce(&args),
         Some(Command::Worlds(args)) => studies::worlds(&args),
+        Some(Command::Faults(args)) => faults::run(&args),
         Some(Command::Config(args)) => stages::config(&args),
         Some(Command::Doctor(args)) => Ok(doctor::run(&args)),
         Some(Command::Completions(args)) => shell::completions(&args),

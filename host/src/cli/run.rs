@@ -14,6 +14,7 @@ use super::shown::Shown;
 use super::text;
 use crate::campaign::{Moved, Observer, Progress};
 use crate::history::{FINGERPRINT, Fingerprint};
+use crate::inject;
 use crate::job::{self, JobError, Link, Measurements, Prepared, Site, Summary};
 use crate::link::Arrival;
 use crate::link::qemu::LOG_FILE;
@@ -132,6 +133,7 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
 /// outside still do.
 pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo, Shown), CliError> {
     let interrupt = interrupt()?;
+    let inject = args.inject.as_deref().map(inject::Plan::load).transpose()?;
     let (mut store, prepared, resume) = if args.resume {
         resumed(args)?
     } else {
@@ -164,6 +166,7 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo, Shown), CliErro
             store: &mut store,
             observer: &mut view,
             interrupt: &interrupt,
+            inject: inject.as_ref(),
         };
         let measured = job::measure(&prepared, site, resume.as_ref());
         let (view, _, traces) = view.finish();

@@ -35,6 +35,7 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
         folder: &args.out,
         store: &mut store,
         observer: &mut view,
+        inject: None,
         interrupt: &interrupt,
     };
     let soak = job::soak(&prepared, site, args.hours);

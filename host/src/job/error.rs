@@ -2,6 +2,7 @@
 
 use crate::campaign::CampaignError;
 use crate::identify::IdentifyError;
+use crate::inject::{InjectError, UpsettingError};
 use crate::laser;
 use crate::link::qemu::QemuError;
 use crate::link::{LinkError, SimulatedArmError};
@@ -56,6 +57,17 @@ pub enum JobError {
     /// The controller in QEMU cannot be used.
     #[error(transparent)]
     Qemu(#[from] QemuError),
+    /// A link that cannot be used here.
+    #[error("link \"{link}\": {remedy}")]
+    NoLink {
+        /// As given.
+        link: String,
+        /// What to give instead.
+        remedy: String,
+    },
+    /// What was to be injected was refused.
+    #[error(transparent)]
+    Inject(#[from] InjectError),
     /// The campaign stopped.
     #[error(transparent)]
     Campaign(#[from] CampaignError),
@@ -123,6 +135,15 @@ impl From<SimulatedArmError> for JobError {
     }
 }
 
+impl From<UpsettingError> for JobError {
+    fn from(error: UpsettingError) -> Self {
+        match error {
+            UpsettingError::Inject(e) => Self::Inject(e),
+            UpsettingError::Link(e) => Self::Link(e),
+        }
+    }
+}
+
 impl JobError {
     /// Whether the user's input is at fault (exit code 2) and not the job (1).
     pub fn is_input(&self) -> bool {
@@ -133,6 +154,8 @@ impl JobError {
             | Self::PlateOutOfReach { .. }
             | Self::NoPose { .. }
             | Self::Plant(_)
+            | Self::NoLink { .. }
+            | Self::Inject(_)
             | Self::Resume { .. }
             | Self::Waypoints { .. }
             | Self::LaserPlan(_) => true,

@@ -13,6 +13,7 @@ use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::laser::{Tracker, measure_laser, simulated_tracker};
 use super::{Config, JobError, Measurements, Prepared, tour};
 use crate::campaign::{self, Assignment, Observer, Outcome};
+use crate::inject::{self, Upsetting};
 use crate::link::qemu::{Qemu, QemuOptions};
 use crate::link::tcp::{Remote, TcpDrive, Threaded, check_limits};
 use crate::link::{
@@ -89,6 +90,8 @@ pub struct Site<'a> {
     pub observer: &'a mut dyn Observer,
     /// Set to stop.
     pub interrupt: &'a AtomicBool,
+    /// What is to go wrong; nothing but the real where there is none.
+    pub inject: Option<&'a inject::Plan>,
 }
 
 /// What was measured.
@@ -109,7 +112,7 @@ pub struct Measured {
 pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
     let begun = Instant::now();
     let tour = tour(&prepared.plan);
-    let mut device = device(prepared, site.link, site.folder)?;
+    let mut device = upset_device(prepared, site.link, site.folder, site.inject)?;
     let repeats = repeats(site.link);
     let (run, done) = match resume {
         Some(info) if repeats => (info.run, BTreeSet::new()),
@@ -241,22 +244,83 @@ impl LinkRecord {
 /// # Errors
 /// A link that cannot be used, or behind which nobody or another robot stands.
 pub fn device(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
-    let device = good_device(prepared, link, folder)?;
-    let lossy = prepared.config.host_link;
+    upset_device(prepared, link, folder, None)
+}
+
+/// As [`device`], with what is to go wrong.
+fn upset_device(
+    prepared: &Prepared,
+    link: &Link,
+    folder: &Path,
+    inject: Option<&inject::Plan>,
+) -> Result<Box<dyn Device>, JobError> {
+    let device = good_device(prepared, link, folder, inject)?;
+    let lossy = inject
+        .and_then(|plan| plan.host_link)
+        .unwrap_or(prepared.config.host_link);
     if lossy.is_active() {
         return Ok(Box::new(LossyDevice::new(device, lossy)));
     }
     Ok(device)
 }
 
-fn good_device(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
+fn good_device(
+    prepared: &Prepared,
+    link: &Link,
+    folder: &Path,
+    inject: Option<&inject::Plan>,
+) -> Result<Box<dyn Device>, JobError> {
+    if inject.is_some() {
+        match link {
+            Link::Tcp(address) => {
+                let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
+                check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+                if drive.hello().lock_step {
+                    let controller = controller_in_process(prepared.robot.dof())?;
+                    return join(prepared, link, folder, inject, controller, Box::new(drive));
+                }
+                return Err(no_injection(link));
+            }
+            Link::Controller(_) => return Err(no_injection(link)),
+            Link::Sim | Link::Qemu | Link::Serial(_) => {}
+        }
+    }
     if let Some(device) = distant(prepared, link)? {
         return Ok(device);
     }
     let controller = controller(prepared, link, folder)?;
     let home = &prepared.plan.home.joints;
     let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, home)?;
-    Ok(Box::new(Cell::new(controller, drive, prepared.robot.dof())?))
+    join(prepared, link, folder, inject, controller, drive)
+}
+
+/// Controller and drive in lock-step, upset where that is asked for.
+fn join(
+    prepared: &Prepared,
+    link: &Link,
+    folder: &Path,
+    inject: Option<&inject::Plan>,
+    first: Box<dyn Controller>,
+    drive: Box<dyn Drive>,
+) -> Result<Box<dyn Device>, JobError> {
+    let joints = prepared.robot.dof();
+    let Some(plan) = inject else {
+        return Ok(Box::new(Cell::new(first, drive, joints)?));
+    };
+    let (link, folder) = (link.clone(), folder.to_owned());
+    let restart = Box::new(move || match link {
+        Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(&folder))?) as Box<dyn Controller>),
+        _ => controller_in_process(joints),
+    });
+    Ok(Box::new(Upsetting::new(first, drive, joints, plan, restart)?))
+}
+
+fn no_injection(link: &Link) -> JobError {
+    JobError::NoLink {
+        link: link.to_string(),
+        remedy: "faults are injected between a controller and a drive in lock-step: use sim, qemu or the tcp: of one"
+            .to_owned(),
+    }
 }
 
 /// What is reached over a link whose arm is not in this process; `None` where it is.

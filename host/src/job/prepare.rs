@@ -179,6 +179,7 @@ pub fn tour(plan: &Plan) -> Tour {
             .map(|visit| Stop {
                 sphere: visit.sphere_id,
                 place: visit.place,
+                centre_m: visit.position_m,
                 over_home: visit.over_home,
                 approach: visit.approach.joints.clone(),
                 direction: visit.approach_direction,

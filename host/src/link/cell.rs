@@ -91,7 +91,7 @@ impl Device for Cell {
 ///
 /// # Errors
 /// Another protocol, another number of joints, an impossible control period.
-pub(super) fn check_hello(hello: &DriveHello, joints: usize) -> Result<(), LinkError> {
+pub(crate) fn check_hello(hello: &DriveHello, joints: usize) -> Result<(), LinkError> {
     if hello.protocol != PROTOCOL_VERSION {
         return Err(LinkError::Protocol {
             found: hello.protocol,

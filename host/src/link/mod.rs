@@ -38,7 +38,10 @@ pub mod tcp;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::{FrameError, LinkCounters};
 
+use crate::plant::Disturbance;
+
 pub use cell::Cell;
+pub(crate) use cell::check_hello;
 pub use endpoint::{Arrival, HostEndpoint, Timing};
 pub use in_process::{InProcess, controller_in_process};
 pub use led::{OperatorCall, led_arm};
@@ -208,6 +211,32 @@ pub trait Controller: Send {
     ) -> Result<DriveCommand, LinkError>;
 }
 
+impl<D: Drive + ?Sized> Drive for Box<D> {
+    fn hello(&self) -> &DriveHello {
+        (**self).hello()
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        (**self).exchange(command, state)
+    }
+
+    fn missed(&self) -> u32 {
+        (**self).missed()
+    }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        (**self).move_plate(place)
+    }
+
+    fn disturb(&mut self, what: &Disturbance) -> bool {
+        (**self).disturb(what)
+    }
+
+    fn counters(&self) -> LinkCounters {
+        (**self).counters()
+    }
+}
+
 /// The drive, wherever it is: one control period at a time.
 pub trait Drive: Send {
     /// What the drive says of itself.
@@ -229,6 +258,12 @@ pub trait Drive: Send {
 
     /// Moves the plate of a simulated cell, see [`Device::move_plate`].
     fn move_plate(&mut self, _place: u32) -> bool {
+        false
+    }
+
+    /// Lets something happen to the arm that its maker did not mean; `false`
+    /// from a drive that is not ours to disturb. For fault injection.
+    fn disturb(&mut self, _what: &Disturbance) -> bool {
         false
     }
 

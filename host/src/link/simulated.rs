@@ -8,7 +8,7 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, Dr
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::{Drive, LinkError};
-use crate::plant::{Plant, PlantConfig, PlantError};
+use crate::plant::{Disturbance, Plant, PlantConfig, PlantError};
 
 /// Control period of the plant, in µs.
 const PERIOD_US: u32 = 1000;
@@ -79,6 +79,11 @@ impl<const N: usize> Drive for SimulatedArm<N> {
 
     fn move_plate(&mut self, place: u32) -> bool {
         self.plant.move_plate(place)
+    }
+
+    fn disturb(&mut self, what: &Disturbance) -> bool {
+        self.plant.suffer(what);
+        true
     }
 }
 

@@ -27,7 +27,101 @@ pub enum TorqueSensorFault {
     Bias(f64),
 }
 
+/// Something that happens to the plant, as a value, for those who hold it as a
+/// drive only ([`Plant::suffer`]). Joints from 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Disturbance {
+    /// Nothing: for those who ask whether anything can.
+    Nothing,
+    /// A push at the TCP, in N, F0, until the next one.
+    Push([f64; 3]),
+    /// The magnet pulls, or does not.
+    Magnet(bool),
+    /// The sphere next to the TCP is taken away.
+    TakeNearestSphere,
+    /// All spheres are where they were drawn.
+    RestoreSpheres,
+    /// The sphere next to the TCP is displaced, F0, in m.
+    MoveNearestSphere([f64; 3]),
+    /// A wall so far from the TCP (m), across its motion, or below a TCP that
+    /// stands, of a stiffness (N/m).
+    ObstacleAhead(f64, f64),
+    /// An obstacle, or none.
+    Obstacle(Option<Obstacle>),
+    /// A point mass at the TCP, in kg.
+    Payload(f64),
+    /// An encoder is frozen, or freed.
+    StickEncoder(usize, bool),
+    /// A torque sensor's fault, or none.
+    Torque(usize, Option<TorqueSensorFault>),
+}
+
+/// Slower than this the TCP stands, in m/s.
+const STANDS_M_S: f64 = 0.005;
+
 impl<const N: usize> Plant<N> {
+    /// Lets one of the disturbances happen.
+    pub fn suffer(&mut self, what: &Disturbance) {
+        match *what {
+            Disturbance::Nothing => {}
+            Disturbance::Push(force_n) => self.set_hand_wrench(force_n, [0.0; 3]),
+            Disturbance::Magnet(on) => self.set_magnet(on),
+            Disturbance::TakeNearestSphere => {
+                if let Some(index) = self.nearest_index() {
+                    self.remove_sphere(index);
+                }
+            }
+            Disturbance::RestoreSpheres => {
+                for index in 0..self.sphere_homes.len() {
+                    self.restore_sphere(index);
+                }
+            }
+            Disturbance::MoveNearestSphere(by_m) => {
+                if let Some(index) = self.nearest_index() {
+                    self.move_sphere(index, by_m);
+                }
+            }
+            Disturbance::ObstacleAhead(ahead_m, stiffness_n_m) => {
+                let (tcp, velocity) = self.tcp_motion();
+                let way = if velocity.norm() > STANDS_M_S {
+                    velocity.normalize()
+                } else {
+                    -Vector3::z()
+                };
+                self.set_obstacle(Some(Obstacle {
+                    point_m: (tcp + way * ahead_m).into(),
+                    normal: (-way).into(),
+                    stiffness_n_m,
+                }));
+            }
+            Disturbance::Obstacle(obstacle) => self.set_obstacle(obstacle),
+            Disturbance::Payload(kg) => self.set_payload(kg),
+            Disturbance::StickEncoder(joint, stuck) => self.stick_encoder(joint, stuck),
+            Disturbance::Torque(joint, fault) => self.fail_torque_sensor(joint, fault),
+        }
+    }
+
+    /// TCP (F0, m) and its velocity (m/s).
+    fn tcp_motion(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let frames = self.world.arm.frames(&self.motion.q.data.0[0]);
+        let tcp = self.world.arm.tcp_frame(&frames).origin;
+        let twist = self.world.arm.jacobian(&frames, &tcp) * self.motion.v;
+        (tcp + self.bend, Vector3::new(twist[0], twist[1], twist[2]))
+    }
+
+    /// The sphere next to the TCP, from 0.
+    fn nearest_index(&self) -> Option<usize> {
+        let (tcp, _) = self.tcp_motion();
+        let distance = |centre: &Option<Vector3<f64>>| centre.map_or(f64::INFINITY, |c| (c - tcp).norm());
+        let nearest = self
+            .world
+            .spheres
+            .iter()
+            .enumerate()
+            .min_by(|a, b| distance(a.1).total_cmp(&distance(b.1)))?;
+        nearest.1.is_some().then_some(nearest.0)
+    }
+
     /// A hand, a person or anything that pushes at the TCP: force (N) and moment
     /// (N m) on the tool, F0 axes, until it is set again.
     pub fn set_hand_wrench(&mut self, force_n: [f64; 3], moment_nm: [f64; 3]) {

@@ -44,7 +44,7 @@ mod truth;
 pub mod world;
 
 pub use config::{PlacementConfig, PlantConfig};
-pub use disturb::{Obstacle, TorqueSensorFault};
+pub use disturb::{Disturbance, Obstacle, TorqueSensorFault};
 pub use error::PlantError;
 pub use hand::Hand;
 pub use preset::PRESETS;

@@ -106,6 +106,12 @@ pub enum Command {
     },
     /// Nothing to do; the host lives.
     KeepAlive,
+    /// Leave a sphere that a controller before this one has touched: retreat
+    /// against `direction`, which was that of the approach.
+    Retreat {
+        /// Direction of the approach in F0, a unit vector.
+        direction: [f64; 3],
+    },
 }
 
 /// Where to touch.
@@ -357,7 +363,7 @@ pub enum Fault {
     ContactLost,
     /// The nest did not let go of the sphere.
     StillCoupled,
-    /// Drive states are missing, repeated or out of order.
+    /// Drive states are missing, repeated, frozen or out of order.
     StaleState,
     /// A drive state holds a NaN or an infinity, or too few joints.
     NotFinite,
@@ -369,6 +375,14 @@ pub enum Fault {
     HostSilence,
     /// The controller contradicts itself.
     Internal,
+    /// A joint angle has jumped: an encoder has lost its place.
+    PositionJump,
+    /// A measured torque is not the commanded one: a sensor or a motor fails.
+    TorqueSensor,
+    /// The TCP is too fast.
+    TcpSpeed,
+    /// The TCP leaves the workspace or comes too near to the plate.
+    Workspace,
 }
 
 /// A fault, where and when.

@@ -46,6 +46,7 @@ fn two_placements_calibrate_the_arm() {
         folder: folder.path(),
         store: &mut store,
         observer: &mut Silent,
+        inject: None,
         interrupt: &AtomicBool::new(false),
     };
     measure(&prepared, site, None).expect("measured");

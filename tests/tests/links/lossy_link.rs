@@ -33,6 +33,7 @@ fn measured(poses: usize, host_link: Lossy) -> Measurements {
         folder: folder.path(),
         store: &mut store,
         observer: &mut Silent,
+        inject: None,
         interrupt: &AtomicBool::new(false),
     };
     job::measure(&prepared, site, None).expect("measured to the end");

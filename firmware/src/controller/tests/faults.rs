@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::drive::DriveStatus;
-use spherecal_shared::protocol::host::{Command, Fault, Phase};
+use spherecal_shared::protocol::host::{Command, Fault, Phase, Refusal};
 
 use crate::testing::{Bench, HOME};
 
@@ -267,7 +267,9 @@ fn how_many_ticks_may_be_missed_is_configured() {
 
 #[test]
 fn joint_limits_are_kept() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut procedure = Bench::brisk();
+    procedure.limits.jump_rad = 10.0;
+    let mut bench = Bench::new(procedure);
     bench.q[1] = 2.2;
     bench.run(1);
     let faults = bench.faults();
@@ -308,4 +310,162 @@ fn a_torque_that_stays_saturated_is_a_fault() {
     until_fault(&mut bench, 500);
     let faults = bench.faults();
     assert_eq!((faults[0].fault, faults[0].joint), (Fault::JointTorque, 2));
+}
+
+// Fails if an angle that jumps moves the arm, or if one that comes back within
+// the ticks that are bridged is a fault.
+#[test]
+fn an_angle_that_jumps_is_bridged_then_refused() {
+    let mut bench = Bench::new(Bench::brisk());
+    for allowed in [3, 4] {
+        let torque = bench.command.tau.clone();
+        for k in 0..allowed {
+            bench.tick += 1;
+            let mut state = bench.state();
+            state.q[1] += 0.1;
+            bench.tick_with(&state);
+            if k < 3 {
+                assert_eq!(bench.command.tau, torque, "the last torque stands");
+            } else {
+                assert!(!bench.command.enable, "then the brakes");
+            }
+        }
+        if allowed == 3 {
+            bench.run(10);
+            assert!(bench.faults().is_empty(), "three are bridged");
+        }
+    }
+    let faults = bench.faults();
+    assert_eq!((faults[0].fault, faults[0].joint), (Fault::PositionJump, 2));
+    bench.expect_fault(Fault::PositionJump, Phase::Idle);
+}
+
+// Fails if a torque is sent for ever without a state to answer, or if the arm
+// is not held when states come again.
+#[test]
+fn a_blind_controller_asks_for_the_brakes() {
+    let mut bench = Bench::new(Bench::brisk());
+    let state = bench.state();
+    let blind = (0..100).find(|_| {
+        bench.tick_with(&state);
+        !bench.command.enable
+    });
+    assert_eq!(blind, Some(23), "three bridged, twenty more, then brakes");
+    bench.run(1);
+    assert!(bench.command.enable, "states are back");
+    bench.expect_fault(Fault::StaleState, Phase::Idle);
+}
+
+#[test]
+fn a_torque_that_does_not_arrive_is_a_fault() {
+    let mut bench = Bench::new(Bench::brisk());
+    bench.torque_bias[1] = -40.0;
+    until_fault(&mut bench, 200);
+    assert!(bench.tick < 120, "noticed at {}", bench.tick);
+    let faults = bench.faults();
+    assert!(
+        matches!(faults[0].fault, Fault::TorqueSensor | Fault::Force),
+        "{:?}",
+        faults[0]
+    );
+}
+
+// Fails if the arm passes a bound that it must not, does not slow down before
+// it, or cannot come back from behind it.
+#[test]
+fn the_workspace_is_not_left() {
+    let mut procedure = Bench::brisk();
+    let wall = Bench::new(Bench::brisk()).tcp().y + 0.15;
+    procedure.limits.workspace_max_m[1] = wall;
+    let mut bench = Bench::new(procedure);
+    let mut target = HOME;
+    target[0] = 1.0;
+    bench.go(&target).expect("idle");
+    let (mut last, mut fastest, mut near) = (bench.tcp(), 0.0f64, 0.0f64);
+    for _ in 0..20_000 {
+        if bench.controller.phase() == Phase::Fault {
+            break;
+        }
+        bench.run(1);
+        let speed = (bench.tcp() - last).norm() * 1e3;
+        last = bench.tcp();
+        fastest = fastest.max(speed);
+        if last.y > wall - 0.005 {
+            near = near.max(speed);
+        }
+    }
+    let beyond = bench.tcp().y - wall;
+    assert!(beyond < 0.01, "{beyond} m beyond the bound");
+    assert!(
+        near < 0.1 && fastest > 0.15,
+        "{near} m/s at the bound, {fastest} before"
+    );
+    bench.expect_fault(Fault::Workspace, Phase::Moving);
+    bench.controller.command(Command::ClearFault).expect("a fault");
+    bench.run(10);
+    bench.go(&HOME).expect("idle");
+    bench.until(Phase::Idle, 20_000);
+    assert_eq!(bench.faults().len(), 1, "the way back is free");
+}
+
+#[test]
+fn a_tcp_that_runs_is_stopped() {
+    let mut procedure = Bench::brisk();
+    procedure.limits.speed_m_s = 0.1;
+    let mut bench = Bench::new(procedure);
+    let mut target = HOME;
+    target[0] = 1.0;
+    bench.go(&target).expect("idle");
+    until_fault(&mut bench, 5_000);
+    bench.expect_fault(Fault::TcpSpeed, Phase::Moving);
+}
+
+// Fails if a free motion exceeds its soft speed by more than a quarter, which is
+// what the pace takes to fall, or does not arrive.
+#[test]
+fn a_free_motion_keeps_its_soft_speed() {
+    let run = |soft_speed_m_s: f64| {
+        let mut procedure = Bench::brisk();
+        procedure.limits.soft_speed_m_s = soft_speed_m_s;
+        let mut bench = Bench::new(procedure);
+        let mut target = HOME;
+        target[0] = 1.0;
+        bench.go(&target).expect("idle");
+        bench.run(1);
+        let (mut last, mut fastest) = (bench.tcp(), 0.0f64);
+        while bench.controller.phase() == Phase::Moving {
+            bench.run(1);
+            fastest = fastest.max((bench.tcp() - last).norm() * 1e3);
+            last = bench.tcp();
+        }
+        bench.until(Phase::Idle, 1);
+        fastest
+    };
+    let (free, slow) = (run(5.0), run(0.2));
+    assert!(free > 0.3 && slow < 0.25, "{free} and {slow} m/s");
+}
+
+// Fails if a nest that another controller left on its sphere cannot be pulled off.
+#[test]
+fn a_controller_that_knows_nothing_can_retreat() {
+    let mut bench = Bench::coupled();
+    let mut fresh = Bench::new(Bench::brisk());
+    std::mem::swap(&mut bench.controller, &mut fresh.controller);
+    // The new one has seen other states: it begins as after a reset.
+    let robot = spherecal_shared::robot::iiwa7();
+    bench.controller = crate::Controller::default();
+    bench.controller.command(Command::Robot(robot)).expect("a robot");
+    let configure = Command::Configure {
+        tool: spherecal_shared::robot::iiwa7_tool(),
+        procedure: Bench::brisk(),
+    };
+    bench.controller.command(configure).expect("a procedure");
+    bench.run(100);
+    assert_eq!(bench.controller.command(Command::Decouple), Err(Refusal::Phase));
+    let before = bench.tcp();
+    let retreat = |direction| Command::Retreat { direction };
+    assert_eq!(bench.controller.command(retreat([0.0, 0.0, 2.0])), Err(Refusal::Target));
+    bench.controller.command(retreat([0.0, 0.0, -1.0])).expect("idle");
+    bench.until(Phase::Idle, 10_000);
+    assert!(bench.tcp().z - before.z > 0.03);
 }

@@ -3,4 +3,5 @@
 mod commands;
 mod faults;
 mod hostile;
+mod model;
 mod transitions;

@@ -1,0 +1,276 @@
+//! One arm with a shortened procedure, and one run of it with a plan of faults.
+
+use std::collections::BTreeSet;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::AtomicBool;
+
+use serde::Serialize;
+use spherecal_shared::protocol::host::{Event, FaultReport, Recording};
+
+use super::FaultsError;
+use super::judge::{Judged, look};
+use crate::campaign::{self, Assignment, CampaignError, Journal, JournalError, Outcome, Silent, Tour};
+use crate::identify::{Experiment, Observation, Set, Target, identify};
+use crate::inject::{Happened, Plan, Upsetting};
+use crate::job::{Choice, Config, JobError, Prepared, measure_laser, prepare, tour};
+use crate::link::{Arrival, LinkError, controller_in_process};
+use crate::store::LaserShot;
+use crate::validate::{Prediction, validate};
+
+/// One arm, what it is to do, and what it does undisturbed.
+pub struct Case {
+    /// Seed of the arm.
+    pub seed: u64,
+    prepared: Prepared,
+    tour: Tour,
+    shots: Vec<LaserShot>,
+    /// Control periods of the undisturbed run.
+    pub ticks: u64,
+    /// Its mean error after calibration, in mm, base fitted; 0 where none was asked for.
+    pub error_mm: f64,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ended {
+    /// All poses recorded or given up.
+    Finished,
+    /// A typed stop that says what a person should do.
+    Stopped(String),
+    /// A stop that nothing documents.
+    Unexplained(String),
+    /// A panic.
+    Panicked(String),
+}
+
+/// What a run came to.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    /// How it ended.
+    pub ended: Ended,
+    /// Its faults.
+    pub faults: Vec<FaultReport>,
+    /// The upsets that began and ended.
+    pub happened: Vec<Happened>,
+    /// Recordings, as they were stored.
+    pub recordings: Vec<Recording>,
+    /// Recordings that should not have been accepted, and why.
+    pub bad: Vec<String>,
+    /// Recordings stored twice.
+    pub duplicates: usize,
+    /// Recordings that the campaign counted and the journal does not have.
+    pub lost: usize,
+    /// Poses given up.
+    pub rejected: usize,
+    /// Largest kinetic energy, in J.
+    pub kinetic_j: f64,
+    /// Largest contact force that lasted 10 ms, in N.
+    pub contact_n: f64,
+    /// Robot time, in s.
+    pub robot_s: f64,
+}
+
+/// How much a case is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finish {
+    /// A few poses on every sphere: for what becomes of faults.
+    Record,
+    /// Enough of them to calibrate, and a tracker to judge by.
+    Calibrate,
+}
+
+/// A journal in memory that tells recordings stored twice.
+#[derive(Default)]
+struct Memory {
+    recordings: Vec<Recording>,
+    duplicates: usize,
+}
+
+impl Journal for Memory {
+    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
+        for arrival in events {
+            if let Event::Recording(recording) = &arrival.body {
+                let same = |r: &Recording| (r.sphere, r.pose) == (recording.sphere, recording.pose);
+                self.duplicates += usize::from(self.recordings.iter().any(same));
+                self.recordings.push(recording.clone());
+            }
+        }
+        Ok(())
+    }
+
+    fn reject(&mut self, _: u32, _: u32, _: &str) -> Result<(), JournalError> {
+        Ok(())
+    }
+}
+
+fn configuration(seed: u64, finish: Finish) -> Config {
+    let mut config = Config {
+        seed,
+        ..Config::default()
+    };
+    config.plan.choice = Choice::Grid;
+    config.plan.poses = match finish {
+        Finish::Record => 6,
+        Finish::Calibrate => 36,
+    };
+    config.plan.approach_height_m = 0.035;
+    let p = &mut config.procedure;
+    p.couple.hold_s = 1.0;
+    p.record.samples = 200;
+    p.approach.tare_s = 0.2;
+    config
+}
+
+impl Case {
+    /// The arm of a seed; runs it undisturbed once.
+    ///
+    /// # Errors
+    /// An undisturbed run that does not end well.
+    pub fn new(seed: u64, finish: Finish) -> Result<Self, FaultsError> {
+        let prepared = prepare(&configuration(seed, finish))?;
+        let mut case = Self {
+            seed,
+            tour: tour(&prepared.plan),
+            shots: Vec::new(),
+            ticks: 0,
+            error_mm: 0.0,
+            prepared,
+        };
+        let clean = case.run(&Plan::default())?;
+        let faultless =
+            clean.ended == Ended::Finished && clean.bad.is_empty() && clean.recordings.len() == case.tour.poses();
+        if !faultless {
+            return Err(FaultsError::Clean {
+                seed,
+                why: format!(
+                    "{:?}, {} recordings, {:?}",
+                    clean.ended,
+                    clean.recordings.len(),
+                    clean.bad
+                ),
+            });
+        }
+        case.ticks = (clean.robot_s * 1e3) as u64;
+        if finish == Finish::Calibrate {
+            case.shots = measure_laser(&case.prepared)?;
+            case.shots.retain(|s| s.purpose == "validate");
+            case.error_mm = case.judge(&clean)?;
+        }
+        Ok(case)
+    }
+
+    /// Runs with a plan of faults.
+    ///
+    /// # Errors
+    /// A plant, a controller or a plan that cannot be made.
+    pub fn run(&self, plan: &Plan) -> Result<Trial, FaultsError> {
+        match self.prepared.robot.dof() {
+            6 => self.run_with::<6>(plan),
+            _ => self.run_with::<7>(plan),
+        }
+    }
+
+    fn run_with<const N: usize>(&self, plan: &Plan) -> Result<Trial, FaultsError> {
+        let (robot, tool) = (&self.prepared.robot, &self.prepared.tool);
+        let home: &[f64; N] = self.tour.home.as_slice().try_into().map_err(|_| {
+            JobError::from(LinkError::OtherRobot {
+                drive: N,
+                robot: self.tour.home.len(),
+            })
+        })?;
+        let (drive, judgement) = Judged::new(robot, tool, &self.prepared.plant, home).map_err(JobError::from)?;
+        let controller = controller_in_process(N).map_err(JobError::from)?;
+        let restart = Box::new(|| controller_in_process(N));
+        let mut device = Upsetting::new(controller, drive, N, plan, restart).map_err(JobError::from)?;
+        let happened = device.happened();
+        let done = BTreeSet::new();
+        let assignment = Assignment {
+            robot,
+            tool,
+            procedure: &self.prepared.config.procedure,
+            tour: &self.tour,
+            done: &done,
+            options: self.prepared.config.campaign.options(),
+        };
+        let mut memory = Memory::default();
+        let run = || {
+            campaign::run(
+                &assignment,
+                &mut device,
+                &mut memory,
+                &mut Silent,
+                &AtomicBool::new(false),
+            )
+        };
+        let (outcome, ended) = match catch_unwind(AssertUnwindSafe(run)) {
+            Ok((outcome, Ok(()))) => (outcome, Ended::Finished),
+            Ok((outcome, Err(error))) => (outcome, stop(&error)),
+            Err(panic) => {
+                let why = panic.downcast_ref::<String>().cloned();
+                let why = why.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()));
+                (Outcome::default(), Ended::Panicked(why.unwrap_or_default()))
+            }
+        };
+        let judgement = look(&judgement);
+        Ok(Trial {
+            bad: memory.recordings.iter().filter_map(|r| judgement.of(r)).collect(),
+            lost: outcome.recorded.saturating_sub(memory.recordings.len()),
+            recordings: memory.recordings,
+            duplicates: memory.duplicates,
+            rejected: outcome.rejected.len(),
+            faults: outcome.faults,
+            happened: look(&happened).clone(),
+            kinetic_j: judgement.kinetic_j,
+            contact_n: judgement.contact_n,
+            robot_s: outcome.simulated_us as f64 * 1e-6,
+            ended,
+        })
+    }
+
+    /// Mean error of the calibration that a run's recordings give, in mm, base fitted.
+    ///
+    /// # Errors
+    /// Recordings that nothing can be identified from.
+    pub fn judge(&self, trial: &Trial) -> Result<f64, FaultsError> {
+        let observations = trial.recordings.iter().map(|recording| Observation {
+            q: recording.q.iter().map(|s| s.mean).collect(),
+            tau: Some(recording.tau.iter().map(|s| s.mean).collect()),
+            target: Target::Sphere {
+                sphere: recording.sphere,
+                place: 0,
+            },
+            set: Set::Calibrate,
+        });
+        let experiment = Experiment {
+            robot: self.prepared.robot.clone(),
+            tool: self.prepared.tool,
+            spheres: self.prepared.spheres.clone(),
+            observations: observations.collect(),
+        };
+        let found = identify(&experiment, &self.prepared.config.identify).map_err(JobError::from)?;
+        let points = self.shots.iter().map(|s| found.tcp_m(&s.q, None).into());
+        let models = [Prediction {
+            name: "spheres".to_owned(),
+            points_m: points.collect(),
+            own_base: Some(found.base),
+        }];
+        let measured: Vec<[f64; 3]> = self.shots.iter().map(|s| s.point_m).collect();
+        let table = validate(&measured, &found.base, &models).map_err(JobError::from)?;
+        Ok(table.models.first().map_or(f64::NAN, |m| m.best_fit.mean_mm))
+    }
+}
+
+/// Whether a stop says what a person should do.
+fn stop(error: &CampaignError) -> Ended {
+    let text = error.to_string();
+    match error {
+        CampaignError::NoContact { .. }
+        | CampaignError::GivenUp { .. }
+        | CampaignError::Motion { .. }
+        | CampaignError::Rejected { .. }
+        | CampaignError::Lost { .. }
+        | CampaignError::Moved { .. } => Ended::Stopped(text),
+        _ => Ended::Unexplained(text),
+    }
+}

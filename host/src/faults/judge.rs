@@ -1,0 +1,145 @@
+//! The judge: a drive around the simulated arm that reads its truth.
+//!
+//! It keeps, tick by tick, on which sphere the nest truly sits and how fast the
+//! TCP truly moves, and the worst of kinetic energy and contact force. Recordings
+//! are held against that afterwards.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use nalgebra::Vector3;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::host::Recording;
+use spherecal_shared::robot::{Robot, Tool};
+
+use crate::link::{Drive, LinkError, SimulatedArm};
+use crate::plant::{Disturbance, Plant, PlantConfig, PlantError};
+
+/// Bound on the kinetic energy in every run, in J.
+pub const KINETIC_J: f64 = 5.0;
+/// Bound on the contact force in every run, in N, lasting 10 ms: what ISO/TS 15066
+/// allows a hand for a moment. What is shorter is an impact, or the magnet
+/// snapping the pads onto the sphere.
+pub const CONTACT_N: f64 = 280.0;
+/// How long a contact force must last to count, in ticks.
+const LASTING: usize = 10;
+/// A recording's nest may be off its sphere for so many ticks in a row: pads chatter.
+const CHATTER: usize = 5;
+/// How far a nest that is recorded may move, in m: a tenth of the accuracy aimed at.
+const MOVED_M: f64 = 1e-4;
+
+/// What a tick truly was.
+#[derive(Clone, Copy, Debug)]
+struct Tick {
+    seated: Option<u8>,
+    tcp: Vector3<f32>,
+}
+
+/// What the judge has seen.
+#[derive(Clone, Debug, Default)]
+pub struct Judgement {
+    ticks: Vec<Tick>,
+    forces: [f64; LASTING],
+    /// Largest kinetic energy, in J.
+    pub kinetic_j: f64,
+    /// Largest contact force, in N, that lasted 10 ms.
+    pub contact_n: f64,
+    /// Largest contact force at any instant, in N.
+    pub peak_n: f64,
+}
+
+impl Judgement {
+    /// Why a recording should not have been accepted; `None` for a good one.
+    pub fn of(&self, recording: &Recording) -> Option<String> {
+        // Device time and ticks differ by one period at most.
+        let (from, to) = (
+            (recording.start_us / 1000) as usize,
+            (recording.end_us / 1000) as usize + 1,
+        );
+        let during = self.ticks.get(from..to.min(self.ticks.len())).unwrap_or_default();
+        if during.is_empty() {
+            return Some("recorded at no time".to_owned());
+        }
+        let sphere = u8::try_from(recording.sphere).ok();
+        let (mut off, mut worst) = (0, 0);
+        for tick in during {
+            off = if tick.seated == sphere { 0 } else { off + 1 };
+            worst = worst.max(off);
+        }
+        if worst > CHATTER {
+            return Some(format!("the nest was off sphere {} for {worst} ms", recording.sphere));
+        }
+        let first = during[0].tcp;
+        let moved = during.iter().map(|t| (t.tcp - first).norm()).fold(0.0, f32::max);
+        (f64::from(moved) > MOVED_M).then(|| format!("the nest moved by {:.3} mm", moved * 1e3))
+    }
+
+    fn take<const N: usize>(&mut self, plant: &Plant<N>) {
+        let truth = plant.truth();
+        self.kinetic_j = self.kinetic_j.max(truth.kinetic_j);
+        let force = truth.contact_n.norm();
+        self.peak_n = self.peak_n.max(force);
+        let slot = self.ticks.len() % LASTING;
+        self.forces[slot] = force;
+        let lasting = self.forces.iter().copied().fold(f64::INFINITY, f64::min);
+        self.contact_n = self.contact_n.max(lasting);
+        self.ticks.push(Tick {
+            // Spheres count from 1 on the wire.
+            seated: truth.seated.and_then(|s| u8::try_from(s + 1).ok()),
+            tcp: truth.tcp.origin.map(|x| x as f32),
+        });
+    }
+}
+
+/// The simulated arm with a judge beside it.
+pub struct Judged<const N: usize> {
+    arm: SimulatedArm<N>,
+    judgement: Arc<Mutex<Judgement>>,
+}
+
+impl<const N: usize> Judged<N> {
+    /// An arm at rest at `q` (rad), and the handle to what is seen of it.
+    ///
+    /// # Errors
+    /// A plant that cannot be made.
+    pub fn new(
+        robot: &Robot,
+        tool: &Tool,
+        config: &PlantConfig,
+        q: &[f64; N],
+    ) -> Result<(Self, Arc<Mutex<Judgement>>), PlantError> {
+        let judgement = Arc::new(Mutex::new(Judgement::default()));
+        let arm = SimulatedArm::new(Plant::new(robot, tool, config, q)?, robot);
+        Ok((
+            Self {
+                arm,
+                judgement: Arc::clone(&judgement),
+            },
+            judgement,
+        ))
+    }
+}
+
+/// What is behind the lock, whatever became of who held it.
+pub(super) fn look<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl<const N: usize> Drive for Judged<N> {
+    fn hello(&self) -> &DriveHello {
+        self.arm.hello()
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        self.arm.exchange(command, state)?;
+        look(&self.judgement).take(self.arm.plant());
+        Ok(())
+    }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        self.arm.move_plate(place)
+    }
+
+    fn disturb(&mut self, what: &Disturbance) -> bool {
+        self.arm.disturb(what)
+    }
+}

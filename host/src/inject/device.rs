@@ -1,0 +1,362 @@
+//! Controller and drive in lock-step, with upsets between them.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use spherecal_firmware::app::{DriveReceiver, FromDrive};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
+use spherecal_shared::protocol::frame::{LinkCounters, MAX_FRAME, encode};
+use spherecal_shared::protocol::host::Phase;
+
+use super::listener::Listener;
+use super::scheduler::Scheduler;
+use super::upset::{InjectError, Plan, Status, Upset};
+use crate::link::{Controller, Device, Drive, LinkError, check_hello};
+use crate::plant::{Disturbance, TorqueSensorFault};
+
+/// Bytes of the host that wait while the controller is not ticked.
+const WAITING: usize = 4 * MAX_FRAME;
+
+/// Makes a controller that knows nothing, for one that is reset.
+pub type Restart = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError>>;
+
+/// An upset that has begun or ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Happened {
+    /// Control period, from 1.
+    pub tick: u64,
+    /// Phase that the controller had told by then.
+    pub phase: Phase,
+    /// The upset.
+    pub what: Upset,
+    /// Whether it began; else it ended.
+    pub begins: bool,
+}
+
+/// Controller and drive, stepped one control period at a time, upset as planned.
+pub struct Upsetting<D: Drive> {
+    controller: Box<dyn Controller>,
+    drive: D,
+    restart: Restart,
+    hello: DriveHello,
+    scheduler: Scheduler,
+    listener: Listener,
+    rng: ChaCha8Rng,
+    active: Vec<Upset>,
+    resets: bool,
+    /// What the drive said last, and what the controller was told last.
+    state: DriveState,
+    told: Option<DriveState>,
+    queue: VecDeque<DriveState>,
+    receiver: DriveReceiver,
+    frames: u32,
+    command: Option<DriveCommand>,
+    waiting: Vec<u8>,
+    up: Vec<u8>,
+    moving: Option<([f64; 3], u32)>,
+    missed: u64,
+    ticks: u64,
+    happened: Arc<Mutex<Vec<Happened>>>,
+}
+
+impl<D: Drive> Upsetting<D> {
+    /// Joins a controller and a drive for a robot with `joints` joints.
+    ///
+    /// # Errors
+    /// A drive that [`Cell`](crate::link::Cell) would refuse, a plan with a
+    /// number out of range, or one that wants the simulated arm where there is none.
+    pub fn new(
+        mut controller: Box<dyn Controller>,
+        mut drive: D,
+        joints: usize,
+        plan: &Plan,
+        restart: Restart,
+    ) -> Result<Self, UpsettingError> {
+        plan.check(joints)?;
+        let disturbable = drive.disturb(&Disturbance::Nothing);
+        for (entry, number) in plan.faults.iter().zip(1..) {
+            if entry.what.wants_plant() && !disturbable {
+                return Err(InjectError::NotHere {
+                    number,
+                    name: entry.what.name(),
+                    why: "only the simulated arm can suffer this: use --link sim or --link qemu",
+                }
+                .into());
+            }
+        }
+        let hello = drive.hello().clone();
+        check_hello(&hello, joints)?;
+        controller.connect(&hello)?;
+        Ok(Self {
+            controller,
+            drive,
+            restart,
+            scheduler: Scheduler::new(plan, f64::from(hello.period_us) * 1e-6),
+            listener: Listener::default(),
+            rng: ChaCha8Rng::seed_from_u64(plan.seed ^ 0x5eed),
+            active: Vec::new(),
+            resets: false,
+            state: DriveState::default(),
+            told: None,
+            queue: VecDeque::new(),
+            receiver: DriveReceiver::new(),
+            frames: 0,
+            command: None,
+            waiting: Vec::new(),
+            up: Vec::new(),
+            moving: None,
+            missed: 0,
+            ticks: 0,
+            happened: Arc::default(),
+            hello,
+        })
+    }
+
+    /// Every upset that has begun or ended so far; the handle stays good.
+    pub fn happened(&self) -> Arc<Mutex<Vec<Happened>>> {
+        Arc::clone(&self.happened)
+    }
+
+    /// What was received on the drive link, where frames were made of it.
+    pub fn drive_counters(&self) -> LinkCounters {
+        self.receiver.counters()
+    }
+
+    fn begin(&mut self, what: Upset) {
+        let disturbance = match what {
+            Upset::EncoderStuck { joint } => Disturbance::StickEncoder(joint - 1, true),
+            Upset::TorqueBias { joint, nm } => Disturbance::Torque(joint - 1, Some(TorqueSensorFault::Bias(nm))),
+            Upset::TorqueDead { joint } => Disturbance::Torque(joint - 1, Some(TorqueSensorFault::Dead)),
+            Upset::Payload { kg } => Disturbance::Payload(kg),
+            Upset::Obstacle { ahead_m, stiffness_n_m } => Disturbance::ObstacleAhead(ahead_m, stiffness_n_m),
+            Upset::MagnetLost => Disturbance::Magnet(false),
+            Upset::SphereMissing => Disturbance::TakeNearestSphere,
+            Upset::SphereMoved { by_m, over_s } => {
+                let ticks = (over_s * 1e6 / f64::from(self.hello.period_us)).round().max(1.0);
+                self.moving = Some((by_m.map(|x| x / ticks), ticks as u32));
+                return;
+            }
+            Upset::HumanPush { force_n } => Disturbance::Push(force_n),
+            Upset::ControllerReset => {
+                self.resets = true;
+                return;
+            }
+            _ => {
+                self.active.push(what);
+                return;
+            }
+        };
+        self.drive.disturb(&disturbance);
+    }
+
+    fn end(&mut self, what: Upset) {
+        let disturbance = match what {
+            Upset::EncoderStuck { joint } => Disturbance::StickEncoder(joint - 1, false),
+            Upset::TorqueBias { joint, .. } | Upset::TorqueDead { joint } => Disturbance::Torque(joint - 1, None),
+            Upset::Payload { .. } => Disturbance::Payload(0.0),
+            Upset::Obstacle { .. } => Disturbance::Obstacle(None),
+            Upset::MagnetLost => Disturbance::Magnet(true),
+            Upset::SphereMissing => Disturbance::RestoreSpheres,
+            Upset::HumanPush { .. } => Disturbance::Push([0.0; 3]),
+            _ => {
+                if let Some(at) = self.active.iter().position(|a| *a == what) {
+                    self.active.remove(at);
+                }
+                return;
+            }
+        };
+        self.drive.disturb(&disturbance);
+    }
+
+    /// Begins and ends what is due.
+    fn advance(&mut self) {
+        let mut changes = Vec::new();
+        self.scheduler
+            .at(self.ticks, |what, begins| changes.push((what, begins)));
+        for (what, begins) in changes {
+            self.happened
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .push(Happened {
+                    tick: self.ticks,
+                    phase: self.listener.phase(),
+                    what,
+                    begins,
+                });
+            if begins {
+                self.begin(what);
+            } else {
+                self.end(what);
+            }
+        }
+        if let Some((by_m, left)) = self.moving {
+            self.drive.disturb(&Disturbance::MoveNearestSphere(by_m));
+            self.moving = (left > 1).then_some((by_m, left - 1));
+        }
+    }
+
+    /// The command as it reaches the motors; none while the brakes are closed.
+    fn delivered(&self) -> Option<DriveCommand> {
+        let mut command = self.command.clone()?;
+        for what in &self.active {
+            match *what {
+                Upset::DriveStatus { .. } => return None,
+                Upset::TorqueSaturation { joint, nm } => {
+                    if let Some(tau) = command.tau.get_mut(joint - 1) {
+                        *tau = tau.max(-nm).min(nm);
+                    }
+                }
+                _ => {}
+            }
+        }
+        Some(command)
+    }
+
+    /// The drive's state as the controller hears it; `None` when it does not.
+    fn heard(&mut self) -> Option<DriveState> {
+        let mut state = self.state.clone();
+        let mut arrives = true;
+        let mut late = false;
+        for k in 0..self.active.len() {
+            match self.active[k] {
+                Upset::StateFrozen => {
+                    if let Some(told) = &self.told {
+                        state = DriveState {
+                            tick: state.tick,
+                            ..told.clone()
+                        };
+                    }
+                }
+                Upset::StateRepeated => state = self.told.clone().unwrap_or(state),
+                Upset::StateLate { ticks } => {
+                    late = true;
+                    self.queue.push_back(state);
+                    let due = self.queue.len() > ticks as usize;
+                    let front = due.then(|| self.queue.pop_front()).flatten();
+                    arrives &= front.is_some();
+                    state = front.unwrap_or_else(|| self.state.clone());
+                }
+                Upset::StateDropped => arrives = false,
+                Upset::StateNan { joint } => {
+                    if let Some(q) = state.q.get_mut(joint - 1) {
+                        *q = f64::NAN;
+                    }
+                }
+                Upset::PositionJump { joint, rad } => {
+                    if let Some(q) = state.q.get_mut(joint - 1) {
+                        *q += rad;
+                    }
+                }
+                Upset::DriveStatus { status } => {
+                    state.status = match status {
+                        Status::Disabled => DriveStatus::Disabled,
+                        Status::EmergencyStop => DriveStatus::EmergencyStop,
+                        Status::Failed => DriveStatus::Failed,
+                    }
+                }
+                Upset::StateBits { bits } => match self.over_the_wire(&state, bits) {
+                    Some(received) => state = received,
+                    None => arrives = false,
+                },
+                _ => {}
+            }
+        }
+        if !late {
+            self.queue.clear();
+        }
+        arrives.then_some(state)
+    }
+
+    /// A state as a frame, with so many bits flipped, and what a receiver makes of it.
+    fn over_the_wire(&mut self, state: &DriveState, bits: u32) -> Option<DriveState> {
+        let mut bytes = [0; MAX_FRAME];
+        let length = encode(state, self.frames, 0, &mut bytes).ok()?;
+        self.frames = self.frames.wrapping_add(1);
+        let frame = bytes.get_mut(..length)?;
+        for _ in 0..bits {
+            let at = self.rng.random_range(0..frame.len());
+            frame[at] ^= 1 << self.rng.random_range(0..8);
+        }
+        let mut received = None;
+        self.receiver.receive(frame, &mut |message| {
+            if let FromDrive::State { state, .. } = message {
+                received = Some(state);
+            }
+        });
+        received
+    }
+
+    fn restart(&mut self) -> Result<(), LinkError> {
+        self.resets = false;
+        self.controller = (self.restart)()?;
+        self.controller.connect(&self.hello)?;
+        self.listener.restarted();
+        self.waiting.clear();
+        self.command = None;
+        Ok(())
+    }
+}
+
+impl<D: Drive> Device for Upsetting<D> {
+    fn now_us(&self) -> u64 {
+        let periods = self.ticks.saturating_sub(1).saturating_add(self.missed);
+        periods.saturating_mul(u64::from(self.hello.period_us))
+    }
+
+    fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        self.drive.move_plate(place)
+    }
+
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        let command = self.delivered();
+        self.drive.exchange(command.as_ref(), &mut self.state)?;
+        let missed = self.drive.missed();
+        self.missed = self.missed.saturating_add(u64::from(missed));
+        self.ticks += 1;
+        self.advance();
+        if self.resets {
+            self.restart()?;
+        }
+        let silent = self.active.contains(&Upset::HostSilent);
+        if silent {
+            self.waiting.clear();
+        } else if self.waiting.len() + down.len() <= WAITING {
+            self.waiting.extend_from_slice(down);
+        }
+        let Some(state) = self.heard() else {
+            // The drive goes on under the last torque; the controller is not asked.
+            return Ok(());
+        };
+        self.controller.missed(missed);
+        self.up.clear();
+        let now_us = self.now_us();
+        let command = self.controller.exchange(now_us, &state, &self.waiting, &mut self.up)?;
+        self.waiting.clear();
+        self.command = Some(command);
+        self.told = Some(state);
+        let (scheduler, tick) = (&mut self.scheduler, self.ticks);
+        self.listener
+            .hear(&self.up, |phase, count| scheduler.entered(phase, count, tick));
+        if !silent {
+            up.extend_from_slice(&self.up);
+        }
+        Ok(())
+    }
+}
+
+/// Why there is no such device.
+#[derive(Debug, thiserror::Error)]
+pub enum UpsettingError {
+    /// The plan was refused.
+    #[error(transparent)]
+    Inject(#[from] InjectError),
+    /// Drive or controller were refused.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+}

@@ -1,0 +1,27 @@
+//! Fault injection: what goes wrong, when, and the device that makes it so.
+//!
+//! Vocabulary: an [`Upset`] is one thing that goes wrong; a [`When`] says when
+//! it begins, by tick, by phase or by chance; an [`Entry`] is both with a
+//! duration; a [`Plan`] is the list of a TOML file, with the seed of whatever is
+//! drawn. [`PRESETS`] has one plan for each upset.
+//!
+//! ```text
+//!   campaign ─▶ Upsetting (a Device) ─▶ controller     ┐ frames and states are
+//!                 │  Scheduler: tick, phase, chance    │ changed between them
+//!                 └─────────────────▶ drive / plant    ┘ [`Disturbance`]s of the plant
+//! ```
+//!
+//! The device stands where [`Cell`](crate::link::Cell) stands and does the same
+//! when nothing is due. It knows the controller's phase from the host link's
+//! bytes, as any listener may, so the same plan works in-process, in QEMU and
+//! with a drive behind a socket; upsets of the arm itself want the simulated one.
+
+mod device;
+mod listener;
+mod presets;
+mod scheduler;
+mod upset;
+
+pub use device::{Happened, Restart, Upsetting, UpsettingError};
+pub use presets::{PRESETS, Preset, preset, table};
+pub use upset::{Entry, InjectError, Plan, Status, Upset, When};
