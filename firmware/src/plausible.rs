@@ -105,14 +105,18 @@ impl<const N: usize> Plausibility<N> {
             }
         }
         self.same = self.same.saturating_add(1);
-        // A drive that shows the same again may have frozen while the arm moved.
-        self.unseen = self.unseen.saturating_add(1).min(MOST_UNSEEN);
         let allowed = limits.frozen_ticks;
         let mut taken = 0.0;
         for (kept, sent) in self.sent.iter().zip(sent) {
             taken += (sent - kept).abs();
         }
         let alive = taken > TAKEN_NM || fastest > MOVES_RAD_S;
+        // A drive that shows the same again may have frozen while the arm moved.
+        self.unseen = if alive {
+            u64::from(self.same).min(MOST_UNSEEN)
+        } else {
+            0
+        };
         (allowed > 0 && self.same > allowed && alive)
             .then(|| Violation::new(Fault::StaleState, f64::from(self.same), f64::from(allowed)))
     }

@@ -13,7 +13,9 @@ pub struct Moving<const N: usize> {
     path: JointMove<N>,
     /// Time along the path, in s: slower than the clock where a soft limit bites.
     along_s: f64,
+    elapsed_s: f64,
     pace: Pace,
+    /// For how long the motion has been over, or all but stopped, in s.
     over_s: f64,
 }
 
@@ -31,6 +33,7 @@ impl<const N: usize> Moving<N> {
                 motion.acceleration_rad_s2,
             ),
             along_s: 0.0,
+            elapsed_s: 0.0,
             pace: Pace::default(),
             over_s: 0.0,
         }
@@ -39,7 +42,8 @@ impl<const N: usize> Moving<N> {
     /// One tick.
     pub fn step(&mut self, env: &Env<'_, N>, hold: &mut JointSetpoint<N>) -> Next<N> {
         let pace = self.pace.step(tcp_load(env).max(joint_load(env)), env.period_s);
-        self.along_s += pace * env.period_s;
+        self.along_s += pace * (env.elapsed_s - self.elapsed_s);
+        self.elapsed_s = env.elapsed_s;
         *hold = self.path.at(self.along_s);
         for speed in &mut hold.dq {
             *speed *= pace;
@@ -54,6 +58,15 @@ impl<const N: usize> Moving<N> {
             return Next::fail(Fault::PathDeviation, worst, limits.path_rad);
         }
         if self.along_s < self.path.duration_s() {
+            // Something holds the arm: it does not get on.
+            self.over_s = if self.pace.stopped() {
+                self.over_s + env.period_s
+            } else {
+                0.0
+            };
+            if self.over_s > motion.settle_s {
+                return Next::fail(Fault::PathDeviation, worst, limits.path_rad);
+            }
             return Next::Stay;
         }
         self.over_s += env.period_s;

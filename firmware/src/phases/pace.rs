@@ -47,6 +47,11 @@ impl Pace {
         self.now
     }
 
+    /// Whether it has fallen as far as it goes.
+    pub fn stopped(&self) -> bool {
+        self.now <= SLOWEST
+    }
+
     /// The pace, from 0 to 1.
     pub fn now(&self) -> f64 {
         self.now

@@ -34,11 +34,23 @@ fn a_blocked_arm_deviates_from_its_path() {
 fn a_move_that_does_not_settle_times_out() {
     let mut bench = Bench::new(Bench::brisk());
     let mut target = HOME;
-    target[0] = 0.05;
+    target[0] = 0.025;
     bench.go(&target).expect("idle");
     bench.blocked = true;
     until_fault(&mut bench, 3_000);
     bench.expect_fault(Fault::MotionTimeout, Phase::Moving);
+}
+
+// Fails if an arm that something holds slows down and is never given up.
+#[test]
+fn an_arm_that_does_not_get_on_is_stopped() {
+    let mut bench = Bench::new(Bench::brisk());
+    let mut target = HOME;
+    target[0] = 1.0;
+    bench.go(&target).expect("idle");
+    bench.blocked = true;
+    until_fault(&mut bench, 3_000);
+    bench.expect_fault(Fault::PathDeviation, Phase::Moving);
 }
 
 #[test]
@@ -85,7 +97,9 @@ fn a_nest_that_wanders_while_coupling_is_not_seated() {
 
 #[test]
 fn a_loose_nest_fails_the_test_pull() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut procedure = Bench::brisk();
+    procedure.couple.searches = 0;
+    let mut bench = Bench::new(procedure);
     bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
     bench.approach().expect("idle");
     bench.until(Phase::Coupling, 8_000);

@@ -188,7 +188,10 @@ fn a_start_is_kept_and_an_absurd_one_refused() {
     assert!(bench.controller.verdict().is_some_and(|v| v.sequence == 4));
     assert_eq!(bench.controller.verdict(), None);
     // Too late: at the next tick, and counted.
-    assert!(bench.controller.order(5, now_us, go()));
+    let back = Command::Move {
+        target: HOME.into_iter().collect(),
+    };
+    assert!(bench.controller.order(5, now_us, back));
     bench.run(1);
     // The arm is there already, so that the move may end as it begins.
     assert!(
