@@ -4,6 +4,7 @@
 mod approaches;
 mod campaign;
 mod contact;
+mod faults;
 mod law;
 mod placements;
 mod plant;
