@@ -39,22 +39,23 @@ impl<const N: usize> Controller<N> {
     /// Why the command is not carried out; nothing has changed then.
     pub fn command(&mut self, command: Command) -> Result<(), Refusal> {
         self.heard();
-        self.start(command)
+        self.start(&command)
     }
 
-    /// Carries out a command that was heard before.
-    pub(super) fn start(&mut self, command: Command) -> Result<(), Refusal> {
+    /// Carries out a command that was heard before: by reference, since the
+    /// largest takes 2 kB and every copy of one some hundred instructions.
+    pub(super) fn start(&mut self, command: &Command) -> Result<(), Refusal> {
         match command {
             Command::Hello | Command::Acknowledge { .. } | Command::KeepAlive => Ok(()),
             Command::Robot(robot) => self.accept_robot(robot),
             Command::Configure { tool, procedure } => {
                 procedure.check().map_err(|_| Refusal::Procedure)?;
-                self.accept_tool(&tool)?;
-                self.procedure = procedure;
+                self.accept_tool(tool)?;
+                self.procedure = *procedure;
                 Ok(())
             }
             Command::Move { target } => {
-                let target = array::<N>(&target).ok_or(Refusal::Target)?;
+                let target = array::<N>(target).ok_or(Refusal::Target)?;
                 self.idle()?;
                 if !self.guard.reachable(&target, self.procedure.limits.position_margin_rad) {
                     return Err(Refusal::Target);
@@ -62,8 +63,8 @@ impl<const N: usize> Controller<N> {
                 let start = self.hold.q;
                 self.with_env(|env, _| Activity::Moving(Moving::new(start, target, env)))
             }
-            Command::Approach(approach) => self.accept_approach(&approach),
-            Command::Pose(pose) => self.accept_pose(&pose),
+            Command::Approach(approach) => self.accept_approach(approach),
+            Command::Pose(pose) => self.accept_pose(pose),
             Command::Decouple => {
                 self.usable()?;
                 // After a fault the arm is idle and may still hang on the sphere.
@@ -83,7 +84,7 @@ impl<const N: usize> Controller<N> {
                     Activity::Decoupling(Decoupling::new(env, task))
                 })
             }
-            Command::Retreat { direction } => self.accept_retreat(direction),
+            Command::Retreat { direction } => self.accept_retreat(*direction),
             Command::Stop => {
                 if matches!(self.activity, Activity::Fault) {
                     return Err(Refusal::FaultPending);
@@ -102,7 +103,7 @@ impl<const N: usize> Controller<N> {
                 Ok(())
             }
             Command::HandGuide { on } => {
-                if on {
+                if *on {
                     self.idle()?;
                     self.enter(Activity::HandGuiding);
                 } else if matches!(self.activity, Activity::HandGuiding) {
@@ -147,7 +148,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    fn accept_robot(&mut self, robot: Robot) -> Result<(), Refusal> {
+    fn accept_robot(&mut self, robot: &Robot) -> Result<(), Refusal> {
         self.changeable()?;
         robot.check().map_err(|_| Refusal::Robot)?;
         if robot.dof() != N {
@@ -157,7 +158,7 @@ impl<const N: usize> Controller<N> {
         self.configured = None;
         self.snapshot = None;
         self.holding = false;
-        self.robot = Some(robot);
+        self.robot = Some(robot.clone());
         Ok(())
     }
 

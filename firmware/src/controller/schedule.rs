@@ -47,7 +47,8 @@ impl<const N: usize> Controller<N> {
         }
         self.schedule.held = None;
         if start_us == 0 {
-            let result = self.command(command);
+            self.heard();
+            let result = self.start(&command);
             self.judge(sequence, result);
         } else if start_us > self.now_us.saturating_add(START_MOST_US) {
             self.judge(sequence, Err(Refusal::Start));
@@ -81,7 +82,7 @@ impl<const N: usize> Controller<N> {
         if self.now_us.saturating_sub(held.start_us) >= period_us.max(1) {
             self.schedule.late = self.schedule.late.saturating_add(1);
         }
-        let result = self.start(held.command);
+        let result = self.start(&held.command);
         self.judge(held.sequence, result);
     }
 

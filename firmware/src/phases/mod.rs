@@ -255,6 +255,16 @@ impl<const N: usize> Task<N> {
         -self.direction.dot(&(env.wrench.force - self.tare.force))
     }
 
+    /// Whether the orientation error is surely less than `angle` (rad, at most
+    /// half a turn), told without the arc tangent that the error itself takes.
+    pub fn surely_within(&self, snapshot: &Snapshot<N>, angle: f64) -> bool {
+        let trace = self.setpoint.rotation.dot(&snapshot.tcp.rotation);
+        // 3 - trace is 2 (1 - cos error), which grows with the error, and
+        // 2 (1 - cos x) is nowhere less than x² - x⁴/12.
+        let square = angle * angle;
+        3.0 - trace < square - square * square / 12.0
+    }
+
     /// Orientation error of the arm, in rad.
     pub fn orientation_error(&self, snapshot: &Snapshot<N>) -> f64 {
         crate::law::rotation_error(&self.setpoint.rotation, &snapshot.tcp.rotation).norm()

@@ -122,12 +122,16 @@ impl<const N: usize> Turning<N> {
             }
             NullMove::Stay => {}
         }
-        let error = task.orientation_error(env.snapshot);
         let most = env.procedure.limits.turn_rad;
+        let turns = self.along_s < self.path.duration_s();
+        if turns && task.surely_within(env.snapshot, most) {
+            return Next::Stay;
+        }
+        let error = task.orientation_error(env.snapshot);
         if error > most {
             return Next::fail(Fault::PathDeviation, error, most);
         }
-        if self.along_s < self.path.duration_s() {
+        if turns {
             return Next::Stay;
         }
         self.over_s += env.period_s;

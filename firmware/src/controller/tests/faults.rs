@@ -97,9 +97,7 @@ fn a_nest_that_wanders_while_coupling_is_not_seated() {
 
 #[test]
 fn a_loose_nest_fails_the_test_pull() {
-    let mut procedure = Bench::brisk();
-    procedure.couple.searches = 0;
-    let mut bench = Bench::new(procedure);
+    let mut bench = Bench::new(Bench::brisk());
     bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
     bench.approach().expect("idle");
     bench.until(Phase::Coupling, 8_000);
