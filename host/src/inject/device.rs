@@ -11,8 +11,9 @@ use spherecal_shared::protocol::frame::{LinkCounters, MAX_FRAME, encode};
 use spherecal_shared::protocol::host::Phase;
 
 use super::listener::Listener;
+use super::plan::{InjectError, Plan};
 use super::scheduler::Scheduler;
-use super::upset::{InjectError, Plan, Status, Upset};
+use super::upset::{Status, Upset};
 use crate::link::{Controller, Device, Drive, LinkError, check_hello};
 use crate::plant::{Disturbance, TorqueSensorFault};
 
@@ -20,7 +21,7 @@ use crate::plant::{Disturbance, TorqueSensorFault};
 const WAITING: usize = 4 * MAX_FRAME;
 
 /// Makes a controller that knows nothing, for one that is reset.
-pub type Restart = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError>>;
+pub type Restart = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError> + Send>;
 
 /// An upset that has begun or ended.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -18,10 +18,12 @@
 
 mod device;
 mod listener;
+mod plan;
 mod presets;
 mod scheduler;
 mod upset;
 
 pub use device::{Happened, Restart, Upsetting, UpsettingError};
+pub use plan::{Entry, InjectError, Plan, When};
 pub use presets::{PRESETS, Preset, preset, table};
-pub use upset::{Entry, InjectError, Plan, Status, Upset, When};
+pub use upset::{Status, Upset};

@@ -2,7 +2,8 @@
 
 use spherecal_shared::protocol::host::{Fault, Phase};
 
-use super::upset::{Plan, Status, Upset, When};
+use super::plan::{Plan, When};
+use super::upset::{Status, Upset};
 
 /// A plan with a name.
 #[derive(Clone, Copy, Debug)]

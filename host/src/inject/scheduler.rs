@@ -4,7 +4,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spherecal_shared::protocol::host::Phase;
 
-use super::upset::{Entry, Plan, Upset, When};
+use super::plan::{Entry, Plan, When};
+use super::upset::Upset;
 
 /// What the scheduler keeps of one entry.
 #[derive(Clone, Copy, Debug)]
