@@ -23,6 +23,7 @@
 //! plant, no truth.
 
 mod error;
+mod journal;
 mod observe;
 mod operate;
 mod outcome;
@@ -41,13 +42,14 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
 
 pub use error::{CampaignError, remedy};
+pub use journal::{Journal, JournalError};
 pub use observe::{Moved, Observer, Progress, Silent, Stage, TelemetrySummary};
 pub use operate::{Answer, Desk, Order, operate};
 pub use outcome::{Outcome, Rejected};
 pub use plausible::{Implausible, plausible};
 pub use procedure::run;
 pub use retry::{Trace, Waypoints};
-pub use session::{Journal, JournalError, Session};
+pub use session::Session;
 pub use teach::{Nowhere, Operator, Taught, teach};
 
 /// What is to be visited.

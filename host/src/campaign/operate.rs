@@ -8,9 +8,10 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Phase, PoseCommand, Sample};
 use spherecal_shared::robot::{Robot, Tool};
 
+use super::journal::{Journal, JournalError};
 use super::observe::Observer;
 use super::procedure::Campaign;
-use super::session::{Journal, JournalError, Session, Waited};
+use super::session::{Session, Waited};
 use super::{Assignment, CampaignError, Options, Tour};
 use crate::link::{Arrival, Device};
 

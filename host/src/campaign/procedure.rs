@@ -6,12 +6,13 @@ use std::sync::atomic::AtomicBool;
 use spherecal_shared::Joints;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultReport, Phase, PoseCommand, Refusal};
 
+use super::journal::Journal;
 use super::observe::{Observer, Stage};
 use super::outcome::{Outcome, Rejected};
 use super::places::Places;
 use super::recovery::policy;
 use super::retry::{Trace, Waypoints};
-use super::session::{Journal, Session, Waited};
+use super::session::{Session, Waited};
 use super::{Assignment, CampaignError, Stop, TourPose};
 use crate::link::Device;
 

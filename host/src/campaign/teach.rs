@@ -8,9 +8,10 @@ use std::sync::atomic::AtomicBool;
 
 use spherecal_shared::protocol::host::{Command, Phase};
 
+use super::journal::{Journal, JournalError};
 use super::observe::{Observer, Stage};
 use super::procedure::Campaign;
-use super::session::{Journal, JournalError, Session, Waited};
+use super::session::{Session, Waited};
 use super::{Assignment, CampaignError};
 use crate::link::{Arrival, Device};
 
