@@ -12,7 +12,7 @@ use super::judge::{Judged, look};
 use crate::campaign::{self, Assignment, CampaignError, Journal, JournalError, Outcome, Silent, Tour};
 use crate::identify::{Experiment, Observation, Set, Target, identify};
 use crate::inject::{Happened, Plan, Upsetting};
-use crate::job::{Choice, Config, JobError, Prepared, measure_laser, prepare, tour};
+use crate::job::{Choice, Config, JobError, Prepared, measure_laser, prepare, simulated_tracker, tour};
 use crate::link::{Arrival, LinkError, controller_in_process};
 use crate::store::LaserShot;
 use crate::validate::{Prediction, validate};
@@ -153,7 +153,7 @@ impl Case {
         }
         case.ticks = (clean.robot_s * 1e3) as u64;
         if finish == Finish::Calibrate {
-            case.shots = measure_laser(&case.prepared)?;
+            case.shots = measure_laser(&case.prepared, simulated_tracker(&case.prepared)?.as_mut())?;
             case.shots.retain(|s| s.purpose == "validate");
             case.error_mm = case.judge(&clean)?;
         }

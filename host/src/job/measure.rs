@@ -281,7 +281,7 @@ fn good_device(
                 }
                 return Err(no_injection(link));
             }
-            Link::Controller(_) => return Err(no_injection(link)),
+            Link::Controller(_) | Link::Grpc(_) => return Err(no_injection(link)),
             Link::Sim | Link::Qemu | Link::Serial(_) => {}
         }
     }

@@ -133,6 +133,7 @@ fn approach(k: u64) -> Outcome {
     let stop = Stop {
         sphere: 1,
         place: 0,
+        centre_m: config.plate.origin_m,
         over_home: true,
         approach: q.to_vec(),
         direction: direction.into(),

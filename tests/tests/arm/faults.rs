@@ -33,7 +33,7 @@ fn plan(faults: &[(Upset, When, f64)]) -> Plan {
     }
 }
 
-type Make = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError>>;
+type Make = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError> + Send>;
 
 fn in_process() -> Make {
     Box::new(|| controller_in_process(7))

@@ -74,7 +74,9 @@ fn procedure() -> Procedure {
     p.limits.velocity_share = 1.0;
     p.telemetry.contact_ticks = 1;
     p.telemetry.other_ticks = 1;
-    // The states that are searched jump, and no motor answers the torques.
+    // The states that are searched jump or stay as they are, and no motor answers
+    // the torques.
+    p.limits.frozen_ticks = 0;
     p.limits.jump_rad = 10.0;
     p.limits.torque_error_share = 10.0;
     p.limits.speed_m_s = 5.0;
