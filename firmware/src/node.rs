@@ -72,7 +72,7 @@ impl<const N: usize> Desk for Direct<'_, N> {
     }
 
     fn command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool {
-        self.0.order(sequence, start_us, command)
+        self.0.order(sequence, start_us, &command)
     }
 
     fn verdict(&mut self) -> Option<Verdict> {

@@ -97,9 +97,13 @@ fn tick<const N: usize>(
     if host.heard() {
         controller.heard();
     }
-    while let Some((sequence, start_us, command)) = host.command() {
-        if !controller.order(sequence, start_us, command) {
-            // Without an answer the host sends it again.
+    loop {
+        let mut taken = false;
+        let more = host.command(&mut |sequence, start_us, command| {
+            taken = controller.order(sequence, start_us, command);
+        });
+        if !(more && taken) {
+            // One that found no room is sent again by the host, which has no answer.
             break;
         }
         hand_on(controller, host);

@@ -31,9 +31,10 @@ pub trait HostPort {
     /// Whether the host was heard since this was asked last.
     fn heard(&mut self) -> bool;
 
-    /// The next command: its number, the device time at which it is to start
-    /// (µs, 0 for at once), and what to do.
-    fn command(&mut self) -> Option<(u32, u64, Command)>;
+    /// Shows `take` the next command and forgets it: its number, the device time
+    /// at which it is to start (µs, 0 for at once), and what to do. `false` when
+    /// there was none. By reference: the largest command takes 2 kB.
+    fn command(&mut self, take: &mut impl FnMut(u32, u64, &Command)) -> bool;
 
     /// Says what became of a command.
     fn verdict(&mut self, verdict: Verdict);

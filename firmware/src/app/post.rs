@@ -127,8 +127,13 @@ impl<M: RawMutex> HostPort for ControlEnd<'_, M> {
         self.bell.heard.swap(false, Ordering::Relaxed)
     }
 
-    fn command(&mut self) -> Option<(u32, u64, Command)> {
-        self.commands.dequeue()
+    fn command(&mut self, take: &mut impl FnMut(u32, u64, &Command)) -> bool {
+        let Some((sequence, start_us, command)) = self.commands.peek() else {
+            return false;
+        };
+        take(*sequence, *start_us, command);
+        self.commands.dequeue();
+        true
     }
 
     fn verdict(&mut self, verdict: Verdict) {

@@ -41,14 +41,14 @@ impl<const N: usize> Controller<N> {
     /// is told `start_us` (device time, in µs) or later; at once where it is 0.
     /// `false` when verdicts were not fetched and there is no room for another:
     /// nothing has changed then.
-    pub fn order(&mut self, sequence: u32, start_us: u64, command: Command) -> bool {
+    pub fn order(&mut self, sequence: u32, start_us: u64, command: &Command) -> bool {
         if self.schedule.verdicts.is_full() {
             return false;
         }
         self.schedule.held = None;
         if start_us == 0 {
             self.heard();
-            let result = self.start(&command);
+            let result = self.start(command);
             self.judge(sequence, result);
         } else if start_us > self.now_us.saturating_add(START_MOST_US) {
             self.judge(sequence, Err(Refusal::Start));
@@ -56,7 +56,7 @@ impl<const N: usize> Controller<N> {
             self.schedule.held = Some(Held {
                 sequence,
                 start_us,
-                command,
+                command: command.clone(),
             });
         }
         true
