@@ -380,7 +380,7 @@ impl Default for Limits {
             frozen_ticks: 20,
             jump_rad: 0.002,
             torque_error_share: 0.15,
-            speed_m_s: 1.5,
+            speed_m_s: 1.3,
             soft_speed_m_s: 0.75,
             soft_force_n: 40.0,
             turn_rad: 0.3,

@@ -145,7 +145,7 @@ pub fn policy(fault: Fault) -> Policy {
             2.0,
             false,
         ),
-        Fault::TcpSpeed => ("the TCP faster than 1.5 m/s for 5 ms", 6, HOLDS, 0.5, true),
+        Fault::TcpSpeed => ("the TCP faster than 1.3 m/s for 5 ms", 6, HOLDS, 0.5, true),
         Fault::Workspace => ("the TCP leaves the workspace for 5 ms", 6, HOLDS, 0.5, true),
     };
     Policy {

@@ -9,9 +9,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::case::{Case, Ended, Finish, Trial};
-use super::judge::{CONTACT_N, KINETIC_J};
+use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{FaultsError, bar};
-use crate::inject::{Entry, PRESETS, Plan, When};
+use crate::inject::{Entry, PRESETS, Plan, When, preset};
 
 /// How much worse than the undisturbed calibration one with faults may be.
 const WORSE: f64 = 1.2;
@@ -90,7 +90,11 @@ impl CampaignTable {
             }
             Ended::Unexplained(why) | Ended::Panicked(why) => self.broken.push(format!("{label}: {why}")),
         }
-        for why in &trial.bad {
+        let loose = trial
+            .happened
+            .iter()
+            .any(|h| preset(h.what.name()).is_some_and(|p| p.loose));
+        for why in trial.bad.iter().filter(|_| !loose) {
             self.broken.push(format!("{label}: {why}"));
         }
         if trial.lost + trial.duplicates > 0 {
@@ -100,6 +104,10 @@ impl CampaignTable {
         if trial.kinetic_j > KINETIC_J || trial.contact_n > CONTACT_N {
             self.broken
                 .push(format!("{label}: {:.1} J, {:.0} N", trial.kinetic_j, trial.contact_n));
+        }
+        if trial.held_s > HELD_S {
+            self.broken
+                .push(format!("{label}: more than {HELD_N} N for {:.2} s", trial.held_s));
         }
     }
 }

@@ -67,6 +67,8 @@ pub struct Trial {
     pub kinetic_j: f64,
     /// Largest contact force that lasted 10 ms, in N.
     pub contact_n: f64,
+    /// Longest time for which the contact force was above what may be held, in s.
+    pub held_s: f64,
     /// Robot time, in s.
     pub robot_s: f64,
 }
@@ -223,6 +225,7 @@ impl Case {
             happened: look(&happened).clone(),
             kinetic_j: judgement.kinetic_j,
             contact_n: judgement.contact_n,
+            held_s: judgement.held_s,
             robot_s: outcome.simulated_us as f64 * 1e-6,
             ended,
         })

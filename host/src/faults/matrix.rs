@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::case::{Case, Ended, Finish, Trial};
-use super::judge::{CONTACT_N, KINETIC_J};
+use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{FaultsError, bar};
 use crate::inject::{PRESETS, Plan, Preset, When};
 
@@ -120,7 +120,9 @@ fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
         Ended::Panicked(why) => broken.push(format!("panicked: {why}")),
         Ended::Finished | Ended::Stopped(_) => {}
     }
-    broken.extend(trial.bad.iter().cloned());
+    if !preset.loose {
+        broken.extend(trial.bad.iter().cloned());
+    }
     if trial.lost + trial.duplicates > 0 {
         broken.push(format!("{} recordings lost, {} twice", trial.lost, trial.duplicates));
     }
@@ -129,6 +131,9 @@ fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
     }
     if trial.contact_n > CONTACT_N {
         broken.push(format!("{:.0} N", trial.contact_n));
+    }
+    if trial.held_s > HELD_S {
+        broken.push(format!("more than {HELD_N} N for {:.2} s", trial.held_s));
     }
     (broken, after_ms)
 }

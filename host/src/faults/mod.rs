@@ -18,7 +18,7 @@ pub mod matrix;
 
 pub use campaign::{CampaignOptions, CampaignTable};
 pub use case::{Case, Ended, Finish, Trial};
-pub use judge::{CONTACT_N, Judgement, KINETIC_J};
+pub use judge::{CONTACT_N, HELD_N, HELD_S, Judgement, KINETIC_J};
 pub use matrix::{MatrixOptions, MatrixTable, Row};
 
 /// Why an experiment could not be made at all.

@@ -23,6 +23,9 @@ pub struct Preset {
     pub within_ms: Option<u32>,
     /// Whether it may also pass without a fault.
     pub borne: bool,
+    /// Whether what is recorded meanwhile may be from a nest that is off its
+    /// sphere by less than the seating watch's window: a known weakness.
+    pub loose: bool,
 }
 
 impl Preset {
@@ -74,6 +77,7 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::StaleState],
         within_ms: Some(40),
         borne: true,
+        loose: false,
     },
     Preset {
         name: "state_repeated",
@@ -83,6 +87,7 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::StaleState],
         within_ms: Some(5),
         borne: false,
+        loose: false,
     },
     Preset {
         name: "state_late",
@@ -92,6 +97,7 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::StaleState],
         within_ms: Some(15),
         borne: false,
+        loose: false,
     },
     Preset {
         name: "state_dropped",
@@ -101,6 +107,7 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::StaleState],
         within_ms: Some(510),
         borne: false,
+        loose: false,
     },
     Preset {
         name: "state_bits",
@@ -110,6 +117,7 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::StaleState],
         within_ms: Some(30),
         borne: false,
+        loose: false,
     },
     Preset {
         name: "state_nan",
@@ -119,6 +127,7 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::NotFinite],
         within_ms: Some(5),
         borne: false,
+        loose: false,
     },
     Preset {
         name: "position_jump",
@@ -128,6 +137,7 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::PositionJump],
         within_ms: Some(5),
         borne: false,
+        loose: false,
     },
     Preset {
         name: "encoder_stuck",
@@ -137,6 +147,7 @@ pub const PRESETS: &[Preset] = &[
         faults: STUCK,
         within_ms: None,
         borne: true,
+        loose: false,
     },
     Preset {
         name: "torque_bias",
@@ -146,6 +157,7 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
+        loose: false,
     },
     Preset {
         name: "torque_dead",
@@ -155,6 +167,7 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
+        loose: false,
     },
     Preset {
         name: "drive_status",
@@ -166,6 +179,7 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::Drive],
         within_ms: Some(1),
         borne: false,
+        loose: false,
     },
     Preset {
         name: "torque_saturation",
@@ -175,6 +189,7 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
+        loose: false,
     },
     Preset {
         name: "payload",
@@ -184,6 +199,7 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
+        loose: false,
     },
     Preset {
         name: "obstacle",
@@ -196,6 +212,7 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
+        loose: false,
     },
     Preset {
         name: "magnet_lost",
@@ -205,6 +222,7 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
+        loose: true,
     },
     Preset {
         name: "sphere_missing",
@@ -214,6 +232,7 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
+        loose: false,
     },
     Preset {
         name: "sphere_moved",
@@ -226,6 +245,7 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
+        loose: false,
     },
     Preset {
         name: "human_push",
@@ -237,6 +257,7 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
+        loose: false,
     },
     Preset {
         name: "controller_reset",
@@ -246,6 +267,7 @@ pub const PRESETS: &[Preset] = &[
         faults: &[],
         within_ms: None,
         borne: true,
+        loose: false,
     },
     Preset {
         name: "host_silent",
@@ -255,6 +277,7 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::HostSilence],
         within_ms: Some(2500),
         borne: true,
+        loose: false,
     },
 ];
 
