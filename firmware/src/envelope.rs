@@ -24,7 +24,8 @@ const TORQUE_DWELL_S: f64 = 0.020;
 pub struct Envelope<const N: usize> {
     fast: u32,
     outside: u32,
-    amiss: [u32; N],
+    /// Negative where less arrived than was sent.
+    amiss: [i32; N],
 }
 
 impl<const N: usize> Default for Envelope<N> {
@@ -96,17 +97,20 @@ impl<const N: usize> Envelope<N> {
     ) -> Option<Violation> {
         for (i, (sent, is)) in sent.iter().zip(delivered).enumerate() {
             let limit = joints[i].torque_nm * limits.torque_error_share;
-            let error = (sent - is).abs();
+            let error = is - sent;
+            // To one side: rotors that chatter on a contact go to both.
             self.amiss[i] = if error > limit {
-                self.amiss[i].saturating_add(1)
+                self.amiss[i].max(0).saturating_add(1)
+            } else if error < -limit {
+                self.amiss[i].min(0).saturating_sub(1)
             } else {
                 0
             };
-            if f64::from(self.amiss[i]) * period_s > TORQUE_DWELL_S {
+            if f64::from(self.amiss[i]).abs() * period_s > TORQUE_DWELL_S {
                 return Some(Violation {
                     fault: Fault::TorqueSensor,
                     joint: i as u8 + 1,
-                    value: error,
+                    value: error.abs(),
                     limit,
                 });
             }
@@ -156,7 +160,8 @@ mod tests {
         assert_eq!(run(2.0).map(|v| v.fault), Some(Fault::TcpSpeed));
     }
 
-    // Fails if a dead sensor is not noticed after its dwell, or friction is taken for one.
+    // Fails if a dead sensor is not noticed after its dwell, or friction or a
+    // contact that chatters is taken for one.
     #[test]
     fn a_torque_that_does_not_arrive_is_noticed() {
         let joints = core::array::from_fn(|i| spherecal_shared::robot::iiwa7().joints[i].limits);
@@ -169,5 +174,14 @@ mod tests {
         delivered[1] = 0.0;
         let noticed = (1..100).find_map(|k| look(&delivered).map(|v| (k, v.fault, v.joint)));
         assert_eq!(noticed, Some((21, Fault::TorqueSensor, 2)));
+        let mut envelope = Envelope::<7>::default();
+        let chatters = (0..1000).any(|k| {
+            let mut delivered = sent;
+            delivered[5] += if k % 8 < 4 { 28.0 } else { -28.0 };
+            envelope
+                .torque(&sent, &delivered, &joints, &Limits::default(), 1e-3)
+                .is_some()
+        });
+        assert!(!chatters, "rotors on a contact");
     }
 }

@@ -57,9 +57,9 @@ pub enum JobError {
     /// The controller in QEMU cannot be used.
     #[error(transparent)]
     Qemu(#[from] QemuError),
-    /// A link that cannot be used here.
+    /// Nothing can be injected over this link.
     #[error("link \"{link}\": {remedy}")]
-    NoLink {
+    NoInjection {
         /// As given.
         link: String,
         /// What to give instead.
@@ -154,7 +154,7 @@ impl JobError {
             | Self::PlateOutOfReach { .. }
             | Self::NoPose { .. }
             | Self::Plant(_)
-            | Self::NoLink { .. }
+            | Self::NoInjection { .. }
             | Self::Inject(_)
             | Self::Resume { .. }
             | Self::Waypoints { .. }

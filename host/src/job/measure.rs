@@ -281,8 +281,8 @@ fn good_device(
                 }
                 return Err(no_injection(link));
             }
-            Link::Controller(_) | Link::Grpc(_) => return Err(no_injection(link)),
-            Link::Sim | Link::Qemu | Link::Serial(_) => {}
+            Link::Serial(_) | Link::Controller(_) | Link::Grpc(_) => return Err(no_injection(link)),
+            Link::Sim | Link::Qemu => {}
         }
     }
     if let Some(device) = distant(prepared, link)? {
@@ -316,7 +316,7 @@ fn join(
 }
 
 fn no_injection(link: &Link) -> JobError {
-    JobError::NoLink {
+    JobError::NoInjection {
         link: link.to_string(),
         remedy: "faults are injected between a controller and a drive in lock-step: use sim, qemu or the tcp: of one"
             .to_owned(),
