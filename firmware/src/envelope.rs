@@ -18,6 +18,10 @@ const OUTWARD_M_S: f64 = 0.005;
 /// How long a measured torque may differ from the commanded one, in s: the
 /// magnet's snap and the rotors' inertia are shorter.
 const TORQUE_DWELL_S: f64 = 0.020;
+/// Difference that any joint may show, in N m: a wrist's Coulomb and viscous
+/// friction (2 and 2 N m) and its rotor, 0.3 kg m² at 20 rad/s², which a sensor
+/// behind the gear does not see.
+const TORQUE_ERROR_NM: f64 = 10.0;
 
 /// What the envelope keeps of the ticks before: for how many each limit was violated.
 #[derive(Clone, Debug)]
@@ -96,7 +100,7 @@ impl<const N: usize> Envelope<N> {
         period_s: f64,
     ) -> Option<Violation> {
         for (i, (sent, is)) in sent.iter().zip(delivered).enumerate() {
-            let limit = joints[i].torque_nm * limits.torque_error_share;
+            let limit = (joints[i].torque_nm * limits.torque_error_share).max(TORQUE_ERROR_NM);
             let error = is - sent;
             // To one side: rotors that chatter on a contact go to both.
             self.amiss[i] = if error > limit {

@@ -139,7 +139,7 @@ pub fn policy(fault: Fault) -> Policy {
             false,
         ),
         Fault::TorqueSensor => (
-            "a torque differs by 15 % of its limit to one side for 20 ms",
+            "a torque differs by 15 % of its limit, 10 N m at least, to one side for 20 ms",
             21,
             "brakes until the fault is cleared",
             2.0,
