@@ -17,6 +17,9 @@ use super::upset::{Status, Upset};
 use crate::link::{Controller, Device, Drive, LinkError, check_hello};
 use crate::plant::{Disturbance, TorqueSensorFault};
 
+/// Periods without a new command after which a drive shuts its brakes, as
+/// docs/drive-link.md has it: nobody watches what the last torque does.
+const PATIENCE: u32 = 10;
 /// Bytes of the host that wait while the controller is not ticked.
 const WAITING: usize = 4 * MAX_FRAME;
 
@@ -54,6 +57,8 @@ pub struct Upsetting<D: Drive> {
     receiver: DriveReceiver,
     frames: u32,
     command: Option<DriveCommand>,
+    /// Periods since the last command.
+    unanswered: u32,
     waiting: Vec<u8>,
     up: Vec<u8>,
     moving: Option<([f64; 3], u32)>,
@@ -105,6 +110,7 @@ impl<D: Drive> Upsetting<D> {
             receiver: DriveReceiver::new(),
             frames: 0,
             command: None,
+            unanswered: 0,
             waiting: Vec::new(),
             up: Vec::new(),
             moving: None,
@@ -200,6 +206,9 @@ impl<D: Drive> Upsetting<D> {
 
     /// The command as it reaches the motors; none while the brakes are closed.
     fn delivered(&self) -> Option<DriveCommand> {
+        if self.unanswered > PATIENCE {
+            return None;
+        }
         let mut command = self.command.clone()?;
         for what in &self.active {
             match *what {
@@ -331,7 +340,9 @@ impl<D: Drive> Device for Upsetting<D> {
             self.waiting.extend_from_slice(down);
         }
         let Some(state) = self.heard() else {
-            // The drive goes on under the last torque; the controller is not asked.
+            // The controller is not asked; the drive goes on under the last torque
+            // for a while.
+            self.unanswered = self.unanswered.saturating_add(1);
             return Ok(());
         };
         self.controller.missed(missed);
@@ -340,6 +351,7 @@ impl<D: Drive> Device for Upsetting<D> {
         let command = self.controller.exchange(now_us, &state, &self.waiting, &mut self.up)?;
         self.waiting.clear();
         self.command = Some(command);
+        self.unanswered = 0;
         self.told = Some(state);
         let (scheduler, tick) = (&mut self.scheduler, self.ticks);
         self.listener

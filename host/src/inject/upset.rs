@@ -15,7 +15,7 @@ pub enum Upset {
         /// Delay, in ticks.
         ticks: u32,
     },
-    /// States do not arrive; the drive goes on under the last torque.
+    /// States do not arrive; the drive goes on under the last torque, then brakes.
     StateDropped,
     /// Bits of the state's frame are flipped on the wire.
     StateBits {
