@@ -227,6 +227,7 @@ fn host() {
                 orientation: [1.0, 0.0, 0.0, 0.0],
                 elbow_rad: None,
             }],
+            arm: String::new(),
         })
         .expect("a run");
     store.begin_session(run, "now").expect("a session");
