@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
 use spherecal::campaign::{Assignment, Options, Silent, run};
-use spherecal::job::{Config, prepare, tour};
+use spherecal::job::{Choice, Config, prepare, tour};
 use spherecal::link::tcp::{TcpDrive, check_limits};
 use spherecal::link::{Cell, Drive, controller_in_process};
 use spherecal::plan::Chain;
@@ -54,6 +54,8 @@ fn slow_mujoco_is_a_drive() {
     let address = line.trim().rsplit("tcp:").next().expect("an address");
 
     let mut config = Config::default();
+    // The grid: some poses on each sphere, however few in all.
+    config.plan.choice = Choice::Grid;
     config.plan.poses = 12;
     let prepared = prepare(&config).expect("a plan");
     let mut tour = tour(&prepared.plan);
