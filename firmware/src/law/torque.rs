@@ -30,7 +30,7 @@ impl<const N: usize> TorqueShaper<N> {
     }
 
     /// Shapes `wanted` (N m). The first torque starts from `measured`, what
-    /// the drive exerts already, so that taking over is bumpless. `limits` in
+    /// the drive exerts already (within the limits), so that taking over is bumpless. `limits` in
     /// N m, `step` is the largest change in one tick, in N m.
     #[inline]
     pub fn shape(
@@ -40,7 +40,9 @@ impl<const N: usize> TorqueShaper<N> {
         limits: &[f64; N],
         step: f64,
     ) -> ([f64; N], Shaped) {
-        let last = self.last.unwrap_or(*measured);
+        // A sensor may say anything; what it says is sent only within the limits.
+        let within = |i: usize| measured[i].max(-limits[i]).min(limits[i]);
+        let last = self.last.unwrap_or_else(|| core::array::from_fn(within));
         let mut shaped = Shaped::default();
         let mut out = [0.0; N];
         for i in 0..N {
@@ -63,5 +65,19 @@ impl<const N: usize> TorqueShaper<N> {
         }
         self.last = Some(out);
         (out, shaped)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if what a broken sensor says at the moment of taking over is sent to
+    // the motors beyond their limits. Found by fuzzing the drive's states.
+    #[test]
+    fn a_wild_measurement_is_not_taken_over() {
+        let mut shaper = TorqueShaper::<2>::default();
+        let (tau, _) = shaper.shape(&SVector::zeros(), &[-6.9e274, 3.0], &[300.0, 300.0], 4.0);
+        assert_eq!(tau, [-296.0, 0.0]);
     }
 }

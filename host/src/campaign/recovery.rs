@@ -1,7 +1,7 @@
 //! What becomes of each fault: detected how and when, what arm and host do, how
 //! often, and what a person does after that.
 //!
-//! One [`Policy`] for each [`Fault`] and for a controller that is [`LOST`];
+//! One [`Policy`] for each [`Fault`] and for a controller that is lost ([`LOST_S`]);
 //! `docs/recovery.md` is made from it, and a test holds the page against it.
 //!
 //! Whatever the fault, the path is that of the paper's Section 6: the arm holds,

@@ -158,7 +158,8 @@ pub struct RunArgs {
     /// The paper's whole grid: 625 poses a sphere, as far as the arm reaches.
     #[arg(long)]
     pub paper: bool,
-    /// How controller and arm are reached: sim, qemu, serial:DEVICE[@BAUD], tcp:HOST:PORT
+    /// How controller and arm are reached: sim, qemu, serial:DEVICE or serial:DEVICE@BAUD
+    /// (a controller board), tcp:HOST:PORT
     /// (a drive: simulator or gateway), controller:HOST:PORT (`spherecal controller`),
     /// grpc:HOST:PORT or grpcs:HOST:PORT (`spherecal serve`).
     #[arg(long, value_name = "LINK", default_value_t = Link::Sim)]
