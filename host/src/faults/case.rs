@@ -190,7 +190,7 @@ impl Case {
         let assignment = Assignment {
             robot,
             tool,
-            procedure: &self.prepared.config.procedure,
+            procedure: &self.prepared.procedure()?,
             tour: &self.tour,
             done: &done,
             options: self.prepared.config.campaign.options(),

@@ -86,6 +86,12 @@ pub struct PlanSection {
     pub rules: Rules,
     /// Height of the approach frames over the spheres' centres, in m.
     pub approach_height_m: f64,
+    /// How far the TCP may leave the box about the plan's places and ways, in m:
+    /// procedure.limits.workspace is narrowed to it.
+    pub workspace_margin_m: f64,
+    /// How far the TCP may come under the centre of the lowest sphere, in m:
+    /// procedure.limits.plate is set by it, unless it is given.
+    pub plate_margin_m: f64,
 }
 
 impl Default for PlanSection {
@@ -101,6 +107,8 @@ impl Default for PlanSection {
             grid: Grid::default(),
             rules: Rules::default(),
             approach_height_m: 0.050,
+            workspace_margin_m: 0.150,
+            plate_margin_m: 0.030,
         }
     }
 }
@@ -313,6 +321,18 @@ impl Config {
                 value: self.campaign.taught_error_m,
                 remedy: "give metres from 0 to 0.05 (the procedure finds a sphere within 0.010)",
             });
+        }
+        for (field, value, least) in [
+            ("plan.workspace_margin_m", self.plan.workspace_margin_m, 0.050),
+            ("plan.plate_margin_m", self.plan.plate_margin_m, 0.010),
+        ] {
+            if !(least..=10.0).contains(&value) {
+                return Err(ConfigError::Range {
+                    field,
+                    value,
+                    remedy: "give metres, at most 10, no less than 0.050 about the workspace and 0.010 under the spheres",
+                });
+            }
         }
         if i64::try_from(self.seed).is_err() {
             return Err(ConfigError::Range {

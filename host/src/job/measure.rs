@@ -140,7 +140,7 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
-        procedure: &prepared.config.procedure,
+        procedure: &prepared.procedure()?,
         tour: &tour,
         done: &done,
         options: prepared.config.campaign.options(),

@@ -1,6 +1,7 @@
 //! From the configuration to what is to be visited.
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::{Config, JobError};
@@ -80,6 +81,26 @@ fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobErr
         origin_m: origin.map(short).into(),
         // + 0: no sign of a zero.
         rpy_rad: [roll, pitch, yaw].map(|angle| (angle * 1e6).round() / 1e6 + 0.0),
+    }
+}
+
+impl Prepared {
+    /// The procedure, its limits narrowed to the room that the plan takes up.
+    ///
+    /// # Errors
+    /// A robot that no plan can be made for.
+    pub fn procedure(&self) -> Result<Procedure, JobError> {
+        let mut procedure = self.config.procedure;
+        let chain = Chain::new(&self.robot, &self.tool)?;
+        if let Some(bounds) = plan::Bounds::of(&self.plan, &chain) {
+            let section = &self.config.plan;
+            bounds.narrow(
+                &mut procedure.limits,
+                section.workspace_margin_m,
+                section.plate_margin_m,
+            );
+        }
+        Ok(procedure)
     }
 }
 

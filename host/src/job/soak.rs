@@ -82,7 +82,7 @@ pub fn soak(prepared: &Prepared, site: Site<'_>, hours: f64) -> Result<Soak, Job
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
-        procedure: &prepared.config.procedure,
+        procedure: &prepared.procedure()?,
         tour: &tour,
         done: &BTreeSet::new(),
         options: prepared.config.campaign.options(),

@@ -17,6 +17,7 @@
 //! Nothing here knows the plant: plans are made from the nominal robot and the
 //! nominal places of the spheres; the operator's error comes in by [`teach`].
 
+mod bounds;
 mod build;
 mod candidates;
 mod cell;
@@ -36,6 +37,7 @@ mod test_support;
 mod travel;
 mod types;
 
+pub use bounds::Bounds;
 pub use build::{PlanRequest, home, paper_plan, plan, spread_plan};
 pub use candidates::Range;
 pub use cell::{Cell, PlatePose};
