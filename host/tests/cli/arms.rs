@@ -1,18 +1,6 @@
 //! The whole simulated procedure with every built-in arm.
 
-use std::path::Path;
-use std::process::{Command, Output};
-
-const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
-
-fn spherecal(folder: &Path, arguments: &[&str]) -> Output {
-    let output = Command::new(PROGRAM).current_dir(folder).args(arguments).output();
-    output.expect("the program runs")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
+use crate::support::{spherecal, text};
 
 // Fails if an arm with six or seven joints does not come through planning,
 // touching and identification, with the plate where it stands by default or,

@@ -1,23 +1,11 @@
 //! What shells, manuals and troubled users get from the program.
 
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
-
-fn spherecal(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(PROGRAM)
-        .args(arguments)
-        .current_dir(folder)
-        .output()
-        .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
+use crate::support::{PROGRAM, spherecal, text};
 
 // Fails if a shell has no completions, if bash cannot read its own, or if they
 // do not lead from `sphere` to a command and an option.

@@ -15,7 +15,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use spherecal::store::Store;
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+use crate::support::{PROGRAM, Server};
 
 fn kills() -> usize {
     let asked = std::env::var("SPHERECAL_KILLS").ok().and_then(|text| text.parse().ok());
@@ -185,36 +185,6 @@ fn a_full_disk_stops_with_its_reason_and_the_run_goes_on() {
     assert!(refused, "no limit was met, or none was told");
     finished(measure(folder.path(), &out, "sim", has_run(&database)));
     assert!(contents(&database) == contents(&alone.join("calibration.db")));
-}
-
-/// A server that has said where it listens; it is ended with the test.
-struct Server {
-    child: Child,
-    address: String,
-}
-
-impl Server {
-    fn start(arguments: &[&str]) -> Self {
-        let mut child = Command::new(PROGRAM)
-            .args(arguments)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("the program starts");
-        let mut line = String::new();
-        let mut output = BufReader::new(child.stdout.take().expect("piped"));
-        output.read_line(&mut line).expect("one line");
-        let address = line.trim().rsplit("tcp:").next().unwrap_or_default().to_owned();
-        assert!(address.contains(':'), "{arguments:?} said {line:?}");
-        Self { child, address }
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 // Fails if a host that is killed and started again on a controller that lives

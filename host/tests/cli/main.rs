@@ -12,3 +12,4 @@ mod page;
 mod paths;
 mod processes;
 mod services;
+mod support;

@@ -2,24 +2,12 @@
 //! exit codes, and what survives when it is stopped.
 
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
-
-fn spherecal(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(PROGRAM)
-        .args(arguments)
-        .current_dir(folder)
-        .output()
-        .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
+use crate::support::{PROGRAM, spherecal, text};
 
 fn summary(folder: &Path, out: &str) -> Value {
     let text = std::fs::read_to_string(folder.join(out).join("summary.json")).expect("summary.json");

@@ -9,8 +9,7 @@ use spherecal::robots::{self, RobotModel};
 
 use crate::docs::{blocks, root};
 use crate::field::table;
-
-const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+use crate::support::{PROGRAM, text};
 
 /// The commands of a page's console blocks, in order, without the program's name.
 fn commands(page: &str) -> Vec<Vec<String>> {
@@ -31,10 +30,6 @@ fn spherecal(folder: &Path, arguments: &[String]) -> Output {
         .current_dir(folder)
         .output()
         .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
 }
 
 /// Files that a page's table names in its first column.

@@ -1,55 +1,13 @@
 //! Plant, controller and host as three processes: the program as a lab with a
 //! simulator of its own meets it.
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::Write;
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
-
-/// A server that has said where it listens; it is ended with the test.
-struct Server {
-    child: Child,
-    address: String,
-}
-
-impl Server {
-    fn start(arguments: &[&str]) -> Self {
-        let mut child = Command::new(PROGRAM)
-            .args(arguments)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("the program starts");
-        let mut line = String::new();
-        let mut output = BufReader::new(child.stdout.take().expect("piped"));
-        output.read_line(&mut line).expect("one line");
-        let address = line.trim().rsplit("tcp:").next().unwrap_or_default().to_owned();
-        assert!(address.contains(':'), "{arguments:?} said {line:?}");
-        Self { child, address }
-    }
-
-    fn ended_well(mut self) {
-        assert!(self.child.wait().expect("it ends").success());
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-fn spherecal(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(PROGRAM)
-        .args(arguments)
-        .current_dir(folder)
-        .output()
-        .expect("the program starts")
-}
+use crate::support::{PROGRAM, Server, spherecal};
 
 fn run(folder: &Path, link: &str) -> Value {
     let out = link.split(':').next().unwrap_or_default();

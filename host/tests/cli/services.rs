@@ -7,7 +7,7 @@ use std::process::{Child, Command, Output, Stdio};
 
 use serde_json::Value;
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+use crate::support::{PROGRAM, text};
 
 /// `spherecal serve`, ended with the test.
 struct Server {
@@ -51,10 +51,6 @@ fn spherecal(folder: &Path, arguments: &[&str], environment: &[(&str, &str)]) ->
         .envs(environment.iter().copied())
         .output()
         .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
 }
 
 fn summary(output: &Output) -> Value {
