@@ -16,8 +16,15 @@ use super::chain::{Chain, JointVector, TcpPose, rotation_vector, wrapped};
 
 /// Position (m), rotation (rad) and elbow (rad) error under which a pose counts as solved.
 pub const IK_TOLERANCE: f64 = 1e-11;
-/// Steps of the polishing, enough for tables perturbed by millimetres.
+/// Steps of the polishing from a neighbouring pose.
 const POLISH_STEPS: usize = 12;
+/// Steps of the polishing from the exact table: with the elbow nearly straight
+/// a millimetre in a table is a tenth of a radian in the elbow.
+const BRANCH_STEPS: usize = 60;
+/// The least distance between elbow and line of the shoulder and wrist of a
+/// seed, in m, and how far beyond the exact table's reach there still is one: a
+/// real arm may be that much longer.
+const ELBOW_LEAST_M: f64 = 0.02;
 /// Steps of the numerical solution from a distant seed.
 const SEARCH_STEPS: usize = 120;
 /// Seeds tried by [`Chain::solve`] on arms without a closed form.
@@ -89,7 +96,7 @@ impl Chain {
     ///
     /// In closed form up to eight branches for the pose's elbow angle (0 where
     /// it names none); otherwise what damped least squares finds from many
-    /// seeds spread over the limits, near-duplicates removed. Empty when the
+    /// seeds spread over the limits. Near-duplicates are removed. Empty when the
     /// pose is out of reach. Each solution meets pose and elbow angle to
     /// [`IK_TOLERANCE`].
     pub fn solve(&self, pose: &TcpPose) -> Vec<Vec<f64>> {
@@ -99,14 +106,13 @@ impl Chain {
         };
         if let Some(srs) = self.srs() {
             let seeds = srs.branches(self, &target);
-            return seeds
+            let solutions = seeds
                 .into_iter()
-                .filter_map(|seed| self.polish(&target, &seed, POLISH_STEPS))
-                .filter(|q| self.limit_margin(q) >= 0.0)
-                .collect();
+                .filter_map(|seed| self.polish(&target, &seed, BRANCH_STEPS))
+                .filter(|q| self.limit_margin(q) >= 0.0);
+            return distinct(solutions);
         }
-        let mut found: Vec<Vec<f64>> = Vec::new();
-        for index in 1..=SEARCH_SEEDS {
+        distinct((1..=SEARCH_SEEDS).filter_map(|index| {
             let seed: Vec<f64> = self
                 .limits
                 .iter()
@@ -118,17 +124,8 @@ impl Chain {
                     middle + half * (2.0 * halton(index, j) - 1.0)
                 })
                 .collect();
-            let Some(q) = self.solve_from(&target, &seed) else {
-                continue;
-            };
-            let new = found
-                .iter()
-                .all(|other| other.iter().zip(&q).any(|(a, b)| wrapped(a - b).abs() > 1e-3));
-            if new {
-                found.push(q);
-            }
-        }
-        found
+            self.solve_from(&target, &seed)
+        }))
     }
 
     /// The solution reached from `seed` (rad) by damped least squares, within
@@ -238,16 +235,19 @@ impl Srs {
         let n = line / length;
         let along = (upper * upper - fore * fore + length * length) / (2.0 * length);
         let square = upper * upper - along * along;
-        if square.is_nan() || square < 0.0 {
+        let short = (length - upper.abs() - fore.abs()).max((upper.abs() - fore.abs()).abs() - length);
+        if square.is_nan() || short > ELBOW_LEAST_M {
             return Vec::new();
         }
+        let height = square.max(ELBOW_LEAST_M * ELBOW_LEAST_M).sqrt();
         let up = Vector3::new(-n.x * n.z, -n.y * n.z, 1.0 - n.z * n.z);
         let Some(u) = up.try_normalize(1e-9) else {
             return Vec::new();
         };
         let (sin, cos) = pose.elbow.unwrap_or(0.0).sin_cos();
-        let elbow = self.shoulder + n * along + (u * cos + n.cross(&u) * sin) * square.sqrt();
-        let directions = [(elbow - self.shoulder) / upper, (wrist - elbow) / fore, approach];
+        let elbow = self.shoulder + n * along + (u * cos + n.cross(&u) * sin) * height;
+        let bone = |to: Vector3<f64>, length: f64| to.normalize() * length.signum();
+        let directions = [bone(elbow - self.shoulder, upper), bone(wrist - elbow, fore), approach];
         (0..8u8)
             .filter_map(|branch| {
                 let mut angles = [0.0; 7];
@@ -273,6 +273,20 @@ impl Srs {
             })
             .collect()
     }
+}
+
+/// The solutions that are no repeats of ones before them, turns apart included.
+fn distinct(solutions: impl Iterator<Item = Vec<f64>>) -> Vec<Vec<f64>> {
+    let mut found: Vec<Vec<f64>> = Vec::new();
+    for q in solutions {
+        let new = found
+            .iter()
+            .all(|other| other.iter().zip(&q).any(|(a, b)| wrapped(a - b).abs() > 1e-3));
+        if new {
+            found.push(q);
+        }
+    }
+    found
 }
 
 /// The turn of `angle` nearest zero that lies within the limits, a little slack
