@@ -217,6 +217,10 @@ impl<const N: usize> Controller<N> {
         self.now_us = now.as_micros();
         self.ticks += 1;
         self.phase_ticks = self.phase_ticks.saturating_add(1);
+        // What starts now belongs to this tick. Any other number is the guard's to judge.
+        if state.tick == self.tick.wrapping_add(1) {
+            self.tick = state.tick;
+        }
         self.start_what_is_due();
         let sent = self.last.as_ref().map_or(&[][..], |last| &last.tau);
         let admission = self

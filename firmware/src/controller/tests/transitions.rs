@@ -1,5 +1,8 @@
 //! The transitions of Algorithm 2, each on its own condition.
 
+use std::vec::Vec;
+
+use spherecal_shared::Joints;
 use spherecal_shared::protocol::host::{Command, Event, Phase};
 
 use crate::testing::{Bench, HOME};
@@ -191,4 +194,34 @@ fn phase_changes_are_bumpless() {
         last.clone_from(&bench.command.tau);
     }
     assert_eq!(bench.recordings().len(), 1);
+}
+
+// Fails if a command that waited for its time starts under another tick's
+// number than the one whose time it bears: the host's clock would be off by a
+// period from one event to the next.
+#[test]
+fn what_starts_bears_the_number_of_its_tick() {
+    let mut bench = Bench::new(Bench::brisk());
+    bench.run(3);
+    let mut target = HOME;
+    target[0] = 0.1;
+    let target = Joints::from_slice(&target).expect("seven of eight");
+    let start_us = (bench.tick + 20) * 1_000;
+    assert!(bench.controller.order(1, start_us, &Command::Move { target }));
+    bench.until(Phase::Moving, 30);
+    bench.until(Phase::Idle, 5_000);
+    let changes: Vec<_> = bench
+        .events
+        .iter()
+        .filter_map(|e| {
+            if let Event::Phase(p) = e {
+                Some((p.tick, p.time_us))
+            } else {
+                None
+            }
+        })
+        .collect();
+    assert_eq!(changes.len(), 2);
+    assert_eq!(changes[0].1, start_us);
+    assert!(changes.iter().all(|(tick, time)| tick * 1_000 == *time), "{changes:?}");
 }
