@@ -1,10 +1,18 @@
-//! A short tour of the spheres and a journal in memory, for tests that run a
-//! campaign.
+//! A short tour of the spheres, a journal in memory and the cell of one process,
+//! for tests that run a campaign.
+
+use std::collections::BTreeSet;
+use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
-use spherecal::campaign::{Journal, JournalError, Stop, Tour, TourPose};
-use spherecal::link::Arrival;
+use spherecal::campaign::{
+    Assignment, CampaignError, Journal, JournalError, Options, Outcome, Silent, Stop, Tour, TourPose, run,
+};
+use spherecal::job::{Link, Measurements, Prepared, Site, measure, read};
+use spherecal::link::{Arrival, Cell, Device, Drive, controller_in_process, simulated_arm};
 use spherecal::plant::PlantConfig;
+use spherecal::store::Store;
+use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Event, Recording};
 use spherecal_shared::robot::elbow::elbow;
 use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
@@ -114,4 +122,62 @@ pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
         home: solve(&arm, above, facing, seed).to_vec(),
         stops,
     }
+}
+
+/// The simulated iiwa 7 of `config`, at the tour's home.
+///
+/// # Panics
+/// When there is no such plant.
+pub fn plant(config: &PlantConfig, tour: &Tour) -> Box<dyn Drive> {
+    simulated_arm(&iiwa7(), &iiwa7_tool(), config, &tour.home).expect("a plant")
+}
+
+/// The controller in this process, on `drive`.
+///
+/// # Panics
+/// When the drive is not an arm of seven joints.
+pub fn cell(drive: Box<dyn Drive>) -> Cell {
+    Cell::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell")
+}
+
+/// Carries out `tour` with the default procedure on whatever stands behind the
+/// host link, all but the (sphere, pose) pairs in `done`.
+pub fn carry_out(
+    device: &mut dyn Device,
+    tour: &Tour,
+    done: &BTreeSet<(u32, u32)>,
+) -> (Memory, Outcome, Result<(), CampaignError>) {
+    let (robot, tool, procedure) = (iiwa7(), iiwa7_tool(), Procedure::default());
+    let assignment = Assignment {
+        robot: &robot,
+        tool: &tool,
+        procedure: &procedure,
+        tour,
+        done,
+        options: Options::default(),
+    };
+    let mut memory = Memory::default();
+    let (outcome, result) = run(&assignment, device, &mut memory, &mut Silent, &AtomicBool::new(false));
+    (memory, outcome, result)
+}
+
+/// What `prepared` measures on the simulated arm, out of a store of its own.
+///
+/// # Panics
+/// When it does not end well.
+pub fn measured(prepared: &Prepared) -> Measurements {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut store = Store::create_or_open(&folder.path().join("calibration.db")).expect("a database");
+    let site = Site {
+        link: &Link::Sim,
+        tracker: None,
+        folder: folder.path(),
+        store: &mut store,
+        observer: &mut Silent,
+        inject: None,
+        interrupt: &AtomicBool::new(false),
+    };
+    measure(prepared, site, None).expect("measured to the end");
+    let info = store.require_last_run().expect("a run");
+    read(&mut store, &info).expect("read")
 }

@@ -1,15 +1,12 @@
 //! The campaign over the real host link, the real controller and the plant.
 
 use std::collections::BTreeSet;
-use std::sync::atomic::AtomicBool;
 
-use spherecal::campaign::{Assignment, CampaignError, Options, Outcome, Silent, Tour, run};
-use spherecal::link::{Cell, controller_in_process, simulated_arm};
+use spherecal::campaign::{CampaignError, Outcome, Tour};
 use spherecal::plant::PlantConfig;
-use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
-use spherecal_tests::tour::{Memory, solve, tour};
+use spherecal_tests::tour::{Memory, carry_out, cell, plant, solve, tour};
 
 /// How far a waypoint is off that ends beside the sphere, in m: the nest's body
 /// ends 42 mm from its axis.
@@ -22,27 +19,7 @@ fn campaign(
     tour: &Tour,
     done: &BTreeSet<(u32, u32)>,
 ) -> (Memory, Outcome, Result<(), CampaignError>) {
-    let (robot, tool) = (iiwa7(), iiwa7_tool());
-    let drive = simulated_arm(&robot, &tool, config, &tour.home).expect("a plant");
-    let mut cell = Cell::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
-    let mut memory = Memory::default();
-    let procedure = Procedure::default();
-    let assignment = Assignment {
-        robot: &robot,
-        tool: &tool,
-        procedure: &procedure,
-        tour,
-        done,
-        options: Options::default(),
-    };
-    let (outcome, result) = run(
-        &assignment,
-        &mut cell,
-        &mut memory,
-        &mut Silent,
-        &AtomicBool::new(false),
-    );
-    (memory, outcome, result)
+    carry_out(&mut cell(plant(config, tour)), tour, done)
 }
 
 // Fails if a pose is not recorded, is recorded twice or out of order, if a

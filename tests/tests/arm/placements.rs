@@ -2,13 +2,11 @@
 //! placements, each with its own unknown pose.
 
 use std::collections::BTreeSet;
-use std::sync::atomic::AtomicBool;
 
-use spherecal::campaign::{Assignment, CampaignError, Options, Silent, run};
-use spherecal::job::{Config, Link, Prepared, Site, evaluate, measure, prepare, read, summarise, tour};
-use spherecal::link::{Cell, Device, LinkError, controller_in_process, simulated_arm};
-use spherecal::store::Store;
-use spherecal_tests::tour::Memory;
+use spherecal::campaign::CampaignError;
+use spherecal::job::{Config, Prepared, evaluate, prepare, summarise, tour};
+use spherecal::link::{Cell, Device, LinkError};
+use spherecal_tests::tour::{carry_out, cell, measured, plant};
 
 /// Two placements: the paper's, and one 120 mm to the side, 100 mm higher and turned.
 fn two_places() -> Prepared {
@@ -38,20 +36,7 @@ fn two_placements_calibrate_the_arm() {
     let prepared = two_places();
     let places: Vec<u32> = prepared.plan.spheres.iter().map(|v| v.place).collect();
     assert!(places.is_sorted() && places.contains(&1), "{places:?}");
-    let folder = tempfile::tempdir().expect("a folder");
-    let mut store = Store::create_or_open(&folder.path().join("calibration.db")).expect("a database");
-    let site = Site {
-        link: &Link::Sim,
-        tracker: None,
-        folder: folder.path(),
-        store: &mut store,
-        observer: &mut Silent,
-        inject: None,
-        interrupt: &AtomicBool::new(false),
-    };
-    measure(&prepared, site, None).expect("measured");
-    let info = store.require_last_run().expect("a run");
-    let measurements = read(&mut store, &info).expect("stored");
+    let measurements = measured(&prepared);
     assert_eq!(measurements.recordings.len(), 60);
     assert!(measurements.faults.is_empty(), "{:?}", measurements.faults);
     let evaluation = evaluate(&measurements).expect("identified");
@@ -83,18 +68,8 @@ impl Device for Real {
 fn nobody_to_move_the_plate_is_said() {
     let prepared = two_places();
     let tour = tour(&prepared.plan);
-    let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &tour.home).expect("a plant");
-    let cell = Cell::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
-    let assignment = Assignment {
-        robot: &prepared.robot,
-        tool: &prepared.tool,
-        procedure: &prepared.config.procedure,
-        tour: &tour,
-        done: &BTreeSet::new(),
-        options: Options::default(),
-    };
-    let stop = AtomicBool::new(false);
-    let (_, result) = run(&assignment, &mut Real(cell), &mut Memory::default(), &mut Silent, &stop);
+    let mut real = Real(cell(plant(&prepared.plant, &tour)));
+    let (_, _, result) = carry_out(&mut real, &tour, &BTreeSet::new());
     let error = result.expect_err("nobody is there");
     assert!(matches!(error, CampaignError::Plate { place: 0 }), "{error}");
     assert!(error.to_string().contains("placement 1"), "{error}");

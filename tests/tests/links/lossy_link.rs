@@ -1,12 +1,9 @@
 //! A host link that loses, repeats, reorders and damages frames: what is
 //! recorded is the same to the last bit, and what happened is counted.
 
-use std::sync::atomic::AtomicBool;
-
-use spherecal::campaign::Silent;
-use spherecal::job::{self, Choice, Config, Link, Measurements, Site};
+use spherecal::job::{self, Choice, Config, Measurements};
 use spherecal::link::Lossy;
-use spherecal::store::Store;
+use spherecal_tests::tour;
 
 /// The worst that the link is built for: a fifth of the frames lost, one in a
 /// hundred damaged, and many late or twice.
@@ -24,21 +21,7 @@ fn measured(poses: usize, host_link: Lossy) -> Measurements {
     config.plan.choice = Choice::Grid;
     config.laser.enabled = false;
     config.host_link = host_link;
-    let prepared = job::prepare(&config).expect("a plan");
-    let folder = tempfile::tempdir().expect("a folder");
-    let mut store = Store::create_or_open(&folder.path().join("calibration.db")).expect("a store");
-    let site = Site {
-        link: &Link::Sim,
-        tracker: None,
-        folder: folder.path(),
-        store: &mut store,
-        observer: &mut Silent,
-        inject: None,
-        interrupt: &AtomicBool::new(false),
-    };
-    job::measure(&prepared, site, None).expect("measured to the end");
-    let info = store.require_last_run().expect("a run");
-    job::read(&mut store, &info).expect("read")
+    tour::measured(&job::prepare(&config).expect("a plan"))
 }
 
 /// Fails if over a bad link one bit of what was measured differs from what a

@@ -8,37 +8,26 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serial2::SerialPort;
-use spherecal::campaign::{Assignment, Options, Outcome, Silent, run};
-use spherecal::link::{Cell, Device, LinkError, Serial, controller_in_process, simulated_arm};
+use spherecal::campaign::{Outcome, Tour};
+use spherecal::link::{Cell, Device, LinkError, Serial};
 use spherecal::plant::PlantConfig;
-use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::Recording;
-use spherecal_shared::robot::{iiwa7, iiwa7_tool};
-use spherecal_tests::tour::{Memory, tour};
+use spherecal_tests::tour::{carry_out, cell, plant, tour};
 
 /// The turns of a short campaign about one sphere, in rad.
 const TURNS: [f64; 2] = [0.0, 0.12];
 
-fn cell() -> Cell {
-    let config = PlantConfig::typical();
-    let home = tour(&config, &[1], &TURNS).home;
-    let arm = simulated_arm(&iiwa7(), &iiwa7_tool(), &config, &home).expect("a plant");
-    Cell::new(controller_in_process(7).expect("a controller"), arm, 7).expect("a cell")
+/// A short tour of one sphere.
+fn short() -> Tour {
+    tour(&PlantConfig::typical(), &[1], &TURNS)
+}
+
+fn simulated() -> Cell {
+    cell(plant(&PlantConfig::typical(), &short()))
 }
 
 fn campaign(device: &mut dyn Device) -> (Vec<Recording>, Outcome) {
-    let (robot, tool, procedure) = (iiwa7(), iiwa7_tool(), Procedure::default());
-    let tour = tour(&PlantConfig::typical(), &[1], &TURNS);
-    let assignment = Assignment {
-        robot: &robot,
-        tool: &tool,
-        procedure: &procedure,
-        tour: &tour,
-        done: &BTreeSet::new(),
-        options: Options::default(),
-    };
-    let mut memory = Memory::default();
-    let (outcome, result) = run(&assignment, device, &mut memory, &mut Silent, &AtomicBool::new(false));
+    let (memory, outcome, result) = carry_out(device, &short(), &BTreeSet::new());
     result.expect("the campaign ends well");
     (memory.recordings, outcome)
 }
@@ -73,7 +62,7 @@ fn a_board_on_a_serial_line_records_what_the_lock_step_does() {
     line.set_write_timeout(Duration::from_millis(1)).expect("set up");
     let gone = Arc::new(AtomicBool::new(false));
     let thread = thread::spawn({
-        let (gone, cell) = (Arc::clone(&gone), cell());
+        let (gone, cell) = (Arc::clone(&gone), simulated());
         move || board(cell, &line, &gone)
     });
     let mut device = Serial::over(port, "serial:test").expect("a device");
@@ -81,7 +70,7 @@ fn a_board_on_a_serial_line_records_what_the_lock_step_does() {
     gone.store(true, Ordering::Relaxed);
     thread.join().expect("the board lived");
     assert_eq!((outcome.faults.len(), outcome.contacts.len()), (0, 1));
-    let (expected, _) = campaign(&mut cell());
+    let (expected, _) = campaign(&mut simulated());
     assert_eq!(recorded.len(), expected.len());
     for (a, b) in recorded.iter().zip(&expected) {
         for (a, b) in a.q.iter().zip(&b.q) {

@@ -4,13 +4,12 @@
 use std::collections::BTreeSet;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::sync::atomic::AtomicBool;
 use std::thread;
 use std::time::Duration;
 
-use spherecal::campaign::{Assignment, Options, Silent, run};
+use spherecal::campaign::Tour;
 use spherecal::link::tcp::{DriveServer, Remote, TcpDrive, Threaded, check_limits, listen, station};
-use spherecal::link::{Cell, Device, Drive, HostEndpoint, LinkError, Timing, controller_in_process, simulated_arm};
+use spherecal::link::{Cell, Device, Drive, HostEndpoint, LinkError, Timing, controller_in_process};
 use spherecal::plant::PlantConfig;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
@@ -20,35 +19,23 @@ use spherecal_shared::protocol::frame::{self, Accumulator, MAX_FRAME, Message};
 use spherecal_shared::protocol::host::{Command, Event, Fault, Recording};
 use spherecal_shared::robot::{Dynamics, iiwa7, iiwa7_tool};
 use spherecal_tests::rig::nominal;
-use spherecal_tests::tour::{Memory, tour};
+use spherecal_tests::tour::{self, carry_out, cell, tour};
 
 /// The turns of a short campaign about one sphere, in rad.
 const TURNS: [f64; 2] = [0.0, 0.12];
 
-fn arm() -> Box<dyn Drive> {
-    let config = PlantConfig::typical();
-    let home = tour(&config, &[1], &TURNS).home;
-    simulated_arm(&iiwa7(), &iiwa7_tool(), &config, &home).expect("a plant")
+/// A short tour of one sphere.
+fn short() -> Tour {
+    tour(&PlantConfig::typical(), &[1], &TURNS)
 }
 
-fn cell(drive: Box<dyn Drive>) -> Cell {
-    Cell::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell")
+fn arm() -> Box<dyn Drive> {
+    tour::plant(&PlantConfig::typical(), &short())
 }
 
 /// A short campaign on whatever stands behind the host link.
 fn campaign(device: &mut dyn Device) -> (Vec<Recording>, u64) {
-    let (robot, tool, procedure) = (iiwa7(), iiwa7_tool(), Procedure::default());
-    let tour = tour(&PlantConfig::typical(), &[1], &TURNS);
-    let assignment = Assignment {
-        robot: &robot,
-        tool: &tool,
-        procedure: &procedure,
-        tour: &tour,
-        done: &BTreeSet::new(),
-        options: Options::default(),
-    };
-    let mut memory = Memory::default();
-    let (outcome, result) = run(&assignment, device, &mut memory, &mut Silent, &AtomicBool::new(false));
+    let (memory, outcome, result) = carry_out(device, &short(), &BTreeSet::new());
     result.expect("the campaign ends well");
     assert_eq!((outcome.faults.len(), outcome.contacts.len()), (0, 1));
     assert_eq!(

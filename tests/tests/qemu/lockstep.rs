@@ -3,19 +3,16 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
-use spherecal::campaign::{Assignment, Options, Outcome, Silent, Tour, run};
+use spherecal::campaign::{Outcome, Tour};
 use spherecal::link::qemu::{Cost, Qemu, QemuOptions};
-use spherecal::link::{Cell, Controller, LinkError, controller_in_process, simulated_arm};
+use spherecal::link::{Cell, Controller, LinkError, controller_in_process};
 use spherecal::plant::PlantConfig;
-use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
-use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 use spherecal_tests::costs::compare;
 use spherecal_tests::qemu::image;
-use spherecal_tests::tour::{Memory, tour};
+use spherecal_tests::tour::{Memory, carry_out, plant, tour};
 
 /// What a controller was told and what it answered, bit by bit.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -79,31 +76,6 @@ impl Controller for Boxed {
     }
 }
 
-fn campaign(config: &PlantConfig, tour: &Tour, controller: Box<dyn Controller>) -> (Memory, Outcome) {
-    let (robot, tool) = (iiwa7(), iiwa7_tool());
-    let drive = simulated_arm(&robot, &tool, config, &tour.home).expect("a plant");
-    let mut cell = Cell::new(controller, drive, 7).expect("a cell");
-    let mut memory = Memory::default();
-    let procedure = Procedure::default();
-    let assignment = Assignment {
-        robot: &robot,
-        tool: &tool,
-        procedure: &procedure,
-        tour,
-        done: &BTreeSet::new(),
-        options: Options::default(),
-    };
-    let (outcome, result) = run(
-        &assignment,
-        &mut cell,
-        &mut memory,
-        &mut Silent,
-        &AtomicBool::new(false),
-    );
-    result.expect("the campaign ends well");
-    (memory, outcome)
-}
-
 fn traced<C: Controller + 'static>(
     config: &PlantConfig,
     tour: &Tour,
@@ -116,7 +88,9 @@ fn traced<C: Controller + 'static>(
         trace: trace.clone(),
         cost,
     };
-    let (memory, outcome) = campaign(config, tour, Box::new(controller));
+    let mut cell = Cell::new(Box::new(controller), plant(config, tour), 7).expect("a cell");
+    let (memory, outcome, result) = carry_out(&mut cell, tour, &BTreeSet::new());
+    result.expect("the campaign ends well");
     let trace = trace.lock().expect("one thread").clone();
     (memory, outcome, trace)
 }
