@@ -1,7 +1,7 @@
 //! Plant, controller and host as three processes: the program as a lab with a
 //! simulator of its own meets it.
 
-use std::io::Write;
+use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
