@@ -35,6 +35,7 @@ pub mod recovery;
 mod retry;
 mod session;
 mod teach;
+mod way_out;
 
 use std::collections::BTreeSet;
 

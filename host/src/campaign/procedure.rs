@@ -69,7 +69,7 @@ pub(super) struct Campaign<'a> {
     done: BTreeSet<(u32, u32)>,
     rejected: Vec<Rejected>,
     pub(super) recorded: usize,
-    waypoints: Waypoints,
+    pub(super) waypoints: Waypoints,
     places: Places,
     /// Whether the nest may be on a sphere.
     pub(super) touching: bool,

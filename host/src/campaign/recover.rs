@@ -7,7 +7,7 @@ use super::observe::Stage;
 use super::procedure::{Campaign, joints};
 use super::recovery::policy;
 use super::session::Session;
-use super::{CampaignError, Stop};
+use super::{CampaignError, Stop, way_out};
 
 /// Time for a free motion, in s of device time: an arm turns half around in 8 s.
 const MOTION_S: f64 = 60.0;
@@ -60,6 +60,31 @@ impl Campaign<'_> {
         p.retreat_m / p.speed_m_s + p.settle_s + 20.0
     }
 
+    /// Pulls the nest off the sphere of `stop` after a fault, by a way that the
+    /// arm has room for; the fault, if one came. Nothing is done where nothing
+    /// was touched.
+    fn pull_off(&self, session: &mut Session<'_>, stop: &Stop) -> Result<Option<FaultReport>, CampaignError> {
+        let n = self.assignment.robot.dof();
+        let way = match (self.waypoints.chain(), session.sample) {
+            (Some(chain), Some(sample)) if self.touching => {
+                let q: Vec<f64> = sample.q.iter().take(n).map(|q| f64::from(*q)).collect();
+                way_out::retreat(chain, self.assignment.procedure, &q, stop.direction)
+            }
+            _ => stop.direction,
+        };
+        if way != stop.direction {
+            let retreat = Command::Retreat { direction: way };
+            return session.carry_to_rest("leave the sphere beside its approach", retreat, self.decouple_limit());
+        }
+        match self.leave(session) {
+            Err(CampaignError::Refused {
+                refusal: Refusal::Phase,
+                ..
+            }) => Ok(None),
+            other => other,
+        }
+    }
+
     /// Clears the fault, pulls the nest off if it is on, and leaves the arm
     /// holding in free space; waits before, the longer the oftener it comes back.
     pub(super) fn let_go(
@@ -76,16 +101,10 @@ impl Campaign<'_> {
                 report = again;
                 continue;
             }
-            match self.leave(session) {
-                Ok(None) => return Ok(()),
-                Ok(Some(again)) => report = again,
-                // Not touched yet: there is nothing to let go of.
-                Err(CampaignError::Refused {
-                    refusal: Refusal::Phase,
-                    ..
-                }) => return Ok(()),
-                Err(error) => return Err(error),
-            }
+            let Some(again) = self.pull_off(session, stop)? else {
+                return Ok(());
+            };
+            report = again;
         }
         Err(CampaignError::GivenUp {
             sphere: stop.sphere,

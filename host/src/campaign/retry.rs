@@ -62,6 +62,11 @@ impl Waypoints {
         }
     }
 
+    /// The arm that the waypoints are of, if the planner can compute with it.
+    pub(super) fn chain(&self) -> Option<&Chain> {
+        self.chain.as_ref()
+    }
+
     /// Whether another place may help against a fault.
     pub fn helps(fault: Fault) -> bool {
         matches!(fault, Fault::NotSeated | Fault::NoContact)

@@ -306,3 +306,30 @@ fn a_second_tells_what_a_long_hold_does() {
     refused(folder, &["stability", "--resume"], &["--resume"]);
     refused(folder, &["stability", "--hold-s", "1"], &["--hold-s"]);
 }
+
+// Fails if the paper's whole grid does not end in a calibration that its own
+// validation trusts: with fewer than 99 % of the poses within reach recorded, or
+// with residuals that do not look like joint noise and seating. Poses
+// near the stretched arm and the joints' limits fault on some arms (this one
+// among them) and have to be recovered from.
+#[test]
+#[ignore = "slow: 1,843 poses"]
+fn slow_the_papers_grid_is_recorded() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = spherecal(folder.path(), &["run", "--paper", "--seed", "3", "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let summary: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+    let count = |what: &str| summary["poses"][what].as_u64().expect("a count");
+    assert!(count("chosen") > 1_800, "{}", count("chosen"));
+    assert!(100 * count("recorded") >= 99 * count("chosen"), "{}", summary["poses"]);
+    let rms_mm = summary["residual"]["rms_mm"].as_f64().expect("rms_mm");
+    assert!((0.015..0.1).contains(&rms_mm), "{rms_mm} mm");
+    println!(
+        "{} of {} poses, {} faults, {} contacts, {:.0} s of robot time",
+        count("recorded"),
+        count("chosen"),
+        summary["faults"].as_array().map_or(0, Vec::len),
+        summary["contacts"].as_array().map_or(0, Vec::len),
+        summary["simulated_s"].as_f64().unwrap_or_default()
+    );
+}
