@@ -4,7 +4,7 @@
 //! run (`numpy_identify.py`; left out with a word where NumPy is not installed).
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, SMatrix, Vector3};
 use rand::{RngExt, SeedableRng};
 use spherecal::identify::{Experiment, Method, Model, Observation, Options, Set, Target, identify, paper_plate};
 use spherecal_shared::robot::kinematics::frames_into;
@@ -34,17 +34,22 @@ fn experiment(poses: usize, contacts: bool) -> Experiment {
         let mut tcp = |q: &[f64]| frames_into(&links, q, &mut frames).point(&tool.tcp());
         let sphere = i % 3;
         let target = if contacts {
-            // Newton onto the sphere, with small numerical derivatives: no need of inverse kinematics.
+            // Damped Newton onto the sphere, with small numerical derivatives: no need of inverse kinematics.
             let centre = Vector3::new(0.45, -0.1, 0.3) + Vector3::from(spheres[sphere].position_m);
-            for _ in 0..60 {
+            for _ in 0..200 {
                 let e = tcp(&q) - centre;
+                let mut jacobian = SMatrix::<f64, 3, 7>::zeros();
                 for j in 0..7 {
                     let mut moved = q.clone();
                     moved[j] += 1e-6;
-                    let column = (tcp(&moved) - centre - e) / 1e-6;
-                    q[j] -= 0.5 * column.dot(&e) / (column.norm_squared() + 0.3);
+                    jacobian.set_column(j, &((tcp(&moved) - centre - e) / 1e-6));
                 }
+                let normal = jacobian * jacobian.transpose() + Matrix3::identity() * 1e-3;
+                let step = jacobian.transpose() * normal.try_inverse().expect("damped") * e;
+                let shorter = (0.3 / step.norm()).min(1.0);
+                q.iter_mut().zip(&step).for_each(|(q, step)| *q -= shorter * step);
             }
+            assert!((tcp(&q) - centre).norm() < 1e-9, "a pose off its sphere");
             Target::Sphere {
                 sphere: spheres[sphere].id,
                 place: 0,
