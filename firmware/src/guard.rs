@@ -48,6 +48,11 @@ impl Violation {
             limit,
         }
     }
+
+    /// Whether one joint's angle is not to be believed, all else is.
+    pub fn sticks(&self) -> bool {
+        self.fault == Fault::StaleState && self.joint > 0
+    }
 }
 
 /// Joint state, checked.

@@ -1,8 +1,9 @@
 //! Plausibility: is a drive state one that this arm can be in, after the last?
 //!
 //! A drive that hangs may go on counting ticks and send what it sent before; an
-//! encoder that loses its place reads another angle from one state to the next.
-//! Neither shows in a single state: both are told from two.
+//! encoder that loses its place reads another angle from one state to the next;
+//! one that sticks reads the same however its joint is driven. None of it shows
+//! in a single state.
 
 use spherecal_shared::procedure::Limits;
 use spherecal_shared::protocol::host::Fault;
@@ -21,6 +22,9 @@ const MOVES_RAD_S: f64 = 1e-3;
 /// taken without any of its numbers changing: one without noise that stands
 /// still under the same torque is not frozen.
 const TAKEN_NM: f64 = 0.05;
+/// The same for one joint whose angle alone stays the same, in N m, at least:
+/// more than what friction holds ([`Limits::torque_error_share`] says how much).
+const STICKS_NM: f64 = 10.0;
 
 /// What is kept of the states before.
 #[derive(Clone, Debug)]
@@ -34,6 +38,9 @@ pub struct Plausibility<const N: usize> {
     same: u32,
     /// What was being sent when the state was first the same.
     sent: [f64; N],
+    /// Ticks for which each angle has been the same, and what was being sent at
+    /// the first of them.
+    stuck: [(u32, f64); N],
 }
 
 impl<const N: usize> Default for Plausibility<N> {
@@ -44,6 +51,7 @@ impl<const N: usize> Default for Plausibility<N> {
             unseen: 0,
             same: 0,
             sent: [0.0; N],
+            stuck: [(0, 0.0); N],
         }
     }
 }
@@ -77,6 +85,7 @@ impl<const N: usize> Plausibility<N> {
         let elapsed_s = self.unseen.saturating_add(1) as f64 * period_s;
         let mut change = 0.0;
         let mut fastest = 0.0f64;
+        let mut sticks = None;
         for i in 0..N {
             let moved = (state.q[i] - last.q[i]).abs();
             // By the speed of before: that of after may be made from the jump.
@@ -90,6 +99,7 @@ impl<const N: usize> Plausibility<N> {
                     limit: most,
                 });
             }
+            sticks = sticks.or(sticking(&mut self.stuck[i], i, moved, sent, &joints[i], limits));
             change += moved + (state.dq[i] - last.dq[i]).abs() + (state.tau[i] - last.tau[i]).abs();
             fastest = fastest.max(state.dq[i].abs());
         }
@@ -97,7 +107,7 @@ impl<const N: usize> Plausibility<N> {
         if change > 0.0 {
             self.same = 0;
             self.unseen = 0;
-            return None;
+            return sticks;
         }
         if self.same == 0 {
             for (kept, sent) in self.sent.iter_mut().zip(sent) {
@@ -120,6 +130,38 @@ impl<const N: usize> Plausibility<N> {
         (allowed > 0 && self.same > allowed && alive)
             .then(|| Violation::new(Fault::StaleState, f64::from(self.same), f64::from(allowed)))
     }
+}
+
+/// Whether joint `i` stays where it was though the torque that is sent to it
+/// changes: its encoder does not follow. `stuck`: ticks for which the angle has
+/// been the same, and what was being sent at the first of them, in N m.
+#[inline]
+fn sticking(
+    stuck: &mut (u32, f64),
+    i: usize,
+    moved: f64,
+    sent: &[f64],
+    joint: &JointLimits,
+    limits: &Limits,
+) -> Option<Violation> {
+    let (count, first) = stuck;
+    let Some(sent) = sent.get(i).filter(|_| moved == 0.0) else {
+        *count = 0;
+        return None;
+    };
+    if *count == 0 {
+        *first = *sent;
+    }
+    *count = count.saturating_add(1);
+    let change = (sent - *first).abs();
+    let most = STICKS_NM.max(limits.torque_error_share * joint.torque_nm);
+    let long = limits.frozen_ticks > 0 && *count > limits.frozen_ticks;
+    (long && change > most).then_some(Violation {
+        fault: Fault::StaleState,
+        joint: i as u8 + 1,
+        value: change,
+        limit: most,
+    })
 }
 
 #[cfg(test)]
@@ -177,5 +219,33 @@ mod tests {
         assert_eq!(run(&|tick| 0.001 * tick as f64, 0.0), noticed, "the torque changes");
         assert_eq!(run(&|_| 3.0, 0.1), noticed, "it says that it moves");
         assert_eq!(run(&|_| 3.0, 0.0), None, "it stands");
+    }
+
+    // Fails if an encoder that sticks while its joint is driven is not noticed,
+    // if one whose joint stands under friction's torque is taken for it, or if
+    // the ticks of an earlier stand count.
+    #[test]
+    fn an_encoder_that_sticks_is_noticed() {
+        let limits = Limits::default();
+        let run = |torque: &dyn Fn(u64) -> f64, stands: &dyn Fn(u64) -> bool| {
+            let mut watch = Plausibility::default();
+            let mut q4 = 0.0;
+            (1..1000).find_map(|tick| {
+                let mut state = at(1e-5 * tick as f64, 1.0);
+                q4 = if stands(tick) { q4 } else { state.q[3] };
+                state.q[3] = q4;
+                let mut sent = [0.0; 7];
+                sent[3] = torque(tick);
+                let found = watch.look(tick, &state, &sent, &joints(), &limits, 1e-3)?;
+                assert_eq!((found.fault, found.joint), (Fault::StaleState, 4));
+                Some(tick)
+            })
+        };
+        let most = limits.torque_error_share * iiwa7().joints[3].limits.torque_nm;
+        let ramp = |tick: u64| 0.5 * tick as f64;
+        let noticed = run(&ramp, &|tick| tick >= 100).expect("noticed");
+        assert_eq!(noticed, 100 + (most / 0.5).floor() as u64 + 1);
+        assert_eq!(run(&|tick| 0.9 * most * (tick % 2) as f64, &|tick| tick >= 100), None);
+        assert_eq!(run(&ramp, &|tick| tick % 20 > 0), None, "it moves now and then");
     }
 }

@@ -239,7 +239,7 @@ impl<const N: usize> Controller<N> {
             Admission::Bridged => self.bridge(state.tick),
             Admission::Refused(violation) => {
                 self.fail(violation);
-                if violation.fault == Fault::PositionJump {
+                if violation.fault == Fault::PositionJump || violation.sticks() {
                     // Whatever the last torque was for, the arm is not there.
                     return self.disabled(state.tick);
                 }

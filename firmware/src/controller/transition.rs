@@ -55,8 +55,9 @@ impl<const N: usize> Controller<N> {
             limit: violation.limit,
         };
         self.latch();
-        // No torque holds an arm whose motors do not give it.
-        self.braked = violation.fault == Fault::TorqueSensor;
+        // No torque holds an arm whose motors do not give it, or that does not
+        // see where it is.
+        self.braked = violation.fault == Fault::TorqueSensor || violation.sticks();
         self.tell(Event::Fault(report));
         self.enter(Activity::Fault);
     }

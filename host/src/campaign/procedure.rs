@@ -355,13 +355,8 @@ impl<'a> Campaign<'a> {
                 (there && s.phase == Phase::Coupled).then_some(())
             };
             let waited = session.wait("record a pose", limit, there);
-            if session.recorded == Some(wanted) {
-                // Stored, so it counts, whatever came after it.
-                self.done.insert(wanted);
-                self.recorded += 1;
-                session.progress.done = self.done.len();
-                session.report_progress();
-            }
+            // Stored, so it counts, whatever came after it.
+            self.count(session);
             if let Waited::Fault(report) = waited? {
                 return Ok(AtSphere::Fault(report, pose.record.then_some(pose.pose)));
             }
@@ -372,6 +367,18 @@ impl<'a> Campaign<'a> {
             self.let_go(session, stop, report)?;
         }
         Ok(AtSphere::Finished)
+    }
+
+    /// Counts the recording that was heard of last, if it is new.
+    pub(super) fn count(&mut self, session: &mut Session<'_>) {
+        let Some(recording) = session.recorded.take() else {
+            return;
+        };
+        if self.done.insert(recording) {
+            self.recorded += 1;
+            session.progress.done = self.done.len();
+            session.report_progress();
+        }
     }
 
     fn give_up_pose(

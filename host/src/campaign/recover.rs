@@ -124,6 +124,8 @@ impl Campaign<'_> {
         session.clear_fault()?;
         self.take_over(session)?;
         self.configure(session)?;
+        // Its last recording may have been on the way when it was lost.
+        self.count(session);
         let Some(stop) = stop.filter(|_| self.touching) else {
             return Ok(());
         };

@@ -102,8 +102,10 @@ impl CampaignTable {
                 .push(format!("{label}: {} lost, {} twice", trial.lost, trial.duplicates));
         }
         if trial.kinetic_j > KINETIC_J || trial.contact_n > CONTACT_N {
-            self.broken
-                .push(format!("{label}: {:.1} J, {:.0} N", trial.kinetic_j, trial.contact_n));
+            self.broken.push(format!(
+                "{label}: {:.1} J at tick {}, {:.0} N",
+                trial.kinetic_j, trial.kinetic_tick, trial.contact_n
+            ));
         }
         if trial.held_s > HELD_S {
             self.broken

@@ -65,6 +65,8 @@ pub struct Trial {
     pub rejected: usize,
     /// Largest kinetic energy, in J.
     pub kinetic_j: f64,
+    /// The control period in which it was reached, from 1.
+    pub kinetic_tick: usize,
     /// Largest contact force that lasted 10 ms, in N.
     pub contact_n: f64,
     /// Longest time for which the contact force was above what may be held, in s.
@@ -224,6 +226,7 @@ impl Case {
             faults: outcome.faults,
             happened: look(&happened).clone(),
             kinetic_j: judgement.kinetic_j,
+            kinetic_tick: judgement.kinetic_tick,
             contact_n: judgement.contact_n,
             held_s: judgement.held_s,
             robot_s: outcome.simulated_us as f64 * 1e-6,

@@ -47,6 +47,8 @@ pub struct Judgement {
     forces: [f64; LASTING],
     /// Largest kinetic energy, in J.
     pub kinetic_j: f64,
+    /// The control period in which it was reached, from 1.
+    pub kinetic_tick: usize,
     /// Largest contact force, in N, that lasted 10 ms.
     pub contact_n: f64,
     /// Largest contact force at any instant, in N.
@@ -85,7 +87,10 @@ impl Judgement {
 
     fn take<const N: usize>(&mut self, plant: &Plant<N>) {
         let truth = plant.truth();
-        self.kinetic_j = self.kinetic_j.max(truth.kinetic_j);
+        if truth.kinetic_j > self.kinetic_j {
+            self.kinetic_j = truth.kinetic_j;
+            self.kinetic_tick = self.ticks.len() + 1;
+        }
         let force = truth.contact_n.norm();
         self.peak_n = self.peak_n.max(force);
         self.held = if force > HELD_N { self.held.saturating_add(1) } else { 0 };

@@ -127,7 +127,7 @@ fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
         broken.push(format!("{} recordings lost, {} twice", trial.lost, trial.duplicates));
     }
     if trial.kinetic_j > KINETIC_J {
-        broken.push(format!("{:.1} J", trial.kinetic_j));
+        broken.push(format!("{:.1} J at tick {}", trial.kinetic_j, trial.kinetic_tick));
     }
     if trial.contact_n > CONTACT_N {
         broken.push(format!("{:.0} N", trial.contact_n));
@@ -210,7 +210,12 @@ pub fn run(options: &MatrixOptions) -> Result<MatrixTable, FaultsError> {
             };
             let trial = case.run(&plan)?;
             bar.inc(1);
-            Ok((number, preset, format!("seed {}, tick {tick}", case.seed), trial))
+            let phase = trial
+                .happened
+                .first()
+                .map(|h| format!(" ({:?})", h.phase))
+                .unwrap_or_default();
+            Ok((number, preset, format!("seed {}, tick {tick}{phase}", case.seed), trial))
         })
         .collect::<Result<Vec<_>, FaultsError>>()?;
     bar.finish_and_clear();

@@ -53,10 +53,12 @@ const DISTURBED: &[Fault] = &[
     Fault::NoContact,
     Fault::StillCoupled,
     Fault::TorqueSensor,
+    Fault::Workspace,
 ];
 
 /// The same of an arm whose encoder sticks; when it is free again its angle jumps.
 const STUCK: &[Fault] = &[
+    Fault::StaleState,
     Fault::PositionJump,
     Fault::ContactLost,
     Fault::PathDeviation,

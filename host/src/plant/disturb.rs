@@ -39,7 +39,8 @@ pub enum Disturbance {
     Magnet(bool),
     /// The sphere next to the TCP is taken away.
     TakeNearestSphere,
-    /// All spheres are where they were drawn.
+    /// All spheres come back to where they were drawn, each once the nest is
+    /// clear of its place.
     RestoreSpheres,
     /// The sphere next to the TCP is displaced, F0, in m.
     MoveNearestSphere([f64; 3]),
@@ -56,6 +57,10 @@ pub enum Disturbance {
     Torque(usize, Option<TorqueSensorFault>),
 }
 
+/// The nest is clear of a sphere's place this far behind it along its own axis,
+/// or this far from it on any side, in m: its body ends 42 mm from its axis.
+const CLEAR_BEHIND_M: f64 = 0.025;
+const CLEAR_BESIDE_M: f64 = 0.080;
 /// Slower than this the TCP stands, in m/s.
 const STANDS_M_S: f64 = 0.005;
 
@@ -72,9 +77,8 @@ impl<const N: usize> Plant<N> {
                 }
             }
             Disturbance::RestoreSpheres => {
-                for index in 0..self.sphere_homes.len() {
-                    self.restore_sphere(index);
-                }
+                self.spheres_return = true;
+                self.return_spheres();
             }
             Disturbance::MoveNearestSphere(by_m) => {
                 if let Some(index) = self.nearest_index() {
@@ -107,6 +111,30 @@ impl<const N: usize> Plant<N> {
         let tcp = self.world.arm.tcp_frame(&frames).origin;
         let twist = self.world.arm.jacobian(&frames, &tcp) * self.motion.v;
         (tcp + self.bend, Vector3::new(twist[0], twist[1], twist[2]))
+    }
+
+    /// Puts back what is to come back and has room: a sphere cannot appear within steel.
+    pub(super) fn return_spheres(&mut self) {
+        if !self.spheres_return {
+            return;
+        }
+        let frames = self.world.arm.frames(&self.motion.q.data.0[0]);
+        let tool = self.world.arm.tcp_frame(&frames);
+        self.spheres_return = false;
+        for (slot, home) in self.world.spheres.iter_mut().zip(&self.sphere_homes) {
+            let (None, Some(place)) = (&slot, home) else {
+                if slot.is_some() {
+                    *slot = *home;
+                }
+                continue;
+            };
+            let to = place - (tool.origin + self.bend);
+            if to.dot(&tool.z()) > CLEAR_BEHIND_M || to.norm() > CLEAR_BESIDE_M {
+                *slot = *home;
+            } else {
+                self.spheres_return = true;
+            }
+        }
     }
 
     /// The sphere next to the TCP, from 0.

@@ -48,6 +48,8 @@ pub struct Plant<const N: usize> {
     pub(super) disturbance: SVector<f64, N>,
     pub(super) magnet_on: bool,
     pub(super) obstacle: Option<Obstacle>,
+    /// Spheres that were taken away come back once the nest is clear of their places.
+    pub(super) spheres_return: bool,
     pub(super) payload_kg: f64,
     pub(super) session: TrackerSession,
     pub(super) tracker_rng: ChaCha8Rng,
@@ -148,6 +150,7 @@ impl<const N: usize> Plant<N> {
             disturbance: SVector::zeros(),
             magnet_on: true,
             obstacle: None,
+            spheres_return: false,
             payload_kg: 0.0,
             session: TrackerSession::default(),
             tracker_rng: stream(config.seed, Stream::Tracker),
@@ -174,6 +177,7 @@ impl<const N: usize> Plant<N> {
             }
         }
         self.tick += 1;
+        self.return_spheres();
         self.transmitted = self.advance();
         self.sense(saturated, refused);
         self.last
@@ -183,6 +187,7 @@ impl<const N: usize> Plant<N> {
     /// are, and the sensors read what then loads them.
     pub fn step_braked(&mut self) -> Sensed<N> {
         self.motion.brake();
+        self.return_spheres();
         self.last_tau = self
             .world
             .arm
