@@ -22,9 +22,10 @@ const MOVES_RAD_S: f64 = 1e-3;
 /// taken without any of its numbers changing: one without noise that stands
 /// still under the same torque is not frozen.
 const TAKEN_NM: f64 = 0.05;
-/// The same for one joint whose angle alone stays the same, in N m, at least:
-/// more than what friction holds ([`Limits::torque_error_share`] says how much).
+/// The same for one joint whose angle alone stays the same, in N m at least and
+/// as a share of its limit: more than from one end of its stiction to the other.
 const STICKS_NM: f64 = 10.0;
+const STICKS_SHARE: f64 = 0.05;
 
 /// What is kept of the states before.
 #[derive(Clone, Debug)]
@@ -154,7 +155,7 @@ fn sticking(
     }
     *count = count.saturating_add(1);
     let change = (sent - *first).abs();
-    let most = STICKS_NM.max(limits.torque_error_share * joint.torque_nm);
+    let most = STICKS_NM.max(STICKS_SHARE * joint.torque_nm);
     let long = limits.frozen_ticks > 0 && *count > limits.frozen_ticks;
     (long && change > most).then_some(Violation {
         fault: Fault::StaleState,
@@ -241,7 +242,7 @@ mod tests {
                 Some(tick)
             })
         };
-        let most = limits.torque_error_share * iiwa7().joints[3].limits.torque_nm;
+        let most = STICKS_NM.max(STICKS_SHARE * iiwa7().joints[3].limits.torque_nm);
         let ramp = |tick: u64| 0.5 * tick as f64;
         let noticed = run(&ramp, &|tick| tick >= 100).expect("noticed");
         assert_eq!(noticed, 100 + (most / 0.5).floor() as u64 + 1);

@@ -108,7 +108,7 @@ pub fn policy(fault: Fault) -> Policy {
         ),
         Fault::StillCoupled => ("30 mm not reached 3 s past the retreat's end", 1, HOLDS, 0.5, false),
         Fault::StaleState => (
-            "4 states missing, repeated or late in a row, or 21 frozen; one angle 21 times the same while its torque changes by 15 % of its limit, 10 N m at least: brakes then until the fault is cleared",
+            "4 states missing, repeated or late in a row, or 21 frozen; one angle 21 times the same while its torque changes by 5 % of its limit, 10 N m at least: brakes then until the fault is cleared",
             21,
             BRAKES,
             1.0,

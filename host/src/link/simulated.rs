@@ -19,6 +19,8 @@ pub struct SimulatedArm<const N: usize> {
     hello: DriveHello,
     tick: u64,
     seen: bool,
+    /// Whether the brakes have been open: until then nothing moves that they would stop.
+    released: bool,
 }
 
 impl<const N: usize> SimulatedArm<N> {
@@ -36,6 +38,7 @@ impl<const N: usize> SimulatedArm<N> {
             },
             tick: 0,
             seen: false,
+            released: false,
         }
     }
 
@@ -64,7 +67,10 @@ impl<const N: usize> Drive for SimulatedArm<N> {
                     LinkError::Drive(format!("a command has {} torques for {N} joints", command.tau.len()))
                 })?;
                 self.plant.step(tau);
+                self.released = true;
                 braked = false;
+            } else if self.released {
+                self.plant.step_braked();
             }
         }
         let sensed = self.plant.sensed();
@@ -137,4 +143,39 @@ pub enum SimulatedArmError {
     /// The drive was refused.
     #[error(transparent)]
     Link(#[from] LinkError),
+}
+
+#[cfg(test)]
+mod tests {
+    use spherecal_shared::Joints;
+    use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+
+    use super::*;
+
+    // Fails if closed brakes leave the arm its motion for when they open again,
+    // or if its sensors see nothing while they are closed.
+    #[test]
+    fn brakes_take_the_motion() {
+        let home = [0.0, 0.4, 0.0, -1.5, 0.0, 1.0, 0.0];
+        let plant = Plant::new(&iiwa7(), &iiwa7_tool(), &PlantConfig::typical(), &home).expect("a plant");
+        let mut arm = SimulatedArm::new(plant, &iiwa7());
+        let mut state = DriveState::default();
+        let mut run = |arm: &mut SimulatedArm<7>, enable: bool, ticks: u64| {
+            let mut seen = Vec::new();
+            for tick in 0..ticks {
+                let tau = Joints::from_slice(&[0.0; 7]).expect("seven of eight");
+                let command = DriveCommand { tick, tau, enable };
+                arm.exchange(Some(&command), &mut state).expect("a state");
+                seen.push(state.q.to_vec());
+            }
+            seen
+        };
+        run(&mut arm, true, 100);
+        assert!(arm.plant().truth().kinetic_j > 0.5, "it falls");
+        let seen = run(&mut arm, false, 10);
+        assert_eq!(arm.plant().truth().kinetic_j, 0.0);
+        assert!(seen.windows(2).all(|w| w[0] != w[1]), "encoders have noise");
+        run(&mut arm, true, 1);
+        assert!(arm.plant().truth().kinetic_j < 1e-3, "it falls anew");
+    }
 }
