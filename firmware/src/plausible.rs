@@ -86,7 +86,7 @@ impl<const N: usize> Plausibility<N> {
         let elapsed_s = self.unseen.saturating_add(1) as f64 * period_s;
         let mut change = 0.0;
         let mut fastest = 0.0f64;
-        let mut sticks = None;
+        let (mut sticks, mut others) = (None, false);
         for i in 0..N {
             let moved = (state.q[i] - last.q[i]).abs();
             // By the speed of before: that of after may be made from the jump.
@@ -100,6 +100,7 @@ impl<const N: usize> Plausibility<N> {
                     limit: most,
                 });
             }
+            others |= moved > 0.0;
             sticks = sticks.or(sticking(&mut self.stuck[i], i, moved, sent, &joints[i], limits));
             change += moved + (state.dq[i] - last.dq[i]).abs() + (state.tau[i] - last.tau[i]).abs();
             fastest = fastest.max(state.dq[i].abs());
@@ -108,7 +109,8 @@ impl<const N: usize> Plausibility<N> {
         if change > 0.0 {
             self.same = 0;
             self.unseen = 0;
-            return sticks;
+            // An arm that is blocked stands with all its joints.
+            return sticks.filter(|_| others);
         }
         if self.same == 0 {
             for (kept, sent) in self.sent.iter_mut().zip(sent) {
