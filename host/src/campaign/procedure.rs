@@ -64,6 +64,9 @@ pub fn run(
     (outcome, result)
 }
 
+/// Time for the controller's word that it has stopped, in s.
+const STOPPED_S: f64 = 0.1;
+
 pub(super) struct Campaign<'a> {
     pub(super) assignment: &'a Assignment<'a>,
     done: BTreeSet<(u32, u32)>,
@@ -123,6 +126,11 @@ impl<'a> Campaign<'a> {
                         refusal,
                     });
                 }
+            }
+            if session.phase != Phase::Idle {
+                // The rest that follows a stop must not be taken for the one that
+                // follows leaving the sphere.
+                session.rest(STOPPED_S)?;
             }
             match self.leave(session) {
                 Ok(None) => {
