@@ -66,6 +66,8 @@ pub fn run(
 
 /// Time for the controller's word that it has stopped, in s.
 const STOPPED_S: f64 = 0.1;
+/// Time for leaving a sphere that another host left the arm on, in s.
+const LEAVE_S: f64 = 60.0;
 
 pub(super) struct Campaign<'a> {
     pub(super) assignment: &'a Assignment<'a>,
@@ -127,13 +129,15 @@ impl<'a> Campaign<'a> {
                     });
                 }
             }
-            if session.phase != Phase::Idle {
-                // The rest that follows a stop must not be taken for the one that
-                // follows leaving the sphere.
-                session.rest(STOPPED_S)?;
-            }
             match self.leave(session) {
                 Ok(None) => {
+                    // The rest that was heard may be the one that followed the stop.
+                    session.rest(STOPPED_S)?;
+                    let idle = |s: &Session<'_>| (s.phase == Phase::Idle).then_some(());
+                    if let Waited::Fault(_) = session.wait("leave the sphere", LEAVE_S, idle)? {
+                        session.clear_fault()?;
+                        continue;
+                    }
                     session.note("the controller had been left on a sphere");
                     return Ok(());
                 }
