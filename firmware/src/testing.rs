@@ -225,7 +225,12 @@ impl Bench {
 
     /// A nest seated on a sphere 15 mm below home.
     pub(crate) fn coupled() -> Self {
-        let mut bench = Self::new(Self::brisk());
+        Self::coupled_by(Self::brisk())
+    }
+
+    /// The same by another procedure.
+    pub(crate) fn coupled_by(procedure: Procedure) -> Self {
+        let mut bench = Self::new(procedure);
         bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
         bench.approach().expect("idle");
         bench.until(Phase::Coupled, 8_000);

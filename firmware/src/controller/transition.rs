@@ -40,8 +40,12 @@ impl<const N: usize> Controller<N> {
         };
     }
 
-    /// Enters the fault phase once; later violations find it there.
+    /// Enters the fault phase once; later violations find it there, and may still
+    /// want the brakes.
     pub(super) fn fail(&mut self, violation: Violation) {
+        // No torque holds an arm whose motors do not give it, or that does not
+        // see where it is.
+        self.braked |= violation.fault == Fault::TorqueSensor || violation.sticks();
         if matches!(self.activity, Activity::Fault) {
             return;
         }
@@ -55,9 +59,6 @@ impl<const N: usize> Controller<N> {
             limit: violation.limit,
         };
         self.latch();
-        // No torque holds an arm whose motors do not give it, or that does not
-        // see where it is.
-        self.braked = violation.fault == Fault::TorqueSensor || violation.sticks();
         self.tell(Event::Fault(report));
         self.enter(Activity::Fault);
     }

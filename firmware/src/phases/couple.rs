@@ -76,8 +76,7 @@ impl Coupling {
         task.watch = SeatingWatch::new(env.snapshot.tcp.origin);
         Next::Enter(
             Activity::Verifying(Verifying {
-                start: env.snapshot.tcp.origin,
-                moved: 0.0,
+                pull: Pull::new(env.snapshot.tcp.origin),
                 searches: self.searches,
             }),
             None,
@@ -85,21 +84,47 @@ impl Coupling {
     }
 }
 
+/// A pull that rises to its full size and falls again, and how far the TCP
+/// gives way to it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pull {
+    start: Vector3<f64>,
+    moved: f64,
+}
+
+impl Pull {
+    /// Begins at a computed TCP (F0, in m).
+    pub(super) fn new(start: Vector3<f64>) -> Self {
+        Self { start, moved: 0.0 }
+    }
+
+    /// Takes one tick's computed TCP; the farthest so far from the first, in m.
+    pub(super) fn push(&mut self, tcp: &Vector3<f64>) -> f64 {
+        self.moved = self.moved.max((tcp - self.start).norm());
+        self.moved
+    }
+
+    /// Size after `elapsed_s` of a pull of `most_n` that lasts `time_s`, in N.
+    pub(super) fn size(elapsed_s: f64, time_s: f64, most_n: f64) -> f64 {
+        let share = libm::sin(core::f64::consts::PI * elapsed_s / time_s);
+        most_n * share * share
+    }
+}
+
 /// Test pull against the approach.
 #[derive(Clone, Copy, Debug)]
 pub struct Verifying {
-    start: Vector3<f64>,
-    moved: f64,
+    pull: Pull,
     searches: u32,
 }
 
 impl Verifying {
-    /// One tick: the pull rises to its full size and falls again.
+    /// One tick.
     pub fn step<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
         let seating = &env.procedure.seating;
         let tcp = env.snapshot.tcp.origin;
-        self.moved = self.moved.max((tcp - self.start).norm());
-        if self.moved > seating.test_m {
+        let moved = self.pull.push(&tcp);
+        if moved > seating.test_m {
             task.setpoint.feed_forward = task.compensation(Vector3::zeros());
             if self.searches < env.procedure.couple.searches {
                 task.setpoint.position = tcp;
@@ -108,11 +133,10 @@ impl Verifying {
                 };
                 return Next::Enter(Activity::Coupling(search), None);
             }
-            return Next::fail(Fault::NotSeated, self.moved, seating.test_m);
+            return Next::fail(Fault::NotSeated, moved, seating.test_m);
         }
         if env.elapsed_s < seating.test_s {
-            let share = libm::sin(core::f64::consts::PI * env.elapsed_s / seating.test_s);
-            let pull = task.direction * (-seating.test_n * share * share);
+            let pull = task.direction * -Pull::size(env.elapsed_s, seating.test_s, seating.test_n);
             task.setpoint.feed_forward = task.compensation(pull);
             return Next::Stay;
         }
@@ -124,7 +148,7 @@ impl Verifying {
             time_us: env.time_us,
             centre_m: tcp.into(),
             shift_m: (tcp - task.contact).norm(),
-            test_m: self.moved,
+            test_m: moved,
         };
         Next::Enter(Activity::Coupled, Some(Event::Coupled(coupled)))
     }

@@ -1,8 +1,14 @@
 //! Recording at a pose: 5 N/m, then 1,000 consecutive ticks of a seated and
-//! still arm.
+//! still arm, then a short pull along the axis of the nest.
+//!
+//! Friction can hold a nest still whose magnet has let go, and nothing in a
+//! thousand still samples tells it from a seated one. So what was averaged is
+//! told to the host when the nest has borne the pull, and not before.
 
+use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Event, Fault};
 
+use super::couple::Pull;
 use super::turn::STILL_S;
 use super::{Activity, Env, Next, Task};
 use crate::recorder::{Recorder, RecorderSample};
@@ -17,6 +23,8 @@ pub struct Recording<const N: usize> {
     recorder: Recorder<N>,
     still_s: f64,
     started_s: f64,
+    /// The pull, once all samples are taken, and when it began, in s.
+    pull: Option<(Pull, f64)>,
 }
 
 impl<const N: usize> Recording<N> {
@@ -29,6 +37,7 @@ impl<const N: usize> Recording<N> {
             recorder: Recorder::default(),
             still_s: 0.0,
             started_s: 0.0,
+            pull: None,
         }
     }
 
@@ -39,6 +48,23 @@ impl<const N: usize> Recording<N> {
 
     /// One tick.
     pub fn step(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+        if let Some((pull, began_s)) = &mut self.pull {
+            let seating = &env.procedure.seating;
+            let moved = pull.push(&env.snapshot.tcp.origin);
+            if moved > seating.check_m {
+                return Next::fail(Fault::ContactLost, moved, seating.check_m);
+            }
+            let elapsed_s = env.elapsed_s - *began_s;
+            if elapsed_s < seating.check_s {
+                // Along the axis of the nest, where nothing but the magnet holds it.
+                let axis = env.snapshot.tcp.z();
+                let force = axis * -Pull::size(elapsed_s, seating.check_s, seating.check_n);
+                task.setpoint.feed_forward = task.compensation(force);
+                return Next::Stay;
+            }
+            task.setpoint.feed_forward = task.compensation(Vector3::zeros());
+            return self.finish(task);
+        }
         let turn = &env.procedure.turn;
         if self.recorder.count() == 0 {
             let still = task.impedance.settled() && env.joint_speed <= turn.still_rad_s;
@@ -70,6 +96,14 @@ impl<const N: usize> Recording<N> {
         if self.recorder.count() < env.procedure.record.samples {
             return Next::Stay;
         }
+        if env.procedure.seating.check_s > 0.0 {
+            self.pull = Some((Pull::new(env.snapshot.tcp.origin), env.elapsed_s));
+            return Next::Stay;
+        }
+        self.finish(task)
+    }
+
+    fn finish(&self, task: &Task<N>) -> Next<N> {
         let recording = self.recorder.finish(task.sphere, self.pose);
         Next::Enter(Activity::Coupled, Some(Event::Recording(recording)))
     }

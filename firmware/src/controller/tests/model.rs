@@ -26,6 +26,7 @@ use spherecal_shared::protocol::drive::DriveStatus;
 use spherecal_shared::protocol::host::{Command, Event, Phase};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
+use crate::phases::Activity;
 use crate::testing::{Bench, HOME};
 
 /// What may happen next.
@@ -178,7 +179,11 @@ impl World {
         let tcp = self.bench.tcp();
         let speed = (tcp - self.last).norm() * 1e3;
         self.last = tcp;
-        if !self.bench.caught || speed > STILL_M_S {
+        // The pull that ends a recording moves the nest, and must not move it off.
+        let controller = &self.bench.controller;
+        let pulls = matches!(&controller.activity,
+            Activity::Recording(r) if r.count() == controller.procedure.record.samples);
+        if !self.bench.caught || (speed > STILL_M_S && !pulls) {
             self.quiet_since = self.bench.tick;
         }
         let phase = self.bench.controller.phase();

@@ -3,7 +3,7 @@
 use std::vec::Vec;
 
 use spherecal_shared::Joints;
-use spherecal_shared::protocol::host::{Command, Event, Phase};
+use spherecal_shared::protocol::host::{Command, Event, Fault, Phase};
 
 use crate::testing::{Bench, HOME};
 
@@ -126,6 +126,30 @@ fn a_disturbed_recording_is_begun_anew() {
     let recordings = bench.recordings();
     assert_eq!((recordings.len(), recordings[0].count, recordings[0].gaps), (1, 100, 0));
     assert!(recordings[0].q.iter().all(|q| q.std < 1e-3));
+}
+
+/// Fails if a recording counts whose nest came loose while the arm stood still,
+/// or if no pull would find it, too: then the pull is for nothing.
+#[test]
+fn a_recording_counts_when_its_nest_has_borne_a_pull() {
+    for check_s in [0.15, 0.0] {
+        let mut procedure = Bench::brisk();
+        procedure.seating.check_s = check_s;
+        let mut bench = Bench::coupled_by(procedure);
+        bench.pose(0.1, true).expect("coupled");
+        bench.until(Phase::Recording, 5_000);
+        bench.run(150);
+        // Nothing holds the nest any more, and nothing moves it.
+        bench.sphere = None;
+        bench.run(600);
+        let told: Vec<_> = bench.faults().iter().map(|f| (f.fault, f.phase)).collect();
+        if check_s > 0.0 {
+            assert_eq!(told, [(Fault::ContactLost, Phase::Recording)]);
+            assert!(bench.recordings().is_empty());
+        } else {
+            assert_eq!((told.len(), bench.recordings().len()), (0, 1));
+        }
+    }
 }
 
 /// Fails if the arm does not follow a hand of 20 N, drifts when it is let go
