@@ -252,20 +252,20 @@ impl<const N: usize> Guard<N> {
         Admission::Bridged
     }
 
-    /// Looks at a fresh joint state: positions and velocities within limits.
+    /// Looks at a fresh joint state: positions and velocities within limits. An
+    /// arm that `leaves` a sphere may use half the margin: it may have to leave
+    /// since it stands at the margin's end, and must not be held there by it.
     #[inline]
-    pub fn joint_state(&self, state: &Admitted<N>, limits: &Limits) -> Option<Violation> {
+    pub fn joint_state(&self, state: &Admitted<N>, limits: &Limits, leaves: bool) -> Option<Violation> {
+        let margin = limits.position_margin_rad * if leaves { 0.5 } else { 1.0 };
         for (i, limit) in self.limits.iter().enumerate() {
             let joint = i as u8 + 1;
             let q = state.q[i];
-            let (min, max) = (
-                limit.min_rad + limits.position_margin_rad,
-                limit.max_rad - limits.position_margin_rad,
-            );
+            let (min, max) = (limit.min_rad + margin, limit.max_rad - margin);
             // Between margin and limit an arm may stand, and go back.
             let out = q < limit.min_rad || q > limit.max_rad;
-            let leaves = (q < min && state.dq[i] < -OUTWARD_RAD_S) || (q > max && state.dq[i] > OUTWARD_RAD_S);
-            if out || leaves {
+            let outwards = (q < min && state.dq[i] < -OUTWARD_RAD_S) || (q > max && state.dq[i] > OUTWARD_RAD_S);
+            if out || outwards {
                 let limit = if q < min { min } else { max };
                 return Some(Violation {
                     fault: Fault::JointPosition,

@@ -314,7 +314,8 @@ impl<const N: usize> Controller<N> {
                 dq: [0.0; N],
             };
         }
-        if let Some(violation) = self.guard.joint_state(state, &self.procedure.limits) {
+        let leaves = matches!(self.activity, Activity::Decoupling(_));
+        if let Some(violation) = self.guard.joint_state(state, &self.procedure.limits, leaves) {
             self.fail(violation);
         }
         let force = if self.activity.is_cartesian() {
