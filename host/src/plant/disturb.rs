@@ -39,10 +39,11 @@ pub enum Disturbance {
     Magnet(bool),
     /// The sphere next to the TCP is taken away.
     TakeNearestSphere,
-    /// All spheres come back to where they were drawn, each once the nest is
-    /// clear of its place.
+    /// Spheres that were taken away come back to where they were drawn, each
+    /// once the nest is clear of its place.
     RestoreSpheres,
-    /// The sphere next to the TCP is displaced, F0, in m.
+    /// The sphere next to the TCP is displaced, F0, in m, by somebody who pushes
+    /// no harder than 100 N and waits until it gives way.
     MoveNearestSphere([f64; 3]),
     /// A wall so far from the TCP (m), across its motion, or below a TCP that
     /// stands, of a stiffness (N/m).
@@ -61,6 +62,10 @@ pub enum Disturbance {
 /// or this far from it on any side, in m: its body ends 42 mm from its axis.
 const CLEAR_BEHIND_M: f64 = 0.025;
 const CLEAR_BESIDE_M: f64 = 0.080;
+/// Whoever shoves a sphere aside does not press it against the arm any harder, in N.
+const SHOVE_N: f64 = 100.0;
+/// Farthest that a shoved sphere moves in a control period, in m: 0.2 m/s.
+const SHOVE_STEP_M: f64 = 2e-4;
 /// Slower than this the TCP stands, in m/s.
 const STANDS_M_S: f64 = 0.005;
 
@@ -81,9 +86,11 @@ impl<const N: usize> Plant<N> {
                 self.return_spheres();
             }
             Disturbance::MoveNearestSphere(by_m) => {
-                if let Some(index) = self.nearest_index() {
-                    self.move_sphere(index, by_m);
-                }
+                let nearest = || self.nearest_index().map(|index| (index, Vector3::zeros()));
+                self.shoved = self
+                    .shoved
+                    .or_else(nearest)
+                    .map(|(index, rest)| (index, rest + Vector3::from(by_m)));
             }
             Disturbance::ObstacleAhead(ahead_m, stiffness_n_m) => {
                 let (tcp, velocity) = self.tcp_motion();
@@ -123,9 +130,6 @@ impl<const N: usize> Plant<N> {
         self.spheres_return = false;
         for (slot, home) in self.world.spheres.iter_mut().zip(&self.sphere_homes) {
             let (None, Some(place)) = (&slot, home) else {
-                if slot.is_some() {
-                    *slot = *home;
-                }
                 continue;
             };
             let to = place - (tool.origin + self.bend);
@@ -135,6 +139,20 @@ impl<const N: usize> Plant<N> {
                 self.spheres_return = true;
             }
         }
+    }
+
+    /// Moves a sphere that is being shoved on by what it has left to go.
+    pub(super) fn shove(&mut self) {
+        let Some((index, rest)) = self.shoved else {
+            return;
+        };
+        if self.truth().contact_n.norm() > SHOVE_N {
+            return;
+        }
+        let step = rest * (SHOVE_STEP_M / rest.norm()).min(1.0);
+        self.move_sphere(index, step.into());
+        let rest = rest - step;
+        self.shoved = (rest.norm() > f64::EPSILON).then_some((index, rest));
     }
 
     /// The sphere next to the TCP, from 0.

@@ -50,6 +50,8 @@ pub struct Plant<const N: usize> {
     pub(super) obstacle: Option<Obstacle>,
     /// Spheres that were taken away come back once the nest is clear of their places.
     pub(super) spheres_return: bool,
+    /// A sphere that is being shoved aside (from 0), and how far still, in m, F0.
+    pub(super) shoved: Option<(usize, Vector3<f64>)>,
     pub(super) payload_kg: f64,
     pub(super) session: TrackerSession,
     pub(super) tracker_rng: ChaCha8Rng,
@@ -151,6 +153,7 @@ impl<const N: usize> Plant<N> {
             magnet_on: true,
             obstacle: None,
             spheres_return: false,
+            shoved: None,
             payload_kg: 0.0,
             session: TrackerSession::default(),
             tracker_rng: stream(config.seed, Stream::Tracker),
@@ -178,6 +181,7 @@ impl<const N: usize> Plant<N> {
         }
         self.tick += 1;
         self.return_spheres();
+        self.shove();
         self.transmitted = self.advance();
         self.sense(saturated, refused);
         self.last
@@ -188,6 +192,7 @@ impl<const N: usize> Plant<N> {
     pub fn step_braked(&mut self) -> Sensed<N> {
         self.motion.brake();
         self.return_spheres();
+        self.shove();
         self.last_tau = self
             .world
             .arm
