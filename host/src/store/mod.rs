@@ -22,7 +22,9 @@
 
 mod digest;
 mod error;
+mod events;
 mod lock;
+mod obstruct;
 mod open;
 mod place;
 mod read;
@@ -36,12 +38,13 @@ use sqlx::AnyConnection;
 use tokio::runtime::Runtime;
 
 pub use error::StoreError;
+pub use events::Placed;
 pub use lock::Claim;
 pub use open::SCHEMA_VERSION;
 pub use place::Place;
 pub use read::{Resumable, RunInfo};
 pub use recover::{Recovered, recover};
-pub use write::{Placed, SessionEnd};
+pub use write::SessionEnd;
 
 use crate::identify::Sphere;
 use crate::rpc::RemoteStore;

@@ -24,7 +24,7 @@ const PATIENCE: Duration = Duration::from_millis(if cfg!(test) { 300 } else { 10
 
 static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
 
-fn runtime(path: &Path) -> Result<Runtime, StoreError> {
+pub(super) fn runtime(path: &Path) -> Result<Runtime, StoreError> {
     tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -35,7 +35,7 @@ fn runtime(path: &Path) -> Result<Runtime, StoreError> {
 }
 
 /// A path as the driver's URL has it.
-fn url_of(path: &Path) -> Result<String, StoreError> {
+pub(super) fn url_of(path: &Path) -> Result<String, StoreError> {
     let io = |source| StoreError::Io {
         path: path.to_owned(),
         source,
