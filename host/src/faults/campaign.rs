@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::case::{Case, Ended, Finish, Trial};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{FaultsError, bar};
-use crate::inject::{Entry, PRESETS, Plan, When, preset};
+use crate::inject::{Entry, PRESETS, Plan, When};
 
 /// How much worse than the undisturbed calibration one with faults may be.
 const WORSE: f64 = 1.2;
@@ -25,6 +25,8 @@ pub struct CampaignOptions {
     pub runs: u64,
     /// Arms.
     pub seeds: u64,
+    /// Only the run of this number, to look at it again.
+    pub only: Option<u64>,
     /// Whether a bar is shown.
     pub progress: bool,
 }
@@ -36,6 +38,8 @@ pub struct CampaignTable {
     pub runs: usize,
     /// Faults that were injected.
     pub injected: usize,
+    /// Times that a host was begun again.
+    pub resumed: usize,
     /// Faults that controllers told.
     pub told: usize,
     /// Runs that ended with every pose recorded or given up.
@@ -74,6 +78,7 @@ impl CampaignTable {
         self.runs += 1;
         self.injected += trial.happened.iter().filter(|h| h.begins).count();
         self.told += trial.faults.len();
+        self.resumed += trial.resumed;
         self.bad += trial.bad.len();
         self.lost += trial.lost;
         self.duplicates += trial.duplicates;
@@ -90,11 +95,7 @@ impl CampaignTable {
             }
             Ended::Unexplained(why) | Ended::Panicked(why) => self.broken.push(format!("{label}: {why}")),
         }
-        let loose = trial
-            .happened
-            .iter()
-            .any(|h| preset(h.what.name()).is_some_and(|p| p.loose));
-        for why in trial.bad.iter().filter(|_| !loose) {
+        for why in &trial.bad {
             self.broken.push(format!("{label}: {why}"));
         }
         if trial.lost + trial.duplicates > 0 {
@@ -140,7 +141,8 @@ pub fn run(options: &CampaignOptions) -> Result<CampaignTable, FaultsError> {
         .map(|seed| Case::new(seed, Finish::Calibrate))
         .collect::<Result<Vec<_>, _>>()?;
     let bar = bar(options.runs, options.progress);
-    let trials = (0..options.runs)
+    let numbers = options.only.map_or(0..options.runs, |number| number..number + 1);
+    let trials = numbers
         .into_par_iter()
         .map(|number| {
             let case = &cases[(number % options.seeds) as usize];
@@ -187,8 +189,8 @@ impl fmt::Display for CampaignTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} runs with {} faults injected and {} told: {} calibrated, {} poses given up in them",
-            self.runs, self.injected, self.told, self.calibrated, self.rejected
+            "{} runs with {} faults injected and {} told, {} hosts begun again: {} calibrated, {} poses given up in them",
+            self.runs, self.injected, self.told, self.resumed, self.calibrated, self.rejected
         )?;
         for (why, count) in &self.stopped {
             writeln!(f, "  {count:5} stopped: {why}")?;

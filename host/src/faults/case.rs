@@ -1,19 +1,19 @@
 //! One arm with a shortened procedure, and one run of it with a plan of faults.
 
-use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::AtomicBool;
 
 use serde::Serialize;
-use spherecal_shared::protocol::host::{Event, FaultReport, Recording};
+use spherecal_shared::protocol::host::{FaultReport, Recording};
 
 use super::FaultsError;
+use super::book::Book;
 use super::judge::{Judged, look};
-use crate::campaign::{self, Assignment, CampaignError, Journal, JournalError, Outcome, Silent, Tour};
+use crate::campaign::{self, Assignment, CampaignError, JournalError, Outcome, Silent, Tour};
 use crate::identify::{Experiment, Observation, Set, Target, identify};
 use crate::inject::{Happened, Plan, Upsetting};
 use crate::job::{Choice, Config, JobError, Prepared, measure_laser, prepare, simulated_tracker, tour};
-use crate::link::{Arrival, LinkError, controller_in_process};
+use crate::link::{Device, LinkError, controller_in_process};
 use crate::store::LaserShot;
 use crate::validate::{Prediction, validate};
 
@@ -63,6 +63,10 @@ pub struct Trial {
     pub lost: usize,
     /// Poses given up.
     pub rejected: usize,
+    /// The control period, from 1, in which the controller first moved the motors.
+    pub ready_tick: u64,
+    /// Times that the host was begun again.
+    pub resumed: usize,
     /// Largest kinetic energy, in J.
     pub kinetic_j: f64,
     /// The control period in which it was reached, from 1.
@@ -75,6 +79,11 @@ pub struct Trial {
     pub robot_s: f64,
 }
 
+/// Hosts that are begun again at most.
+const HOSTS: usize = 8;
+/// Control periods until a person has made room on a full disk.
+const ROOM_TICKS: u32 = 3000;
+
 /// How much a case is to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Finish {
@@ -82,30 +91,6 @@ pub enum Finish {
     Record,
     /// Enough of them to calibrate, and a tracker to judge by.
     Calibrate,
-}
-
-/// A journal in memory that tells recordings stored twice.
-#[derive(Default)]
-struct Memory {
-    recordings: Vec<Recording>,
-    duplicates: usize,
-}
-
-impl Journal for Memory {
-    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
-        for arrival in events {
-            if let Event::Recording(recording) = &arrival.body {
-                let same = |r: &Recording| (r.sphere, r.pose) == (recording.sphere, recording.pose);
-                self.duplicates += usize::from(self.recordings.iter().any(same));
-                self.recordings.push(recording.clone());
-            }
-        }
-        Ok(())
-    }
-
-    fn reject(&mut self, _: u32, _: u32, _: &str) -> Result<(), JournalError> {
-        Ok(())
-    }
 }
 
 fn configuration(seed: u64, finish: Finish) -> Config {
@@ -116,7 +101,7 @@ fn configuration(seed: u64, finish: Finish) -> Config {
     config.plan.choice = Choice::Grid;
     config.plan.poses = match finish {
         Finish::Record => 6,
-        Finish::Calibrate => 36,
+        Finish::Calibrate => 60,
     };
     config.plan.approach_height_m = 0.035;
     let p = &mut config.procedure;
@@ -187,49 +172,77 @@ impl Case {
         let controller = controller_in_process(N).map_err(JobError::from)?;
         let restart = Box::new(|| controller_in_process(N));
         let mut device = Upsetting::new(controller, drive, N, plan, restart).map_err(JobError::from)?;
-        let happened = device.happened();
-        let done = BTreeSet::new();
-        let assignment = Assignment {
-            robot,
-            tool,
-            procedure: &self.prepared.procedure()?,
-            tour: &self.tour,
-            done: &done,
-            options: self.prepared.config.campaign.options(),
-        };
-        let mut memory = Memory::default();
-        let run = || {
-            campaign::run(
-                &assignment,
-                &mut device,
-                &mut memory,
-                &mut Silent,
-                &AtomicBool::new(false),
-            )
-        };
-        let (outcome, ended) = match catch_unwind(AssertUnwindSafe(run)) {
-            Ok((outcome, Ok(()))) => (outcome, Ended::Finished),
-            Ok((outcome, Err(error))) => (outcome, stop(&error)),
-            Err(panic) => {
-                let why = panic.downcast_ref::<String>().cloned();
-                let why = why.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()));
-                (Outcome::default(), Ended::Panicked(why.unwrap_or_default()))
+        let (happened, ailing) = (device.happened(), device.ailing());
+        let mut book = Book::new(&self.prepared, plan.faults.iter().any(|f| f.what.of_host()))?;
+        let procedure = self.prepared.procedure()?;
+        let mut outcome = Outcome::default();
+        let mut resumed = 0;
+        let ended = loop {
+            let (done, seated) = (book.done()?, book.couplings()?);
+            let assignment = Assignment {
+                robot,
+                tool,
+                procedure: &procedure,
+                tour: &self.tour,
+                done: &done,
+                seated: &seated,
+                options: self.prepared.config.campaign.options(),
+            };
+            let mut journal = book.journal(ailing.clone())?;
+            let run = || {
+                campaign::run(
+                    &assignment,
+                    &mut device,
+                    journal.as_mut(),
+                    &mut Silent,
+                    &AtomicBool::new(false),
+                )
+            };
+            let result = match catch_unwind(AssertUnwindSafe(run)) {
+                Ok((more, result)) => {
+                    add(&mut outcome, more);
+                    result
+                }
+                Err(panic) => {
+                    let why = panic.downcast_ref::<String>().cloned();
+                    let why = why.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()));
+                    break Ended::Panicked(why.unwrap_or_default());
+                }
+            };
+            drop(journal);
+            match result {
+                Ok(()) => break Ended::Finished,
+                Err(CampaignError::Link(LinkError::Killed)) if resumed < HOSTS => {}
+                Err(CampaignError::Journal(JournalError::Store { .. })) if resumed < HOSTS => {
+                    // The arm stands by until a person has made room.
+                    let mut unheard = Vec::new();
+                    for _ in 0..ROOM_TICKS {
+                        device.step(&[], &mut unheard).map_err(JobError::from)?;
+                    }
+                    ailing.fill(false);
+                }
+                Err(error) => break stop(&error),
             }
+            resumed += 1;
+            book.reopen()?;
         };
         let judgement = look(&judgement);
+        let recordings = book.recordings()?;
         Ok(Trial {
-            bad: memory.recordings.iter().filter_map(|r| judgement.of(r)).collect(),
-            lost: outcome.recorded.saturating_sub(memory.recordings.len()),
-            recordings: memory.recordings,
-            duplicates: memory.duplicates,
+            bad: recordings.iter().filter_map(|r| judgement.of(r)).collect(),
+            lost: outcome.recorded.saturating_sub(recordings.len()),
+            recordings,
+            duplicates: book.duplicates(),
             rejected: outcome.rejected.len(),
             faults: outcome.faults,
             happened: look(&happened).clone(),
+            ready_tick: judgement.ready_tick.unwrap_or(0),
             kinetic_j: judgement.kinetic_j,
             kinetic_tick: judgement.kinetic_tick,
             contact_n: judgement.contact_n,
             held_s: judgement.held_s,
-            robot_s: outcome.simulated_us as f64 * 1e-6,
+            robot_s: device.now_us() as f64 * 1e-6,
+            resumed,
             ended,
         })
     }
@@ -264,6 +277,18 @@ impl Case {
         let measured: Vec<[f64; 3]> = self.shots.iter().map(|s| s.point_m).collect();
         let table = validate(&measured, &found.base, &models).map_err(JobError::from)?;
         Ok(table.models.first().map_or(f64::NAN, |m| m.best_fit.mean_mm))
+    }
+}
+
+/// What another host did, added to what those before it did.
+fn add(sum: &mut Outcome, more: Outcome) {
+    sum.recorded += more.recorded;
+    sum.rejected.extend(more.rejected);
+    // A controller that lives on tells a host what it told the one before, too.
+    for fault in more.faults {
+        if !sum.faults.contains(&fault) {
+            sum.faults.push(fault);
+        }
     }
 }
 

@@ -44,6 +44,8 @@ struct Tick {
 #[derive(Clone, Debug, Default)]
 pub struct Judgement {
     ticks: Vec<Tick>,
+    /// The control period, from 1, in which the controller first moved the motors.
+    pub ready_tick: Option<u64>,
     forces: [f64; LASTING],
     /// Largest kinetic energy, in J.
     pub kinetic_j: f64,
@@ -148,7 +150,11 @@ impl<const N: usize> Drive for Judged<N> {
 
     fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
         self.arm.exchange(command, state)?;
-        look(&self.judgement).take(self.arm.plant());
+        let mut judgement = look(&self.judgement);
+        judgement.take(self.arm.plant());
+        if judgement.ready_tick.is_none() && command.is_some_and(|c| c.enable) {
+            judgement.ready_tick = Some(judgement.ticks.len() as u64);
+        }
         Ok(())
     }
 

@@ -61,6 +61,8 @@ pub struct Row {
     pub stopped: usize,
     /// Runs that ended otherwise.
     pub unexplained: usize,
+    /// Times that the host was begun again.
+    pub resumed: usize,
     /// Panics.
     pub panics: usize,
     /// Recordings accepted from an unseated or moving nest.
@@ -99,6 +101,8 @@ impl MatrixTable {
 fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
     let mut broken = Vec::new();
     let began = trial.happened.iter().find(|h| h.begins).map(|h| h.tick);
+    // A controller that has no robot yet keeps the brakes shut and has nothing to tell.
+    let began = began.map(|tick| tick.max(trial.ready_tick));
     let first = trial.faults.first();
     let after_ms = began
         .zip(first)
@@ -120,9 +124,7 @@ fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
         Ended::Panicked(why) => broken.push(format!("panicked: {why}")),
         Ended::Finished | Ended::Stopped(_) => {}
     }
-    if !preset.loose {
-        broken.extend(trial.bad.iter().cloned());
-    }
+    broken.extend(trial.bad.iter().cloned());
     if trial.lost + trial.duplicates > 0 {
         broken.push(format!("{} recordings lost, {} twice", trial.lost, trial.duplicates));
     }
@@ -157,6 +159,7 @@ impl Row {
             Ended::Unexplained(_) => self.unexplained += 1,
             Ended::Panicked(_) => self.panics += 1,
         }
+        self.resumed += trial.resumed;
         self.bad += trial.bad.len();
         self.lost += trial.lost;
         self.duplicates += trial.duplicates;
@@ -246,7 +249,7 @@ impl fmt::Display for MatrixTable {
         )?;
         writeln!(
             f,
-            "{:18} {:>5} {:>6} {:>10} {:>8} {:>9} {:>8} {:>7} {:>4} {:>5} {:>5} {:>6} {:>6}  told",
+            "{:18} {:>5} {:>6} {:>10} {:>8} {:>9} {:>8} {:>7} {:>7} {:>4} {:>5} {:>5} {:>6} {:>6}  told",
             "fault",
             "runs",
             "borne",
@@ -254,6 +257,7 @@ impl fmt::Display for MatrixTable {
             "finished",
             "explained",
             "slowest",
+            "resumed",
             "panics",
             "bad",
             "lost",
@@ -265,7 +269,7 @@ impl fmt::Display for MatrixTable {
             let told: Vec<String> = r.told.iter().map(|(name, count)| format!("{name} {count}")).collect();
             writeln!(
                 f,
-                "{:18} {:5} {:6} {:10} {:8} {:9} {:8} {:7} {:4} {:5} {:5} {:6.2} {:6.0}  {}",
+                "{:18} {:5} {:6} {:10} {:8} {:9} {:8} {:7} {:7} {:4} {:5} {:5} {:6.2} {:6.0}  {}",
                 r.upset,
                 r.runs,
                 r.borne,
@@ -273,6 +277,7 @@ impl fmt::Display for MatrixTable {
                 r.finished,
                 r.stopped,
                 r.slowest_ms,
+                r.resumed,
                 r.panics,
                 r.bad,
                 r.lost,

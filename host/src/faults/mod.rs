@@ -11,6 +11,7 @@
 //! This is a harness: it alone reads the plant's truth ([`judge`]), to judge.
 //! Nothing of it reaches controller, campaign or identification.
 
+mod book;
 pub mod campaign;
 mod case;
 pub mod judge;
@@ -35,6 +36,9 @@ pub enum FaultsError {
         /// Why.
         why: String,
     },
+    /// There is no folder for a database.
+    #[error("no folder for a database can be made ({0}): check the temporary folder (TMPDIR)")]
+    Folder(std::io::Error),
     /// No preset of that name.
     #[error("\"{name}\" is no fault: `spherecal faults --list` names them")]
     Unknown {

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,11 +11,12 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, Dr
 use spherecal_shared::protocol::frame::{LinkCounters, MAX_FRAME, encode};
 use spherecal_shared::protocol::host::Phase;
 
+use super::host::Ailing;
 use super::listener::Listener;
 use super::plan::{InjectError, Plan};
 use super::scheduler::Scheduler;
 use super::upset::{Status, Upset};
-use crate::link::{Controller, Device, Drive, LinkError, check_hello};
+use crate::link::{Controller, Device, Drive, Injected, LinkError, Lossy, LossyLink, check_hello};
 use crate::plant::{Disturbance, TorqueSensorFault};
 
 /// Periods without a new command after which a drive shuts its brakes, as
@@ -64,6 +66,12 @@ pub struct Upsetting<D: Drive> {
     moving: Option<([f64; 3], u32)>,
     missed: u64,
     ticks: u64,
+    /// The host link, once it was bad.
+    link: Option<LossyLink>,
+    down: Vec<u8>,
+    /// For how many periods there is to be no host, once it is to be killed.
+    killed: Option<u64>,
+    ailing: Ailing,
     happened: Arc<Mutex<Vec<Happened>>>,
 }
 
@@ -116,6 +124,10 @@ impl<D: Drive> Upsetting<D> {
             moving: None,
             missed: 0,
             ticks: 0,
+            link: None,
+            down: Vec::new(),
+            killed: None,
+            ailing: Ailing::default(),
             happened: Arc::default(),
             hello,
         })
@@ -124,6 +136,11 @@ impl<D: Drive> Upsetting<D> {
     /// Every upset that has begun or ended so far; the handle stays good.
     pub fn happened(&self) -> Arc<Mutex<Vec<Happened>>> {
         Arc::clone(&self.happened)
+    }
+
+    /// What the host's own computer suffers, for whoever writes to its disk.
+    pub fn ailing(&self) -> Ailing {
+        self.ailing.clone()
     }
 
     /// What was received on the drive link, where frames were made of it.
@@ -150,6 +167,21 @@ impl<D: Drive> Upsetting<D> {
                 self.resets = true;
                 return;
             }
+            Upset::HostLink(config) => {
+                let link = self.link.get_or_insert_with(|| LossyLink::new(config));
+                return link.turn(config);
+            }
+            Upset::HostKilled { away_s } => {
+                self.killed = Some((away_s * 1e6 / f64::from(self.hello.period_us)) as u64);
+                return;
+            }
+            Upset::DiskFull => return self.ailing.fill(true),
+            // A duration that is none was refused with the plan.
+            Upset::DatabaseLocked { wall_s } => {
+                return self
+                    .ailing
+                    .lock(Duration::try_from_secs_f64(wall_s).unwrap_or_default());
+            }
             _ => {
                 self.active.push(what);
                 return;
@@ -167,6 +199,13 @@ impl<D: Drive> Upsetting<D> {
             Upset::MagnetLost => Disturbance::Magnet(true),
             Upset::SphereMissing => Disturbance::RestoreSpheres,
             Upset::HumanPush { .. } => Disturbance::Push([0.0; 3]),
+            Upset::HostLink(_) => {
+                if let Some(link) = &mut self.link {
+                    link.turn(Lossy::default());
+                }
+                return;
+            }
+            Upset::DiskFull => return self.ailing.fill(false),
             _ => {
                 if let Some(at) = self.active.iter().position(|a| *a == what) {
                     self.active.remove(at);
@@ -307,6 +346,56 @@ impl<D: Drive> Upsetting<D> {
         self.command = None;
         Ok(())
     }
+
+    /// One control period.
+    fn period(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        let command = self.delivered();
+        self.drive.exchange(command.as_ref(), &mut self.state)?;
+        let missed = self.drive.missed();
+        self.missed = self.missed.saturating_add(u64::from(missed));
+        self.ticks += 1;
+        self.advance();
+        if self.resets {
+            self.restart()?;
+        }
+        let now_us = self.now_us();
+        let down = match &mut self.link {
+            Some(link) => {
+                self.down.clear();
+                link.down(now_us, down, &mut self.down);
+                &self.down
+            }
+            None => down,
+        };
+        let silent = self.active.contains(&Upset::HostSilent);
+        if silent {
+            self.waiting.clear();
+        } else if self.waiting.len() + down.len() <= WAITING {
+            self.waiting.extend_from_slice(down);
+        }
+        let Some(state) = self.heard() else {
+            // The controller is not asked; the drive goes on under the last torque
+            // for a while.
+            self.unanswered = self.unanswered.saturating_add(1);
+            return Ok(());
+        };
+        self.controller.missed(missed);
+        self.up.clear();
+        let command = self.controller.exchange(now_us, &state, &self.waiting, &mut self.up)?;
+        self.waiting.clear();
+        self.command = Some(command);
+        self.unanswered = 0;
+        self.told = Some(state);
+        let (scheduler, tick) = (&mut self.scheduler, self.ticks);
+        self.listener
+            .hear(&self.up, |phase, count| scheduler.entered(phase, count, tick));
+        match &mut self.link {
+            _ if silent => {}
+            Some(link) => link.up(now_us, &self.up, up),
+            None => up.extend_from_slice(&self.up),
+        }
+        Ok(())
+    }
 }
 
 impl<D: Drive> Device for Upsetting<D> {
@@ -324,42 +413,21 @@ impl<D: Drive> Device for Upsetting<D> {
     }
 
     fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
-        let command = self.delivered();
-        self.drive.exchange(command.as_ref(), &mut self.state)?;
-        let missed = self.drive.missed();
-        self.missed = self.missed.saturating_add(u64::from(missed));
-        self.ticks += 1;
-        self.advance();
-        if self.resets {
-            self.restart()?;
-        }
-        let silent = self.active.contains(&Upset::HostSilent);
-        if silent {
-            self.waiting.clear();
-        } else if self.waiting.len() + down.len() <= WAITING {
-            self.waiting.extend_from_slice(down);
-        }
-        let Some(state) = self.heard() else {
-            // The controller is not asked; the drive goes on under the last torque
-            // for a while.
-            self.unanswered = self.unanswered.saturating_add(1);
+        self.period(down, up)?;
+        let Some(away) = self.killed.take() else {
             return Ok(());
         };
-        self.controller.missed(missed);
-        self.up.clear();
-        let now_us = self.now_us();
-        let command = self.controller.exchange(now_us, &state, &self.waiting, &mut self.up)?;
-        self.waiting.clear();
-        self.command = Some(command);
-        self.unanswered = 0;
-        self.told = Some(state);
-        let (scheduler, tick) = (&mut self.scheduler, self.ticks);
-        self.listener
-            .hear(&self.up, |phase, count| scheduler.entered(phase, count, tick));
-        if !silent {
-            up.extend_from_slice(&self.up);
+        // Nobody hears what was said in this period or in those without a host.
+        for _ in 0..away {
+            up.clear();
+            self.period(&[], up)?;
         }
-        Ok(())
+        up.clear();
+        Err(LinkError::Killed)
+    }
+
+    fn injected(&self) -> Injected {
+        self.link.as_ref().map(LossyLink::injected).unwrap_or_default()
     }
 }
 

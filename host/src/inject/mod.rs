@@ -8,7 +8,8 @@
 //! ```text
 //!   campaign ─▶ Upsetting (a Device) ─▶ controller     ┐ frames and states are
 //!                 │  Scheduler: tick, phase, chance    │ changed between them
-//!                 └─────────────────▶ drive / plant    ┘ [`Disturbance`]s of the plant
+//!                 ├─────────────────▶ drive / plant    ┘ [`Disturbance`]s of the plant
+//!                 └─ Ailing ────────▶ journal            the host's own computer
 //! ```
 //!
 //! The device stands where [`Cell`](crate::link::Cell) stands and does the same
@@ -17,6 +18,7 @@
 //! with a drive behind a socket; upsets of the arm itself want the simulated one.
 
 mod device;
+mod host;
 mod listener;
 mod plan;
 mod presets;
@@ -24,6 +26,7 @@ mod scheduler;
 mod upset;
 
 pub use device::{Happened, Restart, Upsetting, UpsettingError};
+pub use host::{Ailing, Ailment};
 pub use plan::{Entry, InjectError, Plan, When};
 pub use presets::{PRESETS, Preset, preset, table};
 pub use upset::{Status, Upset};

@@ -243,6 +243,29 @@ impl Plan {
         Ok(())
     }
 
+    /// Checks that nothing is to happen to a file: for a store that is none.
+    ///
+    /// # Errors
+    /// The first fault that wants one.
+    pub fn check_without_file(&self) -> Result<(), InjectError> {
+        let wants_file = |what: &Upset| matches!(what, Upset::DiskFull | Upset::DatabaseLocked { .. });
+        match self.faults.iter().zip(1..).find(|(f, _)| wants_file(&f.what)) {
+            Some((entry, number)) => Err(InjectError::NotHere {
+                number,
+                name: entry.what.name(),
+                why: "only a database in a file of this computer can suffer this: leave out --store",
+            }),
+            None => Ok(()),
+        }
+    }
+
+    /// The same without the moments at which the host is killed.
+    pub fn without_kills(&self) -> Self {
+        let mut plan = self.clone();
+        plan.faults.retain(|f| !matches!(f.what, Upset::HostKilled { .. }));
+        plan
+    }
+
     /// As the text of a file.
     pub fn to_toml(&self) -> String {
         // Nothing here that TOML cannot say.
@@ -286,5 +309,10 @@ mod tests {
             .expect_err("joint 8");
         assert_eq!(error.to_string(), "fault 1: joint is 8: give a value from 1 to 7");
         assert!(matches!(Plan::load("no such"), Err(InjectError::Unknown { .. })));
+        let full = Plan::load("disk_full").expect("a preset");
+        let error = full.check_without_file().expect_err("no file").to_string();
+        assert!(error.contains("disk_full") && error.contains("--store"), "{error}");
+        let killed = Plan::load("host_killed").expect("a preset");
+        killed.check_without_file().expect("nothing of a file");
     }
 }

@@ -4,6 +4,7 @@ use spherecal_shared::protocol::host::{Fault, Phase};
 
 use super::plan::{Plan, When};
 use super::upset::{Status, Upset};
+use crate::link::Lossy;
 
 /// A plan with a name.
 #[derive(Clone, Copy, Debug)]
@@ -23,9 +24,6 @@ pub struct Preset {
     pub within_ms: Option<u32>,
     /// Whether it may also pass without a fault.
     pub borne: bool,
-    /// Whether what is recorded meanwhile may be from a nest that is off its
-    /// sphere by less than the seating watch's window: a known weakness.
-    pub loose: bool,
 }
 
 impl Preset {
@@ -79,7 +77,6 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::StaleState],
         within_ms: Some(40),
         borne: true,
-        loose: false,
     },
     Preset {
         name: "state_repeated",
@@ -89,7 +86,6 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::StaleState],
         within_ms: Some(5),
         borne: false,
-        loose: false,
     },
     Preset {
         name: "state_late",
@@ -99,7 +95,6 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::StaleState],
         within_ms: Some(15),
         borne: false,
-        loose: false,
     },
     Preset {
         name: "state_dropped",
@@ -109,7 +104,6 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::StaleState],
         within_ms: Some(510),
         borne: false,
-        loose: false,
     },
     Preset {
         name: "state_bits",
@@ -119,7 +113,6 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::StaleState],
         within_ms: Some(30),
         borne: false,
-        loose: false,
     },
     Preset {
         name: "state_nan",
@@ -129,7 +122,6 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::NotFinite],
         within_ms: Some(5),
         borne: false,
-        loose: false,
     },
     Preset {
         name: "position_jump",
@@ -139,7 +131,6 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::PositionJump],
         within_ms: Some(5),
         borne: false,
-        loose: false,
     },
     Preset {
         name: "encoder_stuck",
@@ -149,7 +140,6 @@ pub const PRESETS: &[Preset] = &[
         faults: STUCK,
         within_ms: None,
         borne: true,
-        loose: false,
     },
     Preset {
         name: "torque_bias",
@@ -159,7 +149,6 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
-        loose: false,
     },
     Preset {
         name: "torque_dead",
@@ -169,7 +158,6 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
-        loose: false,
     },
     Preset {
         name: "drive_status",
@@ -181,7 +169,6 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::Drive],
         within_ms: Some(1),
         borne: false,
-        loose: false,
     },
     Preset {
         name: "torque_saturation",
@@ -191,7 +178,6 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
-        loose: false,
     },
     Preset {
         name: "payload",
@@ -201,7 +187,6 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
-        loose: false,
     },
     Preset {
         name: "obstacle",
@@ -214,7 +199,6 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
-        loose: false,
     },
     Preset {
         name: "magnet_lost",
@@ -224,7 +208,6 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
-        loose: true,
     },
     Preset {
         name: "sphere_missing",
@@ -234,7 +217,6 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
-        loose: false,
     },
     Preset {
         name: "sphere_moved",
@@ -247,7 +229,6 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
-        loose: false,
     },
     Preset {
         name: "human_push",
@@ -259,17 +240,15 @@ pub const PRESETS: &[Preset] = &[
         faults: DISTURBED,
         within_ms: None,
         borne: true,
-        loose: false,
     },
     Preset {
         name: "controller_reset",
-        about: "the controller starts anew in the middle of a recording",
+        about: "the controller starts anew and knows nothing; the host finds it silent",
         what: Upset::ControllerReset,
         when: during(Phase::Recording, 2, 0.5),
         faults: &[],
         within_ms: None,
         borne: true,
-        loose: false,
     },
     Preset {
         name: "host_silent",
@@ -279,7 +258,48 @@ pub const PRESETS: &[Preset] = &[
         faults: &[Fault::HostSilence],
         within_ms: Some(2500),
         borne: true,
-        loose: false,
+    },
+    Preset {
+        name: "host_link",
+        about: "the host link loses 20 % of the frames, repeats and delays 10 %, flips a bit in 1 %, for 20 s",
+        what: Upset::HostLink(Lossy {
+            loss: 0.2,
+            duplication: 0.1,
+            reorder: 0.1,
+            bit_flip: 0.01,
+            seed: 1,
+        }),
+        when: during(Phase::Turning, 2, 0.1),
+        faults: &[],
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "host_killed",
+        about: "the host is killed; another one goes on after 3 s",
+        what: Upset::HostKilled { away_s: 3.0 },
+        when: during(Phase::Recording, 2, 0.5),
+        faults: &[Fault::HostSilence],
+        within_ms: Some(2500),
+        borne: true,
+    },
+    Preset {
+        name: "disk_full",
+        about: "the disk has no room; when the run has stopped a person makes some and goes on",
+        what: Upset::DiskFull,
+        when: during(Phase::Turning, 2, 0.1),
+        faults: &[Fault::HostSilence],
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "database_locked",
+        about: "another program locks the database for 1 s",
+        what: Upset::DatabaseLocked { wall_s: 1.0 },
+        when: during(Phase::Turning, 2, 0.1),
+        faults: &[],
+        within_ms: None,
+        borne: true,
     },
 ];
 
@@ -304,7 +324,7 @@ pub fn table() -> String {
             preset.name,
             preset.about,
             if faults.is_empty() {
-                "none: the host finds it silent".to_owned()
+                "none".to_owned()
             } else {
                 faults.join(", ")
             },

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::link::Lossy;
+
 /// One thing that goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -95,6 +97,20 @@ pub enum Upset {
     ControllerReset,
     /// Nothing passes on the host link, either way.
     HostSilent,
+    /// The host link loses, repeats, delays and damages frames.
+    HostLink(Lossy),
+    /// The host's program is killed, as by `kill -9`, and another one begins.
+    HostKilled {
+        /// For how long there is no host, in s of device time.
+        away_s: f64,
+    },
+    /// The disk of the host has no room for more than is on it.
+    DiskFull,
+    /// Another program locks the database.
+    DatabaseLocked {
+        /// For how long, in s of the clock on the wall.
+        wall_s: f64,
+    },
 }
 
 /// What a drive that is not ready says.
@@ -133,13 +149,17 @@ impl Upset {
             Self::HumanPush { .. } => "human_push",
             Self::ControllerReset => "controller_reset",
             Self::HostSilent => "host_silent",
+            Self::HostLink(_) => "host_link",
+            Self::HostKilled { .. } => "host_killed",
+            Self::DiskFull => "disk_full",
+            Self::DatabaseLocked { .. } => "database_locked",
         }
     }
 
     /// How long it lasts where the file does not say, in s.
     pub fn usual_s(&self) -> f64 {
         match self {
-            Self::ControllerReset => 0.0,
+            Self::ControllerReset | Self::HostKilled { .. } | Self::DatabaseLocked { .. } => 0.0,
             Self::StateNan { .. } | Self::PositionJump { .. } | Self::StateBits { .. } => 0.020,
             Self::StateFrozen
             | Self::StateRepeated
@@ -152,8 +172,8 @@ impl Upset {
             Self::HumanPush { .. } => 0.5,
             Self::Obstacle { .. } | Self::MagnetLost | Self::DriveStatus { .. } => 2.0,
             Self::HostSilent => 3.0,
-            Self::SphereMissing => 20.0,
-            Self::Payload { .. } | Self::SphereMoved { .. } => f64::INFINITY,
+            Self::SphereMissing | Self::HostLink(_) => 20.0,
+            Self::Payload { .. } | Self::SphereMoved { .. } | Self::DiskFull => f64::INFINITY,
         }
     }
 
@@ -170,6 +190,14 @@ impl Upset {
                 | Self::SphereMissing
                 | Self::SphereMoved { .. }
                 | Self::HumanPush { .. }
+        )
+    }
+
+    /// Whether it is the host's own computer that suffers it: its program or its disk.
+    pub fn of_host(&self) -> bool {
+        matches!(
+            self,
+            Self::HostKilled { .. } | Self::DiskFull | Self::DatabaseLocked { .. }
         )
     }
 
@@ -210,6 +238,14 @@ impl Upset {
                 ("force_n[1]", force_n[1], -500.0, 500.0),
                 ("force_n[2]", force_n[2], -500.0, 500.0),
             ],
+            Self::HostLink(link) => vec![
+                ("loss", link.loss, 0.0, 0.9),
+                ("duplication", link.duplication, 0.0, 0.9),
+                ("reorder", link.reorder, 0.0, 0.9),
+                ("bit_flip", link.bit_flip, 0.0, 0.9),
+            ],
+            Self::HostKilled { away_s } => vec![("away_s", away_s, 0.0, 3600.0)],
+            Self::DatabaseLocked { wall_s } => vec![("wall_s", wall_s, 0.0, 3600.0)],
             _ => Vec::new(),
         }
     }

@@ -104,6 +104,13 @@ impl Injected {
     }
 }
 
+/// The draws of one direction.
+fn draws(config: Lossy, stream: u64) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
+    rng.set_stream(stream);
+    rng
+}
+
 /// One direction.
 #[derive(Clone, Debug)]
 struct Channel {
@@ -116,15 +123,18 @@ struct Channel {
 
 impl Channel {
     fn new(config: Lossy, stream: u64) -> Self {
-        let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-        rng.set_stream(stream);
         Self {
             config,
-            rng,
+            rng: draws(config, stream),
             fragment: Vec::new(),
             late: Vec::new(),
             injected: Injected::default(),
         }
+    }
+
+    fn turn(&mut self, config: Lossy, stream: u64) {
+        self.config = config;
+        self.rng = draws(config, stream);
     }
 
     /// Takes `bytes` at `now_us`; appends to `out` what arrives at that time.
@@ -174,11 +184,48 @@ impl Channel {
     }
 }
 
+/// Both directions of a bad host link.
+#[derive(Clone, Debug)]
+pub struct LossyLink {
+    down: Channel,
+    up: Channel,
+}
+
+impl LossyLink {
+    /// A link that is as bad as `config` says.
+    pub fn new(config: Lossy) -> Self {
+        Self {
+            down: Channel::new(config, 1),
+            up: Channel::new(config, 2),
+        }
+    }
+
+    /// From now on the link is as bad as `config` says; what it holds back still comes.
+    pub fn turn(&mut self, config: Lossy) {
+        self.down.turn(config, 1);
+        self.up.turn(config, 2);
+    }
+
+    /// Takes the host's bytes; appends to `out` what reaches the controller at `now_us`.
+    pub fn down(&mut self, now_us: u64, bytes: &[u8], out: &mut Vec<u8>) {
+        self.down.pass(now_us, bytes, out);
+    }
+
+    /// Takes the controller's bytes; appends to `out` what reaches the host at `now_us`.
+    pub fn up(&mut self, now_us: u64, bytes: &[u8], out: &mut Vec<u8>) {
+        self.up.pass(now_us, bytes, out);
+    }
+
+    /// What was done to frames so far.
+    pub fn injected(&self) -> Injected {
+        self.down.injected.plus(self.up.injected)
+    }
+}
+
 /// A device behind a bad host link.
 pub struct LossyDevice<D: Device> {
     inner: D,
-    down: Channel,
-    up: Channel,
+    link: LossyLink,
     bytes_down: Vec<u8>,
     bytes_up: Vec<u8>,
 }
@@ -188,8 +235,7 @@ impl<D: Device> LossyDevice<D> {
     pub fn new(inner: D, config: Lossy) -> Self {
         Self {
             inner,
-            down: Channel::new(config, 1),
-            up: Channel::new(config, 2),
+            link: LossyLink::new(config),
             bytes_down: Vec::new(),
             bytes_up: Vec::new(),
         }
@@ -208,9 +254,9 @@ impl<D: Device> Device for LossyDevice<D> {
     fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
         self.bytes_down.clear();
         self.bytes_up.clear();
-        self.down.pass(self.inner.now_us(), down, &mut self.bytes_down);
+        self.link.down(self.inner.now_us(), down, &mut self.bytes_down);
         self.inner.step(&self.bytes_down, &mut self.bytes_up)?;
-        self.up.pass(self.inner.now_us(), &self.bytes_up, up);
+        self.link.up(self.inner.now_us(), &self.bytes_up, up);
         Ok(())
     }
 
@@ -219,7 +265,7 @@ impl<D: Device> Device for LossyDevice<D> {
     }
 
     fn injected(&self) -> Injected {
-        self.down.injected.plus(self.up.injected)
+        self.link.injected().plus(self.inner.injected())
     }
 }
 

@@ -45,7 +45,7 @@ pub(crate) use cell::check_hello;
 pub use endpoint::{Arrival, HostEndpoint, Timing};
 pub use in_process::{InProcess, controller_in_process};
 pub use led::{OperatorCall, led_arm};
-pub use lossy::{Injected, Lossy, LossyDevice, LossyError};
+pub use lossy::{Injected, Lossy, LossyDevice, LossyError, LossyLink};
 pub use serial::Serial;
 pub use simulated::{SimulatedArm, SimulatedArmError, simulated_arm};
 
@@ -89,6 +89,9 @@ pub enum LinkError {
     /// A message does not fit a frame.
     #[error("a message for the controller cannot be framed: {0}")]
     Frame(#[from] FrameError),
+    /// The host was killed on purpose, at a moment that a fault plan chose.
+    #[error("the host was killed, as --inject asked for: go on with --resume")]
+    Killed,
     /// The drive stopped working.
     #[error("the drive failed: {0}")]
     Drive(String),
