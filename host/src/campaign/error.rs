@@ -201,7 +201,9 @@ pub fn remedy(fault: Fault) -> &'static str {
         Fault::NotSeated => "clean nest and sphere, and teach the waypoint closer",
         Fault::ContactLost => "clean nest and sphere, and check the magnet",
         Fault::StillCoupled => "pull the nest off by hand, or raise procedure.decouple.retreat_m",
-        Fault::StaleState => "the drive does not keep its period: check the drive link",
+        Fault::StaleState => {
+            "the drive does not keep its period: check the drive link; where a joint is named, check its encoder"
+        }
         Fault::NotFinite => "the drive sends numbers that are none: check the drive or its gateway",
         Fault::Drive => "release the emergency stop and enable the drives",
         Fault::Overrun => "the controller misses its period: take load off it",

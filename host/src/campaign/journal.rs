@@ -52,3 +52,17 @@ pub trait Journal {
     /// When it could not be noted.
     fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError>;
 }
+
+impl<J: Journal + ?Sized> Journal for &mut J {
+    fn greet(&mut self, session: SessionId) -> Result<(), JournalError> {
+        (**self).greet(session)
+    }
+
+    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
+        (**self).append(events)
+    }
+
+    fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError> {
+        (**self).reject(sphere, pose, reason)
+    }
+}

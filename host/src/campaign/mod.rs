@@ -40,6 +40,7 @@ mod way_out;
 use std::collections::BTreeSet;
 
 use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::host::Coupled;
 use spherecal_shared::robot::{Robot, Tool};
 
 pub use error::{CampaignError, remedy};
@@ -151,6 +152,8 @@ pub struct Assignment<'a> {
     pub tour: &'a Tour,
     /// Poses that need not be visited: recorded or given up before (sphere, pose).
     pub done: &'a BTreeSet<(u32, u32)>,
+    /// Where the spheres were found in earlier sessions of the same run, in that order.
+    pub seated: &'a [Coupled],
     /// Behaviour.
     pub options: Options,
 }

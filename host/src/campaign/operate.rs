@@ -94,6 +94,7 @@ pub fn operate(
         procedure,
         tour: &tour,
         done: &done,
+        seated: &[],
         options: Options::default(),
     };
     Campaign::new(&assignment).begin(&mut session)?;
@@ -139,7 +140,6 @@ impl Desk<'_> {
 
     fn attempt(&mut self, order: &Order) -> Result<Option<String>, CampaignError> {
         let session = &mut self.session;
-        let before = session.changes;
         session.coupled = None;
         session.recorded = None;
         session.passed = None;
@@ -158,9 +158,8 @@ impl Desk<'_> {
             return Ok(Some(refusal.to_string()));
         }
         let ended = |s: &Session<'_>| {
-            let moved = s.changes > before;
             let ended = match order {
-                Order::Move(_) | Order::Decouple => moved && s.phase == Phase::Idle,
+                Order::Move(_) | Order::Decouple => s.rests(),
                 Order::Approach(a) => s.phase == Phase::Coupled && s.coupled.is_some_and(|c| c.sphere == a.sphere),
                 Order::Pose(p) => {
                     let there = s.recorded.is_some_and(|(_, pose)| pose == p.pose) || s.passed == Some(p.pose);

@@ -8,7 +8,9 @@
 
 use nalgebra::Vector3;
 
-use super::{CampaignError, Stop};
+use spherecal_shared::protocol::host::Coupled;
+
+use super::{CampaignError, Stop, Tour};
 
 /// Farthest that two couplings of a sphere may lie apart, in m: model errors
 /// reach 3 mm (Table 5), either way, with room.
@@ -21,11 +23,27 @@ struct Place {
     measured: Vector3<f64>,
 }
 
-/// Where the spheres were found in this session.
+/// Where the spheres were found in this run.
 #[derive(Default)]
 pub(super) struct Places(Vec<Place>);
 
 impl Places {
+    /// What earlier sessions of the run found, in that order. A sphere that was
+    /// found elsewhere than it should be stopped its session then, and is no
+    /// reference now.
+    pub(super) fn recall(tour: &Tour, seated: &[Coupled]) -> Self {
+        let mut places = Self::default();
+        for coupled in seated {
+            let away = |stop: &&Stop| (Vector3::from(stop.centre_m) - Vector3::from(coupled.centre_m)).norm();
+            let of_sphere = tour.stops.iter().filter(|stop| stop.sphere == coupled.sphere);
+            // The plate may have stood in several places; none is near another.
+            if let Some(stop) = of_sphere.min_by(|a, b| away(a).total_cmp(&away(b))) {
+                let _ = places.check(stop, &coupled.centre_m);
+            }
+        }
+        places
+    }
+
     /// Holds a coupling at `centre_m` (F0) against those before.
     pub(super) fn check(&mut self, stop: &Stop, centre_m: &[f64; 3]) -> Result<(), CampaignError> {
         let (nominal, measured) = (Vector3::from(stop.centre_m), Vector3::from(*centre_m));
@@ -67,6 +85,32 @@ mod tests {
             direction: [0.0, 0.0, -1.0],
             poses: Vec::new(),
         }
+    }
+
+    // Fails if an earlier session's find is forgotten, or if one that stopped
+    // that session, since its sphere was displaced, is held against the next.
+    #[test]
+    fn what_earlier_sessions_found_counts() {
+        let found = |sphere, x, y| Coupled {
+            sphere,
+            time_us: 0,
+            centre_m: [x, y, 0.31],
+            shift_m: 0.0,
+            test_m: 0.0,
+        };
+        let tour = Tour {
+            home: Vec::new(),
+            stops: vec![stop(1, 0.4), stop(2, 0.5)],
+        };
+        let earlier = [found(1, 0.43, 0.02), found(2, 0.53, 0.04 + MOVED_M * 4.0)];
+        let mut places = Places::recall(&tour, &earlier);
+        assert!(
+            places.check(&tour.stops[0], &[0.43, 0.04, 0.31]).is_err(),
+            "moved since"
+        );
+        places
+            .check(&tour.stops[1], &[0.533, 0.018, 0.312])
+            .expect("put right since");
     }
 
     // Fails if model errors or a plate that stands elsewhere are taken for a

@@ -64,11 +64,6 @@ pub fn run(
     (outcome, result)
 }
 
-/// Time for the controller's word that it has stopped, in s.
-const STOPPED_S: f64 = 0.1;
-/// Time for leaving a sphere that another host left the arm on, in s.
-const LEAVE_S: f64 = 60.0;
-
 pub(super) struct Campaign<'a> {
     pub(super) assignment: &'a Assignment<'a>,
     done: BTreeSet<(u32, u32)>,
@@ -89,7 +84,7 @@ impl<'a> Campaign<'a> {
             rejected: Vec::new(),
             recorded: 0,
             waypoints: Waypoints::new(assignment.robot, assignment.tool),
-            places: Places::default(),
+            places: Places::recall(assignment.tour, assignment.seated),
             touching: false,
         }
     }
@@ -131,13 +126,6 @@ impl<'a> Campaign<'a> {
             }
             match self.leave(session) {
                 Ok(None) => {
-                    // The rest that was heard may be the one that followed the stop.
-                    session.rest(STOPPED_S)?;
-                    let idle = |s: &Session<'_>| (s.phase == Phase::Idle).then_some(());
-                    if let Waited::Fault(_) = session.wait("leave the sphere", LEAVE_S, idle)? {
-                        session.clear_fault()?;
-                        continue;
-                    }
                     session.note("the controller had been left on a sphere");
                     return Ok(());
                 }
@@ -157,7 +145,10 @@ impl<'a> Campaign<'a> {
 
     fn all(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
         let tour = self.assignment.tour;
-        self.begin(session)?;
+        self.whatever_is_lost(session, None, |campaign, session, again| {
+            // One that was found again has been told everything.
+            if again { Ok(()) } else { campaign.begin(session) }
+        })?;
         // Whether the arm is anywhere but at home, and the stop that it has just
         // left as planned.
         let (mut away, mut left) = (false, None);

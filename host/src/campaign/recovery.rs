@@ -100,7 +100,7 @@ pub fn policy(fault: Fault) -> Policy {
             false,
         ),
         Fault::ContactLost => (
-            "the TCP 5 mm away or faster than 15 mm/s for 10 ms",
+            "the TCP 5 mm away or faster than 15 mm/s for 10 ms; 1 mm away under the pull that ends a recording",
             10,
             HOLDS,
             0.5,

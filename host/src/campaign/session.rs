@@ -57,8 +57,10 @@ pub struct Session<'a> {
     pub(super) progress: Progress,
     pub(super) banner: Option<Banner>,
     pub(super) phase: Phase,
-    /// Phase changes heard so far: a wait for rest first wants to see motion.
-    pub(super) changes: u64,
+    /// When the phase changed last, by the controller's clock, in µs.
+    changed_us: u64,
+    /// When the last command was to start, by the same clock, in µs.
+    start_us: u64,
     pub(super) reply: Option<(u32, Result<(), Refusal>)>,
     pub(super) pending_fault: Option<FaultReport>,
     pub(super) faults: Vec<FaultReport>,
@@ -101,7 +103,8 @@ impl<'a> Session<'a> {
             progress: Progress::default(),
             banner: None,
             phase: Phase::Idle,
-            changes: 0,
+            changed_us: 0,
+            start_us: 0,
             reply: None,
             pending_fault: None,
             faults: Vec::new(),
@@ -221,7 +224,7 @@ impl<'a> Session<'a> {
             Event::Reply { sequence, result } => self.reply = Some((*sequence, *result)),
             Event::Phase(change) => {
                 self.phase = change.phase;
-                self.changes += 1;
+                self.changed_us = change.time_us;
                 self.report_progress();
             }
             Event::Contact(contact) => self.contacts.push(*contact),

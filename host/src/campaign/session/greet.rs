@@ -50,7 +50,9 @@ impl Session<'_> {
         self.inbox.clear();
         self.banner = None;
         self.pending_fault = None;
+        // Its clock may begin anew.
         self.phase = Phase::Idle;
+        self.changed_us = 0;
         self.greeting = true;
         let session = self.endpoint.next_session();
         self.journal.greet(session)?;

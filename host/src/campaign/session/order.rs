@@ -37,6 +37,7 @@ impl Session<'_> {
     /// As [`ask`](Self::ask), of a command that is to start at `start_us`.
     fn ask_at(&mut self, start_us: u64, what: &str, command: Command) -> Result<Result<(), Refusal>, CampaignError> {
         let sequence = self.endpoint.send_at(start_us, command);
+        self.start_us = start_us;
         // It is answered when it has started, and an answer that is lost must be
         // asked for again: what nothing but the answer leads to starts a lead later.
         if start_us > 0 {
@@ -98,15 +99,19 @@ impl Session<'_> {
         command: Command,
         limit_s: f64,
     ) -> Result<Option<FaultReport>, CampaignError> {
-        let before = self.changes;
         if let Some(report) = self.carry_out(what, command)? {
             return Ok(Some(report));
         }
-        let rest = |s: &Self| (s.changes > before && s.phase == Phase::Idle).then_some(());
-        match self.wait(what, limit_s, rest)? {
+        match self.wait(what, limit_s, |s| s.rests().then_some(()))? {
             Waited::Got(()) => Ok(None),
             Waited::Fault(report) => Ok(Some(report)),
         }
+    }
+
+    /// Whether the arm has come to rest after the last command. The rest that an
+    /// earlier one led to may be told after the last one's answer, and is not it.
+    pub(in crate::campaign) fn rests(&self) -> bool {
+        self.phase == Phase::Idle && self.changed_us >= self.start_us
     }
 
     /// Lets time pass, in s.
