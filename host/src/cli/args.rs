@@ -6,14 +6,21 @@ use clap::{Args, Parser, Subcommand};
 
 use super::doctor::DoctorArgs;
 use super::export::ExportArgs;
+use super::faults::FaultsArgs;
 use super::history::{HistoryArgs, TrendArgs};
 use super::identify::IdentifyArgs;
+use super::robot::RobotArgs;
 use super::serve::ServeArgs;
+use super::servers::{ControllerArgs, PlantArgs};
 use super::shell::{CompletionsArgs, ManArgs};
+use super::soak::SoakArgs;
+use super::stability::StabilityArgs;
+use super::stages::ConfigArgs;
+use super::store::StoreArgs;
+use super::studies::{ReproduceArgs, WorldsArgs};
 use crate::job::{self, Config, JobError, Link, Prepared, Waypoints};
 use crate::rpc::{GuardFiles, Peer};
 use crate::store::Place;
-use crate::worlds::World;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -233,7 +240,7 @@ impl ProtectionArgs {
 }
 
 /// The configuration of a file, or the defaults, with a seed of its own.
-fn base(file: Option<&Path>, seed: Option<u64>) -> Result<Config, JobError> {
+pub(super) fn base(file: Option<&Path>, seed: Option<u64>) -> Result<Config, JobError> {
     let mut config = file.map(Config::read).transpose()?.unwrap_or_default();
     if let Some(seed) = seed {
         config.seed = seed;
@@ -306,20 +313,6 @@ impl RunArgs {
     }
 }
 
-/// Arguments of `stability`.
-#[derive(Args, Clone, Debug)]
-pub struct StabilityArgs {
-    /// The cell, and the plan that the places are taken from.
-    #[command(flatten)]
-    pub run: RunArgs,
-    /// Length of each hold, in s.
-    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u8).range(2..=120))]
-    pub hold_s: u8,
-    /// Places to hold at, spread over the plan.
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=100))]
-    pub places: u8,
-}
-
 /// The store that was given, or the file in the folder of results.
 fn database(store: Option<&Place>, out: &std::path::Path) -> Place {
     store
@@ -330,60 +323,6 @@ fn database(store: Option<&Place>, out: &std::path::Path) -> Place {
 /// `grpc:HOST:PORT` or `grpcs:HOST:PORT`.
 fn peer(text: &str) -> Result<Peer, String> {
     Peer::parse(text).ok_or_else(|| "give grpc:HOST:PORT or grpcs:HOST:PORT".to_owned())
-}
-
-/// Arguments of `plant`.
-#[derive(Args, Clone, Debug)]
-pub struct PlantArgs {
-    /// Where controllers connect; a port alone is on this machine only, 0 takes any.
-    #[arg(long, value_name = "[HOST:]PORT", default_value = "7401")]
-    pub listen: String,
-    /// Seed of the arm's errors and noise: that of the run, for the same arm.
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Configuration of the run, for the same arm and plate.
-    #[arg(long, value_name = "FILE.toml")]
-    pub config: Option<PathBuf>,
-    /// Move by the clock, 1 kHz, and do not wait for commands.
-    #[arg(long)]
-    pub real_time: bool,
-    /// End when the first controller has gone.
-    #[arg(long)]
-    pub once: bool,
-}
-
-impl PlantArgs {
-    /// The configuration that the arguments make, checked.
-    ///
-    /// # Errors
-    /// A file or a value that cannot be used.
-    pub fn configuration(&self) -> Result<Config, JobError> {
-        let config = base(self.config.as_deref(), self.seed)?;
-        config.check()?;
-        Ok(config)
-    }
-}
-
-/// Arguments of `controller`.
-#[derive(Args, Clone, Debug)]
-pub struct ControllerArgs {
-    /// The drive: tcp:HOST:PORT of a simulator, a gateway or `spherecal plant`.
-    #[arg(long, value_name = "tcp:HOST:PORT", value_parser = tcp_address)]
-    pub drive: String,
-    /// Where hosts connect (`spherecal run --link controller:HOST:PORT`).
-    #[arg(long, value_name = "tcp:[HOST:]PORT", value_parser = tcp_address, default_value = "tcp:7402")]
-    pub host_link: String,
-    /// End when the first host has gone.
-    #[arg(long)]
-    pub once: bool,
-}
-
-/// `tcp:ADDRESS`, without its `tcp:`.
-fn tcp_address(text: &str) -> Result<String, String> {
-    match text.strip_prefix("tcp:") {
-        Some(address) if !address.is_empty() => Ok(address.to_owned()),
-        _ => Err("give tcp:HOST:PORT".to_owned()),
-    }
 }
 
 /// Arguments of what works on a stored run.
@@ -409,171 +348,4 @@ impl StoredArgs {
     pub fn database(&self) -> Place {
         database(self.store.as_ref(), &self.out)
     }
-}
-
-/// Arguments of `reproduce`.
-#[derive(Args, Clone, Debug)]
-pub struct ReproduceArgs {
-    /// Folder of the run, and of what is written.
-    #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
-    pub out: PathBuf,
-    /// A synthetic robot of this world in place of the run: W0 to W4, W4-bad.
-    #[arg(long, value_name = "WORLD")]
-    pub world: Option<World>,
-    /// Seed of the synthetic robot.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
-    /// Print one JSON document on stdout and nothing else.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Arguments of `worlds`.
-#[derive(Args, Clone, Debug)]
-pub struct WorldsArgs {
-    /// A world to compare in; all if none is named.
-    #[arg(long, value_name = "WORLD")]
-    pub world: Vec<World>,
-    /// Compare plans instead: error and robot time against the number of poses.
-    #[arg(long)]
-    pub plan: bool,
-    /// Robots drawn in each world.
-    #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=1000))]
-    pub seeds: u64,
-    /// Print one JSON document on stdout and nothing else.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Arguments of `faults`.
-#[derive(Args, Clone, Debug)]
-pub struct FaultsArgs {
-    /// List the faults.
-    #[arg(long)]
-    pub list: bool,
-    /// Print a fault as a file for --inject.
-    #[arg(long, value_name = "NAME")]
-    pub show: Option<String>,
-    /// Inject only this; all if none is named.
-    #[arg(long, value_name = "NAME")]
-    pub only: Vec<String>,
-    /// Random instants for each fault and arm.
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
-    pub instants: u32,
-    /// Arms, each with its own errors.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=1000))]
-    pub seeds: u64,
-    /// So many runs with one to four random faults each, instead.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    pub campaign: Option<u64>,
-    /// Print one JSON document on stdout and nothing else.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Arguments of `soak`.
-#[derive(Args, Clone, Debug)]
-pub struct SoakArgs {
-    /// Hours of robot time.
-    #[arg(long, value_name = "H", default_value_t = 24.0)]
-    pub hours: f64,
-    /// Poses of a lap.
-    #[arg(long, value_name = "N")]
-    pub poses: Option<usize>,
-    /// Seed of everything that is drawn.
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Configuration; it names only what differs from the defaults.
-    #[arg(long, value_name = "FILE.toml")]
-    pub config: Option<PathBuf>,
-    /// Folder of the database (soak.db).
-    #[arg(long, value_name = "DIR", default_value = "spherecal-soak")]
-    pub out: PathBuf,
-    /// Print one JSON document on stdout and nothing else.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Arguments of `store`.
-#[derive(Args, Clone, Debug)]
-pub struct StoreArgs {
-    /// What to do.
-    #[command(subcommand)]
-    pub action: StoreAction,
-}
-
-/// What `store` does.
-#[derive(Clone, Debug, Subcommand)]
-pub enum StoreAction {
-    /// Read everything in a database, and hold it against its digests.
-    #[command(after_help = "Example: spherecal store check spherecal-out/calibration.db")]
-    Check {
-        /// The database.
-        #[arg(value_name = "DATABASE")]
-        database: PathBuf,
-    },
-    /// Save what can be read of a damaged database in a new file; the old one stays as it is.
-    #[command(after_help = "Example: spherecal store recover spherecal-out/calibration.db saved/calibration.db")]
-    Recover {
-        /// The damaged database.
-        #[arg(value_name = "DAMAGED")]
-        damaged: PathBuf,
-        /// The new one.
-        #[arg(value_name = "NEW")]
-        new: PathBuf,
-        /// Print one JSON document on stdout and nothing else.
-        #[arg(long)]
-        json: bool,
-    },
-}
-
-/// Arguments of `config`.
-#[derive(Args, Clone, Debug)]
-pub struct ConfigArgs {
-    /// Print it; without this it is only checked.
-    #[arg(long)]
-    pub print: bool,
-    /// Configuration to check or complete.
-    #[arg(long, value_name = "FILE.toml")]
-    pub config: Option<PathBuf>,
-}
-
-/// Arguments of `robot`.
-#[derive(Args, Clone, Debug)]
-pub struct RobotArgs {
-    /// What to do.
-    #[command(subcommand)]
-    pub action: RobotAction,
-}
-
-/// What `robot` does.
-#[derive(Clone, Debug, Subcommand)]
-pub enum RobotAction {
-    /// List the built-in robots.
-    #[command(after_help = "Example: spherecal robot list")]
-    List {
-        /// Print one JSON document on stdout and nothing else.
-        #[arg(long)]
-        json: bool,
-    },
-    /// Show a robot: table, limits, masses, tool.
-    #[command(after_help = "Example: spherecal robot show arm.urdf")]
-    Show {
-        /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK for the chain to that link.
-        #[arg(value_name = "NAME|FILE")]
-        robot: String,
-        /// Print one JSON document on stdout and nothing else.
-        #[arg(long)]
-        json: bool,
-    },
-    /// Convert a robot; the extension of TO says to what: .toml, .urdf or .yaml.
-    #[command(after_help = "Example: spherecal robot convert arm.urdf arm.toml")]
-    Convert {
-        /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK.
-        #[arg(value_name = "NAME|FILE")]
-        robot: String,
-        /// File to write.
-        #[arg(value_name = "TO")]
-        to: PathBuf,
-    },
 }

@@ -1,9 +1,39 @@
 //! `spherecal faults`: what becomes of every fault.
 
-use super::args::FaultsArgs;
+use clap::Args;
+
 use super::exit::{CliError, Exit};
 use crate::faults::{CampaignOptions, MatrixOptions, campaign, matrix};
 use crate::inject::{PRESETS, Plan};
+
+/// Arguments of `faults`.
+#[derive(Args, Clone, Debug)]
+pub struct FaultsArgs {
+    /// List the faults.
+    #[arg(long)]
+    pub list: bool,
+    /// Print a fault as a file for --inject.
+    #[arg(long, value_name = "NAME")]
+    pub show: Option<String>,
+    /// Inject only this; all if none is named.
+    #[arg(long, value_name = "NAME")]
+    pub only: Vec<String>,
+    /// Random instants for each fault and arm.
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
+    pub instants: u32,
+    /// Arms, each with its own errors.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: u64,
+    /// So many runs with one to four random faults each, instead.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub campaign: Option<u64>,
+    /// Only the run of this number of the campaign, from 0: to look at it again.
+    #[arg(long, value_name = "N", requires = "campaign")]
+    pub run: Option<u64>,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// `spherecal faults`
 pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
@@ -23,6 +53,7 @@ pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
         let table = campaign::run(&CampaignOptions {
             runs,
             seeds: args.seeds,
+            only: args.run,
             progress: !args.json,
         })
         .map_err(CliError::job)?;

@@ -105,7 +105,8 @@ fn colour() -> bool {
 /// Logs go to stderr; `SPHERECAL_LOG` or `-v` says how much.
 fn log_to_stderr(verbose: u8) {
     let level = match verbose {
-        0 => "warn",
+        // The driver's word on a slow disk is nothing that its user can act on.
+        0 => "warn,sqlx=error",
         1 => "spherecal=info",
         2 => "spherecal=debug",
         _ => "trace",

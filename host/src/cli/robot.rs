@@ -1,14 +1,54 @@
 //! `spherecal robot`: list, show, convert.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::{Args, Subcommand};
 use spherecal_shared::robot::BUILT_IN;
 
-use super::args::{RobotAction, RobotArgs};
 use super::exit::{CliError, Exit};
 use super::out::outln;
 use crate::job::JobError;
 use crate::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_urdf};
+
+/// Arguments of `robot`.
+#[derive(Args, Clone, Debug)]
+pub struct RobotArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub action: RobotAction,
+}
+
+/// What `robot` does.
+#[derive(Clone, Debug, Subcommand)]
+pub enum RobotAction {
+    /// List the built-in robots.
+    #[command(after_help = "Example: spherecal robot list")]
+    List {
+        /// Print one JSON document on stdout and nothing else.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Show a robot: table, limits, masses, tool.
+    #[command(after_help = "Example: spherecal robot show arm.urdf")]
+    Show {
+        /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK for the chain to that link.
+        #[arg(value_name = "NAME|FILE")]
+        robot: String,
+        /// Print one JSON document on stdout and nothing else.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Convert a robot; the extension of TO says to what: .toml, .urdf or .yaml.
+    #[command(after_help = "Example: spherecal robot convert arm.urdf arm.toml")]
+    Convert {
+        /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK.
+        #[arg(value_name = "NAME|FILE")]
+        robot: String,
+        /// File to write.
+        #[arg(value_name = "TO")]
+        to: PathBuf,
+    },
+}
 
 /// Does what was asked.
 pub(super) fn run(args: &RobotArgs) -> Result<Exit, CliError> {

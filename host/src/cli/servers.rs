@@ -6,13 +6,70 @@
 //! them: the other side sees the connection close.
 
 use std::io::Write;
+use std::path::PathBuf;
 
-use super::args::{ControllerArgs, PlantArgs};
+use clap::Args;
+
+use super::args::base;
 use super::exit::{CliError, Exit};
 use super::out::errln;
-use crate::job;
+use crate::job::{self, Config, JobError};
 use crate::link::tcp::{DriveServer, TcpDrive, listen, station};
 use crate::link::{Cell, Drive, LinkError, controller_in_process};
+
+/// Arguments of `plant`.
+#[derive(Args, Clone, Debug)]
+pub struct PlantArgs {
+    /// Where controllers connect; a port alone is on this machine only, 0 takes any.
+    #[arg(long, value_name = "[HOST:]PORT", default_value = "7401")]
+    pub listen: String,
+    /// Seed of the arm's errors and noise: that of the run, for the same arm.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Configuration of the run, for the same arm and plate.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Move by the clock, 1 kHz, and do not wait for commands.
+    #[arg(long)]
+    pub real_time: bool,
+    /// End when the first controller has gone.
+    #[arg(long)]
+    pub once: bool,
+}
+
+impl PlantArgs {
+    /// The configuration that the arguments make, checked.
+    ///
+    /// # Errors
+    /// A file or a value that cannot be used.
+    pub fn configuration(&self) -> Result<Config, JobError> {
+        let config = base(self.config.as_deref(), self.seed)?;
+        config.check()?;
+        Ok(config)
+    }
+}
+
+/// Arguments of `controller`.
+#[derive(Args, Clone, Debug)]
+pub struct ControllerArgs {
+    /// The drive: tcp:HOST:PORT of a simulator, a gateway or `spherecal plant`.
+    #[arg(long, value_name = "tcp:HOST:PORT", value_parser = tcp_address)]
+    pub drive: String,
+    /// Where hosts connect (`spherecal run --link controller:HOST:PORT`).
+    #[arg(long, value_name = "tcp:[HOST:]PORT", value_parser = tcp_address, default_value = "tcp:7402")]
+    pub host_link: String,
+    /// End when the first host has gone.
+    #[arg(long)]
+    pub once: bool,
+}
+
+/// `tcp:ADDRESS`, without its `tcp:`.
+fn tcp_address(text: &str) -> Result<String, String> {
+    match text.strip_prefix("tcp:") {
+        Some(address) if !address.is_empty() => Ok(address.to_owned()),
+        _ => Err("give tcp:HOST:PORT".to_owned()),
+    }
+}
 
 /// Tells whoever started this process where it listens.
 fn announce(line: &str) {

@@ -1,12 +1,38 @@
 //! `spherecal soak`: the same cell for hours of robot time.
 
-use super::args::SoakArgs;
+use std::path::PathBuf;
+
+use clap::Args;
+
 use super::exit::{CliError, Exit};
 use super::out::{out, outln};
 use super::progress::ProgressView;
 use super::run::interrupt;
 use crate::job::{self, Link, Site, Soak};
 use crate::store::Store;
+
+/// Arguments of `soak`.
+#[derive(Args, Clone, Debug)]
+pub struct SoakArgs {
+    /// Hours of robot time.
+    #[arg(long, value_name = "H", default_value_t = 24.0)]
+    pub hours: f64,
+    /// Poses of a lap.
+    #[arg(long, value_name = "N")]
+    pub poses: Option<usize>,
+    /// Seed of everything that is drawn.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Configuration; it names only what differs from the defaults.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Folder of the database (soak.db).
+    #[arg(long, value_name = "DIR", default_value = "spherecal-soak")]
+    pub out: PathBuf,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// `spherecal soak`
 pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {

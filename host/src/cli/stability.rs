@@ -3,7 +3,9 @@
 
 use std::path::Path;
 
-use super::args::StabilityArgs;
+use clap::Args;
+
+use super::args::RunArgs;
 use super::exit::{CliError, Exit};
 use super::out::{out, outln};
 use super::progress::ProgressView;
@@ -13,6 +15,20 @@ use crate::job::{self, Files, JobError, Prepared, now_utc};
 use crate::plan::Chain;
 use crate::report;
 use crate::robots;
+
+/// Arguments of `stability`.
+#[derive(Args, Clone, Debug)]
+pub struct StabilityArgs {
+    /// The cell, and the plan that the places are taken from.
+    #[command(flatten)]
+    pub run: RunArgs,
+    /// Length of each hold, in s.
+    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u8).range(2..=120))]
+    pub hold_s: u8,
+    /// Places to hold at, spread over the plan.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=100))]
+    pub places: u8,
+}
 
 /// Time over which a recording averages, in s: the paper's second.
 const WINDOW_S: f64 = 1.0;

@@ -1,6 +1,10 @@
 //! The stages of the job one at a time, on what is stored.
 
-use super::args::{ConfigArgs, RunArgs, StoredArgs};
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::args::{RunArgs, StoredArgs};
 use super::exit::{CliError, Exit};
 use super::out::{out, outln};
 use super::run::{self, evaluate, print};
@@ -8,6 +12,17 @@ use super::text;
 use crate::job::Config;
 use crate::live::End;
 use crate::store::{RunInfo, Store};
+
+/// Arguments of `config`.
+#[derive(Args, Clone, Debug)]
+pub struct ConfigArgs {
+    /// Print it; without this it is only checked.
+    #[arg(long)]
+    pub print: bool,
+    /// Configuration to check or complete.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+}
 
 /// `spherecal measure`
 pub(super) fn measure(args: &RunArgs) -> Result<Exit, CliError> {

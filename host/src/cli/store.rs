@@ -1,10 +1,46 @@
 //! `spherecal store`: is a database whole, and what can be saved of one that is not.
 
-use super::args::{StoreAction, StoreArgs};
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
 use super::exit::{CliError, Exit};
 use super::out::outln;
 use crate::job;
 use crate::store::{Store, StoreError, recover};
+
+/// Arguments of `store`.
+#[derive(Args, Clone, Debug)]
+pub struct StoreArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub action: StoreAction,
+}
+
+/// What `store` does.
+#[derive(Clone, Debug, Subcommand)]
+pub enum StoreAction {
+    /// Read everything in a database, and hold it against its digests.
+    #[command(after_help = "Example: spherecal store check spherecal-out/calibration.db")]
+    Check {
+        /// The database.
+        #[arg(value_name = "DATABASE")]
+        database: PathBuf,
+    },
+    /// Save what can be read of a damaged database in a new file; the old one stays as it is.
+    #[command(after_help = "Example: spherecal store recover spherecal-out/calibration.db saved/calibration.db")]
+    Recover {
+        /// The damaged database.
+        #[arg(value_name = "DAMAGED")]
+        damaged: PathBuf,
+        /// The new one.
+        #[arg(value_name = "NEW")]
+        new: PathBuf,
+        /// Print one JSON document on stdout and nothing else.
+        #[arg(long)]
+        json: bool,
+    },
+}
 
 /// `spherecal store`
 pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {

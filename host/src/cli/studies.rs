@@ -1,12 +1,49 @@
 //! `spherecal reproduce` and `spherecal worlds`: the studies.
 
-use super::args::{ReproduceArgs, WorldsArgs};
+use std::path::PathBuf;
+
+use clap::Args;
+
 use super::exit::{CliError, Exit};
 use super::out::{errln, out, outln};
 use crate::job;
 use crate::reproduce::{Recordings, reproduce as study};
 use crate::store::Store;
 use crate::worlds::{CompareOptions, PlanOptions, World, compare, compare_plans, record};
+
+/// Arguments of `reproduce`.
+#[derive(Args, Clone, Debug)]
+pub struct ReproduceArgs {
+    /// Folder of the run, and of what is written.
+    #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
+    pub out: PathBuf,
+    /// A synthetic robot of this world in place of the run: W0 to W4, W4-bad.
+    #[arg(long, value_name = "WORLD")]
+    pub world: Option<World>,
+    /// Seed of the synthetic robot.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `worlds`.
+#[derive(Args, Clone, Debug)]
+pub struct WorldsArgs {
+    /// A world to compare in; all if none is named.
+    #[arg(long, value_name = "WORLD")]
+    pub world: Vec<World>,
+    /// Compare plans instead: error and robot time against the number of poses.
+    #[arg(long)]
+    pub plan: bool,
+    /// Robots drawn in each world.
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: u64,
+    /// Print one JSON document on stdout and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// `spherecal reproduce`
 pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {

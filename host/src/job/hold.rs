@@ -45,6 +45,7 @@ pub fn hold(
         procedure: &procedure,
         tour: &tour,
         done: &done,
+        seated: &[],
         options: prepared.config.campaign.options(),
     };
     let joints = prepared.robot.dof();

@@ -16,6 +16,7 @@ use std::collections::BTreeMap;
 use spherecal_shared::protocol::host::{Event, Recording, SessionId};
 
 use crate::campaign::{Journal, JournalError};
+use crate::inject::Ailing;
 use crate::link::Arrival;
 use crate::store::{Placed, Store, StoreError};
 
@@ -23,7 +24,7 @@ use crate::store::{Placed, Store, StoreError};
 pub(super) const REPEATED_SESSION: i64 = 1;
 
 /// The store as a campaign's journal.
-pub(super) struct StoreJournal<'a> {
+pub(crate) struct StoreJournal<'a> {
     store: &'a mut Store,
     run: i64,
     session: i64,
@@ -33,6 +34,7 @@ pub(super) struct StoreJournal<'a> {
     repetition: Option<Repetition>,
     last: i64,
     passed_over: u64,
+    ailing: Option<Ailing>,
 }
 
 /// A run that is repeated from its start.
@@ -45,7 +47,7 @@ impl<'a> StoreJournal<'a> {
     ///
     /// # Errors
     /// When the database fails.
-    pub(super) fn live(store: &'a mut Store, run: i64, session: i64) -> Result<Self, StoreError> {
+    pub(crate) fn live(store: &'a mut Store, run: i64, session: i64) -> Result<Self, StoreError> {
         let places = store.greetings(run)?;
         Ok(Self {
             store,
@@ -56,6 +58,7 @@ impl<'a> StoreJournal<'a> {
             repetition: None,
             last: 0,
             passed_over: 0,
+            ailing: None,
         })
     }
 
@@ -75,7 +78,23 @@ impl<'a> StoreJournal<'a> {
             repetition: Some(Repetition { stored }),
             last: 0,
             passed_over: 0,
+            ailing: None,
         })
+    }
+
+    /// The same journal on a computer with ailments.
+    pub(crate) fn suffering(mut self, ailing: Option<Ailing>) -> Self {
+        self.ailing = ailing;
+        self
+    }
+
+    fn suffer(&mut self) -> Result<(), StoreError> {
+        let Some(ailing) = &self.ailing else {
+            return Ok(());
+        };
+        let ailment = ailing.now();
+        self.store.fill_disk(ailment.full)?;
+        ailment.locked.map_or(Ok(()), |time| self.store.hold_file(time))
     }
 
     /// Events of other runs that were passed over.
@@ -97,6 +116,7 @@ impl<'a> StoreJournal<'a> {
 
 impl Journal for StoreJournal<'_> {
     fn greet(&mut self, session: SessionId) -> Result<(), JournalError> {
+        self.suffer()?;
         let nonce = u32::from_le_bytes(session);
         self.greetings += 1;
         self.store.put_greeting(self.run, self.session, self.greetings, nonce)?;
@@ -135,6 +155,7 @@ impl Journal for StoreJournal<'_> {
         if placed.is_empty() {
             return Ok(());
         }
+        self.suffer()?;
         if self.repetition.is_some() {
             self.store.rewrite(self.run, &placed)?;
         } else {
@@ -144,6 +165,7 @@ impl Journal for StoreJournal<'_> {
     }
 
     fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError> {
+        self.suffer()?;
         Ok(self.store.reject_pose(self.run, sphere, pose, reason)?)
     }
 }

@@ -12,8 +12,8 @@ use spherecal_shared::protocol::frame::LinkCounters;
 use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::laser::{Tracker, measure_laser, simulated_tracker};
 use super::{Config, JobError, Measurements, Prepared, tour};
-use crate::campaign::{self, Assignment, Observer, Outcome};
-use crate::inject::{self, Upsetting};
+use crate::campaign::{self, Assignment, CampaignError, Observer, Outcome};
+use crate::inject::{self, Ailing, Upsetting};
 use crate::link::qemu::{Qemu, QemuOptions};
 use crate::link::tcp::{Remote, TcpDrive, Threaded, check_limits};
 use crate::link::{
@@ -94,6 +94,9 @@ pub struct Site<'a> {
     pub inject: Option<&'a inject::Plan>,
 }
 
+/// A device, and the ailments of this computer where faults are injected.
+type Upset = (Box<dyn Device>, Option<Ailing>);
+
 /// What was measured.
 #[derive(Clone, Debug)]
 pub struct Measured {
@@ -112,15 +115,28 @@ pub struct Measured {
 pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
     let begun = Instant::now();
     let tour = tour(&prepared.plan);
-    let mut device = upset_device(prepared, site.link, site.folder, site.inject)?;
+    if let Some(plan) = site.inject.filter(|_| !site.store.is_file()) {
+        plan.check_without_file()?;
+    }
     let repeats = repeats(site.link);
-    let (run, done) = match resume {
-        Some(info) if repeats => (info.run, BTreeSet::new()),
+    // A run that is repeated goes past the moment at which its host was killed.
+    let inject = site.inject.map(|plan| match resume {
+        Some(_) if repeats => plan.without_kills(),
+        _ => plan.clone(),
+    });
+    let (mut device, ailing) = upset_device(prepared, site.link, site.folder, inject.as_ref())?;
+    let (run, done, seated) = match resume {
+        Some(info) if repeats => (info.run, BTreeSet::new(), Vec::new()),
         Some(info) => {
             let had = site.store.resumable(info.run)?;
-            (info.run, had.recorded.union(&had.rejected).copied().collect())
+            let done = had.recorded.union(&had.rejected).copied().collect();
+            (info.run, done, site.store.couplings(info.run)?)
         }
-        None => (create_run(prepared, site.link, site.store)?, BTreeSet::new()),
+        None => (
+            create_run(prepared, site.link, site.store)?,
+            BTreeSet::new(),
+            Vec::new(),
+        ),
     };
     let repeated = repeats && site.store.sessions(run)?.len() as i64 >= REPEATED_SESSION;
     let session = if repeated {
@@ -136,13 +152,15 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
         StoreJournal::repeated(site.store, run)?
     } else {
         StoreJournal::live(site.store, run, session)?
-    };
+    }
+    .suffering(ailing);
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
         procedure: &prepared.procedure()?,
         tour: &tour,
         done: &done,
+        seated: &seated,
         options: prepared.config.campaign.options(),
     };
     let (outcome, result) = campaign::run(
@@ -152,6 +170,9 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
         site.observer,
         site.interrupt,
     );
+    if matches!(result, Err(CampaignError::Link(LinkError::Killed))) {
+        die();
+    }
     let passed_over = journal.passed_over();
     if passed_over > 0 {
         site.observer.note(&format!(
@@ -189,6 +210,15 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     }
     site.store.set_state(run, "measured")?;
     Ok(Measured { run, outcome })
+}
+
+/// Ends this process as `kill -9` does: nothing is closed, flushed or told.
+fn die() {
+    #[cfg(unix)]
+    // It cannot be refused to a process that kills itself.
+    let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
+    #[cfg(not(unix))]
+    std::process::abort();
 }
 
 /// Whether a run over this link goes on by being repeated: where the arm was in
@@ -244,24 +274,24 @@ impl LinkRecord {
 /// # Errors
 /// A link that cannot be used, or behind which nobody or another robot stands.
 pub fn device(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
-    upset_device(prepared, link, folder, None)
+    Ok(upset_device(prepared, link, folder, None)?.0)
 }
 
-/// As [`device`], with what is to go wrong.
+/// As [`device`], with what is to go wrong; and what the computer suffers of it.
 fn upset_device(
     prepared: &Prepared,
     link: &Link,
     folder: &Path,
     inject: Option<&inject::Plan>,
-) -> Result<Box<dyn Device>, JobError> {
-    let device = good_device(prepared, link, folder, inject)?;
+) -> Result<Upset, JobError> {
+    let (device, ailing) = good_device(prepared, link, folder, inject)?;
     let lossy = inject
         .and_then(|plan| plan.host_link)
         .unwrap_or(prepared.config.host_link);
     if lossy.is_active() {
-        return Ok(Box::new(LossyDevice::new(device, lossy)));
+        return Ok((Box::new(LossyDevice::new(device, lossy)), ailing));
     }
-    Ok(device)
+    Ok((device, ailing))
 }
 
 fn good_device(
@@ -269,7 +299,7 @@ fn good_device(
     link: &Link,
     folder: &Path,
     inject: Option<&inject::Plan>,
-) -> Result<Box<dyn Device>, JobError> {
+) -> Result<Upset, JobError> {
     if inject.is_some() {
         match link {
             Link::Tcp(address) => {
@@ -286,7 +316,7 @@ fn good_device(
         }
     }
     if let Some(device) = distant(prepared, link)? {
-        return Ok(device);
+        return Ok((device, None));
     }
     let controller = controller(prepared, link, folder)?;
     let home = &prepared.plan.home.joints;
@@ -302,17 +332,19 @@ fn join(
     inject: Option<&inject::Plan>,
     first: Box<dyn Controller>,
     drive: Box<dyn Drive>,
-) -> Result<Box<dyn Device>, JobError> {
+) -> Result<Upset, JobError> {
     let joints = prepared.robot.dof();
     let Some(plan) = inject else {
-        return Ok(Box::new(Cell::new(first, drive, joints)?));
+        return Ok((Box::new(Cell::new(first, drive, joints)?), None));
     };
     let (link, folder) = (link.clone(), folder.to_owned());
     let restart = Box::new(move || match link {
         Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(&folder))?) as Box<dyn Controller>),
         _ => controller_in_process(joints),
     });
-    Ok(Box::new(Upsetting::new(first, drive, joints, plan, restart)?))
+    let device = Upsetting::new(first, drive, joints, plan, restart)?;
+    let ailing = device.ailing();
+    Ok((Box::new(device), Some(ailing)))
 }
 
 fn no_injection(link: &Link) -> JobError {
@@ -357,7 +389,7 @@ pub(super) fn controller(prepared: &Prepared, link: &Link, folder: &Path) -> Res
     }
 }
 
-pub(super) fn create_run(prepared: &Prepared, link: &Link, store: &mut Store) -> Result<i64, JobError> {
+pub(crate) fn create_run(prepared: &Prepared, link: &Link, store: &mut Store) -> Result<i64, JobError> {
     let poses = prepared
         .plan
         .spheres

@@ -31,9 +31,10 @@ pub use config::{CampaignSection, Choice, Config, ConfigError, LaserSection, Pla
 pub use error::JobError;
 pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};
 pub use hold::hold;
+pub(crate) use journal::StoreJournal;
 pub use laser::{Tracker, measure_laser, simulated_tracker};
-pub(crate) use measure::utc;
 pub use measure::{Link, LinkRecord, Measured, Site, device, measure, now_utc, read};
+pub(crate) use measure::{create_run, utc};
 pub use prepare::{Prepared, prepare, simulated_drive, tour};
 pub use soak::{Hour, Soak, soak};
 pub use stored::{StoredReport, contact_traces, put_contact_traces, stored_report};

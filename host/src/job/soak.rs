@@ -85,6 +85,7 @@ pub fn soak(prepared: &Prepared, site: Site<'_>, hours: f64) -> Result<Soak, Job
         procedure: &prepared.procedure()?,
         tour: &tour,
         done: &BTreeSet::new(),
+        seated: &[],
         options: prepared.config.campaign.options(),
     };
     let end_us = (hours * 3.6e9) as u64;

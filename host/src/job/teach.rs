@@ -201,6 +201,7 @@ pub fn teach(
         procedure: &prepared.config.procedure,
         tour: &tour,
         done: &done,
+        seated: &[],
         options: prepared.config.campaign.options(),
     };
     let mut simulated;

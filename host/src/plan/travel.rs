@@ -14,8 +14,8 @@ use super::order::round_trip;
 use super::path::move_angle;
 use super::types::Waypoint;
 
-/// Settling and recording at a pose, in s: 0.4 and 1.12.
-pub(super) const RECORD_S: f64 = 1.5;
+/// Settling, recording and the pull at a pose, in s: 0.4, 1.1 and 0.15.
+pub(super) const RECORD_S: f64 = 1.65;
 /// Approach, contact, coupling, test pull and decoupling, in s.
 pub(super) const VISIT_S: f64 = 13.5;
 
