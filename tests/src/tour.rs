@@ -154,6 +154,7 @@ pub fn carry_out(
         procedure: &procedure,
         tour,
         done,
+        seated: &[],
         options: Options::default(),
     };
     let mut memory = Memory::default();

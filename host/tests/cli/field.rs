@@ -3,15 +3,14 @@
 //! names it in `SPHERECAL_FIELD_PYTHON`; without it these tests say so and are
 //! left out.
 
-use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use rand::{RngExt as _, SeedableRng as _};
 use serde_json::{Value, json};
 use spherecal::robots::{self, RobotModel};
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+use crate::support::{self, Server};
 
 pub(crate) fn python() -> Option<String> {
     let python = std::env::var("SPHERECAL_FIELD_PYTHON").ok();
@@ -43,11 +42,7 @@ pub(crate) fn check(python: &str, script: &str, arguments: &[&Path]) -> Value {
 }
 
 fn spherecal(folder: &Path, arguments: &[&str]) -> String {
-    let output = Command::new(PROGRAM)
-        .args(arguments)
-        .current_dir(folder)
-        .output()
-        .expect("the program starts");
+    let output = support::spherecal(folder, arguments);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(matches!(output.status.code(), Some(0 | 3)), "{arguments:?}: {said}");
     String::from_utf8_lossy(&output.stdout).into_owned()
@@ -216,24 +211,13 @@ fn the_python_client_records_a_sphere() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     spherecal(folder, &["plan", "--poses", "6", "--seed", "5", "--out", "cell"]);
-    let mut server = Command::new(PROGRAM)
-        .args(["serve", "--grpc", "0", "--seed", "5", "--service", "robot"])
-        .current_dir(folder)
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("the program starts");
-    let mut line = String::new();
-    let mut output = BufReader::new(server.stdout.take().expect("piped"));
-    output.read_line(&mut line).expect("one line");
-    let address = line.trim().trim_start_matches("services on grpc:").to_owned();
+    let server = Server::start_in(folder, &["serve", "--grpc", "0", "--seed", "5", "--service", "robot"]);
     let output = Command::new(&python)
         .arg(root().join("examples/python/grpc_client.py"))
-        .args([&address, "cell/plan.json"])
+        .args([&server.address, "cell/plan.json"])
         .current_dir(folder)
         .output()
         .expect("Python");
-    let _ = server.kill();
-    let _ = server.wait();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
     assert!(

@@ -2,13 +2,12 @@
 //! and names it in `SPHERECAL_POSTGRES_URL`; without it these tests say so and
 //! are left out.
 
-use std::io::{BufRead as _, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Output};
 
 use serde_json::Value;
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
+use crate::support::{Server, start};
 
 fn url() -> Option<String> {
     let url = std::env::var("SPHERECAL_POSTGRES_URL").ok();
@@ -20,16 +19,6 @@ fn url() -> Option<String> {
         eprintln!("left out: no PostgreSQL server is named in SPHERECAL_POSTGRES_URL");
     }
     url
-}
-
-fn start(folder: &Path, arguments: &[&str]) -> Child {
-    Command::new(PROGRAM)
-        .args(arguments)
-        .current_dir(folder)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program starts")
 }
 
 fn ended(child: Child) -> Output {
@@ -120,17 +109,9 @@ fn three_robots_share_one_service() {
     let Some(url) = url() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let mut server = start(
-        folder,
-        &["serve", "--grpc", "0", "--service", "store,page", "--store", &url],
-    );
-    let mut line = String::new();
-    let mut output = BufReader::new(server.stdout.take().expect("piped"));
-    output.read_line(&mut line).expect("one line");
-    let peer = line.trim().trim_start_matches("services on ");
-    three_at_once(folder, "B", peer, &url);
-    let _ = server.kill();
-    let _ = server.wait();
+    let arguments = ["serve", "--grpc", "0", "--service", "store,page", "--store", &url];
+    let server = Server::start_in(folder, &arguments);
+    three_at_once(folder, "B", &server.peer, &url);
 }
 
 // Fails if two calibrations of one arm are seen as drift, or if another arm

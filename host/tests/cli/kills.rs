@@ -7,6 +7,7 @@
 #![cfg(unix)]
 
 use std::io::{BufRead, BufReader};
+use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -15,7 +16,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use spherecal::store::Store;
 
-use crate::support::{PROGRAM, Server};
+use crate::support::{PROGRAM, Server, spherecal, text};
 
 fn kills() -> usize {
     let asked = std::env::var("SPHERECAL_KILLS").ok().and_then(|text| text.parse().ok());
@@ -147,6 +148,36 @@ fn kills_at_any_instant_leave_the_database_of_a_run_left_alone() {
         std::fs::remove_dir_all(&out).expect("removed");
     }
     println!("{killed} kills in {runs} runs: each database is that of a run left alone");
+}
+
+// Fails if `--inject host_killed` closes anything before it dies, kills the run
+// that goes on again, or leaves it another database than a run left alone; or if
+// a database that is locked for a second does.
+#[test]
+fn a_host_killed_by_injection_goes_on() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let alone = folder.path().join("alone");
+    finished(measure(folder.path(), &alone, "sim", false));
+    let expected = contents(&alone.join("calibration.db"));
+    let inject = |what: &str, out: &Path, how: &[&str]| {
+        let out = out.display().to_string();
+        spherecal(
+            folder.path(),
+            &[&["measure", "--json", "--inject", what, "--out", &out], how].concat(),
+        )
+    };
+    let out = folder.path().join("killed");
+    let output = inject("host_killed", &out, &["--config", "cell.toml"]);
+    assert_eq!(output.status.signal(), Some(9), "{}", text(&output.stderr));
+    let stored = recorded(&out.join("calibration.db")).len();
+    assert!((1..5).contains(&stored), "{stored} recordings");
+    let output = inject("host_killed", &out, &["--resume"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(contents(&out.join("calibration.db")) == expected);
+    let out = folder.path().join("locked");
+    let output = inject("database_locked", &out, &["--config", "cell.toml"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(contents(&out.join("calibration.db")) == expected);
 }
 
 // Fails if a disk on which nothing can be written any more ends the program

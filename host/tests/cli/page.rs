@@ -3,50 +3,12 @@
 use std::io::{BufRead, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use serde_json::{Value, json};
 
 use crate::field::{check, python};
-
-const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal");
-
-fn start(folder: &Path, arguments: &[&str]) -> Child {
-    Command::new(PROGRAM)
-        .args(arguments)
-        .current_dir(folder)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program starts")
-}
-
-/// `spherecal serve`, ended with the test.
-struct Server {
-    child: Child,
-    /// `HOST:PORT`
-    address: String,
-}
-
-impl Server {
-    fn start(folder: &Path, arguments: &[&str]) -> Self {
-        let mut child = start(folder, &[&["serve"], arguments].concat());
-        let mut line = String::new();
-        let mut output = BufReader::new(child.stdout.take().expect("piped"));
-        output.read_line(&mut line).expect("one line");
-        let address = line.trim().rsplit_once("grpc").map(|(_, rest)| rest);
-        let address = address.and_then(|rest| rest.split_once(':')).expect(&line).1.to_owned();
-        Self { child, address }
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
+use crate::support::{PROGRAM, Server, start};
 
 fn spherecal(folder: &Path, arguments: &[&str]) -> Value {
     let output = start(folder, arguments).wait_with_output().expect("it ends");
@@ -199,7 +161,7 @@ fn a_page_that_is_not_there_holds_nothing_up() {
         said.any(|line| missing(&line)),
         "it is not said that nobody shows the run"
     );
-    let server = Server::start(folder, &["--grpc", &address, "--service", "page"]);
+    let server = Server::start_in(folder, &["serve", "--grpc", &address, "--service", "page"]);
     let rest = std::thread::spawn(move || said.map_while(Result::ok).collect::<Vec<_>>());
     let output = run.wait_with_output().expect("it ends");
     assert_eq!(output.status.code(), Some(0), "{:?}", rest.join());
@@ -228,7 +190,7 @@ fn the_page_is_guarded() {
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("TLS is missing"), "{said}");
 
-    let open = Server::start(folder, &["--grpc", "0", "--service", "store,page"]);
+    let open = Server::start_in(folder, &["serve", "--grpc", "0", "--service", "store,page"]);
     assert_eq!(http(&open.address, "GET /api/history", "").0, 200);
     let port = open.address.rsplit(':').next().expect("a port");
     for name in ["evil.example", "10.1.2.3", ""] {
@@ -246,9 +208,17 @@ fn the_page_is_guarded() {
 
     let token = "5c".repeat(16);
     std::fs::write(folder.join("token"), &token).expect("written");
-    let closed = Server::start(
+    let closed = Server::start_in(
         folder,
-        &["--grpc", "0", "--service", "store,page", "--token-file", "token"],
+        &[
+            "serve",
+            "--grpc",
+            "0",
+            "--service",
+            "store,page",
+            "--token-file",
+            "token",
+        ],
     );
     let ask = |line: &str, headers: &str| http(&closed.address, line, headers);
     for path in ["/", "/api/history", "/api/live", "/report/1"] {
@@ -293,7 +263,10 @@ fn a_run_is_watched_in_a_browser() {
         ];
         assert_eq!(spherecal(folder, &arguments)["poses"]["recorded"], 30);
     }
-    let server = Server::start(folder, &["--grpc", "0", "--service", "store,page", "--out", "cell"]);
+    let server = Server::start_in(
+        folder,
+        &["serve", "--grpc", "0", "--service", "store,page", "--out", "cell"],
+    );
     let (url, peer) = (
         format!("http://{}/", server.address),
         format!("grpc:{}", server.address),
@@ -364,9 +337,10 @@ fn a_browser_is_let_in_by_the_token() {
     std::fs::write(folder.join("cert.pem"), signed.cert.pem()).expect("written");
     std::fs::write(folder.join("key.pem"), signed.signing_key.serialize_pem()).expect("written");
     std::fs::write(folder.join("token"), &token).expect("written");
-    let server = Server::start(
+    let server = Server::start_in(
         folder,
         &[
+            "serve",
             "--grpc",
             "0.0.0.0:0",
             "--service",

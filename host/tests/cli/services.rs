@@ -1,46 +1,12 @@
 //! The services of Figure 4: robot, tracker and database behind gRPC, as their
 //! users and those who must not use them meet them.
 
-use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output};
 
 use serde_json::Value;
 
-use crate::support::{PROGRAM, text};
-
-/// `spherecal serve`, ended with the test.
-struct Server {
-    child: Child,
-    /// `grpc:HOST:PORT`
-    peer: String,
-}
-
-impl Server {
-    fn start(folder: &Path, arguments: &[&str]) -> Self {
-        let mut child = Command::new(PROGRAM)
-            .arg("serve")
-            .args(arguments)
-            .current_dir(folder)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::inherit())
-            .spawn()
-            .expect("the program starts");
-        let mut line = String::new();
-        let mut output = BufReader::new(child.stdout.take().expect("piped"));
-        output.read_line(&mut line).expect("one line");
-        let peer = line.trim().strip_prefix("services on ").unwrap_or_default().to_owned();
-        assert!(peer.starts_with("grpc"), "{arguments:?} said {line:?}");
-        Self { child, peer }
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
+use crate::support::{PROGRAM, Server, text};
 
 fn spherecal(folder: &Path, arguments: &[&str], environment: &[(&str, &str)]) -> Output {
     Command::new(PROGRAM)
@@ -68,7 +34,7 @@ fn a_run_over_services_is_the_run_in_one_process() {
     let here = summary(&spherecal(folder, &[&run[..], &["--out", "here"]].concat(), &[]));
     assert_eq!(here["poses"]["recorded"], 9);
 
-    let server = Server::start(folder, &["--grpc", "0", "--seed", "5", "--out", "served"]);
+    let server = Server::start_in(folder, &["serve", "--grpc", "0", "--seed", "5", "--out", "served"]);
     let peer = server.peer.as_str();
     let services = [
         "--link",
@@ -130,6 +96,7 @@ fn the_plate_is_moved_over_services() {
     let here = summary(&spherecal(folder, &[&run[..], &["--out", "here"]].concat(), &[]));
     assert_eq!(here["poses"]["recorded"], 24);
     let serve = [
+        "serve",
         "--grpc",
         "0",
         "--seed",
@@ -139,7 +106,7 @@ fn the_plate_is_moved_over_services() {
         "--service",
         "robot",
     ];
-    let server = Server::start(folder, &serve);
+    let server = Server::start_in(folder, &serve);
     let output = spherecal(
         folder,
         &[&run[..], &["--link", &server.peer, "--out", "there"]].concat(),
@@ -162,7 +129,7 @@ fn health_says_what_is_served() {
     use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
 
     let folder = tempfile::tempdir().expect("a folder");
-    let server = Server::start(folder.path(), &["--grpc", "0", "--service", "store"]);
+    let server = Server::start_in(folder.path(), &["serve", "--grpc", "0", "--service", "store"]);
     let address = format!("http://{}", server.peer.trim_start_matches("grpc:"));
     let runtime = tokio::runtime::Runtime::new().expect("a runtime");
     let status = |service: &str| {
@@ -231,6 +198,7 @@ fn beyond_loopback_only_the_token_opens() {
     assert!(refused(&[&["--grpc", "0.0.0.0:0"], &tls[..]].concat()).contains("the token is missing"));
 
     let protected = [
+        "serve",
         "--grpc",
         "0.0.0.0:0",
         "--token-file",
@@ -240,7 +208,7 @@ fn beyond_loopback_only_the_token_opens() {
         "--out",
         "served",
     ];
-    let server = Server::start(folder, &[&protected[..], &tls].concat());
+    let server = Server::start_in(folder, &[&protected[..], &tls].concat());
     let port = server.peer.rsplit(':').next().expect("a port");
     assert!(server.peer.starts_with("grpcs:"), "{}", server.peer);
     let ask = |peer: &str, environment: &[(&str, &str)]| {

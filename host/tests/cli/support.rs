@@ -22,16 +22,37 @@ pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// A server on TCP that has said where it listens; it is ended with the test.
+/// Starts the program in `folder`; both its outputs wait to be read.
+pub(crate) fn start(folder: &Path, arguments: &[&str]) -> Child {
+    Command::new(PROGRAM)
+        .args(arguments)
+        .current_dir(folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts")
+}
+
+/// A server that has said where it listens; it is ended with the test.
 pub(crate) struct Server {
     child: Child,
+    /// `HOST:PORT`
     pub(crate) address: String,
+    /// `SCHEME:HOST:PORT`, as `--link` and `--store` take it.
+    pub(crate) peer: String,
 }
 
 impl Server {
+    /// Starts one in the folder of the tests.
     pub(crate) fn start(arguments: &[&str]) -> Self {
+        Self::start_in(Path::new("."), arguments)
+    }
+
+    /// Starts one in `folder`.
+    pub(crate) fn start_in(folder: &Path, arguments: &[&str]) -> Self {
         let mut child = Command::new(PROGRAM)
             .args(arguments)
+            .current_dir(folder)
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
@@ -39,9 +60,11 @@ impl Server {
         let mut line = String::new();
         let mut output = BufReader::new(child.stdout.take().expect("piped"));
         output.read_line(&mut line).expect("one line");
-        let address = line.trim().rsplit("tcp:").next().unwrap_or_default().to_owned();
+        let peer = line.split_whitespace().last().unwrap_or_default().to_owned();
+        let (_, address) = peer.split_once(':').unwrap_or_default();
         assert!(address.contains(':'), "{arguments:?} said {line:?}");
-        Self { child, address }
+        let address = address.to_owned();
+        Self { child, address, peer }
     }
 
     pub(crate) fn ended_well(mut self) {

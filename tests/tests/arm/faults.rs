@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use spherecal::campaign::{Assignment, CampaignError, Options, Outcome, Silent, run};
-use spherecal::faults::{CampaignOptions, MatrixOptions, campaign, matrix};
+use spherecal::faults::{CampaignOptions, Case, Ended, Finish, MatrixOptions, campaign, matrix};
 use spherecal::inject::{Entry, Plan, Status, Upset, Upsetting, When};
 use spherecal::link::qemu::{Qemu, QemuOptions};
 use spherecal::link::{Controller, LinkError, controller_in_process, simulated_arm};
@@ -57,6 +57,7 @@ fn campaign_with(plan: &Plan, mut make: Make) -> (Memory, Outcome, Result<(), Ca
         procedure: &procedure,
         tour: &tour,
         done: &BTreeSet::new(),
+        seated: &[],
         options: Options::default(),
     };
     let (outcome, result) = run(
@@ -107,6 +108,43 @@ fn a_run_goes_on_at_the_pose_where_it_was() {
             assert!((a.mean - b.mean).abs() < 0.05, "{} and {} rad", a.mean, b.mean);
         }
     }
+}
+
+// Fails if a nest whose magnet lets go while it stands still leaves a recording,
+// at any pose: friction holds it, and only the pull tells.
+#[test]
+fn a_magnet_that_lets_go_leaves_no_recording() {
+    let case = Case::new(3, Finish::Record).expect("a case");
+    for entry in 1..=6 {
+        let when = during(Phase::Recording, entry, 0.15);
+        let trial = case.run(&plan(&[(Upset::MagnetLost, when, 2.0)])).expect("a run");
+        assert!(trial.bad.is_empty(), "recording {entry}: {:?}", trial.bad);
+        let told: Vec<_> = trial.faults.iter().map(|f| (f.fault, f.phase)).collect();
+        assert_eq!(told, [(Fault::ContactLost, Phase::Recording)], "recording {entry}");
+        assert_eq!(trial.recordings.len(), 6);
+    }
+}
+
+// Fails if a sphere that is moved while its host is gone is taken by the next
+// host for one that always stood there.
+#[test]
+fn a_sphere_moved_while_no_host_is_there_is_noticed() {
+    let case = Case::new(1, Finish::Record).expect("a case");
+    let moved = Upset::SphereMoved {
+        by_m: [0.02, 0.0, 0.0],
+        over_s: 0.2,
+    };
+    let killed = Upset::HostKilled { away_s: 3.0 };
+    let when = |after_s| during(Phase::Turning, 2, after_s);
+    let trial = case
+        .run(&plan(&[(killed, when(0.1), 0.0), (moved, when(0.2), f64::INFINITY)]))
+        .expect("a run");
+    assert_eq!(trial.resumed, 1);
+    assert!(
+        matches!(&trial.ended, Ended::Stopped(why) if why.contains("mm from where it should be")),
+        "{:?}",
+        trial.ended
+    );
 }
 
 // Fails if a run does not stop, or stops without saying what a person should
@@ -213,6 +251,7 @@ fn slow_a_campaign_of_random_faults() {
     let table = campaign::run(&CampaignOptions {
         runs,
         seeds: 2,
+        only: None,
         progress: false,
     })
     .expect("a campaign");

@@ -100,6 +100,7 @@ fn the_hand_leads_the_arm_over_every_sphere() {
             procedure: &prepared.config.procedure,
             tour: &tour,
             done: &BTreeSet::new(),
+            seated: &[],
             options: Options::default(),
         };
         let mut memory = spherecal_tests::tour::Memory::default();

@@ -65,6 +65,7 @@ fn greet(forge: fn(Uplink) -> Vec<u8>) -> Result<(), CampaignError> {
         procedure: &procedure,
         tour: &tour,
         done: &BTreeSet::new(),
+        seated: &[],
         options: Options::default(),
     };
     let (mut memory, stop) = (Memory::default(), AtomicBool::new(false));

@@ -69,6 +69,7 @@ fn slow_mujoco_is_a_drive() {
         procedure: &prepared.config.procedure,
         tour: &tour,
         done: &BTreeSet::new(),
+        seated: &[],
         options: Options::default(),
     };
     let mut memory = Memory::default();

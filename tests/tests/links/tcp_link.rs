@@ -145,7 +145,9 @@ fn a_drive_that_compensates_gravity_gets_the_rest() {
     let (here, _) = campaign(&mut cell(arm()));
     for (a, b) in carrying.iter().zip(&here) {
         for (a, b) in a.q.iter().zip(&b.q) {
-            assert!((a.mean - b.mean).abs() < 1e-4, "{} and {} rad", a.mean, b.mean);
+            // The last bits differ, and friction makes 0.1 mrad of it at the free elbow;
+            // the arm's weight twice is a fault, or tens of mrad.
+            assert!((a.mean - b.mean).abs() < 5e-4, "{} and {} rad", a.mean, b.mean);
         }
     }
     assert_eq!(carrying.len(), here.len());
