@@ -157,6 +157,16 @@ impl Bench {
         assert_eq!(self.controller.phase(), phase, "events: {:?}", self.events);
     }
 
+    /// Until the fault phase, at most so many ticks.
+    pub(crate) fn until_fault(&mut self, ticks: u32) {
+        for _ in 0..ticks {
+            if self.controller.phase() == Phase::Fault {
+                return;
+            }
+            self.run(1);
+        }
+    }
+
     fn integrate(&mut self) {
         for i in 0..7 {
             self.tau[i] = self.command.tau[i];

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use super::measure::{controller, distant};
+use super::link::{controller, distant};
 use super::{JobError, Link, Prepared, tour};
 use crate::campaign::{self, Assignment, Nowhere, Observer, Outcome};
 use crate::hold::{Hold, Listener};

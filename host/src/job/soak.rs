@@ -12,7 +12,8 @@ use serde::Serialize;
 use spherecal_shared::protocol::host::Recording;
 
 use super::journal::StoreJournal;
-use super::measure::{create_run, device};
+use super::link::device;
+use super::measure::create_run;
 use super::{JobError, Prepared, Site, now_utc, tour};
 use crate::campaign::{self, Assignment, Observer, Outcome, Progress, Stage};
 use crate::link::Arrival;

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
-use super::measure::{controller, distant};
+use super::link::{controller, distant};
 use super::{JobError, Link, Prepared, tour};
 use crate::campaign::{self, Assignment, Observer, Operator};
 use crate::link::{Cell, Device, OperatorCall, led_arm};

@@ -20,6 +20,7 @@
 //! A file is checked before anything is written to it. One that is damaged is
 //! left as it is; [`recover`] reads what it can into a new one.
 
+mod columns;
 mod digest;
 mod error;
 mod events;
@@ -29,6 +30,7 @@ mod open;
 mod place;
 mod read;
 mod recover;
+mod runs;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -42,8 +44,9 @@ pub use events::Placed;
 pub use lock::Claim;
 pub use open::SCHEMA_VERSION;
 pub use place::Place;
-pub use read::{Resumable, RunInfo};
+pub use read::Resumable;
 pub use recover::{Recovered, recover};
+pub use runs::RunInfo;
 pub use write::SessionEnd;
 
 use crate::identify::Sphere;

@@ -2,44 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use serde::de::DeserializeOwned;
 use spherecal_shared::protocol::host::{
     Contact, Coupled, Fault, FaultReport, Phase, PhaseChange, Recording, SignalStatistics,
 };
-use spherecal_shared::robot::{Robot, Tool};
-use sqlx::Row as _;
 use sqlx::any::AnyRow;
 
 use super::digest::{self, recording_subject};
-use super::{Kind, LaserShot, SessionEnd, Store, StoreError};
+use super::{LaserShot, Store, StoreError};
 use crate::identify::Sphere;
-
-/// A run, without its data.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RunInfo {
-    /// Number.
-    pub run: i64,
-    /// When it was begun, UTC, RFC 3339.
-    pub created_utc: String,
-    /// Seed.
-    pub seed: u64,
-    /// Link, as on the command line.
-    pub link: String,
-    /// Nominal robot.
-    pub robot: Robot,
-    /// Nominal tool.
-    pub tool: Tool,
-    /// The configuration, as TOML.
-    pub config_toml: String,
-    /// The plan, as JSON.
-    pub plan_json: String,
-    /// Program that began it.
-    pub program: String,
-    /// `running`, `measured` or `complete`.
-    pub state: String,
-    /// Which arm it was: its serial number, or whatever names it in the fleet.
-    pub arm: String,
-}
 
 /// What a run has already, for one that goes on.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -51,175 +21,6 @@ pub struct Resumable {
 }
 
 impl Store {
-    /// The run that this program has begun or chosen; else the newest.
-    ///
-    /// # Errors
-    /// When the database fails or the run does not decode.
-    pub fn last_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
-        if let Some(own) = self.own {
-            return Ok(self.runs()?.into_iter().find(|info| info.run == own));
-        }
-        if let Some(remote) = &mut self.remote {
-            return Ok(remote.last_run()?);
-        }
-        let rows = self.rows(
-            "SELECT * FROM runs WHERE run = (SELECT MAX(run) FROM runs) AND $1 = $1",
-            0,
-        )?;
-        rows.first().map(|row| self.run_info(row)).transpose()
-    }
-
-    /// The newest run of one arm, or of all if `arm` is empty. In a store that
-    /// several robots share the arm must be named.
-    ///
-    /// # Errors
-    /// As [`Store::last_run`]; no such run, or no arm named where it must be.
-    pub fn require_run_of(&mut self, arm: &str) -> Result<RunInfo, StoreError> {
-        let shared = self.remote.is_some() || self.kind == Kind::Postgres;
-        if arm.is_empty() && shared {
-            return Err(StoreError::Absent {
-                path: self.path.clone(),
-                what: "may hold the runs of several robots".to_owned(),
-                remedy: "say with --arm whose last run is meant",
-            });
-        }
-        if arm.is_empty() {
-            return self.require_last_run();
-        }
-        let found = self.runs_of(arm)?.pop().ok_or_else(|| StoreError::Absent {
-            path: self.path.clone(),
-            what: format!("holds no run of arm {arm}"),
-            remedy: "`spherecal history` lists what there is",
-        })?;
-        self.own = Some(found.run);
-        Ok(found)
-    }
-
-    /// The newest run.
-    ///
-    /// # Errors
-    /// As [`Store::last_run`], and when there is none.
-    pub fn require_last_run(&mut self) -> Result<RunInfo, StoreError> {
-        self.last_run()?.ok_or_else(|| StoreError::Absent {
-            path: self.path.clone(),
-            what: "holds no run".to_owned(),
-            remedy: "begin one with `spherecal run`",
-        })
-    }
-
-    /// All runs, oldest first.
-    ///
-    /// # Errors
-    /// When the database fails or a run does not decode.
-    pub fn runs(&mut self) -> Result<Vec<RunInfo>, StoreError> {
-        self.runs_of("")
-    }
-
-    /// The runs of one arm, or of all if `arm` is empty; oldest first.
-    ///
-    /// # Errors
-    /// When the database fails or a run does not decode.
-    pub fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, StoreError> {
-        if let Some(remote) = &mut self.remote {
-            return Ok(remote.runs_of(arm)?);
-        }
-        let rows = self.block(async |connection| {
-            sqlx::query("SELECT * FROM runs WHERE $1 = '' OR arm = $1 ORDER BY run")
-                .bind(arm)
-                .fetch_all(connection)
-                .await
-        })?;
-        rows.iter().map(|row| self.run_info(row)).collect()
-    }
-
-    fn run_info(&mut self, row: &AnyRow) -> Result<RunInfo, StoreError> {
-        let run: i64 = self.get(row, "run")?;
-        let spheres = self.spheres(run)?;
-        let text = |column| self.get::<&str>(row, column);
-        let texts = [
-            text("link")?,
-            text("robot_json")?,
-            text("tool_json")?,
-            text("config_toml")?,
-            text("plan_json")?,
-        ];
-        let seed = self.get::<i64>(row, "seed")? as u64;
-        let digest = digest::of_run(seed, texts, &spheres);
-        self.compare(run, "run", digest, "the run's settings")?;
-        Ok(RunInfo {
-            run,
-            created_utc: self.get(row, "created_utc")?,
-            seed,
-            link: self.get(row, "link")?,
-            robot: self.json(row, "robot_json")?,
-            tool: self.json(row, "tool_json")?,
-            config_toml: self.get(row, "config_toml")?,
-            plan_json: self.get(row, "plan_json")?,
-            program: self.get(row, "program")?,
-            state: self.get(row, "state")?,
-            arm: self.get(row, "arm")?,
-        })
-    }
-
-    /// Under which numbers (nonces) the sessions of a run have greeted the
-    /// controller: session and greeting of each.
-    ///
-    /// # Errors
-    /// When the database fails.
-    pub fn greetings(&mut self, run: i64) -> Result<BTreeMap<u32, (i64, i64)>, StoreError> {
-        if let Some(remote) = &mut self.remote {
-            return Ok(remote.read(run)?.greetings);
-        }
-        let rows = self.rows("SELECT * FROM greetings WHERE run = $1", run)?;
-        rows.iter()
-            .map(|row| {
-                let place = (self.get(row, "session")?, self.get(row, "greeting")?);
-                Ok((self.count(row, "nonce")?, place))
-            })
-            .collect()
-    }
-
-    /// Whether `digest` is the stored one; older runs have none.
-    fn compare(&mut self, run: i64, subject: &str, digest: i64, what: &str) -> Result<(), StoreError> {
-        let stored: Option<i64> = self.block(async |connection| {
-            sqlx::query_scalar("SELECT digest FROM digests WHERE run = $1 AND subject = $2")
-                .bind(run)
-                .bind(subject)
-                .fetch_optional(connection)
-                .await
-        })?;
-        match stored {
-            Some(stored) if stored != digest => Err(StoreError::Damaged {
-                path: self.path.clone(),
-                what: format!("{what} of run {run} are not what was written"),
-            }),
-            _ => Ok(()),
-        }
-    }
-
-    /// Sessions of a run, oldest first.
-    ///
-    /// # Errors
-    /// When the database fails.
-    pub fn sessions(&mut self, run: i64) -> Result<Vec<SessionEnd>, StoreError> {
-        if let Some(remote) = &mut self.remote {
-            return Ok(remote.read(run)?.sessions);
-        }
-        let rows = self.rows("SELECT * FROM sessions WHERE run = $1 ORDER BY session", run)?;
-        rows.iter()
-            .map(|row| {
-                Ok(SessionEnd {
-                    firmware: self.get(row, "firmware")?,
-                    simulated_us: self.get::<i64>(row, "simulated_us")? as u64,
-                    ticks: self.get::<i64>(row, "ticks")? as u64,
-                    wall_s: self.get(row, "wall_s")?,
-                    link_json: self.get(row, "link_json")?,
-                    telemetry_json: self.get(row, "telemetry_json")?,
-                })
-            })
-            .collect()
-    }
-
     /// The plate's certificate.
     ///
     /// # Errors
@@ -485,47 +286,5 @@ impl Store {
                 .fetch_optional(connection)
                 .await
         })
-    }
-
-    fn rows(&mut self, statement: &'static str, run: i64) -> Result<Vec<AnyRow>, StoreError> {
-        self.block(async |connection| sqlx::query(statement).bind(run).fetch_all(connection).await)
-    }
-
-    fn get<'r, T>(&self, row: &'r AnyRow, column: &'static str) -> Result<T, StoreError>
-    where
-        T: sqlx::Decode<'r, sqlx::Any> + sqlx::Type<sqlx::Any>,
-    {
-        row.try_get(column).map_err(|source| StoreError::of(&self.path, source))
-    }
-
-    fn count(&self, row: &AnyRow, column: &'static str) -> Result<u32, StoreError> {
-        let value = self.get::<i64>(row, column)?;
-        u32::try_from(value).map_err(|_| StoreError::Damaged {
-            path: self.path.clone(),
-            what: format!("{column} is {value}"),
-        })
-    }
-
-    fn triple(&self, row: &AnyRow, columns: [&'static str; 3]) -> Result<[f64; 3], StoreError> {
-        let [x, y, z] = columns;
-        Ok([self.get(row, x)?, self.get(row, y)?, self.get(row, z)?])
-    }
-
-    fn json<T: DeserializeOwned>(&self, row: &AnyRow, column: &'static str) -> Result<T, StoreError> {
-        let text: String = self.get(row, column)?;
-        serde_json::from_str(&text).map_err(|source| self.undecodable(column, source))
-    }
-
-    fn named<T: DeserializeOwned>(&self, row: &AnyRow, column: &'static str) -> Result<T, StoreError> {
-        let text: String = self.get(row, column)?;
-        serde_json::from_value(serde_json::Value::String(text)).map_err(|source| self.undecodable(column, source))
-    }
-
-    fn undecodable(&self, field: &'static str, source: serde_json::Error) -> StoreError {
-        StoreError::Decode {
-            path: self.path.clone(),
-            field,
-            source,
-        }
     }
 }

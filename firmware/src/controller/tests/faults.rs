@@ -1,20 +1,9 @@
-//! Every fault that the controller declares, and the hold that follows.
+//! What the tasks of a phase fail by, and the way back from a sphere.
 
 use nalgebra::Vector3;
-use spherecal_shared::protocol::drive::DriveStatus;
 use spherecal_shared::protocol::host::{Command, Fault, Phase, Refusal};
 
 use crate::testing::{Bench, HOME};
-
-/// Runs until the fault phase, at most so many ticks.
-fn until_fault(bench: &mut Bench, ticks: u32) {
-    for _ in 0..ticks {
-        if bench.controller.phase() == Phase::Fault {
-            return;
-        }
-        bench.run(1);
-    }
-}
 
 #[test]
 fn a_blocked_arm_deviates_from_its_path() {
@@ -26,7 +15,7 @@ fn a_blocked_arm_deviates_from_its_path() {
     target[0] = 1.0;
     bench.go(&target).expect("idle");
     bench.blocked = true;
-    until_fault(&mut bench, 5_000);
+    bench.until_fault(5_000);
     bench.expect_fault(Fault::PathDeviation, Phase::Moving);
 }
 
@@ -37,7 +26,7 @@ fn a_move_that_does_not_settle_times_out() {
     target[0] = 0.025;
     bench.go(&target).expect("idle");
     bench.blocked = true;
-    until_fault(&mut bench, 3_000);
+    bench.until_fault(3_000);
     bench.expect_fault(Fault::MotionTimeout, Phase::Moving);
 }
 
@@ -49,7 +38,7 @@ fn an_arm_that_does_not_get_on_is_stopped() {
     target[0] = 1.0;
     bench.go(&target).expect("idle");
     bench.blocked = true;
-    until_fault(&mut bench, 3_000);
+    bench.until_fault(3_000);
     bench.expect_fault(Fault::PathDeviation, Phase::Moving);
 }
 
@@ -60,7 +49,7 @@ fn an_absurd_tare_is_refused() {
     bench.push = Vector3::new(0.0, 0.0, -14.7);
     bench.run(500);
     bench.approach().expect("idle");
-    until_fault(&mut bench, 2_000);
+    bench.until_fault(2_000);
     bench.expect_fault(Fault::Tare, Phase::Taring);
 }
 
@@ -68,7 +57,7 @@ fn an_absurd_tare_is_refused() {
 fn a_sphere_that_is_not_there_is_not_touched() {
     let mut bench = Bench::new(Bench::brisk());
     bench.approach().expect("idle");
-    until_fault(&mut bench, 20_000);
+    bench.until_fault(20_000);
     bench.expect_fault(Fault::NoContact, Phase::Approaching);
 }
 
@@ -79,7 +68,7 @@ fn an_arm_that_hangs_on_the_way_deviates() {
     let mut bench = Bench::new(procedure);
     bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
     bench.approach().expect("idle");
-    until_fault(&mut bench, 20_000);
+    bench.until_fault(20_000);
     bench.expect_fault(Fault::PathDeviation, Phase::Approaching);
 }
 
@@ -91,7 +80,7 @@ fn a_nest_that_wanders_while_coupling_is_not_seated() {
     bench.until(Phase::Coupling, 8_000);
     bench.sphere = None;
     bench.push = Vector3::new(15.0, 0.0, 0.0);
-    until_fault(&mut bench, 3_000);
+    bench.until_fault(3_000);
     bench.expect_fault(Fault::NotSeated, Phase::Coupling);
 }
 
@@ -103,7 +92,7 @@ fn a_loose_nest_fails_the_test_pull() {
     bench.until(Phase::Coupling, 8_000);
     // The sphere goes; 5 N/m hold the arm nearly where it is.
     bench.sphere = None;
-    until_fault(&mut bench, 3_000);
+    bench.until_fault(3_000);
     // Found loose by the pull, and by every search for the seat after it.
     bench.expect_fault(Fault::NotSeated, Phase::Coupling);
 }
@@ -119,7 +108,7 @@ fn a_nest_that_leaves_is_noticed_in_every_seated_phase() {
         bench.sphere = None;
         bench.push = Vector3::new(0.0, 0.0, 6.0);
         let before = bench.tick;
-        until_fault(&mut bench, 2_000);
+        bench.until_fault(2_000);
         assert!(
             bench.tick - before < 150,
             "noticed after {} ms in {phase:?}",
@@ -135,7 +124,7 @@ fn a_turn_that_never_ends_times_out() {
     let mut bench = Bench::coupled();
     bench.pose(0.1, true).expect("coupled");
     bench.blocked = true;
-    until_fault(&mut bench, 5_000);
+    bench.until_fault(5_000);
     bench.expect_fault(Fault::MotionTimeout, Phase::Turning);
 }
 
@@ -168,7 +157,7 @@ fn a_magnet_that_does_not_let_go_is_reported() {
     bench.approach().expect("idle");
     bench.until(Phase::Coupled, 8_000);
     bench.controller.command(Command::Decouple).expect("coupled");
-    until_fault(&mut bench, 6_000);
+    bench.until_fault(6_000);
     bench.expect_fault(Fault::StillCoupled, Phase::Decoupling);
 }
 
@@ -176,302 +165,13 @@ fn a_magnet_that_does_not_let_go_is_reported() {
 fn a_silent_host_is_noticed_while_it_is_needed() {
     let mut bench = Bench::coupled();
     bench.host = false;
-    until_fault(&mut bench, 3_000);
+    bench.until_fault(3_000);
     bench.expect_fault(Fault::HostSilence, Phase::Coupled);
     // An idle arm waits for ever.
     let mut bench = Bench::new(Bench::brisk());
     bench.host = false;
     bench.run(5_000);
     assert!(bench.faults().is_empty());
-}
-
-#[test]
-fn stale_states_are_bridged_then_refused() {
-    let mut bench = Bench::new(Bench::brisk());
-    let state = bench.state();
-    let torque = bench.command.tau.clone();
-    for missed in 1..=3 {
-        bench.tick_with(&state);
-        assert_eq!(bench.command.tau, torque, "the last torque stands");
-        assert!(bench.faults().is_empty(), "{missed} repeated states are bridged");
-    }
-    bench.tick_with(&state);
-    bench.expect_fault(Fault::StaleState, Phase::Idle);
-}
-
-#[test]
-fn a_gap_in_the_ticks_is_a_fault_when_it_is_long() {
-    let mut bench = Bench::new(Bench::brisk());
-    bench.tick += 3;
-    bench.run(10);
-    assert!(bench.faults().is_empty());
-    assert_eq!(bench.controller.statistics().missed, 3);
-    bench.tick += 10;
-    bench.run(1);
-    bench.expect_fault(Fault::StaleState, Phase::Idle);
-}
-
-#[test]
-fn what_is_not_a_number_never_reaches_the_law() {
-    let mut bench = Bench::new(Bench::brisk());
-    for k in 0..4 {
-        bench.tick += 1;
-        let mut state = bench.state();
-        match k % 3 {
-            0 => state.q[2] = f64::NAN,
-            1 => state.dq[0] = f64::INFINITY,
-            _ => state.tau[6] = f64::NEG_INFINITY,
-        }
-        bench.tick_with(&state);
-    }
-    bench.expect_fault(Fault::NotFinite, Phase::Idle);
-    let mut bench = Bench::new(Bench::brisk());
-    for _ in 0..4 {
-        bench.tick += 1;
-        let mut state = bench.state();
-        state.q.pop();
-        bench.tick_with(&state);
-    }
-    bench.expect_fault(Fault::NotFinite, Phase::Idle);
-}
-
-#[test]
-fn a_drive_that_is_not_ready_is_a_fault() {
-    for status in [DriveStatus::Disabled, DriveStatus::EmergencyStop, DriveStatus::Failed] {
-        let mut bench = Bench::new(Bench::brisk());
-        bench.status = status;
-        bench.run(1);
-        bench.expect_fault(Fault::Drive, Phase::Idle);
-    }
-}
-
-#[test]
-fn missed_periods_are_counted_then_refused() {
-    let mut bench = Bench::new(Bench::brisk());
-    bench.controller.missed(2);
-    bench.run(1);
-    assert!(bench.faults().is_empty());
-    assert_eq!(bench.controller.statistics().missed, 2);
-    bench.controller.missed(4);
-    bench.run(1);
-    bench.expect_fault(Fault::Overrun, Phase::Idle);
-}
-
-// Fails if the number of missed ticks that is borne is not the configured one.
-#[test]
-fn how_many_ticks_may_be_missed_is_configured() {
-    for allowed in [0, 3, 7] {
-        let mut procedure = Bench::brisk();
-        procedure.limits.missed_ticks = allowed;
-        let mut bench = Bench::new(procedure);
-        for _ in 0..allowed {
-            bench.controller.missed(1);
-        }
-        bench.run(1);
-        assert!(bench.faults().is_empty(), "{allowed} are borne");
-        bench.controller.missed(1);
-        bench.run(1);
-        let faults = bench.faults();
-        assert_eq!(faults.len(), 1);
-        assert_eq!((faults[0].fault, faults[0].limit), (Fault::Overrun, f64::from(allowed)));
-    }
-}
-
-#[test]
-fn joint_limits_are_kept() {
-    let mut procedure = Bench::brisk();
-    procedure.limits.jump_rad = 10.0;
-    let mut bench = Bench::new(procedure);
-    bench.q[1] = 2.2;
-    bench.run(1);
-    let faults = bench.faults();
-    assert_eq!((faults[0].fault, faults[0].joint), (Fault::JointPosition, 2));
-    let mut bench = Bench::new(Bench::brisk());
-    bench.dq[4] = 2.4;
-    bench.run(1);
-    let faults = bench.faults();
-    assert_eq!((faults[0].fault, faults[0].joint), (Fault::JointVelocity, 5));
-    bench.run(2_000);
-    assert!(bench.dq.norm() < 1e-3);
-}
-
-#[test]
-fn a_force_that_lasts_is_a_fault_an_impact_is_not() {
-    let mut bench = Bench::new(Bench::brisk());
-    bench.push = Vector3::new(150.0, 0.0, 0.0);
-    bench.run(5);
-    bench.push = Vector3::zeros();
-    bench.run(200);
-    assert!(bench.faults().is_empty(), "{:?}", bench.faults());
-    bench.push = Vector3::new(0.0, 0.0, -150.0);
-    until_fault(&mut bench, 500);
-    bench.expect_fault(Fault::Force, Phase::Idle);
-}
-
-#[test]
-fn a_torque_that_stays_saturated_is_a_fault() {
-    let mut bench = Bench::new(Bench::brisk());
-    let mut robot = spherecal_shared::robot::iiwa7();
-    robot.joints[1].limits.torque_nm = 10.0;
-    bench.controller.command(Command::Robot(robot)).expect("idle");
-    let configure = Command::Configure {
-        tool: spherecal_shared::robot::iiwa7_tool(),
-        procedure: Bench::brisk(),
-    };
-    bench.controller.command(configure).expect("idle");
-    until_fault(&mut bench, 500);
-    let faults = bench.faults();
-    assert_eq!((faults[0].fault, faults[0].joint), (Fault::JointTorque, 2));
-}
-
-// Fails if an angle that jumps moves the arm, or if one that comes back within
-// the ticks that are bridged is a fault.
-#[test]
-fn an_angle_that_jumps_is_bridged_then_refused() {
-    let mut bench = Bench::new(Bench::brisk());
-    for allowed in [3, 4] {
-        let torque = bench.command.tau.clone();
-        for k in 0..allowed {
-            bench.tick += 1;
-            let mut state = bench.state();
-            state.q[1] += 0.1;
-            bench.tick_with(&state);
-            if k < 3 {
-                assert_eq!(bench.command.tau, torque, "the last torque stands");
-            } else {
-                assert!(!bench.command.enable, "then the brakes");
-            }
-        }
-        if allowed == 3 {
-            bench.run(10);
-            assert!(bench.faults().is_empty(), "three are bridged");
-        }
-    }
-    let faults = bench.faults();
-    assert_eq!((faults[0].fault, faults[0].joint), (Fault::PositionJump, 2));
-    bench.expect_fault(Fault::PositionJump, Phase::Idle);
-}
-
-// Fails if a torque is sent for ever without a state to answer, or if the arm
-// is not held when states come again.
-#[test]
-fn a_blind_controller_asks_for_the_brakes() {
-    let mut bench = Bench::new(Bench::brisk());
-    let state = bench.state();
-    let blind = (0..100).find(|_| {
-        bench.tick_with(&state);
-        !bench.command.enable
-    });
-    assert_eq!(blind, Some(23), "three bridged, twenty more, then brakes");
-    bench.run(1);
-    assert!(bench.command.enable, "states are back");
-    bench.expect_fault(Fault::StaleState, Phase::Idle);
-}
-
-#[test]
-fn a_torque_that_does_not_arrive_is_a_fault() {
-    let mut bench = Bench::new(Bench::brisk());
-    bench.torque_bias[1] = -40.0;
-    until_fault(&mut bench, 200);
-    assert!(bench.tick < 120, "noticed at {}", bench.tick);
-    let faults = bench.faults();
-    assert!(
-        matches!(faults[0].fault, Fault::TorqueSensor | Fault::Force),
-        "{:?}",
-        faults[0]
-    );
-}
-
-// Fails if an arm that holds after another fault is held on by motors that do
-// not give what they are asked for: found by a campaign of random faults, in
-// which a weak motor first lost the sphere, and then dropped the arm.
-#[test]
-fn a_motor_that_fails_while_the_arm_holds_gets_the_brakes() {
-    let mut bench = Bench::new(Bench::brisk());
-    bench.controller.missed(10);
-    bench.run(1);
-    bench.expect_fault(Fault::Overrun, Phase::Idle);
-    bench.run(50);
-    assert!(bench.command.enable, "it holds");
-    bench.torque_bias[1] = -40.0;
-    bench.run(60);
-    assert!(!bench.command.enable, "the brakes");
-    assert_eq!(bench.faults().len(), 1, "and no other fault");
-}
-
-// Fails if the arm passes a bound that it must not, does not slow down before
-// it, or cannot come back from behind it.
-#[test]
-fn the_workspace_is_not_left() {
-    let mut procedure = Bench::brisk();
-    let wall = Bench::new(Bench::brisk()).tcp().y + 0.15;
-    procedure.limits.workspace_max_m[1] = wall;
-    let mut bench = Bench::new(procedure);
-    let mut target = HOME;
-    target[0] = 1.0;
-    bench.go(&target).expect("idle");
-    let (mut last, mut fastest, mut near) = (bench.tcp(), 0.0f64, 0.0f64);
-    for _ in 0..20_000 {
-        if bench.controller.phase() == Phase::Fault {
-            break;
-        }
-        bench.run(1);
-        let speed = (bench.tcp() - last).norm() * 1e3;
-        last = bench.tcp();
-        fastest = fastest.max(speed);
-        if last.y > wall - 0.005 {
-            near = near.max(speed);
-        }
-    }
-    let beyond = bench.tcp().y - wall;
-    assert!(beyond < 0.01, "{beyond} m beyond the bound");
-    assert!(
-        near < 0.1 && fastest > 0.15,
-        "{near} m/s at the bound, {fastest} before"
-    );
-    bench.expect_fault(Fault::Workspace, Phase::Moving);
-    bench.controller.command(Command::ClearFault).expect("a fault");
-    bench.run(10);
-    bench.go(&HOME).expect("idle");
-    bench.until(Phase::Idle, 20_000);
-    assert_eq!(bench.faults().len(), 1, "the way back is free");
-}
-
-#[test]
-fn a_tcp_that_runs_is_stopped() {
-    let mut procedure = Bench::brisk();
-    procedure.limits.speed_m_s = 0.1;
-    let mut bench = Bench::new(procedure);
-    let mut target = HOME;
-    target[0] = 1.0;
-    bench.go(&target).expect("idle");
-    until_fault(&mut bench, 5_000);
-    bench.expect_fault(Fault::TcpSpeed, Phase::Moving);
-}
-
-// Fails if a free motion exceeds its soft speed by more than a quarter, which is
-// what the pace takes to fall, or does not arrive.
-#[test]
-fn a_free_motion_keeps_its_soft_speed() {
-    let run = |soft_speed_m_s: f64| {
-        let mut procedure = Bench::brisk();
-        procedure.limits.soft_speed_m_s = soft_speed_m_s;
-        let mut bench = Bench::new(procedure);
-        let mut target = HOME;
-        target[0] = 1.0;
-        bench.go(&target).expect("idle");
-        bench.run(1);
-        let (mut last, mut fastest) = (bench.tcp(), 0.0f64);
-        while bench.controller.phase() == Phase::Moving {
-            bench.run(1);
-            fastest = fastest.max((bench.tcp() - last).norm() * 1e3);
-            last = bench.tcp();
-        }
-        bench.until(Phase::Idle, 1);
-        fastest
-    };
-    let (free, slow) = (run(5.0), run(0.2));
-    assert!(free > 0.3 && slow < 0.25, "{free} and {slow} m/s");
 }
 
 // Fails if a nest that another controller left on its sphere cannot be pulled off.

@@ -2,6 +2,7 @@
 
 mod commands;
 mod faults;
+mod guard;
 mod hostile;
 mod model;
 mod transitions;
