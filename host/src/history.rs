@@ -17,6 +17,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Robot;
 
+use crate::halton::halton;
 use crate::identify::{Calibration, Pose};
 use crate::store::{Store, StoreError};
 
@@ -25,7 +26,7 @@ pub const LIMIT_MM: f64 = 0.3;
 /// Name of a fingerprint among a run's results.
 pub const FINGERPRINT: &str = "fingerprint";
 /// Configurations of a fingerprint.
-const POINTS: u32 = 60;
+const POINTS: usize = 60;
 /// How many times the uncertainty a move must be to count as drift.
 const SIGNIFICANT: f64 = 3.0;
 /// Days after which a calibration is due where nothing is known of drift: the
@@ -41,29 +42,17 @@ pub struct Fingerprint {
     pub sigma_mm: f64,
 }
 
-/// The radical inverse of `index` to a base: a sequence that fills (0, 1) evenly.
-fn halton(mut index: u32, base: u32) -> f64 {
-    let (mut fraction, mut value) = (1.0, 0.0);
-    while index > 0 {
-        fraction /= f64::from(base);
-        value += fraction * f64::from(index % base);
-        index /= base;
-    }
-    value
-}
-
 /// Configurations over the middle half of a robot's joint ranges, in rad.
 fn configurations(robot: &Robot) -> Vec<Vec<f64>> {
-    const PRIMES: [u32; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
     (1..=POINTS)
         .map(|index| {
             robot
                 .joints
                 .iter()
-                .zip(PRIMES)
-                .map(|(joint, prime)| {
+                .enumerate()
+                .map(|(j, joint)| {
                     let (low, high) = (joint.limits.min_rad, joint.limits.max_rad);
-                    0.5 * (low + high) + 0.5 * (high - low) * (halton(index, prime) - 0.5)
+                    0.5 * (low + high) + 0.5 * (high - low) * (halton(index, j) - 0.5)
                 })
                 .collect()
         })
@@ -83,7 +72,7 @@ impl Fingerprint {
                 .iter()
                 .map(|q| calibration.tcp_m(q, None).into())
                 .collect(),
-            sigma_mm: (variance / f64::from(POINTS)).sqrt() * 1e3,
+            sigma_mm: (variance / POINTS as f64).sqrt() * 1e3,
         }
     }
 
@@ -275,7 +264,7 @@ mod tests {
     fn print(stretch: f64, turn: f64) -> Fingerprint {
         let turn = Rotation3::from_euler_angles(turn, -turn, 2.0 * turn);
         let points = (1..=POINTS).map(|k| {
-            let p = Vector3::new(halton(k, 2), halton(k, 3), halton(k, 5) * (1.0 + stretch));
+            let p = Vector3::new(halton(k, 0), halton(k, 1), halton(k, 2) * (1.0 + stretch));
             (turn * p + Vector3::new(turn.angle(), 0.3, -0.1)).into()
         });
         Fingerprint {

@@ -15,6 +15,7 @@ pub mod campaign;
 pub mod cli;
 pub mod export;
 pub mod faults;
+mod halton;
 pub mod history;
 pub mod hold;
 pub mod identify;

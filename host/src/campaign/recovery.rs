@@ -66,7 +66,13 @@ const BRAKES: &str = "keeps the last torque for 23 ms at most, then brakes; hold
 /// What is done about `fault`.
 pub fn policy(fault: Fault) -> Policy {
     let (detected, within_ms, arm, pause_s, blames_pose) = match fault {
-        Fault::JointPosition => ("a joint leaves its range less the margin", 1, HOLDS, 0.5, true),
+        Fault::JointPosition => (
+            "a joint leaves its range less the margin (half of it while leaving a sphere)",
+            1,
+            HOLDS,
+            0.5,
+            true,
+        ),
         Fault::JointVelocity => ("a joint exceeds its share of the speed limit", 1, HOLDS, 0.5, true),
         Fault::JointTorque => ("a torque saturated for 50 ms", 51, HOLDS, 0.5, true),
         Fault::Force => ("more than 100 N at the TCP for 10 ms", 60, HOLDS, 2.0, true),

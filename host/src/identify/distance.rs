@@ -12,12 +12,12 @@
 //!
 //! For absolute points the residuals are `R P(q_i) + t − p_i` (Equation 13).
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 use spherecal_shared::robot::Tool;
 
 use super::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use super::calibration::{Calibration, finish};
-use super::chain::{N, Nominal, Prepared, State};
+use super::chain::{Nominal, Prepared, State};
 use super::data::{Experiment, Pose, Set};
 use super::effects::Choice;
 use super::error::IdentifyError;
@@ -27,13 +27,12 @@ use super::normal::{Whitening, accumulate, groups};
 use super::options::{Method, Model, Options, Pairs, Torque};
 use super::parameters::{Kind, Layout, Parameter, Reference, Unit, table};
 use super::solve::Unknowns;
+use crate::halton::halton;
+
+mod newton;
 
 /// mm per m.
 const MM: f64 = 1000.0;
-/// Most steps of Gauss-Newton and Levenberg-Marquardt.
-const STEPS: usize = 60;
-/// Converged when no parameter moves more than this (mm or rad).
-const SETTLED: f64 = 1e-11;
 
 /// A distance problem: objective, residual normal equations, start.
 #[derive(Clone, Debug)]
@@ -52,37 +51,18 @@ pub struct DistanceProblem {
     base: Pose,
 }
 
-/// Normal equations of the problem at one point, in mm and rad.
-struct Equations {
-    matrix: DMatrix<f64>,
-    gradient: DVector<f64>,
-    objective: f64,
-}
-
-/// Radical inverse of `index` in `base`: the Halton sequence.
-fn halton(mut index: usize, base: usize) -> f64 {
-    let (mut value, mut digit) = (0.0, 1.0 / base as f64);
-    while index > 0 {
-        value += (index % base) as f64 * digit;
-        index /= base;
-        digit /= base as f64;
-    }
-    value
-}
-
 /// `count` unscrambled Halton configurations over the joint limits, the first at
 /// the lower limits' corner shifted to index 1.
 pub fn halton_configurations(robot: &spherecal_shared::robot::Robot, count: usize) -> Vec<Vec<f64>> {
-    const PRIMES: [usize; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
     (1..=count)
         .map(|index| {
             robot
                 .joints
                 .iter()
-                .zip(PRIMES)
-                .map(|(joint, prime)| {
+                .enumerate()
+                .map(|(j, joint)| {
                     let l = &joint.limits;
-                    l.min_rad + (l.max_rad - l.min_rad) * halton(index, prime)
+                    l.min_rad + (l.max_rad - l.min_rad) * halton(index, j)
                 })
                 .collect()
         })
@@ -180,6 +160,11 @@ impl DistanceProblem {
         self.poses() * (self.poses() - 1) / 2
     }
 
+    /// Base rotation in the plate's (or tracker's) frame: what the vector form holds.
+    pub fn base_rotation(&self) -> Matrix3<f64> {
+        self.base.rotation
+    }
+
     /// Names of the parameters, in order.
     pub fn names(&self) -> Vec<&str> {
         self.columns.iter().map(|c| self.table[*c].name.as_str()).collect()
@@ -274,110 +259,6 @@ impl DistanceProblem {
         (a - b).norm() - (self.prepared[i].target - self.prepared[j].target).norm() * MM
     }
 
-    /// Normal equations at `x`.
-    fn equations(&self, x: &[f64]) -> Equations {
-        let state = self.state(x);
-        let m = self.columns.len();
-        let mut general = [Vector3::zeros(); 5 * N + 16];
-        let mut joints = [Vector3::zeros(); N];
-        let mut tcps = Vec::with_capacity(self.poses());
-        let mut jacobians: Vec<DMatrix<f64>> = Vec::with_capacity(self.poses());
-        for observation in &self.prepared {
-            let k = state.at(observation);
-            state.columns(&self.layout, &k, &observation.load, &mut general, &mut joints);
-            let mut jacobian = DMatrix::zeros(3, m);
-            for (c, &column) in self.columns.iter().enumerate() {
-                let v = match self.table[column].kind {
-                    Kind::Theta(i) => joints[i],
-                    _ => general[column.min(general.len() - 1)],
-                };
-                jacobian.column_mut(c).copy_from(&(v * (MM / self.unit(column))));
-            }
-            tcps.push(k.tcp * MM);
-            jacobians.push(jacobian);
-        }
-        let mut sum = Equations {
-            matrix: DMatrix::zeros(m, m),
-            gradient: DVector::zeros(m),
-            objective: 0.0,
-        };
-        if self.absolute || self.pairs == Pairs::Vector {
-            let rotation = &self.base.rotation;
-            let errors = tcps
-                .iter()
-                .zip(&self.prepared)
-                .map(|(p, o)| rotation.tr_mul(&self.error(p, o)));
-            let errors: Vec<Vector3<f64>> = errors.collect();
-            let all: Vec<usize> = (0..errors.len()).collect();
-            sum.collapse(&errors, &jacobians, &all, !self.absolute);
-            return sum;
-        }
-        let mut by_sphere: std::collections::BTreeMap<Option<usize>, Vec<usize>> = std::collections::BTreeMap::new();
-        for (i, observation) in self.prepared.iter().enumerate() {
-            by_sphere.entry(observation.sphere).or_default().push(i);
-        }
-        let spheres: Vec<&Vec<usize>> = by_sphere.values().collect();
-        for (k, own) in spheres.iter().enumerate() {
-            sum.collapse(&tcps, &jacobians, own, true);
-            for other in &spheres[k + 1..] {
-                for &i in *own {
-                    for &j in *other {
-                        let d = tcps[i] - tcps[j];
-                        let along = d / d.norm().max(1e-12);
-                        let residual = self.norm_residual(&tcps[i], &tcps[j], i, j);
-                        let row = (&jacobians[i] - &jacobians[j]).tr_mul(&along);
-                        sum.matrix.ger(1.0, &row, &row, 1.0);
-                        sum.gradient.axpy(residual, &row, 1.0);
-                        sum.objective += residual * residual;
-                    }
-                }
-            }
-        }
-        sum
-    }
-
-    /// Gauss-Newton (`damped` false) or Levenberg-Marquardt from the nominal values.
-    ///
-    /// # Errors
-    /// Singular equations, or a step that runs away.
-    pub fn solve(&self, damped: bool) -> Result<Vec<f64>, IdentifyError> {
-        let singular = || IdentifyError::Singular {
-            free: self.columns.len(),
-        };
-        let mut x = self.nominal();
-        let mut now = self.equations(&x);
-        let mut lambda = if damped { 1e-3 } else { 0.0 };
-        for _ in 0..STEPS {
-            let mut a = now.matrix.clone();
-            for i in 0..a.nrows() {
-                a[(i, i)] *= 1.0 + lambda;
-            }
-            let step = a.cholesky().ok_or_else(singular)?.solve(&now.gradient);
-            let next: Vec<f64> = x.iter().zip(step.iter()).map(|(x, s)| x - s).collect();
-            let there = self.equations(&next);
-            if !there.objective.is_finite() {
-                return Err(IdentifyError::Diverged {
-                    rms_mm: (now.objective / self.poses() as f64).sqrt(),
-                });
-            }
-            let settled = step.amax() < SETTLED;
-            if damped && there.objective > now.objective && !settled {
-                lambda = (lambda * 10.0).max(1e-9);
-                if lambda > 1e12 {
-                    break;
-                }
-                continue;
-            }
-            lambda /= 10.0;
-            x = next;
-            now = there;
-            if settled {
-                break;
-            }
-        }
-        Ok(x)
-    }
-
     /// The result at parameters `x` (mm and rad), however they were found.
     pub fn calibration(&self, experiment: &Experiment, options: &Options, x: &[f64]) -> Calibration {
         let mut state = self.state(x);
@@ -441,44 +322,9 @@ impl DistanceProblem {
     }
 }
 
-impl Equations {
-    /// Adds `N Σ |e_i − ē|²` over `members` (or `Σ |e_i|²` when not `centred`).
-    fn collapse(&mut self, errors: &[Vector3<f64>], jacobians: &[DMatrix<f64>], members: &[usize], centred: bool) {
-        let m = self.gradient.len();
-        let count = members.len() as f64;
-        if members.is_empty() {
-            return;
-        }
-        let (mut mean, mut mean_jacobian) = (Vector3::zeros(), DMatrix::zeros(3, m));
-        let mut factor = 1.0;
-        if centred {
-            for &i in members {
-                mean += errors[i] / count;
-                mean_jacobian += &jacobians[i] / count;
-            }
-            factor = count;
-        }
-        for &i in members {
-            let e = errors[i] - mean;
-            let j = &jacobians[i] - &mean_jacobian;
-            self.matrix.gemm_tr(factor, &j, &j, 1.0);
-            self.gradient.gemv_tr(factor, &j, &e, 1.0);
-            self.objective += factor * e.norm_squared();
-        }
-    }
-}
-
 /// `lm` and `gauss-newton`.
 pub(crate) fn identify(experiment: &Experiment, options: &Options) -> Result<Calibration, IdentifyError> {
     let problem = DistanceProblem::new(experiment, options)?;
     let x = problem.solve(options.method == Method::Lm)?;
     Ok(problem.calibration(experiment, options, &x))
-}
-
-/// The rotation that the vector form holds: for tests and reports.
-impl DistanceProblem {
-    /// Base rotation in the plate's (or tracker's) frame.
-    pub fn base_rotation(&self) -> Matrix3<f64> {
-        self.base.rotation
-    }
 }

@@ -8,7 +8,7 @@
 //!              (data)  (chain)   (map · normal · solve)          (calibration)
 //! ```
 //!
-//! [`parameters`] is the one table of names, priors and reasons; [`algorithm1`]
+//! [`parameters`] is the one table of names, [`priors`] and reasons; [`algorithm1`]
 //! and [`identifiability`] say what the data can tell.
 
 pub mod algorithm1;
@@ -26,6 +26,7 @@ mod normal;
 mod options;
 pub mod paper;
 pub mod parameters;
+pub mod priors;
 pub(crate) mod rows;
 mod search;
 pub mod simplex;

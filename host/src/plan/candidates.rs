@@ -10,9 +10,9 @@ use super::build::{Start, tool_yaw};
 use super::cell::{Cell, PlatePose};
 use super::chain::{Chain, TcpPose};
 use super::error::PlanError;
-use super::ik::halton;
 use super::path::Rules;
 use super::types::Waypoint;
+use crate::halton::halton;
 
 /// How wide candidates may lie.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -12,10 +12,10 @@ use super::chain::Chain;
 use super::design::{DesignRequest, model_of, predictions};
 use super::error::PlanError;
 use super::grid::GridPose;
-use super::ik::halton;
 use super::optimal::{Design, Problem};
 use super::travel::{Travel, tour};
 use super::types::{Plan, SpherePlan, Waypoint};
+use crate::halton::halton;
 
 /// Validation configurations that the criterion averages over.
 const VALIDATION: usize = 200;

@@ -13,6 +13,7 @@ use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::linalg::Cholesky;
 
 use super::chain::{Chain, JointVector, TcpPose, rotation_vector, wrapped};
+use crate::halton::halton;
 
 /// Position (m), rotation (rad) and elbow (rad) error under which a pose counts as solved.
 pub const IK_TOLERANCE: f64 = 1e-11;
@@ -327,19 +328,6 @@ fn about_z(angle: f64) -> Matrix3<f64> {
 /// A right-angle turn about x, of the given sign.
 fn about_x(sign: f64) -> Matrix3<f64> {
     Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -sign, 0.0, sign, 0.0)
-}
-
-/// Halton's sequence in [0, 1): item `index` (from 1), in dimension `dimension`.
-pub(super) fn halton(index: usize, dimension: usize) -> f64 {
-    const PRIMES: [usize; 12] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
-    let base = PRIMES[dimension % PRIMES.len()];
-    let (mut rest, mut weight, mut value) = (index, 1.0, 0.0);
-    while rest > 0 {
-        weight /= base as f64;
-        value += weight * (rest % base) as f64;
-        rest /= base;
-    }
-    value
 }
 
 #[cfg(test)]

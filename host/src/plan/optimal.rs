@@ -400,7 +400,7 @@ impl<'a> Design<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::ik::halton;
+    use crate::halton::halton;
 
     fn problem(n: usize, m: usize) -> Problem {
         let number = |i: usize, k: usize| 4.0 * halton(i * 31 + k * 7 + 1, (i + k) % 11) - 2.0;

@@ -4,7 +4,7 @@
 //! compared by the Laplace evidence of the whole calibration set; nothing is
 //! learned freely. (Compliance and harmonics choose theirs within the estimator.)
 
-use crate::identify::{Experiment, Method, Options, Override, identify, parameters};
+use crate::identify::{Experiment, Method, Options, Override, identify, priors};
 
 /// Factor on the geometric priors that is tried.
 const WIDER: f64 = 2.0;
@@ -14,10 +14,10 @@ const MARGIN: f64 = 3.0;
 /// The options with the priors that the data prefer, and what was chosen in words.
 pub(super) fn choose(experiment: &Experiment, options: &Options) -> (Options, Option<String>) {
     let wide = [
-        ("a", parameters::LENGTH_SIGMA_M * WIDER),
-        ("d", parameters::LENGTH_SIGMA_M * WIDER),
-        ("alpha", parameters::TWIST_SIGMA_RAD * WIDER),
-        ("theta", parameters::OFFSET_SIGMA_RAD * WIDER),
+        ("a", priors::LENGTH_SIGMA_M * WIDER),
+        ("d", priors::LENGTH_SIGMA_M * WIDER),
+        ("alpha", priors::TWIST_SIGMA_RAD * WIDER),
+        ("theta", priors::OFFSET_SIGMA_RAD * WIDER),
     ];
     let touched = |name: &str| options.parameters.0.keys().any(|k| k.starts_with(name));
     let has_priors = matches!(options.method, Method::Map | Method::Geometry);
@@ -43,8 +43,8 @@ pub(super) fn choose(experiment: &Experiment, options: &Options) -> (Options, Op
             let words = format!(
                 "the evidence prefers wider priors of the links (ln gain {:.0}): {:.1} mm and {:.1} mrad (1 sigma)",
                 wider - default,
-                1e3 * parameters::LENGTH_SIGMA_M * WIDER,
-                1e3 * parameters::OFFSET_SIGMA_RAD * WIDER
+                1e3 * priors::LENGTH_SIGMA_M * WIDER,
+                1e3 * priors::OFFSET_SIGMA_RAD * WIDER
             );
             (trial, Some(words))
         }

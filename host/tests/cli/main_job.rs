@@ -310,14 +310,14 @@ fn a_second_tells_what_a_long_hold_does() {
 // Fails if the paper's whole grid does not end in a calibration that its own
 // validation trusts: with fewer than 99 % of the poses within reach recorded, or
 // with residuals that do not look like joint noise and seating. Poses
-// near the stretched arm and the joints' limits fault on some arms (this one
-// among them) and have to be recovered from. Known: seed 3 is given up at pose
-// 498, where every way off the sphere leads over the limit of joint 6.
+// near the stretched arm and the joints' limits fault on some arms and have to be
+// recovered from; this one is left standing in the margin of joint 6 once, from
+// which every way off the sphere leads a hair farther into it.
 #[test]
 #[ignore = "slow: 1,843 poses"]
 fn slow_the_papers_grid_is_recorded() {
     let folder = tempfile::tempdir().expect("a folder");
-    let output = spherecal(folder.path(), &["run", "--paper", "--seed", "1", "--json"]);
+    let output = spherecal(folder.path(), &["run", "--paper", "--seed", "3", "--json"]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let summary: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
     let count = |what: &str| summary["poses"][what].as_u64().expect("a count");
