@@ -67,6 +67,7 @@ pub struct Controller<const N: usize> {
     activity: Activity<N>,
     hold: JointSetpoint<N>,
     task: Task<N>,
+    /// A sphere was approached since the arm was last known to be clear of one.
     touched: bool,
     holding: bool,
     snapshot: Option<Snapshot<N>>,
@@ -419,6 +420,10 @@ impl<const N: usize> Controller<N> {
             Next::Enter(activity, event) => {
                 if let Some(event) = event {
                     self.tell(event);
+                }
+                // Only a retreat that has come to its end leaves no sphere behind it.
+                if matches!((&self.activity, &activity), (Activity::Decoupling(_), Activity::Idle)) {
+                    self.touched = false;
                 }
                 self.enter(activity);
             }

@@ -122,7 +122,8 @@ fn joint_limits_are_kept() {
 #[test]
 fn an_arm_in_its_margin_may_leave_its_sphere() {
     let margin = Bench::brisk().limits.position_margin_rad;
-    // Joint 1 stands at this share of the margin from its end; a push turns it outwards.
+    // Joint 1 stands at this share of the margin from its end; a push turns it
+    // outwards by about a third of the margin.
     let leave = |share: f64| {
         let mut bench = Bench::new(Bench::brisk());
         let mut robot = spherecal_shared::robot::iiwa7();
@@ -138,15 +139,15 @@ fn an_arm_in_its_margin_may_leave_its_sphere() {
             direction: [0.0, 0.0, -1.0],
         };
         bench.controller.command(retreat).expect("idle");
-        bench.push = Vector3::new(0.0, 2.0, 0.0);
+        bench.push = Vector3::new(0.0, 5.0, 0.0);
         bench.until_fault(2_000);
         assert!(bench.q[0] - HOME[0] > 1e-4, "{} rad outwards", bench.q[0] - HOME[0]);
         bench
     };
-    let mut bench = leave(0.8);
+    let mut bench = leave(0.95);
     assert!(bench.faults().is_empty(), "{:?}", bench.faults());
     bench.until(Phase::Idle, 10_000);
-    let faults = leave(0.45).faults();
+    let faults = leave(0.6).faults();
     assert_eq!((faults[0].fault, faults[0].joint), (Fault::JointPosition, 1));
 }
 

@@ -3,7 +3,7 @@
 use std::vec::Vec;
 
 use spherecal_shared::Joints;
-use spherecal_shared::protocol::host::{Command, Event, Fault, Phase};
+use spherecal_shared::protocol::host::{Command, Event, Fault, Phase, Refusal};
 
 use crate::testing::{Bench, HOME};
 
@@ -49,6 +49,24 @@ fn the_upper_arm_swings_through_the_vertical() {
         assert!((bench.q - nalgebra::SVector::from(target)).norm() < 0.05);
     }
     assert!(bench.faults().is_empty(), "{:?}", bench.faults());
+}
+
+/// Fails if an arm that may hang on a sphere is refused to leave it, or if one
+/// that has left it goes back on its way once more for whoever asks.
+#[test]
+fn a_sphere_is_left_once() {
+    let mut bench = Bench::coupled();
+    bench.controller.command(Command::Decouple).expect("coupled");
+    bench.run(50);
+    assert_eq!(bench.controller.phase(), Phase::Decoupling);
+    bench.controller.command(Command::Stop).expect("always");
+    assert_eq!(bench.controller.phase(), Phase::Idle);
+    bench
+        .controller
+        .command(Command::Decouple)
+        .expect("it may still hang there");
+    bench.until(Phase::Idle, 5_000);
+    assert_eq!(bench.controller.command(Command::Decouple), Err(Refusal::Phase));
 }
 
 /// Fails if a phase is skipped, repeated or entered without its condition.
