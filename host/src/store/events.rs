@@ -3,7 +3,9 @@
 
 use serde::Serialize;
 use spherecal_shared::protocol::host::{Contact, Coupled, Event, FaultReport, PhaseChange, Recording};
-use sqlx::{AnyConnection, AssertSqlSafe, Connection as _};
+use sqlx::any::AnyArguments;
+use sqlx::query::Query;
+use sqlx::{Any, AnyConnection, AssertSqlSafe, Connection as _};
 
 use super::digest::{self, recording_subject};
 use super::write::{put_digest, rows};
@@ -149,14 +151,17 @@ const FORGET_AFTER: [&str; 4] = [
     "DELETE FROM faults WHERE run = $1 AND (session <> $2 OR event > $3)",
 ];
 
+/// A statement on one event, whose first three values are its key.
+fn keyed(key: Key, statement: &'static str) -> Query<'static, Any, AnyArguments> {
+    sqlx::query(statement).bind(key.0).bind(key.1).bind(key.2)
+}
+
 async fn insert_phase(t: &mut AnyConnection, key: Key, phase: &PhaseChange) -> Result<(), sqlx::Error> {
-    sqlx::query(
+    keyed(
+        key,
         "INSERT INTO phases (run, session, event, phase, previous, time_us, tick) VALUES ($1, $2, $3, $4, $5, $6, $7) \
          ON CONFLICT DO NOTHING",
     )
-    .bind(key.0)
-    .bind(key.1)
-    .bind(key.2)
     .bind(name_of(phase.phase))
     .bind(name_of(phase.from))
     .bind(phase.time_us as i64)
@@ -168,14 +173,12 @@ async fn insert_phase(t: &mut AnyConnection, key: Key, phase: &PhaseChange) -> R
 
 async fn insert_contact(t: &mut AnyConnection, key: Key, contact: &Contact) -> Result<(), sqlx::Error> {
     let ([tx, ty, tz], [px, py, pz]) = (contact.tare_n, contact.tcp_m);
-    sqlx::query(
+    keyed(
+        key,
         "INSERT INTO contacts (run, session, event, sphere, time_us, force_n, peak_n, tare_x_n, tare_y_n, tare_z_n, \
          tcp_x_m, tcp_y_m, tcp_z_m, travel_m, latency_ticks, early_crossings) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16) ON CONFLICT DO NOTHING",
     )
-    .bind(key.0)
-    .bind(key.1)
-    .bind(key.2)
     .bind(i64::from(contact.sphere))
     .bind(contact.time_us as i64)
     .bind(real(contact.force_n))
@@ -196,13 +199,11 @@ async fn insert_contact(t: &mut AnyConnection, key: Key, contact: &Contact) -> R
 
 async fn insert_coupled(t: &mut AnyConnection, key: Key, coupled: &Coupled) -> Result<(), sqlx::Error> {
     let [x, y, z] = coupled.centre_m;
-    sqlx::query(
+    keyed(
+        key,
         "INSERT INTO couplings (run, session, event, sphere, time_us, centre_x_m, centre_y_m, centre_z_m, shift_m, \
          test_m) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
     )
-    .bind(key.0)
-    .bind(key.1)
-    .bind(key.2)
     .bind(i64::from(coupled.sphere))
     .bind(coupled.time_us as i64)
     .bind(real(x))
@@ -217,13 +218,11 @@ async fn insert_coupled(t: &mut AnyConnection, key: Key, coupled: &Coupled) -> R
 
 async fn insert_fault(t: &mut AnyConnection, key: Key, fault: &FaultReport) -> Result<(), sqlx::Error> {
     // Value and bound as text: a fault may report a NaN, which columns of numbers cannot hold.
-    sqlx::query(
+    keyed(
+        key,
         "INSERT INTO faults (run, session, event, fault, phase, time_us, tick, joint, value, bound) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
     )
-    .bind(key.0)
-    .bind(key.1)
-    .bind(key.2)
     .bind(name_of(fault.fault))
     .bind(name_of(fault.phase))
     .bind(fault.time_us as i64)
