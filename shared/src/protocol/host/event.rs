@@ -52,9 +52,9 @@ pub const MAX_BATCH: usize = 8;
 /// Who the controller is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Banner {
-    /// [`PROTOCOL_VERSION`](super::PROTOCOL_VERSION) of the controller.
+    /// [`PROTOCOL_VERSION`](crate::protocol::PROTOCOL_VERSION) of the controller.
     pub protocol: u16,
-    /// [`SCHEMA`](super::SCHEMA) of the controller.
+    /// [`SCHEMA`](crate::protocol::SCHEMA) of the controller.
     pub schema: u64,
     /// Version of the firmware crate.
     pub version: heapless::String<16>,
