@@ -8,6 +8,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::error::PlantError;
+pub use super::slow_config::{DriveConfig, EncoderSide, LostMotionConfig, ReadingConfig, ThermalConfig};
 
 /// Everything that makes a simulated plant, with its seed.
 ///
@@ -35,8 +36,14 @@ pub struct PlantConfig {
     pub tool: ToolConfig,
     /// Compliance of joints, links and base.
     pub compliance: ComplianceConfig,
-    /// Encoder and gear errors that repeat with the joint angle.
+    /// Encoder and gear errors.
     pub encoder: EncoderConfig,
+    /// Lost motion of the gears.
+    pub lost_motion: LostMotionConfig,
+    /// Drift of links and plate while the cell warms up.
+    pub thermal: ThermalConfig,
+    /// Angles that are read before the arm rests.
+    pub reading: ReadingConfig,
     /// Noise, quantisation and filters of the joint sensors.
     pub sensors: SensorConfig,
     /// Joint friction.
@@ -45,6 +52,8 @@ pub struct PlantConfig {
     pub inertia: InertiaConfig,
     /// Joint elasticity as a state.
     pub elasticity: ElasticityConfig,
+    /// Delays of the drive and lag of its actuators.
+    pub drive: DriveConfig,
     /// Laser tracker.
     pub tracker: TrackerConfig,
 }
@@ -134,6 +143,12 @@ pub struct NestConfig {
     /// Standard deviation of the seat of each coupling, each axis, in m.
     /// Default 1.5 µm (`plant.md`: 1-3 µm).
     pub seating_sigma_m: f64,
+    /// Share of the seats that are bad: dirt between ball and pads, or a ball that is not pressed home. Default 0.
+    pub bad_seat_share: f64,
+    /// Standard deviation of a bad seat, each axis, in m. Default 0.
+    pub bad_seat_sigma_m: f64,
+    /// How often the sphere finds another seat while the nest turns about it, per rad of turning. Default 0.
+    pub reseat_per_rad: f64,
     /// Standard deviation of the seat over the orientations of one coupling
     /// (form of sphere and pads), each axis, in m. Default 1.5 µm, assumed: a ball of
     /// grade 25 is round within 0.6 µm (ISO 3290), three lapped pads are not better.
@@ -158,6 +173,14 @@ pub struct GeometryConfig {
     /// 1.27 mm: with tool, gears and compliance the median validation error is
     /// then the paper's 1.40 mm (`tests/tests/arm/plant_presets.rs`).
     pub nominal_mean_m: f64,
+    /// Mean nominal error that all static effects together come to, in m: the drawn geometry is rescaled until
+    /// they do; 0 (default): not rescaled. Used in place of [`Self::nominal_mean_m`] (W0 to W4: 1.403 mm).
+    pub overall_mean_m: f64,
+    /// Share of the robots whose joints were never mastered well: each of their joints is off by up to
+    /// [`Self::offset_rad`]. 0 to 1. Default 0.
+    pub offset_share: f64,
+    /// Largest joint offset of such a robot, in rad (uniform, either sign). Default 0.
+    pub offset_rad: f64,
 }
 
 /// Tool errors.
@@ -183,24 +206,37 @@ pub struct ComplianceConfig {
     pub joint_rad_per_nm: f64,
     /// Spread between joints: each is drawn from `joint · U(1−s, 1+s)`. Default 0.3 (W0).
     pub spread: f64,
-    /// Stiffening term, in rad/(N m)²: `c tau + c2 tau |tau|`. Default 0 (W4: 2e-8).
+    /// The least and the most compliance of each joint, base to flange, in rad/(N m) (uniform). Joints beyond the
+    /// list have `joint_rad_per_nm`. Default: empty.
+    pub joints_rad_per_nm: Vec<[f64; 2]>,
+    /// Quadratic term of every joint, in rad/(N m)²: the joint deflects by `c tau + c2 tau |tau|`. Default 0 (W4: 2e-8).
     pub quadratic_rad_per_nm2: f64,
-    /// Torque hysteresis, in rad: `h tanh(tau / 0.5 N m)`. Default 0 (W4: 3e-5).
+    /// The same as a share of the linear term at the joint's torque limit: negative for a joint that stiffens
+    /// under load, as strain wave gears do. Default 0.
+    pub quadratic_share: f64,
+    /// Torque hysteresis, in rad: the load presses the teeth to one flank or the other, `h tanh(tau / 0.5 N m)`.
+    /// Default 0 (W4: 3e-5).
     pub hysteresis_rad: f64,
-    /// Bending of each link about its x and y under the moment it carries, in rad/(N m). Default 0 (W3: 1.5e-6).
+    /// Bending of each link about its x and y under the moment it carries, in rad/(N m): mean of all links. Default 0.
     pub link_rad_per_nm: f64,
-    /// Tilt of the base about x and y under the moment it carries, in rad/(N m). Default 0 (W3: 1e-6).
+    /// Standard deviation of the bending about that mean, in rad/(N m). Default 0 (W3: 1.5e-6).
+    pub link_sigma_rad_per_nm: f64,
+    /// Tilt of the base about x and y under the moment it carries, in rad/(N m): mean. Default 0.
     pub base_rad_per_nm: f64,
+    /// Standard deviation of the tilt about that mean, in rad/(N m). Default 0 (W3: 1e-6).
+    pub base_sigma_rad_per_nm: f64,
     /// Time constant with which a joint's deflection follows its torque, in s
     /// (the motor cannot jump). Default 4 ms: a first resonance near 40 Hz, as an arm of this size has.
     pub settling_s: f64,
 }
 
-/// Errors between the encoder's angle and the true motor-side angle that repeat
-/// with the angle: `link = e + h(e) − c tau`.
+/// Errors between the encoder's angle `e` and the gear's output angle: `gear = e + h(e) + scatter`, with `h` the sum of
+/// harmonics, gear, smooth and cross-joint errors. The link lags the gear by deflection and lost motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EncoderConfig {
+    /// Where the encoder sits. On the motor (default) it does not see the joint deflect; on the link it does.
+    pub side: EncoderSide,
     /// Switch of the harmonics.
     pub harmonics: bool,
     /// Amplitude (standard deviation of cosine and sine together) of orders 1,
@@ -219,8 +255,15 @@ pub struct EncoderConfig {
     pub smooth_rad: f64,
     /// Its length scale, in rad (W4: 0.35).
     pub smooth_length_rad: f64,
-    /// Error of a joint that depends on the next joint's angle, rms, in rad (W4: 5e-5).
+    /// Error of a joint that depends on its own angle and another joint's, rms, in rad (W4: 5e-5).
     pub cross_rad: f64,
+    /// Its length scale, in rad (W4: 1).
+    pub cross_length_rad: f64,
+    /// Error that does not repeat: the joint comes to rest otherwise each time, rms, in rad. Default 0
+    /// (W0: 5e-5; ISO 9283 repeatabilities of 0.02-0.05 mm are of this size).
+    pub scatter_rad: f64,
+    /// Travel of the joint over which that error is drawn anew, in rad. Default 2e-3, assumed.
+    pub scatter_travel_rad: f64,
 }
 
 /// Joint sensors as the drive link shows them.
@@ -300,7 +343,8 @@ pub struct InertiaConfig {
 pub struct ElasticityConfig {
     /// Switch.
     pub enabled: bool,
-    /// Joint stiffness, in N m/rad. Default 16,000 (6e-5 rad/(N m), the real iiwa 7 of `identification.md`).
+    /// Stiffness of every joint, in N m/rad. Default 16,000 (6e-5 rad/(N m), the real iiwa 7 of
+    /// `identification.md`). 0: the inverse of each joint's own compliance.
     pub stiffness_nm_rad: f64,
     /// Damping of the spring, in N m s/rad. Default 20: 8 % of critical with 1 kg m² behind it.
     pub damping_nm_s: f64,
@@ -324,6 +368,10 @@ pub struct TrackerConfig {
     pub remount_m: f64,
     /// Tracker restationed between base arcs and calibration, in m (length of the offset). W1: 0.15 mm.
     pub restation_m: f64,
+    /// When the tracker's session begins, in s after the start of the run. It matters where the cell drifts. Default 0.
+    pub after_s: f64,
+    /// Time from one shot to the next, in s. Default 5, assumed: move, settle, average for a second.
+    pub shot_s: f64,
     /// Pose of the tracker's frame in F0: position in m. Default some 2.5 m off and askew, so that no
     /// frame agrees with another by accident.
     pub position_m: [f64; 3],

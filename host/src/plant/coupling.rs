@@ -1,15 +1,26 @@
 //! Seating repeatability: where the seated sphere's centre stands in the nest.
 //!
 //! Penalty contact seats exactly the same each time (but for `F0/k`); real nests
-//! do not. Each coupling draws a seat of its own, and the form of sphere and
-//! pads moves it a little with the nest's orientation.
+//! do not. Each coupling draws a seat of its own, the sphere may find another
+//! seat while the nest turns about it, and the form of sphere and pads moves it a
+//! little with the nest's orientation.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use spherecal_shared::robot::Frame;
 
-use super::config::PlantConfig;
+use super::config::{NestConfig, PlantConfig};
 use super::world::{Stream, normal3, stream};
+
+/// Distance of the sphere from the TCP within which it is seated, in m.
+const NEAR_M: f64 = 0.005;
+
+/// Largest error of a seat, in m: beyond it the sphere would not be in the nest.
+const LARGEST_M: f64 = 1e-3;
+
+/// Turn of the nest, in rad, in steps of which the chance of another seat is taken.
+const TURN_RAD: f64 = 0.01;
 
 /// Seating repeatability: a fresh seat for each coupling.
 #[derive(Clone, Debug)]
@@ -17,15 +28,24 @@ pub(super) struct Coupling {
     rng: ChaCha8Rng,
     /// Whether the sphere is near its seat now.
     pub(super) near: bool,
-    /// Seat of this coupling, in m, nest's frame.
+    /// Whether this coupling is a bad one.
+    bad: bool,
+    /// Present seat, in m, nest's frame.
     seat: Vector3<f64>,
+    /// Orientation of the nest up to which the chance of another seat was taken.
+    turned: Matrix3<f64>,
     /// Form errors: direction (m), wave vector and phase over the nest's orientation.
     waves: [(Vector3<f64>, Vector3<f64>, f64); 3],
 }
 
 impl Coupling {
     pub(super) fn new(config: &PlantConfig) -> Self {
-        let mut rng = stream(config.seed, Stream::Seating);
+        Self::on(config, Stream::Seating)
+    }
+
+    /// The same on a stream of its own.
+    pub(super) fn on(config: &PlantConfig, which: Stream) -> Self {
+        let mut rng = stream(config.seed, which);
         // Wave vectors over the nest's axes: a length scale of about 6 degrees.
         let waves = core::array::from_fn(|_| {
             let direction = normal3(&mut rng) * (2.0_f64 / 3.0).sqrt();
@@ -36,7 +56,9 @@ impl Coupling {
         Self {
             rng,
             near: false,
+            bad: false,
             seat: Vector3::zeros(),
+            turned: Matrix3::identity(),
             waves,
         }
     }
@@ -53,21 +75,124 @@ impl Coupling {
         if !nest.seating_error {
             return Vector3::zeros();
         }
-        let near = (sphere - tcp.origin).norm_squared() < 0.005 * 0.005;
+        let near = (sphere - tcp.origin).norm_squared() < NEAR_M * NEAR_M;
         if near && !self.near {
-            self.seat = normal3(&mut self.rng) * nest.seating_sigma_m;
+            self.couple(nest, &tcp.rotation);
         }
         self.near = near;
         if !near {
             return self.seat;
         }
-        let axis = plate.rotation.tr_mul(&tcp.z());
-        let side: Vector3<f64> = plate.rotation.tr_mul(&Vector3::from(tcp.rotation.column(0)));
+        self.turn(nest, &tcp.rotation);
+        self.seated(nest, &tcp.rotation, &plate.rotation)
+    }
+
+    /// The nest couples: a new seat.
+    pub(super) fn couple(&mut self, nest: &NestConfig, orientation: &Matrix3<f64>) {
+        self.bad = nest.bad_seat_share > 0.0 && self.rng.random::<f64>() < nest.bad_seat_share;
+        self.seat = draw(&mut self.rng, nest, self.bad);
+        self.turned = *orientation;
+    }
+
+    /// The nest has turned to `orientation` about its sphere: the sphere may find another seat.
+    pub(super) fn turn(&mut self, nest: &NestConfig, orientation: &Matrix3<f64>) {
+        if nest.reseat_per_rad == 0.0 {
+            return;
+        }
+        let angle = Rotation3::from_matrix_unchecked(orientation * self.turned.transpose()).angle();
+        if angle < TURN_RAD {
+            return;
+        }
+        self.turned = *orientation;
+        if self.rng.random::<f64>() > libm::exp(-nest.reseat_per_rad * angle) {
+            self.seat = draw(&mut self.rng, nest, self.bad);
+        }
+    }
+
+    /// Seated centre in the nest's frame at an orientation of the nest, form errors included, in m.
+    pub(super) fn seated(
+        &self,
+        nest: &NestConfig,
+        orientation: &Matrix3<f64>,
+        plate: &Matrix3<f64>,
+    ) -> Vector3<f64> {
+        let axis = plate.tr_mul(&orientation.column(2));
+        let side = plate.tr_mul(&orientation.column(0));
         let place = Vector3::new(axis.x, axis.y, side.x + side.y);
         let mut seat = self.seat;
         for (direction, wave, phase) in &self.waves {
             seat += direction * (nest.form_sigma_m * libm::sin(wave.dot(&place) + phase));
         }
         seat
+    }
+}
+
+/// A seat, in m: normal in a good coupling, Student's t of two degrees of freedom in a bad one; at most [`LARGEST_M`].
+fn draw(rng: &mut ChaCha8Rng, nest: &NestConfig, bad: bool) -> Vector3<f64> {
+    let seat = normal3(rng);
+    if bad {
+        // Chi-square of two degrees of freedom: twice a standard exponential number.
+        let spread = (1.0 / -libm::log(1.0 - rng.random::<f64>())).sqrt();
+        (seat * nest.bad_seat_sigma_m * spread).cap_magnitude(LARGEST_M)
+    } else {
+        seat * nest.seating_sigma_m
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn nest(share: f64, rate: f64) -> PlantConfig {
+        let mut config = PlantConfig::typical();
+        config.nest.seating_sigma_m = 5e-6;
+        config.nest.form_sigma_m = 0.0;
+        config.nest.bad_seat_share = share;
+        config.nest.bad_seat_sigma_m = 2e-4;
+        config.nest.reseat_per_rad = rate;
+        config
+    }
+
+    // Fails if the share of bad seats or their size is another than stated.
+    #[test]
+    fn some_seats_are_bad() {
+        for share in [0.0, 0.0625] {
+            let config = nest(share, 0.0);
+            let mut coupling = Coupling::new(&config);
+            let seats: Vec<f64> = (0..8000)
+                .map(|_| {
+                    coupling.couple(&config.nest, &Matrix3::identity());
+                    coupling.seat.norm_squared() / 3.0
+                })
+                .collect();
+            let rms = (seats.iter().sum::<f64>() / 8000.0).sqrt();
+            let expected = ((1.0 - share) * 25e-12 + share * 4e-8_f64).sqrt();
+            assert!((rms / expected - 1.0).abs() < 0.08, "{rms} {expected}");
+        }
+    }
+
+    // Fails if the rate of new seats depends on how the turn is cut into steps, or on time without turning.
+    #[test]
+    fn new_seats_come_with_turning() {
+        let config = nest(0.1, 2.0);
+        let mut changes = [0, 0];
+        for (steps, count) in [(1, 0), (25, 1)] {
+            for k in 0..2000 {
+                let mut coupling = Coupling::new(&PlantConfig { seed: k, ..config.clone() });
+                coupling.couple(&config.nest, &Matrix3::identity());
+                let first = coupling.seat;
+                for step in 1..=steps {
+                    let angle = 0.5 * f64::from(step) / f64::from(steps);
+                    let turned = Rotation3::from_axis_angle(&Vector3::x_axis(), angle).into_inner();
+                    coupling.turn(&config.nest, &turned);
+                    coupling.turn(&config.nest, &turned);
+                }
+                changes[count] += usize::from(coupling.seat != first);
+            }
+        }
+        // 1 − exp(−2 · 0.5) of 2000.
+        for count in changes {
+            assert!((count as f64 / 2000.0 - 0.632).abs() < 0.035, "{changes:?}");
+        }
     }
 }

@@ -67,7 +67,9 @@ pub(super) struct Joints<const N: usize> {
 /// Joint elasticity.
 #[derive(Clone, Debug)]
 pub(super) struct Elastic<const N: usize> {
-    pub(super) stiffness: f64,
+    /// Stiffness of each joint, in N m/rad.
+    pub(super) stiffness: [f64; N],
+    /// Damping of the springs, in N m s/rad.
     pub(super) damping: f64,
     pub(super) motor: [f64; N],
 }
@@ -246,10 +248,11 @@ impl<const N: usize> Motion<N> {
         mut impulse: SVector<f64, N>,
         h: f64,
     ) -> Option<SVector<f64, N>> {
-        let (k, d) = (elastic.stiffness, elastic.damping);
-        let slope = h * (h * k + d);
-        let wind =
-            |s: &Self, i: usize| k * (s.motor[i] - s.q[i] + h * (s.motor_v[i] - s.v[i])) + d * (s.motor_v[i] - s.v[i]);
+        let d = elastic.damping;
+        let slopes = elastic.stiffness.map(|k| h * (h * k + d));
+        let wind = |s: &Self, i: usize| {
+            elastic.stiffness[i] * (s.motor[i] - s.q[i] + h * (s.motor_v[i] - s.v[i])) + d * (s.motor_v[i] - s.v[i])
+        };
         let base = system;
         let impulse_base = impulse;
         let mut modes = self.slip;
@@ -259,7 +262,7 @@ impl<const N: usize> Motion<N> {
             let mut motor_inertia = [0.0; N];
             let mut motor_impulse = [0.0; N];
             for i in 0..N {
-                let spring = wind(self, i);
+                let (spring, slope) = (wind(self, i), slopes[i]);
                 let (stick, drag) = friction_terms(joints.coulomb[i], modes[i], self.motor_v[i]);
                 motor_inertia[i] = elastic.motor[i] + slope + h * (joints.viscous[i] + stick);
                 motor_impulse[i] = h * (tau[i] - spring - joints.viscous[i] * self.motor_v[i] - drag);
@@ -268,7 +271,7 @@ impl<const N: usize> Motion<N> {
             }
             let change = Cholesky::new(&system)?.solve(&impulse);
             let motor_change =
-                SVector::<f64, N>::from_fn(|i, _| (motor_impulse[i] + slope * change[i]) / motor_inertia[i]);
+                SVector::<f64, N>::from_fn(|i, _| (motor_impulse[i] + slopes[i] * change[i]) / motor_inertia[i]);
             let settled = settle_modes(&joints.coulomb, &mut modes, &(self.motor_v + motor_change));
             if settled {
                 return Some(self.finish_elastic(elastic, &change, &motor_change, modes, h));
@@ -292,7 +295,8 @@ impl<const N: usize> Motion<N> {
         self.q += self.v * h;
         self.motor_v += motor_change;
         self.motor += self.motor_v * h;
-        (self.motor - self.q) * elastic.stiffness + (self.motor_v - self.v) * elastic.damping
+        let wind = self.motor - self.q;
+        SVector::from_fn(|i, _| wind[i] * elastic.stiffness[i]) + (self.motor_v - self.v) * elastic.damping
     }
 
     /// Dry friction of joint `i` at speed `v`, in N m, against the motion.

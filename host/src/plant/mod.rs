@@ -9,7 +9,7 @@
 //! controller, the campaign or the identification.
 //!
 //! ```text
-//!  PlantConfig ─▶ World (the truth, drawn from the seed) ─▶ Plant
+//!  PlantConfig ─▶ TrueCell (drawn from the seed) ─▶ Plant
 //!                                                            │ step(tau)
 //!        torque ─▶ joint friction ─▶ dynamics ◀─ contact: nest, magnet, plate
 //!                                       │
@@ -30,15 +30,19 @@ mod check;
 pub mod config;
 pub mod contact;
 mod coupling;
+mod delay;
 mod disturb;
 mod draw;
 pub mod error;
 mod hand;
 pub mod integrate;
+mod joint;
 mod preset;
 pub mod sensors;
 mod simulation;
+mod slow_config;
 mod study;
+mod thermal;
 pub mod tracker;
 mod truth;
 pub mod world;
@@ -49,7 +53,8 @@ pub use error::PlantError;
 pub use hand::Hand;
 pub use preset::PRESETS;
 pub use sensors::Sensed;
+pub use study::{Rest, SeatOn, StillArm};
 pub use simulation::Plant;
 pub use tracker::{Shot, TrackerSession};
 pub use truth::Truth;
-pub use world::{MAX_SPHERES, World};
+pub use world::{MAX_SPHERES, TrueCell};

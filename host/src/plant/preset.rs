@@ -4,8 +4,9 @@
 use core::f64::consts::PI;
 
 use super::config::{
-    ComplianceConfig, ElasticityConfig, EncoderConfig, FrictionConfig, GeometryConfig, InertiaConfig, NestConfig,
-    PlantConfig, PlateConfig, SensorConfig, ToolConfig, TrackerConfig,
+    ComplianceConfig, DriveConfig, ElasticityConfig, EncoderConfig, EncoderSide, FrictionConfig, GeometryConfig,
+    InertiaConfig, LostMotionConfig, NestConfig, PlantConfig, PlateConfig, ReadingConfig, SensorConfig, ThermalConfig,
+    ToolConfig, TrackerConfig,
 };
 use super::error::PlantError;
 
@@ -50,6 +51,9 @@ impl Default for NestConfig {
             body_radius_m: 0.042,
             seating_error: true,
             seating_sigma_m: 1.5e-6,
+            bad_seat_share: 0.0,
+            bad_seat_sigma_m: 0.0,
+            reseat_per_rad: 0.0,
             form_sigma_m: 1.5e-6,
         }
     }
@@ -63,6 +67,9 @@ impl Default for GeometryConfig {
             alpha_sigma_rad: 0.5e-3,
             theta_sigma_rad: 0.8e-3,
             nominal_mean_m: 1.27e-3,
+            overall_mean_m: 0.0,
+            offset_share: 0.0,
+            offset_rad: 0.0,
         }
     }
 }
@@ -82,10 +89,14 @@ impl Default for ComplianceConfig {
             enabled: true,
             joint_rad_per_nm: 3e-6,
             spread: 0.3,
+            joints_rad_per_nm: Vec::new(),
             quadratic_rad_per_nm2: 0.0,
+            quadratic_share: 0.0,
             hysteresis_rad: 0.0,
             link_rad_per_nm: 0.0,
+            link_sigma_rad_per_nm: 0.0,
             base_rad_per_nm: 0.0,
+            base_sigma_rad_per_nm: 0.0,
             settling_s: 4e-3,
         }
     }
@@ -94,6 +105,7 @@ impl Default for ComplianceConfig {
 impl Default for EncoderConfig {
     fn default() -> Self {
         Self {
+            side: EncoderSide::Motor,
             harmonics: true,
             harmonic_rad: vec![2e-4, 1e-4],
             gear: true,
@@ -102,6 +114,9 @@ impl Default for EncoderConfig {
             smooth_rad: 0.0,
             smooth_length_rad: 0.35,
             cross_rad: 0.0,
+            cross_length_rad: 1.0,
+            scatter_rad: 0.0,
+            scatter_travel_rad: 2e-3,
         }
     }
 }
@@ -176,6 +191,8 @@ impl Default for TrackerConfig {
             encoder_rad: 2e-6,
             remount_m: 0.62e-3,
             restation_m: 0.15e-3,
+            after_s: 0.0,
+            shot_s: 5.0,
             position_m: [2.1, -1.4, 1.1],
             rpy_rad: [0.02, -0.03, 2.4],
         }
@@ -203,10 +220,14 @@ impl PlantConfig {
             tool: ToolConfig::default(),
             compliance: ComplianceConfig::default(),
             encoder: EncoderConfig::default(),
+            lost_motion: LostMotionConfig::default(),
+            thermal: ThermalConfig::default(),
+            reading: ReadingConfig::default(),
             sensors: SensorConfig::default(),
             friction: FrictionConfig::default(),
             inertia: InertiaConfig::default(),
             elasticity: ElasticityConfig::default(),
+            drive: DriveConfig::default(),
             tracker: TrackerConfig::default(),
         }
     }
@@ -253,11 +274,10 @@ impl PlantConfig {
         config
     }
 
-    /// World W0 to W4 (beyond: W4): static errors only; dynamics and sensors are ideal but for
-    /// the noise of averaged encoders. W0: compliance, first and second
-    /// harmonics, gear noise. W1: and frames measured wrongly. W2: all
-    /// non-geometric effects three times larger. W3: W0 and harmonics 3 to 8,
-    /// link bending, base tilt. W4: out of every model's class.
+    /// World W0 to W4 of `identification.md` (beyond: W4): static errors only; dynamics and sensors are ideal but for
+    /// the noise of averaged encoders. W0: compliance, first and second harmonics, white joint noise. W1: and frames
+    /// measured wrongly. W2: all non-geometric effects three to four times larger. W3: W0 and harmonics 3 to 8, link
+    /// bending, base tilt. W4: out of every model's class.
     pub fn world(number: u32) -> Self {
         let mut config = Self::typical();
         config.friction.enabled = false;
@@ -267,6 +287,10 @@ impl PlantConfig {
         config.nest.form_sigma_m = 0.0;
         config.tracker.remount_m = 0.0;
         config.tracker.restation_m = 0.0;
+        config.geometry.overall_mean_m = 1.403e-3;
+        // The joints' noise of these worlds is white: it does not repeat with the angle.
+        config.encoder.gear = false;
+        config.encoder.scatter_rad = 5e-5;
         match number {
             0 => {}
             1 => {
@@ -276,23 +300,23 @@ impl PlantConfig {
             2 => {
                 config.compliance.joint_rad_per_nm = 8e-6;
                 config.encoder.harmonic_rad = vec![7e-4, 4e-4];
-                config.encoder.gear_rad = 1.5e-4;
+                config.encoder.scatter_rad = 1.5e-4;
             }
             3 => {
-                // Six orders of 1e-4 rad rms together.
+                // Six orders of 1e-4 rad rms together; a wave's mean square is half its square.
                 config.encoder.harmonic_rad.extend([5.77e-5; 6]);
-                config.compliance.link_rad_per_nm = 1.5e-6;
-                config.compliance.base_rad_per_nm = 1e-6;
+                config.compliance.link_sigma_rad_per_nm = 1.5e-6;
+                config.compliance.base_sigma_rad_per_nm = 1e-6;
             }
             _ => {
-                config.encoder.harmonics = false;
                 config.encoder.smooth_rad = 1.2e-4;
                 config.encoder.cross_rad = 5e-5;
+                config.encoder.gear = true;
                 config.encoder.gear_orders = [20, 60];
                 config.compliance.quadratic_rad_per_nm2 = 2e-8;
                 config.compliance.hysteresis_rad = 3e-5;
-                config.compliance.link_rad_per_nm = 1.5e-6;
-                config.compliance.base_rad_per_nm = 1e-6;
+                config.compliance.link_sigma_rad_per_nm = 1.5e-6;
+                config.compliance.base_sigma_rad_per_nm = 1e-6;
             }
         }
         config

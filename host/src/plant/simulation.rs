@@ -5,21 +5,23 @@ use rand_chacha::ChaCha8Rng;
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Arm, Dynamics, Frame, Robot, Tool};
 
-use super::config::PlantConfig;
+use super::config::{EncoderSide, PlantConfig};
 use super::contact::{Nest, Touch, TouchKind, Touches};
 use super::coupling::Coupling;
+use super::delay::Delays;
 use super::disturb::Obstacle;
 use super::error::PlantError;
 use super::integrate::{Elastic, Joints, Load, Motion, STOP_MARGIN_RAD};
 use super::sensors::{Sensed, Sensors, TICK_S};
+use super::study::Standing;
 use super::tracker::TrackerSession;
-use super::world::{MAX_SPHERES, Stream, World, stream};
+use super::world::{MAX_SPHERES, SlowState, Stream, TrueCell, stream};
 
 /// The simulated arm with its nest, spheres, sensors and tracker.
 #[derive(Clone, Debug)]
 pub struct Plant<const N: usize> {
     pub(super) config: PlantConfig,
-    pub(super) world: World<N>,
+    pub(super) world: TrueCell<N>,
     pub(super) sphere_homes: heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES>,
     pub(super) nest: Nest,
     pub(super) joints: Joints<N>,
@@ -38,6 +40,16 @@ pub struct Plant<const N: usize> {
     deflecting: [f64; N],
     /// Motor minus encoder angles, in rad.
     lead: [f64; N],
+    /// What of the joints depends on the way that they came, and the link angles (rad) up to which it is known.
+    slow: SlowState<N>,
+    traced: [f64; N],
+    /// The arm remembers its way.
+    remembers: bool,
+    pub(super) delays: Delays<N>,
+    /// What has reached the controller.
+    shown: Sensed<N>,
+    /// Shift of the plate by the warm-up so far, in m, F0.
+    pub(super) drifted: Vector3<f64>,
     /// Displacement of the TCP by bending, and of the seated centre, in m.
     pub(super) bend: Vector3<f64>,
     seat: Vector3<f64>,
@@ -54,8 +66,13 @@ pub struct Plant<const N: usize> {
     pub(super) shoved: Option<(usize, Vector3<f64>)>,
     pub(super) payload_kg: f64,
     pub(super) session: TrackerSession,
+    /// The arm as the tracker sees it, from its first shot on.
+    pub(super) standing: Option<Standing<N>>,
     pub(super) tracker_rng: ChaCha8Rng,
 }
+
+/// Ticks from one step of the warm-up to the next.
+const WARM_TICKS: u64 = 1000;
 
 /// Centroid of the sphere centres that are there, over the number of all.
 pub(super) fn centroid_of(spheres: &[Option<Vector3<f64>>]) -> Vector3<f64> {
@@ -70,7 +87,7 @@ impl<const N: usize> Plant<N> {
     /// # Errors
     /// A robot, tool or configuration that is refused, or a robot without mass.
     pub fn new(nominal: &Robot, nominal_tool: &Tool, config: &PlantConfig, q: &[f64; N]) -> Result<Self, PlantError> {
-        let world = World::draw(nominal, nominal_tool, config)?;
+        let world = TrueCell::draw(nominal, nominal_tool, config)?;
         let link = world.link_angles_at_rest(q);
         let bodies = world.arm.bodies(&world.arm.frames(&link));
         let gravity = bodies.gravity();
@@ -90,7 +107,7 @@ impl<const N: usize> Plant<N> {
         });
         let e = &config.elasticity;
         let elastic = e.enabled.then(|| Elastic {
-            stiffness: e.stiffness_nm_rad,
+            stiffness: world.compliance.map(|c| 1.0 / c),
             damping: e.damping_nm_s,
             motor: world.rotor.map(|r| r.max(e.least_motor_kg_m2)),
         });
@@ -104,7 +121,9 @@ impl<const N: usize> Plant<N> {
         };
         let mut motion = Motion::at_rest(&link);
         if let Some(elastic) = &joints.elastic {
-            motion.motor += gravity / elastic.stiffness;
+            for i in 0..N {
+                motion.motor[i] += gravity[i] / elastic.stiffness[i];
+            }
             joints.rotor = [0.0; N];
         }
         let sensors = Sensors::new(
@@ -116,6 +135,7 @@ impl<const N: usize> Plant<N> {
         let spheres: heapless::Vec<_, MAX_SPHERES> = world.spheres.clone();
         let centroid = centroid_of(&spheres);
         let settle = config.compliance.settling_s;
+        let slow = world.slow(config.seed, Stream::Scatter);
         let mut plant = Self {
             nest: Nest::new(&config.nest, &config.plate),
             sphere_homes: spheres,
@@ -143,6 +163,19 @@ impl<const N: usize> Plant<N> {
             transmitted: gravity,
             deflecting: gravity.data.0[0],
             lead: core::array::from_fn(|i| world.motor_angles(q)[i] - q[i]),
+            slow,
+            traced: link,
+            remembers: world.memory.iter().any(|m| !m.is_off()),
+            delays: Delays::new(config.drive, stream(config.seed, Stream::Delay), gravity),
+            shown: Sensed {
+                tick: 0,
+                q: *q,
+                dq: [0.0; N],
+                tau: [0.0; N],
+                saturated: false,
+                refused: false,
+            },
+            drifted: Vector3::zeros(),
             bend: Vector3::zeros(),
             seat: Vector3::zeros(),
             coupling: Coupling::new(config),
@@ -156,11 +189,13 @@ impl<const N: usize> Plant<N> {
             shoved: None,
             payload_kg: 0.0,
             session: TrackerSession::default(),
+            standing: None,
             tracker_rng: stream(config.seed, Stream::Tracker),
             config: config.clone(),
             world,
         };
         plant.sense(false, false);
+        plant.shown = plant.last;
         Ok(plant)
     }
 
@@ -182,9 +217,21 @@ impl<const N: usize> Plant<N> {
         self.tick += 1;
         self.return_spheres();
         self.shove();
-        self.transmitted = self.advance();
-        self.sense(saturated, refused);
-        self.last
+        self.warm();
+        let command = self.last_tau;
+        if self.delays.is_off() {
+            self.delays.pass(&command);
+            self.transmitted = self.advance();
+            self.sense(saturated, refused);
+            self.shown = self.last;
+        } else {
+            self.last_tau = self.delays.command(&command);
+            self.transmitted = self.advance();
+            self.last_tau = command;
+            self.sense(saturated, refused);
+            self.shown = self.delays.state(&self.last, &self.shown);
+        }
+        self.shown
     }
 
     /// Advances 1 ms with the brakes closed: the joints stop and stay where they
@@ -200,13 +247,47 @@ impl<const N: usize> Plant<N> {
             .gravity();
         self.transmitted = self.last_tau;
         self.tick += 1;
+        self.warm();
+        self.delays.brake(&self.last_tau);
         self.sense(false, false);
-        self.last
+        self.shown = if self.delays.is_off() {
+            self.last
+        } else {
+            self.delays.state(&self.last, &self.shown)
+        };
+        self.shown
     }
 
     /// What the last step, or the start, showed.
     pub fn sensed(&self) -> &Sensed<N> {
-        &self.last
+        &self.shown
+    }
+
+    /// Time since the start of the run, in s.
+    pub(super) fn time_s(&self) -> f64 {
+        self.tick as f64 * TICK_S
+    }
+
+    /// Lets links and plate drift, once a second.
+    fn warm(&mut self) {
+        if !self.world.warming.is_on() || !self.tick.is_multiple_of(WARM_TICKS) {
+            return;
+        }
+        self.reload();
+        let drift = self.world.warming.plate(self.time_s());
+        let step = drift - self.drifted;
+        self.drifted = drift;
+        self.world.plate.origin += step;
+        self.centroid += step;
+        for centre in self
+            .world
+            .spheres
+            .iter_mut()
+            .chain(&mut self.sphere_homes)
+            .flatten()
+        {
+            *centre += step;
+        }
     }
 
     /// One tick of motion; returns the mean torque at the sensors.
@@ -356,14 +437,23 @@ impl<const N: usize> Plant<N> {
 
     /// Renews what the sensors show.
     fn sense(&mut self, saturated: bool, refused: bool) {
-        let motor: [f64; N] = if self.joints.elastic.is_some() {
-            self.motion.motor.data.0[0]
-        } else {
-            core::array::from_fn(|i| {
-                self.deflecting[i] += self.settle_share * (self.transmitted[i] - self.deflecting[i]);
+        let mut motor: [f64; N] = core::array::from_fn(|i| {
+            self.deflecting[i] += self.settle_share * (self.transmitted[i] - self.deflecting[i]);
+            if self.joints.elastic.is_none() || self.world.side == EncoderSide::Link {
                 self.motion.q[i] + self.world.deflection(i, self.deflecting[i])
-            })
-        };
+            } else {
+                self.motion.motor[i] + self.world.deflections[i].nonlinear(self.deflecting[i])
+            }
+        });
+        if self.remembers {
+            let link: [f64; N] = self.motion.q.data.0[0];
+            let by = core::array::from_fn(|i| link[i] - self.traced[i]);
+            self.traced = link;
+            self.slow.moved(&self.world.memory, &by);
+            for i in 0..N {
+                motor[i] += self.world.slow_lead(i, &self.slow);
+            }
+        }
         self.world.follow_encoders(&motor, &mut self.lead);
         let encoder = core::array::from_fn(|i| motor[i] - self.lead[i]);
         self.last = self.sensors.read(self.tick, &encoder, &self.transmitted.data.0[0]);
@@ -371,7 +461,7 @@ impl<const N: usize> Plant<N> {
         self.last.refused = refused;
     }
 
-    /// Rebuilds the arm after the payload changed.
+    /// Rebuilds the arm after the payload changed or the links grew.
     pub(super) fn reload(&mut self) {
         let mut tool = self.world.tool;
         let extra = spherecal_shared::robot::Inertia {
@@ -380,8 +470,13 @@ impl<const N: usize> Plant<N> {
             inertia_kg_m2: [0.0; 6],
         };
         tool.body = tool.body.combined(&extra);
+        let robot = if self.world.warming.is_on() {
+            &self.world.warming.robot(&self.world.robot, self.time_s())
+        } else {
+            &self.world.robot
+        };
         // A payload that makes the tool impossible is ignored.
-        if let Ok(arm) = Arm::new(&self.world.robot, &tool) {
+        if let Ok(arm) = Arm::new(robot, &tool) {
             self.world.arm = arm;
         }
     }
