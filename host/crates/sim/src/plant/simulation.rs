@@ -1,0 +1,483 @@
+//! The plant itself: state, one tick, and the truth for tests.
+
+use nalgebra::{SVector, Vector3};
+use rand_chacha::ChaCha8Rng;
+use spherecal_shared::linalg::Cholesky;
+use spherecal_shared::robot::{Arm, Dynamics, Frame, Robot, Tool};
+
+use super::config::{EncoderSide, PlantConfig};
+use super::contact::{Nest, Touch, TouchKind, Touches};
+use super::coupling::Coupling;
+use super::delay::Delays;
+use super::disturb::Obstacle;
+use super::error::PlantError;
+use super::integrate::{Elastic, Joints, Load, Motion, STOP_MARGIN_RAD};
+use super::sensors::{Sensed, Sensors, TICK_S};
+use super::study::Standing;
+use super::world::{MAX_SPHERES, SlowState, Stream, TrueCell, stream};
+use spherecal_model::TrackerSession;
+
+/// The simulated arm with its nest, spheres, sensors and tracker.
+#[derive(Clone, Debug)]
+pub struct Plant<const N: usize> {
+    pub(super) config: PlantConfig,
+    pub(super) world: TrueCell<N>,
+    pub(super) sphere_homes: heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES>,
+    pub(super) nest: Nest,
+    pub(super) joints: Joints<N>,
+    pub(super) motion: Motion<N>,
+    pub(super) sensors: Sensors<N>,
+    limits: [f64; N],
+    substeps: u32,
+    free_steps: u32,
+    settle_share: f64,
+    tick: u64,
+    last_tau: SVector<f64, N>,
+    last: Sensed<N>,
+    /// Mean transmitted torque of the last tick, in N m.
+    transmitted: SVector<f64, N>,
+    /// The torque that the joints' deflection has followed so far, in N m.
+    deflecting: [f64; N],
+    /// Motor minus encoder angles, in rad.
+    lead: [f64; N],
+    /// What of the joints depends on the way that they came, and the link angles (rad) up to which it is known.
+    slow: SlowState<N>,
+    traced: [f64; N],
+    /// The arm remembers its way.
+    remembers: bool,
+    pub(super) delays: Delays<N>,
+    /// What has reached the controller.
+    shown: Sensed<N>,
+    /// Shift of the plate by the warm-up so far, in m, F0.
+    pub(super) drifted: Vector3<f64>,
+    /// Displacement of the TCP by bending, and of the seated centre, in m.
+    pub(super) bend: Vector3<f64>,
+    seat: Vector3<f64>,
+    coupling: Coupling,
+    pub(super) centroid: Vector3<f64>,
+    pub(super) hand_force: Vector3<f64>,
+    pub(super) hand_moment: Vector3<f64>,
+    pub(super) disturbance: SVector<f64, N>,
+    pub(super) magnet_on: bool,
+    pub(super) obstacle: Option<Obstacle>,
+    /// Spheres that were taken away come back once the nest is clear of their places.
+    pub(super) spheres_return: bool,
+    /// A sphere that is being shoved aside (from 0), and how far still, in m, F0.
+    pub(super) shoved: Option<(usize, Vector3<f64>)>,
+    pub(super) payload_kg: f64,
+    pub(super) session: TrackerSession,
+    /// The arm as the tracker sees it, from its first shot on.
+    pub(super) standing: Option<Standing<N>>,
+    pub(super) tracker_rng: ChaCha8Rng,
+}
+
+/// Ticks from one step of the warm-up to the next.
+const WARM_TICKS: u64 = 1000;
+
+/// Centroid of the sphere centres that are there, over the number of all.
+pub(super) fn centroid_of(spheres: &[Option<Vector3<f64>>]) -> Vector3<f64> {
+    let sum: Vector3<f64> = spheres.iter().flatten().sum();
+    sum / spheres.len().max(1) as f64
+}
+
+impl<const N: usize> Plant<N> {
+    /// A plant at rest with its encoders at `q` (rad), drawn around the nominal
+    /// robot and tool.
+    ///
+    /// # Errors
+    /// A robot, tool or configuration that is refused, or a robot without mass.
+    pub fn new(nominal: &Robot, nominal_tool: &Tool, config: &PlantConfig, q: &[f64; N]) -> Result<Self, PlantError> {
+        let world = TrueCell::draw(nominal, nominal_tool, config)?;
+        let link = world.link_angles_at_rest(q);
+        let bodies = world.arm.bodies(&world.arm.frames(&link));
+        let gravity = bodies.gravity();
+        let mut mass = bodies.mass_matrix();
+        for i in 0..N {
+            mass[(i, i)] += world.rotor[i];
+        }
+        if !link.iter().all(|x| x.is_finite()) || Cholesky::new(&mass).is_none() {
+            return Err(PlantError::Massless);
+        }
+        let limit = |f: fn(&spherecal_shared::robot::Joint) -> f64, i: usize| nominal.joints.get(i).map_or(0.0, f);
+        let stops = core::array::from_fn(|i| {
+            (
+                limit(|j| j.limits.min_rad, i) - STOP_MARGIN_RAD,
+                limit(|j| j.limits.max_rad, i) + STOP_MARGIN_RAD,
+            )
+        });
+        let e = &config.elasticity;
+        let elastic = e.enabled.then(|| Elastic {
+            stiffness: world.compliance.map(|c| 1.0 / c),
+            damping: e.damping_nm_s,
+            motor: world.rotor.map(|r| r.max(e.least_motor_kg_m2)),
+        });
+        let mut joints = Joints {
+            coulomb: world.coulomb,
+            viscous: world.viscous,
+            beyond_sensor: config.friction.beyond_sensor,
+            rotor: world.rotor,
+            elastic,
+            stops,
+        };
+        let mut motion = Motion::at_rest(&link);
+        if let Some(elastic) = &joints.elastic {
+            for i in 0..N {
+                motion.motor[i] += gravity[i] / elastic.stiffness[i];
+            }
+            joints.rotor = [0.0; N];
+        }
+        let sensors = Sensors::new(
+            &config.sensors,
+            stream(config.seed, Stream::Sensors),
+            world.torque_bias,
+            *q,
+        );
+        let spheres: heapless::Vec<_, MAX_SPHERES> = world.spheres.clone();
+        let centroid = centroid_of(&spheres);
+        let settle = config.compliance.settling_s;
+        let slow = world.slow(config.seed, Stream::Scatter);
+        let mut plant = Self {
+            nest: Nest::new(&config.nest, &config.plate),
+            sphere_homes: spheres,
+            joints,
+            motion,
+            sensors,
+            limits: core::array::from_fn(|i| limit(|j| j.limits.torque_nm, i)),
+            substeps: (TICK_S / config.substep_s).round() as u32,
+            free_steps: (TICK_S / config.free_step_s).round() as u32,
+            settle_share: if settle > 0.0 {
+                1.0 - libm::exp(-TICK_S / settle)
+            } else {
+                1.0
+            },
+            tick: 0,
+            last_tau: gravity,
+            last: Sensed {
+                tick: 0,
+                q: *q,
+                dq: [0.0; N],
+                tau: [0.0; N],
+                saturated: false,
+                refused: false,
+            },
+            transmitted: gravity,
+            deflecting: gravity.data.0[0],
+            lead: core::array::from_fn(|i| world.motor_angles(q)[i] - q[i]),
+            slow,
+            traced: link,
+            remembers: world.memory.iter().any(|m| !m.is_off()),
+            delays: Delays::new(config.drive, stream(config.seed, Stream::Delay), gravity),
+            shown: Sensed {
+                tick: 0,
+                q: *q,
+                dq: [0.0; N],
+                tau: [0.0; N],
+                saturated: false,
+                refused: false,
+            },
+            drifted: Vector3::zeros(),
+            bend: Vector3::zeros(),
+            seat: Vector3::zeros(),
+            coupling: Coupling::new(config),
+            centroid,
+            hand_force: Vector3::zeros(),
+            hand_moment: Vector3::zeros(),
+            disturbance: SVector::zeros(),
+            magnet_on: true,
+            obstacle: None,
+            spheres_return: false,
+            shoved: None,
+            payload_kg: 0.0,
+            session: TrackerSession::default(),
+            standing: None,
+            tracker_rng: stream(config.seed, Stream::Tracker),
+            config: config.clone(),
+            world,
+        };
+        plant.sense(false, false);
+        plant.shown = plant.last;
+        Ok(plant)
+    }
+
+    /// Advances 1 ms with the joint torques `tau` (N m, base to flange) held,
+    /// and returns what real hardware then shows.
+    ///
+    /// Torque beyond a joint's limit is cut to it; a command that is not finite
+    /// is refused as a whole and the last good one stays.
+    pub fn step(&mut self, tau: &[f64; N]) -> Sensed<N> {
+        let refused = !tau.iter().all(|t| t.is_finite());
+        let mut saturated = false;
+        if !refused {
+            for i in 0..N {
+                let cut = tau[i].clamp(-self.limits[i], self.limits[i]);
+                saturated |= cut != tau[i];
+                self.last_tau[i] = cut;
+            }
+        }
+        self.tick += 1;
+        self.return_spheres();
+        self.shove();
+        self.warm();
+        let command = self.last_tau;
+        if self.delays.is_off() {
+            self.delays.pass(&command);
+            self.transmitted = self.advance();
+            self.sense(saturated, refused);
+            self.shown = self.last;
+        } else {
+            self.last_tau = self.delays.command(&command);
+            self.transmitted = self.advance();
+            self.last_tau = command;
+            self.sense(saturated, refused);
+            self.shown = self.delays.state(&self.last, &self.shown);
+        }
+        self.shown
+    }
+
+    /// Advances 1 ms with the brakes closed: the joints stop and stay where they
+    /// are, and the sensors read what then loads them.
+    pub fn step_braked(&mut self) -> Sensed<N> {
+        self.motion.brake();
+        self.return_spheres();
+        self.shove();
+        self.last_tau = self
+            .world
+            .arm
+            .bodies(&self.world.arm.frames(&self.motion.q.data.0[0]))
+            .gravity();
+        self.transmitted = self.last_tau;
+        self.tick += 1;
+        self.warm();
+        self.delays.brake(&self.last_tau);
+        self.sense(false, false);
+        self.shown = if self.delays.is_off() {
+            self.last
+        } else {
+            self.delays.state(&self.last, &self.shown)
+        };
+        self.shown
+    }
+
+    /// What the last step, or the start, showed.
+    pub fn sensed(&self) -> &Sensed<N> {
+        &self.shown
+    }
+
+    /// Time since the start of the run, in s.
+    pub(super) fn time_s(&self) -> f64 {
+        self.tick as f64 * TICK_S
+    }
+
+    /// Lets links and plate drift, once a second.
+    fn warm(&mut self) {
+        if !self.world.warming.is_on() || !self.tick.is_multiple_of(WARM_TICKS) {
+            return;
+        }
+        self.reload();
+        let drift = self.world.warming.plate(self.time_s());
+        let step = drift - self.drifted;
+        self.drifted = drift;
+        self.world.plate.origin += step;
+        self.centroid += step;
+        for centre in self
+            .world
+            .spheres
+            .iter_mut()
+            .chain(&mut self.sphere_homes)
+            .flatten()
+        {
+            *centre += step;
+        }
+    }
+
+    /// One tick of motion; returns the mean torque at the sensors.
+    fn advance(&mut self) -> SVector<f64, N> {
+        let frames = self.world.arm.frames(&self.motion.q.data.0[0]);
+        let tcp = self.shifted_tcp(&frames);
+        if self.is_smooth(&tcp) {
+            self.coupling.near = false;
+            let h = TICK_S / f64::from(self.free_steps);
+            let mut mean = SVector::zeros();
+            let arm = &self.world.arm;
+            for k in 0..self.free_steps {
+                let start = if k == 0 {
+                    frames
+                } else {
+                    arm.frames(&self.motion.q.data.0[0])
+                };
+                match self.motion.step_free(arm, &start, &self.joints, &self.last_tau, h) {
+                    Some(seen) => mean += seen / f64::from(self.free_steps),
+                    None => return self.last_tau,
+                }
+            }
+            return mean;
+        }
+        let h = TICK_S / f64::from(self.substeps);
+        let nearest = self.nearest(&tcp);
+        if let Some(sphere) = nearest {
+            self.seat = self.coupling.seat(&tcp, &self.world.plate, &sphere, &self.config);
+        } else {
+            self.coupling.near = false;
+        }
+        let mut mean = SVector::zeros();
+        let mut touches = Touches::new();
+        let mut frames = frames;
+        for k in 0..self.substeps {
+            if k > 0 {
+                frames = self.world.arm.frames(&self.motion.q.data.0[0]);
+            }
+            let bodies = self.world.arm.bodies(&frames);
+            let mut tcp = self.world.arm.tcp_frame(&frames);
+            tcp.origin += self.bend;
+            let mut pulls = [(tcp.origin, self.hand_force); 2];
+            let mut pulled = usize::from(self.hand_force != Vector3::zeros());
+            self.touches_at(&tcp, nearest.as_ref(), &mut touches);
+            if let (Some(sphere), true) = (&nearest, self.magnet_on) {
+                let (pole, force, _, _) = self.nest.pull(&tcp, sphere);
+                pulls[pulled] = (pole, force);
+                pulled += 1;
+            }
+            let load = Load {
+                tau: &self.last_tau,
+                extra: &self.disturbance,
+                pulls: &pulls[..pulled],
+                moment: self.hand_moment,
+                touches: &touches,
+            };
+            match self.motion.step_stiff(&frames, &bodies, &self.joints, &load, h) {
+                Some(seen) => mean += seen / f64::from(self.substeps),
+                None => return self.last_tau,
+            }
+        }
+        mean
+    }
+
+    /// Whether this tick meets nothing stiff: no contact within reach, no dry
+    /// friction, no end stop, no push.
+    fn is_smooth(&self, tcp: &Frame<f64>) -> bool {
+        let inside = |i: usize| {
+            let (low, high) = self.joints.stops[i];
+            self.motion.q[i] > low + 0.02 && self.motion.q[i] < high - 0.02
+        };
+        self.joints.elastic.is_none()
+            && self.joints.coulomb.iter().all(|c| *c == 0.0)
+            && self.joints.viscous.iter().all(|b| *b <= 1.0)
+            && self.obstacle.is_none()
+            && self.hand_force == Vector3::zeros()
+            && self.hand_moment == Vector3::zeros()
+            && self.disturbance == SVector::<f64, N>::zeros()
+            && (0..N).all(inside)
+            && (!self.config.contact || (self.nearest(tcp).is_none() && !self.near_plate(tcp)))
+    }
+
+    /// The sphere within reach of the nest, if contact is on.
+    pub(super) fn nearest(&self, tcp: &Frame<f64>) -> Option<Vector3<f64>> {
+        if !self.config.contact {
+            return None;
+        }
+        let reach = self.nest.range + 0.01;
+        let mut nearest = None;
+        let mut least = reach * reach;
+        for centre in self.world.spheres.iter().flatten() {
+            let square = (centre - tcp.origin).norm_squared();
+            if square < least {
+                least = square;
+                nearest = Some(*centre);
+            }
+        }
+        nearest
+    }
+
+    /// Whether the nest is low over the plate.
+    fn near_plate(&self, tcp: &Frame<f64>) -> bool {
+        let plate = &self.world.plate;
+        plate.z().dot(&(tcp.origin - plate.origin)) + self.config.plate.surface_below_m
+            < self.config.nest.body_radius_m + 0.02
+    }
+
+    /// All touches with the nest at `tcp` and a sphere within reach.
+    pub(super) fn touches_at(&self, tcp: &Frame<f64>, sphere: Option<&Vector3<f64>>, touches: &mut Touches) {
+        touches.clear();
+        if let Some(sphere) = sphere {
+            self.nest.touch_sphere(tcp, sphere, &self.seat, touches);
+        }
+        if self.config.contact {
+            let below = self.config.plate.surface_below_m;
+            self.nest
+                .touch_plate(tcp, &self.world.plate, &self.centroid, below, touches);
+        }
+        if let Some(obstacle) = &self.obstacle {
+            let normal = Vector3::from(obstacle.normal).normalize();
+            let depth = normal.dot(&(Vector3::from(obstacle.point_m) - tcp.origin));
+            if depth > 0.0 {
+                // There is room: a sphere and the plate make at most nine touches.
+                let _ = touches.push(Touch {
+                    point: tcp.origin,
+                    normal,
+                    depth,
+                    stiffness: obstacle.stiffness_n_m,
+                    damping: obstacle.stiffness_n_m * 1e-3,
+                    friction: 0.3,
+                    slow: 1e-3,
+                    kind: TouchKind::Obstacle,
+                });
+            }
+        }
+    }
+
+    /// The TCP at the given frames; the displacement by bending is renewed.
+    fn shifted_tcp(&mut self, frames: &[Frame<f64>; N]) -> Frame<f64> {
+        let mut tcp = self.world.arm.tcp_frame(frames);
+        if self.world.bends() {
+            self.bend = self.world.bending(frames, &tcp.origin);
+        }
+        tcp.origin += self.bend;
+        tcp
+    }
+
+    /// Renews what the sensors show.
+    fn sense(&mut self, saturated: bool, refused: bool) {
+        let mut motor: [f64; N] = core::array::from_fn(|i| {
+            self.deflecting[i] += self.settle_share * (self.transmitted[i] - self.deflecting[i]);
+            if self.joints.elastic.is_none() || self.world.side == EncoderSide::Link {
+                self.motion.q[i] + self.world.deflection(i, self.deflecting[i])
+            } else {
+                self.motion.motor[i] + self.world.deflections[i].nonlinear(self.deflecting[i])
+            }
+        });
+        if self.remembers {
+            let link: [f64; N] = self.motion.q.data.0[0];
+            let by = core::array::from_fn(|i| link[i] - self.traced[i]);
+            self.traced = link;
+            self.slow.moved(&self.world.memory, &by);
+            for i in 0..N {
+                motor[i] += self.world.slow_lead(i, &self.slow);
+            }
+        }
+        self.world.follow_encoders(&motor, &mut self.lead);
+        let encoder = core::array::from_fn(|i| motor[i] - self.lead[i]);
+        self.last = self.sensors.read(self.tick, &encoder, &self.transmitted.data.0[0]);
+        self.last.saturated = saturated;
+        self.last.refused = refused;
+    }
+
+    /// Rebuilds the arm after the payload changed or the links grew.
+    pub(super) fn reload(&mut self) {
+        let mut tool = self.world.tool;
+        let extra = spherecal_shared::robot::Inertia {
+            mass_kg: self.payload_kg,
+            com_m: tool.tcp_m,
+            inertia_kg_m2: [0.0; 6],
+        };
+        tool.body = tool.body.combined(&extra);
+        let robot = if self.world.warming.is_on() {
+            &self.world.warming.robot(&self.world.robot, self.time_s())
+        } else {
+            &self.world.robot
+        };
+        // A payload that makes the tool impossible is ignored.
+        if let Ok(arm) = Arm::new(robot, &tool) {
+            self.world.arm = arm;
+        }
+    }
+}
