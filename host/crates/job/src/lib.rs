@@ -30,6 +30,7 @@ mod teach;
 mod tracker;
 mod write;
 
+pub use bound::bound_options;
 pub use config::{CampaignSection, Choice, Config, ConfigError, LaserSection, PlanSection};
 pub use error::JobError;
 pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};

@@ -197,9 +197,8 @@ pub fn compare(options: &CompareOptions) -> Result<Comparison, WorldError> {
         .par_iter()
         .progress_with(bar.clone())
         .map(|(world, seed)| {
-            let recipe = world.recipe();
-            let trial = record_poses(*world, &recipe, *seed, poses)?;
-            judge(&trial, &recipe, &options.estimators)
+            let trial = record_poses(*world, *seed, poses)?;
+            judge(&trial, &options.estimators)
         })
         .collect::<Result<_, _>>()?;
     bar.finish_and_clear();

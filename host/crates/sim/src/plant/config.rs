@@ -143,10 +143,12 @@ pub struct NestConfig {
     /// Standard deviation of the seat of each coupling, each axis, in m.
     /// Default 1.5 µm (`plant.md`: 1-3 µm).
     pub seating_sigma_m: f64,
-    /// Share of the seats that are bad: dirt between ball and pads, or a ball that is not pressed home. Default 0.
-    pub bad_seat_share: f64,
-    /// Standard deviation of a bad seat, each axis, in m. Default 0.
-    pub bad_seat_sigma_m: f64,
+    /// Share of the couplings that are bad: dirt between ball and pads, a ball that is not pressed home, a stand that
+    /// gives. Default 0.
+    pub bad_coupling_share: f64,
+    /// Scale of the seats of a bad coupling, each axis, in m: they are drawn from a Cauchy distribution, whose
+    /// coordinates are beyond this in half of the draws, and cut at 1 mm. Default 0.
+    pub bad_seat_m: f64,
     /// How often the sphere finds another seat while the nest turns about it, per rad of turning. Default 0.
     pub reseat_per_rad: f64,
     /// Standard deviation of the seat over the orientations of one coupling

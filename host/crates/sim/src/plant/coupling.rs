@@ -4,6 +4,9 @@
 //! do not. Each coupling draws a seat of its own, the sphere may find another
 //! seat while the nest turns about it, and the form of sphere and pads moves it a
 //! little with the nest's orientation.
+//!
+//! A coupling may be a bad one: dirt between ball and pads, a ball that is not
+//! pressed home, a stand that gives. Its seats are drawn from a Cauchy distribution.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::RngExt;
@@ -11,13 +14,17 @@ use rand_chacha::ChaCha8Rng;
 use spherecal_shared::robot::Frame;
 
 use super::config::{NestConfig, PlantConfig};
-use super::world::{Stream, normal3, stream};
+use super::sensors::TICK_S;
+use super::world::{Stream, normal, normal3, stream};
 
 /// Distance of the sphere from the TCP within which it is seated, in m.
 const NEAR_M: f64 = 0.005;
 
 /// Largest error of a seat, in m: beyond it the sphere would not be in the nest.
 const LARGEST_M: f64 = 1e-3;
+
+/// Speed at which the sphere slides to another seat, in m/s: slow enough that the pads follow without a blow.
+const SLIDE_M_S: f64 = 2e-3;
 
 /// Turn of the nest, in rad, in steps of which the chance of another seat is taken.
 const TURN_RAD: f64 = 0.01;
@@ -30,8 +37,9 @@ pub(super) struct Coupling {
     pub(super) near: bool,
     /// Whether this coupling is a bad one.
     bad: bool,
-    /// Present seat, in m, nest's frame.
+    /// Seat that was drawn, and how far the sphere has slid towards it, in m, nest's frame.
     seat: Vector3<f64>,
+    reached: Vector3<f64>,
     /// Orientation of the nest up to which the chance of another seat was taken.
     turned: Matrix3<f64>,
     /// Form errors: direction (m), wave vector and phase over the nest's orientation.
@@ -58,6 +66,7 @@ impl Coupling {
             near: false,
             bad: false,
             seat: Vector3::zeros(),
+            reached: Vector3::zeros(),
             turned: Matrix3::identity(),
             waves,
         }
@@ -84,13 +93,18 @@ impl Coupling {
             return self.seat;
         }
         self.turn(nest, &tcp.rotation);
-        self.seated(nest, &tcp.rotation, &plate.rotation)
+        if self.reached != self.seat {
+            let rest = self.seat - self.reached;
+            self.reached += rest * (SLIDE_M_S * TICK_S / rest.norm()).min(1.0);
+        }
+        self.reached + self.form(nest, &tcp.rotation, &plate.rotation)
     }
 
     /// The nest couples: a new seat.
     pub(super) fn couple(&mut self, nest: &NestConfig, orientation: &Matrix3<f64>) {
-        self.bad = nest.bad_seat_share > 0.0 && self.rng.random::<f64>() < nest.bad_seat_share;
+        self.bad = nest.bad_coupling_share > 0.0 && self.rng.random::<f64>() < nest.bad_coupling_share;
         self.seat = draw(&mut self.rng, nest, self.bad);
+        self.reached = self.seat;
         self.turned = *orientation;
     }
 
@@ -110,30 +124,30 @@ impl Coupling {
     }
 
     /// Seated centre in the nest's frame at an orientation of the nest, form errors included, in m.
-    pub(super) fn seated(
-        &self,
-        nest: &NestConfig,
-        orientation: &Matrix3<f64>,
-        plate: &Matrix3<f64>,
-    ) -> Vector3<f64> {
+    pub(super) fn seated(&self, nest: &NestConfig, orientation: &Matrix3<f64>, plate: &Matrix3<f64>) -> Vector3<f64> {
+        self.seat + self.form(nest, orientation, plate)
+    }
+
+    /// Form errors at an orientation of the nest, in m, nest's frame.
+    fn form(&self, nest: &NestConfig, orientation: &Matrix3<f64>, plate: &Matrix3<f64>) -> Vector3<f64> {
         let axis = plate.tr_mul(&orientation.column(2));
         let side = plate.tr_mul(&orientation.column(0));
         let place = Vector3::new(axis.x, axis.y, side.x + side.y);
-        let mut seat = self.seat;
+        let mut form = Vector3::zeros();
         for (direction, wave, phase) in &self.waves {
-            seat += direction * (nest.form_sigma_m * libm::sin(wave.dot(&place) + phase));
+            form += direction * (nest.form_sigma_m * libm::sin(wave.dot(&place) + phase));
         }
-        seat
+        form
     }
 }
 
-/// A seat, in m: normal in a good coupling, Student's t of two degrees of freedom in a bad one; at most [`LARGEST_M`].
+/// A seat, in m: normal in a good coupling, Cauchy in a bad one; at most [`LARGEST_M`].
 fn draw(rng: &mut ChaCha8Rng, nest: &NestConfig, bad: bool) -> Vector3<f64> {
     let seat = normal3(rng);
     if bad {
-        // Chi-square of two degrees of freedom: twice a standard exponential number.
-        let spread = (1.0 / -libm::log(1.0 - rng.random::<f64>())).sqrt();
-        (seat * nest.bad_seat_sigma_m * spread).cap_magnitude(LARGEST_M)
+        // A normal number over another one.
+        let spread = 1.0 / normal(rng).abs();
+        (seat * nest.bad_seat_m * spread).cap_magnitude(LARGEST_M)
     } else {
         seat * nest.seating_sigma_m
     }
@@ -147,28 +161,50 @@ mod tests {
         let mut config = PlantConfig::typical();
         config.nest.seating_sigma_m = 5e-6;
         config.nest.form_sigma_m = 0.0;
-        config.nest.bad_seat_share = share;
-        config.nest.bad_seat_sigma_m = 2e-4;
+        config.nest.bad_coupling_share = share;
+        config.nest.bad_seat_m = 2e-5;
         config.nest.reseat_per_rad = rate;
         config
     }
 
-    // Fails if the share of bad seats or their size is another than stated.
+    // Fails if the share of bad couplings, or the distribution of their seats, is another than stated: each coordinate
+    // of a Cauchy seat is beyond its scale in half of the draws, and beyond five times it in an eighth.
     #[test]
-    fn some_seats_are_bad() {
-        for share in [0.0, 0.0625] {
-            let config = nest(share, 0.0);
-            let mut coupling = Coupling::new(&config);
-            let seats: Vec<f64> = (0..8000)
-                .map(|_| {
-                    coupling.couple(&config.nest, &Matrix3::identity());
-                    coupling.seat.norm_squared() / 3.0
-                })
-                .collect();
-            let rms = (seats.iter().sum::<f64>() / 8000.0).sqrt();
-            let expected = ((1.0 - share) * 25e-12 + share * 4e-8_f64).sqrt();
-            assert!((rms / expected - 1.0).abs() < 0.08, "{rms} {expected}");
+    fn some_couplings_are_bad() {
+        let mut config = nest(0.25, 0.0);
+        config.nest.seating_sigma_m = 1e-9;
+        let mut coupling = Coupling::new(&config);
+        let seats: Vec<f64> = (0..8000)
+            .map(|_| {
+                coupling.couple(&config.nest, &Matrix3::identity());
+                coupling.seat.x.abs()
+            })
+            .collect();
+        let share = |beyond: f64| seats.iter().filter(|x| **x > beyond).count() as f64 / 8000.0;
+        for (beyond, expected) in [(1e-7, 0.25), (2e-5, 0.125), (1e-4, 0.25 * 0.1257)] {
+            assert!((share(beyond) - expected).abs() < 0.015, "{beyond}: {}", share(beyond));
         }
+        assert!(seats.iter().all(|x| *x <= LARGEST_M));
+    }
+
+    // Fails if the sphere jumps to another seat: the pads would deal a blow of hundreds of newtons.
+    #[test]
+    fn the_sphere_slides_to_another_seat() {
+        let config = nest(1.0, 5.0);
+        let mut coupling = Coupling::new(&config);
+        let (plate, sphere) = (Frame::identity(), Vector3::zeros());
+        let mut tcp = Frame::identity();
+        let mut last = coupling.seat(&tcp, &plate, &sphere, &config);
+        let mut travel = 0.0;
+        for tick in 0..20_000 {
+            let angle = 1.0 - libm::cos(f64::from(tick) * 1e-3);
+            tcp.rotation = Rotation3::from_axis_angle(&Vector3::x_axis(), angle).into_inner();
+            let seat = coupling.seat(&tcp, &plate, &sphere, &config);
+            assert!((seat - last).norm() <= SLIDE_M_S * TICK_S * 1.001);
+            travel += (seat - last).norm();
+            last = seat;
+        }
+        assert!(travel > 1e-5, "it never moved");
     }
 
     // Fails if the rate of new seats depends on how the turn is cut into steps, or on time without turning.

@@ -52,7 +52,7 @@ pub struct Plant<const N: usize> {
     pub(super) drifted: Vector3<f64>,
     /// Displacement of the TCP by bending, and of the seated centre, in m.
     pub(super) bend: Vector3<f64>,
-    seat: Vector3<f64>,
+    pub(super) seat: Vector3<f64>,
     coupling: Coupling,
     pub(super) centroid: Vector3<f64>,
     pub(super) hand_force: Vector3<f64>,
@@ -88,7 +88,8 @@ impl<const N: usize> Plant<N> {
     /// A robot, tool or configuration that is refused, or a robot without mass.
     pub fn new(nominal: &Robot, nominal_tool: &Tool, config: &PlantConfig, q: &[f64; N]) -> Result<Self, PlantError> {
         let world = TrueCell::draw(nominal, nominal_tool, config)?;
-        let link = world.link_angles_at_rest(q);
+        let slow = world.slow(config.seed, Stream::Scatter);
+        let link = world.link_angles(&world.arm, q, Some(&slow));
         let bodies = world.arm.bodies(&world.arm.frames(&link));
         let gravity = bodies.gravity();
         let mut mass = bodies.mass_matrix();
@@ -135,7 +136,6 @@ impl<const N: usize> Plant<N> {
         let spheres: heapless::Vec<_, MAX_SPHERES> = world.spheres.clone();
         let centroid = centroid_of(&spheres);
         let settle = config.compliance.settling_s;
-        let slow = world.slow(config.seed, Stream::Scatter);
         let mut plant = Self {
             nest: Nest::new(&config.nest, &config.plate),
             sphere_homes: spheres,

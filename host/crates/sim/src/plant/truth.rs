@@ -95,7 +95,9 @@ impl<const N: usize> Plant<N> {
             truth.potential_j += potential;
         }
         if truth.pad_n.iter().all(|f| *f > 0.0) {
-            truth.seated = truth.gap_m.iter().position(|gap| *gap < 1e-4);
+            // The seat itself may be off.
+            let most = 1e-4 + self.seat.norm();
+            truth.seated = truth.gap_m.iter().position(|gap| *gap < most);
         }
         truth
     }
