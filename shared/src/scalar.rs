@@ -3,6 +3,8 @@
 //! All transcendental functions come from `libm` (nalgebra's `libm-force`),
 //! on every target, so that results are the same bits everywhere.
 
+pub use spherecal_fpu::sqrt;
+
 /// A real scalar: `f32` or `f64`.
 pub trait Real: nalgebra::RealField + Copy {
     /// Both sine and cosine of an angle in rad.
@@ -11,15 +13,6 @@ pub trait Real: nalgebra::RealField + Copy {
     /// The square root; the same bits on every target, since IEEE 754 rounds
     /// it exactly, and one instruction where there is one.
     fn sqrt_of(self) -> Self;
-}
-
-/// The square root of an `f64`: [`Real::sqrt_of`].
-#[inline]
-pub fn sqrt(x: f64) -> f64 {
-    #[cfg(target_arch = "arm")]
-    return spherecal_m7::sqrt(x);
-    #[cfg(not(target_arch = "arm"))]
-    libm::sqrt(x)
 }
 
 impl Real for f64 {

@@ -126,23 +126,3 @@ __aeabi_memset4:
 6:  bx lr
 "#
 );
-
-/// The square root, by the FPU's one instruction; the same bits as any other
-/// correct one, since IEEE 754 rounds it exactly. `libm`'s takes about 90
-/// instructions, and a tick takes some fifty roots.
-#[cfg(target_arch = "arm")]
-#[inline(always)]
-pub fn sqrt(x: f64) -> f64 {
-    let root: f64;
-    // SAFETY: a register-only instruction of the FPv5-D16 that every Cortex-M7
-    // in this project has.
-    unsafe {
-        core::arch::asm!(
-            "vsqrt.f64 {root}, {x}",
-            root = out(dreg_low16) root,
-            x = in(dreg_low16) x,
-            options(pure, nomem, nostack, preserves_flags)
-        );
-    }
-    root
-}
