@@ -13,21 +13,21 @@ use crate::law::Wrench;
 
 /// Mean wrench at rest.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Tare {
+pub(crate) struct Tare {
     sum: Wrench,
     count: u32,
 }
 
 impl Tare {
     /// Takes one tick's wrench.
-    pub fn push(&mut self, wrench: &Wrench) {
+    pub(crate) fn push(&mut self, wrench: &Wrench) {
         self.sum.force += wrench.force;
         self.sum.torque += wrench.torque;
         self.count = self.count.saturating_add(1);
     }
 
     /// The mean; zero before the first tick.
-    pub fn mean(&self) -> Wrench {
+    pub(crate) fn mean(&self) -> Wrench {
         let share = if self.count == 0 {
             0.0
         } else {
@@ -43,7 +43,7 @@ impl Tare {
 /// The force condition of Algorithm 2, `setForceTrigger(7.5)`, made to ignore
 /// impacts: the force must last, and the arm must stand.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct ContactTrigger {
+pub(crate) struct ContactTrigger {
     held: u32,
     early: u32,
     peak: f64,
@@ -53,7 +53,7 @@ impl ContactTrigger {
     /// Takes one tick: force against the approach (N, tared) and TCP speed
     /// (m/s). Returns `true` once, when contact is declared.
     #[inline]
-    pub fn push(&mut self, force: f64, speed: f64, settings: &Approach, period_s: f64) -> bool {
+    pub(crate) fn push(&mut self, force: f64, speed: f64, settings: &Approach, period_s: f64) -> bool {
         self.peak = self.peak.max(force);
         if force >= settings.trigger_n && speed <= settings.contact_speed_m_s {
             self.held = self.held.saturating_add(1);
@@ -67,17 +67,17 @@ impl ContactTrigger {
     }
 
     /// Ticks for which the condition has held.
-    pub fn latency_ticks(&self) -> u32 {
+    pub(crate) fn latency_ticks(&self) -> u32 {
         self.held
     }
 
     /// Crossings that did not last.
-    pub fn early_crossings(&self) -> u32 {
+    pub(crate) fn early_crossings(&self) -> u32 {
         self.early
     }
 
     /// Largest force against the approach so far, in N.
-    pub fn peak_n(&self) -> f64 {
+    pub(crate) fn peak_n(&self) -> f64 {
         self.peak
     }
 }
@@ -85,26 +85,26 @@ impl ContactTrigger {
 /// Tells a seated nest from one that has left, from the joint angles alone: a
 /// TCP that is tied to a sphere neither travels nor runs.
 #[derive(Clone, Copy, Debug)]
-pub struct SeatingWatch {
+pub(crate) struct SeatingWatch {
     centre: Vector3<f64>,
     violated: u32,
 }
 
 impl SeatingWatch {
     /// Watches around the computed TCP of the seated nest (F0, in m).
-    pub fn new(centre: Vector3<f64>) -> Self {
+    pub(crate) fn new(centre: Vector3<f64>) -> Self {
         Self { centre, violated: 0 }
     }
 
     /// Where it seated, in m.
-    pub fn centre(&self) -> &Vector3<f64> {
+    pub(crate) fn centre(&self) -> &Vector3<f64> {
         &self.centre
     }
 
     /// Takes one tick: computed TCP (m) and its speed (m/s). Returns the
     /// distance (m) when the nest must have left, after the dwell.
     #[inline]
-    pub fn push(&mut self, tcp: &Vector3<f64>, speed: f64, settings: &Seating, period_s: f64) -> Option<f64> {
+    pub(crate) fn push(&mut self, tcp: &Vector3<f64>, speed: f64, settings: &Seating, period_s: f64) -> Option<f64> {
         let distance = (tcp - self.centre).norm();
         if distance > settings.window_m || speed > settings.speed_m_s {
             self.violated = self.violated.saturating_add(1);

@@ -24,17 +24,15 @@
 extern crate std;
 
 pub mod app;
-pub mod contact;
-pub mod controller;
-pub mod envelope;
-pub mod guard;
+mod contact;
+mod controller;
 pub mod law;
 pub mod link;
-pub mod motion;
+mod motion;
 mod node;
-pub mod phases;
-pub mod plausible;
-pub mod recorder;
+mod phases;
+mod recorder;
+mod safety;
 #[cfg(test)]
 mod testing;
 

@@ -12,7 +12,7 @@ use crate::law::{JointSetpoint, rotation_error};
 /// Rest to rest along a quintic `s(t)` from 0 to 1: position, speed and
 /// acceleration are continuous.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Profile {
+pub(crate) struct Profile {
     duration_s: f64,
 }
 
@@ -24,7 +24,7 @@ impl Profile {
 
     /// The shortest profile over `distance` under a speed and an acceleration
     /// (distance unit per s and per s²).
-    pub fn over(distance: f64, speed: f64, acceleration: f64) -> Self {
+    pub(crate) fn over(distance: f64, speed: f64, acceleration: f64) -> Self {
         let distance = distance.abs();
         let by_speed = Self::PEAK_SPEED * distance / speed;
         let by_acceleration = sqrt(Self::PEAK_ACCELERATION * distance / acceleration);
@@ -34,20 +34,21 @@ impl Profile {
     }
 
     /// The longer of two.
-    pub fn max(self, other: Self) -> Self {
+    pub(crate) fn max(self, other: Self) -> Self {
         Self {
             duration_s: self.duration_s.max(other.duration_s),
         }
     }
 
     /// Duration, in s.
-    pub fn duration_s(&self) -> f64 {
+    #[cfg(test)]
+    pub(crate) fn duration_s(&self) -> f64 {
         self.duration_s
     }
 
     /// `s` and `ds/dt` (1/s) at time `t` (s).
     #[inline]
-    pub fn at(&self, t: f64) -> (f64, f64) {
+    pub(crate) fn at(&self, t: f64) -> (f64, f64) {
         if !(t < self.duration_s) {
             return (1.0, 0.0);
         }
@@ -60,7 +61,7 @@ impl Profile {
 
 /// A motion of all joints together.
 #[derive(Clone, Debug)]
-pub struct JointMove<const N: usize> {
+pub(crate) struct JointMove<const N: usize> {
     start: [f64; N],
     target: [f64; N],
     profile: Profile,
@@ -69,7 +70,7 @@ pub struct JointMove<const N: usize> {
 impl<const N: usize> JointMove<N> {
     /// From `start` to `target` (rad) under a speed (rad/s), for each joint
     /// not above `limits` either, and an acceleration (rad/s²).
-    pub fn new(start: [f64; N], target: [f64; N], speed: f64, limits: &[f64; N], acceleration: f64) -> Self {
+    pub(crate) fn new(start: [f64; N], target: [f64; N], speed: f64, limits: &[f64; N], acceleration: f64) -> Self {
         let mut profile = Profile { duration_s: 0.0 };
         for i in 0..N {
             profile = profile.max(Profile::over(target[i] - start[i], speed.min(limits[i]), acceleration));
@@ -78,18 +79,18 @@ impl<const N: usize> JointMove<N> {
     }
 
     /// Duration, in s.
-    pub fn duration_s(&self) -> f64 {
+    pub(crate) fn duration_s(&self) -> f64 {
         self.profile.duration_s
     }
 
     /// Where it ends, in rad.
-    pub fn target(&self) -> &[f64; N] {
+    pub(crate) fn target(&self) -> &[f64; N] {
         &self.target
     }
 
     /// Setpoint at time `t` (s) since the start.
     #[inline]
-    pub fn at(&self, t: f64) -> JointSetpoint<N> {
+    pub(crate) fn at(&self, t: f64) -> JointSetpoint<N> {
         let (s, ds) = self.profile.at(t);
         let mut setpoint = JointSetpoint {
             q: self.target,
@@ -106,7 +107,7 @@ impl<const N: usize> JointMove<N> {
 
 /// A turn of the tool about the TCP, and of the elbow with it.
 #[derive(Clone, Debug)]
-pub struct TurnMove {
+pub(crate) struct TurnMove {
     start: Matrix3<f64>,
     target: Matrix3<f64>,
     axis: Vector3<f64>,
@@ -118,21 +119,27 @@ pub struct TurnMove {
 
 /// Orientation and elbow of a [`TurnMove`] at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TurnSetpoint {
+pub(crate) struct TurnSetpoint {
     /// Orientation in F0.
-    pub rotation: Matrix3<f64>,
+    pub(crate) rotation: Matrix3<f64>,
     /// Angular velocity in F0, in rad/s.
-    pub angular: Vector3<f64>,
+    pub(crate) angular: Vector3<f64>,
     /// Elbow angle, in rad.
-    pub elbow: f64,
+    pub(crate) elbow: f64,
     /// Its rate, in rad/s.
-    pub elbow_rate: f64,
+    pub(crate) elbow_rate: f64,
 }
 
 impl TurnMove {
     /// From one orientation (F0) and elbow angle (rad) to another, along the
     /// shortest rotation, under a speed (rad/s) and an acceleration (rad/s²).
-    pub fn new(start: Matrix3<f64>, target: Matrix3<f64>, elbow: (f64, f64), speed: f64, acceleration: f64) -> Self {
+    pub(crate) fn new(
+        start: Matrix3<f64>,
+        target: Matrix3<f64>,
+        elbow: (f64, f64),
+        speed: f64,
+        acceleration: f64,
+    ) -> Self {
         let rotation = rotation_error(&target, &start);
         let angle = rotation.norm();
         let axis = if angle > 1e-12 { rotation / angle } else { Vector3::z() };
@@ -152,13 +159,13 @@ impl TurnMove {
     }
 
     /// Duration, in s.
-    pub fn duration_s(&self) -> f64 {
+    pub(crate) fn duration_s(&self) -> f64 {
         self.profile.duration_s
     }
 
     /// Setpoint at time `t` (s) since the start.
     #[inline]
-    pub fn at(&self, t: f64) -> TurnSetpoint {
+    pub(crate) fn at(&self, t: f64) -> TurnSetpoint {
         let (s, ds) = self.profile.at(t);
         let rotation = if s >= 1.0 {
             self.target
@@ -176,7 +183,7 @@ impl TurnMove {
 
 /// Rotation by `angle` (rad) about a unit axis (Rodrigues).
 #[inline]
-pub fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
+pub(crate) fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     let (s, c) = libm::sincos(angle);
     let k = axis.cross_matrix();
     Matrix3::identity() + k * s + k * k * (1.0 - c)
@@ -185,7 +192,7 @@ pub fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
 /// Rotation matrix of a unit quaternion w, x, y, z.
 ///
 /// `None` where a component is not finite or the norm is not 1 within 1e-6.
-pub fn rotation_of(quaternion: &[f64; 4]) -> Option<Matrix3<f64>> {
+pub(crate) fn rotation_of(quaternion: &[f64; 4]) -> Option<Matrix3<f64>> {
     let [w, x, y, z] = *quaternion;
     let norm2 = w * w + x * x + y * y + z * z;
     if !((norm2 - 1.0).abs() < 2e-6) {
@@ -205,7 +212,7 @@ pub fn rotation_of(quaternion: &[f64; 4]) -> Option<Matrix3<f64>> {
 /// A setpoint that runs along a line: speeds up under an acceleration, then
 /// keeps its speed, and stops at `length` (which may be infinite).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LineMove {
+pub(crate) struct LineMove {
     direction: Vector3<f64>,
     speed: f64,
     acceleration: f64,
@@ -217,7 +224,7 @@ pub struct LineMove {
 impl LineMove {
     /// Along a unit vector, under a speed (m/s) and an acceleration (m/s²),
     /// over a length (m).
-    pub fn new(direction: Vector3<f64>, speed: f64, acceleration: f64, length: f64) -> Self {
+    pub(crate) fn new(direction: Vector3<f64>, speed: f64, acceleration: f64, length: f64) -> Self {
         Self {
             direction,
             speed,
@@ -230,7 +237,7 @@ impl LineMove {
 
     /// Advances by one period; returns displacement (m) and velocity (m/s).
     #[inline]
-    pub fn step(&mut self, period_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+    pub(crate) fn step(&mut self, period_s: f64) -> (Vector3<f64>, Vector3<f64>) {
         // The speed from which the rest of the way suffices to stop.
         let left = (self.length - self.travelled).max(0.0);
         let stopping = if left < 1.0 {
@@ -244,13 +251,8 @@ impl LineMove {
     }
 
     /// Whether the end is reached (to a tenth of a millimetre).
-    pub fn finished(&self) -> bool {
+    pub(crate) fn finished(&self) -> bool {
         self.length - self.travelled < 1e-4
-    }
-
-    /// Distance run, in m.
-    pub fn travelled(&self) -> f64 {
-        self.travelled
     }
 }
 

@@ -52,7 +52,7 @@ impl Signal {
 
 /// Averages one recording of `N` joints.
 #[derive(Clone, Debug)]
-pub struct Recorder<const N: usize> {
+pub(crate) struct Recorder<const N: usize> {
     q: [Signal; N],
     tau: [Signal; N],
     force: Vector3<f64>,
@@ -67,19 +67,19 @@ pub struct Recorder<const N: usize> {
 
 /// One tick's samples.
 #[derive(Clone, Copy, Debug)]
-pub struct RecorderSample<'a, const N: usize> {
+pub(crate) struct RecorderSample<'a, const N: usize> {
     /// Tick of the drive state.
-    pub tick: u64,
+    pub(crate) tick: u64,
     /// Device time, in µs.
-    pub time_us: u64,
+    pub(crate) time_us: u64,
     /// Joint angles, in rad.
-    pub q: &'a [f64; N],
+    pub(crate) q: &'a [f64; N],
     /// Measured torques, in N m.
-    pub tau: &'a [f64; N],
+    pub(crate) tau: &'a [f64; N],
     /// Computed TCP in F0, in m.
-    pub tcp: &'a Vector3<f64>,
+    pub(crate) tcp: &'a Vector3<f64>,
     /// Estimated contact force, tared, F0, in N.
-    pub force: &'a Vector3<f64>,
+    pub(crate) force: &'a Vector3<f64>,
 }
 
 impl<const N: usize> Default for Recorder<N> {
@@ -102,7 +102,7 @@ impl<const N: usize> Default for Recorder<N> {
 impl<const N: usize> Recorder<N> {
     /// Takes one tick; ticks missing since the last one count as gaps.
     #[inline]
-    pub fn push(&mut self, sample: &RecorderSample<'_, N>) {
+    pub(crate) fn push(&mut self, sample: &RecorderSample<'_, N>) {
         if self.count == 0 {
             self.start_us = sample.time_us;
             self.place = *sample.tcp;
@@ -124,12 +124,12 @@ impl<const N: usize> Recorder<N> {
     }
 
     /// Samples taken.
-    pub fn count(&self) -> u32 {
+    pub(crate) fn count(&self) -> u32 {
         self.count
     }
 
     /// The recording, with the ids given.
-    pub fn finish(&self, sphere: u32, pose: u32) -> Recording {
+    pub(crate) fn finish(&self, sphere: u32, pose: u32) -> Recording {
         let collect = |signals: &[Signal; N]| signals.iter().map(|s| s.finish(self.count)).collect();
         Recording {
             sphere,

@@ -124,10 +124,10 @@ impl Bench {
     /// One tick with a drive state of the caller's.
     pub(crate) fn tick_with(&mut self, state: &DriveState) {
         if self.host {
-            self.controller.heard();
+            self.controller.host_heard();
         }
         self.command = self.controller.tick(Instant::from_millis(self.tick), state);
-        while let Some(event) = self.controller.event() {
+        while let Some(event) = self.controller.next_event() {
             self.events.push(event);
         }
         assert_eq!(self.command.tau.len(), 7);

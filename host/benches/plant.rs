@@ -127,11 +127,11 @@ fn controller_case() -> Box<dyn FnMut()> {
             controller.command(command).expect("from idle");
         }
         state.tick += 1;
-        controller.heard();
+        controller.host_heard();
         let now = embassy_time::Instant::from_millis(state.tick);
         black_box(controller.tick(now, black_box(&state)));
-        while controller.event().is_some() {}
-        while controller.sample().is_some() {}
+        while controller.next_event().is_some() {}
+        while controller.next_sample().is_some() {}
     };
     (0..10).for_each(|_| step(None));
     let direction = [0.0, 0.0, -1.0];

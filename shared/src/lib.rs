@@ -25,6 +25,7 @@ pub mod procedure;
 pub mod protocol;
 pub mod robot;
 pub mod scalar;
+pub mod timing;
 
 /// Most joints that a robot of this system may have.
 pub const MAX_JOINTS: usize = 8;

@@ -114,11 +114,11 @@ impl Rig {
         for _ in 0..ticks {
             self.tick += 1;
             let command = self.controller.tick(Instant::from_millis(self.tick), &self.state());
-            self.controller.heard();
-            while let Some(event) = self.controller.event() {
+            self.controller.host_heard();
+            while let Some(event) = self.controller.next_event() {
                 self.events.push(event);
             }
-            while self.controller.sample().is_some() {}
+            while self.controller.next_sample().is_some() {}
             self.peak_force = self.peak_force.max(self.controller.contact_force().norm());
             let tau: [f64; 7] = command.tau.as_slice().try_into().expect("seven torques");
             self.plant.step(&tau);

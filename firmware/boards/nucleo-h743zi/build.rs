@@ -1,4 +1,4 @@
-//! Linker scripts, and the build hash for the banner.
+//! Passes the linker scripts to the linker.
 
 fn main() {
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {

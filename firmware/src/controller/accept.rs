@@ -11,7 +11,7 @@ use super::{Configured, Controller};
 use crate::law::Wrench;
 use crate::motion::rotation_of;
 
-use crate::phases::{Activity, Decoupling, Env, Moving, Pose, Taring, Turning};
+use crate::phases::{Activity, Decoupling, Env, Moving, PoseTarget, Taring, Turning};
 
 /// How far the TCP of a pose's posture may lie from where it is, in m: the tool
 /// turns about the sphere.
@@ -38,7 +38,7 @@ impl<const N: usize> Controller<N> {
     /// # Errors
     /// Why the command is not carried out; nothing has changed then.
     pub fn command(&mut self, command: Command) -> Result<(), Refusal> {
-        self.heard();
+        self.host_heard();
         self.start(&command)
     }
 
@@ -57,7 +57,10 @@ impl<const N: usize> Controller<N> {
             Command::Move { target } => {
                 let target = array::<N>(target).ok_or(Refusal::Target)?;
                 self.idle()?;
-                if !self.guard.reachable(&target, self.procedure.limits.position_margin_rad) {
+                if !self
+                    .safety
+                    .reachable(&target, self.procedure.limits.position_margin_rad)
+                {
                     return Err(Refusal::Target);
                 }
                 let start = self.hold.q;
@@ -73,15 +76,15 @@ impl<const N: usize> Controller<N> {
                 if !(coupled || hanging) {
                     return Err(Refusal::Phase);
                 }
-                self.with_env(|env, task| {
+                self.with_env(|env, cartesian| {
                     if !coupled {
                         let soft = crate::law::Stiffness::isotropic(
                             env.procedure.couple.stiffness_n_m,
                             env.procedure.law.rotation_nm_rad,
                         );
-                        task.engage(env.snapshot, soft);
+                        cartesian.engage(env.snapshot, soft);
                     }
-                    Activity::Decoupling(Decoupling::new(env, task))
+                    Activity::Decoupling(Decoupling::new(env, cartesian))
                 })
             }
             Command::Retreat { direction } => self.accept_retreat(*direction),
@@ -166,8 +169,8 @@ impl<const N: usize> Controller<N> {
         self.changeable()?;
         let robot = self.robot.as_ref().ok_or(Refusal::NotConfigured)?;
         let arm = Arm::<f64, N>::new(robot, tool).map_err(|_| Refusal::Robot)?;
-        self.guard.configure(robot);
-        let limits = self.guard.limits();
+        self.safety.configure(robot);
+        let limits = self.safety.limits();
         self.configured = Some(Configured {
             arm,
             torque_limits: core::array::from_fn(|i| limits[i].torque_nm),
@@ -183,9 +186,9 @@ impl<const N: usize> Controller<N> {
     fn accept_approach(&mut self, approach: &ApproachCommand) -> Result<(), Refusal> {
         let direction = unit(approach.direction).ok_or(Refusal::Target)?;
         self.idle()?;
-        self.task.sphere = approach.sphere;
-        self.task.direction = direction;
-        self.task.tare = Wrench::default();
+        self.cartesian.sphere = approach.sphere;
+        self.cartesian.direction = direction;
+        self.cartesian.tare = Wrench::default();
         self.touched = true;
         self.enter(Activity::Taring(Taring::default()));
         Ok(())
@@ -195,14 +198,14 @@ impl<const N: usize> Controller<N> {
     fn accept_retreat(&mut self, direction: [f64; 3]) -> Result<(), Refusal> {
         let direction = unit(direction).ok_or(Refusal::Target)?;
         self.idle()?;
-        self.task.direction = direction;
-        self.task.tare = Wrench::default();
+        self.cartesian.direction = direction;
+        self.cartesian.tare = Wrench::default();
         self.touched = true;
-        self.with_env(|env, task| {
+        self.with_env(|env, cartesian| {
             let soft =
                 crate::law::Stiffness::isotropic(env.procedure.couple.stiffness_n_m, env.procedure.law.rotation_nm_rad);
-            task.engage(env.snapshot, soft);
-            Activity::Decoupling(Decoupling::new(env, task))
+            cartesian.engage(env.snapshot, soft);
+            Activity::Decoupling(Decoupling::new(env, cartesian))
         })
     }
 
@@ -216,7 +219,7 @@ impl<const N: usize> Controller<N> {
         } else {
             let posture = array::<N>(&command.posture).ok_or(Refusal::Target)?;
             if !self
-                .guard
+                .safety
                 .reachable(&posture, self.procedure.limits.position_margin_rad)
             {
                 return Err(Refusal::Target);
@@ -235,20 +238,20 @@ impl<const N: usize> Controller<N> {
                 return Err(Refusal::Target);
             }
         }
-        let pose = Pose {
+        let pose = PoseTarget {
             id: command.pose,
             rotation,
             elbow: command.elbow_rad,
             posture,
             record: command.record,
         };
-        self.with_env(|env, task| Activity::Turning(Turning::new(pose, env, task)))
+        self.with_env(|env, cartesian| Activity::Turning(Turning::new(pose, env, cartesian)))
     }
 
     /// Makes a phase from the present state and enters it.
     fn with_env(
         &mut self,
-        make: impl FnOnce(&Env<'_, N>, &mut crate::phases::Task<N>) -> Activity<N>,
+        make: impl FnOnce(&Env<'_, N>, &mut crate::phases::CartesianState<N>) -> Activity<N>,
     ) -> Result<(), Refusal> {
         let (Some(snapshot), Some(configured)) = (&self.snapshot, &self.configured) else {
             return Err(Refusal::Drive);
@@ -261,13 +264,13 @@ impl<const N: usize> Controller<N> {
             force_n: 0.0,
             procedure: &self.procedure,
             speeds: &configured.speeds,
-            joints: self.guard.limits(),
+            joints: self.safety.limits(),
             period_s: self.period_s,
             elapsed_s: 0.0,
             time_us: self.now_us,
             tick: self.tick,
         };
-        let activity = make(&env, &mut self.task);
+        let activity = make(&env, &mut self.cartesian);
         self.enter(activity);
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! The control path: one synchronous tick from joint state to joint torque.
 //!
 //! ```text
-//!   DriveState ─▶ Guard ─▶ Snapshot ─▶ Observer ─▶ phase ─▶ law ─▶ shaper ─▶ DriveCommand
+//!   DriveState ─▶ SafetyMonitor ─▶ Snapshot ─▶ Observer ─▶ phase ─▶ law ─▶ shaper ─▶ DriveCommand
 //!                   └─────────── Violation ────────▶ Fault: damped gravity hold
 //! ```
 //!
@@ -25,9 +25,9 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, To
 use spherecal_shared::protocol::host::{Event, Fault, Phase, Refusal, Sample, Statistics};
 use spherecal_shared::robot::Arm;
 
-use crate::guard::{Admission, Admitted, Guard, Violation};
 use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench, guide_torque, joint_torque};
-use crate::phases::{Activity, Env, Next, Task};
+use crate::phases::{Activity, CartesianState, Env, Next};
+use crate::safety::{Admission, JointState, SafetyMonitor, Violation};
 use schedule::Schedule;
 
 /// Events that wait for the host link.
@@ -60,13 +60,13 @@ pub struct Controller<const N: usize> {
     torque_reversed: bool,
     period_s: f64,
 
-    guard: Guard<N>,
+    safety: SafetyMonitor<N>,
     observer: Observer<N>,
     shaper: TorqueShaper<N>,
     torque_loop: TorqueLoop<N>,
     activity: Activity<N>,
     hold: JointSetpoint<N>,
-    task: Task<N>,
+    cartesian: CartesianState<N>,
     /// A sphere was approached since the arm was last known to be clear of one.
     touched: bool,
     holding: bool,
@@ -102,7 +102,7 @@ impl<const N: usize> Default for Controller<N> {
             gravity_by_drive: false,
             torque_reversed: false,
             period_s: 1e-3,
-            guard: Guard::default(),
+            safety: SafetyMonitor::default(),
             observer: Observer::default(),
             shaper: TorqueShaper::default(),
             torque_loop: TorqueLoop::default(),
@@ -111,7 +111,7 @@ impl<const N: usize> Default for Controller<N> {
                 q: [0.0; N],
                 dq: [0.0; N],
             },
-            task: Task::default(),
+            cartesian: CartesianState::default(),
             touched: false,
             holding: false,
             snapshot: None,
@@ -169,29 +169,29 @@ impl<const N: usize> Controller<N> {
     /// Estimated force of the environment at the TCP, F0, tared once a tare
     /// was taken, in N.
     pub fn contact_force(&self) -> Vector3<f64> {
-        self.wrench.force - self.task.tare.force
+        self.wrench.force - self.cartesian.tare.force
     }
 
     /// Notes that the host was heard.
-    pub fn heard(&mut self) {
+    pub fn host_heard(&mut self) {
         self.silent_ticks = 0;
     }
 
     /// Notes `ticks` control periods that were missed by whoever runs the tick,
     /// 0 for one that came in time.
-    pub fn missed(&mut self, ticks: u32) {
-        if let Some(violation) = self.guard.overrun(ticks, &self.procedure.limits) {
+    pub fn record_missed(&mut self, ticks: u32) {
+        if let Some(violation) = self.safety.overrun(ticks, &self.procedure.limits) {
             self.fail(violation);
         }
     }
 
     /// The next event for the host.
-    pub fn event(&mut self) -> Option<Event> {
+    pub fn next_event(&mut self) -> Option<Event> {
         self.outbox.pop_front()
     }
 
     /// The next telemetry sample for the host.
-    pub fn sample(&mut self) -> Option<Sample> {
+    pub fn next_sample(&mut self) -> Option<Sample> {
         self.samples.pop_front()
     }
 
@@ -204,7 +204,7 @@ impl<const N: usize> Controller<N> {
     pub fn statistics(&self) -> Statistics {
         let mut statistics = Statistics {
             ticks: self.ticks,
-            missed: self.guard.missed(),
+            missed: self.safety.missed(),
             late: self.schedule.late(),
             ..Statistics::default()
         };
@@ -222,10 +222,10 @@ impl<const N: usize> Controller<N> {
         if state.tick == self.tick.wrapping_add(1) {
             self.tick = state.tick;
         }
-        self.start_what_is_due();
+        self.start_due_command();
         let sent = self.last.as_ref().map_or(&[][..], |last| &last.tau);
         let admission = self
-            .guard
+            .safety
             .admit(self.now_us, state, sent, &self.procedure.limits, self.period_s);
         if self.configured.is_none() {
             return self.disabled(state.tick);
@@ -240,7 +240,7 @@ impl<const N: usize> Controller<N> {
             Admission::Bridged => self.bridge(state.tick),
             Admission::Refused(violation) => {
                 self.fail(violation);
-                if violation.fault == Fault::PositionJump || violation.sticks() {
+                if violation.fault == Fault::PositionJump || violation.is_stuck_encoder() {
                     // Whatever the last torque was for, the arm is not there.
                     return self.disabled(state.tick);
                 }
@@ -282,7 +282,7 @@ impl<const N: usize> Controller<N> {
         self.torque_loop.reset();
     }
 
-    fn control(&mut self, tick: u64, state: &Admitted<N>) -> DriveCommand {
+    fn control(&mut self, tick: u64, state: &JointState<N>) -> DriveCommand {
         self.tick = tick;
         self.latest_q = state.q;
         if self.last.is_none() {
@@ -316,7 +316,7 @@ impl<const N: usize> Controller<N> {
             };
         }
         let leaves = matches!(self.activity, Activity::Decoupling(_));
-        if let Some(violation) = self.guard.joint_state(state, &self.procedure.limits, leaves) {
+        if let Some(violation) = self.safety.joint_state(state, &self.procedure.limits, leaves) {
             self.fail(violation);
         }
         let force = if self.activity.is_cartesian() {
@@ -331,7 +331,7 @@ impl<const N: usize> Controller<N> {
         let (gain, corner, bound) = (law.torque_loop_gain, law.torque_loop_rad_s, law.torque_loop_nm);
         let delivered = self.delivered(&snapshot, &state.tau);
         let limits = &self.procedure.limits;
-        let (joints, envelope) = self.guard.parts();
+        let (joints, envelope) = self.safety.parts();
         let violation = envelope
             .tcp(&snapshot.tcp.origin, &snapshot.velocity, limits, self.period_s)
             .or_else(|| {
@@ -351,7 +351,9 @@ impl<const N: usize> Controller<N> {
         let step = self.procedure.law.torque_rate_nm_s * self.period_s;
         let (tau, shaped) = self.shaper.shape(&wanted, &delivered, &limits, step);
         self.torque_loop.sent(&tau);
-        let violation = self.guard.watch(&force, &shaped, &self.procedure.limits, self.period_s);
+        let violation = self
+            .safety
+            .watch(&force, &shaped, &self.procedure.limits, self.period_s);
         if let Some(violation) = violation {
             self.fail(violation);
         }
@@ -400,7 +402,7 @@ impl<const N: usize> Controller<N> {
             force_n,
             procedure: &self.procedure,
             speeds,
-            joints: self.guard.limits(),
+            joints: self.safety.limits(),
             period_s: self.period_s,
             elapsed_s: f64::from(self.phase_ticks) * self.period_s,
             time_us: self.now_us,
@@ -409,17 +411,21 @@ impl<const N: usize> Controller<N> {
         if self.activity.is_seated() {
             let seating = &env.procedure.seating;
             let tcp = &snapshot.tcp.origin;
-            if let Some(distance) = self.task.watch.push(tcp, snapshot.tcp_speed(), seating, env.period_s) {
+            if let Some(distance) = self
+                .cartesian
+                .watch
+                .push(tcp, snapshot.tcp_speed(), seating, env.period_s)
+            {
                 let limit = seating.window_m;
                 self.fail(Violation::new(Fault::ContactLost, distance, limit));
                 return;
             }
         }
-        match self.activity.step(&env, &mut self.hold, &mut self.task) {
+        match self.activity.step(&env, &mut self.hold, &mut self.cartesian) {
             Next::Stay => {}
             Next::Enter(activity, event) => {
                 if let Some(event) = event {
-                    self.tell(event);
+                    self.queue_event(event);
                 }
                 // Only a retreat that has come to its end leaves no sphere behind it.
                 if matches!((&self.activity, &activity), (Activity::Decoupling(_), Activity::Idle)) {
@@ -437,17 +443,17 @@ impl<const N: usize> Controller<N> {
         let law = &self.procedure.law;
         let mut torque = if self.activity.is_cartesian() {
             let force = self
-                .task
+                .cartesian
                 .impedance
-                .force(snapshot, &self.task.setpoint, law.damping_ratio);
+                .force(snapshot, &self.cartesian.setpoint, law.damping_ratio);
             let null = self
-                .task
+                .cartesian
                 .null_space
                 .torque(snapshot, law.elbow_nm_rad, law.elbow_damping_ratio);
             snapshot.joint_torque(&force) + null
         } else if matches!(self.activity, Activity::HandGuiding) {
             let margin = self.procedure.limits.position_margin_rad;
-            guide_torque(snapshot, &mut self.hold, self.guard.limits(), margin)
+            guide_torque(snapshot, &mut self.hold, self.safety.limits(), margin)
         } else {
             joint_torque(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0)
         };

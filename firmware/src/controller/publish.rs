@@ -3,12 +3,12 @@
 use spherecal_shared::protocol::host::{Phase, Sample};
 
 use super::Controller;
-use crate::guard::Admitted;
 use crate::law::{Shaped, Snapshot};
+use crate::safety::JointState;
 
 impl<const N: usize> Controller<N> {
     /// Keeps a telemetry sample where one is due.
-    pub(super) fn publish(&mut self, state: &Admitted<N>, snapshot: &Snapshot<N>, tau: &[f64; N], shaped: Shaped) {
+    pub(super) fn publish(&mut self, state: &JointState<N>, snapshot: &Snapshot<N>, tau: &[f64; N], shaped: Shaped) {
         let near_contact = matches!(
             self.activity.phase(),
             Phase::Taring | Phase::Approaching | Phase::Coupling | Phase::Verifying | Phase::Decoupling
@@ -37,7 +37,7 @@ impl<const N: usize> Controller<N> {
             ..Sample::default()
         };
         let setpoint = if self.activity.is_cartesian() {
-            self.task.setpoint.position
+            self.cartesian.setpoint.position
         } else {
             snapshot.tcp.origin
         };

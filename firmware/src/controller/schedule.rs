@@ -8,10 +8,10 @@ use heapless::Deque;
 use spherecal_shared::protocol::host::{Command, Refusal, START_MOST_US};
 
 use super::Controller;
-use crate::link::Verdict;
+use crate::link::CommandOutcome;
 
 /// Verdicts that wait for the host link, at most.
-const VERDICTS: usize = 8;
+const OUTCOMES: usize = 8;
 
 /// A command and when it is to be carried out.
 #[derive(Clone, Debug)]
@@ -25,7 +25,7 @@ struct Held {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Schedule {
     held: Option<Held>,
-    verdicts: Deque<Verdict, VERDICTS>,
+    outcomes: Deque<CommandOutcome, OUTCOMES>,
     late: u32,
 }
 
@@ -41,17 +41,17 @@ impl<const N: usize> Controller<N> {
     /// is told `start_us` (device time, in µs) or later; at once where it is 0.
     /// `false` when verdicts were not fetched and there is no room for another:
     /// nothing has changed then.
-    pub fn order(&mut self, sequence: u32, start_us: u64, command: &Command) -> bool {
-        if self.schedule.verdicts.is_full() {
+    pub fn queue_command(&mut self, sequence: u32, start_us: u64, command: &Command) -> bool {
+        if self.schedule.outcomes.is_full() {
             return false;
         }
         self.schedule.held = None;
         if start_us == 0 {
-            self.heard();
+            self.host_heard();
             let result = self.start(command);
-            self.judge(sequence, result);
+            self.record_outcome(sequence, result);
         } else if start_us > self.now_us.saturating_add(START_MOST_US) {
-            self.judge(sequence, Err(Refusal::Start));
+            self.record_outcome(sequence, Err(Refusal::Start));
         } else {
             self.schedule.held = Some(Held {
                 sequence,
@@ -63,12 +63,12 @@ impl<const N: usize> Controller<N> {
     }
 
     /// What became of the oldest command whose verdict was not asked for yet.
-    pub fn verdict(&mut self) -> Option<Verdict> {
-        self.schedule.verdicts.pop_front()
+    pub fn command_outcome(&mut self) -> Option<CommandOutcome> {
+        self.schedule.outcomes.pop_front()
     }
 
     /// Carries out the command that waits, if its time has come.
-    pub(super) fn start_what_is_due(&mut self) {
+    pub(super) fn start_due_command(&mut self) {
         if self
             .schedule
             .held
@@ -83,11 +83,11 @@ impl<const N: usize> Controller<N> {
             self.schedule.late = self.schedule.late.saturating_add(1);
         }
         let result = self.start(&held.command);
-        self.judge(held.sequence, result);
+        self.record_outcome(held.sequence, result);
     }
 
-    fn judge(&mut self, sequence: u32, result: Result<(), Refusal>) {
+    fn record_outcome(&mut self, sequence: u32, result: Result<(), Refusal>) {
         // There is room: no command is taken without.
-        let _ = self.schedule.verdicts.push_back(Verdict { sequence, result });
+        let _ = self.schedule.outcomes.push_back(CommandOutcome { sequence, result });
     }
 }

@@ -3,12 +3,12 @@
 use spherecal_shared::protocol::host::{Event, Fault, FaultReport, PhaseChange};
 
 use super::Controller;
-use crate::guard::Violation;
 use crate::law::JointSetpoint;
 use crate::phases::Activity;
+use crate::safety::Violation;
 
 impl<const N: usize> Controller<N> {
-    pub(super) fn tell(&mut self, event: Event) {
+    pub(super) fn queue_event(&mut self, event: Event) {
         if self.outbox.push_back(event).is_err() {
             self.overflow = self.overflow.saturating_add(1);
         }
@@ -24,7 +24,7 @@ impl<const N: usize> Controller<N> {
             self.latch();
         }
         let phase = self.activity.phase();
-        self.tell(Event::Phase(PhaseChange {
+        self.queue_event(Event::Phase(PhaseChange {
             phase,
             from,
             time_us: self.now_us,
@@ -45,7 +45,7 @@ impl<const N: usize> Controller<N> {
     pub(super) fn fail(&mut self, violation: Violation) {
         // No torque holds an arm whose motors do not give it, or that does not
         // see where it is.
-        self.braked |= violation.fault == Fault::TorqueSensor || violation.sticks();
+        self.braked |= violation.fault == Fault::TorqueSensor || violation.is_stuck_encoder();
         if matches!(self.activity, Activity::Fault) {
             return;
         }
@@ -59,7 +59,7 @@ impl<const N: usize> Controller<N> {
             limit: violation.limit,
         };
         self.latch();
-        self.tell(Event::Fault(report));
+        self.queue_event(Event::Fault(report));
         self.enter(Activity::Fault);
     }
 

@@ -15,8 +15,8 @@ use nalgebra::{Matrix6, Vector6};
 use spherecal_shared::linalg::jacobi_sweep;
 use spherecal_shared::scalar::sqrt;
 
-use super::impedance::Stiffness;
 use super::snapshot::Snapshot;
+use super::stiffness::Stiffness;
 
 /// Smallest modal frequency that is damped, in rad/s: gives axes without
 /// stiffness a damping too. Under the softest spring of the procedure (5 N/m

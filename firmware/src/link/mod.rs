@@ -1,6 +1,6 @@
 //! The controller's end of the host link: bytes to commands, events to bytes.
 //!
-//! It knows the control path as a [`Desk`] only: at hand in one thread
+//! It knows the control path as a [`CommandPort`] only: at hand in one thread
 //! ([`Node`](crate::Node)), or behind queues on a board, where the link runs
 //! below the control task ([`app`](crate::app)).
 //!
@@ -32,7 +32,7 @@ const STATISTICS: Duration = Duration::from_millis(1000);
 
 /// What became of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Verdict {
+pub struct CommandOutcome {
     /// Number of the command.
     pub sequence: u32,
     /// Whether it is being carried out.
@@ -40,25 +40,25 @@ pub struct Verdict {
 }
 
 /// The control path, as the host link sees it.
-pub trait Desk {
+pub trait CommandPort {
     /// Notes that the host was heard.
-    fn heard(&mut self);
+    fn host_heard(&mut self);
 
     /// Takes a command that is to be carried out at `start_us` (device time, in
     /// µs); `false` when there is no room: the host sends it again.
-    fn command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool;
+    fn queue_command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool;
 
     /// What became of the oldest command whose verdict was not asked for yet.
-    fn verdict(&mut self) -> Option<Verdict>;
+    fn command_outcome(&mut self) -> Option<CommandOutcome>;
 
     /// The next event for the host.
-    fn event(&mut self) -> Option<Event>;
+    fn next_event(&mut self) -> Option<Event>;
 
     /// Telemetry samples that wait.
     fn samples_waiting(&self) -> usize;
 
     /// The next telemetry sample.
-    fn sample(&mut self) -> Option<Sample>;
+    fn next_sample(&mut self) -> Option<Sample>;
 
     /// Counters of the control path; the link adds its own.
     fn statistics(&self) -> Statistics;
@@ -144,7 +144,7 @@ impl HostLink {
     }
 
     /// Takes bytes from the host; whole commands go to the control path.
-    pub fn receive(&mut self, bytes: &[u8], desk: &mut impl Desk) {
+    pub fn receive(&mut self, bytes: &[u8], port: &mut impl CommandPort) {
         for byte in bytes {
             let mut received = None;
             self.accumulator.push(*byte, &mut |frame| {
@@ -154,7 +154,7 @@ impl HostLink {
                 None => {}
                 Some(Ok((header, downlink))) => {
                     self.watch.note(header.sequence, &mut self.counters);
-                    self.take(downlink, desk);
+                    self.take(downlink, port);
                 }
                 Some(Err(error)) => {
                     self.counters.crc_errors = self.counters.crc_errors.saturating_add(1);
@@ -168,7 +168,7 @@ impl HostLink {
         }
     }
 
-    fn take(&mut self, downlink: Downlink, desk: &mut impl Desk) {
+    fn take(&mut self, downlink: Downlink, port: &mut impl CommandPort) {
         let Downlink {
             session,
             sequence,
@@ -178,7 +178,7 @@ impl HostLink {
         let hello = matches!(command, Command::Hello);
         if hello && self.session != Some(session) && self.previous != Some(session) {
             // What happened until now belongs to the session that ends here.
-            self.take_events(desk);
+            self.take_events(port);
             self.previous = self.session.replace(session);
             self.answered = None;
             self.replies.clear();
@@ -186,7 +186,7 @@ impl HostLink {
             self.introduce();
             return;
         }
-        desk.heard();
+        port.host_heard();
         match command {
             Command::KeepAlive => return,
             Command::Acknowledge { event } => {
@@ -200,7 +200,7 @@ impl HostLink {
             }
             _ => {}
         }
-        self.collect(desk);
+        self.collect(port);
         if hello {
             self.introduce();
         }
@@ -218,7 +218,7 @@ impl HostLink {
                 return;
             }
         }
-        if desk.command(sequence, start_us, command) {
+        if port.queue_command(sequence, start_us, command) {
             self.answered = Some(Answer { sequence, result: None });
             if start_us > 0 {
                 self.reply(Event::Held { sequence });
@@ -229,9 +229,9 @@ impl HostLink {
     }
 
     /// Turns what the control path says of commands into replies.
-    fn collect(&mut self, desk: &mut impl Desk) {
+    fn collect(&mut self, port: &mut impl CommandPort) {
         while !self.replies.is_full()
-            && let Some(Verdict { sequence, result }) = desk.verdict()
+            && let Some(CommandOutcome { sequence, result }) = port.command_outcome()
         {
             if let Some(answered) = self.answered.as_mut().filter(|a| a.sequence == sequence) {
                 answered.result = Some(result);
@@ -272,8 +272,8 @@ impl HostLink {
 
     /// Writes what there is to say into `out`, whole frames only; returns the
     /// number of bytes. Nothing is said before the host's first Hello.
-    pub fn transmit(&mut self, now: Instant, out: &mut [u8], desk: &mut impl Desk) -> usize {
-        self.collect(desk);
+    pub fn transmit(&mut self, now: Instant, out: &mut [u8], port: &mut impl CommandPort) -> usize {
+        self.collect(port);
         if !self.greeted {
             return 0;
         }
@@ -290,14 +290,14 @@ impl HostLink {
             used += length;
             self.replies.pop_front();
         }
-        self.take_events(desk);
+        self.take_events(port);
         used = self.send_pending(now, out, used);
-        used = self.send_samples(now, out, used, desk);
+        used = self.send_samples(now, out, used, port);
         let due = self
             .last_statistics
             .is_none_or(|last| now.saturating_duration_since(last) >= STATISTICS);
         if due {
-            let mut statistics = desk.statistics();
+            let mut statistics = port.statistics();
             let overflow = statistics.link.overflow;
             statistics.link = self.counters;
             statistics.link.overflow = statistics.link.overflow.saturating_add(overflow);
@@ -319,9 +319,9 @@ impl HostLink {
     }
 
     /// Numbers events for as many as may wait for their acknowledgement.
-    fn take_events(&mut self, desk: &mut impl Desk) {
+    fn take_events(&mut self, port: &mut impl CommandPort) {
         while !self.pending.is_full() {
-            let Some(body) = desk.event() else { break };
+            let Some(body) = port.next_event() else { break };
             let uplink = Uplink {
                 session: self.session(),
                 event: self.next_event,
@@ -353,15 +353,15 @@ impl HostLink {
         used
     }
 
-    fn send_samples(&mut self, now: Instant, out: &mut [u8], mut used: usize, desk: &mut impl Desk) -> usize {
-        while desk.samples_waiting() >= MAX_BATCH {
+    fn send_samples(&mut self, now: Instant, out: &mut [u8], mut used: usize, port: &mut impl CommandPort) -> usize {
+        while port.samples_waiting() >= MAX_BATCH {
             // Only started when a whole batch surely fits.
             if out.len().saturating_sub(used) < MAX_FRAME {
                 return used;
             }
             let mut batch = Vec::new();
             while !batch.is_full() {
-                let Some(sample) = desk.sample() else { break };
+                let Some(sample) = port.next_sample() else { break };
                 let _ = batch.push(sample);
             }
             match self.write(

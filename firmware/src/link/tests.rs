@@ -65,7 +65,7 @@ fn events(heard: &[Uplink]) -> Vec<u32> {
 #[test]
 fn nothing_is_said_before_the_host_greets() {
     let mut wire = Wire::new();
-    wire.node.controller().missed(50);
+    wire.node.controller().record_missed(50);
     assert!(wire.hear(10).is_empty());
     wire.send(1, Command::Hello);
     let heard = wire.hear(1);
@@ -84,7 +84,7 @@ fn nothing_is_said_before_the_host_greets() {
 fn events_come_again_until_they_are_acknowledged() {
     let mut wire = Wire::new();
     wire.send(1, Command::Hello);
-    wire.node.controller().missed(50);
+    wire.node.controller().record_missed(50);
     // A fault and the phase it leads to.
     assert_eq!(events(&wire.hear(1)), [1, 2]);
     assert!(events(&wire.hear(3)).is_empty(), "not before its time");
@@ -102,9 +102,9 @@ fn a_repeated_command_is_answered_again_and_not_obeyed_twice() {
     let mut wire = Wire::new();
     wire.send(1, Command::Hello);
     wire.hear(1);
-    wire.node.controller().missed(50);
+    wire.node.controller().record_missed(50);
     wire.send(2, Command::ClearFault);
-    wire.node.controller().missed(50);
+    wire.node.controller().record_missed(50);
     wire.send(2, Command::ClearFault);
     let heard = wire.hear(1);
     let replies = heard
@@ -163,7 +163,7 @@ fn a_foreign_host_is_told_who_is_here() {
 fn a_small_buffer_gets_whole_frames_only() {
     let mut wire = Wire::new();
     wire.send(1, Command::Hello);
-    wire.node.controller().missed(50);
+    wire.node.controller().record_missed(50);
     let mut seen = Vec::new();
     for _ in 0..20 {
         wire.now_ms += 1;

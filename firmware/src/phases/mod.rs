@@ -5,7 +5,7 @@
 //!   Idle ─────────▶ Moving ─▶ Idle ─────▶ Taring ─▶ Approaching ─▶ Coupling ─▶ Verifying
 //!    ▲ ▲                                                                           │
 //!    │ └─────────── Decoupling ◀── Decouple ── Coupled ◀──────────────────────────┘
-//!    │                                        Pose │ ▲
+//!    │                                        PoseTarget │ ▲
 //!    └── ClearFault ── Fault ◀── (any)             ▼ │
 //!                                              Turning ─▶ Recording
 //! ```
@@ -16,64 +16,69 @@
 //! stepped by hand.
 
 mod approach;
+mod cartesian;
 mod couple;
 mod decouple;
 mod free;
-mod pace;
+mod pull;
 mod record;
+mod speed_scaling;
 mod turn;
 
-use nalgebra::{Matrix3, Vector3, Vector6};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Event, Fault, Phase};
 use spherecal_shared::robot::JointLimits;
-use spherecal_shared::robot::elbow::elbow;
 
-pub use approach::{Approaching, Taring};
-pub use couple::{Coupling, Verifying};
-pub use decouple::Decoupling;
-pub use free::Moving;
-pub use pace::Pace;
-pub use record::Recording;
-pub use turn::{Pose, Turning};
+pub(crate) use approach::{Approaching, Taring};
+pub(crate) use cartesian::CartesianState;
+pub(crate) use couple::{Coupling, Verifying};
+pub(crate) use decouple::Decoupling;
+pub(crate) use free::Moving;
+pub(crate) use record::RecordingPose;
+pub(crate) use turn::{PoseTarget, Turning};
 
-use crate::contact::SeatingWatch;
-use crate::guard::Violation;
-use crate::law::{CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Snapshot, Stiffness, Wrench};
+use crate::law::{JointSetpoint, Snapshot, Wrench};
+use crate::safety::Violation;
+
+/// How long the arm must have been still to count as settled, in s.
+const STILL_S: f64 = 0.020;
+/// Speed of the fastest joint, low-pass filtered, at which a motion in free space
+/// counts as finished, in rad/s.
+const REST_SPEED_RAD_S: f64 = 0.02;
 
 /// What a phase sees at one tick.
 #[derive(Debug)]
-pub struct Env<'a, const N: usize> {
+pub(crate) struct Env<'a, const N: usize> {
     /// The arm.
-    pub snapshot: &'a Snapshot<N>,
+    pub(crate) snapshot: &'a Snapshot<N>,
     /// Estimated wrench of the environment at the TCP, not tared, F0.
-    pub wrench: Wrench,
+    pub(crate) wrench: Wrench,
     /// Measured torques, in N m.
-    pub tau: &'a [f64; N],
+    pub(crate) tau: &'a [f64; N],
     /// Fastest joint, low-pass filtered, in rad/s.
-    pub joint_speed: f64,
+    pub(crate) joint_speed: f64,
     /// Size of the force at the TCP that the force limit watches, in N.
-    pub force_n: f64,
+    pub(crate) force_n: f64,
     /// The procedure.
-    pub procedure: &'a Procedure,
+    pub(crate) procedure: &'a Procedure,
     /// Speed limits of the joints, in rad/s.
-    pub speeds: &'a [f64; N],
+    pub(crate) speeds: &'a [f64; N],
     /// Limits of the joints.
-    pub joints: &'a [JointLimits; N],
+    pub(crate) joints: &'a [JointLimits; N],
     /// Control period, in s.
-    pub period_s: f64,
+    pub(crate) period_s: f64,
     /// Time since the phase was entered, in s.
-    pub elapsed_s: f64,
+    pub(crate) elapsed_s: f64,
     /// Device time, in µs.
-    pub time_us: u64,
+    pub(crate) time_us: u64,
     /// Tick of the drive state.
-    pub tick: u64,
+    pub(crate) tick: u64,
 }
 
 /// What comes after a tick.
 #[derive(Debug)]
 #[allow(clippy::large_enum_variant)] // Made at a phase change only, and there is no heap.
-pub enum Next<const N: usize> {
+pub(crate) enum Next<const N: usize> {
     /// The same phase.
     Stay,
     /// Another phase, and what to tell the host.
@@ -92,7 +97,7 @@ impl<const N: usize> Next<N> {
 /// What the controller is doing.
 #[derive(Clone, Debug, Default)]
 #[allow(clippy::large_enum_variant)] // Stored in place: there is no heap.
-pub enum Activity<const N: usize> {
+pub(crate) enum Activity<const N: usize> {
     /// Damped hold.
     #[default]
     Idle,
@@ -111,7 +116,7 @@ pub enum Activity<const N: usize> {
     /// Turning.
     Turning(Turning<N>),
     /// Recording.
-    Recording(Recording<N>),
+    Recording(RecordingPose<N>),
     /// Leaving.
     Decoupling(Decoupling),
     /// Hand-guiding.
@@ -122,7 +127,7 @@ pub enum Activity<const N: usize> {
 
 impl<const N: usize> Activity<N> {
     /// The phase that the host is told.
-    pub fn phase(&self) -> Phase {
+    pub(crate) fn phase(&self) -> Phase {
         match self {
             Self::Idle => Phase::Idle,
             Self::Moving(_) => Phase::Moving,
@@ -141,7 +146,7 @@ impl<const N: usize> Activity<N> {
 
     /// Whether the Cartesian spring is the law of this phase; the others hold
     /// or move joints.
-    pub fn is_cartesian(&self) -> bool {
+    pub(crate) fn is_cartesian(&self) -> bool {
         matches!(
             self,
             Self::Approaching(_)
@@ -156,117 +161,27 @@ impl<const N: usize> Activity<N> {
 
     /// Whether the nest is known to be on the sphere, so that the seating watch
     /// applies.
-    pub fn is_seated(&self) -> bool {
+    pub(crate) fn is_seated(&self) -> bool {
         matches!(self, Self::Coupled | Self::Turning(_) | Self::Recording(_))
     }
 
     /// One tick.
-    pub fn step(&mut self, env: &Env<'_, N>, hold: &mut JointSetpoint<N>, task: &mut Task<N>) -> Next<N> {
+    pub(crate) fn step(
+        &mut self,
+        env: &Env<'_, N>,
+        hold: &mut JointSetpoint<N>,
+        cartesian: &mut CartesianState<N>,
+    ) -> Next<N> {
         match self {
             Self::Idle | Self::Coupled | Self::HandGuiding | Self::Fault => Next::Stay,
             Self::Moving(phase) => phase.step(env, hold),
-            Self::Taring(phase) => phase.step(env, task),
-            Self::Approaching(phase) => phase.step(env, task),
-            Self::Coupling(phase) => phase.step(env, task),
-            Self::Verifying(phase) => phase.step(env, task),
-            Self::Turning(phase) => phase.step(env, task),
-            Self::Recording(phase) => phase.step(env, task),
-            Self::Decoupling(phase) => phase.step(env, task),
+            Self::Taring(phase) => phase.step(env, cartesian),
+            Self::Approaching(phase) => phase.step(env, cartesian),
+            Self::Coupling(phase) => phase.step(env, cartesian),
+            Self::Verifying(phase) => phase.step(env, cartesian),
+            Self::Turning(phase) => phase.step(env, cartesian),
+            Self::Recording(phase) => phase.step(env, cartesian),
+            Self::Decoupling(phase) => phase.step(env, cartesian),
         }
-    }
-}
-
-/// What the Cartesian phases hand on to each other.
-#[derive(Clone, Debug)]
-pub struct Task<const N: usize> {
-    /// Id of the sphere.
-    pub sphere: u32,
-    /// Direction of the approach in F0, a unit vector.
-    pub direction: Vector3<f64>,
-    /// Wrench tared away, F0: model error, which the law also compensates.
-    pub tare: Wrench,
-    /// Computed TCP at contact, in m.
-    pub contact: Vector3<f64>,
-    /// The watch over the seated nest.
-    pub watch: SeatingWatch,
-    /// The spring.
-    pub impedance: Impedance,
-    /// Where it pulls to.
-    pub setpoint: CartesianSetpoint,
-    /// Where the null space is drawn to.
-    pub null_space: NullSpace<N>,
-}
-
-impl<const N: usize> Default for Task<N> {
-    fn default() -> Self {
-        Self {
-            sphere: 0,
-            direction: Vector3::zeros(),
-            tare: Wrench::default(),
-            contact: Vector3::zeros(),
-            watch: SeatingWatch::new(Vector3::zeros()),
-            impedance: Impedance::new(Stiffness::isotropic(0.0, 0.0)),
-            setpoint: CartesianSetpoint::at(Vector3::zeros(), Matrix3::identity()),
-            null_space: NullSpace::Free,
-        }
-    }
-}
-
-impl<const N: usize> Task<N> {
-    /// Takes over from the joint law, bumpless: the spring pulls to where the
-    /// arm is, the null space to where the elbow is, and the tared wrench, which
-    /// a soft spring would give way to by centimetres, is compensated.
-    pub fn engage(&mut self, snapshot: &Snapshot<N>, stiffness: Stiffness) {
-        self.setpoint = CartesianSetpoint::at(snapshot.tcp.origin, snapshot.tcp.rotation);
-        self.setpoint.feed_forward = self.compensation(Vector3::zeros());
-        self.impedance = Impedance::new(stiffness);
-        self.null_space = match elbow(&snapshot.frames) {
-            Some(now) => NullSpace::Elbow {
-                angle: now.angle,
-                rate: 0.0,
-            },
-            None if N > 6 => NullSpace::Posture(snapshot.q),
-            None => NullSpace::Free,
-        };
-    }
-
-    /// Re-latches the spring to where the arm is.
-    pub fn relatch(&mut self, snapshot: &Snapshot<N>, rotation: Matrix3<f64>) {
-        self.setpoint = CartesianSetpoint::at(snapshot.tcp.origin, rotation);
-        self.setpoint.feed_forward = self.compensation(Vector3::zeros());
-    }
-
-    /// Force added to the spring's: against the tared wrench, and `pull` (F0, in N).
-    pub fn compensation(&self, pull: Vector3<f64>) -> Vector6<f64> {
-        let (f, t) = (pull - self.tare.force, -self.tare.torque);
-        Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z)
-    }
-
-    /// The same stiffness along all axes, reached over the procedure's ramp.
-    pub fn soften(&mut self, env: &Env<'_, N>, stiffness_n_m: f64) {
-        let law = &env.procedure.law;
-        let to = Stiffness::isotropic(stiffness_n_m, law.rotation_nm_rad);
-        self.impedance.ramp_to(to, law.stiffness_ramp_s, env.period_s);
-    }
-
-    /// Force of the environment against the approach, tared, in N: positive
-    /// when the arm pushes on the sphere.
-    pub fn contact_force(&self, env: &Env<'_, N>) -> f64 {
-        -self.direction.dot(&(env.wrench.force - self.tare.force))
-    }
-
-    /// Whether the orientation error is surely less than `angle` (rad, at most
-    /// half a turn), told without the arc tangent that the error itself takes.
-    pub fn surely_within(&self, snapshot: &Snapshot<N>, angle: f64) -> bool {
-        let trace = self.setpoint.rotation.dot(&snapshot.tcp.rotation);
-        // 3 - trace is 2 (1 - cos error), which grows with the error, and
-        // 2 (1 - cos x) is nowhere less than x² - x⁴/12.
-        let square = angle * angle;
-        3.0 - trace < square - square * square / 12.0
-    }
-
-    /// Orientation error of the arm, in rad.
-    pub fn orientation_error(&self, snapshot: &Snapshot<N>) -> f64 {
-        crate::law::rotation_error(&self.setpoint.rotation, &snapshot.tcp.rotation).norm()
     }
 }

@@ -6,11 +6,15 @@
 //! real drive does not wait; it flags a missing command. Byte by byte:
 //! `docs/drive-link.md`.
 
+mod receiver;
+
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::robot::JointLimits;
 use crate::{Joints, MAX_JOINTS};
+
+pub use receiver::{DriveMessage, DriveReceiver};
 
 /// What the drive says of itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]

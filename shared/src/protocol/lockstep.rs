@@ -26,7 +26,7 @@ pub const MAX_HOST: usize = 8 * super::frame::MAX_FRAME;
 /// Most bytes of the drive link that one turn carries.
 pub const MAX_DRIVE: usize = 1024;
 /// Longest turn in either direction.
-pub const MAX_TURN: usize = UP_HEADER + MAX_DRIVE + MAX_HOST;
+pub const MAX_EXCHANGE: usize = UP_HEADER + MAX_DRIVE + MAX_HOST;
 
 /// Header of a turn on the way down.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -107,7 +107,7 @@ fn commands_are_refused_in_phases_that_do_not_allow_them() {
 #[test]
 fn a_fault_must_be_cleared_first() {
     let mut bench = Bench::new(Bench::brisk());
-    bench.controller.missed(50);
+    bench.controller.record_missed(50);
     assert_eq!(bench.controller.phase(), Phase::Fault);
     assert_eq!(bench.go(&HOME), Err(Refusal::FaultPending));
     assert_eq!(bench.controller.command(Command::Stop), Err(Refusal::FaultPending));
@@ -119,7 +119,7 @@ fn a_fault_must_be_cleared_first() {
 #[test]
 fn after_a_fault_the_arm_decouples_and_moves_away() {
     let mut bench = Bench::coupled();
-    bench.controller.missed(50);
+    bench.controller.record_missed(50);
     bench.run(100);
     bench.controller.command(Command::ClearFault).expect("a fault");
     bench

@@ -70,11 +70,11 @@ fn a_drive_that_is_not_ready_is_a_fault() {
 #[test]
 fn missed_periods_are_counted_then_refused() {
     let mut bench = Bench::new(Bench::brisk());
-    bench.controller.missed(2);
+    bench.controller.record_missed(2);
     bench.run(1);
     assert!(bench.faults().is_empty());
     assert_eq!(bench.controller.statistics().missed, 2);
-    bench.controller.missed(4);
+    bench.controller.record_missed(4);
     bench.run(1);
     bench.expect_fault(Fault::Overrun, Phase::Idle);
 }
@@ -87,11 +87,11 @@ fn how_many_ticks_may_be_missed_is_configured() {
         procedure.limits.missed_ticks = allowed;
         let mut bench = Bench::new(procedure);
         for _ in 0..allowed {
-            bench.controller.missed(1);
+            bench.controller.record_missed(1);
         }
         bench.run(1);
         assert!(bench.faults().is_empty(), "{allowed} are borne");
-        bench.controller.missed(1);
+        bench.controller.record_missed(1);
         bench.run(1);
         let faults = bench.faults();
         assert_eq!(faults.len(), 1);
@@ -244,7 +244,7 @@ fn a_torque_that_does_not_arrive_is_a_fault() {
 #[test]
 fn a_motor_that_fails_while_the_arm_holds_gets_the_brakes() {
     let mut bench = Bench::new(Bench::brisk());
-    bench.controller.missed(10);
+    bench.controller.record_missed(10);
     bench.run(1);
     bench.expect_fault(Fault::Overrun, Phase::Idle);
     bench.run(50);

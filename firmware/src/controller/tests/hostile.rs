@@ -161,13 +161,17 @@ fn a_start_is_kept_and_an_absurd_one_refused() {
         target: target.iter().copied().collect(),
     };
     let now_us = bench.tick * 1000;
-    assert!(bench.controller.order(1, now_us + START_MOST_US + 1_000_000, &go()));
-    let verdict = bench.controller.verdict().expect("at once");
+    assert!(
+        bench
+            .controller
+            .queue_command(1, now_us + START_MOST_US + 1_000_000, &go())
+    );
+    let verdict = bench.controller.command_outcome().expect("at once");
     assert_eq!(verdict.result, Err(Refusal::Start));
-    assert!(bench.controller.order(2, now_us + 20_000, &go()));
+    assert!(bench.controller.queue_command(2, now_us + 20_000, &go()));
     bench.run(19);
     assert_eq!(
-        (bench.controller.phase(), bench.controller.verdict()),
+        (bench.controller.phase(), bench.controller.command_outcome()),
         (Phase::Idle, None)
     );
     bench.run(1);
@@ -175,29 +179,29 @@ fn a_start_is_kept_and_an_absurd_one_refused() {
     assert!(
         bench
             .controller
-            .verdict()
+            .command_outcome()
             .is_some_and(|v| v.sequence == 2 && v.result.is_ok())
     );
     assert_eq!(bench.controller.statistics().late, 0);
     bench.until(Phase::Idle, 4_000);
     let now_us = bench.tick * 1000;
-    assert!(bench.controller.order(3, now_us + 20_000, &go()));
-    assert!(bench.controller.order(4, 0, &Command::Stop));
+    assert!(bench.controller.queue_command(3, now_us + 20_000, &go()));
+    assert!(bench.controller.queue_command(4, 0, &Command::Stop));
     bench.run(100);
     assert_eq!(bench.controller.phase(), Phase::Idle);
-    assert!(bench.controller.verdict().is_some_and(|v| v.sequence == 4));
-    assert_eq!(bench.controller.verdict(), None);
+    assert!(bench.controller.command_outcome().is_some_and(|v| v.sequence == 4));
+    assert_eq!(bench.controller.command_outcome(), None);
     // Too late: at the next tick, and counted.
     let back = Command::Move {
         target: HOME.into_iter().collect(),
     };
-    assert!(bench.controller.order(5, now_us, &back));
+    assert!(bench.controller.queue_command(5, now_us, &back));
     bench.run(1);
     // The arm is there already, so that the move may end as it begins.
     assert!(
         bench
             .controller
-            .verdict()
+            .command_outcome()
             .is_some_and(|v| v.sequence == 5 && v.result.is_ok())
     );
     assert_eq!(bench.controller.statistics().late, 1);

@@ -226,7 +226,7 @@ impl World {
         }
     }
 
-    fn order(&mut self, command: Command) {
+    fn queue_command(&mut self, command: Command) {
         // A refusal is an answer.
         let _ = self.bench.controller.command(command);
         self.tick(None);
@@ -262,8 +262,8 @@ impl World {
                 self.bench.status = DriveStatus::Ready;
             }
             Happens::Missed => {
-                self.bench.controller.missed(5);
-                self.bench.controller.missed(0);
+                self.bench.controller.record_missed(5);
+                self.bench.controller.record_missed(0);
                 self.tick(None);
             }
             Happens::Silent => {
@@ -288,7 +288,7 @@ impl World {
                 let mut target = HOME;
                 target[0] = 0.1;
                 let target = Joints::from_slice(&target).expect("seven of eight");
-                self.order(Command::Move { target });
+                self.queue_command(Command::Move { target });
             }
             Happens::Approach => {
                 let _ = self.bench.approach();
@@ -298,21 +298,21 @@ impl World {
                 let _ = self.bench.pose(0.1, true);
                 self.tick(None);
             }
-            Happens::Decouple => self.order(Command::Decouple),
-            Happens::Retreat => self.order(Command::Retreat {
+            Happens::Decouple => self.queue_command(Command::Decouple),
+            Happens::Retreat => self.queue_command(Command::Retreat {
                 direction: [0.0, 0.0, -1.0],
             }),
-            Happens::Stop => self.order(Command::Stop),
+            Happens::Stop => self.queue_command(Command::Stop),
             Happens::Clear => {
                 self.cleared = true;
-                self.order(Command::ClearFault);
+                self.queue_command(Command::ClearFault);
             }
-            Happens::Guide => self.order(Command::HandGuide { on: true }),
-            Happens::Unguide => self.order(Command::HandGuide { on: false }),
+            Happens::Guide => self.queue_command(Command::HandGuide { on: true }),
+            Happens::Unguide => self.queue_command(Command::HandGuide { on: false }),
             Happens::Configure => {
                 let tool = iiwa7_tool();
                 let procedure = procedure();
-                self.order(Command::Configure { tool, procedure });
+                self.queue_command(Command::Configure { tool, procedure });
             }
         }
     }

@@ -249,7 +249,7 @@ fn what_starts_bears_the_number_of_its_tick() {
     target[0] = 0.1;
     let target = Joints::from_slice(&target).expect("seven of eight");
     let start_us = (bench.tick + 20) * 1_000;
-    assert!(bench.controller.order(1, start_us, &Command::Move { target }));
+    assert!(bench.controller.queue_command(1, start_us, &Command::Move { target }));
     bench.until(Phase::Moving, 30);
     bench.until(Phase::Idle, 5_000);
     let changes: Vec<_> = bench

@@ -9,7 +9,7 @@ use spherecal_shared::procedure::Limits;
 use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::JointLimits;
 
-use crate::guard::{Admitted, Violation};
+use super::violation::{JointState, Violation};
 
 /// By how much an arm may run faster than its limit, or than it did, between two states.
 const SPEED_FACTOR: f64 = 1.5;
@@ -29,8 +29,8 @@ const STICKS_SHARE: f64 = 0.05;
 
 /// What is kept of the states before.
 #[derive(Clone, Debug)]
-pub struct Plausibility<const N: usize> {
-    last: Option<Admitted<N>>,
+pub(crate) struct Plausibility<const N: usize> {
+    last: Option<JointState<N>>,
     /// Tick of the last state that was looked at, good or not.
     tick: u64,
     /// Ticks since the last good state of which nothing was seen: the arm may
@@ -59,7 +59,7 @@ impl<const N: usize> Default for Plausibility<N> {
 
 impl<const N: usize> Plausibility<N> {
     /// Forgets the states before: for another robot, or a drive that was referenced anew.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 
@@ -67,10 +67,10 @@ impl<const N: usize> Plausibility<N> {
     /// before it (none while the brakes are closed). A state that cannot be is not kept, so
     /// that the next one is held against the last good one.
     #[inline]
-    pub fn look(
+    pub(crate) fn check(
         &mut self,
         tick: u64,
-        state: &Admitted<N>,
+        state: &JointState<N>,
         sent: &[f64],
         joints: &[JointLimits; N],
         limits: &Limits,
@@ -176,8 +176,8 @@ mod tests {
         core::array::from_fn(|i| iiwa7().joints[i].limits)
     }
 
-    fn at(q: f64, tau: f64) -> Admitted<7> {
-        Admitted {
+    fn at(q: f64, tau: f64) -> JointState<7> {
+        JointState {
             q: [q; 7],
             dq: [0.0; 7],
             tau: [tau; 7],
@@ -190,7 +190,7 @@ mod tests {
     fn an_angle_cannot_jump() {
         let limits = Limits::default();
         let mut watch = Plausibility::default();
-        let mut look = |tick, q, tau| watch.look(tick, &at(q, tau), &[0.0; 7], &joints(), &limits, 1e-3);
+        let mut look = |tick, q, tau| watch.check(tick, &at(q, tau), &[0.0; 7], &joints(), &limits, 1e-3);
         assert_eq!(look(1, 0.0, 1.0), None);
         assert_eq!(look(2, 0.003, 1.1), None);
         let jump = look(3, 0.1, 1.0).expect("a jump");
@@ -214,7 +214,7 @@ mod tests {
                 let mut state = at(1e-5 * (*tick).min(10) as f64, 1.0);
                 state.dq = [dq; 7];
                 watch
-                    .look(*tick, &state, &[torque(*tick); 7], &joints(), &limits, 1e-3)
+                    .check(*tick, &state, &[torque(*tick); 7], &joints(), &limits, 1e-3)
                     .is_some()
             })
         };
@@ -239,7 +239,7 @@ mod tests {
                 state.q[3] = q4;
                 let mut sent = [0.0; 7];
                 sent[3] = torque(tick);
-                let found = watch.look(tick, &state, &sent, &joints(), &limits, 1e-3)?;
+                let found = watch.check(tick, &state, &sent, &joints(), &limits, 1e-3)?;
                 assert_eq!((found.fault, found.joint), (Fault::StaleState, 4));
                 Some(tick)
             })

@@ -1,9 +1,13 @@
 //! Safety: what must hold at every tick, whatever the phase.
 //!
 //! Stands at both doors of the control path. Before the law: is the drive
-//! state whole, fresh and within limits ([`Guard::admit`])? After it: does the
+//! state whole, fresh and within limits ([`SafetyMonitor::admit`])? After it: does the
 //! arm follow, is the force bounded, is the torque not saturated for long
-//! ([`Guard::watch`])? A violation is a [`Violation`], which becomes a fault.
+//! ([`SafetyMonitor::watch`])? A violation is a [`Violation`], which becomes a fault.
+
+mod envelope;
+mod plausibility;
+mod violation;
 
 use nalgebra::Vector3;
 use spherecal_shared::procedure::Limits;
@@ -11,9 +15,11 @@ use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
 use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::{JointLimits, Robot};
 
-use crate::envelope::Envelope;
 use crate::law::Shaped;
-use crate::plausible::Plausibility;
+use envelope::Envelope;
+pub(crate) use envelope::workspace_clearance;
+use plausibility::Plausibility;
+pub(crate) use violation::{JointState, Violation};
 
 /// How long the contact force may exceed its limit, in s: impacts are shorter.
 const FORCE_DWELL_S: f64 = 0.010;
@@ -25,52 +31,11 @@ const OUTWARD_RAD_S: f64 = 0.02;
 /// How long a torque may stay saturated, in s.
 const SATURATION_DWELL_S: f64 = 0.050;
 
-/// A limit that was broken: fault, joint (from 1, 0 for none), value and limit.
+/// What [`SafetyMonitor::admit`] says of a drive state.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Violation {
-    /// The fault it becomes.
-    pub fault: Fault,
-    /// Joint, from 1; 0 for none.
-    pub joint: u8,
-    /// Value, in the limit's unit.
-    pub value: f64,
-    /// Limit.
-    pub limit: f64,
-}
-
-impl Violation {
-    /// A violation that concerns no joint.
-    pub fn new(fault: Fault, value: f64, limit: f64) -> Self {
-        Self {
-            fault,
-            joint: 0,
-            value,
-            limit,
-        }
-    }
-
-    /// Whether one joint's angle is not to be believed, all else is.
-    pub fn sticks(&self) -> bool {
-        self.fault == Fault::StaleState && self.joint > 0
-    }
-}
-
-/// Joint state, checked.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Admitted<const N: usize> {
-    /// Joint angles, in rad.
-    pub q: [f64; N],
-    /// Joint velocities, in rad/s.
-    pub dq: [f64; N],
-    /// Measured torques, in N m.
-    pub tau: [f64; N],
-}
-
-/// What [`Guard::admit`] says of a drive state.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Admission<const N: usize> {
+pub(crate) enum Admission<const N: usize> {
     /// Whole and fresh.
-    Fresh(Admitted<N>),
+    Fresh(JointState<N>),
     /// Not usable, or repeated; the last torque is kept for now.
     Bridged,
     /// Too many in a row.
@@ -79,7 +44,7 @@ pub enum Admission<const N: usize> {
 
 /// The guard of an arm with `N` joints.
 #[derive(Clone, Debug)]
-pub struct Guard<const N: usize> {
+pub(crate) struct SafetyMonitor<const N: usize> {
     limits: [JointLimits; N],
     last_tick: Option<u64>,
     /// Least difference between the controller's time and the drive's, in µs.
@@ -93,7 +58,7 @@ pub struct Guard<const N: usize> {
     envelope: Envelope<N>,
 }
 
-impl<const N: usize> Default for Guard<N> {
+impl<const N: usize> Default for SafetyMonitor<N> {
     fn default() -> Self {
         let none = JointLimits {
             min_rad: f64::NEG_INFINITY,
@@ -121,9 +86,9 @@ fn joints<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
     values.iter().all(|x| x.is_finite()).then_some(values)
 }
 
-impl<const N: usize> Guard<N> {
+impl<const N: usize> SafetyMonitor<N> {
     /// Takes the limits of a checked robot.
-    pub fn configure(&mut self, robot: &Robot) {
+    pub(crate) fn configure(&mut self, robot: &Robot) {
         for (slot, joint) in self.limits.iter_mut().zip(&robot.joints) {
             *slot = joint.limits;
         }
@@ -132,7 +97,7 @@ impl<const N: usize> Guard<N> {
     }
 
     /// Limits of the joints.
-    pub fn limits(&self) -> &[JointLimits; N] {
+    pub(crate) fn limits(&self) -> &[JointLimits; N] {
         &self.limits
     }
 
@@ -142,12 +107,12 @@ impl<const N: usize> Guard<N> {
     }
 
     /// Drive states that were missed or unusable so far.
-    pub fn missed(&self) -> u32 {
+    pub(crate) fn missed(&self) -> u32 {
         self.missed
     }
 
     /// Whether all joint angles lie within the limits less the margin.
-    pub fn reachable(&self, q: &[f64; N], margin: f64) -> bool {
+    pub(crate) fn reachable(&self, q: &[f64; N], margin: f64) -> bool {
         self.limits
             .iter()
             .zip(q)
@@ -157,7 +122,7 @@ impl<const N: usize> Guard<N> {
     /// Counts `ticks` control periods that were missed by whoever runs the
     /// controller, 0 for a tick that came in time; a violation once there are
     /// too many without such a tick between them.
-    pub fn overrun(&mut self, ticks: u32, limits: &Limits) -> Option<Violation> {
+    pub(crate) fn overrun(&mut self, ticks: u32, limits: &Limits) -> Option<Violation> {
         if ticks == 0 {
             self.overrun_in_row = 0;
             return None;
@@ -172,7 +137,7 @@ impl<const N: usize> Guard<N> {
     /// the torques of the last command, in N m, none while the brakes are closed,
     /// and `now_us` is the controller's own time, by which late states are told.
     #[inline]
-    pub fn admit(
+    pub(crate) fn admit(
         &mut self,
         now_us: u64,
         state: &DriveState,
@@ -181,7 +146,7 @@ impl<const N: usize> Guard<N> {
         period_s: f64,
     ) -> Admission<N> {
         let whole = match (joints(&state.q), joints(&state.dq), joints(&state.tau)) {
-            (Some(q), Some(dq), Some(tau)) => Some(Admitted { q, dq, tau }),
+            (Some(q), Some(dq), Some(tau)) => Some(JointState { q, dq, tau }),
             _ => None,
         };
         let skipped = match self.last_tick {
@@ -206,7 +171,7 @@ impl<const N: usize> Guard<N> {
         }
         if let Some(violation) = self
             .plausibility
-            .look(state.tick, &admitted, sent, &self.limits, limits, period_s)
+            .check(state.tick, &admitted, sent, &self.limits, limits, period_s)
         {
             if violation.fault == Fault::PositionJump {
                 return self.bridged(1, violation, limits);
@@ -256,7 +221,7 @@ impl<const N: usize> Guard<N> {
     /// arm that `leaves` a sphere may use half the margin: it may have to leave
     /// since it stands at the margin's end, and must not be held there by it.
     #[inline]
-    pub fn joint_state(&self, state: &Admitted<N>, limits: &Limits, leaves: bool) -> Option<Violation> {
+    pub(crate) fn joint_state(&self, state: &JointState<N>, limits: &Limits, leaves: bool) -> Option<Violation> {
         let margin = limits.position_margin_rad * if leaves { 0.5 } else { 1.0 };
         for (i, limit) in self.limits.iter().enumerate() {
             let joint = i as u8 + 1;
@@ -289,7 +254,7 @@ impl<const N: usize> Guard<N> {
 
     /// Looks at what came of the tick: contact force and torque saturation.
     #[inline]
-    pub fn watch(
+    pub(crate) fn watch(
         &mut self,
         force: &Vector3<f64>,
         shaped: &Shaped,

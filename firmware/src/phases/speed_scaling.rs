@@ -1,15 +1,15 @@
-//! The pace of a motion: soft limits, which slow it down before hard ones stop it.
+//! The scaling of a motion: soft limits, which slow it down before hard ones stop it.
 //!
-//! Time along a path runs at a pace from 1 down to [`SLOWEST`]. Each soft limit
-//! is a *load*, 1 where it begins to bite: the pace falls until no load is above
+//! Time along a path runs at a scaling from 1 down to [`SLOWEST`]. Each soft limit
+//! is a *load*, 1 where it begins to bite: the scaling falls until no load is above
 //! 1, and rises again when all are below.
 
 use nalgebra::Vector3;
 
 use super::Env;
-use crate::envelope::room;
+use crate::safety::workspace_clearance;
 
-/// How fast the pace falls and rises again, per s, and its least value.
+/// How fast the scaling falls and rises again, per s, and its least value.
 const SLOWER_PER_S: f64 = 20.0;
 const FASTER_PER_S: f64 = 2.0;
 const SLOWEST: f64 = 0.05;
@@ -22,22 +22,22 @@ const JOINT_GAIN_PER_S: f64 = 5.0;
 const TCP_END_M_S: f64 = 0.05;
 const TCP_GAIN_PER_S: f64 = 4.0;
 
-/// The pace of one motion.
+/// The scaling of one motion.
 #[derive(Clone, Copy, Debug)]
-pub struct Pace {
+pub(crate) struct SpeedScaling {
     now: f64,
 }
 
-impl Default for Pace {
+impl Default for SpeedScaling {
     fn default() -> Self {
         Self { now: 1.0 }
     }
 }
 
-impl Pace {
-    /// Moves the pace by one period under a load; returns it.
+impl SpeedScaling {
+    /// Moves the scaling by one period under a load; returns it.
     #[inline]
-    pub fn step(&mut self, load: f64, period_s: f64) -> f64 {
+    pub(crate) fn step(&mut self, load: f64, period_s: f64) -> f64 {
         let wanted = if load > 1.0 { self.now / load } else { 1.0 };
         // Not `clamp`, which panics where the period is not a number.
         let step = (wanted - self.now)
@@ -48,12 +48,12 @@ impl Pace {
     }
 
     /// Whether it has fallen as far as it goes.
-    pub fn stopped(&self) -> bool {
+    pub(crate) fn stopped(&self) -> bool {
         self.now <= SLOWEST
     }
 
-    /// The pace, from 0 to 1.
-    pub fn now(&self) -> f64 {
+    /// The scaling, from 0 to 1.
+    pub(crate) fn now(&self) -> f64 {
         self.now
     }
 }
@@ -81,11 +81,11 @@ pub(super) fn joint_load<const N: usize>(env: &Env<'_, N>) -> f64 {
 pub(super) fn tcp_load<const N: usize>(env: &Env<'_, N>) -> f64 {
     let limits = &env.procedure.limits;
     let v = &env.snapshot.velocity;
-    let (room, outward) = room(&env.snapshot.tcp.origin, limits);
+    let (clearance, outward) = workspace_clearance(&env.snapshot.tcp.origin, limits);
     let towards = Vector3::new(v[0], v[1], v[2]).dot(&outward);
     (env.snapshot.tcp_speed() / limits.soft_speed_m_s)
         .max(env.force_n / limits.soft_force_n)
-        .max(towards / (TCP_END_M_S + TCP_GAIN_PER_S * room.max(0.0)))
+        .max(towards / (TCP_END_M_S + TCP_GAIN_PER_S * clearance.max(0.0)))
 }
 
 #[cfg(test)]
@@ -96,20 +96,20 @@ mod tests {
     // makes it stop for good, or if it stays slow without one.
     #[test]
     fn the_pace_follows_the_load() {
-        let mut pace = Pace::default();
-        // A motion whose speed is twice the limit at full pace.
+        let mut scaling = SpeedScaling::default();
+        // A motion whose speed is twice the limit at full scaling.
         for _ in 0..1000 {
-            let load = 2.0 * pace.now();
-            pace.step(load, 1e-3);
+            let load = 2.0 * scaling.now();
+            scaling.step(load, 1e-3);
         }
-        assert!((pace.now() - 0.5).abs() < 0.01, "{}", pace.now());
+        assert!((scaling.now() - 0.5).abs() < 0.01, "{}", scaling.now());
         for _ in 0..1000 {
-            pace.step(1e9, 1e-3);
+            scaling.step(1e9, 1e-3);
         }
-        assert_eq!(pace.now(), SLOWEST);
+        assert_eq!(scaling.now(), SLOWEST);
         for _ in 0..1000 {
-            pace.step(0.5, 1e-3);
+            scaling.step(0.5, 1e-3);
         }
-        assert_eq!(pace.now(), 1.0);
+        assert_eq!(scaling.now(), 1.0);
     }
 }

@@ -1,24 +1,27 @@
-//! The drive link's receiving end on a board: bytes to drive states.
+//! The receiving end of the drive link: bytes in, messages of the drive out.
+//!
+//! Used by the boards (bytes from a UART), by the host's TCP drive and by its
+//! fault injection. The bytes may come in pieces of any length.
 
-use spherecal_shared::protocol::drive::{DriveHello, DriveState};
-use spherecal_shared::protocol::frame::{Accumulator, FrameError, LinkCounters, Message, SequenceWatch, open};
+use super::{DriveHello, DriveState};
+use crate::protocol::frame::{Accumulator, FrameError, LinkCounters, Message, SequenceWatch, open};
 
-/// A message of the drive.
+/// A message from the drive.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(clippy::large_enum_variant)] // No allocation on a controller.
-pub enum FromDrive {
-    /// A state.
+#[allow(clippy::large_enum_variant)] // The controller does not allocate.
+pub enum DriveMessage {
+    /// A joint state.
     State {
-        /// It.
+        /// The state.
         state: DriveState,
-        /// Time of the drive when it was sent, in µs.
+        /// Time of the drive when it sent the state, in µs since its start.
         time_us: u64,
     },
-    /// The drive introduces itself.
+    /// The drive's handshake.
     Hello(DriveHello),
 }
 
-/// Collects bytes into messages of the drive and counts what went wrong.
+/// Assembles the bytes of the drive link into messages and counts errors.
 #[derive(Clone, Debug, Default)]
 pub struct DriveReceiver {
     accumulator: Accumulator,
@@ -27,7 +30,7 @@ pub struct DriveReceiver {
 }
 
 impl DriveReceiver {
-    /// A receiver that has heard nothing.
+    /// A receiver without any bytes.
     pub const fn new() -> Self {
         Self {
             accumulator: Accumulator::new(),
@@ -36,8 +39,8 @@ impl DriveReceiver {
         }
     }
 
-    /// Takes `bytes`; whole messages go to `sink`.
-    pub fn receive(&mut self, bytes: &[u8], sink: &mut impl FnMut(FromDrive)) {
+    /// Takes `bytes` and calls `sink` with every message that they complete.
+    pub fn receive(&mut self, bytes: &[u8], sink: &mut impl FnMut(DriveMessage)) {
         let Self {
             accumulator,
             sequence,
@@ -54,21 +57,22 @@ impl DriveReceiver {
         }
     }
 
-    /// What it has counted.
+    /// Frames received, damaged, lost and repeated so far.
     pub fn counters(&self) -> LinkCounters {
         self.counters
     }
 }
 
-fn message(frame: &mut [u8]) -> Result<(u32, FromDrive), FrameError> {
+/// Decodes one frame; returns its sequence number and its message.
+fn message(frame: &mut [u8]) -> Result<(u32, DriveMessage), FrameError> {
     let (header, body) = open(frame)?;
     if header.key == DriveState::KEY {
         let state = postcard::from_bytes(body).map_err(|_| FrameError::Body)?;
         let time_us = header.time_us;
-        Ok((header.sequence, FromDrive::State { state, time_us }))
+        Ok((header.sequence, DriveMessage::State { state, time_us }))
     } else if header.key == DriveHello::KEY {
         let hello = postcard::from_bytes(body).map_err(|_| FrameError::Body)?;
-        Ok((header.sequence, FromDrive::Hello(hello)))
+        Ok((header.sequence, DriveMessage::Hello(hello)))
     } else {
         Err(FrameError::Key)
     }
@@ -77,8 +81,8 @@ fn message(frame: &mut [u8]) -> Result<(u32, FromDrive), FrameError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spherecal_shared::protocol::drive::{DriveCommand, TorqueSign};
-    use spherecal_shared::protocol::frame::{MAX_FRAME, encode};
+    use crate::protocol::drive::{DriveCommand, TorqueSign};
+    use crate::protocol::frame::{MAX_FRAME, encode};
     use std::vec::Vec;
 
     fn frame<M: Message>(message: &M, sequence: u32) -> Vec<u8> {
@@ -87,10 +91,10 @@ mod tests {
         out[..length].to_vec()
     }
 
-    // Fails if a message is lost or misread, however its bytes are cut, or if
-    // damage and foreign messages are not counted.
+    // Fails if a message is lost or misread when its bytes come in pieces, or if
+    // damaged frames and messages of other types are not counted.
     #[test]
-    fn messages_come_out_whole_however_the_bytes_are_cut() {
+    fn messages_are_complete_however_the_bytes_are_split() {
         let hello = DriveHello {
             protocol: 1,
             limits: heapless::Vec::new(),
@@ -115,8 +119,8 @@ mod tests {
             assert_eq!(
                 seen,
                 [
-                    FromDrive::Hello(hello.clone()),
-                    FromDrive::State {
+                    DriveMessage::Hello(hello.clone()),
+                    DriveMessage::State {
                         state: state.clone(),
                         time_us: 0
                     }

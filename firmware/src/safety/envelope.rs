@@ -8,7 +8,7 @@ use spherecal_shared::procedure::Limits;
 use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::JointLimits;
 
-use crate::guard::Violation;
+use super::violation::Violation;
 
 /// How long a speed or a place may violate its limit, in s: noise is shorter.
 const DWELL_S: f64 = 0.005;
@@ -25,7 +25,7 @@ const TORQUE_ERROR_NM: f64 = 10.0;
 
 /// What the envelope keeps of the ticks before: for how many each limit was violated.
 #[derive(Clone, Debug)]
-pub struct Envelope<const N: usize> {
+pub(crate) struct Envelope<const N: usize> {
     fast: u32,
     outside: u32,
     /// Negative where less arrived than was sent.
@@ -45,7 +45,7 @@ impl<const N: usize> Default for Envelope<N> {
 /// How far (m) a point lies inside the workspace and above the plate, and the
 /// outward normal of the nearest bound.
 #[inline]
-pub fn room(tcp: &Vector3<f64>, limits: &Limits) -> (f64, Vector3<f64>) {
+pub(crate) fn workspace_clearance(tcp: &Vector3<f64>, limits: &Limits) -> (f64, Vector3<f64>) {
     let plate = Vector3::from(limits.plate_normal);
     let mut least = plate.dot(tcp) - limits.plate_offset_m;
     let mut outward = -plate;
@@ -69,7 +69,7 @@ pub fn room(tcp: &Vector3<f64>, limits: &Limits) -> (f64, Vector3<f64>) {
 impl<const N: usize> Envelope<N> {
     /// Looks at the TCP (m) and its velocity (m/s, linear part first), F0.
     #[inline]
-    pub fn tcp(
+    pub(crate) fn tcp(
         &mut self,
         tcp: &Vector3<f64>,
         velocity: &Vector6<f64>,
@@ -83,15 +83,15 @@ impl<const N: usize> Envelope<N> {
         if f64::from(self.fast) * period_s > DWELL_S {
             return Some(Violation::new(Fault::TcpSpeed, speed, limits.speed_m_s));
         }
-        let (room, outward) = room(tcp, limits);
-        let leaves = room < 0.0 && v.dot(&outward) > OUTWARD_M_S;
+        let (clearance, outward) = workspace_clearance(tcp, limits);
+        let leaves = clearance < 0.0 && v.dot(&outward) > OUTWARD_M_S;
         self.outside = if leaves { self.outside.saturating_add(1) } else { 0 };
-        (f64::from(self.outside) * period_s > DWELL_S).then(|| Violation::new(Fault::Workspace, -room, 0.0))
+        (f64::from(self.outside) * period_s > DWELL_S).then(|| Violation::new(Fault::Workspace, -clearance, 0.0))
     }
 
     /// Looks at what arrived (N m) of the torque that was sent (N m).
     #[inline]
-    pub fn torque(
+    pub(crate) fn torque(
         &mut self,
         sent: &[f64],
         delivered: &[f64; N],
@@ -140,13 +140,13 @@ mod tests {
     // Fails if the nearest bound is not found, or its distance or side is wrong.
     #[test]
     fn the_room_is_the_distance_to_the_nearest_bound() {
-        let (least, outward) = room(&Vector3::new(0.0, 0.0, 0.3), &limits());
+        let (least, outward) = workspace_clearance(&Vector3::new(0.0, 0.0, 0.3), &limits());
         assert!((least - 0.2).abs() < 1e-12);
         assert_eq!(outward, -Vector3::z(), "the plate");
-        let (least, outward) = room(&Vector3::new(0.95, 0.0, 0.5), &limits());
+        let (least, outward) = workspace_clearance(&Vector3::new(0.95, 0.0, 0.5), &limits());
         assert!((least - 0.05).abs() < 1e-12);
         assert_eq!(outward, Vector3::x());
-        assert!(room(&Vector3::new(0.0, -1.1, 0.5), &limits()).0 < 0.0);
+        assert!(workspace_clearance(&Vector3::new(0.0, -1.1, 0.5), &limits()).0 < 0.0);
     }
 
     // Fails if the arm may leave, or may not come back.
