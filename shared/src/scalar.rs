@@ -1,17 +1,17 @@
-//! The scalar that models and control law are written over: `f32` or `f64`.
+//! The scalar of the models and of the control law: `f32` or `f64`.
 //!
-//! All transcendental functions come from `libm` (nalgebra's `libm-force`),
-//! on every target, so that results are the same bits everywhere.
+//! All trigonometric functions come from `libm` on every target (nalgebra's
+//! feature `libm-force`), so results have the same bits everywhere.
 
 pub use spherecal_fpu::sqrt;
 
 /// A real scalar: `f32` or `f64`.
 pub trait Real: nalgebra::RealField + Copy {
-    /// Both sine and cosine of an angle in rad.
+    /// Sine and cosine of an angle in rad.
     fn sin_cos_of(self) -> (Self, Self);
 
-    /// The square root; the same bits on every target, since IEEE 754 rounds
-    /// it exactly, and one instruction where there is one.
+    /// The square root. IEEE 754 demands the correctly rounded root, so it has
+    /// the same bits on every target.
     fn sqrt_of(self) -> Self;
 }
 
@@ -39,7 +39,7 @@ impl Real for f32 {
     }
 }
 
-/// A literal as scalar `T`.
+/// The number `value` as scalar `T`.
 #[inline(always)]
 pub fn lit<T: Real>(value: f64) -> T {
     nalgebra::convert(value)

@@ -153,7 +153,7 @@ impl HostLink {
             match received {
                 None => {}
                 Some(Ok((header, downlink))) => {
-                    self.watch.note(header.sequence, &mut self.counters);
+                    self.watch.record(header.sequence, &mut self.counters);
                     self.take(downlink, port);
                 }
                 Some(Err(error)) => {

@@ -49,7 +49,7 @@ impl DriveReceiver {
         for &byte in bytes {
             accumulator.push(byte, &mut |frame| match frame.and_then(message) {
                 Ok((number, message)) => {
-                    sequence.note(number, counters);
+                    sequence.record(number, counters);
                     sink(message);
                 }
                 Err(_) => counters.crc_errors = counters.crc_errors.wrapping_add(1),
