@@ -106,7 +106,7 @@ impl Bench {
 
     /// Computed TCP, in m.
     pub(crate) fn tcp(&self) -> Vector3<f64> {
-        self.arm.tcp_frame(&self.arm.frames(&self.q.into())).origin
+        self.arm.tcp_frame(&self.arm.frames(&self.q.into())).position
     }
 
     /// The drive state of this tick.
@@ -176,7 +176,7 @@ impl Bench {
             return;
         }
         let frames = self.arm.frames(&self.q.into());
-        let tcp = self.arm.tcp_frame(&frames).origin;
+        let tcp = self.arm.tcp_frame(&frames).position;
         let jacobian = self.arm.jacobian(&frames, &tcp);
         let mut force = self.push;
         if let Some(sphere) = self.sphere {

@@ -32,12 +32,12 @@ pub fn solve(arm: &Arm<f64, 7>, position: &Vector3<f64>, rotation: &Matrix3<f64>
         let frames = arm.frames(&q.into());
         let tcp = arm.tcp_frame(&frames);
         let turn = spherecal_firmware::law::rotation_error(rotation, &tcp.rotation);
-        let shift = position - tcp.origin;
+        let shift = position - tcp.position;
         let error = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
         if error.norm() < 1e-12 {
             return q.into();
         }
-        let j: SMatrix<f64, 6, 7> = arm.jacobian(&frames, &tcp.origin);
+        let j: SMatrix<f64, 6, 7> = arm.jacobian(&frames, &tcp.position);
         let gram = j * j.transpose() + SMatrix::<f64, 6, 6>::identity() * 1e-6;
         q += j.transpose() * gram.cholesky().expect("positive definite").solve(&error);
     }

@@ -233,7 +233,7 @@ impl<const N: usize> Controller<N> {
         if let (Some(posture), Some(configured), Some(snapshot)) = (&posture, &self.configured, &self.snapshot) {
             let there = configured.arm.tcp_frame(&configured.arm.frames(posture));
             let turned = (there.rotation.transpose() * rotation).trace();
-            let away = (there.origin - snapshot.tcp.origin).norm_squared();
+            let away = (there.position - snapshot.tcp.position).norm_squared();
             if !(turned > POSTURE_TRACE && away < POSTURE_M * POSTURE_M) {
                 return Err(Refusal::Target);
             }

@@ -333,7 +333,7 @@ impl<const N: usize> Controller<N> {
         let limits = &self.procedure.limits;
         let (joints, envelope) = self.safety.parts();
         let violation = envelope
-            .tcp(&snapshot.tcp.origin, &snapshot.velocity, limits, self.period_s)
+            .tcp(&snapshot.tcp.position, &snapshot.velocity, limits, self.period_s)
             .or_else(|| {
                 let sent = &self.last.as_ref()?.tau;
                 envelope.torque(sent, &delivered, joints, limits, self.period_s)
@@ -410,7 +410,7 @@ impl<const N: usize> Controller<N> {
         };
         if self.activity.is_seated() {
             let seating = &env.procedure.seating;
-            let tcp = &snapshot.tcp.origin;
+            let tcp = &snapshot.tcp.position;
             if let Some(distance) = self
                 .cartesian
                 .watch

@@ -39,10 +39,10 @@ impl<const N: usize> Controller<N> {
         let setpoint = if self.activity.is_cartesian() {
             self.cartesian.setpoint.position
         } else {
-            snapshot.tcp.origin
+            snapshot.tcp.position
         };
         for k in 0..3 {
-            sample.tcp_m[k] = snapshot.tcp.origin[k] as f32;
+            sample.tcp_m[k] = snapshot.tcp.position[k] as f32;
             sample.setpoint_m[k] = setpoint[k] as f32;
         }
         for (i, slot) in sample.q.iter_mut().enumerate().take(N) {

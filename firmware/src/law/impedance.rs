@@ -113,7 +113,7 @@ impl Impedance {
             self.share = (self.share + self.rate).min(1.0);
             self.stiffness = Stiffness::between(&self.from, &self.to, self.share);
         }
-        let position = setpoint.position - snapshot.tcp.origin;
+        let position = setpoint.position - snapshot.tcp.position;
         let rotation = rotation_error(&setpoint.rotation, &snapshot.tcp.rotation);
         let error = Vector6::new(position.x, position.y, position.z, rotation.x, rotation.y, rotation.z);
         let velocity_error = setpoint.velocity - snapshot.velocity;

@@ -105,7 +105,7 @@ fn elbow_torque<const N: usize>(
     let direction = now.tangent / now.radius;
     let mut gradient = SVector::<f64, N>::zeros();
     for (i, frame) in snapshot.frames.iter().enumerate().take(4) {
-        gradient[i] = frame.z().cross(&(now.point - frame.origin)).dot(&direction);
+        gradient[i] = frame.z().cross(&(now.point - frame.position)).dot(&direction);
     }
     let y = project(snapshot, &snapshot.mass.solve_lower(&gradient));
     // Mobility of the elbow angle in the null space: 1 / inertia.

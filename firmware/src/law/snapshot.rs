@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3, Vector6};
 use spherecal_shared::linalg::Cholesky;
-use spherecal_shared::robot::{Arm, Dynamics, Frame};
+use spherecal_shared::robot::{Arm, Dynamics, Pose};
 use spherecal_shared::scalar::sqrt;
 
 /// Smallest pivot of the task-space mobility `J M⁻¹ Jᵀ` that the law works
@@ -14,7 +14,7 @@ pub const MOBILITY_FLOOR: f64 = 0.01;
 /// m²: 3 N m and 30 N. Damps [`Snapshot::point_force`].
 const POINT_FORCE_DAMPING: f64 = 0.01;
 
-/// The arm at one tick. Frame F0 throughout; task-space vectors are linear
+/// The arm at one tick. Pose F0 throughout; task-space vectors are linear
 /// part first, at the TCP.
 #[derive(Clone, Debug)]
 pub struct Snapshot<const N: usize> {
@@ -23,9 +23,9 @@ pub struct Snapshot<const N: usize> {
     /// Joint velocities, in rad/s.
     pub dq: [f64; N],
     /// Frames F1..Fn.
-    pub frames: [Frame<f64>; N],
+    pub frames: [Pose<f64>; N],
     /// The TCP frame.
-    pub tcp: Frame<f64>,
+    pub tcp: Pose<f64>,
     /// Geometric Jacobian at the TCP.
     pub jacobian: SMatrix<f64, 6, N>,
     /// TCP velocity `J q̇`, in m/s and rad/s.
@@ -59,7 +59,7 @@ impl<const N: usize> Snapshot<N> {
     pub fn new(arm: &Arm<f64, N>, q: &[f64; N], dq: &[f64; N]) -> Option<Self> {
         let frames = arm.frames(q);
         let tcp = arm.tcp_frame(&frames);
-        let jacobian = arm.jacobian(&frames, &tcp.origin);
+        let jacobian = arm.jacobian(&frames, &tcp.position);
         let bodies = arm.bodies(&frames);
         let mut matrix = bodies.mass_matrix();
         arm.add_rotors(&mut matrix);

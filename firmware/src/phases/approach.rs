@@ -85,7 +85,7 @@ impl Approaching {
         if (env.wrench.force - cartesian.tare.force).norm() > FELT_N {
             return;
         }
-        let error = cartesian.setpoint.position - env.snapshot.tcp.origin;
+        let error = cartesian.setpoint.position - env.snapshot.tcp.position;
         let across = error - cartesian.direction * error.dot(&cartesian.direction);
         self.keeping += across * (env.procedure.approach.line_n_m_s * env.period_s);
         let size = self.keeping.norm();
@@ -103,7 +103,7 @@ impl Approaching {
         cartesian.setpoint.velocity.fixed_rows_mut::<3>(0).copy_from(&velocity);
         self.keep_line(env, cartesian);
 
-        let tcp = env.snapshot.tcp.origin;
+        let tcp = env.snapshot.tcp.position;
         let travel = (tcp - self.start).dot(&cartesian.direction);
         let force = cartesian.contact_force(env);
         if self

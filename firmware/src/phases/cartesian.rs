@@ -48,7 +48,7 @@ impl<const N: usize> CartesianState<N> {
     /// arm is, the null space to where the elbow is, and the tared wrench, which
     /// a soft spring would give way to by centimetres, is compensated.
     pub(crate) fn engage(&mut self, snapshot: &Snapshot<N>, stiffness: Stiffness) {
-        self.setpoint = CartesianSetpoint::at(snapshot.tcp.origin, snapshot.tcp.rotation);
+        self.setpoint = CartesianSetpoint::at(snapshot.tcp.position, snapshot.tcp.rotation);
         self.setpoint.feed_forward = self.compensation(Vector3::zeros());
         self.impedance = Impedance::new(stiffness);
         self.null_space = match elbow(&snapshot.frames) {
@@ -63,7 +63,7 @@ impl<const N: usize> CartesianState<N> {
 
     /// Re-latches the spring to where the arm is.
     pub(crate) fn relatch(&mut self, snapshot: &Snapshot<N>, rotation: Matrix3<f64>) {
-        self.setpoint = CartesianSetpoint::at(snapshot.tcp.origin, rotation);
+        self.setpoint = CartesianSetpoint::at(snapshot.tcp.position, rotation);
         self.setpoint.feed_forward = self.compensation(Vector3::zeros());
     }
 

@@ -61,23 +61,23 @@ impl Coupling {
         } else {
             (SEARCH_M, couple.search_s)
         };
-        let wander = (env.snapshot.tcp.origin - cartesian.contact).norm();
+        let wander = (env.snapshot.tcp.position - cartesian.contact).norm();
         if wander > most {
             return Next::fail(Fault::NotSeated, wander, most);
         }
         if env.elapsed_s < time_s {
             if self.searches > 0 {
-                cartesian.setpoint.position = env.snapshot.tcp.origin;
+                cartesian.setpoint.position = env.snapshot.tcp.position;
                 cartesian.setpoint.feed_forward = cartesian.compensation(Self::search(env, cartesian));
             }
             return Next::Stay;
         }
         cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());
-        cartesian.setpoint.position = env.snapshot.tcp.origin;
-        cartesian.watch = SeatingWatch::new(env.snapshot.tcp.origin);
+        cartesian.setpoint.position = env.snapshot.tcp.position;
+        cartesian.watch = SeatingWatch::new(env.snapshot.tcp.position);
         Next::Enter(
             Activity::Verifying(Verifying {
-                pull: Pull::new(env.snapshot.tcp.origin),
+                pull: Pull::new(env.snapshot.tcp.position),
                 searches: self.searches,
             }),
             None,
@@ -96,7 +96,7 @@ impl Verifying {
     /// One tick.
     pub(crate) fn step<const N: usize>(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         let seating = &env.procedure.seating;
-        let tcp = env.snapshot.tcp.origin;
+        let tcp = env.snapshot.tcp.position;
         let moved = self.pull.push(&tcp);
         if moved > seating.test_m {
             cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());

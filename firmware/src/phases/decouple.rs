@@ -32,7 +32,7 @@ impl Decoupling {
             decouple.retreat_m,
         );
         Self {
-            start: tcp.origin,
+            start: tcp.position,
             line,
             over_s: 0.0,
         }
@@ -44,7 +44,7 @@ impl Decoupling {
         let (displacement, velocity) = self.line.step(env.period_s);
         cartesian.setpoint.position = self.start + displacement;
         cartesian.setpoint.velocity.fixed_rows_mut::<3>(0).copy_from(&velocity);
-        let followed = -(env.snapshot.tcp.origin - self.start).dot(&cartesian.direction);
+        let followed = -(env.snapshot.tcp.position - self.start).dot(&cartesian.direction);
         if !self.line.finished() {
             return Next::Stay;
         }

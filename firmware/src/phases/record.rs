@@ -50,7 +50,7 @@ impl<const N: usize> RecordingPose<N> {
     pub(crate) fn step(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         if let Some((pull, began_s)) = &mut self.pull {
             let seating = &env.procedure.seating;
-            let moved = pull.push(&env.snapshot.tcp.origin);
+            let moved = pull.push(&env.snapshot.tcp.position);
             if moved > seating.check_m {
                 return Next::fail(Fault::ContactLost, moved, seating.check_m);
             }
@@ -90,14 +90,14 @@ impl<const N: usize> RecordingPose<N> {
             time_us: env.time_us,
             q: &env.snapshot.q,
             tau: env.tau,
-            tcp: &env.snapshot.tcp.origin,
+            tcp: &env.snapshot.tcp.position,
             force: &force,
         });
         if self.recorder.count() < env.procedure.record.samples {
             return Next::Stay;
         }
         if env.procedure.seating.check_s > 0.0 {
-            self.pull = Some((Pull::new(env.snapshot.tcp.origin), env.elapsed_s));
+            self.pull = Some((Pull::new(env.snapshot.tcp.position), env.elapsed_s));
             return Next::Stay;
         }
         self.finish(cartesian)

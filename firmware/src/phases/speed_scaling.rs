@@ -81,7 +81,7 @@ pub(super) fn joint_load<const N: usize>(env: &Env<'_, N>) -> f64 {
 pub(super) fn tcp_load<const N: usize>(env: &Env<'_, N>) -> f64 {
     let limits = &env.procedure.limits;
     let v = &env.snapshot.velocity;
-    let (clearance, outward) = workspace_clearance(&env.snapshot.tcp.origin, limits);
+    let (clearance, outward) = workspace_clearance(&env.snapshot.tcp.position, limits);
     let towards = Vector3::new(v[0], v[1], v[2]).dot(&outward);
     (env.snapshot.tcp_speed() / limits.soft_speed_m_s)
         .max(env.force_n / limits.soft_force_n)

@@ -414,7 +414,7 @@ pub(crate) fn distances(state: &State, layout: &Layout, prepared: &[Prepared], w
         .map(|observation| {
             let k = state.at(observation);
             for j in 0..layout.n {
-                columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].origin));
+                columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
             }
             let c = whitening.covariance(&columns[..layout.n], observation.sphere.is_some());
             Root::new(&c).times(&state.residual(observation, &k.tcp)).norm_squared()
@@ -437,7 +437,7 @@ pub(crate) fn likelihoods(
     for observation in prepared {
         let k = state.at(observation);
         for j in 0..layout.n {
-            columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].origin));
+            columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
         }
         let residual = state.residual(observation, &k.tcp);
         for (c, candidate) in candidates.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{Frame, LinkTransform, Robot, Tool};
+use spherecal_shared::robot::{LinkTransform, Pose, Robot, Tool};
 
 /// A robot with its tool, ready for forward kinematics on slices.
 #[derive(Clone, Debug)]
@@ -26,14 +26,14 @@ impl Chain {
     }
 
     /// Frames F1..Fn in F0 at `q` (rad).
-    pub(crate) fn frames(&self, q: &[f64]) -> Vec<Frame<f64>> {
-        let mut frames = vec![Frame::identity(); self.links.len()];
+    pub(crate) fn frames(&self, q: &[f64]) -> Vec<Pose<f64>> {
+        let mut frames = vec![Pose::identity(); self.links.len()];
         frames_into(&self.links, q, &mut frames);
         frames
     }
 
     /// The TCP in F0 for frames of this chain, in m.
-    pub(crate) fn tcp_of(&self, frames: &[Frame<f64>]) -> Vector3<f64> {
+    pub(crate) fn tcp_of(&self, frames: &[Pose<f64>]) -> Vector3<f64> {
         frames.last().map_or(self.tcp, |flange| flange.point(&self.tcp))
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::elbow::elbow;
 use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{Frame, JointLimits, LinkTransform, MdhRow, Robot, Tool};
+use spherecal_shared::robot::{JointLimits, LinkTransform, MdhRow, Pose, Robot, Tool};
 
 use super::PlanError;
 
@@ -32,7 +32,7 @@ pub struct TcpPose {
 #[derive(Clone, Debug)]
 pub(super) struct Posture {
     /// F1..Fn in F0; the rest is unused.
-    pub(super) frames: [Frame<f64>; MAX_JOINTS],
+    pub(super) frames: [Pose<f64>; MAX_JOINTS],
     /// Rotation of the flange and of FT.
     pub(super) rotation: Matrix3<f64>,
     /// TCP in F0, in m.
@@ -104,7 +104,7 @@ impl Chain {
 
     /// Frames and TCP at `q`.
     pub(super) fn posture(&self, q: &[f64]) -> Posture {
-        let mut frames = [Frame::identity(); MAX_JOINTS];
+        let mut frames = [Pose::identity(); MAX_JOINTS];
         let flange = frames_into(&self.links, q, &mut frames);
         Posture {
             rotation: flange.rotation,
@@ -127,7 +127,7 @@ impl Chain {
         let mut jacobian = TaskJacobian::zeros();
         for (i, frame) in posture.frames.iter().enumerate().take(self.dof()) {
             let z = frame.z();
-            let v = z.cross(&(posture.tcp - frame.origin));
+            let v = z.cross(&(posture.tcp - frame.position));
             for k in 0..3 {
                 jacobian[(k, i)] = v[k];
                 jacobian[(k + 3, i)] = z[k];
@@ -150,7 +150,7 @@ impl Chain {
             return None;
         }
         let [_, f2, _, f4, _, f6, ..] = &posture.frames;
-        let (line, arm) = (f6.origin - f2.origin, f4.origin - f2.origin);
+        let (line, arm) = (f6.position - f2.position, f4.position - f2.position);
         let length = line.norm();
         let n = line / length;
         let up = Vector3::z();
@@ -164,7 +164,7 @@ impl Chain {
         let velocity = |i: usize, m: usize| {
             let frame = &posture.frames[i];
             if i < m {
-                frame.z().cross(&(posture.frames[m].origin - frame.origin))
+                frame.z().cross(&(posture.frames[m].position - frame.position))
             } else {
                 Vector3::zeros()
             }

@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
-use spherecal_shared::robot::Frame;
+use spherecal_shared::robot::Pose;
 
 use super::config::PlantConfig;
 use super::world::{Stream, normal3, stream};
@@ -44,8 +44,8 @@ impl Coupling {
     /// Where the seated centre stands in the nest's frame now, in m.
     pub(super) fn seat(
         &mut self,
-        tcp: &Frame<f64>,
-        plate: &Frame<f64>,
+        tcp: &Pose<f64>,
+        plate: &Pose<f64>,
         sphere: &Vector3<f64>,
         config: &PlantConfig,
     ) -> Vector3<f64> {
@@ -53,7 +53,7 @@ impl Coupling {
         if !nest.seating_error {
             return Vector3::zeros();
         }
-        let near = (sphere - tcp.origin).norm_squared() < 0.005 * 0.005;
+        let near = (sphere - tcp.position).norm_squared() < 0.005 * 0.005;
         if near && !self.near {
             self.seat = normal3(&mut self.rng) * nest.seating_sigma_m;
         }

@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Rotation3, Vector3};
 use rand::RngExt;
-use spherecal_shared::robot::{Arm, Frame, Inertia, Robot, Tool};
+use spherecal_shared::robot::{Arm, Inertia, Pose, Robot, Tool};
 
 use super::config::{PlacementConfig, PlantConfig};
 use super::error::PlantError;
@@ -69,7 +69,7 @@ fn mean_difference<const N: usize>(nominal: &Robot, one: &Arm<f64, N>, other: &A
                     .get(i)
                     .map_or(0.0, |j| between(&mut rng, [j.limits.min_rad, j.limits.max_rad]))
             });
-            let at = |arm: &Arm<f64, N>| arm.tcp_frame(&arm.frames(&q)).origin;
+            let at = |arm: &Arm<f64, N>| arm.tcp_frame(&arm.frames(&q)).position;
             (at(one) - at(other)).norm()
         })
         .sum();
@@ -100,7 +100,7 @@ pub(super) fn draw_masses(robot: &mut Robot, tool: &mut Tool, config: &PlantConf
 }
 
 /// True pose of the plate in F0 in each of its placements.
-pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Frame<f64>> {
+pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Pose<f64>> {
     let p = &config.plate;
     let mut rng = stream(config.seed, Stream::Placement);
     let place = |nominal: &PlacementConfig| {
@@ -110,14 +110,14 @@ pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Frame<f64>> {
             origin += normal3(&mut rng) * p.placement_sigma_m;
             rotation = Rotation3::new(normal3(&mut rng) * p.placement_sigma_rad).into_inner() * rotation;
         }
-        Frame { rotation, origin }
+        Pose::new(rotation, origin)
     };
     p.placements().iter().map(place).collect()
 }
 
 pub(super) fn draw_spheres(
     config: &PlantConfig,
-    plate: &Frame<f64>,
+    plate: &Pose<f64>,
 ) -> heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES> {
     let p = &config.plate;
     let sigma = if p.certificate_error {

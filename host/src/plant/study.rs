@@ -24,7 +24,7 @@ impl<const N: usize> World<N> {
         let mut q = *guess;
         for _ in 0..20 {
             let link = self.link_angles_at_rest(&q);
-            let tcp = self.tcp(&link).origin;
+            let tcp = self.tcp(&link).position;
             let wrong = point - tcp;
             if wrong.norm() < 1e-9 {
                 break;
@@ -37,7 +37,7 @@ impl<const N: usize> World<N> {
                 q[i] += step[i].clamp(-0.1, 0.1);
             }
         }
-        let reached = self.tcp(&self.link_angles_at_rest(&q)).origin;
+        let reached = self.tcp(&self.link_angles_at_rest(&q)).position;
         ((reached - point).norm() < 1e-7).then_some(q)
     }
 }

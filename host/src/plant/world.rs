@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
-use spherecal_shared::robot::{Arm, Dynamics, Frame, Robot, Tool};
+use spherecal_shared::robot::{Arm, Dynamics, Pose, Robot, Tool};
 
 use super::config::PlantConfig;
 use super::draw::{draw_geometry, draw_joint_errors, draw_masses, draw_plates, draw_spheres};
@@ -113,7 +113,7 @@ pub struct World<const N: usize> {
     /// The true tool.
     pub tool: Tool,
     /// True plate pose in F0.
-    pub plate: Frame<f64>,
+    pub plate: Pose<f64>,
     /// True sphere centres in F0, in m; `None` for a sphere that was taken away.
     pub spheres: heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES>,
     /// Joint compliance, in rad/(N m).
@@ -127,7 +127,7 @@ pub struct World<const N: usize> {
     /// Bias of the torque sensors, in N m.
     pub torque_bias: [f64; N],
     /// The same in each of its placements.
-    pub(super) plates: Vec<Frame<f64>>,
+    pub(super) plates: Vec<Pose<f64>>,
     pub(super) errors: [JointError; N],
     quadratic: f64,
     hysteresis: f64,
@@ -164,7 +164,7 @@ impl<const N: usize> World<N> {
         });
         let arm = Arm::new(&robot, &tool)?;
         let plates = draw_plates(config);
-        let plate = plates.first().copied().unwrap_or_else(Frame::identity);
+        let plate = plates.first().copied().unwrap_or_else(Pose::identity);
         let c = &config.compliance;
         let switch = |value: f64| if c.enabled { value } else { 0.0 };
         let mut rng = stream(seed, Stream::Compliance);
@@ -271,7 +271,7 @@ impl<const N: usize> World<N> {
 
     /// Displacement of the point `p` (m, F0) by bending of links and base under
     /// the weight of all that they carry, in m.
-    pub(super) fn bending(&self, frames: &[Frame<f64>; N], p: &Vector3<f64>) -> Vector3<f64> {
+    pub(super) fn bending(&self, frames: &[Pose<f64>; N], p: &Vector3<f64>) -> Vector3<f64> {
         let mut shift = Vector3::zeros();
         let (mut mass, mut moment) = (0.0, Vector3::zeros());
         let weight = |mass: f64, moment: &Vector3<f64>, about: &Vector3<f64>| {
@@ -286,7 +286,7 @@ impl<const N: usize> World<N> {
             };
             mass += body.mass_kg;
             moment += frames[i].point(&body.com()) * body.mass_kg;
-            let origin = frames[i].origin;
+            let origin = frames[i].position;
             let z = frames[i].z();
             let about = weight(mass, &moment, &origin);
             let across = about - z * z.dot(&about);
@@ -298,11 +298,11 @@ impl<const N: usize> World<N> {
     }
 
     /// True TCP in F0 at true link angles, bending included.
-    pub fn tcp(&self, link: &[f64; N]) -> Frame<f64> {
+    pub fn tcp(&self, link: &[f64; N]) -> Pose<f64> {
         let frames = self.arm.frames(link);
         let mut tcp = self.arm.tcp_frame(&frames);
         if self.bends() {
-            tcp.origin += self.bending(&frames, &tcp.origin);
+            tcp.position += self.bending(&frames, &tcp.position);
         }
         tcp
     }

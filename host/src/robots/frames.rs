@@ -1,27 +1,27 @@
 //! Rigid transforms as the robot files write them.
 //!
-//! A [`Frame`] of the shared crate is at once a frame seen from its parent and
+//! A [`Pose`] of the shared crate is at once a frame seen from its parent and
 //! the transform to it; here are its product, its inverse, and the roll, pitch
 //! and yaw of URDF (`R = Rz(yaw) Ry(pitch) Rx(roll)`, fixed axes).
 
 use nalgebra::{Matrix3, Vector3};
-use spherecal_shared::robot::{Frame, MdhRow};
+use spherecal_shared::robot::{MdhRow, Pose};
 use spherecal_shared::scalar::Real;
 
 /// The frame `b`, given in the frame `a`, seen from where `a` is given: `a · b`.
-pub fn compose(a: &Frame<f64>, b: &Frame<f64>) -> Frame<f64> {
-    Frame {
+pub fn compose(a: &Pose<f64>, b: &Pose<f64>) -> Pose<f64> {
+    Pose {
         rotation: a.rotation * b.rotation,
-        origin: a.point(&b.origin),
+        position: a.point(&b.position),
     }
 }
 
 /// The transform back: `a⁻¹`.
-pub fn inverse(a: &Frame<f64>) -> Frame<f64> {
+pub fn inverse(a: &Pose<f64>) -> Pose<f64> {
     let rotation = a.rotation.transpose();
-    Frame {
+    Pose {
         rotation,
-        origin: -(rotation * a.origin),
+        position: -(rotation * a.position),
     }
 }
 
@@ -71,14 +71,14 @@ pub fn to_rpy(r: &Matrix3<f64>) -> [f64; 3] {
 }
 
 /// The constant part of one modified DH row, as a transform at joint angle `q` (rad).
-pub fn row_transform(row: &MdhRow<f64>, q: f64) -> Frame<f64> {
-    spherecal_shared::robot::kinematics::next_frame(&Frame::identity(), &row.into(), q)
+pub fn row_transform(row: &MdhRow<f64>, q: f64) -> Pose<f64> {
+    spherecal_shared::robot::kinematics::next_frame(&Pose::identity(), &row.into(), q)
 }
 
 /// The largest difference of two frames: position in m, or an entry of the
 /// rotation, whichever is larger.
-pub fn distance(a: &Frame<f64>, b: &Frame<f64>) -> f64 {
-    (a.origin - b.origin).amax().max((a.rotation - b.rotation).amax())
+pub fn distance(a: &Pose<f64>, b: &Pose<f64>) -> f64 {
+    (a.position - b.position).amax().max((a.rotation - b.rotation).amax())
 }
 
 #[cfg(test)]
@@ -102,8 +102,8 @@ mod tests {
         /// Fails if product and inverse do not belong together.
         #[test]
         fn a_frame_times_its_inverse_is_nothing(a in -3.0..3.0_f64, b in -3.0..3.0_f64, x in -2.0..2.0_f64) {
-            let frame = Frame { rotation: from_rpy([a, b, a * b]), origin: Vector3::new(x, a, b) };
-            prop_assert!(distance(&compose(&frame, &inverse(&frame)), &Frame::identity()) < 1e-14);
+            let frame = Pose { rotation: from_rpy([a, b, a * b]), position: Vector3::new(x, a, b) };
+            prop_assert!(distance(&compose(&frame, &inverse(&frame)), &Pose::identity()) < 1e-14);
         }
     }
 }

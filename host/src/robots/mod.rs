@@ -22,7 +22,7 @@ mod urdf_out;
 
 use std::path::Path;
 
-use spherecal_shared::robot::{BUILT_IN, Frame, Tool, iiwa7_tool};
+use spherecal_shared::robot::{BUILT_IN, Pose, Tool, iiwa7_tool};
 
 pub use error::RobotFileError;
 pub use model::{Origin, RobotModel, moved, table_frames};
@@ -39,8 +39,8 @@ pub fn built_in(name: &str) -> Option<RobotModel> {
     let tool = if name == "iiwa7" { iiwa7_tool() } else { Tool::default() };
     Some(RobotModel {
         robot,
-        base: Frame::identity(),
-        flange: Frame::identity(),
+        base: Pose::identity(),
+        flange: Pose::identity(),
         tool,
         frame_names: ("base_link".to_owned(), "tool0".to_owned()),
         origin: Origin::BuiltIn,

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{Frame, Inertia, LinkTransform, MdhRow, Robot, Tool};
+use spherecal_shared::robot::{Inertia, LinkTransform, MdhRow, Pose, Robot, Tool};
 
 use super::frames::{compose, inverse};
 use super::urdf::{Urdf, UrdfChain};
@@ -31,9 +31,9 @@ pub struct RobotModel {
     /// Table, masses and limits.
     pub robot: Robot,
     /// F0 in the root frame of the file.
-    pub base: Frame<f64>,
+    pub base: Pose<f64>,
     /// The file's flange frame in Fn.
-    pub flange: Frame<f64>,
+    pub flange: Pose<f64>,
     /// Nominal tool, in the file's flange frame.
     pub tool: Tool,
     /// Name of the root frame and of the flange frame.
@@ -43,9 +43,9 @@ pub struct RobotModel {
 }
 
 /// The frames of a table at joint angles `q` (rad, one per row): F1..Fn in F0.
-pub fn table_frames(rows: &[MdhRow<f64>], q: &[f64]) -> Vec<Frame<f64>> {
+pub fn table_frames(rows: &[MdhRow<f64>], q: &[f64]) -> Vec<Pose<f64>> {
     let links: Vec<LinkTransform<f64>> = rows.iter().map(LinkTransform::from).collect();
-    let mut frames = vec![Frame::identity(); links.len().min(q.len())];
+    let mut frames = vec![Pose::identity(); links.len().min(q.len())];
     frames_into(&links, q, &mut frames);
     frames
 }
@@ -57,13 +57,13 @@ impl RobotModel {
     }
 
     /// The flange in the root frame at joint angles `q` (rad).
-    pub fn flange_at(&self, q: &[f64]) -> Frame<f64> {
+    pub fn flange_at(&self, q: &[f64]) -> Pose<f64> {
         self.flange_with(&self.rows(), q)
     }
 
     /// The same with another table, such as the calibrated one.
-    pub fn flange_with(&self, rows: &[MdhRow<f64>], q: &[f64]) -> Frame<f64> {
-        let last = table_frames(rows, q).last().copied().unwrap_or_else(Frame::identity);
+    pub fn flange_with(&self, rows: &[MdhRow<f64>], q: &[f64]) -> Pose<f64> {
+        let last = table_frames(rows, q).last().copied().unwrap_or_else(Pose::identity);
         compose(&self.base, &compose(&last, &self.flange))
     }
 
@@ -82,7 +82,7 @@ impl RobotModel {
 }
 
 /// A body given in the frame `at`, seen from where `at` is given.
-pub fn moved(body: &Inertia, at: &Frame<f64>) -> Inertia {
+pub fn moved(body: &Inertia, at: &Pose<f64>) -> Inertia {
     let m = at.rotation * body.matrix() * at.rotation.transpose();
     Inertia {
         mass_kg: body.mass_kg,

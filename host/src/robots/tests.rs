@@ -3,24 +3,24 @@
 #![allow(clippy::approx_constant)] // URDF files write 1.5708.
 
 use proptest::prelude::*;
-use spherecal_shared::robot::Frame;
+use spherecal_shared::robot::Pose;
 
 use super::frames::{compose, distance, rot_axis};
 use super::urdf::{Motion, Urdf};
 use super::*;
 
 /// The file's own forward kinematics, joint by joint, independent of the table.
-fn urdf_flange(urdf: &Urdf, path: &[usize], q: &[f64]) -> Frame<f64> {
+fn urdf_flange(urdf: &Urdf, path: &[usize], q: &[f64]) -> Pose<f64> {
     let mut angles = q.iter();
-    path.iter().fold(Frame::identity(), |frame, &i| {
+    path.iter().fold(Pose::identity(), |frame, &i| {
         let joint = &urdf.joints[i];
         let at = compose(&frame, &joint.origin);
         if joint.motion != Motion::Turns {
             return at;
         }
-        let turn = Frame {
+        let turn = Pose {
             rotation: rot_axis(&joint.axis, *angles.next().unwrap()),
-            origin: nalgebra::Vector3::zeros(),
+            position: nalgebra::Vector3::zeros(),
         };
         compose(&at, &turn)
     })
@@ -49,7 +49,7 @@ fn the_iiwas_of_the_field_keep_their_kinematics() {
     ] {
         let model = check_kinematics(&data(name), &q, 1e-12);
         assert_eq!(model.robot.dof(), 7);
-        assert!(distance(&model.base, &Frame::identity()) < 1e-15);
+        assert!(distance(&model.base, &Pose::identity()) < 1e-15);
     }
 }
 
@@ -140,8 +140,8 @@ fn built_in_tables_are_the_published_robots() {
     ] {
         let table = load(name).unwrap();
         let file = load_urdf_text(file, &data(&format!("{file}.urdf")), None).unwrap();
-        assert!(distance(&file.base, &Frame::identity()) < 1e-12, "{name}");
-        assert!(distance(&file.flange, &Frame::identity()) < 1e-12, "{name}");
+        assert!(distance(&file.base, &Pose::identity()) < 1e-12, "{name}");
+        assert!(distance(&file.flange, &Pose::identity()) < 1e-12, "{name}");
         assert_eq!(table.robot.dof(), file.robot.dof());
         for (a, b) in table.robot.joints.iter().zip(&file.robot.joints) {
             let (m, n) = (&a.mdh, &b.mdh);

@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 
 use serde::Deserialize;
 use spherecal_shared::MAX_JOINTS;
-use spherecal_shared::robot::{Frame, Inertia, Joint, JointLimits, MdhRow, Robot, Tool};
+use spherecal_shared::robot::{Inertia, Joint, JointLimits, MdhRow, Pose, Robot, Tool};
 
 use super::error::RobotFileError;
 use super::frames::{distance, from_rpy, to_rpy};
@@ -156,7 +156,7 @@ fn frame(
     name: &str,
     default_name: &str,
     table: Option<FrameTable>,
-) -> Result<(String, Frame<f64>), RobotFileError> {
+) -> Result<(String, Pose<f64>), RobotFileError> {
     let table = table.unwrap_or_default();
     for value in table.xyz_m.iter().chain(&table.rpy_rad) {
         if !value.is_finite() {
@@ -170,9 +170,9 @@ fn frame(
     }
     Ok((
         table.name.unwrap_or_else(|| default_name.to_owned()),
-        Frame {
+        Pose {
             rotation: from_rpy(table.rpy_rad),
-            origin: table.xyz_m.into(),
+            position: table.xyz_m.into(),
         },
     ))
 }
@@ -330,13 +330,13 @@ pub fn write(model: &RobotModel, notes: &[String]) -> String {
         ("base", root, &model.base, "F0 in the root frame."),
         ("flange", tip, &model.flange, "The flange frame in Fn."),
     ] {
-        if distance(frame, &Frame::identity()) > 0.0 || name != table {
+        if distance(frame, &Pose::identity()) > 0.0 || name != table {
             let rpy = to_rpy(&frame.rotation);
             let _ = writeln!(
                 out,
                 "\n# {what}\n[{table}]\nname = {}\nxyz_m = {}\nrpy_rad = {}",
                 string(name),
-                floats(frame.origin.as_slice()),
+                floats(frame.position.as_slice()),
                 floats(&rpy)
             );
         }

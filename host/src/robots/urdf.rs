@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use nalgebra::{Matrix3, Vector3};
-use spherecal_shared::robot::Frame;
+use spherecal_shared::robot::Pose;
 
 use super::error::RobotFileError;
 use super::frames::from_rpy;
@@ -54,7 +54,7 @@ pub struct UrdfJoint {
     /// Child link.
     pub child: String,
     /// Child frame in the parent's frame, joint at zero.
-    pub origin: Frame<f64>,
+    pub origin: Pose<f64>,
     /// Where the origin is written.
     pub place: OriginPlace,
     /// Unit axis in the child's frame.
@@ -141,17 +141,17 @@ fn triple(path: &str, field: impl Fn() -> String, text: &str) -> Result<[f64; 3]
 }
 
 /// The frame that an `<origin>` writes; the identity where there is none.
-fn origin(path: &str, owner: &str, node: Option<roxmltree::Node<'_, '_>>) -> Result<Frame<f64>, RobotFileError> {
+fn origin(path: &str, owner: &str, node: Option<roxmltree::Node<'_, '_>>) -> Result<Pose<f64>, RobotFileError> {
     let Some(node) = node else {
-        return Ok(Frame::identity());
+        return Ok(Pose::identity());
     };
     let read = |what: &'static str| match node.attribute(what) {
         Some(text) => triple(path, || format!("{owner}: origin {what}"), text),
         None => Ok([0.0; 3]),
     };
-    Ok(Frame {
+    Ok(Pose {
         rotation: from_rpy(read("rpy")?),
-        origin: read("xyz")?.into(),
+        position: read("xyz")?.into(),
     })
 }
 
@@ -178,7 +178,7 @@ fn body(path: &str, link: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfBod
     let inertia = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
     Ok(UrdfBody {
         mass_kg: read("mass", "value")?,
-        com: frame.origin,
+        com: frame.position,
         inertia: frame.rotation * inertia * frame.rotation.transpose(),
     })
 }

@@ -10,7 +10,7 @@
 use std::fmt::Write as _;
 
 use sha2::{Digest, Sha256};
-use spherecal_shared::robot::{Frame, MdhRow};
+use spherecal_shared::robot::{MdhRow, Pose};
 
 use super::frames::{compose, distance, inverse, row_transform, to_rpy};
 use super::model::{Origin, RobotModel, table_frames};
@@ -23,13 +23,13 @@ const SAME: f64 = 1e-13;
 
 /// The joint origins that give a URDF's chain the kinematics of a table:
 /// index of the joint, and its origin.
-fn corrected(model: &RobotModel, urdf: &Urdf, chain: &UrdfChain, rows: &[MdhRow<f64>]) -> Vec<(usize, Frame<f64>)> {
+fn corrected(model: &RobotModel, urdf: &Urdf, chain: &UrdfChain, rows: &[MdhRow<f64>]) -> Vec<(usize, Pose<f64>)> {
     let zero = vec![0.0; rows.len()];
     let nominal = table_frames(&model.rows(), &zero);
     let calibrated = table_frames(rows, &zero);
     let in_file = frames_at_zero(urdf, chain);
     let mut out = Vec::new();
-    let mut before = Frame::identity();
+    let mut before = Pose::identity();
     let mut n = 0;
     for (k, &i) in chain.path.iter().enumerate() {
         let joint = &urdf.joints[i];
@@ -48,14 +48,14 @@ fn corrected(model: &RobotModel, urdf: &Urdf, chain: &UrdfChain, rows: &[MdhRow<
 }
 
 /// Text of an `<origin/>`.
-fn origin_element(frame: &Frame<f64>) -> String {
+fn origin_element(frame: &Pose<f64>) -> String {
     let numbers = |v: &[f64]| {
         let words: Vec<String> = v.iter().map(|x| format!("{}", x + 0.0)).collect();
         words.join(" ")
     };
     format!(
         "<origin xyz=\"{}\" rpy=\"{}\"/>",
-        numbers(frame.origin.as_slice()),
+        numbers(frame.position.as_slice()),
         numbers(&to_rpy(&frame.rotation))
     )
 }
@@ -161,7 +161,7 @@ fn new_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> Strin
 /// The joint origins of `rows` as the `kinematics.yaml` that ROS 2 descriptions
 /// load (the form of Universal Robots' driver), for use in a xacro.
 pub fn write_kinematics_yaml(model: &RobotModel, rows: &[MdhRow<f64>]) -> String {
-    let named: Vec<(String, Frame<f64>)> = if let Origin::Urdf(source) = &model.origin {
+    let named: Vec<(String, Pose<f64>)> = if let Origin::Urdf(source) = &model.origin {
         let (urdf, chain) = source.as_ref();
         corrected(model, urdf, chain, rows)
             .into_iter()
@@ -176,7 +176,7 @@ pub fn write_kinematics_yaml(model: &RobotModel, rows: &[MdhRow<f64>]) -> String
             })
             .collect()
     } else {
-        let first = |k: usize, f: Frame<f64>| if k == 0 { compose(&model.base, &f) } else { f };
+        let first = |k: usize, f: Pose<f64>| if k == 0 { compose(&model.base, &f) } else { f };
         rows.iter()
             .enumerate()
             .map(|(k, row)| (format!("link_{}", k + 1), first(k, row_transform(row, 0.0))))
@@ -187,9 +187,9 @@ pub fn write_kinematics_yaml(model: &RobotModel, rows: &[MdhRow<f64>]) -> String
         let [roll, pitch, yaw] = to_rpy(&frame.rotation);
         let _ = writeln!(body, "  {}:", yaml_key(name));
         for (key, value) in [
-            ("x", frame.origin.x),
-            ("y", frame.origin.y),
-            ("z", frame.origin.z),
+            ("x", frame.position.x),
+            ("y", frame.position.y),
+            ("z", frame.position.z),
             ("roll", roll),
             ("pitch", pitch),
             ("yaw", yaw),

@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 use rand::RngExt as _;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
-use spherecal_shared::robot::{Frame, Robot};
+use spherecal_shared::robot::{Pose as Frame, Robot};
 
 use crate::identify::{Experiment, Pose, Reference, Set, Target};
 use crate::robots::table_frames;
@@ -250,7 +250,7 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Alignme
             index,
             frame,
             rotation: at.rotation,
-            flange: at.origin,
+            flange: at.position,
             target: target.into(),
         });
     }

@@ -204,7 +204,7 @@ fn same_arm(model: &RobotModel, known: &spherecal_shared::robot::Robot) -> bool 
         let last = rows.len() - 1;
         own.iter().zip(&other).enumerate().all(|(k, (a, b))| {
             // The last frame may sit anywhere along its axis: that is the flange's business.
-            let off = a.origin - b.origin;
+            let off = a.position - b.position;
             let off = if k == last { off - a.z() * off.dot(&a.z()) } else { off };
             off.norm() < 5e-3 && (a.rotation - b.rotation).amax() < 1e-2
         })

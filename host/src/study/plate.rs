@@ -33,7 +33,7 @@ fn means(experiment: &Experiment) -> Means {
                 keys.len() - 1
             });
             let frame = last_frame(&experiment.robot, &o.q);
-            items.push((group, frame.rotation, frame.origin));
+            items.push((group, frame.rotation, frame.position));
         }
     }
     let nominal = experiment.tool.tcp();

@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use spherecal_shared::robot::kinematics::next_frame;
-use spherecal_shared::robot::{Frame, GRAVITY_M_S2, LinkTransform, Robot, Tool};
+use spherecal_shared::robot::{GRAVITY_M_S2, LinkTransform, Pose as Frame, Robot, Tool};
 
 use crate::identify::Pose;
 
@@ -128,7 +128,7 @@ impl Evaluator<'_> {
             let (m, com) = &self.bodies[i];
             mass += m;
             first += frames[i].point(com) * *m;
-            let holding = (first - frames[i].origin * mass).cross(&Vector3::z()) * GRAVITY_M_S2;
+            let holding = (first - frames[i].position * mass).cross(&Vector3::z()) * GRAVITY_M_S2;
             joint[i] = frames[i].rotation.tr_mul(&holding);
         }
         Holding {
@@ -168,7 +168,7 @@ impl Evaluator<'_> {
         let tilt = Vector3::new(-x * holding.base.x, -y * holding.base.y, 0.0);
         let mut frame = Frame {
             rotation: *Rotation3::new(tilt).matrix(),
-            origin: Vector3::zeros(),
+            position: Vector3::zeros(),
         };
         let mut frames = Vec::with_capacity(q.len());
         for (i, link) in self.links.iter().enumerate() {
@@ -198,7 +198,7 @@ impl Evaluator<'_> {
             if miss.norm() < 1e-11 {
                 return Some(q);
             }
-            let columns: Vec<Vector3<f64>> = frames.iter().map(|f| f.z().cross(&(tcp - f.origin))).collect();
+            let columns: Vec<Vector3<f64>> = frames.iter().map(|f| f.z().cross(&(tcp - f.position))).collect();
             let square = columns.iter().fold(Matrix3::zeros(), |s, c| s + c * c.transpose());
             let pull = square.try_inverse()? * miss;
             for (angle, column) in q.iter_mut().zip(&columns) {

@@ -94,7 +94,7 @@ fn cases(model: &RobotModel, file: &Path, joints: &[String]) {
             let flange = model.flange_at(&q);
             let row = |k: usize| {
                 let r = &flange.rotation;
-                json!([r[(k, 0)], r[(k, 1)], r[(k, 2)], flange.origin[k]])
+                json!([r[(k, 0)], r[(k, 1)], r[(k, 2)], flange.position[k]])
             };
             json!({ "q": q, "pose": [row(0), row(1), row(2), [0, 0, 0, 1]] })
         })
@@ -194,7 +194,7 @@ pub(crate) fn table(nominal: &RobotModel) -> String {
             .map(|j| 0.6 * random.random_range(j.limits.min_rad..j.limits.max_rad).clamp(-3.0, 3.0))
             .collect();
         let flange = real.flange_at(&q);
-        let tcp = flange.rotation * nalgebra::Vector3::from(real.tool.tcp_m) + flange.origin;
+        let tcp = flange.rotation * nalgebra::Vector3::from(real.tool.tcp_m) + flange.position;
         let numbers = q.iter().map(|q| format!("{q:.9}"));
         let point = tcp.iter().map(|m| format!("{:.6}", 1e3 * m));
         out.push_str(&numbers.chain(point).collect::<Vec<_>>().join(","));

@@ -143,7 +143,7 @@ fn static_relations_invert() {
         }
         let guess = [0.0, 0.55, 0.0, -1.70, 0.0, 0.9, 0.0];
         let (on, _) = plant.coupled_shot(&guess, 1).expect("in reach");
-        let tcp: Vector3<f64> = plant.world().tcp(&plant.world().link_angles_at_rest(&on)).origin;
+        let tcp: Vector3<f64> = plant.world().tcp(&plant.world().link_angles_at_rest(&on)).position;
         assert!((tcp - plant.world().spheres[1].expect("a sphere")).norm() < 1e-7);
     }
 }

@@ -19,7 +19,7 @@ fn the_grid_has_1843_reachable_poses() {
 fn tcp(robot: &Robot, tool: &Tool, q: &[f64]) -> Vector3<f64> {
     let arm = Arm::<f64, 7>::new(robot, tool).expect("a good robot");
     let q: [f64; 7] = q.try_into().expect("seven joints");
-    arm.tcp_frame(&arm.frames(&q)).origin
+    arm.tcp_frame(&arm.frames(&q)).position
 }
 
 fn rms(errors: impl Iterator<Item = f64>) -> f64 {

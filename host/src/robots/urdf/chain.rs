@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use spherecal_shared::robot::Frame;
+use spherecal_shared::robot::Pose;
 
 use super::{Motion, Urdf, value_error};
 use crate::robots::error::RobotFileError;
@@ -19,7 +19,7 @@ pub struct UrdfChain {
     pub path: Vec<usize>,
     /// What hangs rigidly beyond the tip, as the tip's frame sees its end: a
     /// tool that the file knows.
-    pub beyond: Option<(String, Frame<f64>)>,
+    pub beyond: Option<(String, Pose<f64>)>,
 }
 
 impl Urdf {
@@ -176,8 +176,8 @@ impl Urdf {
     }
 
     /// What hangs rigidly beyond a link in one unbranched line.
-    fn beyond(&self, tip: &str) -> Option<(String, Frame<f64>)> {
-        let mut frame = Frame::identity();
+    fn beyond(&self, tip: &str) -> Option<(String, Pose<f64>)> {
+        let mut frame = Pose::identity();
         let mut link = tip;
         for _ in 0..self.joints.len() {
             let mut next = self.joints.iter().filter(|j| j.parent == link);
