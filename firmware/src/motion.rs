@@ -1,16 +1,16 @@
-//! The setpoint generator: how targets become setpoints of limited speed and
+//! The setpoint generator: turns targets into setpoints of limited speed and
 //! acceleration.
 //!
-//! Stands between the phases, which know targets, and the law, which follows
-//! setpoints. All motions are counted in ticks of a stated period.
+//! It stands between the phases, which have targets, and the control law, which
+//! follows setpoints.
 
 use nalgebra::{Matrix3, Vector3};
 use spherecal_shared::scalar::sqrt;
 
 use crate::law::{JointSetpoint, rotation_error};
 
-/// Rest to rest along a quintic `s(t)` from 0 to 1: position, speed and
-/// acceleration are continuous.
+/// A motion from rest to rest along a quintic `s(t)` from 0 to 1: position, speed
+/// and acceleration are continuous.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Profile {
     duration_s: f64,
@@ -22,8 +22,8 @@ impl Profile {
     /// Peak of `d²s/dt²` times the duration squared.
     const PEAK_ACCELERATION: f64 = 5.773_502_691_896_258;
 
-    /// The shortest profile over `distance` under a speed and an acceleration
-    /// (distance unit per s and per s²).
+    /// The shortest profile over `distance` within a speed and an acceleration
+    /// (in the unit of the distance per s and per s²).
     pub(crate) fn over(distance: f64, speed: f64, acceleration: f64) -> Self {
         let distance = distance.abs();
         let by_speed = Self::PEAK_SPEED * distance / speed;
@@ -33,7 +33,7 @@ impl Profile {
         }
     }
 
-    /// The longer of two.
+    /// The longer of the two.
     pub(crate) fn max(self, other: Self) -> Self {
         Self {
             duration_s: self.duration_s.max(other.duration_s),
@@ -68,8 +68,8 @@ pub(crate) struct JointMove<const N: usize> {
 }
 
 impl<const N: usize> JointMove<N> {
-    /// From `start` to `target` (rad) under a speed (rad/s), for each joint
-    /// not above `limits` either, and an acceleration (rad/s²).
+    /// A motion from `start` to `target` (rad). No joint exceeds `speed` or its
+    /// own value of `limits` (rad/s), or `acceleration` (rad/s²).
     pub(crate) fn new(start: [f64; N], target: [f64; N], speed: f64, limits: &[f64; N], acceleration: f64) -> Self {
         let mut profile = Profile { duration_s: 0.0 };
         for i in 0..N {
@@ -83,7 +83,7 @@ impl<const N: usize> JointMove<N> {
         self.profile.duration_s
     }
 
-    /// Where it ends, in rad.
+    /// The target, in rad.
     pub(crate) fn target(&self) -> &[f64; N] {
         &self.target
     }
@@ -105,7 +105,7 @@ impl<const N: usize> JointMove<N> {
     }
 }
 
-/// A turn of the tool about the TCP, and of the elbow with it.
+/// A turn of the tool about the TCP, with a motion of the elbow at the same time.
 #[derive(Clone, Debug)]
 pub(crate) struct TurnMove {
     start: Matrix3<f64>,
@@ -117,7 +117,7 @@ pub(crate) struct TurnMove {
     profile: Profile,
 }
 
-/// Orientation and elbow of a [`TurnMove`] at one time.
+/// Orientation and elbow of a [`TurnMove`] at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct TurnSetpoint {
     /// Orientation in F0.
@@ -126,13 +126,13 @@ pub(crate) struct TurnSetpoint {
     pub(crate) angular: Vector3<f64>,
     /// Elbow angle, in rad.
     pub(crate) elbow: f64,
-    /// Its rate, in rad/s.
+    /// Rate of the elbow angle, in rad/s.
     pub(crate) elbow_rate: f64,
 }
 
 impl TurnMove {
-    /// From one orientation (F0) and elbow angle (rad) to another, along the
-    /// shortest rotation, under a speed (rad/s) and an acceleration (rad/s²).
+    /// A motion between two orientations (F0), along the shortest rotation, and
+    /// two elbow angles (rad), within a speed (rad/s) and an acceleration (rad/s²).
     pub(crate) fn new(
         start: Matrix3<f64>,
         target: Matrix3<f64>,
@@ -191,7 +191,7 @@ pub(crate) fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
 
 /// Rotation matrix of a unit quaternion w, x, y, z.
 ///
-/// `None` where a component is not finite or the norm is not 1 within 1e-6.
+/// `None` if a component is not finite or the norm is not 1 to within 1e-6.
 pub(crate) fn rotation_of(quaternion: &[f64; 4]) -> Option<Matrix3<f64>> {
     let [w, x, y, z] = *quaternion;
     let norm2 = w * w + x * x + y * y + z * z;
@@ -209,8 +209,8 @@ pub(crate) fn rotation_of(quaternion: &[f64; 4]) -> Option<Matrix3<f64>> {
     Some(rotation)
 }
 
-/// A setpoint that runs along a line: speeds up under an acceleration, then
-/// keeps its speed, and stops at `length` (which may be infinite).
+/// A setpoint that moves along a line: it accelerates, then keeps its speed, and
+/// stops after `length` (which may be infinite).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LineMove {
     direction: Vector3<f64>,
@@ -222,8 +222,8 @@ pub(crate) struct LineMove {
 }
 
 impl LineMove {
-    /// Along a unit vector, under a speed (m/s) and an acceleration (m/s²),
-    /// over a length (m).
+    /// A motion along a unit vector, within a speed (m/s) and an acceleration
+    /// (m/s²), over a length (m).
     pub(crate) fn new(direction: Vector3<f64>, speed: f64, acceleration: f64, length: f64) -> Self {
         Self {
             direction,
@@ -235,10 +235,10 @@ impl LineMove {
         }
     }
 
-    /// Advances by one period; returns displacement (m) and velocity (m/s).
+    /// Advances by one period. Returns displacement (m) and velocity (m/s).
     #[inline]
     pub(crate) fn step(&mut self, period_s: f64) -> (Vector3<f64>, Vector3<f64>) {
-        // The speed from which the rest of the way suffices to stop.
+        // The speed from which the remaining distance suffices to stop.
         let left = (self.length - self.travelled).max(0.0);
         let stopping = if left < 1.0 {
             sqrt(2.0 * self.acceleration * left)
@@ -250,7 +250,7 @@ impl LineMove {
         (self.direction * self.travelled, self.direction * self.now)
     }
 
-    /// Whether the end is reached (to a tenth of a millimetre).
+    /// Whether the end is reached, to 0.1 mm.
     pub(crate) fn finished(&self) -> bool {
         self.length - self.travelled < 1e-4
     }
@@ -262,7 +262,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        // Fails if a setpoint exceeds the speed or acceleration asked for, jumps, or misses its end.
+        // Fails if a setpoint exceeds the speed or the acceleration, jumps, or misses its end.
         #[test]
         fn profiles_keep_their_limits(distance in 0.001f64..3.0, speed in 0.05f64..2.0, acceleration in 0.1f64..10.0) {
             let profile = Profile::over(distance, speed, acceleration);
@@ -280,14 +280,14 @@ mod tests {
             prop_assert!((last - 1.0).abs() < 1e-12);
         }
 
-        // Fails if the turn does not start and end where it should, or its angular velocity is not its derivative.
+        // Fails if the turn does not start and end as asked, or if its angular velocity is not its derivative.
         #[test]
         fn turns_are_consistent(a in prop::array::uniform3(0.1f64..1.0), b in prop::array::uniform3(-1.0f64..-0.1), t in 0.05f64..0.95) {
             let rotation = |v: [f64; 3]| { let v = Vector3::from(v); rotation_about(&(v / v.norm()), v.norm()) };
             let turn = TurnMove::new(rotation(a), rotation(b), (3.0, -3.0), 0.5, 1.5);
             prop_assert!((turn.at(0.0).rotation - rotation(a)).norm() < 1e-12);
             prop_assert!((turn.at(turn.duration_s()).rotation - rotation(b)).norm() < 1e-12);
-            // 3 to -3 rad is the short way through pi.
+            // From 3 to -3 rad the short way leads through pi.
             prop_assert!((turn.at(1e9).elbow - (3.0 + core::f64::consts::TAU - 6.0)).abs() < 1e-12);
             let (h, t) = (1e-6, t * turn.duration_s());
             let difference = rotation_error(&turn.at(t + h).rotation, &turn.at(t - h).rotation) / (2.0 * h);

@@ -1,15 +1,14 @@
-//! The recorder: one pose as mean, standard deviation, minimum and maximum of
-//! every joint angle and torque, in one pass.
+//! The recorder: mean, standard deviation, minimum and maximum of every joint
+//! angle and torque at one pose, in one pass.
 //!
 //! Welford's update keeps the mean and the sum of squared deviations without
-//! cancellation, so that noise of 1e-5 rad on an angle of 2 rad is still
-//! measured to many digits.
+//! cancellation. Noise of 1e-5 rad on an angle of 2 rad is measured to many digits.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Recording, SignalStatistics};
 use spherecal_shared::scalar::sqrt;
 
-/// One signal.
+/// The statistics of one signal.
 #[derive(Clone, Copy, Debug)]
 struct Signal {
     mean: f64,
@@ -65,7 +64,7 @@ pub(crate) struct Recorder<const N: usize> {
     end_us: u64,
 }
 
-/// One tick's samples.
+/// The values of one tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RecorderSample<'a, const N: usize> {
     /// Tick of the drive state.
@@ -100,7 +99,7 @@ impl<const N: usize> Default for Recorder<N> {
 }
 
 impl<const N: usize> Recorder<N> {
-    /// Takes one tick; ticks missing since the last one count as gaps.
+    /// Adds one tick; ticks missing since the last one count as gaps.
     #[inline]
     pub(crate) fn push(&mut self, sample: &RecorderSample<'_, N>) {
         if self.count == 0 {
@@ -123,12 +122,12 @@ impl<const N: usize> Recorder<N> {
         self.spread = self.spread.max(distance);
     }
 
-    /// Samples taken.
+    /// Number of samples so far.
     pub(crate) fn count(&self) -> u32 {
         self.count
     }
 
-    /// The recording, with the ids given.
+    /// The recording, with the given ids.
     pub(crate) fn finish(&self, sphere: u32, pose: u32) -> Recording {
         let collect = |signals: &[Signal; N]| signals.iter().map(|s| s.finish(self.count)).collect();
         Recording {
@@ -169,7 +168,7 @@ mod tests {
     }
 
     proptest! {
-        // Against a two-pass reference; fails if a one-pass formula loses digits on a large offset.
+        // Against a two-pass reference. Fails if the one-pass formula loses digits on a large offset.
         #[test]
         fn statistics_equal_two_passes(values in prop::collection::vec(prop::array::uniform2(-1e-5f64..1e-5), 2..400), offset in -3.0f64..3.0) {
             let values: Vec<[f64; 2]> = values.iter().map(|v| [v[0] + offset, v[1] - offset]).collect();

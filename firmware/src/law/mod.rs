@@ -1,12 +1,12 @@
-//! The control law: what torque follows from a state and a setpoint.
+//! The control law: computes the torque from a state and a setpoint.
 //!
 //! ```text
 //!   DriveState ─▶ Snapshot ─▶ Impedance / joint law ─▶ torque
 //!                    └─▶ Observer ─▶ wrench
 //! ```
 //!
-//! Everything here is mathematics without phases: a [`Snapshot`] of the arm's
-//! kinematics and dynamics is taken once a tick and serves law and observer.
+//! This module knows no phases. A [`Snapshot`] holds the arm's kinematics and
+//! dynamics of one tick; law and observer share it.
 
 mod damping;
 mod guide;

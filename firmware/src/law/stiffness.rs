@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3, Vector6};
 
-/// Stiffness of the Cartesian spring in F0: translation as a symmetric matrix
-/// (its axes are the approach's), rotation alike about all axes.
+/// Stiffness in F0. In translation it is a symmetric matrix, whose axes are those
+/// of the approach; in rotation it is the same about all axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stiffness {
     /// Translational stiffness, in N/m.
@@ -13,7 +13,7 @@ pub struct Stiffness {
 }
 
 impl Stiffness {
-    /// Alike along all axes.
+    /// The same translational stiffness (N/m) along all axes.
     pub fn isotropic(translation: f64, rotation: f64) -> Self {
         Self {
             translation: Matrix3::from_diagonal_element(translation),
@@ -21,8 +21,10 @@ impl Stiffness {
         }
     }
 
-    /// `across` on the two axes perpendicular to the unit vector `along`
-    /// (the first of them is as horizontal as it gets), `values[2]` on it.
+    /// Stiffness `values[2]` along the unit vector `along`, `values[0]` and
+    /// `values[1]` on the two axes perpendicular to it, all in N/m. The axis of
+    /// `values[0]` lies in the plane of `along` and the z axis (the x axis if
+    /// `along` is nearly vertical).
     pub fn about(values: [f64; 3], along: &Vector3<f64>, rotation: f64) -> Self {
         let reference = if along.z.abs() > 0.9 {
             Vector3::x()
@@ -37,7 +39,7 @@ impl Stiffness {
         Self { translation, rotation }
     }
 
-    /// A stiffness between two, `share` from 0 to 1.
+    /// The stiffness between two; `share` goes from 0 (`from`) to 1 (`to`).
     #[inline]
     pub fn between(from: &Self, to: &Self, share: f64) -> Self {
         Self {
@@ -46,7 +48,7 @@ impl Stiffness {
         }
     }
 
-    /// `K x`.
+    /// `K x`: force (N) and torque (N m) for a displacement (m) and a rotation (rad).
     #[inline]
     pub fn times(&self, x: &Vector6<f64>) -> Vector6<f64> {
         let t = &self.translation;
