@@ -1,5 +1,5 @@
-//! From the approach frame to contact: tare at rest, then descend at 25 mm/s
-//! with 50/50/100 N/m until 7.5 N have lasted for the dwell.
+//! From the approach frame to contact: the tare at rest, then the descent at
+//! 25 mm/s with 50/50/100 N/m until the force has been 7.5 N for the dwell time.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Contact, Event, Fault};
@@ -10,16 +10,16 @@ use crate::law::Stiffness;
 use crate::motion::LineMove;
 use crate::safety::workspace_clearance;
 
-/// Time for the observer to settle before the tare is taken, in s.
+/// Time that the observer gets to settle before the tare, in s.
 const SETTLE_S: f64 = 0.3;
 
-/// Estimated contact force at which the arm no longer corrects its line, in N.
-const FELT_N: f64 = 2.0;
-/// Largest force that keeps the arm on its line, in N: what 2 N m of friction
-/// at the wrist may hold against it.
+/// Estimated contact force above which the arm no longer corrects its line, in N.
+const CONTACT_FELT_N: f64 = 2.0;
+/// Largest force that keeps the arm on its line, in N. Friction of 2 N m at the
+/// wrist can hold as much against it.
 const LINE_N: f64 = 10.0;
 
-/// At rest, averaging the observer's wrench.
+/// Averages the observer's wrench at rest.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Taring {
     tare: Tare,
@@ -51,18 +51,18 @@ impl Taring {
     }
 }
 
-/// Descending until contact.
+/// Descends until contact.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Approaching {
     start: Vector3<f64>,
     line: LineMove,
     trigger: ContactTrigger,
     /// Force that keeps the arm on its line, F0, in N.
-    keeping: Vector3<f64>,
+    line_force: Vector3<f64>,
 }
 
 impl Approaching {
-    /// From where the arm is, along the cartesian's direction.
+    /// Starts at the present setpoint, along the direction of the approach.
     pub(crate) fn new<const N: usize>(env: &Env<'_, N>, cartesian: &CartesianState<N>) -> Self {
         let approach = &env.procedure.approach;
         let line = LineMove::new(
@@ -75,24 +75,25 @@ impl Approaching {
             start: cartesian.setpoint.position,
             line,
             trigger: ContactTrigger::default(),
-            keeping: Vector3::zeros(),
+            line_force: Vector3::zeros(),
         }
     }
 
-    /// Grows the force that brings the arm back to its line; keeps it once
-    /// something is felt, so that the sphere may push the nest aside.
+    /// Increases the force that brings the arm back to its line. Once a contact
+    /// force is felt, the force stays as it is, so that the sphere can push the
+    /// nest sideways.
     fn keep_line<const N: usize>(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) {
-        if (env.wrench.force - cartesian.tare.force).norm() > FELT_N {
+        if (env.wrench.force - cartesian.tare.force).norm() > CONTACT_FELT_N {
             return;
         }
         let error = cartesian.setpoint.position - env.snapshot.tcp.position;
         let across = error - cartesian.direction * error.dot(&cartesian.direction);
-        self.keeping += across * (env.procedure.approach.line_n_m_s * env.period_s);
-        let size = self.keeping.norm();
+        self.line_force += across * (env.procedure.approach.line_n_m_s * env.period_s);
+        let size = self.line_force.norm();
         if size > LINE_N {
-            self.keeping *= LINE_N / size;
+            self.line_force *= LINE_N / size;
         }
-        cartesian.setpoint.feed_forward = cartesian.compensation(self.keeping);
+        cartesian.setpoint.feed_forward = cartesian.compensation(self.line_force);
     }
 
     /// One tick.
@@ -130,7 +131,7 @@ impl Approaching {
         if travel > approach.travel_m {
             return Next::fail(Fault::NoContact, travel, approach.travel_m);
         }
-        // Nearer to the plate than any sphere is: there is none.
+        // The TCP is closer to the plate than any sphere: there is no sphere.
         let (left, _) = workspace_clearance(&tcp, &env.procedure.limits);
         if left < 0.0 {
             return Next::fail(Fault::NoContact, travel, travel + left);

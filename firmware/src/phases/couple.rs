@@ -1,7 +1,7 @@
-//! Coupling: 5 N/m for 5 s while the magnet seats the nest; then a test pull
-//! that a seated nest resists and a loose one does not. A nest that is found
-//! loose, because friction of the joints holds it beside the sphere, is pushed
-//! on while a force circles across the approach, and tested again.
+//! Coupling: a soft hold (5 N/m, 5 s) while the magnet seats the nest, then a test
+//! pull. A seated nest resists the pull; a loose one moves. Joint friction can hold
+//! a loose nest beside the sphere. Then a search follows: a push along the approach
+//! while a force circles across it; and another test pull.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Coupled, Event, Fault};
@@ -10,30 +10,30 @@ use super::pull::Pull;
 use super::{Activity, CartesianState, Env, Next};
 use crate::contact::SeatingWatch;
 
-/// Farthest that the nest may wander while the magnet seats it, in m: half
-/// the taught error of 10 mm more than that error.
+/// Largest distance that the nest may move while the magnet seats it, in m: one
+/// and a half times the taught error of 10 mm.
 const WANDER_M: f64 = 0.015;
-/// Farthest that a search may carry it, in m: across the cone of the nest.
+/// Largest distance that a search may move it, in m: the width of the nest's cone.
 const SEARCH_M: f64 = 0.035;
-/// Turns a second of the force that circles in a search.
+/// Frequency of the circling force of a search, in Hz.
 const CIRCLES_HZ: f64 = 1.0;
 
-/// Soft hold after contact, or a search.
+/// The soft hold after contact, or a search.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Coupling {
-    /// Searches made, this one included.
+    /// Searches so far, this one included.
     searches: u32,
 }
 
 impl Coupling {
-    /// Re-latches the setpoint to the measured pose and goes soft.
+    /// Sets the setpoint to the measured pose and reduces the stiffness.
     pub(crate) fn new<const N: usize>(env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Self {
         cartesian.relatch(env.snapshot, env.snapshot.tcp.rotation);
         cartesian.soften(env, env.procedure.couple.stiffness_n_m);
         Self { searches: 0 }
     }
 
-    /// The force of a search at the present time: a push along the approach
+    /// Force of a search at the present time, F0, in N: a push along the approach
     /// that rises, stays and falls, and a growing circle across it.
     fn search<const N: usize>(env: &Env<'_, N>, cartesian: &CartesianState<N>) -> Vector3<f64> {
         let couple = &env.procedure.couple;
@@ -85,7 +85,7 @@ impl Coupling {
     }
 }
 
-/// Test pull against the approach.
+/// The test pull against the approach.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Verifying {
     pull: Pull,

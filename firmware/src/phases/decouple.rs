@@ -1,5 +1,5 @@
-//! Leaving the sphere: stiff, the setpoint backs off along the approach until
-//! the magnet lets go and the TCP has followed.
+//! Leaving the sphere. At high stiffness the setpoint moves back along the
+//! approach until the magnet lets go and the TCP has followed.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::Fault;
@@ -7,10 +7,10 @@ use spherecal_shared::protocol::host::Fault;
 use super::{Activity, CartesianState, Env, Next, REST_SPEED_RAD_S};
 use crate::motion::LineMove;
 
-/// Acceleration of the retreating setpoint, in m/s².
+/// Acceleration of the setpoint, in m/s².
 const ACCELERATION: f64 = 0.25;
 
-/// Backing off.
+/// Moves back along the approach.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Decoupling {
     start: Vector3<f64>,
@@ -19,7 +19,7 @@ pub(crate) struct Decoupling {
 }
 
 impl Decoupling {
-    /// Re-latches the setpoint to the measured pose, stiffens and backs off.
+    /// Sets the setpoint to the measured pose, raises the stiffness and starts.
     pub(crate) fn new<const N: usize>(env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Self {
         let decouple = &env.procedure.decouple;
         let tcp = &env.snapshot.tcp;

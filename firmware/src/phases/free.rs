@@ -11,17 +11,19 @@ use crate::motion::JointMove;
 #[derive(Clone, Debug)]
 pub(crate) struct Moving<const N: usize> {
     path: JointMove<N>,
-    /// Time along the path, in s: slower than the clock where a soft limit bites.
+    /// Time along the path, in s. It runs slower than the clock while a soft
+    /// limit is exceeded.
     along_s: f64,
     elapsed_s: f64,
     scaling: SpeedScaling,
-    /// For how long the motion has been over, or all but stopped, in s.
+    /// Time since the planned end, or for which the motion has been at its
+    /// slowest, in s.
     over_s: f64,
 }
 
 impl<const N: usize> Moving<N> {
-    /// From the held joint angles to `target` (rad), under the procedure's
-    /// speed and the joints' own (rad/s).
+    /// A motion from the held joint angles to `target` (rad), within the speed of
+    /// the procedure and of the joints (rad/s).
     pub(crate) fn new(start: [f64; N], target: [f64; N], env: &Env<'_, N>) -> Self {
         let motion = &env.procedure.motion;
         Self {
@@ -58,8 +60,8 @@ impl<const N: usize> Moving<N> {
             return Next::fail(Fault::PathDeviation, worst, limits.path_rad);
         }
         if self.along_s < self.path.duration_s() {
-            // Something holds the arm: it does not get on.
-            self.over_s = if self.scaling.stopped() {
+            // At the slowest speed for long: something holds the arm.
+            self.over_s = if self.scaling.is_slowest() {
                 self.over_s + env.period_s
             } else {
                 0.0

@@ -1,19 +1,18 @@
-//! The phase machine of Algorithm 2.
+//! The phases of Algorithm 2 as a state machine.
 //!
 //! ```text
 //!            Move                 Approach
 //!   Idle ─────────▶ Moving ─▶ Idle ─────▶ Taring ─▶ Approaching ─▶ Coupling ─▶ Verifying
 //!    ▲ ▲                                                                           │
 //!    │ └─────────── Decoupling ◀── Decouple ── Coupled ◀──────────────────────────┘
-//!    │                                        PoseTarget │ ▲
+//!    │                                        Pose │ ▲
 //!    └── ClearFault ── Fault ◀── (any)             ▼ │
 //!                                              Turning ─▶ Recording
 //! ```
 //!
-//! Each phase is a value of [`Activity`] with a `step` that is called once a
-//! tick: it moves the setpoint and says what comes next. Phases know targets
-//! and time; they compute no torque and touch no hardware, so they can be
-//! stepped by hand.
+//! Each phase is a value of [`Activity`]. Its `step` is called once per tick: it
+//! moves the setpoint and returns what comes next. Phases know targets and time.
+//! They compute no torque and use no hardware, so a test can step them.
 
 mod approach;
 mod cartesian;
@@ -40,10 +39,10 @@ pub(crate) use turn::{PoseTarget, Turning};
 use crate::law::{JointSetpoint, Snapshot, Wrench};
 use crate::safety::Violation;
 
-/// How long the arm must have been still to count as settled, in s.
+/// Time for which the arm must be still to count as settled, in s.
 const STILL_S: f64 = 0.020;
-/// Speed of the fastest joint, low-pass filtered, at which a motion in free space
-/// counts as finished, in rad/s.
+/// Speed of the fastest joint (low-pass filtered) below which a motion in free
+/// space is finished, in rad/s.
 const REST_SPEED_RAD_S: f64 = 0.02;
 
 /// What a phase sees at one tick.
@@ -55,13 +54,13 @@ pub(crate) struct Env<'a, const N: usize> {
     pub(crate) wrench: Wrench,
     /// Measured torques, in N m.
     pub(crate) tau: &'a [f64; N],
-    /// Fastest joint, low-pass filtered, in rad/s.
+    /// Speed of the fastest joint, low-pass filtered, in rad/s.
     pub(crate) joint_speed: f64,
-    /// Size of the force at the TCP that the force limit watches, in N.
+    /// Magnitude of the force at the TCP that the force limit watches, in N.
     pub(crate) force_n: f64,
     /// The procedure.
     pub(crate) procedure: &'a Procedure,
-    /// Speed limits of the joints, in rad/s.
+    /// Speed that motions may use, per joint, in rad/s.
     pub(crate) speeds: &'a [f64; N],
     /// Limits of the joints.
     pub(crate) joints: &'a [JointLimits; N],
@@ -75,13 +74,13 @@ pub(crate) struct Env<'a, const N: usize> {
     pub(crate) tick: u64,
 }
 
-/// What comes after a tick.
+/// Result of a phase's tick.
 #[derive(Debug)]
-#[allow(clippy::large_enum_variant)] // Made at a phase change only, and there is no heap.
+#[allow(clippy::large_enum_variant)] // Only made at a change of phase, and there is no heap.
 pub(crate) enum Next<const N: usize> {
     /// The same phase.
     Stay,
-    /// Another phase, and what to tell the host.
+    /// Another phase, and an event for the host.
     Enter(Activity<N>, Option<Event>),
     /// A fault.
     Fail(Violation),
@@ -94,39 +93,39 @@ impl<const N: usize> Next<N> {
     }
 }
 
-/// What the controller is doing.
+/// The present phase with its state.
 #[derive(Clone, Debug, Default)]
 #[allow(clippy::large_enum_variant)] // Stored in place: there is no heap.
 pub(crate) enum Activity<const N: usize> {
-    /// Damped hold.
+    /// Holds, damped.
     #[default]
     Idle,
-    /// Free-space motion.
+    /// Moves in free space.
     Moving(Moving<N>),
-    /// Averaging the wrench at rest.
+    /// Averages the wrench at rest.
     Taring(Taring),
-    /// Descending.
+    /// Descends to the sphere.
     Approaching(Approaching),
-    /// Soft hold after contact.
+    /// Holds softly after contact.
     Coupling(Coupling),
-    /// Test pull.
+    /// Makes the test pull.
     Verifying(Verifying),
-    /// Seated, waiting.
+    /// Seated; waits for a pose.
     Coupled,
-    /// Turning.
+    /// Turns to a pose.
     Turning(Turning<N>),
-    /// Recording.
+    /// Records a pose.
     Recording(RecordingPose<N>),
-    /// Leaving.
+    /// Leaves the sphere.
     Decoupling(Decoupling),
-    /// Hand-guiding.
+    /// Follows a hand.
     HandGuiding,
-    /// Damped hold after a fault.
+    /// Holds, damped, after a fault.
     Fault,
 }
 
 impl<const N: usize> Activity<N> {
-    /// The phase that the host is told.
+    /// The phase as reported to the host.
     pub(crate) fn phase(&self) -> Phase {
         match self {
             Self::Idle => Phase::Idle,
@@ -144,8 +143,8 @@ impl<const N: usize> Activity<N> {
         }
     }
 
-    /// Whether the Cartesian spring is the law of this phase; the others hold
-    /// or move joints.
+    /// Whether the Cartesian spring is the law of this phase. The other phases hold
+    /// or move the joints.
     pub(crate) fn is_cartesian(&self) -> bool {
         matches!(
             self,
@@ -159,8 +158,7 @@ impl<const N: usize> Activity<N> {
         )
     }
 
-    /// Whether the nest is known to be on the sphere, so that the seating watch
-    /// applies.
+    /// Whether the nest is on the sphere, so that the seating watch applies.
     pub(crate) fn is_seated(&self) -> bool {
         matches!(self, Self::Coupled | Self::Turning(_) | Self::Recording(_))
     }

@@ -1,9 +1,9 @@
-//! Recording at a pose: 5 N/m, then 1,000 consecutive ticks of a seated and
-//! still arm, then a short pull along the axis of the nest.
+//! Recording at a pose: at 5 N/m, 1,000 consecutive ticks of a seated and still
+//! arm, then a short pull along the axis of the nest.
 //!
-//! Friction can hold a nest still whose magnet has let go, and nothing in a
-//! thousand still samples tells it from a seated one. So what was averaged is
-//! told to the host when the nest has borne the pull, and not before.
+//! Friction can hold a nest still although its magnet has let go, and the samples
+//! do not show it. Therefore the recording is sent only after the nest has stayed
+//! seated under the pull.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Event, Fault};
@@ -12,22 +12,23 @@ use super::pull::Pull;
 use super::{Activity, CartesianState, Env, Next, STILL_S};
 use crate::recorder::{Recorder, RecorderSample};
 
-/// How much faster than still the arm may get before a recording is begun anew.
+/// The recording starts anew when a joint is faster than this multiple of the
+/// speed of a still arm.
 const RESTART_FACTOR: f64 = 3.0;
 
-/// Recording a pose.
+/// Records a pose.
 #[derive(Clone, Debug)]
 pub(crate) struct RecordingPose<const N: usize> {
     pose: u32,
     recorder: Recorder<N>,
     still_s: f64,
     started_s: f64,
-    /// The pull, once all samples are taken, and when it began, in s.
+    /// The pull and its start time (s), after all samples are taken.
     pull: Option<(Pull, f64)>,
 }
 
 impl<const N: usize> RecordingPose<N> {
-    /// Goes soft for the recording of a pose.
+    /// Reduces the stiffness for the recording.
     pub(crate) fn new(pose: u32, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Self {
         cartesian.soften(env, env.procedure.record.stiffness_n_m);
         cartesian.setpoint.velocity.fill(0.0);
@@ -40,7 +41,7 @@ impl<const N: usize> RecordingPose<N> {
         }
     }
 
-    /// Samples taken so far.
+    /// Number of samples so far.
     #[cfg(test)]
     pub(crate) fn count(&self) -> u32 {
         self.recorder.count()
@@ -56,7 +57,7 @@ impl<const N: usize> RecordingPose<N> {
             }
             let elapsed_s = env.elapsed_s - *began_s;
             if elapsed_s < seating.check_s {
-                // Along the axis of the nest, where nothing but the magnet holds it.
+                // Along the axis of the nest only the magnet holds it.
                 let axis = env.snapshot.tcp.z();
                 let force = axis * -Pull::size(elapsed_s, seating.check_s, seating.check_n);
                 cartesian.setpoint.feed_forward = cartesian.compensation(force);

@@ -1,64 +1,64 @@
-//! The scaling of a motion: soft limits, which slow it down before hard ones stop it.
+//! Speed scaling: slows a motion down at soft limits, before a hard limit stops it.
 //!
-//! Time along a path runs at a scaling from 1 down to [`SLOWEST`]. Each soft limit
-//! is a *load*, 1 where it begins to bite: the scaling falls until no load is above
-//! 1, and rises again when all are below.
+//! The time along a path runs at a rate between 1 and [`SLOWEST`]. Each soft limit
+//! has a *load*, which is 1 at the limit. The rate falls while any load is above 1
+//! and rises again when all are below.
 
 use nalgebra::Vector3;
 
 use super::Env;
 use crate::safety::workspace_clearance;
 
-/// How fast the scaling falls and rises again, per s, and its least value.
+/// Largest decrease and increase of the rate, in 1/s, and its smallest value.
 const SLOWER_PER_S: f64 = 20.0;
 const FASTER_PER_S: f64 = 2.0;
 const SLOWEST: f64 = 0.05;
 
-/// Towards an end of its range a joint may run this fast at the end (rad/s),
-/// and so much faster for each rad before it (1/s).
+/// Speed that a joint may have at the end of its range (rad/s), and its increase
+/// with the distance from there (1/s).
 const JOINT_END_RAD_S: f64 = 0.1;
 const JOINT_GAIN_PER_S: f64 = 5.0;
-/// The same for the TCP towards the end of the workspace and the plate.
+/// The same for the TCP towards a bound of the workspace and towards the plate.
 const TCP_END_M_S: f64 = 0.05;
 const TCP_GAIN_PER_S: f64 = 4.0;
 
-/// The scaling of one motion.
+/// The speed scaling of one motion.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpeedScaling {
-    now: f64,
+    rate: f64,
 }
 
 impl Default for SpeedScaling {
     fn default() -> Self {
-        Self { now: 1.0 }
+        Self { rate: 1.0 }
     }
 }
 
 impl SpeedScaling {
-    /// Moves the scaling by one period under a load; returns it.
+    /// Advances by one period under a load; returns the rate.
     #[inline]
     pub(crate) fn step(&mut self, load: f64, period_s: f64) -> f64 {
-        let wanted = if load > 1.0 { self.now / load } else { 1.0 };
-        // Not `clamp`, which panics where the period is not a number.
-        let step = (wanted - self.now)
+        let wanted = if load > 1.0 { self.rate / load } else { 1.0 };
+        // Not `clamp`, which panics if the period is not a number.
+        let step = (wanted - self.rate)
             .max(-SLOWER_PER_S * period_s)
             .min(FASTER_PER_S * period_s);
-        self.now = (self.now + step).min(1.0).max(SLOWEST);
-        self.now
+        self.rate = (self.rate + step).min(1.0).max(SLOWEST);
+        self.rate
     }
 
-    /// Whether it has fallen as far as it goes.
-    pub(crate) fn stopped(&self) -> bool {
-        self.now <= SLOWEST
+    /// Whether the rate has its smallest value.
+    pub(crate) fn is_slowest(&self) -> bool {
+        self.rate <= SLOWEST
     }
 
-    /// The scaling, from 0 to 1.
-    pub(crate) fn now(&self) -> f64 {
-        self.now
+    /// The rate, from 0 to 1.
+    pub(crate) fn rate(&self) -> f64 {
+        self.rate
     }
 }
 
-/// Load of the joints that run towards the ends of their ranges.
+/// Load of the joints that move towards the ends of their ranges.
 #[inline]
 pub(super) fn joint_load<const N: usize>(env: &Env<'_, N>) -> f64 {
     let margin = env.procedure.limits.position_margin_rad;
@@ -75,8 +75,8 @@ pub(super) fn joint_load<const N: usize>(env: &Env<'_, N>) -> f64 {
     load
 }
 
-/// Load of a TCP in free space: its speed, the force that it meets, and the
-/// bounds that it runs towards.
+/// Load of the TCP in free space: its speed, the force on it, and the bounds that
+/// it moves towards.
 #[inline]
 pub(super) fn tcp_load<const N: usize>(env: &Env<'_, N>) -> f64 {
     let limits = &env.procedure.limits;
@@ -92,24 +92,24 @@ pub(super) fn tcp_load<const N: usize>(env: &Env<'_, N>) -> f64 {
 mod tests {
     use super::*;
 
-    // Fails if a load does not slow the motion until it is borne, if nothing
-    // makes it stop for good, or if it stays slow without one.
+    // Fails if the motion does not slow down until the load is 1, if a persistent
+    // load does not slow it to the minimum, or if it stays slow without a load.
     #[test]
     fn the_pace_follows_the_load() {
         let mut scaling = SpeedScaling::default();
-        // A motion whose speed is twice the limit at full scaling.
+        // A motion that at full rate has twice the speed limit.
         for _ in 0..1000 {
-            let load = 2.0 * scaling.now();
+            let load = 2.0 * scaling.rate();
             scaling.step(load, 1e-3);
         }
-        assert!((scaling.now() - 0.5).abs() < 0.01, "{}", scaling.now());
+        assert!((scaling.rate() - 0.5).abs() < 0.01, "{}", scaling.rate());
         for _ in 0..1000 {
             scaling.step(1e9, 1e-3);
         }
-        assert_eq!(scaling.now(), SLOWEST);
+        assert_eq!(scaling.rate(), SLOWEST);
         for _ in 0..1000 {
             scaling.step(0.5, 1e-3);
         }
-        assert_eq!(scaling.now(), 1.0);
+        assert_eq!(scaling.rate(), 1.0);
     }
 }

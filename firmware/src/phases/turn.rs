@@ -1,5 +1,5 @@
-//! Turning about the sphere to the next pose, at 20 N/m: the TCP stays where
-//! it seated, the tool and the elbow turn.
+//! Turning about the sphere to the next pose, at 20 N/m. The TCP stays where the
+//! nest seated; the tool and the elbow turn.
 
 use nalgebra::Matrix3;
 use spherecal_shared::protocol::host::{Event, Fault};
@@ -10,7 +10,7 @@ use super::{Activity, CartesianState, Env, Next, STILL_S};
 use crate::law::NullSpace;
 use crate::motion::TurnMove;
 
-/// Where the null space goes with a turn.
+/// Motion of the null space during a turn.
 #[derive(Clone, Copy, Debug)]
 enum NullMove<const N: usize> {
     Elbow,
@@ -25,7 +25,7 @@ pub(crate) struct PoseTarget<const N: usize> {
     pub(crate) id: u32,
     /// Orientation of FT in F0.
     pub(crate) rotation: Matrix3<f64>,
-    /// Elbow angle, in rad, where the arm has one.
+    /// Elbow angle, in rad, if the arm has one.
     pub(crate) elbow: Option<f64>,
     /// Posture, in rad, for a redundant arm without an elbow angle.
     pub(crate) posture: Option<[f64; N]>,
@@ -33,13 +33,14 @@ pub(crate) struct PoseTarget<const N: usize> {
     pub(crate) record: bool,
 }
 
-/// Turning to a pose.
+/// Turns to a pose.
 #[derive(Clone, Debug)]
 pub(crate) struct Turning<const N: usize> {
     pose: PoseTarget<N>,
     path: TurnMove,
     null: NullMove<N>,
-    /// Time along the path, in s: slower than the clock where a joint is fast.
+    /// Time along the path, in s. It runs slower than the clock while a joint is
+    /// fast.
     along_s: f64,
     scaling: SpeedScaling,
     over_s: f64,
@@ -47,7 +48,7 @@ pub(crate) struct Turning<const N: usize> {
 }
 
 impl<const N: usize> Turning<N> {
-    /// From the present setpoint to the pose.
+    /// A turn from the present setpoint to the pose.
     pub(crate) fn new(pose: PoseTarget<N>, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Self {
         let turn = &env.procedure.turn;
         cartesian.soften(env, turn.stiffness_n_m);
@@ -81,14 +82,14 @@ impl<const N: usize> Turning<N> {
         }
     }
 
-    /// Moves along the path by one tick, the slower the faster a joint is:
-    /// near a singularity a slow turn of the tool is a fast one of a joint.
+    /// Advances along the path by one tick, more slowly the faster a joint is. Near
+    /// a singularity a joint moves fast although the tool turns slowly.
     fn advance(&mut self, env: &Env<'_, N>) {
         let mut share = 0.0f64;
         for (dq, limit) in env.snapshot.dq.iter().zip(env.speeds) {
             share = share.max(dq.abs() / limit);
         }
-        let load = (share / BRISK).max(joint_load(env));
+        let load = (share / SLOW_DOWN_SHARE).max(joint_load(env));
         self.along_s += self.scaling.step(load, env.period_s) * env.period_s;
     }
 
@@ -101,12 +102,12 @@ impl<const N: usize> Turning<N> {
             .setpoint
             .velocity
             .fixed_rows_mut::<3>(3)
-            .copy_from(&(at.angular * self.scaling.now()));
+            .copy_from(&(at.angular * self.scaling.rate()));
         match &self.null {
             NullMove::Elbow => {
                 cartesian.null_space = NullSpace::Elbow {
                     angle: at.elbow,
-                    rate: at.elbow_rate * self.scaling.now(),
+                    rate: at.elbow_rate * self.scaling.rate(),
                 }
             }
             NullMove::Posture(start, target) => {
@@ -167,5 +168,5 @@ impl<const N: usize> Turning<N> {
     }
 }
 
-/// Share of the speed limits beyond which a turn slows down.
-const BRISK: f64 = 0.6;
+/// Share of the joints' speed limits above which a turn slows down.
+const SLOW_DOWN_SHARE: f64 = 0.6;

@@ -1,7 +1,8 @@
-//! The envelope: where the TCP may be, how fast, and what the motors must deliver.
+//! The operating envelope: limits on the position and speed of the TCP, and on the
+//! difference between commanded and measured torque.
 //!
-//! Hard limits, each a fault after a short dwell. What slows down before them is
-//! the [`Pace`](crate::phases::Pace) of the motions.
+//! These are hard limits: each is a fault after a short dwell time. Speed scaling
+//! slows motions down before they reach them.
 
 use nalgebra::{Vector3, Vector6};
 use spherecal_shared::procedure::Limits;
@@ -10,26 +11,26 @@ use spherecal_shared::robot::JointLimits;
 
 use super::violation::Violation;
 
-/// How long a speed or a place may violate its limit, in s: noise is shorter.
+/// Time for which a speed or position may violate its limit, in s; noise is shorter.
 const DWELL_S: f64 = 0.005;
-/// Outside the workspace the arm may go back in, and stand: not faster outwards
-/// than this, in m/s.
+/// Largest outward speed outside the workspace, in m/s. There the arm may stand
+/// still and move back in.
 const OUTWARD_M_S: f64 = 0.005;
-/// How long a measured torque may differ from the commanded one, in s: the
-/// magnet's snap and the rotors' inertia are shorter.
+/// Time for which a measured torque may differ from the commanded one, in s. The
+/// snap of the magnet and the acceleration of rotors are shorter.
 const TORQUE_DWELL_S: f64 = 0.020;
-/// Difference that any joint may show, in N m: a wrist's Coulomb and viscous
-/// friction (2 and 2 N m) and its rotor, 0.3 kg m² at 20 rad/s², which a sensor
-/// behind the gear does not see.
+/// Torque difference that is accepted on any joint, in N m: Coulomb and viscous
+/// friction of a wrist (2 and 2 N m) and its rotor (0.3 kg m² at 20 rad/s²), which
+/// a sensor behind the gear does not measure.
 const TORQUE_ERROR_NM: f64 = 10.0;
 
-/// What the envelope keeps of the ticks before: for how many each limit was violated.
+/// Number of ticks for which each limit has been violated.
 #[derive(Clone, Debug)]
 pub(crate) struct Envelope<const N: usize> {
     fast: u32,
     outside: u32,
-    /// Negative where less arrived than was sent.
-    amiss: [i32; N],
+    /// Negative if the measured torque is below the commanded one.
+    torque_error_ticks: [i32; N],
 }
 
 impl<const N: usize> Default for Envelope<N> {
@@ -37,13 +38,13 @@ impl<const N: usize> Default for Envelope<N> {
         Self {
             fast: 0,
             outside: 0,
-            amiss: [0; N],
+            torque_error_ticks: [0; N],
         }
     }
 }
 
-/// How far (m) a point lies inside the workspace and above the plate, and the
-/// outward normal of the nearest bound.
+/// Distance (m) of a point from the nearest bound of the workspace or the plate,
+/// positive inside, and the outward normal of that bound.
 #[inline]
 pub(crate) fn workspace_clearance(tcp: &Vector3<f64>, limits: &Limits) -> (f64, Vector3<f64>) {
     let plate = Vector3::from(limits.plate_normal);
@@ -67,7 +68,7 @@ pub(crate) fn workspace_clearance(tcp: &Vector3<f64>, limits: &Limits) -> (f64, 
 }
 
 impl<const N: usize> Envelope<N> {
-    /// Looks at the TCP (m) and its velocity (m/s, linear part first), F0.
+    /// Checks the TCP (m) and its velocity (m/s, linear part first), F0.
     #[inline]
     pub(crate) fn tcp(
         &mut self,
@@ -89,7 +90,7 @@ impl<const N: usize> Envelope<N> {
         (f64::from(self.outside) * period_s > DWELL_S).then(|| Violation::new(Fault::Workspace, -clearance, 0.0))
     }
 
-    /// Looks at what arrived (N m) of the torque that was sent (N m).
+    /// Checks the torque that was delivered (N m) against the one that was sent.
     #[inline]
     pub(crate) fn torque(
         &mut self,
@@ -102,15 +103,15 @@ impl<const N: usize> Envelope<N> {
         for (i, (sent, is)) in sent.iter().zip(delivered).enumerate() {
             let limit = (joints[i].torque_nm * limits.torque_error_share).max(TORQUE_ERROR_NM);
             let error = is - sent;
-            // To one side: rotors that chatter on a contact go to both.
-            self.amiss[i] = if error > limit {
-                self.amiss[i].max(0).saturating_add(1)
+            // Counts one sign only: rotors that chatter on a contact alternate.
+            self.torque_error_ticks[i] = if error > limit {
+                self.torque_error_ticks[i].max(0).saturating_add(1)
             } else if error < -limit {
-                self.amiss[i].min(0).saturating_sub(1)
+                self.torque_error_ticks[i].min(0).saturating_sub(1)
             } else {
                 0
             };
-            if f64::from(self.amiss[i]).abs() * period_s > TORQUE_DWELL_S {
+            if f64::from(self.torque_error_ticks[i]).abs() * period_s > TORQUE_DWELL_S {
                 return Some(Violation {
                     fault: Fault::TorqueSensor,
                     joint: i as u8 + 1,
@@ -137,7 +138,7 @@ mod tests {
         }
     }
 
-    // Fails if the nearest bound is not found, or its distance or side is wrong.
+    // Fails if the nearest bound is wrong, or its distance or side.
     #[test]
     fn the_room_is_the_distance_to_the_nearest_bound() {
         let (least, outward) = workspace_clearance(&Vector3::new(0.0, 0.0, 0.3), &limits());
@@ -149,7 +150,7 @@ mod tests {
         assert!(workspace_clearance(&Vector3::new(0.0, -1.1, 0.5), &limits()).0 < 0.0);
     }
 
-    // Fails if the arm may leave, or may not come back.
+    // Fails if the arm may move out of the workspace, or may not move back in.
     #[test]
     fn outside_one_may_only_come_back() {
         let outside = Vector3::new(0.0, 0.0, 0.09);
@@ -164,8 +165,8 @@ mod tests {
         assert_eq!(run(2.0).map(|v| v.fault), Some(Fault::TcpSpeed));
     }
 
-    // Fails if a dead sensor is not noticed after its dwell, or friction or a
-    // contact that chatters is taken for one.
+    // Fails if a dead sensor is not found after its dwell time, or if friction or
+    // a chattering contact is taken for one.
     #[test]
     fn a_torque_that_does_not_arrive_is_noticed() {
         let joints = core::array::from_fn(|i| spherecal_shared::robot::iiwa7().joints[i].limits);

@@ -1,9 +1,9 @@
-//! Safety: what must hold at every tick, whatever the phase.
+//! Safety: checks that hold in every tick, in every phase.
 //!
-//! Stands at both doors of the control path. Before the law: is the drive
-//! state whole, fresh and within limits ([`SafetyMonitor::admit`])? After it: does the
-//! arm follow, is the force bounded, is the torque not saturated for long
-//! ([`SafetyMonitor::watch`])? A violation is a [`Violation`], which becomes a fault.
+//! The monitor stands at both ends of the control path. Before the law it checks
+//! that the drive state is complete, new and within limits
+//! ([`SafetyMonitor::admit`]). After the law it checks contact force and torque
+//! saturation ([`SafetyMonitor::watch`]). A [`Violation`] becomes a fault.
 
 mod envelope;
 mod plausibility;
@@ -21,33 +21,33 @@ pub(crate) use envelope::workspace_clearance;
 use plausibility::Plausibility;
 pub(crate) use violation::{JointState, Violation};
 
-/// How long the contact force may exceed its limit, in s: impacts are shorter.
+/// Time for which the contact force may exceed its limit, in s; impacts are shorter.
 const FORCE_DWELL_S: f64 = 0.010;
-/// By how much the clocks of controller and drive may drift apart in a period,
-/// in µs: 0.1 % at 1 kHz, more than any quartz does.
+/// Largest drift between the clocks of controller and drive per period, in µs:
+/// 0.1 % at 1 kHz, more than that of any quartz.
 const DRIFT_US: i64 = 1;
-/// Speed out of its range above which a joint in the margin counts as leaving, in rad/s.
+/// Outward speed above which a joint in the margin counts as leaving its range, in rad/s.
 const OUTWARD_RAD_S: f64 = 0.02;
-/// How long a torque may stay saturated, in s.
+/// Time for which a torque may be saturated, in s.
 const SATURATION_DWELL_S: f64 = 0.050;
 
-/// What [`SafetyMonitor::admit`] says of a drive state.
+/// Result of [`SafetyMonitor::admit`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Admission<const N: usize> {
-    /// Whole and fresh.
+    /// The state is complete and new.
     Fresh(JointState<N>),
-    /// Not usable, or repeated; the last torque is kept for now.
+    /// The state is unusable or repeated; the last torque is sent again.
     Bridged,
-    /// Too many in a row.
+    /// Too many such states in a row, or a state that shows a fault.
     Refused(Violation),
 }
 
-/// The guard of an arm with `N` joints.
+/// The safety monitor of an arm with `N` joints.
 #[derive(Clone, Debug)]
 pub(crate) struct SafetyMonitor<const N: usize> {
     limits: [JointLimits; N],
     last_tick: Option<u64>,
-    /// Least difference between the controller's time and the drive's, in µs.
+    /// Smallest difference between the controller's time and the drive's, in µs.
     offset_us: Option<i64>,
     missed_in_row: u32,
     overrun_in_row: u32,
@@ -96,22 +96,22 @@ impl<const N: usize> SafetyMonitor<N> {
         self.envelope = Envelope::default();
     }
 
-    /// Limits of the joints.
+    /// The limits of the joints.
     pub(crate) fn limits(&self) -> &[JointLimits; N] {
         &self.limits
     }
 
-    /// The limits, and the envelope that is watched with them.
+    /// The limits of the joints and the envelope, borrowed together.
     pub(crate) fn parts(&mut self) -> (&[JointLimits; N], &mut Envelope<N>) {
         (&self.limits, &mut self.envelope)
     }
 
-    /// Drive states that were missed or unusable so far.
+    /// Number of missed periods and unusable drive states so far.
     pub(crate) fn missed(&self) -> u32 {
         self.missed
     }
 
-    /// Whether all joint angles lie within the limits less the margin.
+    /// Whether all joint angles are inside their limits by `margin` (rad).
     pub(crate) fn reachable(&self, q: &[f64; N], margin: f64) -> bool {
         self.limits
             .iter()
@@ -119,9 +119,8 @@ impl<const N: usize> SafetyMonitor<N> {
             .all(|(l, q)| *q >= l.min_rad + margin && *q <= l.max_rad - margin)
     }
 
-    /// Counts `ticks` control periods that were missed by whoever runs the
-    /// controller, 0 for a tick that came in time; a violation once there are
-    /// too many without such a tick between them.
+    /// Counts `ticks` missed control periods, 0 for a tick in time. Returns a
+    /// violation once there are too many without a tick in time between them.
     pub(crate) fn overrun(&mut self, ticks: u32, limits: &Limits) -> Option<Violation> {
         if ticks == 0 {
             self.overrun_in_row = 0;
@@ -133,9 +132,9 @@ impl<const N: usize> SafetyMonitor<N> {
         (row > allowed).then(|| Violation::new(Fault::Overrun, f64::from(row), f64::from(allowed)))
     }
 
-    /// Looks at a drive state before anything is computed from it; `sent` are
-    /// the torques of the last command, in N m, none while the brakes are closed,
-    /// and `now_us` is the controller's own time, by which late states are told.
+    /// Checks a drive state before anything is computed from it. `sent` are the
+    /// torques of the last command in N m (empty while the brakes are closed).
+    /// `now_us` is the controller's time; it serves to detect late states.
     #[inline]
     pub(crate) fn admit(
         &mut self,
@@ -152,7 +151,7 @@ impl<const N: usize> SafetyMonitor<N> {
         let skipped = match self.last_tick {
             None => 0,
             Some(last) if state.tick > last => u32::try_from(state.tick - last - 1).unwrap_or(u32::MAX),
-            // The same tick again, or an older one: stale.
+            // A repeated or an older tick.
             Some(_) => return self.bridge(1, Fault::StaleState, limits),
         };
         self.last_tick = Some(state.tick);
@@ -186,8 +185,8 @@ impl<const N: usize> SafetyMonitor<N> {
         Admission::Fresh(admitted)
     }
 
-    /// Whether a state is older than states used to be when they came: a law
-    /// that answers the arm of a while ago makes it swing.
+    /// Whether a state is older than the freshest states were. Control on old
+    /// states makes the arm oscillate.
     fn late(&mut self, now_us: u64, tick: u64, limits: &Limits, period_s: f64) -> bool {
         let period_us = (period_s * 1e6 + 0.5) as i64;
         let offset = (now_us as i64).wrapping_sub((tick as i64).wrapping_mul(period_us));
@@ -207,7 +206,7 @@ impl<const N: usize> SafetyMonitor<N> {
         self.bridged(ticks, violation, limits)
     }
 
-    /// So many states that cannot be used; a violation once there are too many in a row.
+    /// Counts `ticks` unusable states; refuses once there are too many in a row.
     fn bridged(&mut self, ticks: u32, violation: Violation, limits: &Limits) -> Admission<N> {
         self.missed = self.missed.saturating_add(ticks);
         self.missed_in_row = self.missed_in_row.saturating_add(ticks);
@@ -217,9 +216,9 @@ impl<const N: usize> SafetyMonitor<N> {
         Admission::Bridged
     }
 
-    /// Looks at a fresh joint state: positions and velocities within limits. An
-    /// arm that `leaves` a sphere may use half the margin: it may have to leave
-    /// since it stands at the margin's end, and must not be held there by it.
+    /// Checks positions and velocities of a new joint state. When the arm
+    /// `leaves` a sphere, half the margin is enough: an arm that stands at the
+    /// edge of the margin must be able to leave.
     #[inline]
     pub(crate) fn joint_state(&self, state: &JointState<N>, limits: &Limits, leaves: bool) -> Option<Violation> {
         let margin = limits.position_margin_rad * if leaves { 0.5 } else { 1.0 };
@@ -227,7 +226,7 @@ impl<const N: usize> SafetyMonitor<N> {
             let joint = i as u8 + 1;
             let q = state.q[i];
             let (min, max) = (limit.min_rad + margin, limit.max_rad - margin);
-            // Between margin and limit an arm may stand, and go back.
+            // Between margin and limit the arm may stand still and move back.
             let out = q < limit.min_rad || q > limit.max_rad;
             let outwards = (q < min && state.dq[i] < -OUTWARD_RAD_S) || (q > max && state.dq[i] > OUTWARD_RAD_S);
             if out || outwards {
@@ -252,7 +251,7 @@ impl<const N: usize> SafetyMonitor<N> {
         None
     }
 
-    /// Looks at what came of the tick: contact force and torque saturation.
+    /// Checks the result of the tick: contact force and torque saturation.
     #[inline]
     pub(crate) fn watch(
         &mut self,

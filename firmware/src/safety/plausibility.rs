@@ -1,9 +1,10 @@
-//! Plausibility: is a drive state one that this arm can be in, after the last?
+//! Plausibility: checks whether the arm can be in a drive state, given the states
+//! before.
 //!
-//! A drive that hangs may go on counting ticks and send what it sent before; an
-//! encoder that loses its place reads another angle from one state to the next;
-//! one that sticks reads the same however its joint is driven. None of it shows
-//! in a single state.
+//! A drive that hangs may count ticks and repeat its last values. An encoder that
+//! loses its reference jumps from one state to the next. An encoder that sticks
+//! shows the same angle although its joint is driven. A single state shows none of
+//! these.
 
 use spherecal_shared::procedure::Limits;
 use spherecal_shared::protocol::host::Fault;
@@ -11,36 +12,37 @@ use spherecal_shared::robot::JointLimits;
 
 use super::violation::{JointState, Violation};
 
-/// By how much an arm may run faster than its limit, or than it did, between two states.
+/// Factor on the joint's speed limit, or on its last speed, that bounds the motion
+/// between two states.
 const SPEED_FACTOR: f64 = 1.5;
-/// Ticks for which a drive that shows the same state again is taken to have
-/// shown nothing, at most.
+/// Most ticks of identical states that count as "not seen": the drive may have
+/// been frozen while the arm moved.
 const MOST_UNSEEN: u64 = 500;
 /// Joint speed above which a state says that the arm moves, in rad/s.
 const MOVES_RAD_S: f64 = 1e-3;
-/// Change of the torques sent, in N m and summed, that a drive cannot have
-/// taken without any of its numbers changing: one without noise that stands
-/// still under the same torque is not frozen.
-const TAKEN_NM: f64 = 0.05;
-/// The same for one joint whose angle alone stays the same, in N m at least and
-/// as a share of its limit: more than from one end of its stiction to the other.
-const STICKS_NM: f64 = 10.0;
-const STICKS_SHARE: f64 = 0.05;
+/// Change of the sent torques (sum over the joints, in N m) that must change at
+/// least one value of the state. A drive without noise that stands still under the
+/// same torque is not frozen.
+const TORQUE_CHANGE_NM: f64 = 0.05;
+/// The same for one joint whose angle alone stays the same: at least this many
+/// N m, and this share of its torque limit. It exceeds the range of its stiction.
+const STUCK_NM: f64 = 10.0;
+const STUCK_SHARE: f64 = 0.05;
 
-/// What is kept of the states before.
+/// State of the plausibility checks.
 #[derive(Clone, Debug)]
 pub(crate) struct Plausibility<const N: usize> {
     last: Option<JointState<N>>,
-    /// Tick of the last state that was looked at, good or not.
+    /// Tick of the last state that was checked, good or not.
     tick: u64,
-    /// Ticks since the last good state of which nothing was seen: the arm may
-    /// have moved then, and not while it was seen.
+    /// Ticks since the last good state in which the arm was not seen. It may have
+    /// moved during them.
     unseen: u64,
     same: u32,
-    /// What was being sent when the state was first the same.
+    /// Torques that were sent when the state first repeated, in N m.
     sent: [f64; N],
-    /// Ticks for which each angle has been the same, and what was being sent at
-    /// the first of them.
+    /// For each joint: ticks for which the angle has been the same, and the torque
+    /// sent at the first of them, in N m.
     stuck: [(u32, f64); N],
 }
 
@@ -58,14 +60,14 @@ impl<const N: usize> Default for Plausibility<N> {
 }
 
 impl<const N: usize> Plausibility<N> {
-    /// Forgets the states before: for another robot, or a drive that was referenced anew.
+    /// Forgets earlier states: for another robot.
     pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Looks at the state of `tick`, and at the torques (N m) that were `sent`
-    /// before it (none while the brakes are closed). A state that cannot be is not kept, so
-    /// that the next one is held against the last good one.
+    /// Checks the state of `tick`. `sent` are the torques (N m) sent before it
+    /// (empty while the brakes are closed). An implausible state is not kept: the
+    /// next one is compared with the last good one.
     #[inline]
     pub(crate) fn check(
         &mut self,
@@ -86,10 +88,10 @@ impl<const N: usize> Plausibility<N> {
         let elapsed_s = self.unseen.saturating_add(1) as f64 * period_s;
         let mut change = 0.0;
         let mut fastest = 0.0f64;
-        let (mut sticks, mut others) = (None, false);
+        let (mut stuck_joint, mut others) = (None, false);
         for i in 0..N {
             let moved = (state.q[i] - last.q[i]).abs();
-            // By the speed of before: that of after may be made from the jump.
+            // By the earlier speed: the later one may be computed from the jump.
             let speed = joints[i].velocity_rad_s.max(last.dq[i].abs());
             let most = speed * SPEED_FACTOR * elapsed_s + limits.jump_rad;
             if moved > most {
@@ -101,7 +103,7 @@ impl<const N: usize> Plausibility<N> {
                 });
             }
             others |= moved > 0.0;
-            sticks = sticks.or(sticking(&mut self.stuck[i], i, moved, sent, &joints[i], limits));
+            stuck_joint = stuck_joint.or(stuck_encoder(&mut self.stuck[i], i, moved, sent, &joints[i], limits));
             change += moved + (state.dq[i] - last.dq[i]).abs() + (state.tau[i] - last.tau[i]).abs();
             fastest = fastest.max(state.dq[i].abs());
         }
@@ -109,8 +111,8 @@ impl<const N: usize> Plausibility<N> {
         if change > 0.0 {
             self.same = 0;
             self.unseen = 0;
-            // An arm that is blocked stands with all its joints.
-            return sticks.filter(|_| others);
+            // All joints of a blocked arm stand still.
+            return stuck_joint.filter(|_| others);
         }
         if self.same == 0 {
             for (kept, sent) in self.sent.iter_mut().zip(sent) {
@@ -119,12 +121,12 @@ impl<const N: usize> Plausibility<N> {
         }
         self.same = self.same.saturating_add(1);
         let allowed = limits.frozen_ticks;
-        let mut taken = 0.0;
+        let mut torque_change = 0.0;
         for (kept, sent) in self.sent.iter().zip(sent) {
-            taken += (sent - kept).abs();
+            torque_change += (sent - kept).abs();
         }
-        let alive = taken > TAKEN_NM || fastest > MOVES_RAD_S;
-        // A drive that shows the same again may have frozen while the arm moved.
+        let alive = torque_change > TORQUE_CHANGE_NM || fastest > MOVES_RAD_S;
+        // The drive may be frozen while the arm moves.
         self.unseen = if alive {
             u64::from(self.same).min(MOST_UNSEEN)
         } else {
@@ -135,11 +137,11 @@ impl<const N: usize> Plausibility<N> {
     }
 }
 
-/// Whether joint `i` stays where it was though the torque that is sent to it
-/// changes: its encoder does not follow. `stuck`: ticks for which the angle has
-/// been the same, and what was being sent at the first of them, in N m.
+/// Whether the encoder of joint `i` sticks: its angle stays the same although the
+/// torque sent to it changes. `stuck` holds the ticks for which the angle has been
+/// the same and the torque sent at the first of them, in N m.
 #[inline]
-fn sticking(
+fn stuck_encoder(
     stuck: &mut (u32, f64),
     i: usize,
     moved: f64,
@@ -157,7 +159,7 @@ fn sticking(
     }
     *count = count.saturating_add(1);
     let change = (sent - *first).abs();
-    let most = STICKS_NM.max(STICKS_SHARE * joint.torque_nm);
+    let most = STUCK_NM.max(STUCK_SHARE * joint.torque_nm);
     let long = limits.frozen_ticks > 0 && *count > limits.frozen_ticks;
     (long && change > most).then_some(Violation {
         fault: Fault::StaleState,
@@ -184,8 +186,8 @@ mod tests {
         }
     }
 
-    // Fails if a jump is taken for motion or motion for a jump, or if the last
-    // good state is forgotten because of one that cannot be.
+    // Fails if a motion counts as a jump or a jump as motion, or if an implausible
+    // state replaces the last good one.
     #[test]
     fn an_angle_cannot_jump() {
         let limits = Limits::default();
@@ -199,12 +201,12 @@ mod tests {
         assert_eq!(look(4, 0.006, 1.0), None, "back where it was");
         // After 100 ms without a state the arm may be elsewhere.
         assert_eq!(look(104, 0.1, 1.0), None);
-        // But it cannot be while it is seen.
+        // While it is seen it cannot be.
         assert!((105..1000).all(|tick| look(tick, 0.2, 1.0).is_some()));
     }
 
-    // Fails if a frozen drive is not noticed in its time, or if a simulator
-    // without noise that stands under the same torque is taken for one.
+    // Fails if a frozen drive is not found in time, or if a simulator without
+    // noise that stands under the same torque is taken for one.
     #[test]
     fn a_frozen_drive_is_noticed_and_a_still_one_is_not() {
         let limits = Limits::default();
@@ -224,9 +226,9 @@ mod tests {
         assert_eq!(run(&|_| 3.0, 0.0), None, "it stands");
     }
 
-    // Fails if an encoder that sticks while its joint is driven is not noticed,
-    // if one whose joint stands under friction's torque is taken for it, or if
-    // the ticks of an earlier stand count.
+    // Fails if an encoder that sticks while its joint is driven is not found, if a
+    // joint that stands under friction is taken for one, or if the ticks of an
+    // earlier standstill count.
     #[test]
     fn an_encoder_that_sticks_is_noticed() {
         let limits = Limits::default();
@@ -244,7 +246,7 @@ mod tests {
                 Some(tick)
             })
         };
-        let most = STICKS_NM.max(STICKS_SHARE * iiwa7().joints[3].limits.torque_nm);
+        let most = STUCK_NM.max(STUCK_SHARE * iiwa7().joints[3].limits.torque_nm);
         let ramp = |tick: u64| 0.5 * tick as f64;
         let noticed = run(&ramp, &|tick| tick >= 100).expect("noticed");
         assert_eq!(noticed, 100 + (most / 0.5).floor() as u64 + 1);

@@ -1,18 +1,18 @@
-//! What the safety monitor's parts share: the checked joint state and the broken
-//! limit.
+//! Types that the parts of the safety monitor share: the checked joint state and
+//! the violation of a limit.
 
 use spherecal_shared::protocol::host::Fault;
 
-/// A limit that was broken: fault, joint (from 1, 0 for none), value and limit.
+/// The violation of a limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Violation {
-    /// The fault it becomes.
+    /// The fault that it becomes.
     pub(crate) fault: Fault,
     /// Joint, from 1; 0 for none.
     pub(crate) joint: u8,
-    /// Value, in the limit's unit.
+    /// The value, in the limit's unit.
     pub(crate) value: f64,
-    /// Limit.
+    /// The limit.
     pub(crate) limit: f64,
 }
 
@@ -27,13 +27,13 @@ impl Violation {
         }
     }
 
-    /// Whether one joint's angle is not to be believed, all else is.
+    /// Whether the encoder of one joint sticks, while the rest of the state is good.
     pub(crate) fn is_stuck_encoder(&self) -> bool {
         self.fault == Fault::StaleState && self.joint > 0
     }
 }
 
-/// Joint state, checked.
+/// A checked joint state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct JointState<const N: usize> {
     /// Joint angles, in rad.
