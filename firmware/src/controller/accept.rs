@@ -1,7 +1,7 @@
-//! The door for commands: what is carried out, and what is refused and why.
+//! Commands of the host: carries them out or refuses them.
 //!
-//! Everything is checked here, before it reaches the control path: phase,
-//! finiteness, normalisation, joint limits.
+//! Everything is checked here before it reaches the control path: the phase,
+//! finite numbers, normalised vectors, joint limits.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, PoseCommand, Refusal};
@@ -13,11 +13,11 @@ use crate::motion::rotation_of;
 
 use crate::phases::{Activity, Decoupling, Env, Moving, PoseTarget, Taring, Turning};
 
-/// How far the TCP of a pose's posture may lie from where it is, in m: the tool
-/// turns about the sphere.
+/// Largest distance between the TCP of a pose's posture and the present TCP, in m:
+/// the tool turns about the sphere, so the TCP stays in place.
 const POSTURE_M: f64 = 0.1;
-/// Trace of the rotation between a pose's posture and its orientation, which may
-/// be 0.3 rad: a posture that solves another pose would pull the elbow away.
+/// Smallest trace of the rotation between a pose's posture and its orientation:
+/// that of 0.3 rad. A posture of another pose would pull the elbow away.
 const POSTURE_TRACE: f64 = 1.0 + 2.0 * 0.955_336;
 
 fn array<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
@@ -25,25 +25,26 @@ fn array<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
     values.iter().all(|x| x.is_finite()).then_some(values)
 }
 
-/// A unit vector; a NaN is none.
+/// The vector if its length is 1, which NaN has not.
 fn unit(direction: [f64; 3]) -> Option<Vector3<f64>> {
     let direction = Vector3::from(direction);
     ((direction.norm_squared() - 1.0).abs() < 1e-6).then_some(direction)
 }
 
 impl<const N: usize> Controller<N> {
-    /// Carries out a command, or says why not. Acknowledgements, greetings and
-    /// keep-alives are the link's business and always accepted.
+    /// Carries out a command at once. Handshakes, acknowledgements and keep-alives
+    /// are the link's matter and always accepted.
     ///
     /// # Errors
-    /// Why the command is not carried out; nothing has changed then.
+    /// Why the command is refused. The controller is then unchanged.
     pub fn command(&mut self, command: Command) -> Result<(), Refusal> {
         self.host_heard();
         self.start(&command)
     }
 
-    /// Carries out a command that was heard before: by reference, since the
-    /// largest takes 2 kB and every copy of one some hundred instructions.
+    /// Carries out a command whose arrival was recorded before. The command is
+    /// passed by reference: the largest takes 2 kB, and each copy would take some
+    /// hundred instructions.
     pub(super) fn start(&mut self, command: &Command) -> Result<(), Refusal> {
         match command {
             Command::Hello | Command::Acknowledge { .. } | Command::KeepAlive => Ok(()),
@@ -70,9 +71,9 @@ impl<const N: usize> Controller<N> {
             Command::Pose(pose) => self.accept_pose(pose),
             Command::Decouple => {
                 self.usable()?;
-                // After a fault the arm is idle and may still hang on the sphere.
+                // After a fault the arm is idle, and the nest may still be on the sphere.
                 let coupled = matches!(self.activity, Activity::Coupled);
-                let hanging = self.touched && matches!(self.activity, Activity::Idle);
+                let hanging = self.may_be_on_sphere && matches!(self.activity, Activity::Idle);
                 if !(coupled || hanging) {
                     return Err(Refusal::Phase);
                 }
@@ -100,7 +101,7 @@ impl<const N: usize> Controller<N> {
             }
             Command::ClearFault => {
                 if matches!(self.activity, Activity::Fault) {
-                    self.braked = false;
+                    self.keep_brakes = false;
                     self.enter(Activity::Idle);
                 }
                 Ok(())
@@ -118,7 +119,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Configured, no fault, and a drive state seen.
+    /// Checks that the controller is configured, without fault, and has a drive state.
     fn usable(&self) -> Result<(), Refusal> {
         if matches!(self.activity, Activity::Fault) {
             return Err(Refusal::FaultPending);
@@ -132,7 +133,7 @@ impl<const N: usize> Controller<N> {
         Ok(())
     }
 
-    /// Usable, and holding.
+    /// Checks that the controller is usable and idle.
     fn idle(&self) -> Result<(), Refusal> {
         self.usable()?;
         if matches!(self.activity, Activity::Idle) {
@@ -142,7 +143,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// A robot or tool may change while the arm does not move on its model.
+    /// Checks that robot and tool may change: no motion may depend on them.
     fn changeable(&self) -> Result<(), Refusal> {
         match self.activity {
             Activity::Fault => Err(Refusal::FaultPending),
@@ -157,7 +158,7 @@ impl<const N: usize> Controller<N> {
         if robot.dof() != N {
             return Err(Refusal::Robot);
         }
-        // The tool comes with Configure; until then the arm is not enabled.
+        // The tool comes with Configure. Until then the controller has no arm.
         self.configured = None;
         self.snapshot = None;
         self.holding = false;
@@ -179,7 +180,7 @@ impl<const N: usize> Controller<N> {
         self.observer.reset();
         self.shaper.reset();
         self.torque_loop.reset();
-        self.touched = false;
+        self.may_be_on_sphere = false;
         Ok(())
     }
 
@@ -189,18 +190,18 @@ impl<const N: usize> Controller<N> {
         self.cartesian.sphere = approach.sphere;
         self.cartesian.direction = direction;
         self.cartesian.tare = Wrench::default();
-        self.touched = true;
+        self.may_be_on_sphere = true;
         self.enter(Activity::Taring(Taring::default()));
         Ok(())
     }
 
-    /// Leaves a sphere that is not known to have been touched.
+    /// Leaves a sphere that this controller does not know of.
     fn accept_retreat(&mut self, direction: [f64; 3]) -> Result<(), Refusal> {
         let direction = unit(direction).ok_or(Refusal::Target)?;
         self.idle()?;
         self.cartesian.direction = direction;
         self.cartesian.tare = Wrench::default();
-        self.touched = true;
+        self.may_be_on_sphere = true;
         self.with_env(|env, cartesian| {
             let soft =
                 crate::law::Stiffness::isotropic(env.procedure.couple.stiffness_n_m, env.procedure.law.rotation_nm_rad);

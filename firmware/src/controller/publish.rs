@@ -1,4 +1,4 @@
-//! Telemetry: what a tick shows of itself.
+//! Telemetry samples of the control loop.
 
 use spherecal_shared::protocol::host::{Phase, Sample};
 
@@ -7,7 +7,7 @@ use crate::law::{Shaped, Snapshot};
 use crate::safety::JointState;
 
 impl<const N: usize> Controller<N> {
-    /// Keeps a telemetry sample where one is due.
+    /// Queues a telemetry sample if one is due.
     pub(super) fn publish(&mut self, state: &JointState<N>, snapshot: &Snapshot<N>, tau: &[f64; N], shaped: Shaped) {
         let near_contact = matches!(
             self.activity.phase(),
