@@ -8,7 +8,8 @@
 #   build [BOARD..]  build the images in release: mps2-an500 nucleo-h743zi
 #   stack [BOARD]    build an image that says its functions' stack sizes, for the tests
 #   prove            link the control path with a panic handler that does not exist
-#   portable         build the controller for Arm cores without a double-precision FPU
+#   portable         build the controller for Arm cores without a double-precision FPU,
+#                    and check the skeleton of a board
 #   cargo ARGS..     any other Cargo command in firmware/boards, same toolchain
 #
 #   --install        install what is missing (rustup first, apt-get second)
@@ -190,6 +191,8 @@ case $command in
             (cross_cargo build --release --locked --package spherecal-firmware --target "$core")
             [ "$dry" = yes ] || say "the controller builds for $core"
         done
+        (cross_cargo check --release --locked --package nucleo-h743zi --example skeleton)
+        [ "$dry" = yes ] || say "the skeleton of a board is checked"
         ;;
     cargo) [ $# -gt 0 ] || usage; cross_cargo "$@" ;;
     *) say "unknown command $command"; usage ;;

@@ -2,7 +2,7 @@
 
 fn main() {
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
-        println!("cargo:rustc-link-arg-bins={argument}");
+        println!("cargo:rustc-link-arg={argument}");
     }
     println!("cargo:rerun-if-changed=build.rs");
 }

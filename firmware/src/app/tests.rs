@@ -166,3 +166,12 @@ fn a_link_that_does_not_run_delays_nothing() {
     }
     assert_eq!(link.counters().overflow - before, 6);
 }
+
+// Fails if the skeleton that the boards' README shows is not the one that
+// `scripts/cross.sh portable` checks.
+#[test]
+fn the_readme_shows_the_skeleton_of_a_board() {
+    let readme = include_str!("../../boards/README.md");
+    let skeleton = include_str!("../../boards/nucleo-h743zi/examples/skeleton.rs");
+    assert!(readme.contains(&std::format!("```rust\n{skeleton}```\n")));
+}

@@ -118,7 +118,11 @@ impl<T: Real> TryFrom<Fields<T>> for Pose<T> {
     fn try_from(fields: Fields<T>) -> Result<Self, PoseError> {
         let rotation = Matrix3::from(fields.rotation).transpose();
         let position = Vector3::from(fields.position);
-        if !rotation.iter().chain(position.iter()).all(nalgebra::ComplexField::is_finite) {
+        if !rotation
+            .iter()
+            .chain(position.iter())
+            .all(nalgebra::ComplexField::is_finite)
+        {
             return Err(PoseError::NotFinite);
         }
         let deviation = (rotation * rotation.transpose() - Matrix3::identity()).amax();

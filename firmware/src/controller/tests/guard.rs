@@ -90,7 +90,7 @@ fn how_many_ticks_may_be_missed_is_configured() {
             bench.controller.record_missed(1);
         }
         bench.run(1);
-        assert!(bench.faults().is_empty(), "{allowed} are borne");
+        assert!(bench.faults().is_empty(), "{allowed} missed ticks are a fault");
         bench.controller.record_missed(1);
         bench.run(1);
         let faults = bench.faults();

@@ -166,8 +166,8 @@ fn a_start_is_kept_and_an_absurd_one_refused() {
             .controller
             .queue_command(1, now_us + START_MOST_US + 1_000_000, &go())
     );
-    let verdict = bench.controller.command_outcome().expect("at once");
-    assert_eq!(verdict.result, Err(Refusal::Start));
+    let outcome = bench.controller.command_outcome().expect("at once");
+    assert_eq!(outcome.result, Err(Refusal::Start));
     assert!(bench.controller.queue_command(2, now_us + 20_000, &go()));
     bench.run(19);
     assert_eq!(
