@@ -41,6 +41,6 @@ impl Real for f32 {
 
 /// The number `value` as scalar `T`.
 #[inline(always)]
-pub fn lit<T: Real>(value: f64) -> T {
+pub(crate) fn lit<T: Real>(value: f64) -> T {
     nalgebra::convert(value)
 }

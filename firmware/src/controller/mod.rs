@@ -199,7 +199,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Number of telemetry samples that wait.
-    pub fn samples_waiting(&self) -> usize {
+    pub(crate) fn samples_waiting(&self) -> usize {
         self.samples.len()
     }
 

@@ -40,7 +40,7 @@ impl<const N: usize> Controller<N> {
     /// Takes command number `sequence`. It starts at the first tick whose device
     /// time is `start_us` (µs) or later; at once if `start_us` is 0. Returns `false`
     /// and changes nothing if there is no room for another outcome.
-    pub fn queue_command(&mut self, sequence: u32, start_us: u64, command: &Command) -> bool {
+    pub(crate) fn queue_command(&mut self, sequence: u32, start_us: u64, command: &Command) -> bool {
         if self.schedule.outcomes.is_full() {
             return false;
         }
@@ -62,7 +62,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// The oldest outcome of a command that was not fetched yet.
-    pub fn command_outcome(&mut self) -> Option<CommandOutcome> {
+    pub(crate) fn command_outcome(&mut self) -> Option<CommandOutcome> {
         self.schedule.outcomes.pop_front()
     }
 

@@ -25,7 +25,7 @@ const FREQUENCY_FLOOR: f64 = 0.25;
 
 /// The eigenvectors of the mass-normalised stiffness, kept from tick to tick.
 #[derive(Clone, Debug)]
-pub struct Damping {
+pub(super) struct Damping {
     basis: Matrix6<f64>,
 }
 
@@ -41,7 +41,7 @@ impl Damping {
     /// Damping force for the velocity error `v_d − v` at the TCP (F0, linear part
     /// first), in N and N m. `ratio` is Lehr's damping ratio.
     #[inline]
-    pub fn force<const N: usize>(
+    pub(super) fn force<const N: usize>(
         &mut self,
         snapshot: &Snapshot<N>,
         stiffness: &Stiffness,

@@ -84,7 +84,7 @@ impl Impedance {
     }
 
     /// Starts a ramp to `stiffness` over `ramp_s` seconds, in ticks of `period_s`.
-    pub fn ramp_to(&mut self, stiffness: Stiffness, ramp_s: f64, period_s: f64) {
+    pub(crate) fn ramp_to(&mut self, stiffness: Stiffness, ramp_s: f64, period_s: f64) {
         self.from = self.stiffness;
         self.to = stiffness;
         self.share = 0.0;
@@ -92,7 +92,7 @@ impl Impedance {
     }
 
     /// Whether the stiffness ramp is over.
-    pub fn settled(&self) -> bool {
+    pub(crate) fn settled(&self) -> bool {
         self.share >= 1.0
     }
 

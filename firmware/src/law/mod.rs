@@ -19,13 +19,12 @@ mod stiffness;
 mod torque;
 mod torque_loop;
 
-pub use damping::Damping;
-pub use guide::guide_torque;
+pub(crate) use guide::guide_torque;
 pub use impedance::{CartesianSetpoint, Impedance, rotation_error};
 pub use joint::{JointSetpoint, joint_torque};
 pub use null_space::NullSpace;
 pub use observer::{Observer, Wrench};
-pub use snapshot::{MOBILITY_FLOOR, Snapshot};
+pub use snapshot::Snapshot;
 pub use stiffness::Stiffness;
 pub use torque::{Shaped, TorqueShaper};
-pub use torque_loop::TorqueLoop;
+pub(crate) use torque_loop::TorqueLoop;

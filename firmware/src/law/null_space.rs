@@ -60,7 +60,7 @@ impl<const N: usize> NullSpace<N> {
     }
 
     /// Error of the elbow angle, in rad; 0 without an elbow angle.
-    pub fn elbow_error(&self, snapshot: &Snapshot<N>) -> f64 {
+    pub(crate) fn elbow_error(&self, snapshot: &Snapshot<N>) -> f64 {
         match (self, elbow(&snapshot.frames)) {
             (Self::Elbow { angle, .. }, Some(now)) => difference(*angle, now.angle),
             _ => 0.0,

@@ -8,7 +8,7 @@ use spherecal_shared::scalar::sqrt;
 /// Smallest pivot of the mobility `J M⁻¹ Jᵀ` in task space, in 1/kg and
 /// 1/(kg m²). It bounds the task-space inertia near singularities to 100 kg and
 /// 100 kg m².
-pub const MOBILITY_FLOOR: f64 = 0.01;
+const MOBILITY_FLOOR: f64 = 0.01;
 
 /// Damping of [`Snapshot::point_force`], in m²: the square of the ratio of a torque
 /// error to the force error that it may cause (3 N m and 30 N).
@@ -127,7 +127,7 @@ impl<const N: usize> Snapshot<N> {
     /// The task-space force that accelerates the TCP like the whitened joint torque
     /// `y = L⁻¹ tau`: `(J M⁻¹ Jᵀ)⁻¹ J M⁻¹ tau`.
     #[inline]
-    pub fn task_force(&self, whitened_torque: &SVector<f64, N>) -> Vector6<f64> {
+    pub(crate) fn task_force(&self, whitened_torque: &SVector<f64, N>) -> Vector6<f64> {
         let mut acceleration = Vector6::zeros();
         for axis in 0..6 {
             let mut sum = 0.0;
@@ -146,7 +146,7 @@ impl<const N: usize> Snapshot<N> {
     /// a whole wrench, and friction of 1 N m looks like 100 N. They determine a
     /// force alone wherever the arm is not stretched.
     #[inline]
-    pub fn point_force(&self, external: &SVector<f64, N>) -> Vector3<f64> {
+    pub(crate) fn point_force(&self, external: &SVector<f64, N>) -> Vector3<f64> {
         let mut normal = Matrix3::zeros();
         let mut force = Vector3::zeros();
         for i in 0..3 {
@@ -166,7 +166,7 @@ impl<const N: usize> Snapshot<N> {
 
     /// Speed of the computed TCP, in m/s.
     #[inline]
-    pub fn tcp_speed(&self) -> f64 {
+    pub(crate) fn tcp_speed(&self) -> f64 {
         let v = &self.velocity;
         sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     }

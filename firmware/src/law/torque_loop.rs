@@ -10,7 +10,7 @@
 
 /// Proportional torque feedback of `N` joints with a low-pass.
 #[derive(Clone, Debug)]
-pub struct TorqueLoop<const N: usize> {
+pub(crate) struct TorqueLoop<const N: usize> {
     correction: [f64; N],
     reference: Option<[f64; N]>,
 }
@@ -26,14 +26,14 @@ impl<const N: usize> Default for TorqueLoop<N> {
 
 impl<const N: usize> TorqueLoop<N> {
     /// Sets the state to zero.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 
     /// Correction of the next torque, in N m. `measured` (N m) is the torque that
     /// came of the last one; `pole` is in 1/s, `bound` in N m.
     #[inline]
-    pub fn correction(&mut self, measured: &[f64; N], gain: f64, pole: f64, bound: f64, period_s: f64) -> &[f64; N] {
+    pub(crate) fn correction(&mut self, measured: &[f64; N], gain: f64, pole: f64, bound: f64, period_s: f64) -> &[f64; N] {
         let share = (pole * period_s).min(1.0);
         if let Some(reference) = &self.reference {
             for i in 0..N {
@@ -47,7 +47,7 @@ impl<const N: usize> TorqueLoop<N> {
 
     /// Stores the torque (N m) that was sent, with its correction.
     #[inline]
-    pub fn sent(&mut self, torque: &[f64; N]) {
+    pub(crate) fn sent(&mut self, torque: &[f64; N]) {
         let mut reference = *torque;
         for i in 0..N {
             reference[i] -= self.correction[i];

@@ -1,7 +1,8 @@
 //! The accepted range of every number of a procedure. Host and controller use
 //! the same check.
 
-use super::{MAX_STIFFNESS_N_M, MAX_STIFFNESS_NM_RAD, Procedure, UNBOUNDED_M};
+use super::limits::UNBOUNDED_M;
+use super::{MAX_STIFFNESS_N_M, MAX_STIFFNESS_NM_RAD, Procedure};
 
 /// A number of the procedure is out of its range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

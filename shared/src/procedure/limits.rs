@@ -54,7 +54,7 @@ pub struct Limits {
 }
 
 /// Stands for "no limit" in the workspace, in m: farther than any arm reaches.
-pub const UNBOUNDED_M: f64 = 10.0;
+pub(super) const UNBOUNDED_M: f64 = 10.0;
 
 impl Default for Limits {
     fn default() -> Self {

@@ -100,11 +100,6 @@ impl<T: Real, const N: usize> Arm<T, N> {
         &self.rows
     }
 
-    /// Tool centre point in the flange frame, in m.
-    pub fn tcp_offset(&self) -> Vector3<T> {
-        self.tcp
-    }
-
     /// Reflected rotor inertias, in kg m².
     pub fn rotor(&self) -> &[T; N] {
         &self.rotor
