@@ -85,7 +85,7 @@ proptest! {
             if bench.controller.command(command.clone()).is_err() {
                 bench.run(40);
                 twin.run(40);
-                prop_assert_eq!(&bench.command, &twin.command, "a refused command is felt: {:?}", command);
+                prop_assert_eq!(&bench.command, &twin.command, "a refused command has an effect: {:?}", command);
             } else {
                 let robot = match command {
                     Command::Robot(robot) => robot,
@@ -104,7 +104,7 @@ fn refused(command: Command) -> Refusal {
     let mut bench = Bench::coupled();
     let refusal = bench.controller.command(command).expect_err("refused");
     bench.run(200);
-    assert_eq!(bench.controller.phase(), Phase::Coupled, "a refused command is felt");
+    assert_eq!(bench.controller.phase(), Phase::Coupled, "a refused command has an effect");
     refusal
 }
 
