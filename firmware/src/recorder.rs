@@ -55,7 +55,8 @@ pub(crate) struct Recorder<const N: usize> {
     q: [Signal; N],
     tau: [Signal; N],
     force: Vector3<f64>,
-    place: Vector3<f64>,
+    /// Computed TCP at the first sample, in m.
+    first_tcp: Vector3<f64>,
     spread: f64,
     count: u32,
     gaps: u32,
@@ -87,7 +88,7 @@ impl<const N: usize> Default for Recorder<N> {
             q: [Signal::EMPTY; N],
             tau: [Signal::EMPTY; N],
             force: Vector3::zeros(),
-            place: Vector3::zeros(),
+            first_tcp: Vector3::zeros(),
             spread: 0.0,
             count: 0,
             gaps: 0,
@@ -104,7 +105,7 @@ impl<const N: usize> Recorder<N> {
     pub(crate) fn push(&mut self, sample: &RecorderSample<'_, N>) {
         if self.count == 0 {
             self.start_us = sample.time_us;
-            self.place = *sample.tcp;
+            self.first_tcp = *sample.tcp;
         } else {
             let missing = sample.tick.saturating_sub(self.last_tick).saturating_sub(1);
             self.gaps = self.gaps.saturating_add(u32::try_from(missing).unwrap_or(u32::MAX));
@@ -118,7 +119,7 @@ impl<const N: usize> Recorder<N> {
             self.tau[i].push(sample.tau[i], reciprocal);
         }
         self.force += (sample.force - self.force) * reciprocal;
-        let distance = (sample.tcp - self.place).norm();
+        let distance = (sample.tcp - self.first_tcp).norm();
         self.spread = self.spread.max(distance);
     }
 

@@ -33,7 +33,14 @@ impl<const N: usize> TorqueLoop<N> {
     /// Correction of the next torque, in N m. `measured` (N m) is the torque that
     /// came of the last one; `pole` is in 1/s, `bound` in N m.
     #[inline]
-    pub(crate) fn correction(&mut self, measured: &[f64; N], gain: f64, pole: f64, bound: f64, period_s: f64) -> &[f64; N] {
+    pub(crate) fn correction(
+        &mut self,
+        measured: &[f64; N],
+        gain: f64,
+        pole: f64,
+        bound: f64,
+        period_s: f64,
+    ) -> &[f64; N] {
         let share = (pole * period_s).min(1.0);
         if let Some(reference) = &self.reference {
             for i in 0..N {

@@ -104,7 +104,11 @@ fn refused(command: Command) -> Refusal {
     let mut bench = Bench::coupled();
     let refusal = bench.controller.command(command).expect_err("refused");
     bench.run(200);
-    assert_eq!(bench.controller.phase(), Phase::Coupled, "a refused command has an effect");
+    assert_eq!(
+        bench.controller.phase(),
+        Phase::Coupled,
+        "a refused command has an effect"
+    );
     refusal
 }
 

@@ -239,7 +239,7 @@ pub enum Fault {
     Workspace,
 }
 
-/// A fault with its time, place and cause.
+/// A fault with its time, phase and cause.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct FaultReport {
     /// The fault.

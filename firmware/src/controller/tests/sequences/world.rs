@@ -83,7 +83,8 @@ fn procedure() -> Procedure {
 #[derive(Clone)]
 pub(super) struct World {
     pub(super) bench: Bench,
-    place: Vector3<f64>,
+    /// Position of the sphere, F0, in m.
+    sphere: Vector3<f64>,
     /// Commands since the last usable state.
     blind: u32,
     seen: usize,
@@ -99,9 +100,9 @@ pub(super) struct World {
 impl World {
     pub(super) fn new() -> Self {
         let bench = Bench::new(procedure());
-        let place = bench.tcp() - Vector3::z() * 0.015;
+        let sphere = bench.tcp() - Vector3::z() * 0.015;
         let mut world = Self {
-            place,
+            sphere,
             blind: 0,
             seen: bench.events.len(),
             quiet_since: 0,
@@ -111,7 +112,7 @@ impl World {
             path: Vec::new(),
             bench,
         };
-        world.bench.sphere = Some(place);
+        world.bench.sphere = Some(sphere);
         world
     }
 
@@ -267,7 +268,7 @@ impl World {
                 self.bench.push = Vector3::new(0.0, 0.0, 8.0);
                 self.ticks(40);
                 self.bench.push = Vector3::zeros();
-                self.bench.sphere = Some(self.place);
+                self.bench.sphere = Some(self.sphere);
             }
             Input::Move => {
                 let mut target = HOME;
