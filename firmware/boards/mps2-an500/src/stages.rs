@@ -88,7 +88,7 @@ pub fn run() -> ! {
         let frames = measure(&mut costs[0].1, overhead, || {
             let frames = arm.frames(&q);
             let tcp = arm.tcp_frame(&frames);
-            black_box(arm.jacobian(&frames, &tcp.origin));
+            black_box(arm.jacobian(&frames, &tcp.position));
             frames
         });
         let bodies = measure(&mut costs[1].1, overhead, || arm.bodies(black_box(&frames)));
@@ -104,7 +104,7 @@ pub fn run() -> ! {
         measure(&mut costs[7].1, overhead, || {
             observer.update(snapshot, black_box(&dq), 60.0, 1e-3)
         });
-        let setpoint = CartesianSetpoint::at(snapshot.tcp.origin + Vector3::x() * 0.01, Matrix3::identity());
+        let setpoint = CartesianSetpoint::at(snapshot.tcp.position + Vector3::x() * 0.01, Matrix3::identity());
         measure(&mut costs[8].1, overhead, || {
             impedance.force(snapshot, black_box(&setpoint), 0.7)
         });
