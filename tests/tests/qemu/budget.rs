@@ -93,7 +93,7 @@ const MPS2: Board = Board {
         ("RawMutex4lock", WAKERS),
         ("8LinkSide", WAKERS),
         ("4Uart10on_receive", WAKERS),
-        ("6Ticker4next", WAKERS),
+        ("12embassy_time5timer", WAKERS),
         ("_defmt_release", WAKERS),
         // Whatever else of the board does so wakes tasks.
         ("mps2_an500", WAKERS),
@@ -126,6 +126,7 @@ const NUCLEO: Board = Board {
         ("8buffered12on_interrupt", WAKERS),
         ("11TaskStorage", WAKERS),
         ("TIM8_BRK_TIM12", WAKERS),
+        ("12embassy_time5timer", WAKERS),
         ("_embassy_time_schedule_wake", WAKERS),
         ("_defmt_", &["9defmt_rtt7channel"]),
         ("13nucleo_h743zi", WAKERS),
