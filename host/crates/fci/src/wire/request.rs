@@ -108,6 +108,10 @@ pub struct Load {
 }
 
 /// A request with its arguments.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "requests are few and short-lived; a box would cost each an allocation"
+)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Request {
     /// Opens the session.
