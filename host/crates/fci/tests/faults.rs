@@ -81,7 +81,7 @@ fn jitter_is_held_or_named() {
     let network = Network::before(side.address(), 4);
     let mut client = Client::connect(&config(network.address)).expect("a connection");
     network.faults.jitter_us.store(20_000, Ordering::Relaxed);
-    let ended = client.start_torque_motion().and_then(|()| {
+    let ended: Result<(), ClientError> = client.start_torque_motion().and_then(|()| {
         loop {
             client.exchange(&mut state, &law)?;
         }

@@ -205,11 +205,12 @@ impl Supervisor {
 
     fn stop(&mut self) -> Status {
         match self.mode {
-            RobotMode::Reflex | RobotMode::UserStopped => Status::NotPossible,
-            _ => {
+            RobotMode::Idle => Status::Success,
+            RobotMode::Move => {
                 self.end(Status::Preempted, RobotMode::Idle);
                 Status::Success
             }
+            _ => Status::NotPossible,
         }
     }
 
