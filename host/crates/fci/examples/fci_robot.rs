@@ -17,7 +17,7 @@ usage: fci_robot [--version 5|7|8|10] [--address IP:PORT] [--tolerant] [--second
 
   --version N        version of the interface: 5 is a Panda, 7, 8 and 10 are an FR3 (default 10)
   --address IP:PORT  where to listen (default 127.0.0.1:1337; official clients know only port 1337)
-  --tolerant         wait up to 20 ms for each answer of a motion: for machines without real time.
+  --tolerant         wait up to 100 ms for each answer of a motion: for machines without real time.
                      A real robot does not wait.
   --seconds N        end after N seconds (default: never)
 ";

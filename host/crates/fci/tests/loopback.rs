@@ -91,10 +91,10 @@ fn a_jump_of_the_law_is_clamped_and_counted() {
     assert!(limited >= 20, "{limited}");
     assert_eq!(client.statistics().rate_limited, limited);
     client.stop().expect("a stop");
-    let before = side.statistics().commands;
+    let before = client.statistics().commands;
     assert!(matches!(client.command(&[0.0; 7]), Err(ClientError::NothingToAnswer)));
     assert!(eventually(|| side.statistics().mode == Some(RobotMode::Idle)));
-    assert_eq!(side.statistics().commands, before);
+    assert_eq!(client.statistics().commands, before);
     assert_eq!(side.shut_down().commands_after_stop, 0);
 }
 

@@ -30,11 +30,11 @@ impl Tolerance {
         }
     }
 
-    /// For test machines without real time: as strict, but the robot waits up to 20 ms for each answer of a motion. Its
+    /// For test machines without real time: as strict, but the robot waits up to 100 ms for each answer of a motion. Its
     /// time then runs slower than the wall clock.
     pub const fn tolerant() -> Self {
         Self {
-            patience: Duration::from_millis(20),
+            patience: Duration::from_millis(100),
             ..Self::strict()
         }
     }

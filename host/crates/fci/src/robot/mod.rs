@@ -28,7 +28,7 @@
 //! # The clock
 //! One state each millisecond of the wall clock. The thread of an ordinary computer oversleeps now and then. The
 //! simulated robot then slips: it does not make up for lost periods, and counts them ([`RobotStatistics::slipped`]).
-//! [`Tolerance::tolerant`] also waits up to 20 ms for the answer to each state of a motion, so that a loaded test
+//! [`Tolerance::tolerant`] also waits up to 100 ms for the answer to each state of a motion, so that a loaded test
 //! machine does not cause the reflexes of a bad network. A real robot does neither.
 
 mod arm;
