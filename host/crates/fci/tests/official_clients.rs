@@ -13,7 +13,7 @@ use std::process::{Command as Process, Output};
 use std::time::Duration;
 
 use spherecal_fci::TCP_PORT;
-use spherecal_fci::robot::{JointArm, READY, RobotConfig, RobotSide, Tolerance, urdf};
+use spherecal_fci::robot::{FR3_URDF, JointArm, READY, RobotConfig, RobotSide, Tolerance};
 use spherecal_fci::wire::*;
 
 fn root() -> PathBuf {
@@ -163,9 +163,8 @@ fn pattern(version: Version, listener: &TcpListener) {
                 let Some((header, request)) = read(&mut tcp) else {
                     return;
                 };
-                let model = urdf(version);
                 let body = if request == Request::GetRobotModel {
-                    model.as_bytes()
+                    FR3_URDF.as_bytes()
                 } else {
                     &[]
                 };

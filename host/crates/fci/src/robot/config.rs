@@ -49,7 +49,7 @@ pub struct RobotConfig {
     pub address: SocketAddr,
     /// How patient it is.
     pub tolerance: Tolerance,
-    /// The robot model that `GetRobotModel` answers; `None`: the nominal one.
+    /// The robot model that `GetRobotModel` answers; `None`: the nominal FR3.
     pub model: Option<String>,
     /// Mass of the end effector as set in Desk, kg.
     pub end_effector_mass: f64,

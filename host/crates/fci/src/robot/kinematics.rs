@@ -3,7 +3,7 @@
 use crate::JOINTS;
 
 /// Modified DH parameters after Craig: a (m), d (m), alpha (rad) of each joint. Both arms have the same.
-pub(super) const MDH: [(f64, f64, f64); JOINTS] = {
+const MDH: [(f64, f64, f64); JOINTS] = {
     use std::f64::consts::FRAC_PI_2;
     [
         (0.0, 0.333, 0.0),
@@ -16,7 +16,7 @@ pub(super) const MDH: [(f64, f64, f64); JOINTS] = {
     ]
 };
 /// From joint 7 to the flange along its axis, m.
-pub(super) const FLANGE_M: f64 = 0.107;
+const FLANGE_M: f64 = 0.107;
 
 /// The flange in the base frame, a column-major 4 x 4 matrix.
 pub(super) fn flange(q: &[f64; JOINTS]) -> [f64; 16] {

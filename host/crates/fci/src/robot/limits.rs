@@ -103,4 +103,29 @@ mod tests {
         assert!((limits.velocity_at(0, 2.6).1 - expected).abs() < 1e-12);
         assert_eq!(JointLimits::PANDA.velocity_at(0, 2.8), (-2.175, 2.175));
     }
+
+    // Fails if the robot keeps other limits than its model says.
+    #[test]
+    fn the_model_states_the_limits_that_are_kept() {
+        let near = JointLimits::FR3.near_stops.as_ref().expect("the FR3 has them");
+        for joint in 0..JOINTS {
+            let start = super::super::FR3_URDF
+                .split(&format!("name=\"fr3_joint{}\"", joint + 1))
+                .nth(1);
+            let text = start.and_then(|t| t.split("</joint>").next()).expect("the joint");
+            let number = |name: &str| -> f64 {
+                let value = text
+                    .split(&format!(" {name}=\""))
+                    .nth(1)
+                    .and_then(|t| t.split('"').next());
+                value.and_then(|v| v.parse().ok()).expect("a number")
+            };
+            assert_eq!(number("lower"), JointLimits::FR3.lower[joint]);
+            assert_eq!(number("upper"), JointLimits::FR3.upper[joint]);
+            assert_eq!(number("velocity"), JointLimits::FR3.velocity[joint]);
+            assert_eq!(number("effort"), JointLimits::FR3.torque[joint]);
+            assert_eq!(number("velocity_offset"), near.velocity_offset[joint]);
+            assert_eq!(number("deceleration_limit"), near.deceleration[joint]);
+        }
+    }
 }

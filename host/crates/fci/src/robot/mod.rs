@@ -18,7 +18,7 @@
 //! | 20 commands missing in a row, or too low a success rate | `communication_constraints_violation` |
 //!
 //! Not simulated: Cartesian limits, power limit, self-collision, elbow rules, the robot's own motion generators and
-//! controllers, its filters, and gravity through the load (the [`Arm`] decides that).
+//! controllers, its filters, the thresholds for an accelerating arm, and gravity through the load (the [`Arm`] decides that).
 //!
 //! # What is our choice, because the maker does not state it
 //! The success rate that ends a motion (0.8), the default collision thresholds, the torque beyond the limit as
@@ -38,11 +38,13 @@ mod limits;
 mod server;
 mod session;
 mod supervisor;
-mod urdf;
 
 pub use arm::{Arm, ArmCommand, ArmState, JointArm, RigidArm};
 pub use config::{READY, RobotConfig, Tolerance};
 pub use limits::JointLimits;
 pub use server::{Controls, RobotSide, RobotStatistics};
 pub use supervisor::{Finished, Supervisor};
-pub use urdf::urdf;
+
+/// The nominal model of the FR3 in URDF, as the maker publishes it: kinematics, inertias, joint limits, and how the
+/// velocity limits fall near the stops. The answer to `GetRobotModel`. A Panda has no such request.
+pub const FR3_URDF: &str = include_str!("../../data/fr3.urdf");

@@ -11,7 +11,6 @@ use super::arm::Arm;
 use super::config::RobotConfig;
 use super::session::{Incoming, Session};
 use super::supervisor::Supervisor;
-use super::urdf::urdf;
 use crate::wire::{
     Command, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotMode, RobotState, Status,
     WireError,
@@ -79,7 +78,7 @@ impl RobotSide {
         let end = Arc::new(AtomicBool::new(false));
         let server = Server {
             supervisor: Supervisor::new(config.clone(), arm.state()),
-            model: config.model.clone().unwrap_or_else(|| urdf(config.version)),
+            model: config.model.clone().unwrap_or_else(|| super::FR3_URDF.to_owned()),
             config,
             listener,
             udp,

@@ -22,6 +22,8 @@ use crate::{JOINTS, PERIOD_S};
 const TORQUE_RATE: f64 = 1000.0;
 /// Rounding of the client's arithmetic that is no jump, N m.
 const ROUNDING: f64 = 1e-5;
+/// What the base's acceleration sensor shows of a robot that stands upright, m/s^2.
+const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 /// Commands that the success rate counts.
 const WINDOW: usize = 100;
 
@@ -422,6 +424,7 @@ impl Supervisor {
         (state.dq, state.dtheta) = (arm.dq, arm.dq);
         state.tau_ext_hat_filtered = arm.tau_external;
         state.O_F_ext_hat_K = arm.wrench_external;
+        state.O_ddP_O = GRAVITY;
         flags(
             &arm.tau_external,
             &self.thresholds.lower_torque_nominal,
