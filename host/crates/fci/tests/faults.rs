@@ -222,3 +222,30 @@ fn a_stalled_client_is_a_named_reflex() {
     assert!(statistics.missing >= 20);
     assert_eq!(statistics.commands_after_stop, 0);
 }
+
+// Fails if repeated or reordered states are answered, or repeated or reordered commands are carried out.
+#[test]
+fn repeated_and_reordered_datagrams_are_skipped() {
+    let (side, _arm) = robot(Version::V5);
+    let network = Network::before(side.address(), 8);
+    let mut client = Client::connect(&config(network.address)).expect("a connection");
+    client.start_torque_motion().expect("a motion");
+    network.faults.repeat.store(true, Ordering::Relaxed);
+    let mut state = RobotState::default();
+    let law = hold(READY);
+    let mut last = 0;
+    for _ in 0..500 {
+        client.exchange(&mut state, &law).expect("a cycle");
+        assert!(state.message_id > last);
+        last = state.message_id;
+    }
+    network.faults.repeat.store(false, Ordering::Relaxed);
+    let counted = client.statistics();
+    assert!(counted.stale > 400, "{counted:?}");
+    client.finish().expect("an end");
+    let statistics = side.shut_down();
+    assert!(statistics.late > 400, "{statistics:?}");
+    // One command for each state of the motion, but for those that came together with a newer one.
+    assert!(statistics.commands <= client.statistics().commands);
+    assert_eq!((statistics.malformed, statistics.commands_after_stop), (0, 0));
+}

@@ -55,6 +55,8 @@ pub(crate) struct Faults {
     pub(crate) cable_out: AtomicBool,
     /// Both TCP connections are cut: what a killed client looks like to the robot.
     pub(crate) cut: AtomicBool,
+    /// Each datagram comes once more, after the next one: repeated and out of order.
+    pub(crate) repeat: AtomicBool,
     /// Datagrams lost by `loss`.
     pub(crate) lost: AtomicU64,
     end: AtomicBool,
@@ -169,6 +171,7 @@ fn datagrams(
 ) {
     let mut waiting: VecDeque<(Instant, Vec<u8>)> = VecDeque::new();
     let mut data = [0; 4096];
+    let mut last = Vec::new();
     while !faults.end.load(Ordering::Relaxed) {
         let now = Instant::now();
         while waiting.front().is_some_and(|(due, _)| *due <= now) {
@@ -203,6 +206,12 @@ fn datagrams(
         let due = Instant::now() + Duration::from_micros(delay);
         let due = waiting.back().map_or(due, |(last, _)| due.max(*last));
         waiting.push_back((due, data[..size].to_vec()));
+        if faults.repeat.load(Ordering::Relaxed) {
+            let before = std::mem::replace(&mut last, data[..size].to_vec());
+            if !before.is_empty() {
+                waiting.push_back((due, before));
+            }
+        }
     }
 }
 
