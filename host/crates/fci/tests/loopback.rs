@@ -335,3 +335,18 @@ fn a_second_client_is_turned_away() {
     first.start_torque_motion().expect("a motion");
     first.stop().expect("a stop");
 }
+
+// Fails if the option for busy polling is not set, or a system that refuses it is not named.
+#[cfg(target_os = "linux")]
+#[test]
+fn busy_polling_is_set_or_its_refusal_is_named() {
+    let (side, _arm) = robot(Version::V10);
+    let mut settings = config(side.address());
+    settings.busy_poll_us = Some(50);
+    match Observer::connect(&settings) {
+        Ok(mut observer) => {
+            observer.receive(&mut RobotState::default()).expect("a state");
+        }
+        Err(error) => assert!(error.to_string().contains("SO_BUSY_POLL"), "{error}"),
+    }
+}
