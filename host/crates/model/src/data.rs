@@ -1,0 +1,280 @@
+//! What identification works on: an experiment as plain data, SI units.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use serde::{Deserialize, Serialize};
+use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::robot::{Robot, Tool};
+
+use crate::DataError;
+
+/// A frame seen from another: rotation and origin.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pose {
+    /// Rotation: columns are the frame's axes in the other frame.
+    pub rotation: Matrix3<f64>,
+    /// Origin in the other frame, in m.
+    pub translation_m: Vector3<f64>,
+}
+
+impl Default for Pose {
+    fn default() -> Self {
+        Self {
+            rotation: Matrix3::identity(),
+            translation_m: Vector3::zeros(),
+        }
+    }
+}
+
+impl Pose {
+    /// A point of this frame, seen from the other, in m.
+    #[inline]
+    pub fn point(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation * p + self.translation_m
+    }
+
+    /// A point of the other frame, seen from this one, in m.
+    #[inline]
+    pub fn inverse_point(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation.tr_mul(&(p - self.translation_m))
+    }
+
+    /// Rotation vector of the rotation, in rad.
+    pub fn rotation_vector(&self) -> Vector3<f64> {
+        Rotation3::from_matrix_unchecked(self.rotation).scaled_axis()
+    }
+
+    /// The rigid motion that takes `from` closest to `onto` in least squares.
+    ///
+    /// `None` for no points. Where the points do not fix the rotation (fewer
+    /// than three, or on a line), the one whose z axis stays upright is taken.
+    pub fn fit(from: &[Vector3<f64>], onto: &[Vector3<f64>]) -> Option<Self> {
+        let n = from.len().min(onto.len());
+        if n == 0 {
+            return None;
+        }
+        let mean = |v: &[Vector3<f64>]| v.iter().take(n).sum::<Vector3<f64>>() / n as f64;
+        let (a, b) = (mean(from), mean(onto));
+        let mut h = Matrix3::zeros();
+        let mut size = 0.0;
+        for (p, q) in from.iter().zip(onto) {
+            h += (q - b) * (p - a).transpose();
+            size += (p - a).norm_squared();
+        }
+        // Too weak to turn a fit that the points determine, enough to settle one that they do not.
+        let mut upright = Matrix3::identity() * 0.1;
+        upright[(2, 2)] = 1.0;
+        h += upright * (1e-12 * (size + 1e-6));
+        let svd = h.svd(true, true);
+        let (u, vt) = (svd.u?, svd.v_t?);
+        let mut flip = Matrix3::identity();
+        flip[(2, 2)] = (u * vt).determinant().signum();
+        let rotation = u * flip * vt;
+        Some(Self {
+            rotation,
+            translation_m: b - rotation * a,
+        })
+    }
+}
+
+/// What an observation may be used for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Set {
+    /// To fit the model.
+    #[default]
+    Calibrate,
+    /// To judge it.
+    Validate,
+}
+
+/// Where the TCP was, as far as is known.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Target {
+    /// At a measured point, in m, in the frame of the measuring device (absolute data).
+    Point([f64; 3]),
+    /// At the centre of a sphere of the plate (closed-loop data).
+    Sphere {
+        /// Id of the sphere, as in [`Sphere::id`].
+        sphere: u32,
+        /// Which placement of the plate; each has a pose of its own.
+        place: u32,
+    },
+}
+
+/// One configuration of the robot and where its TCP was.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Observation {
+    /// Joint angles as the encoders gave them, base to flange, in rad.
+    pub q: Vec<f64>,
+    /// Measured joint torques, in N m, where the data has them.
+    pub tau: Option<Vec<f64>>,
+    /// Where the TCP was.
+    pub target: Target,
+    /// What the observation may be used for.
+    pub set: Set,
+}
+
+/// A sphere of the plate as its certificate states it, in the plate's frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sphere {
+    /// Id that observations refer to.
+    pub id: u32,
+    /// Centre, in m.
+    pub position_m: [f64; 3],
+    /// Standard uncertainty of each coordinate (1 sigma), in m.
+    pub sigma_m: f64,
+}
+
+/// Everything that an identification is made from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Experiment {
+    /// Nominal robot.
+    pub robot: Robot,
+    /// Nominal tool.
+    pub tool: Tool,
+    /// The plate's certificate (empty for purely absolute data).
+    pub spheres: Vec<Sphere>,
+    /// Observations, in the order in which they were made.
+    pub observations: Vec<Observation>,
+}
+
+impl Experiment {
+    /// Checks every number that an identification will read.
+    ///
+    /// # Errors
+    /// The first row or field that cannot be used, with its value and the remedy.
+    pub fn check(&self) -> Result<(), DataError> {
+        self.robot.check()?;
+        self.tool.check()?;
+        let n = self.robot.dof().min(MAX_JOINTS);
+        for sphere in &self.spheres {
+            check_sphere(sphere)?;
+        }
+        for (index, observation) in self.observations.iter().enumerate() {
+            self.check_row(index + 1, observation, n)?;
+        }
+        Ok(())
+    }
+
+    fn check_row(&self, row: usize, observation: &Observation, n: usize) -> Result<(), DataError> {
+        let count = |found: usize| {
+            if found == n {
+                Ok(())
+            } else {
+                Err(DataError::JointCount {
+                    row,
+                    found,
+                    expected: n,
+                })
+            }
+        };
+        count(observation.q.len())?;
+        for (i, &value) in observation.q.iter().enumerate() {
+            let field = || format!("q{}", i + 1);
+            within(
+                row,
+                field,
+                value,
+                50.0,
+                "joint angles are in rad (use q1_deg.. for degrees)",
+            )?;
+        }
+        if let Some(tau) = &observation.tau {
+            count(tau.len())?;
+            for (i, &value) in tau.iter().enumerate() {
+                within(row, || format!("tau{}", i + 1), value, 1e5, "torques are in N m")?;
+            }
+        }
+        match observation.target {
+            Target::Point(p) => {
+                for (axis, value) in ["x", "y", "z"].into_iter().zip(p) {
+                    within(
+                        row,
+                        || axis.to_owned(),
+                        value,
+                        100.0,
+                        "points lie within 100 m (use x_mm.. for mm)",
+                    )?;
+                }
+            }
+            Target::Sphere { sphere, .. } => {
+                if !self.spheres.iter().any(|s| s.id == sphere) {
+                    let ids: Vec<_> = self.spheres.iter().map(|s| s.id.to_string()).collect();
+                    let known = if ids.is_empty() {
+                        "no spheres".to_owned()
+                    } else {
+                        ids.join(", ")
+                    };
+                    return Err(DataError::UnknownSphere { row, sphere, known });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Refuses what is not finite, or larger than `largest` either way.
+fn within(
+    row: usize,
+    field: impl Fn() -> String,
+    value: f64,
+    largest: f64,
+    remedy: &'static str,
+) -> Result<(), DataError> {
+    if !value.is_finite() {
+        return Err(DataError::NotFinite {
+            row,
+            field: field(),
+            value,
+        });
+    }
+    if value.abs() > largest {
+        return Err(DataError::OutOfRange {
+            row,
+            field: field(),
+            value,
+            remedy,
+        });
+    }
+    Ok(())
+}
+
+fn check_sphere(sphere: &Sphere) -> Result<(), DataError> {
+    let refuse = |field, value, remedy| {
+        Err(DataError::Plate {
+            sphere: sphere.id,
+            field,
+            value,
+            remedy,
+        })
+    };
+    for (field, value) in ["x", "y", "z"].into_iter().zip(sphere.position_m) {
+        if value.is_nan() || value.abs() > 100.0 {
+            return refuse(field, value, "give a finite coordinate within 100 m (mm need x_mm)");
+        }
+    }
+    if sphere.sigma_m.is_finite() && sphere.sigma_m >= 0.0 {
+        Ok(())
+    } else {
+        refuse(
+            "sigma",
+            sphere.sigma_m,
+            "give the standard uncertainty, zero or positive",
+        )
+    }
+}
+
+/// Table 1 of the paper: three 50.8 mm spheres, ±2.7 µm at 95 %.
+pub fn paper_plate() -> Vec<Sphere> {
+    let sigma_m = 2.7e-6 / 1.96;
+    [[0.0, 0.0, 0.0], [0.300_009, 0.0, 0.0], [0.150_049, 0.260_051, 0.0]]
+        .into_iter()
+        .zip(1..)
+        .map(|(position_m, id)| Sphere {
+            id,
+            position_m,
+            sigma_m,
+        })
+        .collect()
+}

@@ -1,0 +1,109 @@
+//! Rigid transforms as the robot files write them.
+//!
+//! A [`Frame`] of the shared crate is at once a frame seen from its parent and
+//! the transform to it; here are its product, its inverse, and the roll, pitch
+//! and yaw of URDF (`R = Rz(yaw) Ry(pitch) Rx(roll)`, fixed axes).
+
+use nalgebra::{Matrix3, Vector3};
+use spherecal_shared::robot::{Frame, MdhRow};
+use spherecal_shared::scalar::Real;
+
+/// The frame `b`, given in the frame `a`, seen from where `a` is given: `a · b`.
+pub fn compose(a: &Frame<f64>, b: &Frame<f64>) -> Frame<f64> {
+    Frame {
+        rotation: a.rotation * b.rotation,
+        origin: a.point(&b.origin),
+    }
+}
+
+/// The transform back: `a⁻¹`.
+pub fn inverse(a: &Frame<f64>) -> Frame<f64> {
+    let rotation = a.rotation.transpose();
+    Frame {
+        rotation,
+        origin: -(rotation * a.origin),
+    }
+}
+
+/// The rotation about x by `angle` (rad).
+pub fn rot_x(angle: f64) -> Matrix3<f64> {
+    let (s, c) = exact_sin_cos(angle);
+    Matrix3::new(1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c)
+}
+
+/// The rotation about y by `angle` (rad).
+pub fn rot_y(angle: f64) -> Matrix3<f64> {
+    let (s, c) = exact_sin_cos(angle);
+    Matrix3::new(c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c)
+}
+
+/// The rotation about z by `angle` (rad).
+pub fn rot_z(angle: f64) -> Matrix3<f64> {
+    let (s, c) = exact_sin_cos(angle);
+    Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+}
+
+/// The same sine and cosine as the robot model's, on every machine.
+fn exact_sin_cos(angle: f64) -> (f64, f64) {
+    angle.sin_cos_of()
+}
+
+/// The rotation about the unit vector `axis` by `angle` (rad): Rodrigues.
+pub fn rot_axis(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
+    let (s, c) = exact_sin_cos(angle);
+    let k = axis.cross_matrix();
+    Matrix3::identity() + k * s + k * k * (1.0 - c)
+}
+
+/// The rotation that URDF writes as `rpy` (rad).
+pub fn from_rpy(rpy: [f64; 3]) -> Matrix3<f64> {
+    rot_z(rpy[2]) * rot_y(rpy[1]) * rot_x(rpy[0])
+}
+
+/// Roll, pitch and yaw (rad) of a rotation; exact to round-off also where the
+/// pitch is ±90 degrees, because the yaw is read after the roll is undone.
+pub fn to_rpy(r: &Matrix3<f64>) -> [f64; 3] {
+    let roll = r[(2, 1)].atan2(r[(2, 2)]);
+    let pitch = (-r[(2, 0)]).atan2(r[(0, 0)].hypot(r[(1, 0)]));
+    let (s, c) = exact_sin_cos(roll);
+    let yaw = (s * r[(0, 2)] - c * r[(0, 1)]).atan2(c * r[(1, 1)] - s * r[(1, 2)]);
+    [roll, pitch, yaw]
+}
+
+/// The constant part of one modified DH row, as a transform at joint angle `q` (rad).
+pub fn row_transform(row: &MdhRow<f64>, q: f64) -> Frame<f64> {
+    spherecal_shared::robot::kinematics::next_frame(&Frame::identity(), &row.into(), q)
+}
+
+/// The largest difference of two frames: position in m, or an entry of the
+/// rotation, whichever is larger.
+pub fn distance(a: &Frame<f64>, b: &Frame<f64>) -> f64 {
+    (a.origin - b.origin).amax().max((a.rotation - b.rotation).amax())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Fails if the extraction loses an angle, gimbal lock included.
+        #[test]
+        fn rpy_goes_round(roll in -3.2..3.2_f64, yaw in -3.2..3.2_f64, pitch in -1.6..1.6_f64, lock in 0..3_u8) {
+            let pitch = match lock {
+                0 => pitch,
+                1 => std::f64::consts::FRAC_PI_2 - pitch * 1e-9,
+                _ => -std::f64::consts::FRAC_PI_2,
+            };
+            let r = from_rpy([roll, pitch, yaw]);
+            prop_assert!((from_rpy(to_rpy(&r)) - r).amax() < 4e-16 * 4.0);
+        }
+
+        /// Fails if product and inverse do not belong together.
+        #[test]
+        fn a_frame_times_its_inverse_is_nothing(a in -3.0..3.0_f64, b in -3.0..3.0_f64, x in -2.0..2.0_f64) {
+            let frame = Frame { rotation: from_rpy([a, b, a * b]), origin: Vector3::new(x, a, b) };
+            prop_assert!(distance(&compose(&frame, &inverse(&frame)), &Frame::identity()) < 1e-14);
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! A robot as the host holds it: the table that everything computes with, and
+//! beside it what ties the table to the frames of the file that it came from.
+
+use nalgebra::Vector3;
+use spherecal_shared::robot::kinematics::frames_into;
+use spherecal_shared::robot::{Frame, Inertia, LinkTransform, MdhRow, Robot, Tool};
+
+use super::frames::{compose, inverse};
+use super::urdf::{Urdf, UrdfChain};
+
+/// Where a robot came from.
+#[derive(Clone, Debug)]
+pub enum Origin {
+    /// The built-in table.
+    BuiltIn,
+    /// A TOML file.
+    Toml,
+    /// A URDF, kept so that it can be written back with only its numbers changed.
+    Urdf(Box<(Urdf, UrdfChain)>),
+}
+
+/// A robot with its constant frames.
+///
+/// ```text
+///   root ── base ── F0 ── joint 1 ── F1 ── … ── Fn ── flange ── tool ── TCP
+/// ```
+///
+/// The flange of the file at joint angles `q` is `base · T(q) · flange`.
+#[derive(Clone, Debug)]
+pub struct RobotModel {
+    /// Table, masses and limits.
+    pub robot: Robot,
+    /// F0 in the root frame of the file.
+    pub base: Frame<f64>,
+    /// The file's flange frame in Fn.
+    pub flange: Frame<f64>,
+    /// Nominal tool, in the file's flange frame.
+    pub tool: Tool,
+    /// Name of the root frame and of the flange frame.
+    pub frame_names: (String, String),
+    /// Where the robot came from.
+    pub origin: Origin,
+}
+
+/// The frames of a table at joint angles `q` (rad, one per row): F1..Fn in F0.
+pub fn table_frames(rows: &[MdhRow<f64>], q: &[f64]) -> Vec<Frame<f64>> {
+    let links: Vec<LinkTransform<f64>> = rows.iter().map(LinkTransform::from).collect();
+    let mut frames = vec![Frame::identity(); links.len().min(q.len())];
+    frames_into(&links, q, &mut frames);
+    frames
+}
+
+impl RobotModel {
+    /// The rows of the table.
+    pub fn rows(&self) -> Vec<MdhRow<f64>> {
+        self.robot.joints.iter().map(|j| j.mdh).collect()
+    }
+
+    /// The flange in the root frame at joint angles `q` (rad).
+    pub fn flange_at(&self, q: &[f64]) -> Frame<f64> {
+        self.flange_with(&self.rows(), q)
+    }
+
+    /// The same with another table, such as the calibrated one.
+    pub fn flange_with(&self, rows: &[MdhRow<f64>], q: &[f64]) -> Frame<f64> {
+        let last = table_frames(rows, q).last().copied().unwrap_or_else(Frame::identity);
+        compose(&self.base, &compose(&last, &self.flange))
+    }
+
+    /// The tool as the table needs it: given in Fn instead of the flange frame.
+    pub fn tool_in_table(&self) -> Tool {
+        Tool {
+            tcp_m: self.flange.point(&self.tool.tcp()).into(),
+            body: moved(&self.tool.body, &self.flange),
+        }
+    }
+
+    /// A TCP (m) of the table, given in the file's flange frame.
+    pub fn tcp_in_flange(&self, tcp_in_table_m: [f64; 3]) -> [f64; 3] {
+        inverse(&self.flange).point(&Vector3::from(tcp_in_table_m)).into()
+    }
+}
+
+/// A body given in the frame `at`, seen from where `at` is given.
+pub fn moved(body: &Inertia, at: &Frame<f64>) -> Inertia {
+    let m = at.rotation * body.matrix() * at.rotation.transpose();
+    Inertia {
+        mass_kg: body.mass_kg,
+        com_m: at.point(&body.com()).into(),
+        inertia_kg_m2: [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(0, 1)], m[(0, 2)], m[(1, 2)]],
+    }
+}

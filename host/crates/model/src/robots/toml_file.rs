@@ -1,0 +1,345 @@
+//! Robots as TOML: the table, masses and limits of every joint, the two
+//! constant frames, and the tool.
+//!
+//! Numbers may be given in SI or, with the suffix, in mm and degrees:
+//! `a = 0.4` or `a_mm = 400`, `alpha = 1.5708` or `alpha_deg = 90`. What is
+//! written by this program is SI and reads back to the same bits.
+
+use std::fmt::Write as _;
+
+use serde::Deserialize;
+use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::robot::{Frame, Inertia, Joint, JointLimits, MdhRow, Robot, Tool};
+
+use super::error::RobotFileError;
+use super::frames::{distance, from_rpy, to_rpy};
+use super::model::{Origin, RobotModel};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    name: String,
+    #[serde(default)]
+    joint: Vec<JointTable>,
+    tool: Option<ToolTable>,
+    base: Option<FrameTable>,
+    flange: Option<FrameTable>,
+    #[serde(default)]
+    calibration: Option<toml::Table>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JointTable {
+    mdh: MdhTable,
+    link: Option<BodyTable>,
+    limits: Option<LimitsTable>,
+    #[serde(default)]
+    rotor_kg_m2: f64,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct MdhTable {
+    alpha: Option<f64>,
+    alpha_deg: Option<f64>,
+    a: Option<f64>,
+    a_mm: Option<f64>,
+    beta: Option<f64>,
+    beta_deg: Option<f64>,
+    theta: Option<f64>,
+    theta_deg: Option<f64>,
+    d: Option<f64>,
+    d_mm: Option<f64>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct BodyTable {
+    mass_kg: f64,
+    com_m: [f64; 3],
+    inertia_kg_m2: [f64; 6],
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct LimitsTable {
+    min_rad: Option<f64>,
+    min_deg: Option<f64>,
+    max_rad: Option<f64>,
+    max_deg: Option<f64>,
+    velocity_rad_s: Option<f64>,
+    velocity_deg_s: Option<f64>,
+    torque_nm: Option<f64>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct ToolTable {
+    tcp_m: Option<[f64; 3]>,
+    tcp_mm: Option<[f64; 3]>,
+    body: Option<BodyTable>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct FrameTable {
+    name: Option<String>,
+    xyz_m: [f64; 3],
+    rpy_rad: [f64; 3],
+}
+
+/// SI, or the scaled twin; both at once are refused.
+fn either(
+    path: &str,
+    field: &str,
+    si: Option<f64>,
+    scaled: Option<f64>,
+    scale: impl Fn(f64) -> f64,
+) -> Result<Option<f64>, RobotFileError> {
+    match (si, scaled) {
+        (Some(_), Some(v)) => Err(RobotFileError::Value {
+            path: path.to_owned(),
+            field: field.to_owned(),
+            value: v.to_string(),
+            remedy: "is given twice, in SI and in mm or degrees: keep one".to_owned(),
+        }),
+        (Some(v), None) => Ok(Some(v)),
+        (None, Some(v)) => Ok(Some(scale(v))),
+        (None, None) => Ok(None),
+    }
+}
+
+fn milli(v: f64) -> f64 {
+    v / 1000.0
+}
+
+impl From<BodyTable> for Inertia {
+    fn from(b: BodyTable) -> Self {
+        Self {
+            mass_kg: b.mass_kg,
+            com_m: b.com_m,
+            inertia_kg_m2: b.inertia_kg_m2,
+        }
+    }
+}
+
+fn joint(path: &str, number: usize, table: JointTable) -> Result<Joint, RobotFileError> {
+    let field = |name: &str| format!("joint {number}: {name}");
+    let m = table.mdh;
+    let read = |name: &str, si, scaled, scale: fn(f64) -> f64| either(path, &field(name), si, scaled, scale);
+    let mdh = MdhRow {
+        alpha: read("alpha", m.alpha, m.alpha_deg, f64::to_radians)?.unwrap_or(0.0),
+        a: read("a", m.a, m.a_mm, milli)?.unwrap_or(0.0),
+        beta: read("beta", m.beta, m.beta_deg, f64::to_radians)?.unwrap_or(0.0),
+        theta: read("theta", m.theta, m.theta_deg, f64::to_radians)?.unwrap_or(0.0),
+        d: read("d", m.d, m.d_mm, milli)?.unwrap_or(0.0),
+    };
+    let l = table.limits.unwrap_or_default();
+    let pi = std::f64::consts::PI;
+    let limits = JointLimits {
+        min_rad: read("limits.min", l.min_rad, l.min_deg, f64::to_radians)?.unwrap_or(-pi),
+        max_rad: read("limits.max", l.max_rad, l.max_deg, f64::to_radians)?.unwrap_or(pi),
+        velocity_rad_s: read("limits.velocity", l.velocity_rad_s, l.velocity_deg_s, f64::to_radians)?.unwrap_or(1.0),
+        torque_nm: l.torque_nm.unwrap_or(100.0),
+    };
+    Ok(Joint {
+        mdh,
+        link: table.link.unwrap_or_default().into(),
+        limits,
+        rotor_kg_m2: table.rotor_kg_m2,
+    })
+}
+
+fn frame(
+    path: &str,
+    name: &str,
+    default_name: &str,
+    table: Option<FrameTable>,
+) -> Result<(String, Frame<f64>), RobotFileError> {
+    let table = table.unwrap_or_default();
+    for value in table.xyz_m.iter().chain(&table.rpy_rad) {
+        if !value.is_finite() {
+            return Err(RobotFileError::Value {
+                path: path.to_owned(),
+                field: name.to_owned(),
+                value: value.to_string(),
+                remedy: "give finite numbers".to_owned(),
+            });
+        }
+    }
+    Ok((
+        table.name.unwrap_or_else(|| default_name.to_owned()),
+        Frame {
+            rotation: from_rpy(table.rpy_rad),
+            origin: table.xyz_m.into(),
+        },
+    ))
+}
+
+/// Reads a robot from TOML text; `path` is for messages.
+///
+/// # Errors
+/// Text that is not TOML, unknown or doubled fields, impossible values.
+pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
+    let file: File = toml::from_str(text).map_err(|e| RobotFileError::Syntax {
+        path: path.to_owned(),
+        message: e.to_string(),
+    })?;
+    let refused = |source| RobotFileError::Robot {
+        path: path.to_owned(),
+        source,
+    };
+    let mut robot = Robot {
+        name: heapless::String::new(),
+        joints: heapless::Vec::new(),
+    };
+    if robot.name.push_str(&file.name).is_err() {
+        return Err(RobotFileError::Value {
+            path: path.to_owned(),
+            field: "name".to_owned(),
+            value: file.name,
+            remedy: "use at most 32 bytes".to_owned(),
+        });
+    }
+    let count = file.joint.len();
+    for (k, table) in file.joint.into_iter().enumerate() {
+        if robot.joints.push(joint(path, k + 1, table)?).is_err() {
+            return Err(RobotFileError::Value {
+                path: path.to_owned(),
+                field: "[[joint]]".to_owned(),
+                value: count.to_string(),
+                remedy: format!("list at most {MAX_JOINTS} joints"),
+            });
+        }
+    }
+    robot.check().map_err(refused)?;
+    let tool = file.tool.unwrap_or_default();
+    let tcp_m = match (tool.tcp_m, tool.tcp_mm) {
+        (Some(m), None) => m,
+        (None, Some(mm)) => mm.map(milli),
+        (None, None) => [0.0; 3],
+        (Some(_), Some(mm)) => {
+            return Err(RobotFileError::Value {
+                path: path.to_owned(),
+                field: "tool.tcp".to_owned(),
+                value: format!("{mm:?}"),
+                remedy: "is given twice, in m and in mm: keep one".to_owned(),
+            });
+        }
+    };
+    let tool = Tool {
+        tcp_m,
+        body: tool.body.unwrap_or_default().into(),
+    };
+    tool.check().map_err(refused)?;
+    let (root, base) = frame(path, "base", "base", file.base)?;
+    let (tip, flange) = frame(path, "flange", "flange", file.flange)?;
+    // A calibrated file carries its history; it changes no number here.
+    drop(file.calibration);
+    Ok(RobotModel {
+        robot,
+        base,
+        flange,
+        tool,
+        frame_names: (root, tip),
+        origin: Origin::Toml,
+    })
+}
+
+/// A float as TOML that reads back to the same bits.
+fn float(v: f64) -> String {
+    let text = format!("{v:?}");
+    if text.contains(['.', 'e', 'n', 'i']) {
+        text
+    } else {
+        text + ".0"
+    }
+}
+
+fn floats(values: &[f64]) -> String {
+    let words: Vec<String> = values.iter().copied().map(float).collect();
+    format!("[{}]", words.join(", "))
+}
+
+/// A basic string of TOML.
+fn string(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+fn body(out: &mut String, b: &Inertia) {
+    let _ = writeln!(
+        out,
+        "{{ mass_kg = {}, com_m = {}, inertia_kg_m2 = {} }}",
+        float(b.mass_kg),
+        floats(&b.com_m),
+        floats(&b.inertia_kg_m2)
+    );
+}
+
+/// Writes a robot as TOML; `notes` become comments at its head.
+pub fn write(model: &RobotModel, notes: &[String]) -> String {
+    let mut out = String::new();
+    for note in notes.iter().flat_map(|n| n.lines()) {
+        let _ = writeln!(out, "# {note}");
+    }
+    let _ = writeln!(
+        out,
+        "# Craig's modified DH: T_i = Rx(alpha) Tx(a) Ry(beta) Rz(theta + q) Tz(d); m, rad, kg."
+    );
+    let _ = writeln!(out, "name = {}\n", string(&model.robot.name));
+    for j in &model.robot.joints {
+        let m = &j.mdh;
+        let _ = writeln!(out, "[[joint]]");
+        let _ = writeln!(
+            out,
+            "mdh = {{ alpha = {}, a = {}, beta = {}, theta = {}, d = {} }}",
+            float(m.alpha),
+            float(m.a),
+            float(m.beta),
+            float(m.theta),
+            float(m.d)
+        );
+        out.push_str("link = ");
+        body(&mut out, &j.link);
+        let l = &j.limits;
+        let _ = writeln!(
+            out,
+            "limits = {{ min_rad = {}, max_rad = {}, velocity_rad_s = {}, torque_nm = {} }}",
+            float(l.min_rad),
+            float(l.max_rad),
+            float(l.velocity_rad_s),
+            float(l.torque_nm)
+        );
+        if j.rotor_kg_m2 != 0.0 {
+            let _ = writeln!(out, "rotor_kg_m2 = {}", float(j.rotor_kg_m2));
+        }
+        out.push('\n');
+    }
+    let _ = writeln!(
+        out,
+        "# In the flange frame.\n[tool]\ntcp_m = {}",
+        floats(&model.tool.tcp_m)
+    );
+    if model.tool.body.mass_kg > 0.0 {
+        out.push_str("body = ");
+        body(&mut out, &model.tool.body);
+    }
+    let (root, tip) = &model.frame_names;
+    for (table, name, frame, what) in [
+        ("base", root, &model.base, "F0 in the root frame."),
+        ("flange", tip, &model.flange, "The flange frame in Fn."),
+    ] {
+        if distance(frame, &Frame::identity()) > 0.0 || name != table {
+            let rpy = to_rpy(&frame.rotation);
+            let _ = writeln!(
+                out,
+                "\n# {what}\n[{table}]\nname = {}\nxyz_m = {}\nrpy_rad = {}",
+                string(name),
+                floats(frame.origin.as_slice()),
+                floats(&rpy)
+            );
+        }
+    }
+    out
+}

@@ -1,0 +1,315 @@
+//! A URDF as far as a calibration needs it: links with their inertias, joints
+//! with their origins, axes and limits, and the chain from base to flange.
+//!
+//! Joints remember where their `<origin>` stands in the text, so that a
+//! calibrated URDF is the input with only those numbers changed.
+
+use std::collections::HashMap;
+use std::ops::Range;
+
+use nalgebra::{Matrix3, Vector3};
+use spherecal_shared::robot::Frame;
+
+use super::error::RobotFileError;
+use super::frames::from_rpy;
+
+mod chain;
+
+pub use chain::UrdfChain;
+
+/// Most joints (fixed ones included) that a file may have.
+const MOST_JOINTS: usize = 2000;
+
+/// What a joint does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// Turns (`revolute` and `continuous`).
+    Turns,
+    /// Never moves.
+    Fixed,
+    /// Moves in a way that this program cannot calibrate.
+    Other,
+}
+
+/// Where a joint's origin stands in the text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum OriginPlace {
+    /// The whole `<origin .../>` element.
+    Element(Range<usize>),
+    /// There is none: one may be put here, right after the joint's start tag.
+    Absent(usize),
+}
+
+/// One `<joint>`.
+#[derive(Clone, Debug)]
+pub struct UrdfJoint {
+    /// Its name.
+    pub name: String,
+    /// What it does.
+    pub motion: Motion,
+    /// The type as written.
+    pub kind: String,
+    /// Parent and child link.
+    pub parent: String,
+    /// Child link.
+    pub child: String,
+    /// Child frame in the parent's frame, joint at zero.
+    pub origin: Frame<f64>,
+    /// Where the origin is written.
+    pub place: OriginPlace,
+    /// Unit axis in the child's frame.
+    pub axis: Vector3<f64>,
+    /// Smallest and largest angle, in rad.
+    pub range_rad: (f64, f64),
+    /// Largest speed, in rad/s; 0 where the file does not say.
+    pub velocity_rad_s: f64,
+    /// Largest torque, in N m; 0 where the file does not say.
+    pub effort_nm: f64,
+    /// Follows another joint.
+    pub mimics: bool,
+}
+
+/// Mass distribution of one `<link>`, in the link's frame.
+#[derive(Clone, Copy, Debug)]
+pub struct UrdfBody {
+    /// Mass, in kg.
+    pub mass_kg: f64,
+    /// Centre of mass, in m.
+    pub com: Vector3<f64>,
+    /// Inertia about it, axes of the link's frame, in kg m².
+    pub inertia: Matrix3<f64>,
+}
+
+/// One parsed URDF.
+#[derive(Clone, Debug)]
+pub struct Urdf {
+    /// The robot's name.
+    pub name: String,
+    /// Where the file came from, for messages.
+    pub path: String,
+    /// The text itself.
+    pub text: String,
+    /// Names of the links, in the file's order.
+    pub links: Vec<String>,
+    /// Inertias by link.
+    pub bodies: HashMap<String, UrdfBody>,
+    /// Joints, in the file's order.
+    pub joints: Vec<UrdfJoint>,
+    /// Where the root element starts in the text.
+    pub root_at: usize,
+}
+
+/// A value error of this file.
+fn value_error(path: &str, field: String, value: &str, remedy: &str) -> RobotFileError {
+    RobotFileError::Value {
+        path: path.to_owned(),
+        field,
+        value: value.chars().take(80).collect(),
+        remedy: remedy.to_owned(),
+    }
+}
+
+/// One finite number.
+fn number(path: &str, field: impl Fn() -> String, text: &str) -> Result<f64, RobotFileError> {
+    match text.trim().parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        _ => Err(value_error(
+            path,
+            field(),
+            text,
+            "write a finite number (a xacro file must be expanded first: xacro FILE.xacro > FILE.urdf)",
+        )),
+    }
+}
+
+/// Three finite numbers separated by spaces.
+fn triple(path: &str, field: impl Fn() -> String, text: &str) -> Result<[f64; 3], RobotFileError> {
+    let mut out = [0.0; 3];
+    let mut words = text.split_whitespace();
+    for slot in &mut out {
+        *slot = number(path, &field, words.next().unwrap_or(""))?;
+    }
+    if words.next().is_some() {
+        return Err(value_error(
+            path,
+            field(),
+            text,
+            "write three numbers separated by spaces",
+        ));
+    }
+    Ok(out)
+}
+
+/// The frame that an `<origin>` writes; the identity where there is none.
+fn origin(path: &str, owner: &str, node: Option<roxmltree::Node<'_, '_>>) -> Result<Frame<f64>, RobotFileError> {
+    let Some(node) = node else {
+        return Ok(Frame::identity());
+    };
+    let read = |what: &'static str| match node.attribute(what) {
+        Some(text) => triple(path, || format!("{owner}: origin {what}"), text),
+        None => Ok([0.0; 3]),
+    };
+    Ok(Frame {
+        rotation: from_rpy(read("rpy")?),
+        origin: read("xyz")?.into(),
+    })
+}
+
+fn child<'a, 'i>(node: roxmltree::Node<'a, 'i>, tag: &str) -> Option<roxmltree::Node<'a, 'i>> {
+    node.children().find(|c| c.has_tag_name(tag))
+}
+
+fn body(path: &str, link: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfBody, RobotFileError> {
+    let frame = origin(path, &format!("link \"{link}\": inertial"), child(node, "origin"))?;
+    let read = |tag: &str, name: &str| match child(node, tag).and_then(|n| n.attribute(name)) {
+        Some(text) => number(path, || format!("link \"{link}\": {tag} {name}"), text),
+        None => Ok(0.0),
+    };
+    let (xx, yy, zz) = (
+        read("inertia", "ixx")?,
+        read("inertia", "iyy")?,
+        read("inertia", "izz")?,
+    );
+    let (xy, xz, yz) = (
+        read("inertia", "ixy")?,
+        read("inertia", "ixz")?,
+        read("inertia", "iyz")?,
+    );
+    let inertia = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+    Ok(UrdfBody {
+        mass_kg: read("mass", "value")?,
+        com: frame.origin,
+        inertia: frame.rotation * inertia * frame.rotation.transpose(),
+    })
+}
+
+/// Where a node's start tag ends (just after its `>`).
+fn after_start_tag(text: &str, node: roxmltree::Node<'_, '_>) -> usize {
+    let range = node.range();
+    let end_of_attributes = node.attributes().map(|a| a.range().end).max().unwrap_or(range.start);
+    text.get(end_of_attributes..range.end)
+        .and_then(|rest| rest.find('>'))
+        .map_or(range.end, |k| end_of_attributes + k + 1)
+}
+
+fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJoint, RobotFileError> {
+    let name = node.attribute("name").unwrap_or_default().to_owned();
+    let owner = format!("joint \"{name}\"");
+    let link_of = |tag: &str| {
+        child(node, tag)
+            .and_then(|n| n.attribute("link"))
+            .map(str::to_owned)
+            .ok_or_else(|| {
+                value_error(
+                    path,
+                    format!("{owner}: <{tag} link>"),
+                    "",
+                    "every joint names its parent and its child link",
+                )
+            })
+    };
+    let kind = node.attribute("type").unwrap_or_default().to_owned();
+    let motion = match kind.as_str() {
+        "revolute" | "continuous" => Motion::Turns,
+        "fixed" => Motion::Fixed,
+        _ => Motion::Other,
+    };
+    let axis = match child(node, "axis").and_then(|n| n.attribute("xyz")) {
+        Some(text) => triple(path, || format!("{owner}: axis xyz"), text)?.into(),
+        None => Vector3::x(),
+    };
+    let length = axis.norm();
+    if motion == Motion::Turns && length < 1e-9 {
+        return Err(value_error(
+            path,
+            format!("{owner}: axis xyz"),
+            "0 0 0",
+            "give the direction of the axis",
+        ));
+    }
+    let limit = child(node, "limit");
+    let read = |what: &'static str, default: f64| match limit.and_then(|n| n.attribute(what)) {
+        Some(text) => number(path, || format!("{owner}: limit {what}"), text),
+        None => Ok(default),
+    };
+    let turn = std::f64::consts::TAU;
+    let range_rad = if kind == "continuous" {
+        (-turn, turn)
+    } else {
+        (
+            read("lower", -std::f64::consts::PI)?,
+            read("upper", std::f64::consts::PI)?,
+        )
+    };
+    let origin_node = child(node, "origin");
+    Ok(UrdfJoint {
+        parent: link_of("parent")?,
+        child: link_of("child")?,
+        origin: origin(path, &owner, origin_node)?,
+        place: origin_node.map_or_else(
+            || OriginPlace::Absent(after_start_tag(text, node)),
+            |n| OriginPlace::Element(n.range()),
+        ),
+        axis: if length > 0.0 { axis / length } else { axis },
+        range_rad,
+        velocity_rad_s: read("velocity", 0.0)?,
+        effort_nm: read("effort", 0.0)?,
+        mimics: child(node, "mimic").is_some(),
+        name,
+        motion,
+        kind,
+    })
+}
+
+impl Urdf {
+    /// Reads a URDF's text; `path` is for messages.
+    ///
+    /// # Errors
+    /// Text that is not XML, is not a `<robot>`, or holds a value that cannot be used.
+    pub fn parse(path: &str, text: &str) -> Result<Self, RobotFileError> {
+        let syntax = |message: String| RobotFileError::Syntax {
+            path: path.to_owned(),
+            message,
+        };
+        let document = roxmltree::Document::parse(text).map_err(|e| syntax(format!("not well-formed XML: {e}")))?;
+        let root = document.root_element();
+        if !root.has_tag_name("robot") {
+            return Err(syntax(format!(
+                "the root element is <{}>: a URDF starts with <robot name=\"...\">",
+                root.tag_name().name()
+            )));
+        }
+        let mut urdf = Self {
+            name: root.attribute("name").unwrap_or("robot").to_owned(),
+            path: path.to_owned(),
+            text: text.to_owned(),
+            links: Vec::new(),
+            bodies: HashMap::new(),
+            joints: Vec::new(),
+            root_at: root.range().start,
+        };
+        for node in root.children() {
+            if node.has_tag_name("link") {
+                let name = node.attribute("name").unwrap_or_default().to_owned();
+                if let Some(inertial) = child(node, "inertial") {
+                    urdf.bodies.insert(name.clone(), body(path, &name, inertial)?);
+                }
+                urdf.links.push(name);
+            } else if node.has_tag_name("joint") {
+                urdf.joints.push(joint(path, text, node)?);
+            }
+        }
+        if urdf.joints.len() > MOST_JOINTS {
+            return Err(syntax(format!(
+                "holds {} joints: at most {MOST_JOINTS} are read; give the arm alone",
+                urdf.joints.len()
+            )));
+        }
+        if urdf.links.is_empty() {
+            return Err(syntax(
+                "holds no <link>: expand a xacro file first (xacro FILE.xacro > FILE.urdf)".to_owned(),
+            ));
+        }
+        Ok(urdf)
+    }
+}

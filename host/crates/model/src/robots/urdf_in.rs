@@ -1,0 +1,161 @@
+//! From a URDF to a [`RobotModel`]: axes to modified DH, fixed links merged
+//! into the ones that carry them.
+
+use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::robot::{Frame, Inertia, Joint, JointLimits, Robot, Tool};
+
+use super::error::RobotFileError;
+use super::frames::{compose, inverse};
+use super::mdh::{Axis, from_axes};
+use super::model::{Origin, RobotModel, moved, table_frames};
+use super::urdf::{Motion, Urdf, UrdfBody, UrdfChain};
+
+/// Speed limit (rad/s) of a joint whose file gives none: slow.
+const DEFAULT_VELOCITY_RAD_S: f64 = 1.0;
+/// Torque limit (N m) of a joint whose file gives none.
+const DEFAULT_TORQUE_NM: f64 = 100.0;
+
+/// The frames of a chain with all joints at zero, in the root frame: one after
+/// every joint of the path.
+pub(super) fn frames_at_zero(urdf: &Urdf, chain: &UrdfChain) -> Vec<Frame<f64>> {
+    let mut frame = Frame::identity();
+    chain
+        .path
+        .iter()
+        .map(|&i| {
+            frame = compose(&frame, &urdf.joints[i].origin);
+            frame
+        })
+        .collect()
+}
+
+/// Reads the chain to `tip` (or the longest) of a URDF.
+///
+/// # Errors
+/// What [`Urdf::parse`] and [`Urdf::chain`] refuse, chains of other lengths
+/// than 1 to 8, and impossible masses or limits.
+pub fn load(path: &str, text: &str, tip: Option<&str>) -> Result<RobotModel, RobotFileError> {
+    let urdf = Urdf::parse(path, text)?;
+    let chain = urdf.chain(tip)?;
+    let frames = frames_at_zero(&urdf, &chain);
+    let turning: Vec<(usize, usize)> = chain
+        .path
+        .iter()
+        .enumerate()
+        .filter(|&(_, &i)| urdf.joints[i].motion == Motion::Turns)
+        .map(|(k, &i)| (k, i))
+        .collect();
+    if turning.is_empty() || turning.len() > MAX_JOINTS {
+        return Err(RobotFileError::Joints {
+            path: path.to_owned(),
+            base: chain.root.clone(),
+            tip: chain.tip.clone(),
+            joints: turning.len(),
+        });
+    }
+    let axes: Vec<Axis> = turning
+        .iter()
+        .map(|&(k, i)| Axis {
+            point: frames[k].origin,
+            direction: frames[k].rotation * urdf.joints[i].axis,
+        })
+        .collect();
+    let end = frames.last().copied().unwrap_or_else(Frame::identity);
+    let table = from_axes(&axes, &end);
+    let at_zero = table_frames(&table.rows, &vec![0.0; table.rows.len()]);
+
+    let mut robot = Robot {
+        name: short_name(&urdf.name),
+        joints: heapless::Vec::new(),
+    };
+    for (n, (&(k, i), row)) in turning.iter().zip(&table.rows).enumerate() {
+        let until = turning.get(n + 1).map_or(chain.path.len(), |&(next, _)| next);
+        // The bodies between this joint and the next, and all that hangs on them rigidly.
+        let in_link = compose(&inverse(&compose(&table.base, &at_zero[n])), &frames[k]);
+        let link = rigid_body(&urdf, &chain, k, until, &in_link);
+        let source = &urdf.joints[i];
+        let joint = Joint {
+            mdh: *row,
+            link,
+            limits: JointLimits {
+                min_rad: source.range_rad.0,
+                max_rad: source.range_rad.1,
+                velocity_rad_s: or_default(source.velocity_rad_s, DEFAULT_VELOCITY_RAD_S),
+                torque_nm: or_default(source.effort_nm, DEFAULT_TORQUE_NM),
+            },
+            rotor_kg_m2: 0.0,
+        };
+        // At most MAX_JOINTS, checked above.
+        let _ = robot.joints.push(joint);
+    }
+    robot.check().map_err(|source| RobotFileError::Robot {
+        path: path.to_owned(),
+        source,
+    })?;
+    let tool = Tool {
+        tcp_m: chain.beyond.as_ref().map_or([0.0; 3], |(_, f)| f.origin.into()),
+        body: Inertia::default(),
+    };
+    tool.check().map_err(|source| RobotFileError::Robot {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(RobotModel {
+        robot,
+        base: table.base,
+        flange: table.flange,
+        tool,
+        frame_names: (chain.root.clone(), chain.tip.clone()),
+        origin: Origin::Urdf(Box::new((urdf, chain))),
+    })
+}
+
+/// At most 31 bytes of a name, cut between letters.
+fn short_name(name: &str) -> heapless::String<32> {
+    let mut short = heapless::String::new();
+    for letter in name.chars() {
+        if short.push(letter).is_err() {
+            break;
+        }
+    }
+    short
+}
+
+/// A limit, or the default where the file says 0 or nothing (as many do).
+fn or_default(value: f64, default: f64) -> f64 {
+    if value > 0.0 { value } else { default }
+}
+
+/// The bodies that ride on the joint at place `from` of the path, as one body
+/// in the table's frame; `in_link` is the joint's child link seen from it.
+fn rigid_body(urdf: &Urdf, chain: &UrdfChain, from: usize, until: usize, in_link: &Frame<f64>) -> Inertia {
+    let mut total = Inertia::default();
+    let Some(&joint) = chain.path.get(from) else {
+        return total;
+    };
+    let next = chain.path.get(until);
+    let mut open = vec![(urdf.joints[joint].child.as_str(), *in_link)];
+    // A tree has no more links than joints and one; the bound also ends a malformed file.
+    for _ in 0..=urdf.joints.len() {
+        let Some((link, frame)) = open.pop() else { break };
+        if let Some(body) = urdf.bodies.get(link) {
+            total = total.combined(&moved(&in_axes(body), &frame));
+        }
+        // Branches ride along too: a gripper's fingers are taken as they stand at zero.
+        for (i, j) in urdf.joints.iter().enumerate() {
+            if j.parent == link && Some(&i) != next {
+                open.push((&j.child, compose(&frame, &j.origin)));
+            }
+        }
+    }
+    total
+}
+
+fn in_axes(body: &UrdfBody) -> Inertia {
+    let m = body.inertia;
+    Inertia {
+        mass_kg: body.mass_kg,
+        com_m: body.com.into(),
+        inertia_kg_m2: [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(0, 1)], m[(0, 2)], m[(1, 2)]],
+    }
+}

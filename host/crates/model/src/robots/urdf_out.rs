@@ -1,0 +1,218 @@
+//! From a (calibrated) table back to the files that robots are described with:
+//! URDF and the ROS 2 style `kinematics.yaml`.
+//!
+//! A link frame of a URDF rides on a joint of the table: it is fixed in Fi.
+//! That constant is taken from the nominal table; the calibrated joint origins
+//! follow from it and the calibrated frames, so that the forward kinematics of
+//! the file are those of the table. All else in the file (meshes, inertias,
+//! names, comments) stays as it was.
+
+use std::fmt::Write as _;
+
+use sha2::{Digest, Sha256};
+use spherecal_shared::robot::{Frame, MdhRow};
+
+use super::frames::{compose, distance, inverse, row_transform, to_rpy};
+use super::model::{Origin, RobotModel, table_frames};
+use super::urdf::{Motion, OriginPlace, Urdf, UrdfChain};
+use super::urdf_in::frames_at_zero;
+
+/// Origins closer to the file's own than this (m, or an entry of the rotation)
+/// are left as the file writes them.
+const SAME: f64 = 1e-13;
+
+/// The joint origins that give a URDF's chain the kinematics of a table:
+/// index of the joint, and its origin.
+fn corrected(model: &RobotModel, urdf: &Urdf, chain: &UrdfChain, rows: &[MdhRow<f64>]) -> Vec<(usize, Frame<f64>)> {
+    let zero = vec![0.0; rows.len()];
+    let nominal = table_frames(&model.rows(), &zero);
+    let calibrated = table_frames(rows, &zero);
+    let in_file = frames_at_zero(urdf, chain);
+    let mut out = Vec::new();
+    let mut before = Frame::identity();
+    let mut n = 0;
+    for (k, &i) in chain.path.iter().enumerate() {
+        let joint = &urdf.joints[i];
+        let pair = (nominal.get(n), calibrated.get(n));
+        if let (Motion::Turns, (Some(was), Some(is))) = (joint.motion, pair) {
+            let in_link = compose(&inverse(&compose(&model.base, was)), &in_file[k]);
+            let here = compose(&compose(&model.base, is), &in_link);
+            out.push((i, compose(&inverse(&before), &here)));
+            before = here;
+            n += 1;
+        } else {
+            before = compose(&before, &joint.origin);
+        }
+    }
+    out
+}
+
+/// Text of an `<origin/>`.
+fn origin_element(frame: &Frame<f64>) -> String {
+    let numbers = |v: &[f64]| {
+        let words: Vec<String> = v.iter().map(|x| format!("{}", x + 0.0)).collect();
+        words.join(" ")
+    };
+    format!(
+        "<origin xyz=\"{}\" rpy=\"{}\"/>",
+        numbers(frame.origin.as_slice()),
+        numbers(&to_rpy(&frame.rotation))
+    )
+}
+
+/// Text as an XML comment (which must not hold two hyphens).
+fn comment(notes: &[String]) -> String {
+    if notes.is_empty() {
+        return String::new();
+    }
+    let mut text = notes.join("\n     ");
+    while text.contains("--") {
+        text = text.replace("--", "- -");
+    }
+    format!("<!-- {text} -->\n")
+}
+
+/// Text inside an XML attribute.
+fn attribute(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
+}
+
+/// The robot as a URDF whose forward kinematics are those of `rows`: the input
+/// with corrected joint origins where the robot came from a URDF, else a new
+/// one. `notes` become a comment before the root element.
+pub fn write_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> String {
+    let Origin::Urdf(source) = &model.origin else {
+        return new_urdf(model, rows, notes);
+    };
+    let (urdf, chain) = source.as_ref();
+    let mut edits: Vec<(usize, usize, String)> = vec![(urdf.root_at, urdf.root_at, comment(notes))];
+    for (i, origin) in corrected(model, urdf, chain, rows) {
+        let joint = &urdf.joints[i];
+        if distance(&origin, &joint.origin) < SAME {
+            continue;
+        }
+        match &joint.place {
+            OriginPlace::Element(range) => edits.push((range.start, range.end, origin_element(&origin))),
+            OriginPlace::Absent(at) => edits.push((*at, *at, origin_element(&origin))),
+        }
+    }
+    edits.sort_by_key(|e| e.0);
+    let mut out = String::with_capacity(urdf.text.len() + 1000);
+    let mut at = 0;
+    for (start, end, text) in edits {
+        out.push_str(urdf.text.get(at..start).unwrap_or(""));
+        out.push_str(&text);
+        at = end.max(at);
+    }
+    out.push_str(urdf.text.get(at..).unwrap_or(""));
+    out
+}
+
+/// A URDF for a robot that came without one.
+fn new_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> String {
+    let (root, tip) = &model.frame_names;
+    let mut out = format!(
+        "<?xml version=\"1.0\"?>\n{}<robot name=\"{}\">\n  <link name=\"{}\"/>\n",
+        comment(notes),
+        attribute(&model.robot.name),
+        attribute(root)
+    );
+    let mut parent = attribute(root);
+    for (k, (joint, row)) in model.robot.joints.iter().zip(rows).enumerate() {
+        let mut origin = row_transform(row, 0.0);
+        if k == 0 {
+            origin = compose(&model.base, &origin);
+        }
+        let child = format!("link_{}", k + 1);
+        let b = &joint.link;
+        let [xx, yy, zz, xy, xz, yz] = b.inertia_kg_m2;
+        let _ = write!(
+            out,
+            "  <link name=\"{child}\">\n    <inertial>\n      <origin xyz=\"{} {} {}\" rpy=\"0 0 0\"/>\n      \
+             <mass value=\"{}\"/>\n      <inertia ixx=\"{xx}\" ixy=\"{xy}\" ixz=\"{xz}\" iyy=\"{yy}\" iyz=\"{yz}\" \
+             izz=\"{zz}\"/>\n    </inertial>\n  </link>\n",
+            b.com_m[0], b.com_m[1], b.com_m[2], b.mass_kg
+        );
+        let l = &joint.limits;
+        let _ = write!(
+            out,
+            "  <joint name=\"joint_{}\" type=\"revolute\">\n    {}\n    <parent link=\"{parent}\"/>\n    \
+             <child link=\"{child}\"/>\n    <axis xyz=\"0 0 1\"/>\n    \
+             <limit lower=\"{}\" upper=\"{}\" velocity=\"{}\" effort=\"{}\"/>\n  </joint>\n",
+            k + 1,
+            origin_element(&origin),
+            l.min_rad,
+            l.max_rad,
+            l.velocity_rad_s,
+            l.torque_nm
+        );
+        parent = child;
+    }
+    let tip = attribute(tip);
+    let _ = write!(
+        out,
+        "  <link name=\"{tip}\"/>\n  <joint name=\"{parent}-{tip}\" type=\"fixed\">\n    {}\n    \
+         <parent link=\"{parent}\"/>\n    <child link=\"{tip}\"/>\n  </joint>\n</robot>\n",
+        origin_element(&model.flange)
+    );
+    out
+}
+
+/// The joint origins of `rows` as the `kinematics.yaml` that ROS 2 descriptions
+/// load (the form of Universal Robots' driver), for use in a xacro.
+pub fn write_kinematics_yaml(model: &RobotModel, rows: &[MdhRow<f64>]) -> String {
+    let named: Vec<(String, Frame<f64>)> = if let Origin::Urdf(source) = &model.origin {
+        let (urdf, chain) = source.as_ref();
+        corrected(model, urdf, chain, rows)
+            .into_iter()
+            .map(|(i, frame)| {
+                let joint = &urdf.joints[i];
+                let exact = if distance(&frame, &joint.origin) < SAME {
+                    joint.origin
+                } else {
+                    frame
+                };
+                (joint.child.trim_end_matches("_link").to_owned(), exact)
+            })
+            .collect()
+    } else {
+        let first = |k: usize, f: Frame<f64>| if k == 0 { compose(&model.base, &f) } else { f };
+        rows.iter()
+            .enumerate()
+            .map(|(k, row)| (format!("link_{}", k + 1), first(k, row_transform(row, 0.0))))
+            .collect()
+    };
+    let mut body = String::new();
+    for (name, frame) in &named {
+        let [roll, pitch, yaw] = to_rpy(&frame.rotation);
+        let _ = writeln!(body, "  {}:", yaml_key(name));
+        for (key, value) in [
+            ("x", frame.origin.x),
+            ("y", frame.origin.y),
+            ("z", frame.origin.z),
+            ("roll", roll),
+            ("pitch", pitch),
+            ("yaw", yaw),
+        ] {
+            let _ = writeln!(body, "    {key}: {}", value + 0.0);
+        }
+    }
+    let mut hash = String::new();
+    for byte in Sha256::digest(body.as_bytes()).iter().take(8) {
+        let _ = write!(hash, "{byte:02x}");
+    }
+    format!("kinematics:\n{body}  hash: calib_{hash}\n")
+}
+
+/// A key of YAML, quoted where a bare one could mean something else.
+fn yaml_key(name: &str) -> String {
+    let plain = name.len() > 3
+        && name.starts_with(|c: char| c.is_ascii_alphabetic())
+        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+        && !["true", "false", "null"].contains(&name.to_lowercase().as_str());
+    if plain {
+        name.to_owned()
+    } else {
+        serde_json::Value::String(name.to_owned()).to_string()
+    }
+}
