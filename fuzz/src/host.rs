@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use spherecal::input::{Labels, read_csv, read_plate};
+use spherecal::model::input::{Labels, read_csv, read_plate};
 use spherecal::job::Config;
 use spherecal::link::{HostEndpoint, Timing};
-use spherecal::robots;
-use spherecal::store::{Store, recover};
+use spherecal::model::robots;
+use spherecal::store::{CalibrationStore as _, SqlStore, recover};
 use spherecal_shared::protocol::host::{Command, Uplink};
 
 use crate::{framed, pieces};
@@ -105,21 +105,19 @@ pub fn database(data: &[u8]) {
         }
     }
     std::fs::write(&file, data).expect("written");
-    if let Ok(mut store) = Store::open(&file) {
+    if let Ok(mut store) = SqlStore::open(&file) {
         read_all(&mut store);
     }
     // Dearer: only now and then.
     if data.last().is_some_and(|byte| byte % 8 == 1) && recover(&file, &saved).is_ok() {
-        read_all(&mut Store::open(&saved).expect("what was recovered can be opened"));
+        read_all(&mut SqlStore::open(&saved).expect("what was recovered can be opened"));
     }
 }
 
-fn read_all(store: &mut Store) {
+fn read_all(store: &mut SqlStore) {
     for info in store.runs().unwrap_or_default() {
         let _ = spherecal::job::read(store, &info);
-        let _ = store.recordings(info.run);
-        let _ = store.phases(info.run);
-        let _ = store.greetings(info.run);
+        let _ = store.read_run(info.run);
         let _ = store.result(info.run, "summary");
     }
 }

@@ -11,9 +11,9 @@ use std::path::Path;
 #[cfg(feature = "host")]
 use spherecal::job::Config;
 #[cfg(feature = "host")]
-use spherecal::robots;
+use spherecal::model::robots;
 #[cfg(feature = "host")]
-use spherecal::store::{NewRun, PlannedPose, Store};
+use spherecal::store::{CalibrationStore as _, NewRun, PlannedPose, SqlStore};
 use spherecal_fuzz::joined;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
@@ -209,7 +209,7 @@ fn host() {
 
     let folder = std::env::temp_dir().join(format!("spherecal-seed-{}", std::process::id()));
     let path = folder.join("seed.db");
-    let mut store = Store::create_or_open(&path).expect("made");
+    let mut store = SqlStore::create_or_open(&path).expect("made");
     let run = store
         .create_run(&NewRun {
             created_utc: "2026-01-01T00:00:00Z".to_owned(),

@@ -18,8 +18,9 @@ use std::time::Instant;
 
 use criterion::Criterion;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-use spherecal::link::{Cell, Device, controller_in_process, simulated_arm};
-use spherecal::plant::{Plant, PlantConfig};
+use spherecal::link::{Cell, Device, controller_in_process};
+use spherecal::sim::plant::{Plant, PlantConfig};
+use spherecal::sim::simulated_arm;
 use spherecal_firmware::Controller;
 use spherecal_firmware::law::{
     CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Observer, Snapshot, Stiffness, TorqueShaper, joint_torque,
@@ -159,7 +160,7 @@ fn loop_case() -> Box<dyn FnMut()> {
         arrived.clear();
         host.transmit(cell.now_us(), &mut down).expect("frames");
         cell.step(&down, &mut up).expect("a step");
-        host.receive(&up, &mut arrived, |_| Ok::<(), spherecal::campaign::JournalError>(()))
+        host.receive(&up, &mut arrived, |_| Ok::<(), spherecal::link::JournalError>(()))
             .expect("events");
     };
     (0..2000).for_each(|_| step());

@@ -1,39 +1,38 @@
 //! spherecal: a robot calibrates itself by touching precision spheres.
 //!
-//! The host side of the house. Data flows one way:
+//! The program `spherecal` ([`cli`]), and the host's crates under one name:
 //!
 //! ```text
-//! plan ─▶ campaign ─▶ link ─▶ controller (firmware) ─▶ plant, or a real arm
-//! report ◀─ validate ◀─ identify ◀─ store ◀─ campaign
+//! plan ─▶ campaign ─▶ link ─▶ controller (firmware) ─▶ sim, or a real arm
+//! report ◀─ identify ◀─ store ◀─ campaign
 //! ```
 //!
-//! [`plant`] is the simulated arm; it knows neither link nor campaign, and
-//! nothing but encoders, torques and drive status leaves it towards them.
-//! [`identify`] works on plain data and serves any robot's CSV.
+//! Each crate is one room; a crate sees only those below it:
+//!
+//! | crate | what it is for |
+//! |---|---|
+//! | [`lab`] | experiments: worlds, the paper reproduced, faults, soak, stability |
+//! | [`job`] | the main job: configuration, prepare, measure, evaluate, write |
+//! | [`services`] | web page, live view, gRPC |
+//! | [`report`] | the page, its charts, exports |
+//! | [`campaign`] | the external controller of the paper; telemetry |
+//! | [`store`] | the database of calibrations |
+//! | [`sim`] | the simulated cell; fault injection |
+//! | [`link`] | the links to controller and drive |
+//! | [`plan`] | where to touch, and in which poses |
+//! | [`identify`] | calibration from plain data |
+//! | [`model`] | robots, kinematics, measured data |
 
-pub mod campaign;
 pub mod cli;
-pub mod export;
-pub mod faults;
-mod halton;
-pub mod history;
-pub mod hold;
-pub mod identify;
-pub mod inject;
-pub mod input;
-pub mod job;
-pub mod laser;
-pub mod link;
-pub mod live;
-pub mod plan;
-pub mod plant;
-pub mod report;
-pub mod reproduce;
-pub mod robots;
-pub mod rpc;
-pub mod store;
-pub mod study;
-pub mod telemetry;
-pub mod validate;
-pub mod web;
-pub mod worlds;
+
+pub use spherecal_campaign as campaign;
+pub use spherecal_identify as identify;
+pub use spherecal_job as job;
+pub use spherecal_lab as lab;
+pub use spherecal_link as link;
+pub use spherecal_model as model;
+pub use spherecal_plan as plan;
+pub use spherecal_report as report;
+pub use spherecal_services as services;
+pub use spherecal_sim as sim;
+pub use spherecal_store as store;

@@ -7,7 +7,7 @@
 
 use embassy_time::Instant;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
-use spherecal::plant::{Plant, PlantConfig};
+use spherecal::sim::plant::{Plant, PlantConfig};
 use spherecal_firmware::Controller;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;

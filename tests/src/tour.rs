@@ -5,13 +5,13 @@ use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
-use spherecal::campaign::{
-    Assignment, CampaignError, Journal, JournalError, Options, Outcome, Silent, Stop, Tour, TourPose, run,
-};
+use spherecal::campaign::{Assignment, CampaignError, Options, Outcome, Silent, Stop, Tour, TourPose, run};
 use spherecal::job::{Link, Measurements, Prepared, Site, measure, read};
-use spherecal::link::{Arrival, Cell, Device, Drive, controller_in_process, simulated_arm};
-use spherecal::plant::PlantConfig;
-use spherecal::store::Store;
+use spherecal::link::{Arrival, Cell, Device, Drive, controller_in_process};
+use spherecal::link::{Journal, JournalError};
+use spherecal::sim::plant::PlantConfig;
+use spherecal::sim::simulated_arm;
+use spherecal::store::{CalibrationStore as _, SqlStore};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Event, Recording};
 use spherecal_shared::robot::elbow::elbow;
@@ -168,7 +168,7 @@ pub fn carry_out(
 /// When it does not end well.
 pub fn measured(prepared: &Prepared) -> Measurements {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut store = Store::create_or_open(&folder.path().join("calibration.db")).expect("a database");
+    let mut store = SqlStore::create_or_open(&folder.path().join("calibration.db")).expect("a database");
     let site = Site {
         link: &Link::Sim,
         tracker: None,

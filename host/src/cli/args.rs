@@ -1,154 +1,13 @@
-//! Commands and their arguments.
+//! Arguments that several commands share.
 
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Parser, Subcommand};
+use clap::Args;
 
-use super::doctor::DoctorArgs;
-use super::export::ExportArgs;
-use super::faults::FaultsArgs;
-use super::history::{HistoryArgs, TrendArgs};
-use super::identify::IdentifyArgs;
-use super::robot::RobotArgs;
-use super::serve::ServeArgs;
-use super::servers::{ControllerArgs, PlantArgs};
-use super::shell::{CompletionsArgs, ManArgs};
-use super::soak::SoakArgs;
-use super::stability::StabilityArgs;
-use super::stages::ConfigArgs;
-use super::store::StoreArgs;
-use super::studies::{ReproduceArgs, WorldsArgs};
-use crate::job::{self, Config, JobError, Link, Prepared, Waypoints};
-use crate::rpc::{GuardFiles, Peer};
-use crate::store::Place;
-
-const EXAMPLES: &str = "\
-Examples:
-  spherecal                              calibrate a simulated iiwa 7 and show how good it is
-  spherecal run --seed 3 --poses 60      another arm, fewer poses
-  spherecal run --paper                  the paper's whole pose grid
-  spherecal run --resume                 go on where a run was stopped
-  spherecal run --json | jq .validation  one JSON document, for programs
-  spherecal identify --robot ur5e --data poses.csv   calibrate any robot from a table
-  spherecal robot show iiwa7             what is known of a robot
-
-Exit codes: 0 done; 1 the job failed; 2 wrong usage or input;
-3 finished, but the result is not to be trusted.";
-
-/// A robot arm calibrates itself by touching three precision spheres.
-///
-/// Without a command it runs the whole job with its defaults: plan, measure with
-/// the real controller on a simulated arm, identify, validate against a laser
-/// tracker, report.
-#[derive(Debug, Parser)]
-#[command(name = "spherecal", version, about, after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
-pub struct Cli {
-    /// What to do; the whole job if nothing is said.
-    #[command(subcommand)]
-    pub command: Option<Command>,
-    /// Arguments of the whole job.
-    #[command(flatten)]
-    pub run: RunArgs,
-    /// Log more (-v, -vv); the variable SPHERECAL_LOG takes a filter.
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
-    pub verbose: u8,
-}
-
-/// The commands.
-#[derive(Debug, Subcommand)]
-pub enum Command {
-    /// The whole job: plan, measure, identify, validate, report.
-    #[command(
-        after_help = "Examples: spherecal run --seed 2 --poses 60 --out second-arm\n          \
-                            spherecal run --serve 7404      and look at http://127.0.0.1:7404/ meanwhile"
-    )]
-    Run(RunArgs),
-    /// Plan the poses and say what they cost; writes plan.json.
-    #[command(
-        after_help = "Examples: spherecal plan --poses 60 --out small\n          spherecal plan --accuracy-mm 0.2"
-    )]
-    Plan(RunArgs),
-    /// Plan and measure into the database; nothing is identified.
-    #[command(after_help = "Example: spherecal measure --out cell-4 && spherecal validate --out cell-4")]
-    Measure(RunArgs),
-    /// Lead the arm over each sphere by hand and keep where it stood; writes waypoints.toml.
-    #[command(after_help = "Example: spherecal teach --out cell-4 && \
-                            spherecal run --waypoints cell-4/waypoints.toml --out cell-4")]
-    Teach(RunArgs),
-    /// Hold long at some of the poses and tell whether one second would have done;
-    /// writes stability.html and stability.json.
-    #[command(after_help = "Example: spherecal stability --hold-s 30 --places 4 --out cell-4")]
-    Stability(StabilityArgs),
-    /// Identify any robot from a table of poses (CSV).
-    Identify(Box<IdentifyArgs>),
-    /// Identify the last run of --out, and print its validation table.
-    #[command(after_help = "Example: spherecal validate --out cell-4")]
-    Validate(StoredArgs),
-    /// Write all files of the last run of --out anew.
-    #[command(after_help = "Example: spherecal report --out cell-4")]
-    Report(StoredArgs),
-    /// Write a run as tables: Parquet or CSV.
-    #[command(after_help = "Example: spherecal export --csv --out cell-4 && \
-                            spherecal identify --robot iiwa7 --data cell-4/tables/poses.csv")]
-    Export(ExportArgs),
-    /// List, show or convert robots.
-    Robot(RobotArgs),
-    /// Offer the simulated arm to any controller over the drive link (docs/drive-link.md).
-    #[command(after_help = "Example: spherecal plant --listen 7401 --seed 2\n         \
-                            spherecal run --link tcp:127.0.0.1:7401 --seed 2")]
-    Plant(PlantArgs),
-    /// Run the controller as a process of its own, between a drive and a host.
-    #[command(
-        after_help = "Example: spherecal controller --drive tcp:127.0.0.1:7401 --host-link tcp:127.0.0.1:7402\n         \
-                            spherecal run --link controller:127.0.0.1:7402"
-    )]
-    Controller(ControllerArgs),
-    /// Offer robot, laser tracker and database as network services (gRPC, Figure 4 of the paper),
-    /// and a web page with the runs that go on and those of the past.
-    #[command(after_help = "Example: spherecal serve --grpc 7403 --seed 2\n         \
-                            spherecal run --link grpc:127.0.0.1:7403 --tracker grpc:127.0.0.1:7403 --store grpc:127.0.0.1:7403")]
-    Serve(Box<ServeArgs>),
-    /// List past calibrations.
-    #[command(after_help = "Example: spherecal history --store postgres://robots@db/fleet --arm A-17")]
-    History(HistoryArgs),
-    /// Say whether an arm is drifting, and when its next calibration is due.
-    #[command(after_help = "Example: spherecal trend --arm A-17 --limit-mm 0.3")]
-    Trend(TrendArgs),
-    /// The paper's study on the last run of --out, or on a synthetic robot:
-    /// tables and figures beside the published numbers.
-    #[command(after_help = "Example: spherecal reproduce --world W1 --seed 3 --out study")]
-    Reproduce(ReproduceArgs),
-    /// Compare the estimators, or the plans, over the synthetic worlds W0 to W4.
-    #[command(
-        after_help = "Examples: spherecal worlds --world W0 --world W3 --seeds 4\n          spherecal worlds --plan"
-    )]
-    Worlds(WorldsArgs),
-    /// Inject every fault there is, at random instants, and say what becomes of it.
-    #[command(after_help = "Examples: spherecal faults --list\n          \
-                            spherecal faults --show human_push > push.toml && spherecal run --inject push.toml\n          \
-                            spherecal faults --instants 20 --seeds 3\n          \
-                            spherecal faults --campaign 1000")]
-    Faults(FaultsArgs),
-    /// Print the configuration: every field, what it is, and its value.
-    #[command(after_help = "Example: spherecal config --print > cell.toml && spherecal run --config cell.toml")]
-    Config(ConfigArgs),
-    /// Say what this machine has and lacks, and what to do about it.
-    #[command(after_help = "Example: spherecal doctor --json | jq .checks")]
-    Doctor(DoctorArgs),
-    /// Print the completions of a shell.
-    #[command(
-        after_help = "Example: spherecal completions bash > ~/.local/share/bash-completion/completions/spherecal"
-    )]
-    Completions(CompletionsArgs),
-    /// Print the manual page, or write one for each command.
-    #[command(after_help = "Example: spherecal man --out ~/.local/share/man/man1")]
-    Man(ManArgs),
-    /// Check a database, or save what can be read of a damaged one.
-    Store(StoreArgs),
-    /// Run the same simulated cell for hours of robot time: what grows or drifts is told.
-    #[command(after_help = "Example: spherecal soak --hours 24 --out soak")]
-    Soak(SoakArgs),
-}
+use super::exit::CliError;
+use spherecal_job::{self as job, Config, JobError, Link, Prepared, Waypoints};
+use spherecal_services::GuardFiles;
+use spherecal_store::{Peer, StoreLocation};
 
 /// Arguments of everything that plans or measures.
 #[derive(Args, Clone, Debug)]
@@ -177,7 +36,7 @@ pub struct RunArgs {
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT;
     /// calibration.db in --out if none is given.
     #[arg(long, value_name = "STORE")]
-    pub store: Option<Place>,
+    pub store: Option<StoreLocation>,
     /// Laser tracker behind gRPC: grpc:HOST:PORT or grpcs:HOST:PORT.
     #[arg(long, value_name = "PEER", value_parser = peer)]
     pub tracker: Option<Peer>,
@@ -257,7 +116,7 @@ impl RunArgs {
         let mut config = base(self.config.as_deref(), self.seed)?;
         if let Some(poses) = self.poses {
             if poses == 0 {
-                return Err(crate::job::ConfigError::Range {
+                return Err(spherecal_job::ConfigError::Range {
                     field: "--poses",
                     value: 0.0,
                     remedy: "ask for at least one pose, or for --paper",
@@ -295,14 +154,37 @@ impl RunArgs {
     }
 
     /// The database.
-    pub fn database(&self) -> Place {
+    pub fn database(&self) -> StoreLocation {
         database(self.store.as_ref(), &self.out)
+    }
+
+    /// Refuses what this program was built without, before anything is done.
+    ///
+    /// # Errors
+    /// The first option that needs a feature which is not there.
+    pub(super) fn check_features(&self) -> Result<(), CliError> {
+        if self.dashboard && cfg!(not(feature = "dashboard")) {
+            return Err(CliError::feature("--dashboard", "dashboard"));
+        }
+        if cfg!(feature = "services") {
+            return Ok(());
+        }
+        let asked = [
+            ("--link grpc:", matches!(self.link, Link::Grpc(_))),
+            ("--tracker", self.tracker.is_some()),
+            ("--store grpc:", matches!(self.store, Some(StoreLocation::Service(_)))),
+            ("--publish", self.publish.is_some()),
+        ];
+        match asked.into_iter().find(|(_, asked)| *asked) {
+            Some((what, _)) => Err(CliError::feature(what, "services")),
+            None => Ok(()),
+        }
     }
 
     /// The server whose page shows the run.
     pub fn shown_by(&self) -> Option<Peer> {
         let store = match &self.store {
-            Some(Place::Service(peer)) => Some(peer),
+            Some(StoreLocation::Service(peer)) => Some(peer),
             _ => None,
         };
         let link = match &self.link {
@@ -314,16 +196,21 @@ impl RunArgs {
 }
 
 /// The store that was given, or the file in the folder of results.
-fn database(store: Option<&Place>, out: &std::path::Path) -> Place {
+fn database(store: Option<&StoreLocation>, out: &std::path::Path) -> StoreLocation {
     store
         .cloned()
-        .unwrap_or_else(|| Place::File(out.join("calibration.db")))
+        .unwrap_or_else(|| StoreLocation::File(out.join("calibration.db")))
 }
 
 /// `grpc:HOST:PORT` or `grpcs:HOST:PORT`.
-fn peer(text: &str) -> Result<Peer, String> {
-    Peer::parse(text).ok_or_else(|| "give grpc:HOST:PORT or grpcs:HOST:PORT".to_owned())
+fn peer(text: &str) -> Result<Peer, BadValue> {
+    Peer::parse(text).ok_or(BadValue("give grpc:HOST:PORT or grpcs:HOST:PORT"))
 }
+
+/// An argument's value that cannot be used: what to give instead.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+#[error("{0}")]
+pub(super) struct BadValue(pub(super) &'static str);
 
 /// Arguments of what works on a stored run.
 #[derive(Args, Clone, Debug)]
@@ -334,7 +221,7 @@ pub struct StoredArgs {
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT;
     /// calibration.db in --out if none is given.
     #[arg(long, value_name = "STORE")]
-    pub store: Option<Place>,
+    pub store: Option<StoreLocation>,
     /// Whose last run, in a database that several robots share.
     #[arg(long, value_name = "NAME", default_value = "")]
     pub arm: String,
@@ -345,7 +232,7 @@ pub struct StoredArgs {
 
 impl StoredArgs {
     /// The database.
-    pub fn database(&self) -> Place {
+    pub fn database(&self) -> StoreLocation {
         database(self.store.as_ref(), &self.out)
     }
 }

@@ -30,9 +30,9 @@ use spherecal_shared::protocol::host::{Event, Sample};
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::progress::{phase_name, remaining, stage_name};
-use crate::campaign::{Observer, Progress};
-use crate::link::Arrival;
-use crate::live::Scatter;
+use spherecal_campaign::{Observer, Progress};
+use spherecal_link::Arrival;
+use spherecal_services::live::Scatter;
 
 /// Time between two pictures.
 const PERIOD: Duration = Duration::from_millis(100);

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::exit::Exit;
 use super::out::{out, outln};
-use crate::link::qemu::find_image;
+use spherecal_link::qemu::find_image;
 
 /// The Cortex-M7's Rust target.
 const TARGET: &str = "thumbv7em-none-eabihf";

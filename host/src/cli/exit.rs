@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use crate::job::JobError;
+use spherecal_job::JobError;
 
 /// Exit codes that other programs rely on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,6 +51,14 @@ impl CliError {
             message: error.to_string(),
             exit: Exit::Failed,
         }
+    }
+
+    /// This program was built without what is asked for.
+    pub fn feature(what: &str, feature: &str) -> Self {
+        Self::input(format!(
+            "{what} needs the feature `{feature}`, which this program was built without: build it with \
+             --features {feature}"
+        ))
     }
 
     /// The exit code.

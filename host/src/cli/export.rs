@@ -6,13 +6,14 @@ use clap::Args;
 
 use super::exit::{CliError, Exit};
 use super::out::outln;
-use crate::export::{ExportError, Format, export};
-use crate::store::{Place, Store};
+use spherecal_job::open_store;
+use spherecal_report::export::{ExportError, Format, export};
+use spherecal_store::StoreLocation;
 
 /// Arguments of `export`.
 #[derive(Args, Clone, Debug)]
 pub struct ExportArgs {
-    /// Write Parquet (the default).
+    /// Write Parquet (the default; needs the feature `parquet`).
     #[arg(long, conflicts_with = "csv")]
     pub parquet: bool,
     /// Write CSV.
@@ -24,7 +25,7 @@ pub struct ExportArgs {
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT;
     /// calibration.db in --out if none is given.
     #[arg(long, value_name = "STORE")]
-    pub store: Option<Place>,
+    pub store: Option<StoreLocation>,
     /// Number of the run; the last if none is given.
     #[arg(long, value_name = "N")]
     pub run: Option<i64>,
@@ -32,8 +33,11 @@ pub struct ExportArgs {
 
 /// `spherecal export`
 pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
-    let file = Place::File(args.out.join("calibration.db"));
-    let mut store = Store::at(args.store.as_ref().unwrap_or(&file), false)?;
+    if !args.csv && cfg!(not(feature = "parquet")) {
+        return Err(CliError::input(ExportError::NoParquet));
+    }
+    let file = StoreLocation::File(args.out.join("calibration.db"));
+    let mut store = open_store(args.store.as_ref().unwrap_or(&file), false)?;
     let last = store.require_last_run()?.run;
     let run = args.run.unwrap_or(last);
     if !store.runs()?.iter().any(|info| info.run == run) {
@@ -46,12 +50,18 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     // The telemetry in the folder is that of the last run.
     let telemetry = args.out.join("telemetry.mcap");
     let telemetry = (run == last && telemetry.exists()).then_some(telemetry);
-    let files =
-        export(&mut store, run, telemetry.as_deref(), format, &args.out.join("tables")).map_err(|e| match e {
-            ExportError::Store(e) => CliError::from(e),
-            ExportError::Telemetry { .. } => CliError::input(e),
-            ExportError::Write { .. } => CliError::job(e),
-        })?;
+    let files = export(
+        store.as_mut(),
+        run,
+        telemetry.as_deref(),
+        format,
+        &args.out.join("tables"),
+    )
+    .map_err(|e| match e {
+        ExportError::Store(e) => CliError::from(e),
+        ExportError::Telemetry { .. } | ExportError::NoParquet => CliError::input(e),
+        ExportError::Write { .. } => CliError::job(e),
+    })?;
     for file in files {
         outln!("{}", file.display());
     }

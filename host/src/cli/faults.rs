@@ -3,8 +3,8 @@
 use clap::Args;
 
 use super::exit::{CliError, Exit};
-use crate::faults::{CampaignOptions, MatrixOptions, campaign, matrix};
-use crate::inject::{PRESETS, Plan};
+use spherecal_lab::faults::{CampaignOptions, MatrixOptions, campaign, matrix};
+use spherecal_sim::inject::{PRESETS, Plan};
 
 /// Arguments of `faults`.
 #[derive(Args, Clone, Debug)]

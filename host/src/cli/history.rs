@@ -4,10 +4,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::args::BadValue;
 use super::exit::{CliError, Exit};
 use super::out::{out, outln};
-use crate::history::{self, Past, Trend};
-use crate::store::{Place, Store};
+use spherecal_job::open_store;
+use spherecal_store::StoreLocation;
+use spherecal_store::history::{self, Past, Trend};
 
 /// Arguments of `history`.
 #[derive(Args, Clone, Debug)]
@@ -17,7 +19,7 @@ pub struct HistoryArgs {
     pub out: PathBuf,
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT.
     #[arg(long, value_name = "STORE")]
-    pub store: Option<Place>,
+    pub store: Option<StoreLocation>,
     /// Only this arm.
     #[arg(long, value_name = "NAME", default_value = "")]
     pub arm: String,
@@ -36,19 +38,19 @@ pub struct TrendArgs {
     limit_mm: f64,
 }
 
-fn positive(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "give a number of mm".to_owned())?;
+fn positive(text: &str) -> Result<f64, BadValue> {
+    let value: f64 = text.parse().map_err(|_| BadValue("give a number of mm"))?;
     if value > 0.0 && value.is_finite() {
         Ok(value)
     } else {
-        Err("give a positive number of mm".to_owned())
+        Err(BadValue("give a positive number of mm"))
     }
 }
 
 fn past(args: &HistoryArgs) -> Result<Vec<Past>, CliError> {
-    let file = Place::File(args.out.join("calibration.db"));
-    let mut store = Store::at(args.store.as_ref().unwrap_or(&file), false)?;
-    Ok(history::read(&mut store, &args.arm)?)
+    let file = StoreLocation::File(args.out.join("calibration.db"));
+    let mut store = open_store(args.store.as_ref().unwrap_or(&file), false)?;
+    Ok(history::read(store.as_mut(), &args.arm)?)
 }
 
 /// A number, or a dash.

@@ -8,11 +8,12 @@ use super::args::StoredArgs;
 use super::exit::{CliError, Exit};
 use super::out::outln;
 use super::stages;
-use crate::identify::{Method, Model, Options};
-use crate::input::triple;
-use crate::job::now_utc;
-use crate::report::{render, study_report};
-use crate::study::{Request, StudyError, study, summary_json, summary_text, write_files};
+use spherecal_identify::study::{Request, StudyError, study};
+use spherecal_identify::{Method, Model, Options};
+use spherecal_job::study::{summary_json, summary_text, write_files};
+use spherecal_model::input::triple;
+use spherecal_report::{render, study_report};
+use spherecal_store::time::now_utc;
 
 /// Identify a robot from a table of poses, or the last run of --out anew.
 ///
@@ -83,11 +84,11 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, Stu
         None => Options::default(),
         Some(path) => {
             let file = path.display().to_string();
-            let text = std::fs::read_to_string(path).map_err(|source| crate::input::InputError::Read {
+            let text = std::fs::read_to_string(path).map_err(|source| spherecal_model::input::InputError::Read {
                 file: file.clone(),
                 source,
             })?;
-            toml::from_str(&text).map_err(|e| crate::input::InputError::Syntax {
+            toml::from_str(&text).map_err(|e| spherecal_model::input::InputError::Syntax {
                 file,
                 message: e.to_string(),
             })?
@@ -133,8 +134,8 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         });
     };
     let study = request(args, robot, data).and_then(|r| study(&r)).map_err(refuse)?;
-    let report = render(&study_report(&study, &now_utc())).map_err(|e| refuse(StudyError::Report(e)))?;
-    let files = write_files(&study, &args.out, Some(&report)).map_err(refuse)?;
+    let report = render(&study_report(&study, &now_utc()))?;
+    let files = write_files(&study, &args.out, Some(&report))?;
     if args.json {
         outln!("{:#}", summary_json(&study));
     } else {

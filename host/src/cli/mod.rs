@@ -9,6 +9,8 @@
 //! but the result is not to be trusted.
 
 mod args;
+mod command;
+#[cfg(feature = "dashboard")]
 mod dashboard;
 mod doctor;
 mod exit;
@@ -16,8 +18,8 @@ mod export;
 mod faults;
 mod history;
 mod identify;
+mod live_output;
 mod out;
-mod person;
 mod plan;
 mod progress;
 mod robot;
@@ -25,22 +27,23 @@ mod run;
 mod serve;
 mod servers;
 mod shell;
-mod shown;
 mod soak;
 mod stability;
 mod stages;
 mod store;
 mod studies;
 mod teach;
+mod terminal_operator;
 mod text;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory as _, Parser};
 use tracing_subscriber::EnvFilter;
 
-pub use args::{Cli, Command, RunArgs};
+pub use args::RunArgs;
+pub use command::{Cli, Command};
 pub use exit::{CliError, Exit};
 use out::errln;
 
@@ -70,8 +73,8 @@ pub fn main() -> ExitCode {
         Some(Command::Faults(args)) => faults::run(&args),
         Some(Command::Config(args)) => stages::config(&args),
         Some(Command::Doctor(args)) => Ok(doctor::run(&args)),
-        Some(Command::Completions(args)) => shell::completions(&args),
-        Some(Command::Man(args)) => shell::man(&args),
+        Some(Command::Completions(args)) => shell::completions(&args, Cli::command()),
+        Some(Command::Man(args)) => shell::man(&args, Cli::command()),
         Some(Command::Store(args)) => store::run(&args),
         Some(Command::Soak(args)) => soak::run(&args),
     };

@@ -4,7 +4,7 @@ use super::args::RunArgs;
 use super::exit::{CliError, Exit};
 use super::out::{out, outln};
 use super::text;
-use crate::job::JobError;
+use spherecal_job::JobError;
 
 /// Plans, says what the plan is, and writes it.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {

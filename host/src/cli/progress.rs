@@ -7,9 +7,9 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use spherecal_shared::protocol::host::Phase;
 
 use super::out::errln;
-use super::person::Person;
-use crate::campaign::{Moved, Observer, Progress, Stage};
-use crate::live::eta_s;
+use super::terminal_operator::TerminalOperator;
+use spherecal_campaign::{Moved, Observer, Progress, Stage};
+use spherecal_services::live::eta_s;
 
 /// How often a line is written where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -23,7 +23,7 @@ pub(super) struct ProgressView {
     last_draw: Option<Instant>,
     device_s: f64,
     /// Who can move the plate; nobody where nobody sits at a terminal.
-    person: Option<Person>,
+    person: Option<TerminalOperator>,
     /// The placement that was asked for.
     asked: Option<u32>,
 }
@@ -50,7 +50,7 @@ impl ProgressView {
             last_line: now,
             last_draw: None,
             device_s: 0.0,
-            person: std::io::stdin().is_terminal().then(Person::default),
+            person: std::io::stdin().is_terminal().then(TerminalOperator::default),
             asked: None,
         }
     }

@@ -7,8 +7,8 @@ use spherecal_shared::robot::BUILT_IN;
 
 use super::exit::{CliError, Exit};
 use super::out::outln;
-use crate::job::JobError;
-use crate::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_urdf};
+use spherecal_job::JobError;
+use spherecal_model::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_urdf};
 
 /// Arguments of `robot`.
 #[derive(Args, Clone, Debug)]

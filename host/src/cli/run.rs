@@ -6,21 +6,23 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::args::RunArgs;
+#[cfg(feature = "dashboard")]
 use super::dashboard::Dashboard;
 use super::exit::{CliError, Exit};
+use super::live_output::LiveOutput;
 use super::out::{err, out, outln};
 use super::progress::ProgressView;
-use super::shown::Shown;
 use super::text;
-use crate::campaign::{Moved, Observer, Progress};
-use crate::history::{FINGERPRINT, Fingerprint};
-use crate::inject;
-use crate::job::{self, JobError, Link, Measurements, Prepared, Site, Summary};
-use crate::link::Arrival;
-use crate::link::qemu::LOG_FILE;
-use crate::live::End;
-use crate::store::{Place, RunInfo, Store};
-use crate::telemetry::{Chronicle, Trace};
+use spherecal_campaign::telemetry::{TelemetryRecorder, Trace};
+use spherecal_campaign::{Moved, Observer, Progress};
+use spherecal_job::open_store;
+use spherecal_job::{self as job, JobError, Link, Measurements, Prepared, Site, Summary};
+use spherecal_link::Arrival;
+use spherecal_link::qemu::LOG_FILE;
+use spherecal_services::live::End;
+use spherecal_sim::inject;
+use spherecal_store::history::{FINGERPRINT, Fingerprint};
+use spherecal_store::{CalibrationStore, RunInfo, SqlStore, StoreLocation};
 
 /// What a run of the whole job left.
 pub(super) struct Finished {
@@ -33,14 +35,21 @@ enum Face {
     /// A bar or lines.
     Plain(ProgressView),
     /// The whole terminal.
+    #[cfg(feature = "dashboard")]
     Whole(Box<Dashboard>),
 }
 
 impl Face {
     fn new(args: &RunArgs, prepared: &Prepared) -> Result<Self, CliError> {
-        if !args.dashboard {
-            return Ok(Self::Plain(ProgressView::new()));
+        if args.dashboard {
+            Self::whole(prepared)
+        } else {
+            Ok(Self::Plain(ProgressView::new()))
         }
+    }
+
+    #[cfg(feature = "dashboard")]
+    fn whole(prepared: &Prepared) -> Result<Self, CliError> {
         let trigger_n = prepared.config.procedure.approach.trigger_n;
         Dashboard::start(&prepared.robot, &prepared.tool, trigger_n)
             .map(|dashboard| Self::Whole(Box::new(dashboard)))
@@ -49,9 +58,15 @@ impl Face {
             })
     }
 
+    #[cfg(not(feature = "dashboard"))]
+    fn whole(_prepared: &Prepared) -> Result<Self, CliError> {
+        Err(CliError::feature("--dashboard", "dashboard"))
+    }
+
     fn finish(&mut self) {
         match self {
             Self::Plain(view) => view.finish(),
+            #[cfg(feature = "dashboard")]
             Self::Whole(dashboard) => dashboard.finish(),
         }
     }
@@ -59,6 +74,7 @@ impl Face {
     fn inner(&mut self) -> &mut dyn Observer {
         match self {
             Self::Plain(view) => view,
+            #[cfg(feature = "dashboard")]
             Self::Whole(dashboard) => dashboard.as_mut(),
         }
     }
@@ -67,23 +83,23 @@ impl Face {
 /// All who watch a run: here, and from outside.
 struct View {
     face: Face,
-    shown: Shown,
+    live: LiveOutput,
 }
 
 impl Observer for View {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
         self.face.inner().event(now_us, arrival);
-        self.shown.event(now_us, arrival);
+        self.live.event(now_us, arrival);
     }
 
     fn progress(&mut self, progress: &Progress) {
         self.face.inner().progress(progress);
-        self.shown.progress(progress);
+        self.live.progress(progress);
     }
 
     fn note(&mut self, text: &str) {
         self.face.inner().note(text);
-        self.shown.note(text);
+        self.live.note(text);
     }
 
     fn plate(&mut self, place: u32) -> Moved {
@@ -93,9 +109,9 @@ impl Observer for View {
 
 /// Runs the whole job.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
-    let (mut store, info, mut shown) = measure(args)?;
-    shown.remark("measured to its end: now the robot is identified");
-    let finished = evaluate(&args.out, &mut store, &info).and_then(|finished| {
+    let (mut store, info, mut live) = measure(args)?;
+    live.remark("measured to its end: now the robot is identified");
+    let finished = evaluate(&args.out, store.as_mut(), &info).and_then(|finished| {
         store.set_state(info.run, "complete")?;
         Ok(finished)
     });
@@ -104,7 +120,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
         trusted,
         text,
     };
-    shown.end(&match &finished {
+    live.end(&match &finished {
         Ok(finished) => end(Some(finished.summary.verdict.trusted), text::verdict(&finished.summary)),
         Err(error) => end(None, error.to_string()),
     });
@@ -131,21 +147,22 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
 
 /// Plans and measures, or goes on with the last run. Those who see it from
 /// outside still do.
-pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo, Shown), CliError> {
+pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
+    args.check_features()?;
     let interrupt = interrupt()?;
     let inject = args.inject.as_deref().map(inject::Plan::load).transpose()?;
     let (mut store, prepared, resume) = if args.resume {
         resumed(args)?
     } else {
         let prepared = args.prepare()?;
-        (Store::at(&args.database(), true)?, prepared, None)
+        (open_store(&args.database(), true)?, prepared, None)
     };
     // A server takes care of several writers itself.
     let _claim = match args.database() {
-        Place::File(path) => Some(Store::claim(&path)?),
-        Place::Postgres(_) | Place::Service(_) => None,
+        StoreLocation::File(path) => Some(SqlStore::claim(&path)?),
+        StoreLocation::Postgres(_) | StoreLocation::Service(_) => None,
     };
-    let mut shown = Shown::default();
+    let mut live = LiveOutput::default();
     if resume.as_ref().is_none_or(|info| info.state == "running") {
         if !args.json {
             err!("{}", text::plan(&prepared.plan));
@@ -156,21 +173,21 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo, Shown), CliErro
         ]);
         let view = View {
             face: Face::new(args, &prepared)?,
-            shown: Shown::start(args, &prepared)?,
+            live: LiveOutput::start(args, &prepared)?,
         };
-        let mut view = Chronicle::new(view, &args.out, prepared.robot.dof(), &about);
+        let mut view = TelemetryRecorder::new(view, &args.out, prepared.robot.dof(), &about);
         let site = Site {
             link: &args.link,
             tracker: args.tracker.as_ref(),
             folder: &args.out,
-            store: &mut store,
+            store: store.as_mut(),
             observer: &mut view,
             interrupt: &interrupt,
             inject: inject.as_ref(),
         };
         let measured = job::measure(&prepared, site, resume.as_ref());
         let (view, _, traces) = view.finish();
-        let View { mut face, shown: seen } = view;
+        let View { mut face, live: seen } = view;
         face.finish();
         if let Err(error) = measured {
             seen.end(&End {
@@ -178,19 +195,19 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Store, RunInfo, Shown), CliErro
                 trusted: None,
                 text: error.to_string(),
             });
-            keep_traces(&mut store, traces)?;
+            keep_traces(store.as_mut(), traces)?;
             return Err(error.into());
         }
-        shown = seen;
-        keep_traces(&mut store, traces)?;
+        live = seen;
+        keep_traces(store.as_mut(), traces)?;
     }
     let info = store.require_last_run()?;
-    Ok((store, info, shown))
+    Ok((store, info, live))
 }
 
 /// Stores the force traces of a session's contacts, also of one that was
 /// stopped: the run may go on with --resume.
-fn keep_traces(store: &mut Store, mut traces: Vec<Trace>) -> Result<(), CliError> {
+fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<Trace>) -> Result<(), CliError> {
     if let Some(info) = store.last_run()? {
         let mut all = job::contact_traces(store, info.run)?;
         // A run that was repeated from its start has all of them again.
@@ -206,8 +223,8 @@ fn keep_traces(store: &mut Store, mut traces: Vec<Trace>) -> Result<(), CliError
     Ok(())
 }
 
-fn resumed(args: &RunArgs) -> Result<(Store, Prepared, Option<RunInfo>), CliError> {
-    let mut store = Store::at(&args.database(), false)?;
+fn resumed(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, Prepared, Option<RunInfo>), CliError> {
+    let mut store = open_store(&args.database(), false)?;
     let info = store.require_run_of(args.arm.as_deref().unwrap_or_default())?;
     if info.link != args.link.to_string() {
         return Err(JobError::Resume {
@@ -219,14 +236,18 @@ fn resumed(args: &RunArgs) -> Result<(Store, Prepared, Option<RunInfo>), CliErro
         }
         .into());
     }
-    let mut prepared = job::prepare(&job::read(&mut store, &info)?.config)?;
+    let mut prepared = job::prepare(&job::read(store.as_mut(), &info)?.config)?;
     // What was planned and taught then holds, whatever the planner would say now.
-    prepared.plan = job::read(&mut store, &info)?.plan;
+    prepared.plan = job::read(store.as_mut(), &info)?.plan;
     Ok((store, prepared, Some(info)))
 }
 
 /// Identifies, validates and writes everything about a stored run.
-pub(super) fn evaluate(out: &std::path::Path, store: &mut Store, info: &RunInfo) -> Result<Finished, CliError> {
+pub(super) fn evaluate(
+    out: &std::path::Path,
+    store: &mut dyn CalibrationStore,
+    info: &RunInfo,
+) -> Result<Finished, CliError> {
     let measurements: Measurements = job::read(store, info)?;
     let evaluation = job::evaluate(&measurements)?;
     let summary = job::summarise(&measurements, &evaluation)?;
@@ -234,7 +255,12 @@ pub(super) fn evaluate(out: &std::path::Path, store: &mut Store, info: &RunInfo)
     let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;
     let json = serde_json::to_string(&summary).map_err(CliError::job)?;
     store.put_result(info.run, "summary", &json)?;
-    let fingerprint = Fingerprint::of(&evaluation.sphere);
+    let model = &evaluation.sphere;
+    let fingerprint = Fingerprint::of(
+        &model.robot,
+        |q| model.tcp_m(q, None),
+        |q| model.tcp_covariance_in_base(q).trace(),
+    );
     let json = serde_json::to_string(&fingerprint).map_err(CliError::job)?;
     store.put_result(info.run, FINGERPRINT, &json)?;
     let mut files = vec![store.path().to_owned()];

@@ -16,11 +16,10 @@ use super::args::ProtectionArgs;
 use super::exit::{CliError, Exit};
 use super::out::errln;
 use super::run::interrupt;
-use crate::job::{self, Config, Link, Prepared};
-use crate::link::LinkError;
-use crate::rpc::{Offer, RobotFacts, Server};
-use crate::store::{Place, Store};
-use crate::web::Page;
+use spherecal_job::{Link, open_store, stored_report};
+use spherecal_services::web::{Page, ReportReader, ReportWriter};
+use spherecal_services::{Offer, Server, SharedStore};
+use spherecal_store::StoreLocation;
 
 /// What may be served.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -50,7 +49,7 @@ pub struct ServeArgs {
     /// Database that is served: a file or postgres://USER@HOST/DATABASE;
     /// calibration.db in --out if none is given.
     #[arg(long, value_name = "STORE")]
-    pub store: Option<Place>,
+    pub store: Option<StoreLocation>,
     /// Folder of the database.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
@@ -69,24 +68,21 @@ impl ServeArgs {
         self.service.is_empty() || self.service.contains(&service)
     }
 
-    fn prepare(&self) -> Result<Prepared, CliError> {
-        let mut config = match &self.config {
-            Some(path) => Config::read(path)?,
-            None => Config::default(),
-        };
-        if let Some(seed) = self.seed {
-            config.seed = seed;
-        }
-        // The plan is the client's affair; a small one tells where home is.
-        config.plan = job::PlanSection {
-            poses: 6,
-            paper: false,
-            accuracy_mm: None,
-            choice: job::Choice::Grid,
-            ..config.plan
-        };
-        Ok(job::prepare(&config)?)
+    /// The database that is served or shown.
+    fn open_store(&self) -> Result<SharedStore, CliError> {
+        let file = StoreLocation::File(self.out.join("calibration.db"));
+        let store = open_store(self.store.as_ref().unwrap_or(&file), true)?;
+        Ok(Arc::new(Mutex::new(store)))
     }
+}
+
+/// Writes the report of a stored run, for a page.
+pub(super) fn stored_reports() -> ReportReader {
+    Arc::new(|store, info| {
+        let stored = stored_report(store, info)?;
+        let write: ReportWriter = Box::new(move || Ok(stored.render()?));
+        Ok(write)
+    })
 }
 
 /// `spherecal serve`
@@ -98,25 +94,18 @@ pub(super) fn run(args: &ServeArgs) -> Result<Exit, CliError> {
         ));
     }
     let mut offer = Offer::default();
-    if args.serves(Service::Robot) || args.serves(Service::Tracker) {
-        let prepared = Arc::new(args.prepare()?);
-        if args.serves(Service::Robot) {
-            offer.robot = Some(robot(args, &prepared));
-        }
-        if args.serves(Service::Tracker) {
-            let sigma_m = prepared.plant.tracker.sigma_m;
-            let prepared = Arc::clone(&prepared);
-            offer.tracker = Some((Box::new(move || job::simulated_tracker(&prepared)), sigma_m));
-        }
-    }
-    if args.serves(Service::Store) {
-        let file = Place::File(args.out.join("calibration.db"));
-        let store = Store::at(args.store.as_ref().unwrap_or(&file), true)?;
-        offer.store = Some(Arc::new(Mutex::new(store)));
-    }
+    services(args, &mut offer)?;
+    let store = if args.serves(Service::Store) {
+        Some(args.open_store()?)
+    } else {
+        None
+    };
+    #[cfg(feature = "services")]
+    offer.store.clone_from(&store);
     if args.serves(Service::Page) {
         let page = Page {
-            store: offer.store.clone(),
+            store,
+            report: Some(stored_reports()),
             ..Page::default()
         };
         offer.page = Some((page, true));
@@ -137,19 +126,94 @@ pub(super) fn run(args: &ServeArgs) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-fn robot(args: &ServeArgs, prepared: &Arc<Prepared>) -> (RobotFacts, crate::rpc::DeviceFactory) {
-    let facts = RobotFacts {
-        robot: prepared.robot.clone(),
-        tool: prepared.tool,
-        procedure: prepared.config.procedure,
-        home: prepared.plan.home.joints.clone(),
-    };
-    let (prepared, link, folder) = (Arc::clone(prepared), args.link.clone(), args.out.clone());
-    let make = move || {
-        job::device(&prepared, &link, &folder).map_err(|error| match error {
-            job::JobError::Link(error) => error,
-            other => LinkError::Drive(other.to_string()),
-        })
-    };
-    (facts, Box::new(make))
+/// Adds robot and tracker, where they are asked for.
+#[cfg(not(feature = "services"))]
+fn services(args: &ServeArgs, _offer: &mut Offer) -> Result<(), CliError> {
+    if args.service.iter().any(|service| *service != Service::Page) {
+        return Err(CliError::feature(
+            "serving robot, tracker or store (--service)",
+            "services",
+        ));
+    }
+    if args.service.is_empty() {
+        errln!("only the page is served: robot, tracker and store need the feature `services`");
+    }
+    Ok(())
+}
+
+#[cfg(feature = "services")]
+use services::services;
+
+#[cfg(feature = "services")]
+mod services {
+    use std::sync::Arc;
+
+    use spherecal_campaign::TrackerError;
+    use spherecal_job::{Choice, Config, JobError, PlanSection, Prepared, device, prepare, simulated_tracker};
+    use spherecal_link::LinkError;
+    use spherecal_services::Offer;
+    use spherecal_services::grpc::{DeviceFactory, RobotFacts};
+
+    use super::{CliError, ServeArgs, Service};
+
+    /// Adds robot and tracker, where they are asked for.
+    pub(super) fn services(args: &ServeArgs, offer: &mut Offer) -> Result<(), CliError> {
+        if args.serves(Service::Robot) || args.serves(Service::Tracker) {
+            let prepared = Arc::new(prepared(args)?);
+            if args.serves(Service::Robot) {
+                offer.robot = Some(robot(args, &prepared));
+            }
+            if args.serves(Service::Tracker) {
+                let sigma_m = prepared.plant.tracker.sigma_m;
+                let prepared = Arc::clone(&prepared);
+                let make = move || {
+                    simulated_tracker(&prepared).map_err(|error| TrackerError::Device {
+                        input: error.is_input(),
+                        source: Box::new(error),
+                    })
+                };
+                offer.tracker = Some((Box::new(make), sigma_m));
+            }
+        }
+        Ok(())
+    }
+
+    fn prepared(args: &ServeArgs) -> Result<Prepared, CliError> {
+        let mut config = match &args.config {
+            Some(path) => Config::read(path)?,
+            None => Config::default(),
+        };
+        if let Some(seed) = args.seed {
+            config.seed = seed;
+        }
+        // The plan is the client's affair; a small one tells where home is.
+        config.plan = PlanSection {
+            poses: 6,
+            paper: false,
+            accuracy_mm: None,
+            choice: Choice::Grid,
+            ..config.plan
+        };
+        Ok(prepare(&config)?)
+    }
+
+    fn robot(args: &ServeArgs, prepared: &Arc<Prepared>) -> (RobotFacts, DeviceFactory) {
+        let facts = RobotFacts {
+            robot: prepared.robot.clone(),
+            tool: prepared.tool,
+            procedure: prepared.config.procedure,
+            home: prepared.plan.home.joints.clone(),
+        };
+        let (prepared, link, folder) = (Arc::clone(prepared), args.link.clone(), args.out.clone());
+        let make = move || {
+            device(&prepared, &link, &folder).map_err(|error| match error {
+                JobError::Link(error) => error,
+                other => LinkError::Device {
+                    input: other.is_input(),
+                    source: Box::new(other),
+                },
+            })
+        };
+        (facts, Box::new(make))
+    }
 }

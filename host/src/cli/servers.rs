@@ -10,12 +10,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::args::base;
+use super::args::{BadValue, base};
 use super::exit::{CliError, Exit};
 use super::out::errln;
-use crate::job::{self, Config, JobError};
-use crate::link::tcp::{DriveServer, TcpDrive, listen, station};
-use crate::link::{Cell, Drive, LinkError, controller_in_process};
+use spherecal_job::{self as job, Config, JobError};
+use spherecal_link::tcp::{DriveServer, TcpDrive, controller_server, listen};
+use spherecal_link::{Cell, Drive, LinkError, controller_in_process};
 
 /// Arguments of `plant`.
 #[derive(Args, Clone, Debug)]
@@ -64,10 +64,10 @@ pub struct ControllerArgs {
 }
 
 /// `tcp:ADDRESS`, without its `tcp:`.
-fn tcp_address(text: &str) -> Result<String, String> {
+fn tcp_address(text: &str) -> Result<String, BadValue> {
     match text.strip_prefix("tcp:") {
         Some(address) if !address.is_empty() => Ok(address.to_owned()),
-        _ => Err("give tcp:HOST:PORT".to_owned()),
+        _ => Err(BadValue("give tcp:HOST:PORT")),
     }
 }
 
@@ -118,7 +118,7 @@ pub(super) fn controller(args: &ControllerArgs) -> Result<Exit, CliError> {
     announce(&format!(
         "controller, {joints} joints, {way}: host link on tcp:{address}"
     ));
-    let result = station::serve_hosts(&mut cell, &listener, args.once);
+    let result = controller_server::serve_hosts(&mut cell, &listener, args.once);
     let link = cell.drive_counters();
     errln!(
         "drive link: {} states, {} damaged, {} lost, {} repeated",

@@ -4,13 +4,12 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, CommandFactory as _};
+use clap::{Args, Command};
 use clap_complete::Shell;
 
-use super::args::Cli;
 use super::exit::{CliError, Exit};
 use super::out::outln;
-use crate::job::JobError;
+use spherecal_job::JobError;
 
 /// Arguments of `completions`.
 #[derive(Args, Clone, Debug)]
@@ -29,17 +28,17 @@ pub struct ManArgs {
 }
 
 /// `spherecal completions`
-pub(super) fn completions(args: &CompletionsArgs) -> Result<Exit, CliError> {
+pub(super) fn completions(args: &CompletionsArgs, mut command: Command) -> Result<Exit, CliError> {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "spherecal", &mut script);
+    clap_complete::generate(args.shell, &mut command, "spherecal", &mut script);
     print_bytes(&script)
 }
 
 /// `spherecal man`
-pub(super) fn man(args: &ManArgs) -> Result<Exit, CliError> {
+pub(super) fn man(args: &ManArgs, command: Command) -> Result<Exit, CliError> {
     let Some(folder) = &args.out else {
         let mut page = Vec::new();
-        let mut command = Cli::command().disable_help_subcommand(true);
+        let mut command = command.disable_help_subcommand(true);
         command.build();
         clap_mangen::Man::new(command)
             .render(&mut page)
@@ -47,7 +46,7 @@ pub(super) fn man(args: &ManArgs) -> Result<Exit, CliError> {
         return print_bytes(&page);
     };
     std::fs::create_dir_all(folder).map_err(|source| unwritten(folder, source))?;
-    clap_mangen::generate_to(Cli::command(), folder).map_err(|source| unwritten(folder, source))?;
+    clap_mangen::generate_to(command, folder).map_err(|source| unwritten(folder, source))?;
     outln!("{}", folder.join("spherecal.1").display());
     Ok(Exit::Done)
 }

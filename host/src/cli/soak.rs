@@ -8,8 +8,9 @@ use super::exit::{CliError, Exit};
 use super::out::{out, outln};
 use super::progress::ProgressView;
 use super::run::interrupt;
-use crate::job::{self, Link, Site, Soak};
-use crate::store::Store;
+use spherecal_job::{self as job, Link, Site};
+use spherecal_lab::soak::{Soak, soak};
+use spherecal_store::SqlStore;
 
 /// Arguments of `soak`.
 #[derive(Args, Clone, Debug)]
@@ -52,8 +53,8 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
     config.check()?;
     let prepared = job::prepare(&config)?;
     let path = args.out.join("soak.db");
-    let mut store = Store::create_or_open(&path)?;
-    let _claim = Store::claim(&path)?;
+    let mut store = SqlStore::create_or_open(&path)?;
+    let _claim = SqlStore::claim(&path)?;
     let mut view = ProgressView::new();
     let site = Site {
         link: &Link::Sim,
@@ -64,7 +65,7 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
         inject: None,
         interrupt: &interrupt,
     };
-    let soak = job::soak(&prepared, site, args.hours);
+    let soak = soak(&prepared, site, args.hours);
     view.finish();
     let soak = soak?;
     if args.json {

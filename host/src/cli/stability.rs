@@ -10,11 +10,12 @@ use super::exit::{CliError, Exit};
 use super::out::{out, outln};
 use super::progress::ProgressView;
 use super::run::interrupt;
-use crate::hold::{Held, analyse};
-use crate::job::{self, Files, JobError, Prepared, now_utc};
-use crate::plan::Chain;
-use crate::report;
-use crate::robots;
+use spherecal_job::{Files, JobError, Prepared};
+use spherecal_lab::stability::{Held, Stillness, analyse, hold, holds_report};
+use spherecal_model::chain::Chain;
+use spherecal_model::robots;
+use spherecal_report as report;
+use spherecal_store::time::now_utc;
 
 /// Arguments of `stability`.
 #[derive(Args, Clone, Debug)]
@@ -51,7 +52,7 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
     let ticks = u32::from(args.hold_s) * (1.0 / PERIOD_S).round() as u32;
     let places = usize::from(args.places);
     let mut view = ProgressView::new();
-    let held = job::hold(&prepared, &run.link, &run.out, (places, ticks), &mut view, &interrupt);
+    let held = hold(&prepared, &run.link, &run.out, (places, ticks), &mut view, &interrupt);
     view.finish();
     let (holds, outcome) = held?;
     let holds: Vec<Held> = holds
@@ -83,7 +84,7 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
         ("kinematic model".to_owned(), model.clone()),
         ("faults".to_owned(), outcome.faults.len().to_string()),
     ];
-    let input = report::holds_report(robot, &about, &model, &holds, WINDOW_S, provenance);
+    let input = holds_report(robot, &about, &model, &holds, WINDOW_S, provenance);
     let page = report::render(&input).map_err(CliError::job)?;
     let mut files = Files::default();
     files.put(&run.out, "stability.json", &format!("{document:#}\n"))?;
@@ -120,7 +121,7 @@ fn text(sentence: &str, holds: &[Held]) -> String {
     out += "                      worst joint, 1 s mean (µrad)        TCP, 1 s mean (µm)\n";
     out += "  sphere pose  windows   noise   first  largest     noise   first  largest   drift/s  TCP within\n";
     for h in holds {
-        let ratio = |j: &crate::hold::Stillness| j.first.abs() / j.noise.max(1e-12);
+        let ratio = |j: &Stillness| j.first.abs() / j.noise.max(1e-12);
         let joint = h.joints_urad.iter().max_by(|a, b| ratio(a).total_cmp(&ratio(b)));
         let joint = joint.copied().unwrap_or_default();
         out += &format!(

@@ -9,9 +9,10 @@ use super::exit::{CliError, Exit};
 use super::out::{out, outln};
 use super::run::{self, evaluate, print};
 use super::text;
-use crate::job::Config;
-use crate::live::End;
-use crate::store::{RunInfo, Store};
+use spherecal_job::Config;
+use spherecal_job::open_store;
+use spherecal_services::live::End;
+use spherecal_store::{CalibrationStore, RunInfo};
 
 /// Arguments of `config`.
 #[derive(Args, Clone, Debug)]
@@ -26,9 +27,9 @@ pub struct ConfigArgs {
 
 /// `spherecal measure`
 pub(super) fn measure(args: &RunArgs) -> Result<Exit, CliError> {
-    let (mut store, info, shown) = run::measure(args)?;
-    let recorded = store.recordings(info.run)?.len();
-    shown.end(&End {
+    let (mut store, info, live) = run::measure(args)?;
+    let recorded = store.read_run(info.run)?.recordings.len();
+    live.end(&End {
         run: Some(info.run),
         trusted: None,
         text: format!("Measured: {recorded} recordings. Nothing is identified yet."),
@@ -53,7 +54,7 @@ pub(super) fn measure(args: &RunArgs) -> Result<Exit, CliError> {
 /// `spherecal validate`
 pub(super) fn validate(args: &StoredArgs) -> Result<Exit, CliError> {
     let (mut store, info) = stored(args)?;
-    let finished = evaluate(&args.out, &mut store, &info)?;
+    let finished = evaluate(&args.out, store.as_mut(), &info)?;
     if args.json {
         return print(&finished, true);
     }
@@ -75,7 +76,7 @@ pub(super) fn validate(args: &StoredArgs) -> Result<Exit, CliError> {
 /// `spherecal report`
 pub(super) fn report(args: &StoredArgs) -> Result<Exit, CliError> {
     let (mut store, info) = stored(args)?;
-    let finished = evaluate(&args.out, &mut store, &info)?;
+    let finished = evaluate(&args.out, store.as_mut(), &info)?;
     print(&finished, args.json)
 }
 
@@ -94,8 +95,8 @@ pub(super) fn config(args: &ConfigArgs) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-fn stored(args: &StoredArgs) -> Result<(Store, RunInfo), CliError> {
-    let mut store = Store::at(&args.database(), false)?;
+fn stored(args: &StoredArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo), CliError> {
+    let mut store = open_store(&args.database(), false)?;
     let info = store.require_run_of(&args.arm)?;
     if info.state == "running" {
         return Err(CliError::input(format!(

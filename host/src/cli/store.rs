@@ -6,8 +6,8 @@ use clap::{Args, Subcommand};
 
 use super::exit::{CliError, Exit};
 use super::out::outln;
-use crate::job;
-use crate::store::{Store, StoreError, recover};
+use spherecal_job as job;
+use spherecal_store::{CalibrationStore as _, SqlStore, StoreError, recover};
 
 /// Arguments of `store`.
 #[derive(Args, Clone, Debug)]
@@ -46,7 +46,7 @@ pub enum StoreAction {
 pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
     match &args.action {
         StoreAction::Check { database } => {
-            let mut store = Store::open(database)?;
+            let mut store = SqlStore::open(database)?;
             for info in store.runs()? {
                 // Reads everything, and holds it against its digests.
                 let measured = job::read(&mut store, &info)?;

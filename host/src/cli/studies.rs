@@ -6,10 +6,10 @@ use clap::Args;
 
 use super::exit::{CliError, Exit};
 use super::out::{errln, out, outln};
-use crate::job;
-use crate::reproduce::{Recordings, reproduce as study};
-use crate::store::Store;
-use crate::worlds::{CompareOptions, PlanOptions, World, compare, compare_plans, record};
+use spherecal_job as job;
+use spherecal_lab::reproduce::{Recordings, reproduce as study};
+use spherecal_lab::worlds::{CompareOptions, PlanOptions, World, compare, compare_plans, record};
+use spherecal_store::{CalibrationStore as _, SqlStore};
 
 /// Arguments of `reproduce`.
 #[derive(Args, Clone, Debug)]
@@ -62,7 +62,7 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
         );
         Recordings::from(&record(world, args.seed).map_err(CliError::job)?)
     } else {
-        let mut store = Store::open(&database)?;
+        let mut store = SqlStore::open(&database)?;
         let info = store.require_last_run()?;
         errln!("recordings: run {} in {}", info.run, database.display());
         let mut recordings = Recordings::from(&job::read(&mut store, &info)?);

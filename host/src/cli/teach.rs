@@ -8,14 +8,14 @@ use std::collections::BTreeMap;
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
 use super::out::{errln, outln};
-use super::person::Person;
 use super::progress::ProgressView;
 use super::run::interrupt;
-use crate::campaign::Operator;
-use crate::job::{self, JobError};
-use crate::plan::Chain;
+use super::terminal_operator::TerminalOperator;
+use spherecal_campaign::Operator;
+use spherecal_job::{self as job, JobError};
+use spherecal_model::chain::Chain;
 
-impl Operator for Person {
+impl Operator for TerminalOperator {
     fn lead(&mut self, sphere: u32) {
         while self.entered() {}
         errln!("Lead the nest to some 50 mm over sphere {sphere}, opening downwards, and press Enter.");
@@ -43,7 +43,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
         source,
     })?;
     let mut view = ProgressView::new();
-    let mut person = Person::default();
+    let mut person = TerminalOperator::default();
     let taught = job::teach(&prepared, &args.link, &args.out, &mut person, &mut view, &interrupt);
     view.finish();
     let taught = taught?;

@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use crate::job::{ModelSummary, Summary};
-use crate::plan::Plan;
+use spherecal_job::{ModelSummary, Summary};
+use spherecal_plan::Plan;
 
 /// What the models of the validation table are called for people, in order.
 const MODELS: [(&str, &str); 6] = [

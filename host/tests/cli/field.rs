@@ -8,7 +8,7 @@ use std::process::Command;
 
 use rand::{RngExt as _, SeedableRng as _};
 use serde_json::{Value, json};
-use spherecal::robots::{self, RobotModel};
+use spherecal::model::robots::{self, RobotModel};
 
 use crate::support::{self, Server};
 
@@ -51,6 +51,7 @@ fn spherecal(folder: &Path, arguments: &[&str]) -> String {
 // Fails if the telemetry has a wrong checksum, a message that its schema does
 // not describe, times that go back or an index that counts otherwise; or if a
 // table is another for Arrow than for a reader of CSV.
+#[cfg(feature = "parquet")]
 #[test]
 fn telemetry_and_tables_are_read_by_others() {
     let Some(python) = python() else { return };
@@ -205,6 +206,7 @@ pub(crate) fn table(nominal: &RobotModel) -> String {
 
 // Fails if the example client in Python does not touch, record every pose of
 // the first sphere and let go.
+#[cfg(feature = "services")]
 #[test]
 fn the_python_client_records_a_sphere() {
     let Some(python) = python() else { return };

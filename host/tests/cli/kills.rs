@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use spherecal::store::Store;
+use spherecal::store::{CalibrationStore as _, SqlStore};
 
 use crate::support::{PROGRAM, Server, spherecal, text};
 
@@ -50,27 +50,15 @@ fn measure(folder: &Path, out: &Path, link: &str, resume: bool) -> Child {
 /// Everything that a database holds of its one run but for the times on the
 /// wall, the numbers that tell hosts apart, and the force traces of contacts.
 fn contents(database: &Path) -> String {
-    let mut store = Store::open(database).expect("the database is whole");
+    let mut store = SqlStore::open(database).expect("the database is whole");
     let info = store.require_last_run().expect("a run");
     assert_eq!(info.run, 1);
-    let mut sessions = store.sessions(1).expect("read");
-    for session in &mut sessions {
+    let mut run = store.read_run(1).expect("read");
+    for session in &mut run.sessions {
         session.wall_s = 0.0;
     }
-    format!(
-        "{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n{}\n{:?}",
-        store.recordings(1).expect("read"),
-        store.contacts(1).expect("read"),
-        store.couplings(1).expect("read"),
-        store.phases(1).expect("read"),
-        store.faults(1).expect("read"),
-        store.resumable(1).expect("read"),
-        store.spheres(1).expect("read"),
-        store.laser(1).expect("read"),
-        sessions,
-        info.config_toml,
-        info.state,
-    )
+    run.greetings.clear();
+    format!("{run:?}\n{}\n{:?}", info.config_toml, info.state)
 }
 
 /// The recordings that are stored, in words; none where there is no run yet.
@@ -78,11 +66,12 @@ fn recorded(database: &Path) -> Vec<String> {
     if !database.exists() {
         return Vec::new();
     }
-    let mut store = Store::open(database).expect("the database is whole");
+    let mut store = SqlStore::open(database).expect("the database is whole");
     match store.last_run().expect("read") {
         Some(info) => store
-            .recordings(info.run)
+            .read_run(info.run)
             .expect("read")
+            .recordings
             .iter()
             .map(|r| format!("{r:?}"))
             .collect(),
@@ -91,7 +80,7 @@ fn recorded(database: &Path) -> Vec<String> {
 }
 
 fn has_run(database: &Path) -> bool {
-    database.exists() && Store::open(database).is_ok_and(|mut s| s.last_run().expect("read").is_some())
+    database.exists() && SqlStore::open(database).is_ok_and(|mut s| s.last_run().expect("read").is_some())
 }
 
 fn finished(mut child: Child) {
@@ -242,20 +231,21 @@ fn a_host_that_is_killed_goes_on_with_the_controller_that_lives() {
         stored = now;
     }
     finished(measure(folder.path(), &out, &link, has_run(&database)));
-    let mut store = Store::open(&database).expect("whole");
+    let mut store = SqlStore::open(&database).expect("whole");
     let info = store.require_last_run().expect("a run");
     assert_eq!(info.state, "measured");
-    let recordings = store.recordings(info.run).expect("read");
+    let run = store.read_run(info.run).expect("read");
+    let recordings = run.recordings;
     let poses: std::collections::BTreeSet<_> = recordings.iter().map(|r| (r.sphere, r.pose)).collect();
     assert_eq!((recordings.len(), poses.len()), (5, 5));
     // Contacts and phases of every session once: an event has one number.
-    let phases = store.phases(info.run).expect("read");
+    let phases = run.phases;
     let mut unique = phases.clone();
     unique.dedup();
     assert_eq!(unique, phases);
     println!(
         "{killed} kills, {} phases, {} contacts",
         phases.len(),
-        store.contacts(info.run).expect("read").len()
+        run.contacts.len()
     );
 }

@@ -1,15 +1,20 @@
 //! The program as its users run it: commands, processes, services, and what
 //! others read of its files.
+//!
+//! Run with `--all-features`: what a feature brings is tested only where it is.
 
 mod arms;
 mod docs;
 mod everyday;
 mod field;
+#[cfg(all(feature = "services", feature = "postgres"))]
 mod fleet;
 mod kills;
+mod left_out;
 mod main_job;
 mod page;
 mod paths;
 mod processes;
+#[cfg(feature = "services")]
 mod services;
 mod support;

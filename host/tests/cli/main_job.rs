@@ -6,6 +6,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
+use spherecal::store::CalibrationStore as _;
 
 use crate::support::{PROGRAM, spherecal, text};
 
@@ -136,7 +137,7 @@ fn bad_input_is_refused_by_name() {
 
     // A database of another version is refused and stays as it is.
     let database = folder.join("old/calibration.db");
-    drop(spherecal::store::Store::create_or_open(&database).expect("made"));
+    drop(spherecal::store::SqlStore::create_or_open(&database).expect("made"));
     let mut bytes = std::fs::read(&database).expect("read");
     bytes[60..64].copy_from_slice(&77u32.to_be_bytes());
     std::fs::write(&database, &bytes).expect("written");
@@ -166,9 +167,9 @@ fn what_was_stopped_goes_on() {
             .expect("the program starts")
     };
     let recorded = |path: &Path| {
-        let mut store = spherecal::store::Store::open(path).ok()?;
+        let mut store = spherecal::store::SqlStore::open(path).ok()?;
         let run = store.last_run().ok()??.run;
-        store.resumable(run).ok().map(|r| r.recorded.len())
+        store.read_run(run).ok().map(|r| r.recordings.len())
     };
 
     // Killed as soon as anything was recorded.

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
+#[cfg(feature = "services")]
 use crate::field::{check, python};
 use crate::support::{PROGRAM, Server, start};
 
@@ -143,6 +144,7 @@ fn a_run_serves_its_own_page() {
 
 // Fails if a run waits for a server that is not there to show it, does not say
 // so, or ends otherwise; or if one that comes later is not told of the run.
+#[cfg(feature = "services")]
 #[test]
 fn a_page_that_is_not_there_holds_nothing_up() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -180,6 +182,7 @@ fn a_page_that_is_not_there_holds_nothing_up() {
 // Fails if the page is opened without the token where there is one, by a name
 // that another site can point here where there is none, or if a service answers
 // what a browser can send.
+#[cfg(feature = "services")]
 #[test]
 fn the_page_is_guarded() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -252,6 +255,7 @@ fn the_page_is_guarded() {
 // end are not shown; if past runs are not listed or their report does not open;
 // if there is an error, a request to another host, a part wider than the page,
 // an element without a name, or text that is hard to read.
+#[cfg(feature = "services")]
 #[test]
 fn a_run_is_watched_in_a_browser() {
     let Some(python) = python() else { return };
@@ -326,6 +330,7 @@ fn a_run_is_watched_in_a_browser() {
 }
 
 // Fails if a browser beyond loopback looks in without the token, or cannot with it.
+#[cfg(feature = "services")]
 #[test]
 fn a_browser_is_let_in_by_the_token() {
     let Some(python) = python() else { return };

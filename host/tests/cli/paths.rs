@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use rand::{RngExt as _, SeedableRng as _};
-use spherecal::robots::{self, RobotModel};
+use spherecal::model::robots::{self, RobotModel};
 
 use crate::docs::{blocks, root};
 use crate::field::table;

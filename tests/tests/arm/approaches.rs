@@ -5,7 +5,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 use spherecal::campaign::{Stop, Trace, Waypoints};
-use spherecal::plant::PlantConfig;
+use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Event, Fault, Phase};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use spherecal::campaign::{CampaignError, Outcome, Tour};
-use spherecal::plant::PlantConfig;
+use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
 use spherecal_tests::tour::{Memory, carry_out, cell, plant, solve, tour};

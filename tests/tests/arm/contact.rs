@@ -3,7 +3,7 @@
 //! here only to judge.
 
 use nalgebra::{UnitQuaternion, Vector3};
-use spherecal::plant::PlantConfig;
+use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Command, Contact, Coupled, Event, Fault, Phase, Recording};
 use spherecal_tests::rig::{Rig, SEED, down, nominal, solve};

@@ -5,11 +5,12 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use spherecal::campaign::{Assignment, CampaignError, Options, Outcome, Silent, run};
-use spherecal::faults::{CampaignOptions, Case, Ended, Finish, MatrixOptions, campaign, matrix};
-use spherecal::inject::{Entry, Plan, Status, Upset, Upsetting, When};
+use spherecal::lab::faults::{CampaignOptions, Case, Ended, Finish, MatrixOptions, campaign, matrix};
 use spherecal::link::qemu::{Qemu, QemuOptions};
-use spherecal::link::{Controller, LinkError, controller_in_process, simulated_arm};
-use spherecal::plant::PlantConfig;
+use spherecal::link::{Controller, LinkError, controller_in_process};
+use spherecal::sim::inject::{Entry, FaultyCell, FaultyDrive, InjectedFault, Plan, Status, When};
+use spherecal::sim::plant::PlantConfig;
+use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Fault, Phase};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
@@ -20,7 +21,7 @@ fn during(name: Phase, entry: u32, after_s: f64) -> When {
     When::Phase { name, entry, after_s }
 }
 
-fn plan(faults: &[(Upset, When, f64)]) -> Plan {
+fn plan(faults: &[(InjectedFault, When, f64)]) -> Plan {
     let faults = faults.iter().map(|&(what, when, for_s)| Entry {
         what,
         when,
@@ -46,7 +47,7 @@ fn campaign_with(plan: &Plan, mut make: Make) -> (Memory, Outcome, Result<(), Ca
     let (robot, tool) = (iiwa7(), iiwa7_tool());
     let drive = simulated_arm(&robot, &tool, &config, &tour.home).expect("a plant");
     let first = make().expect("a controller");
-    let mut device = Upsetting::new(first, drive, 7, plan, make).expect("a device");
+    let mut device = FaultyCell::new(first, FaultyDrive::Simulated(drive), 7, plan, make).expect("a device");
     let mut memory = Memory::default();
     let mut procedure = Procedure::default();
     procedure.couple.hold_s = 1.0;
@@ -81,18 +82,18 @@ fn poses(memory: &Memory) -> Vec<(u32, u32)> {
 fn a_run_goes_on_at_the_pose_where_it_was() {
     let (clean, _, result) = campaign_with(&Plan::default(), in_process());
     result.expect("the undisturbed run ends well");
-    let stop = Upset::DriveStatus {
+    let stop = InjectedFault::DriveStatus {
         status: Status::EmergencyStop,
     };
-    let push = Upset::HumanPush {
+    let push = InjectedFault::HumanPush {
         force_n: [35.0, 35.0, 0.0],
     };
     let faults = plan(&[
         (stop, during(Phase::Recording, 1, 0.1), 3.0),
         (push, during(Phase::Recording, 3, 0.1), 0.3),
-        (Upset::ControllerReset, during(Phase::Recording, 5, 0.1), 0.0),
-        (Upset::MagnetLost, during(Phase::Turning, 8, 0.05), 1.0),
-        (Upset::HostSilent, during(Phase::Approaching, 4, 0.2), 3.5),
+        (InjectedFault::ControllerReset, during(Phase::Recording, 5, 0.1), 0.0),
+        (InjectedFault::MagnetLost, during(Phase::Turning, 8, 0.05), 1.0),
+        (InjectedFault::HostSilent, during(Phase::Approaching, 4, 0.2), 3.5),
     ]);
     let (memory, outcome, result) = campaign_with(&faults, in_process());
     result.expect("the run ends well");
@@ -117,7 +118,9 @@ fn a_magnet_that_lets_go_leaves_no_recording() {
     let case = Case::new(3, Finish::Record).expect("a case");
     for entry in 1..=6 {
         let when = during(Phase::Recording, entry, 0.15);
-        let trial = case.run(&plan(&[(Upset::MagnetLost, when, 2.0)])).expect("a run");
+        let trial = case
+            .run(&plan(&[(InjectedFault::MagnetLost, when, 2.0)]))
+            .expect("a run");
         assert!(trial.bad.is_empty(), "recording {entry}: {:?}", trial.bad);
         let told: Vec<_> = trial.faults.iter().map(|f| (f.fault, f.phase)).collect();
         assert_eq!(told, [(Fault::ContactLost, Phase::Recording)], "recording {entry}");
@@ -130,11 +133,11 @@ fn a_magnet_that_lets_go_leaves_no_recording() {
 #[test]
 fn a_sphere_moved_while_no_host_is_there_is_noticed() {
     let case = Case::new(1, Finish::Record).expect("a case");
-    let moved = Upset::SphereMoved {
+    let moved = InjectedFault::SphereMoved {
         by_m: [0.02, 0.0, 0.0],
         over_s: 0.2,
     };
-    let killed = Upset::HostKilled { away_s: 3.0 };
+    let killed = InjectedFault::HostKilled { away_s: 3.0 };
     let when = |after_s| during(Phase::Turning, 2, after_s);
     let trial = case
         .run(&plan(&[(killed, when(0.1), 0.0), (moved, when(0.2), f64::INFINITY)]))
@@ -153,21 +156,25 @@ fn a_sphere_moved_while_no_host_is_there_is_noticed() {
 #[test]
 fn what_cannot_be_mended_is_explained() {
     let forever = f64::INFINITY;
-    let moved = Upset::SphereMoved {
+    let moved = InjectedFault::SphereMoved {
         by_m: [0.02, 0.0, 0.0],
         over_s: 0.2,
     };
-    let jump = Upset::PositionJump { joint: 2, rad: 0.1 };
-    let cases: [(Upset, When, &str); 5] = [
-        (Upset::Payload { kg: 1.5 }, When::Tick(2000), "tool mass"),
+    let jump = InjectedFault::PositionJump { joint: 2, rad: 0.1 };
+    let cases: [(InjectedFault, When, &str); 5] = [
+        (InjectedFault::Payload { kg: 1.5 }, When::Tick(2000), "tool mass"),
         (
-            Upset::SphereMissing,
+            InjectedFault::SphereMissing,
             during(Phase::Taring, 1, 0.0),
             "no contact with sphere 1",
         ),
         (moved, during(Phase::Coupled, 2, 0.0), "moved"),
         (jump, during(Phase::Moving, 1, 0.3), "encoder"),
-        (Upset::HostSilent, during(Phase::Turning, 1, 0.1), "check its power"),
+        (
+            InjectedFault::HostSilent,
+            during(Phase::Turning, 1, 0.1),
+            "check its power",
+        ),
     ];
     for (upset, when, remedy) in cases {
         let (memory, _, result) = campaign_with(&plan(&[(upset, when, forever)]), in_process());
@@ -183,9 +190,13 @@ fn what_cannot_be_mended_is_explained() {
 fn faults_are_the_same_in_qemu() {
     let Some(image) = image() else { return };
     let faults = plan(&[
-        (Upset::StateNan { joint: 3 }, during(Phase::Recording, 2, 0.1), 0.02),
-        (Upset::StateRepeated, during(Phase::Turning, 4, 0.1), 0.05),
-        (Upset::StateFrozen, during(Phase::Moving, 4, 0.2), 0.1),
+        (
+            InjectedFault::StateNan { joint: 3 },
+            during(Phase::Recording, 2, 0.1),
+            0.02,
+        ),
+        (InjectedFault::StateRepeated, during(Phase::Turning, 4, 0.1), 0.05),
+        (InjectedFault::StateFrozen, during(Phase::Moving, 4, 0.2), 0.1),
     ]);
     let (here, at_home, result) = campaign_with(&faults, in_process());
     result.expect("the run ends well");
@@ -214,7 +225,7 @@ fn a_controller_in_qemu_is_reset() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().to_owned();
-    let faults = plan(&[(Upset::ControllerReset, during(Phase::Recording, 2, 0.1), 0.0)]);
+    let faults = plan(&[(InjectedFault::ControllerReset, during(Phase::Recording, 2, 0.1), 0.0)]);
     let (memory, _, result) = campaign_with(&faults, Box::new(move || start(&image, &path)));
     result.expect("the run ends well");
     assert_eq!(poses(&memory), [(1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (2, 2)]);

@@ -4,7 +4,8 @@
 use super::plant_rig::{Law, at_sphere, free, run};
 use nalgebra::{SVector, Vector3};
 use serde::Deserialize;
-use spherecal::plant::{Plant, PlantConfig, PlantError, TrackerSession};
+use spherecal::model::TrackerSession;
+use spherecal::sim::plant::{Plant, PlantConfig, PlantError};
 use spherecal_shared::robot::{Dynamics, Inertia, Robot, Tool, iiwa7, iiwa7_tool};
 use spherecal_tests::data;
 

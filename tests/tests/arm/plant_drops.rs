@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use spherecal::plant::{Plant, PlantConfig};
+use spherecal::sim::plant::{Plant, PlantConfig};
 use spherecal_shared::robot::{Arm, Dynamics, Frame, iiwa7, iiwa7_tool};
 
 /// Joint angles for a TCP frame from a start, by damped least squares; `None` out of reach.

@@ -3,7 +3,7 @@
 
 use super::plant_rig::{Law, free};
 use nalgebra::{SVector, Vector3};
-use spherecal::plant::{Plant, PlantConfig};
+use spherecal::sim::plant::{Plant, PlantConfig};
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Dynamics, iiwa7, iiwa7_tool};
 

@@ -5,7 +5,7 @@
 //! `armature`, converged in the step to the difference that each case states.
 
 use serde::Deserialize;
-use spherecal::plant::{Plant, PlantConfig};
+use spherecal::sim::plant::{Plant, PlantConfig};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 use spherecal_tests::data;
 

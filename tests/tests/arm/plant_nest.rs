@@ -3,7 +3,7 @@
 
 use super::plant_rig::{Law, at_sphere, down, free, run};
 use nalgebra::Vector3;
-use spherecal::plant::{Obstacle, Plant, PlantConfig, TorqueSensorFault};
+use spherecal::sim::plant::{Obstacle, Plant, PlantConfig, TorqueSensorFault};
 use spherecal_shared::robot::{Arm, Dynamics, Frame, iiwa7, iiwa7_tool};
 
 /// Fails if pads, friction or magnet do not hold a seated nest through turns,

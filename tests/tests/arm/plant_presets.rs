@@ -5,9 +5,11 @@
 //! calibration configurations with base and tool held, as the paper did it.
 
 use nalgebra::{DMatrix, DVector, Vector3};
-use spherecal::laser::{Arc, LaserPlan, Measured, MeasuredArc, MeasuredFrames, frames_from_arcs, plan};
-use spherecal::plant::{Plant, PlantConfig, TrackerSession};
-use spherecal::validate::Statistics;
+use spherecal::identify::arcs::{Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
+use spherecal::identify::validate::Statistics;
+use spherecal::model::TrackerSession;
+use spherecal::plan::laser::{Arc, LaserPlan, plan};
+use spherecal::sim::plant::{Plant, PlantConfig};
 use spherecal_shared::robot::{Arm, Robot, Tool, iiwa7, iiwa7_tool};
 
 fn shoot(plant: &mut Plant<7>, session: TrackerSession, configurations: &[Vec<f64>]) -> Vec<Measured> {

@@ -8,7 +8,7 @@
 )]
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-use spherecal::plant::{Plant, PlantConfig, Sensed};
+use spherecal::sim::plant::{Plant, PlantConfig, Sensed};
 use spherecal_shared::robot::{Arm, Dynamics, Frame, iiwa7, iiwa7_tool};
 
 /// A Cartesian impedance law on truth-free data, with the plant's own ideal model.

@@ -8,8 +8,9 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::Vector3;
 use spherecal::campaign::{Assignment, Operator, Options, Silent, run};
 use spherecal::job::{Choice, Config, Link, Prepared, Waypoints, prepare, teach, tour};
-use spherecal::link::{Cell, controller_in_process, simulated_arm};
-use spherecal::plan::Chain;
+use spherecal::link::{Cell, controller_in_process};
+use spherecal::model::chain::Chain;
+use spherecal::sim::simulated_arm;
 
 /// The simulated arm is led by the simulated hand, never by a person.
 struct Nobody;

@@ -6,8 +6,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use spherecal::identify::Pose;
-use spherecal::laser::{Arc, Measured, MeasuredArc, Spread, TABLE_3, TABLE_4, frames_from_arcs, plan, split_arcs};
-use spherecal::validate::{Alignment, Prediction, Statistics, validate};
+use spherecal::identify::arcs::{Measured, MeasuredArc, frames_from_arcs, split_arcs};
+use spherecal::identify::validate::{Alignment, Prediction, Statistics, validate};
+use spherecal::plan::laser::{Arc, Spread, TABLE_3, TABLE_4, plan};
 use spherecal_shared::robot::{Arm, Robot, Tool, iiwa7, iiwa7_tool};
 
 fn tcps(robot: &Robot, tool: &Tool, configurations: &[Vec<f64>]) -> Vec<Vector3<f64>> {

@@ -2,8 +2,8 @@
 //! 50 mm apart, at three places (`mukca_iiwa14.csv`, see `data/README.md`).
 
 use spherecal::identify::{Experiment, Model, Observation, Options, Set, Sphere, Split, Target, holdout, identify};
-use spherecal::input::{Labels, read_csv_file};
-use spherecal::robots::load;
+use spherecal::model::input::{Labels, read_csv_file};
+use spherecal::model::robots::load;
 use spherecal_tests::data_path;
 
 fn experiment() -> Experiment {

@@ -2,8 +2,8 @@
 
 use proptest::prelude::*;
 use spherecal::identify::{
-    Experiment, IdentifyError, Method, Model, Options, Override, Pose, Set, Split, Target, choose_model, holdout,
-    identify,
+    DataError, Experiment, IdentifyError, Method, Model, Options, Override, Pose, Set, Split, Target, choose_model,
+    holdout, identify,
 };
 use spherecal_tests::worlds::World;
 
@@ -22,19 +22,22 @@ fn refusal(e: &Experiment) -> IdentifyError {
 fn bad_rows_are_named() {
     let mut e = few(30);
     e.observations[4].q[2] = f64::NAN;
-    assert!(matches!(refusal(&e), IdentifyError::NotFinite { row: 5, field, .. } if field == "q3"));
+    assert!(matches!(refusal(&e), IdentifyError::Data(DataError::NotFinite { row: 5, field, .. }) if field == "q3"));
     let mut e = few(30);
     e.observations[4].q[2] = 90.0;
-    assert!(matches!(refusal(&e), IdentifyError::OutOfRange { row: 5, .. }));
+    assert!(matches!(
+        refusal(&e),
+        IdentifyError::Data(DataError::OutOfRange { row: 5, .. })
+    ));
     let mut e = few(30);
     e.observations[7].q.pop();
     assert!(matches!(
         refusal(&e),
-        IdentifyError::JointCount {
+        IdentifyError::Data(DataError::JointCount {
             row: 8,
             found: 6,
             expected: 7
-        }
+        })
     ));
     let mut e = few(30);
     e.observations[0].target = Target::Sphere { sphere: 9, place: 0 };
@@ -45,7 +48,10 @@ fn bad_rows_are_named() {
     );
     let mut e = few(30);
     e.spheres[1].sigma_m = -1.0;
-    assert!(matches!(refusal(&e), IdentifyError::Plate { sphere: 1, .. }));
+    assert!(matches!(
+        refusal(&e),
+        IdentifyError::Data(DataError::Plate { sphere: 1, .. })
+    ));
     assert!(matches!(
         refusal(&few(2)),
         IdentifyError::TooFewObservations { found: 2, .. }

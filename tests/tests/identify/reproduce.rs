@@ -1,7 +1,8 @@
 //! The paper's study in one call.
 
-use spherecal::reproduce::{Recordings, reproduce};
-use spherecal::worlds::{World, record};
+use spherecal::lab::reproduce::{Recordings, reproduce};
+use spherecal::lab::worlds::record;
+use spherecal::sim::worlds::World;
 
 // Fails if a table or figure is missing, the redundancy analysis is not the
 // paper's, the simplex does not freeze, or the better estimator is not better.

@@ -2,9 +2,10 @@
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use spherecal::identify::validate::Alignment;
 use spherecal::identify::{Options, identify};
-use spherecal::validate::Alignment;
-use spherecal::worlds::{CompareOptions, Comparison, Estimator, World, compare, record};
+use spherecal::lab::worlds::{CompareOptions, Comparison, Estimator, compare, record};
+use spherecal::sim::worlds::World;
 
 /// Median of the mean error with the base fitted to the points, in mm.
 fn median(table: &Comparison, world: World, estimator: Estimator) -> f64 {
@@ -57,8 +58,9 @@ fn slow_map_over_all_worlds() {
     for world in [World::W0, World::W1] {
         let map = table.cell(world, Estimator::Map).expect("compared");
         let laser = table.cell(world, Estimator::LaserGeometry).expect("compared");
-        let within =
-            |(a, b): &(&spherecal::worlds::Errors, &spherecal::worlds::Errors)| a.arcs.max_mm <= b.arcs.max_mm + 0.058;
+        let within = |(a, b): &(&spherecal::lab::worlds::Errors, &spherecal::lab::worlds::Errors)| {
+            a.arcs.max_mm <= b.arcs.max_mm + 0.058
+        };
         let count = map.robots.iter().zip(&laser.robots).filter(within).count();
         println!("{world}: within 58 um of the laser's maximum for {count} of 12 robots");
         let aim = if world == World::W0 { 10 } else { 12 };

@@ -3,8 +3,9 @@
 
 use nalgebra::Vector3;
 use spherecal::identify::{Experiment, Method, Options, Override, Target, identify};
-use spherecal::laser::{TABLE_3, TABLE_4};
-use spherecal::worlds::{World, paper_poses, record, record_poses};
+use spherecal::lab::worlds::{paper_poses, record, record_poses};
+use spherecal::plan::laser::{TABLE_3, TABLE_4};
+use spherecal::sim::worlds::World;
 use spherecal_shared::robot::{Arm, Robot, Tool};
 use spherecal_tests::worlds::World as Stored;
 
@@ -75,7 +76,7 @@ fn seeds_and_scale_are_kept() {
         assert!(w0.spheres == again.spheres && w0.frames == again.frames && w0.validation == again.validation);
         let truth = w0.truth.evaluator();
         let nominal = |q: &[f64]| tcp(&w0.spheres.robot, &w0.truth.tool, q);
-        let planned = spherecal::laser::plan(&w0.spheres.robot, &w0.spheres.tool, seed).expect("reachable");
+        let planned = spherecal::plan::laser::plan(&w0.spheres.robot, &w0.spheres.tool, seed).expect("reachable");
         let sum: f64 = planned
             .validation
             .iter()
@@ -150,7 +151,7 @@ fn laser_points_are_spread_as_tables_3_and_4() {
         .collect();
     let validation: Vec<_> = trial.validation.iter().map(|m| back(m.point_m)).collect();
     for (points, table, count) in [(laser, TABLE_3, 284), (validation, TABLE_4, 125)] {
-        let spread = spherecal::laser::Spread::of(&points);
+        let spread = spherecal::plan::laser::Spread::of(&points);
         assert_eq!(points.len(), count);
         for k in 0..3 {
             assert!((spread.mean_m[k] - table.mean_m[k]).abs() < 0.008, "{spread:?}");

@@ -5,8 +5,9 @@ use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use spherecal::campaign::{Assignment, CampaignError, Options, Silent, run};
-use spherecal::link::{Cell, Device, LinkError, controller_in_process, simulated_arm};
-use spherecal::plant::PlantConfig;
+use spherecal::link::{Cell, Device, LinkError, controller_in_process};
+use spherecal::sim::plant::PlantConfig;
+use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::DriveState;
 use spherecal_shared::protocol::frame::{self, Accumulator};

@@ -2,7 +2,7 @@
 //! recorded is the same to the last bit, and what happened is counted.
 
 use spherecal::job::{self, Choice, Config, Measurements};
-use spherecal::link::Lossy;
+use spherecal::sim::Lossy;
 use spherecal_tests::tour;
 
 /// The worst that the link is built for: a fifth of the frames lost, one in a

@@ -12,7 +12,7 @@ use spherecal::campaign::{Assignment, Options, Silent, run};
 use spherecal::job::{Choice, Config, prepare, tour};
 use spherecal::link::tcp::{TcpDrive, check_limits};
 use spherecal::link::{Cell, Drive, controller_in_process};
-use spherecal::plan::Chain;
+use spherecal::model::chain::Chain;
 use spherecal_tests::tour::Memory;
 
 /// A Python that can import mujoco; scripts/test makes one.

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use serial2::SerialPort;
 use spherecal::campaign::{Outcome, Tour};
 use spherecal::link::{Cell, Device, LinkError, Serial};
-use spherecal::plant::PlantConfig;
+use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::protocol::host::Recording;
 use spherecal_tests::tour::{carry_out, cell, plant, tour};
 

@@ -9,9 +9,9 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 use spherecal::campaign::Tour;
-use spherecal::link::tcp::{DriveServer, Remote, TcpDrive, Threaded, check_limits, listen, station};
+use spherecal::link::tcp::{DriveServer, Remote, TcpDrive, Threaded, check_limits, controller_server, listen};
 use spherecal::link::{Cell, Device, Drive, HostEndpoint, LinkError, Timing, controller_in_process};
-use spherecal::plant::PlantConfig;
+use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::PROTOCOL_VERSION;
@@ -72,7 +72,7 @@ fn over_sockets_the_recordings_are_the_same_in_every_bit() {
     let (listener, host_link) = listen("0").expect("a free port");
     let controller = thread::spawn(move || {
         let mut cell = cell(Box::new(TcpDrive::connect(&address).expect("a drive")));
-        station::serve_hosts(&mut cell, &listener, true).expect("served");
+        controller_server::serve_hosts(&mut cell, &listener, true).expect("served");
         cell.drive_counters()
     });
     let mut remote = Remote::connect(&host_link.to_string(), 7).expect("a controller");

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use spherecal::campaign::{Outcome, Tour};
 use spherecal::link::qemu::{Cost, Qemu, QemuOptions};
 use spherecal::link::{Cell, Controller, LinkError, controller_in_process};
-use spherecal::plant::PlantConfig;
+use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_tests::costs::compare;
 use spherecal_tests::qemu::image;

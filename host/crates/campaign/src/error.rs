@@ -1,0 +1,221 @@
+//! Why a campaign stopped.
+
+use spherecal_shared::protocol::host::{Fault, FaultReport, Phase, Refusal};
+
+use spherecal_link::JournalError;
+
+use super::Implausible;
+use spherecal_link::LinkError;
+
+/// What can end a campaign before its time.
+#[derive(Debug, thiserror::Error)]
+pub enum CampaignError {
+    /// The link failed.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The journal failed; what was not stored was not acknowledged.
+    #[error("{0}")]
+    Journal(#[from] JournalError),
+    /// The controller speaks another protocol.
+    #[error(
+        "the controller ({version}) speaks protocol {found}, this program {expected}: \
+         use a firmware and a program of the same version"
+    )]
+    Protocol {
+        /// Version of the firmware.
+        version: String,
+        /// Its protocol.
+        found: u16,
+        /// This program's.
+        expected: u16,
+    },
+    /// The controller is of another version.
+    #[error(
+        "the controller's firmware is version {found} (build {build}), this program {expected}: \
+         use a firmware and a program of the same version"
+    )]
+    Version {
+        /// Version of the firmware.
+        found: String,
+        /// Its build.
+        build: String,
+        /// Version of this program.
+        expected: &'static str,
+    },
+    /// The messages of controller and program have another layout.
+    #[error(
+        "the controller's messages are laid out otherwise than this program's (schema {found}, here {expected:016x}): \
+         build firmware and program from the same sources (`scripts/cross.sh build`), and load the firmware again"
+    )]
+    Schema {
+        /// Key and build of the firmware, as far as they could be read.
+        found: String,
+        /// Key of this program.
+        expected: u64,
+    },
+    /// The controller was built for another arm.
+    #[error(
+        "the controller was built for {controller} joints, the robot has {robot}: use the controller for this robot"
+    )]
+    Joints {
+        /// Joints of the controller.
+        controller: usize,
+        /// Joints of the robot.
+        robot: usize,
+    },
+    /// The controller says what cannot be.
+    #[error(
+        "the controller sent what cannot be ({0}); it was not stored: check that controller, drive and program are of \
+         the same version, then continue with --resume"
+    )]
+    Implausible(#[from] Implausible),
+    /// The controller knows nothing of this session any more.
+    #[error(
+        "the controller was restarted, or another host has taken it over: see that nobody else uses it and that the \
+         arm is safe; then continue with --resume"
+    )]
+    Restarted,
+    /// A command was refused.
+    #[error("the controller refused to {what}: {refusal}")]
+    Refused {
+        /// The command.
+        what: String,
+        /// Why.
+        refusal: Refusal,
+    },
+    /// No answer.
+    #[error(
+        "the controller did not {what} within {limit_s:.0} s of its own time (it is in phase {phase:?}): check the link and the controller"
+    )]
+    Timeout {
+        /// What it should have done.
+        what: String,
+        /// How long was waited, in s.
+        limit_s: f64,
+        /// Phase that it was in.
+        phase: Phase,
+    },
+    /// No sphere where one should be.
+    #[error(
+        "no contact with sphere {sphere} in {attempts} attempts: check that the plate is in place and that the \
+         waypoint of sphere {sphere} is within 10 mm; then continue with --resume"
+    )]
+    NoContact {
+        /// The sphere.
+        sphere: u32,
+        /// Attempts made.
+        attempts: u32,
+    },
+    /// The same trouble again and again.
+    #[error(
+        "sphere {sphere} was given up after {attempts} attempts, the last of which ended with {}: {}; \
+         then continue with --resume", describe(report), remedy(report.fault)
+    )]
+    GivenUp {
+        /// The sphere.
+        sphere: u32,
+        /// Attempts made.
+        attempts: u32,
+        /// The last fault.
+        report: FaultReport,
+    },
+    /// A free motion failed again and again.
+    #[error("the arm could not {what} in {attempts} attempts; the last ended with {}: {}", describe(report), remedy(report.fault))]
+    Motion {
+        /// What it should have done.
+        what: String,
+        /// Attempts made.
+        attempts: u32,
+        /// The last fault.
+        report: FaultReport,
+    },
+    /// The controller was lost.
+    #[error(
+        "the controller was not heard for {silent_s:.0} s and does not answer greetings: check its power and the \
+         host link; then continue with --resume"
+    )]
+    Lost {
+        /// For how long it was not heard, in s.
+        silent_s: f64,
+    },
+    /// A sphere is not where it was.
+    #[error(
+        "sphere {sphere} is {by_mm:.0} mm from where it should be by sphere {other}: the plate or a sphere was \
+         moved; fix them and begin a new run, for what was recorded before does not fit what would come"
+    )]
+    Moved {
+        /// The sphere.
+        sphere: u32,
+        /// The sphere that it was held against; itself where it was found before.
+        other: u32,
+        /// By how much, in mm.
+        by_mm: f64,
+    },
+    /// Too many poses failed.
+    #[error(
+        "{rejected} of {planned} poses were given up: something is wrong with the coupling or with the plan; \
+         look at the faults, then continue with --resume"
+    )]
+    Rejected {
+        /// Poses given up.
+        rejected: usize,
+        /// Poses planned.
+        planned: usize,
+    },
+    /// The plate must be moved, and nobody is here to do it.
+    #[error(
+        "the plate is to be moved to placement {} of the plan, and nobody at this terminal can say that it was: \
+         run without --json at a terminal, or plan one placement (leave out plant.plate.moved)", place + 1
+    )]
+    Plate {
+        /// Placement, from 0.
+        place: u32,
+    },
+    /// Stopped by the user.
+    #[error("stopped on request: nothing is lost; continue with --resume")]
+    Interrupted,
+}
+
+/// A fault in words, with its numbers.
+fn describe(report: &FaultReport) -> String {
+    let joint = if report.joint == 0 {
+        String::new()
+    } else {
+        format!(", joint {}", report.joint)
+    };
+    format!(
+        "{:?} while {:?}{joint} ({:.4} beyond the limit {:.4})",
+        report.fault, report.phase, report.value, report.limit
+    )
+}
+
+/// What a person does about a fault.
+pub fn remedy(fault: Fault) -> &'static str {
+    match fault {
+        Fault::JointPosition => "a pose lies too close to a joint limit: plan with a larger margin",
+        Fault::JointVelocity => "lower procedure.turn.speed_rad_s or procedure.motion.speed_rad_s",
+        Fault::JointTorque => "check tool mass and centre of mass, and that nothing blocks the arm",
+        Fault::Force => "something was hit or the nest jams: clear the way",
+        Fault::PathDeviation => "something holds the arm: clear the way",
+        Fault::MotionTimeout => "the arm does not settle: check friction and payload, or allow more settle_s",
+        Fault::Tare => "the declared tool mass or centre of mass is wrong, or a torque sensor is off: check the tool",
+        Fault::NoContact => "check that the sphere is in place and that its waypoint is within 10 mm",
+        Fault::NotSeated => "clean nest and sphere, and teach the waypoint closer",
+        Fault::ContactLost => "clean nest and sphere, and check the magnet",
+        Fault::StillCoupled => "pull the nest off by hand, or raise procedure.decouple.retreat_m",
+        Fault::StaleState => {
+            "the drive does not keep its period: check the drive link; where a joint is named, check its encoder"
+        }
+        Fault::NotFinite => "the drive sends numbers that are none: check the drive or its gateway",
+        Fault::Drive => "release the emergency stop and enable the drives",
+        Fault::Overrun => "the controller misses its period: take load off it",
+        Fault::HostSilence => "the host link was silent: check the network and the load of this computer",
+        Fault::PositionJump => "an encoder has lost its place: reference the joint and start the controller again",
+        Fault::TorqueSensor => {
+            "a torque sensor or a motor fails: let the drive check itself, and have the joint looked at"
+        }
+        Fault::TcpSpeed => "lower procedure.motion.speed_rad_s, and look for what drives the arm",
+        Fault::Workspace => "the way leads out of procedure.limits.workspace or to the plate: check plate and plan",
+        Fault::Internal => "this is a defect of the controller: please report it with the database",
+    }
+}

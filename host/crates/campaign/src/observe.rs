@@ -1,0 +1,140 @@
+//! Who watches a campaign, and what there is to see.
+
+use serde::{Deserialize, Serialize};
+use spherecal_shared::protocol::host::{Event, Phase, Sample};
+
+use spherecal_link::Arrival;
+
+/// What the campaign is about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// Greeting and configuring.
+    #[default]
+    Connect,
+    /// To the home frame.
+    Home,
+    /// Waiting for the plate to be moved.
+    Plate,
+    /// Being led to a sphere by hand.
+    Teach,
+    /// To a sphere's approach frame.
+    Approach,
+    /// Descending, touching, coupling.
+    Couple,
+    /// Poses.
+    Poses,
+    /// Leaving the sphere.
+    Decouple,
+    /// After a fault.
+    Recover,
+    /// All done.
+    Done,
+}
+
+/// Where the campaign is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Progress {
+    /// What it is about.
+    pub stage: Stage,
+    /// Phase of the controller.
+    pub phase: Phase,
+    /// Id of the sphere at hand; 0 for none.
+    pub sphere: u32,
+    /// Spheres in the tour.
+    pub spheres: usize,
+    /// Poses recorded or given up, earlier sessions included.
+    pub done: usize,
+    /// Of those, done in earlier sessions.
+    pub done_before: usize,
+    /// Poses in the tour.
+    pub poses: usize,
+    /// Faults in this session.
+    pub faults: usize,
+    /// Device time, in s.
+    pub device_s: f64,
+    /// Estimated contact force, in N, from the newest telemetry.
+    pub force_n: f64,
+}
+
+/// Whether the plate was moved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Moved {
+    /// It stands where it should.
+    Yes,
+    /// Not yet.
+    NotYet,
+    /// There is nobody to move it.
+    Nobody,
+}
+
+/// Someone who watches; every method does nothing unless it is overridden.
+pub trait Observer {
+    /// Something came from the controller (telemetry included); it is stored already.
+    fn event(&mut self, _now_us: u64, _arrival: &Arrival) {}
+
+    /// Progress: on every event, and at least every 100 ms of device time.
+    fn progress(&mut self, _progress: &Progress) {}
+
+    /// A remark for people.
+    fn note(&mut self, _text: &str) {}
+
+    /// Asks for the plate to be put down in a placement, from 0, the arm being
+    /// at home; called again and again until it is. Without a person to ask, it
+    /// never will be.
+    fn plate(&mut self, _place: u32) -> Moved {
+        Moved::Nobody
+    }
+}
+
+/// Nobody watches.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Observer for Silent {}
+
+/// What telemetry amounted to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TelemetrySummary {
+    /// Samples received.
+    pub samples: u64,
+    /// Samples with a saturated torque.
+    pub saturated: u64,
+    /// Samples whose torque was limited in rate.
+    pub rate_limited: u64,
+    /// Samples near a singularity.
+    pub near_singular: u64,
+    /// Largest estimated contact force, in N.
+    pub max_force_n: f64,
+    /// Largest joint speed, in rad/s.
+    pub max_speed_rad_s: f64,
+    /// Largest commanded torque, in N m.
+    pub max_torque_nm: f64,
+}
+
+impl TelemetrySummary {
+    /// Adds one arrival, if it is telemetry.
+    pub fn add(&mut self, arrival: &Arrival) {
+        if let Event::Telemetry(samples) = &arrival.body {
+            for sample in samples {
+                self.add_sample(sample);
+            }
+        }
+    }
+
+    fn add_sample(&mut self, sample: &Sample) {
+        let largest = |values: &[f32]| values.iter().fold(0.0f64, |m, v| m.max(f64::from(v.abs())));
+        self.samples += 1;
+        self.saturated += u64::from(sample.flags & 1);
+        self.rate_limited += u64::from(sample.flags >> 1 & 1);
+        self.near_singular += u64::from(sample.flags >> 2 & 1);
+        self.max_force_n = self.max_force_n.max(force(sample));
+        self.max_speed_rad_s = self.max_speed_rad_s.max(largest(&sample.dq));
+        self.max_torque_nm = self.max_torque_nm.max(largest(&sample.command));
+    }
+}
+
+/// Magnitude of a sample's force, in N.
+pub(super) fn force(sample: &Sample) -> f64 {
+    sample.force_n.iter().map(|f| f64::from(*f).powi(2)).sum::<f64>().sqrt()
+}

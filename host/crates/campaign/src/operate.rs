@@ -1,0 +1,180 @@
+//! Orders one at a time: the steps of Algorithm 2 for whoever wants to decide
+//! between them, on the session that a campaign has.
+
+use std::sync::atomic::AtomicBool;
+
+use spherecal_shared::Joints;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::host::{ApproachCommand, Command, Phase, PoseCommand, Sample};
+use spherecal_shared::robot::{Robot, Tool};
+
+use super::observe::Observer;
+use super::procedure::Campaign;
+use super::session::{Session, Waited};
+use super::{Assignment, CampaignError, Options, Tour};
+use spherecal_link::{Arrival, Device};
+use spherecal_link::{Journal, JournalError};
+
+/// Time that one order may take, in s of device time.
+const ORDER_S: f64 = 120.0;
+
+/// One step of the procedure.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Order {
+    /// Move in free space to joint angles, in rad.
+    Move(Joints),
+    /// From the approach frame: tare, descend, touch, couple.
+    Approach(ApproachCommand),
+    /// Turn about the coupled sphere, and record there if asked.
+    Pose(PoseCommand),
+    /// Leave the sphere.
+    Decouple,
+    /// Stop any motion and hold.
+    Stop,
+    /// Leave a fault.
+    ClearFault,
+}
+
+/// How an order ended.
+#[derive(Clone, Debug, Default)]
+pub struct Answer {
+    /// Why it was not done, in words; `None` if it was.
+    pub refused: Option<String>,
+    /// What came meanwhile, in order.
+    pub events: Vec<Arrival>,
+    /// The newest sample of the control loop.
+    pub sample: Option<Sample>,
+}
+
+/// Keeps events until they are asked for.
+#[derive(Default)]
+struct Tray(std::sync::Arc<std::sync::Mutex<Vec<Arrival>>>);
+
+impl Journal for Tray {
+    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
+        if let Ok(mut tray) = self.0.lock() {
+            tray.extend_from_slice(events);
+        }
+        Ok(())
+    }
+
+    fn reject(&mut self, _: u32, _: u32, _: &str) -> Result<(), JournalError> {
+        Ok(())
+    }
+}
+
+/// Where orders are given.
+pub struct CommandPort<'a> {
+    session: Session<'a>,
+    tray: Tray,
+}
+
+/// Greets and configures the controller, and lets `work` give orders. However
+/// it ends, the arm is told to stop.
+///
+/// # Errors
+/// When the link fails or the controller is not this program's; what `work` reports.
+pub fn operate(
+    device: &mut dyn Device,
+    robot: &Robot,
+    tool: &Tool,
+    procedure: &Procedure,
+    observer: &mut dyn Observer,
+    interrupt: &AtomicBool,
+    work: impl FnOnce(&mut CommandPort<'_>) -> Result<(), CampaignError>,
+) -> Result<(), CampaignError> {
+    let tray = Tray::default();
+    let mut journal = Tray(std::sync::Arc::clone(&tray.0));
+    let lead_us = u64::from(Options::default().lead_ms) * 1000;
+    let mut session = Session::new(device, &mut journal, observer, interrupt, lead_us);
+    let (tour, done) = (Tour::default(), std::collections::BTreeSet::new());
+    let assignment = Assignment {
+        robot,
+        tool,
+        procedure,
+        tour: &tour,
+        done: &done,
+        seated: &[],
+        options: Options::default(),
+    };
+    Campaign::new(&assignment).begin(&mut session)?;
+    let mut port = CommandPort { session, tray };
+    let result = work(&mut port);
+    if !matches!(port.session.phase, Phase::Idle | Phase::Coupled | Phase::Fault) {
+        // A refusal changes nothing: the arm holds.
+        let _ = port.session.ask("stop", Command::Stop)?;
+    }
+    port.session.drain(20)?;
+    match result {
+        // The client has gone; the arm was stopped.
+        Err(CampaignError::Interrupted) => Ok(()),
+        other => other,
+    }
+}
+
+impl CommandPort<'_> {
+    /// Carries out one order and waits for its end.
+    ///
+    /// # Errors
+    /// When the link fails or the user interrupts; a refusal or a fault is an answer.
+    pub fn carry_out(&mut self, order: &Order) -> Result<Answer, CampaignError> {
+        let refused = self.attempt(order)?;
+        // Acknowledgements go out before the client decides what is next.
+        self.session.drain(2)?;
+        let events = self.tray.0.lock().map(|mut t| std::mem::take(&mut *t));
+        Ok(Answer {
+            refused,
+            events: events.unwrap_or_default(),
+            sample: self.session.sample,
+        })
+    }
+
+    /// One control period in which nothing is ordered: the controller hears
+    /// that its host lives.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn idle(&mut self) -> Result<(), CampaignError> {
+        self.session.step()
+    }
+
+    fn attempt(&mut self, order: &Order) -> Result<Option<String>, CampaignError> {
+        let session = &mut self.session;
+        session.coupled = None;
+        session.recorded = None;
+        session.passed = None;
+        let (what, command) = match order {
+            Order::Move(target) => ("move", Command::Move { target: target.clone() }),
+            Order::Approach(approach) => ("approach", Command::Approach(*approach)),
+            Order::Pose(pose) => ("take a pose", Command::Pose(pose.clone())),
+            Order::Decouple => ("decouple", Command::Decouple),
+            Order::Stop => ("stop", Command::Stop),
+            Order::ClearFault => {
+                session.clear_fault()?;
+                return Ok(None);
+            }
+        };
+        if let Err(refusal) = session.ask(what, command)? {
+            return Ok(Some(refusal.to_string()));
+        }
+        let ended = |s: &Session<'_>| {
+            let ended = match order {
+                Order::Move(_) | Order::Decouple => s.rests(),
+                Order::Approach(a) => s.phase == Phase::Coupled && s.coupled.is_some_and(|c| c.sphere == a.sphere),
+                Order::Pose(p) => {
+                    let there = s.recorded.is_some_and(|(_, pose)| pose == p.pose) || s.passed == Some(p.pose);
+                    there && s.phase == Phase::Coupled
+                }
+                Order::Stop | Order::ClearFault => true,
+            };
+            ended.then_some(())
+        };
+        match session.wait(what, ORDER_S, ended)? {
+            Waited::Got(()) => Ok(None),
+            Waited::Fault(report) => Ok(Some(format!(
+                "fault while {:?}: {:?} (value {}, limit {}): clear the fault first",
+                report.phase, report.fault, report.value, report.limit
+            ))),
+        }
+    }
+}

@@ -1,0 +1,425 @@
+//! Algorithm 2 from the host's side, and Section 6 when it goes wrong.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::AtomicBool;
+
+use spherecal_shared::Joints;
+use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultReport, Phase, PoseCommand, Refusal};
+
+use super::observe::{Observer, Stage};
+use super::outcome::{Outcome, Rejected};
+use super::places::Places;
+use super::recovery::policy;
+use super::retry::{Trace, Waypoints};
+use super::session::{Session, Waited};
+use super::{Assignment, CampaignError, Stop, TourPose};
+use spherecal_link::Device;
+use spherecal_link::Journal;
+
+/// How work at a sphere ended.
+enum AtSphere {
+    /// All poses are recorded or given up, and the nest is off the sphere.
+    Finished,
+    /// A fault; the arm holds.
+    Fault(FaultReport, Option<u32>),
+}
+
+/// Runs a campaign to its end or to a typed stop; the outcome is told in either case.
+pub fn run(
+    assignment: &Assignment<'_>,
+    cell: &mut dyn Device,
+    journal: &mut dyn Journal,
+    observer: &mut dyn Observer,
+    interrupt: &AtomicBool,
+) -> (Outcome, Result<(), CampaignError>) {
+    let lead_us = u64::from(assignment.options.lead_ms) * 1000;
+    let mut session = Session::new(cell, journal, observer, interrupt, lead_us);
+    let mut campaign = Campaign::new(assignment);
+    session.progress.done = campaign.done.len();
+    session.progress.done_before = campaign.done.len();
+    let mut result = campaign.all(&mut session);
+    if matches!(result, Err(CampaignError::Interrupted)) {
+        // Leave the arm holding, damped; a refusal changes nothing about that.
+        if let Err(error) = session.stop_at_once().and_then(|()| session.drain(20)) {
+            result = Err(error);
+        }
+    }
+    let outcome = Outcome {
+        firmware: session
+            .banner
+            .as_ref()
+            .map(|b| format!("{} {}", b.version, b.build).trim_end().to_owned())
+            .unwrap_or_default(),
+        recorded: campaign.recorded,
+        rejected: campaign.rejected,
+        faults: session.faults.clone(),
+        contacts: session.contacts.clone(),
+        simulated_us: session.now_us(),
+        ticks: session.ticks(),
+        link: session.counters(),
+        statistics: session.statistics,
+        telemetry: session.telemetry,
+    };
+    (outcome, result)
+}
+
+pub(super) struct Campaign<'a> {
+    pub(super) assignment: &'a Assignment<'a>,
+    done: BTreeSet<(u32, u32)>,
+    rejected: Vec<Rejected>,
+    pub(super) recorded: usize,
+    pub(super) waypoints: Waypoints,
+    places: Places,
+    /// Whether the nest may be on a sphere.
+    pub(super) touching: bool,
+}
+
+impl<'a> Campaign<'a> {
+    /// A campaign that has done nothing in this session.
+    pub(super) fn new(assignment: &'a Assignment<'a>) -> Self {
+        Self {
+            assignment,
+            done: assignment.done.clone(),
+            rejected: Vec::new(),
+            recorded: 0,
+            waypoints: Waypoints::new(assignment.robot, assignment.tool),
+            places: Places::recall(assignment.tour, assignment.seated),
+            touching: false,
+        }
+    }
+
+    /// Greets the controller and tells it robot, tool and procedure.
+    pub(super) fn begin(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        session.stage(Stage::Connect, 0, self.assignment.tour);
+        session.handshake(self.assignment.robot.dof())?;
+        session.clear_fault()?;
+        self.take_over(session)?;
+        self.configure(session)
+    }
+
+    pub(super) fn configuration(&self) -> Command {
+        Command::Configure {
+            tool: *self.assignment.tool,
+            procedure: *self.assignment.procedure,
+        }
+    }
+
+    pub(super) fn configure(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        session.order("take the robot", Command::Robot(self.assignment.robot.clone()))?;
+        session.order("take the procedure", self.configuration())
+    }
+
+    /// Brings a controller that an earlier host has left in the middle of
+    /// something to rest in free space: a robot that hangs on a sphere must not be
+    /// told that it does not.
+    pub(super) fn take_over(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        for _ in 0..self.assignment.options.attempts.max(1) {
+            match session.ask("stop", Command::Stop)? {
+                Ok(()) | Err(Refusal::FaultPending) => {}
+                Err(refusal) => {
+                    return Err(CampaignError::Refused {
+                        what: "stop".to_owned(),
+                        refusal,
+                    });
+                }
+            }
+            match self.leave(session) {
+                Ok(None) => {
+                    session.note("the controller had been left on a sphere");
+                    return Ok(());
+                }
+                Ok(Some(_)) => {
+                    session.clear_fault()?;
+                }
+                // New, or nothing was touched.
+                Err(CampaignError::Refused {
+                    refusal: Refusal::Phase | Refusal::NotConfigured,
+                    ..
+                }) => return Ok(()),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    fn all(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        let tour = self.assignment.tour;
+        self.with_reconnect(session, None, |campaign, session, again| {
+            // One that was found again has been told everything.
+            if again { Ok(()) } else { campaign.begin(session) }
+        })?;
+        // Whether the arm is anywhere but at home, and the stop that it has just
+        // left as planned.
+        let (mut away, mut left) = (false, None);
+        let mut stands = (!tour.several_places()).then_some(0);
+        for (number, stop) in tour.stops.iter().enumerate() {
+            if self.pending(stop).is_empty() {
+                continue;
+            }
+            let at_home = self.have_plate(session, &mut stands, stop.place)?;
+            let straight = at_home || (!stop.over_home && left.is_some_and(|l| l + 1 == number));
+            let faults = session.faults.len();
+            let lost = self.with_reconnect(session, Some(stop), |campaign, session, again| {
+                if again || !straight {
+                    session.stage(Stage::Home, 0, tour);
+                    campaign.travel(session, "reach the home frame", &tour.home)?;
+                }
+                if campaign.pending(stop).is_empty() {
+                    return Ok(());
+                }
+                campaign.sphere(session, stop)
+            })?;
+            away = true;
+            left = (!lost && session.faults.len() == faults).then_some(number);
+        }
+        if away {
+            self.with_reconnect(session, None, |campaign, session, _| {
+                session.stage(Stage::Home, 0, tour);
+                campaign.travel(session, "reach the home frame", &tour.home)
+            })?;
+        }
+        session.drain(20)?;
+        session.stage(Stage::Done, 0, tour);
+        Ok(())
+    }
+
+    /// Has the plate moved to `place` unless it `stands` there, the arm at home.
+    /// Returns whether that took it home.
+    pub(super) fn have_plate(
+        &self,
+        session: &mut Session<'_>,
+        stands: &mut Option<u32>,
+        place: u32,
+    ) -> Result<bool, CampaignError> {
+        if *stands == Some(place) {
+            return Ok(false);
+        }
+        let tour = self.assignment.tour;
+        session.stage(Stage::Home, 0, tour);
+        self.travel(session, "reach the home frame", &tour.home)?;
+        session.stage(Stage::Plate, 0, tour);
+        session.plate(place)?;
+        *stands = Some(place);
+        Ok(true)
+    }
+
+    /// Poses of a stop that are neither recorded nor given up, those to pass
+    /// through on the way to them, and those after the last: they lead to where
+    /// the nest leaves the sphere.
+    fn pending<'s>(&self, stop: &'s Stop) -> Vec<&'s TourPose> {
+        let mut pending = Vec::new();
+        let mut passed = Vec::new();
+        for pose in &stop.poses {
+            if !pose.record {
+                passed.push(pose);
+            } else if self.done.contains(&(stop.sphere, pose.pose)) {
+                passed.clear();
+            } else {
+                pending.append(&mut passed);
+                pending.push(pose);
+            }
+        }
+        if !pending.is_empty() {
+            pending.append(&mut passed);
+        }
+        pending
+    }
+
+    /// All poses of one sphere, with as many attempts as it takes and is allowed.
+    fn sphere(&mut self, session: &mut Session<'_>, stop: &Stop) -> Result<(), CampaignError> {
+        let tour = self.assignment.tour;
+        let mut in_vain = 0;
+        let mut failures: BTreeMap<u32, u32> = BTreeMap::new();
+        let mut approach = stop.approach.clone();
+        // Descents in a row that did not find the seat.
+        let mut missed = 0;
+        loop {
+            session.stage(Stage::Approach, stop.sphere, tour);
+            self.travel(session, "reach the approach frame", &approach)?;
+            let before = self.recorded;
+            let contacts = session.contacts.len();
+            let (report, pose) = match self.attempt(session, stop)? {
+                AtSphere::Finished => {
+                    self.touching = false;
+                    return Ok(());
+                }
+                AtSphere::Fault(report, pose) => (report, pose),
+            };
+            in_vain = if self.recorded > before { 1 } else { in_vain + 1 };
+            if Waypoints::helps(report.fault) {
+                missed += 1;
+                let contact = session.contacts.get(contacts..).and_then(<[_]>::last);
+                let last = Trace::new(contact, session.sample.map(|s| s.tcp_m));
+                approach = self.waypoints.retry(stop, missed, &last);
+            }
+            session.note(&format!(
+                "sphere {}: {:?} while {:?}; recovering",
+                stop.sphere, report.fault, report.phase
+            ));
+            if let Some(pose) = pose
+                && policy(report.fault).blames_pose
+            {
+                let count = failures.entry(pose).or_default();
+                *count += 1;
+                if *count >= self.assignment.options.pose_attempts {
+                    self.give_up_pose(session, stop.sphere, pose, &report)?;
+                    in_vain = 0;
+                }
+            }
+            session.stage(Stage::Recover, stop.sphere, tour);
+            self.let_go(session, stop, report)?;
+            self.touching = false;
+            if in_vain >= self.assignment.options.attempts {
+                return Err(if report.fault == Fault::NoContact {
+                    CampaignError::NoContact {
+                        sphere: stop.sphere,
+                        attempts: in_vain,
+                    }
+                } else {
+                    CampaignError::GivenUp {
+                        sphere: stop.sphere,
+                        attempts: in_vain,
+                        report,
+                    }
+                });
+            }
+            if self.pending(stop).is_empty() {
+                return Ok(());
+            }
+        }
+    }
+
+    /// One approach: touch, couple, poses, decouple.
+    fn attempt(&mut self, session: &mut Session<'_>, stop: &Stop) -> Result<AtSphere, CampaignError> {
+        let tour = self.assignment.tour;
+        let p = self.assignment.procedure;
+        session.stage(Stage::Couple, stop.sphere, tour);
+        session.coupled = None;
+        let approach = ApproachCommand {
+            sphere: stop.sphere,
+            direction: stop.direction,
+        };
+        if let Some(report) = session.carry_out("approach", Command::Approach(approach))? {
+            return Ok(AtSphere::Fault(report, None));
+        }
+        self.touching = true;
+        let limit = p.approach.tare_s
+            + 2.0 * p.approach.travel_m / p.approach.speed_m_s
+            + p.couple.hold_s
+            + p.seating.test_s
+            + 30.0;
+        let coupled = |s: &Session<'_>| {
+            s.coupled
+                .filter(|c| c.sphere == stop.sphere && s.phase == Phase::Coupled)
+        };
+        match session.wait("touch and couple", limit, coupled)? {
+            Waited::Got(coupled) => {
+                if let Err(moved) = self.places.check(stop, &coupled.centre_m) {
+                    self.leave(session)?;
+                    return Err(moved);
+                }
+                self.waypoints.seated(stop, &coupled);
+            }
+            Waited::Fault(report) => return Ok(AtSphere::Fault(report, None)),
+        }
+
+        session.stage(Stage::Poses, stop.sphere, tour);
+        let pending = self.pending(stop);
+        let limit = 30.0 + p.turn.settle_s + 2e-3 * f64::from(p.record.samples);
+        for pose in pending {
+            session.recorded = None;
+            session.passed = None;
+            let command = Command::Pose(PoseCommand {
+                pose: pose.pose,
+                orientation: pose.orientation,
+                elbow_rad: pose.elbow_rad,
+                posture: joints(&pose.posture),
+                record: pose.record,
+            });
+            match session.ask("take a pose", command)? {
+                Ok(()) => {}
+                Err(Refusal::FaultPending) => {}
+                Err(Refusal::Target) if !pose.record => continue,
+                Err(refusal @ Refusal::Target) => {
+                    self.reject(session, stop.sphere, pose.pose, &refusal.to_string())?;
+                    continue;
+                }
+                Err(refusal) => {
+                    return Err(CampaignError::Refused {
+                        what: format!("take pose {} of sphere {}", pose.pose, stop.sphere),
+                        refusal,
+                    });
+                }
+            }
+            let wanted = (stop.sphere, pose.pose);
+            let there = |s: &Session<'_>| {
+                let there = s.recorded == Some(wanted) || (!pose.record && s.passed == Some(pose.pose));
+                (there && s.phase == Phase::Coupled).then_some(())
+            };
+            let waited = session.wait("record a pose", limit, there);
+            // Stored, so it counts, whatever came after it.
+            self.count(session);
+            if let Waited::Fault(report) = waited? {
+                return Ok(AtSphere::Fault(report, pose.record.then_some(pose.pose)));
+            }
+        }
+
+        session.stage(Stage::Decouple, stop.sphere, tour);
+        if let Some(report) = self.leave(session)? {
+            self.let_go(session, stop, report)?;
+        }
+        Ok(AtSphere::Finished)
+    }
+
+    /// Counts the recording that was heard of last, if it is new.
+    pub(super) fn count(&mut self, session: &mut Session<'_>) {
+        let Some(recording) = session.recorded.take() else {
+            return;
+        };
+        if self.done.insert(recording) {
+            self.recorded += 1;
+            session.progress.done = self.done.len();
+            session.report_progress();
+        }
+    }
+
+    fn give_up_pose(
+        &mut self,
+        session: &mut Session<'_>,
+        sphere: u32,
+        pose: u32,
+        report: &FaultReport,
+    ) -> Result<(), CampaignError> {
+        let reason = format!("{:?} while {:?}", report.fault, report.phase);
+        if self.done.contains(&(sphere, pose)) {
+            return Ok(());
+        }
+        self.reject(session, sphere, pose, &reason)
+    }
+
+    fn reject(&mut self, session: &mut Session<'_>, sphere: u32, pose: u32, reason: &str) -> Result<(), CampaignError> {
+        session.journal().reject(sphere, pose, reason)?;
+        session.note(&format!("sphere {sphere}, pose {pose}: given up ({reason})"));
+        self.done.insert((sphere, pose));
+        self.rejected.push(Rejected {
+            sphere,
+            pose,
+            reason: reason.to_owned(),
+        });
+        session.progress.done = self.done.len();
+        let planned = self.assignment.tour.poses();
+        if self.rejected.len() * 100 > planned * self.assignment.options.rejected_percent as usize {
+            return Err(CampaignError::Rejected {
+                rejected: self.rejected.len(),
+                planned,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Joint values as they travel; more than the protocol carries are cut, and
+/// the controller refuses what is left.
+pub(super) fn joints(values: &[f64]) -> Joints {
+    values.iter().copied().take(spherecal_shared::MAX_JOINTS).collect()
+}

@@ -1,0 +1,173 @@
+//! What a campaign does after a fault, and when the controller is lost: Section 6
+//! of the paper. How long and how often is in [`recovery`](super::recovery).
+
+use spherecal_shared::protocol::host::{Command, FaultReport, Refusal};
+
+use super::observe::Stage;
+use super::procedure::{Campaign, joints};
+use super::recovery::policy;
+use super::session::Session;
+use super::{CampaignError, Stop, retreat};
+
+/// Time for a free motion, in s of device time: an arm turns half around in 8 s.
+const MOTION_S: f64 = 60.0;
+
+/// Time before a fault is cleared, in s, at the `attempt`-th attempt from 0.
+fn pause_s(report: &FaultReport, attempt: u32) -> f64 {
+    policy(report.fault).pause_s * f64::from(1u32 << attempt.min(8))
+}
+
+impl Campaign<'_> {
+    /// Carries out `work`, and again after the controller was lost and found:
+    /// as often as new recordings come of it, and so many times in vain. Says
+    /// whether it was lost; `work` is told whether this is another time.
+    pub(super) fn with_reconnect(
+        &mut self,
+        session: &mut Session<'_>,
+        stop: Option<&Stop>,
+        work: impl Fn(&mut Self, &mut Session<'_>, bool) -> Result<(), CampaignError>,
+    ) -> Result<bool, CampaignError> {
+        let (mut in_vain, mut again) = (0, false);
+        loop {
+            let before = self.recorded;
+            match work(self, session, again) {
+                Err(lost @ (CampaignError::Lost { .. } | CampaignError::Restarted)) => {
+                    again = true;
+                    in_vain = if self.recorded > before { 1 } else { in_vain + 1 };
+                    if in_vain > self.assignment.options.attempts {
+                        return Err(lost);
+                    }
+                    while let Err(error) = self.reconnect(session, stop) {
+                        in_vain += 1;
+                        let lost = matches!(error, CampaignError::Lost { .. } | CampaignError::Restarted);
+                        if !lost || in_vain > self.assignment.options.attempts {
+                            return Err(error);
+                        }
+                    }
+                }
+                other => return other.map(|()| again),
+            }
+        }
+    }
+
+    /// Pulls the nest off the sphere; the fault, if one came.
+    pub(super) fn leave(&self, session: &mut Session<'_>) -> Result<Option<FaultReport>, CampaignError> {
+        session.carry_to_rest("leave the sphere", Command::Decouple, self.decouple_limit())
+    }
+
+    fn decouple_limit(&self) -> f64 {
+        let p = &self.assignment.procedure.decouple;
+        p.retreat_m / p.speed_m_s + p.settle_s + 20.0
+    }
+
+    /// Pulls the nest off the sphere of `stop` after a fault, by a way that the
+    /// arm has room for; the fault, if one came. Nothing is done where nothing
+    /// was touched.
+    fn pull_off(&self, session: &mut Session<'_>, stop: &Stop) -> Result<Option<FaultReport>, CampaignError> {
+        let n = self.assignment.robot.dof();
+        let way = match (self.waypoints.chain(), session.sample) {
+            (Some(chain), Some(sample)) if self.touching => {
+                let q: Vec<f64> = sample.q.iter().take(n).map(|q| f64::from(*q)).collect();
+                retreat::retreat(chain, self.assignment.procedure, &q, stop.direction)
+            }
+            _ => stop.direction,
+        };
+        if way != stop.direction {
+            let retreat = Command::Retreat { direction: way };
+            return session.carry_to_rest("leave the sphere beside its approach", retreat, self.decouple_limit());
+        }
+        match self.leave(session) {
+            Err(CampaignError::Refused {
+                refusal: Refusal::Phase,
+                ..
+            }) => Ok(None),
+            other => other,
+        }
+    }
+
+    /// Clears the fault, pulls the nest off if it is on, and leaves the arm
+    /// holding in free space; waits before, the longer the oftener it comes back.
+    pub(super) fn let_go(
+        &self,
+        session: &mut Session<'_>,
+        stop: &Stop,
+        first: FaultReport,
+    ) -> Result<(), CampaignError> {
+        let attempts = self.assignment.options.attempts.max(1);
+        let mut report = first;
+        for attempt in 0..attempts {
+            session.rest(pause_s(&report, attempt))?;
+            if let Some(again) = session.clear_fault()? {
+                report = again;
+                continue;
+            }
+            let Some(again) = self.pull_off(session, stop)? else {
+                return Ok(());
+            };
+            report = again;
+        }
+        Err(CampaignError::GivenUp {
+            sphere: stop.sphere,
+            attempts,
+            report,
+        })
+    }
+
+    /// Greets a controller that was lost, configures it again, and retreats
+    /// along the approach of `stop` if the nest may be on a sphere: a controller
+    /// that was reset does not know. A link that was down and a controller that
+    /// was reset look the same from here, and need the same.
+    fn reconnect(&mut self, session: &mut Session<'_>, stop: Option<&Stop>) -> Result<(), CampaignError> {
+        session.note("the controller was reset, or not heard for a while: greeting it again");
+        session.stage(Stage::Recover, stop.map_or(0, |s| s.sphere), self.assignment.tour);
+        session.repeat_handshake(self.assignment.robot.dof())?;
+        session.clear_fault()?;
+        self.take_over(session)?;
+        self.configure(session)?;
+        // Its last recording may have been on the way when it was lost.
+        self.count(session);
+        let Some(stop) = stop.filter(|_| self.touching) else {
+            return Ok(());
+        };
+        let attempts = self.assignment.options.attempts.max(1);
+        let mut last = None;
+        for attempt in 0..attempts {
+            let direction = stop.direction;
+            let retreat = Command::Retreat { direction };
+            let Some(report) = session.carry_to_rest("retreat from the sphere", retreat, self.decouple_limit())? else {
+                self.touching = false;
+                return Ok(());
+            };
+            session.rest(pause_s(&report, attempt))?;
+            last = session.clear_fault()?.or(Some(report));
+        }
+        last.map_or(Ok(()), |report| {
+            Err(CampaignError::GivenUp {
+                sphere: stop.sphere,
+                attempts,
+                report,
+            })
+        })
+    }
+
+    /// A free motion, with as many attempts as are allowed.
+    pub(super) fn travel(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<(), CampaignError> {
+        let attempts = self.assignment.options.attempts.max(1);
+        let mut last = None;
+        for attempt in 0..attempts {
+            let target = joints(target);
+            let Some(report) = session.carry_to_rest(what, Command::Move { target }, MOTION_S)? else {
+                return Ok(());
+            };
+            session.rest(pause_s(&report, attempt))?;
+            last = session.clear_fault()?.or(Some(report));
+        }
+        last.map_or(Ok(()), |report| {
+            Err(CampaignError::Motion {
+                what: what.to_owned(),
+                attempts,
+                report,
+            })
+        })
+    }
+}

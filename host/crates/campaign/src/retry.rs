@@ -1,0 +1,240 @@
+//! Where to try again when a nest did not find its seat.
+//!
+//! The same descent ends as it did before: the arm's friction and the sphere's
+//! place are what they were. So a retry begins beside the waypoint, by what
+//! contact has told: where this sphere, or else the others, turned out to be
+//! against their waypoints; and where nothing has seated yet, around the
+//! waypoint, first towards where the sphere must be by the way in which the
+//! nest was pushed.
+
+use nalgebra::Vector3;
+use spherecal_shared::protocol::host::{Contact, Coupled, Fault};
+use spherecal_shared::robot::{Robot, Tool};
+
+use super::Stop;
+use spherecal_model::chain::{Chain, TcpPose};
+
+/// Radius of the circle on which retries begin, in m.
+const RING_M: f64 = 0.008;
+/// Largest correction of a waypoint that is believed, in m.
+const FAR_M: f64 = 0.040;
+/// Motion of the nest, in m, from which a direction is read.
+const TOLD_M: f64 = 0.001;
+
+/// What one descent left to learn from.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Trace {
+    /// Computed TCP where contact was declared, in m, if it was.
+    pub contact_m: Option<[f64; 3]>,
+    /// Computed TCP where the descent ended, in m, if it is known.
+    pub end_m: Option<[f64; 3]>,
+}
+
+impl Trace {
+    /// Of a descent's contact (`None` without) and of the last TCP heard of (m).
+    pub fn new(contact: Option<&Contact>, end_m: Option<[f32; 3]>) -> Self {
+        Self {
+            contact_m: contact.map(|c| c.tcp_m),
+            end_m: end_m.map(|p| p.map(f64::from)),
+        }
+    }
+}
+
+/// Waypoints, corrected by what contact has told.
+#[derive(Clone, Debug, Default)]
+pub struct Waypoints {
+    chain: Option<Chain>,
+    /// Placement of the plate that the seats are of: a plate that is put down
+    /// anew is off in another way.
+    place: u32,
+    /// Sphere, and where its seat was found against its waypoint's line, in m.
+    seats: Vec<(u32, Vector3<f64>)>,
+}
+
+impl Waypoints {
+    /// Of a robot with its tool; one that the planner cannot compute with
+    /// keeps to the waypoints as they are.
+    pub fn new(robot: &Robot, tool: &Tool) -> Self {
+        Self {
+            chain: Chain::new(robot, tool).ok(),
+            place: 0,
+            seats: Vec::new(),
+        }
+    }
+
+    /// The arm that the waypoints are of, if the planner can compute with it.
+    pub(super) fn chain(&self) -> Option<&Chain> {
+        self.chain.as_ref()
+    }
+
+    /// Whether another place may help against a fault.
+    pub fn helps(fault: Fault) -> bool {
+        matches!(fault, Fault::NotSeated | Fault::NoContact)
+    }
+
+    /// Takes the seat of a nest that coupled at a stop.
+    pub fn seated(&mut self, stop: &Stop, coupled: &Coupled) {
+        let Some(chain) = &self.chain else { return };
+        let start = chain.pose(&stop.approach).position;
+        let found = across(&(Vector3::from(coupled.centre_m) - start), &stop.direction);
+        if stop.place != self.place {
+            self.place = stop.place;
+            self.seats.clear();
+        }
+        if found.norm() <= FAR_M {
+            self.seats.retain(|(sphere, _)| *sphere != stop.sphere);
+            self.seats.push((stop.sphere, found));
+        }
+    }
+
+    /// Joint angles (rad) from which descent number `retry` (from 1) to a stop
+    /// begins; `last` is what the one before left. Those of the stop where the
+    /// shifted place cannot be reached.
+    pub fn retry(&self, stop: &Stop, retry: u32, last: &Trace) -> Vec<f64> {
+        self.shifted(stop, retry, last).unwrap_or_else(|| stop.approach.clone())
+    }
+
+    fn shifted(&self, stop: &Stop, retry: u32, last: &Trace) -> Option<Vec<f64>> {
+        let chain = self.chain.as_ref()?;
+        let pose = chain.pose(&stop.approach);
+        let direction = Vector3::from(stop.direction);
+        let known = self.known(stop);
+        let turn = retry.saturating_sub(1 + u32::from(known.is_some()));
+        let mut shift = known.unwrap_or_default();
+        if known.is_none() || retry > 1 {
+            let towards = told(&pose.position, stop, last).unwrap_or_else(|| {
+                let side = across(&Vector3::x(), &stop.direction);
+                if side.norm() > 0.1 {
+                    side
+                } else {
+                    across(&Vector3::y(), &stop.direction)
+                }
+            });
+            // The next of three places around it.
+            let (sine, cosine) = libm::sincos(core::f64::consts::TAU / 3.0 * f64::from(turn));
+            let towards = towards.normalize();
+            shift += (towards * cosine + direction.cross(&towards) * sine) * RING_M;
+        }
+        let target = TcpPose {
+            position: pose.position + shift,
+            ..pose
+        };
+        let joints = chain.follow(&target, &stop.approach)?;
+        (chain.limit_margin(&joints) >= 0.0).then_some(joints)
+    }
+
+    /// Where a sphere was found against its waypoint's line, or the others in
+    /// the mean, in m.
+    fn known(&self, stop: &Stop) -> Option<Vector3<f64>> {
+        if stop.place != self.place {
+            return None;
+        }
+        if let Some((_, own)) = self.seats.iter().find(|(sphere, _)| *sphere == stop.sphere) {
+            return Some(*own);
+        }
+        let sum: Vector3<f64> = self.seats.iter().map(|(_, seat)| seat).sum();
+        (!self.seats.is_empty()).then(|| across(&(sum / self.seats.len() as f64), &stop.direction))
+    }
+}
+
+/// The part of a vector across a unit direction.
+fn across(vector: &Vector3<f64>, direction: &[f64; 3]) -> Vector3<f64> {
+    let direction = Vector3::from(*direction);
+    vector - direction * direction.dot(vector)
+}
+
+/// Where the sphere must be against the descent from `start`, across the
+/// approach: a nest that is gone from it slid off on its far side; one that
+/// was pushed aside until contact was declared was pushed towards it.
+fn told(start: &Vector3<f64>, stop: &Stop, last: &Trace) -> Option<Vector3<f64>> {
+    let contact = Vector3::from(last.contact_m?);
+    if let Some(end) = last.end_m {
+        let slid = across(&(Vector3::from(end) - contact), &stop.direction);
+        if slid.norm() > TOLD_M {
+            return Some(-slid);
+        }
+    }
+    let pushed = across(&(contact - start), &stop.direction);
+    (pushed.norm() > TOLD_M).then_some(pushed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+
+    fn stop(sphere: u32) -> Stop {
+        Stop {
+            centre_m: [0.5, 0.0, 0.3],
+            sphere,
+            place: 0,
+            over_home: true,
+            approach: vec![0.1, 0.6, -0.1, -1.5, 0.05, 1.0, 0.2],
+            direction: [0.0, 0.0, -1.0],
+            poses: Vec::new(),
+        }
+    }
+
+    fn shift(waypoints: &Waypoints, stop: &Stop, retry: u32, last: &Trace) -> Vector3<f64> {
+        let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
+        let (from, to) = (
+            chain.pose(&stop.approach),
+            chain.pose(&waypoints.retry(stop, retry, last)),
+        );
+        assert!(
+            (from.rotation.matrix() - to.rotation.matrix()).norm() < 1e-9,
+            "the tool keeps its orientation"
+        );
+        to.position - from.position
+    }
+
+    // Fails if a retry begins where the first try did, if the three around a
+    // waypoint are not on a circle about it, or if the first does not go
+    // against the slide.
+    #[test]
+    fn nothing_known_is_searched_around_the_waypoint() {
+        let waypoints = Waypoints::new(&iiwa7(), &iiwa7_tool());
+        let stop = stop(1);
+        let slid = Trace {
+            contact_m: Some([0.5, 0.0, 0.3]),
+            end_m: Some([0.5, 0.010, 0.29]),
+        };
+        let places = [1, 2, 3].map(|k| shift(&waypoints, &stop, k, &slid));
+        assert!(
+            (places[0] - Vector3::new(0.0, -RING_M, 0.0)).norm() < 1e-9,
+            "{}",
+            places[0]
+        );
+        assert!((places[0] + places[1] + places[2]).norm() < 1e-9);
+        assert!(places.iter().all(|p| (p.norm() - RING_M).abs() < 1e-9));
+        // Without any contact there is still another place.
+        assert!((shift(&waypoints, &stop, 1, &Trace::default()).norm() - RING_M).abs() < 1e-9);
+    }
+
+    // Fails if a retry does not go where this sphere, or else the others, were
+    // found, or if the one after that goes there again.
+    #[test]
+    fn what_is_known_comes_first() {
+        let mut waypoints = Waypoints::new(&iiwa7(), &iiwa7_tool());
+        let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
+        let start = chain.pose(&stop(1).approach).position;
+        let coupled = |x: f64| Coupled {
+            sphere: 1,
+            time_us: 0,
+            centre_m: (start + Vector3::new(x, 0.004, -0.04)).into(),
+            shift_m: 0.0,
+            test_m: 0.0,
+        };
+        let none = Trace::default();
+        waypoints.seated(&stop(1), &coupled(0.006));
+        let wanted = Vector3::new(0.006, 0.004, 0.0);
+        for sphere in [1, 2] {
+            assert!((shift(&waypoints, &stop(sphere), 1, &none) - wanted).norm() < 1e-9);
+            let next = shift(&waypoints, &stop(sphere), 2, &none) - wanted;
+            assert!((next.norm() - RING_M).abs() < 1e-9);
+        }
+        // One that is absurd is not believed.
+        waypoints.seated(&stop(3), &coupled(0.1));
+        assert!((shift(&waypoints, &stop(3), 1, &none) - wanted).norm() < 1e-9);
+    }
+}

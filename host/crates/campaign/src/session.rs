@@ -1,0 +1,295 @@
+//! One connection to one cell: steps time, stores and acknowledges, and turns
+//! commands and waits into plain calls.
+//!
+//! What the campaign does depends on what it hears, and when it does it is
+//! counted from the controller's own times: every command is to start a fixed
+//! lead after the event that led to it. What arrives is heard one event at a
+//! time. So a link that loses and repeats frames, or a host that is slow,
+//! changes no tick of what the arm does, as long as a frame gets through within
+//! the lead; a command that does not starts when it comes, and is counted late.
+
+mod handshake;
+mod order;
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use spherecal_shared::protocol::frame::LinkCounters;
+use spherecal_shared::protocol::host::{
+    Banner, Contact, Coupled, Event, FaultReport, Phase, Refusal, Sample, Statistics,
+};
+
+use super::observe::{Moved, Observer, Progress, Stage, TelemetrySummary, force};
+use super::{CampaignError, Tour, plausible};
+use spherecal_link::Journal;
+use spherecal_link::{Arrival, Device, HostEndpoint, Timing};
+
+pub(super) use order::Waited;
+
+/// How often an observer hears of progress at least, in µs of device time.
+const PROGRESS_US: u64 = 100_000;
+/// The first command after a greeting starts when the controller's clock shows
+/// a multiple of this, in µs: so that what a lost greeting costs is not seen.
+const ROUND_US: u64 = 500_000;
+/// One connection to one cell.
+pub struct Session<'a> {
+    cell: &'a mut dyn Device,
+    endpoint: HostEndpoint,
+    journal: &'a mut dyn Journal,
+    observer: &'a mut dyn Observer,
+    interrupt: &'a AtomicBool,
+    down: Vec<u8>,
+    up: Vec<u8>,
+    arrived: Vec<Arrival>,
+    /// What has arrived and was not heard yet.
+    inbox: VecDeque<Arrival>,
+    /// Joints of the robot.
+    joints: usize,
+    /// How long after its cause a command starts, in µs.
+    lead_us: u64,
+    /// Whether the controller was greeted and has not answered yet.
+    in_handshake: bool,
+    /// When, by the controller's clock, what was heard last happened, in µs.
+    heard_us: u64,
+    last_progress_us: u64,
+    /// Time of the cell at which a frame of the controller last came, in µs.
+    alive_us: u64,
+    pub(super) progress: Progress,
+    pub(super) banner: Option<Banner>,
+    pub(super) phase: Phase,
+    /// When the phase changed last, by the controller's clock, in µs.
+    changed_us: u64,
+    /// When the last command was to start, by the same clock, in µs.
+    start_us: u64,
+    pub(super) reply: Option<(u32, Result<(), Refusal>)>,
+    pub(super) pending_fault: Option<FaultReport>,
+    pub(super) faults: Vec<FaultReport>,
+    pub(super) contacts: Vec<Contact>,
+    pub(super) coupled: Option<Coupled>,
+    pub(super) recorded: Option<(u32, u32)>,
+    pub(super) passed: Option<u32>,
+    /// The newest sample of the control loop.
+    pub(super) sample: Option<Sample>,
+    pub(super) statistics: Statistics,
+    pub(super) telemetry: TelemetrySummary,
+}
+
+impl<'a> Session<'a> {
+    /// A session that has not spoken yet; its commands start `lead_us` after
+    /// what led to them, and it stops when `interrupt` is set.
+    pub fn new(
+        cell: &'a mut dyn Device,
+        journal: &'a mut dyn Journal,
+        observer: &'a mut dyn Observer,
+        interrupt: &'a AtomicBool,
+        lead_us: u64,
+    ) -> Self {
+        Self {
+            cell,
+            endpoint: HostEndpoint::new(Timing::default()),
+            journal,
+            observer,
+            interrupt,
+            down: Vec::new(),
+            up: Vec::new(),
+            arrived: Vec::new(),
+            inbox: VecDeque::new(),
+            joints: 0,
+            lead_us,
+            in_handshake: false,
+            heard_us: 0,
+            last_progress_us: 0,
+            alive_us: 0,
+            progress: Progress::default(),
+            banner: None,
+            phase: Phase::Idle,
+            changed_us: 0,
+            start_us: 0,
+            reply: None,
+            pending_fault: None,
+            faults: Vec::new(),
+            contacts: Vec::new(),
+            coupled: None,
+            recorded: None,
+            passed: None,
+            sample: None,
+            statistics: Statistics::default(),
+            telemetry: TelemetrySummary::default(),
+        }
+    }
+
+    /// Device time, in µs.
+    pub fn now_us(&self) -> u64 {
+        self.cell.now_us()
+    }
+
+    /// Control periods carried out by the cell.
+    pub fn ticks(&self) -> u64 {
+        self.cell.ticks()
+    }
+
+    /// Counters of the host's end of the link.
+    pub fn counters(&self) -> LinkCounters {
+        self.endpoint.counters()
+    }
+
+    pub(super) fn journal(&mut self) -> &mut dyn Journal {
+        self.journal
+    }
+
+    pub(super) fn note(&mut self, text: &str) {
+        self.observer.note(text);
+    }
+
+    pub(super) fn stage(&mut self, stage: Stage, sphere: u32, tour: &Tour) {
+        self.progress.stage = stage;
+        self.progress.sphere = sphere;
+        self.progress.spheres = tour.stops.len();
+        self.progress.poses = tour.poses();
+        self.report_progress();
+    }
+
+    pub(super) fn report_progress(&mut self) {
+        let now_us = self.cell.now_us();
+        self.last_progress_us = now_us;
+        self.progress.phase = self.phase;
+        self.progress.faults = self.faults.len();
+        self.progress.device_s = now_us as f64 * 1e-6;
+        self.observer.progress(&self.progress);
+    }
+
+    /// Hears the next thing that has arrived, after a control period if nothing has.
+    pub(super) fn step(&mut self) -> Result<(), CampaignError> {
+        if self.inbox.is_empty() {
+            self.exchange()?;
+        }
+        if let Some(arrival) = self.inbox.pop_front() {
+            self.hear(&arrival);
+            self.observer.event(self.cell.now_us(), &arrival);
+        }
+        Ok(())
+    }
+
+    /// One control period.
+    fn exchange(&mut self) -> Result<(), CampaignError> {
+        self.down.clear();
+        self.up.clear();
+        let now_us = self.cell.now_us();
+        self.endpoint
+            .transmit(now_us, &mut self.down)
+            .map_err(spherecal_link::LinkError::from)?;
+        self.cell.step(&self.down, &mut self.up)?;
+        let journal = &mut *self.journal;
+        let joints = self.joints;
+        let frames = self.endpoint.counters().frames;
+        self.endpoint.receive(&self.up, &mut self.arrived, |batch| {
+            for arrival in batch {
+                plausible(&arrival.body, joints)?;
+            }
+            journal.append(batch).map_err(CampaignError::from)
+        })?;
+        self.inbox.extend(self.arrived.drain(..));
+        if self.endpoint.counters().frames != frames {
+            self.alive_us = now_us;
+        }
+        if self.endpoint.lost_session() {
+            return Err(CampaignError::Restarted);
+        }
+        if now_us.saturating_sub(self.last_progress_us) >= PROGRESS_US {
+            self.report_progress();
+        }
+        Ok(())
+    }
+
+    fn hear(&mut self, arrival: &Arrival) {
+        if let Some(time_us) = time_of(&arrival.body) {
+            self.heard_us = self.heard_us.max(time_us);
+        }
+        match &arrival.body {
+            Event::Banner(banner) => {
+                self.banner = Some(banner.clone());
+                // The next command starts at a round time; what a late repeat of
+                // the banner says changes nothing about those after it.
+                if std::mem::take(&mut self.in_handshake) {
+                    let earliest = arrival.sent_us.saturating_add(self.lead_us).saturating_add(1);
+                    self.heard_us = earliest.next_multiple_of(ROUND_US).saturating_sub(self.lead_us);
+                }
+            }
+            Event::Held { .. } => {}
+            Event::Reply { sequence, result } => self.reply = Some((*sequence, *result)),
+            Event::Phase(change) => {
+                self.phase = change.phase;
+                self.changed_us = change.time_us;
+                self.report_progress();
+            }
+            Event::Contact(contact) => self.contacts.push(*contact),
+            Event::Coupled(coupled) => self.coupled = Some(*coupled),
+            Event::Recording(recording) => self.recorded = Some((recording.sphere, recording.pose)),
+            Event::Fault(report) => {
+                self.pending_fault = Some(*report);
+                self.faults.push(*report);
+            }
+            Event::Telemetry(samples) => {
+                self.telemetry.add(arrival);
+                if let Some(sample) = samples.last() {
+                    self.progress.force_n = force(sample);
+                    self.sample = Some(*sample);
+                }
+            }
+            Event::Statistics(statistics) => self.statistics = *statistics,
+            Event::Passed { pose } => self.passed = Some(*pose),
+        }
+    }
+
+    /// Whether the user wants to stop.
+    fn check_interrupt(&self) -> Result<(), CampaignError> {
+        if self.interrupt.load(Ordering::Relaxed) {
+            Err(CampaignError::Interrupted)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Has the plate moved to a placement, by the simulation or by a person,
+    /// for whom it waits as long as it takes.
+    pub(super) fn plate(&mut self, place: u32) -> Result<(), CampaignError> {
+        if self.cell.move_plate(place) {
+            return Ok(());
+        }
+        loop {
+            match self.observer.plate(place) {
+                Moved::Yes => return Ok(()),
+                Moved::NotYet => {}
+                Moved::Nobody => return Err(CampaignError::Plate { place }),
+            }
+            self.check_interrupt()?;
+            self.step()?;
+        }
+    }
+
+    /// Lets acknowledgements reach the controller.
+    pub(super) fn drain(&mut self, ticks: u32) -> Result<(), CampaignError> {
+        let end = self.ticks().saturating_add(u64::from(ticks));
+        while self.ticks() < end {
+            self.step()?;
+        }
+        Ok(())
+    }
+}
+
+/// When an event happened, by the controller's clock, in µs.
+fn time_of(event: &Event) -> Option<u64> {
+    match event {
+        Event::Phase(change) => Some(change.time_us),
+        Event::Contact(contact) => Some(contact.time_us),
+        Event::Coupled(coupled) => Some(coupled.time_us),
+        Event::Recording(recording) => Some(recording.end_us),
+        Event::Fault(report) => Some(report.time_us),
+        Event::Banner(_)
+        | Event::Held { .. }
+        | Event::Reply { .. }
+        | Event::Passed { .. }
+        | Event::Telemetry(_)
+        | Event::Statistics(_) => None,
+    }
+}

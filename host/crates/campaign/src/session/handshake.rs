@@ -1,0 +1,107 @@
+//! Who is at the other end: greetings, and greetings again.
+
+use spherecal_shared::protocol::host::{Banner, Command, Phase};
+use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
+
+use super::Session;
+use super::order::{ANSWER_S, Waited};
+use crate::CampaignError;
+use crate::recovery::GREET_S;
+
+impl Session<'_> {
+    /// Greets the controller and checks who it is.
+    pub(crate) fn handshake(&mut self, joints: usize) -> Result<(), CampaignError> {
+        self.joints = joints;
+        self.in_handshake = true;
+        let session = self.endpoint.next_session();
+        self.journal.handshake(session)?;
+        if let Err(error) = self.order("greet", Command::Hello) {
+            // One that does not understand a greeting may still say why.
+            return match (self.greet_again(joints), error) {
+                (Err(why), CampaignError::Timeout { .. }) => Err(why),
+                (_, error) => Err(error),
+            };
+        }
+        let Waited::Got(banner) = self.wait("send its banner", ANSWER_S, |s| s.banner.clone())? else {
+            // A controller that was left in a fault says so before its banner.
+            return self.greet_again(joints);
+        };
+        check_banner(&banner, joints)
+    }
+
+    fn greet_again(&self, joints: usize) -> Result<(), CampaignError> {
+        match &self.banner {
+            Some(banner) => check_banner(banner, joints),
+            None if self.endpoint.foreign() > 0 => Err(CampaignError::Schema {
+                found: "unknown".to_owned(),
+                expected: SCHEMA,
+            }),
+            None => Err(CampaignError::Timeout {
+                what: "send its banner".to_owned(),
+                limit_s: ANSWER_S,
+                phase: self.phase,
+            }),
+        }
+    }
+
+    /// Greets a controller that fell silent or was reset, for as long as it may take.
+    pub(crate) fn repeat_handshake(&mut self, joints: usize) -> Result<(), CampaignError> {
+        let start = self.now_us();
+        self.inbox.clear();
+        self.banner = None;
+        self.pending_fault = None;
+        // Its clock may begin anew.
+        self.phase = Phase::Idle;
+        self.changed_us = 0;
+        self.in_handshake = true;
+        let session = self.endpoint.next_session();
+        self.journal.handshake(session)?;
+        let sequence = self.endpoint.send(Command::Hello);
+        self.reply = None;
+        while self.banner.is_none() || self.reply.is_none_or(|(number, _)| number != sequence) {
+            self.check_interrupt()?;
+            self.step()?;
+            let silent_s = self.now_us().saturating_sub(start) as f64 * 1e-6;
+            if silent_s > GREET_S {
+                return Err(CampaignError::Lost { silent_s });
+            }
+        }
+        self.banner
+            .as_ref()
+            .map_or(Ok(()), |banner| check_banner(banner, joints))
+    }
+}
+
+fn check_banner(banner: &Banner, joints: usize) -> Result<(), CampaignError> {
+    if banner.protocol != PROTOCOL_VERSION {
+        return Err(CampaignError::Protocol {
+            version: banner.version.to_string(),
+            found: banner.protocol,
+            expected: PROTOCOL_VERSION,
+        });
+    }
+    if banner.schema != SCHEMA {
+        return Err(CampaignError::Schema {
+            found: format!(
+                "{:016x}, version {}, build {}",
+                banner.schema, banner.version, banner.build
+            ),
+            expected: SCHEMA,
+        });
+    }
+    let version = env!("CARGO_PKG_VERSION");
+    if banner.version != version {
+        return Err(CampaignError::Version {
+            found: banner.version.to_string(),
+            build: banner.build.to_string(),
+            expected: version,
+        });
+    }
+    if usize::from(banner.joints) != joints {
+        return Err(CampaignError::Joints {
+            controller: usize::from(banner.joints),
+            robot: joints,
+        });
+    }
+    Ok(())
+}

@@ -1,0 +1,148 @@
+//! Teaching: the arm is led by hand over each sphere, and where it then stands
+//! is the waypoint, as the paper's operator did it (Section 4.2).
+//!
+//! The campaign sees what it always sees: the waypoint is what the encoders
+//! show, through the nominal model, with the operator's aim in it.
+
+use std::sync::atomic::AtomicBool;
+
+use spherecal_shared::protocol::host::{Command, Phase};
+
+use super::observe::{Observer, Stage};
+use super::procedure::Campaign;
+use super::session::{Session, Waited};
+use super::{Assignment, CampaignError};
+use spherecal_link::{Arrival, Device};
+use spherecal_link::{Journal, JournalError};
+
+/// Time for an operator to lead the arm to a sphere, in s of device time.
+const LED_S: f64 = 600.0;
+/// Control periods after which an arm that was let go is at rest.
+const REST_TICKS: u32 = 1500;
+
+/// Who leads the arm.
+pub trait Operator {
+    /// The arm is soft: lead it over the sphere with this id.
+    fn lead(&mut self, sphere: u32);
+
+    /// Whether it is there.
+    fn is_there(&mut self) -> bool;
+
+    /// The arm holds again: let go.
+    fn let_go(&mut self);
+}
+
+/// Where the arm was led to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Taught {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Placement of the plate, from 0.
+    pub place: u32,
+    /// Joint angles as the encoders show them, in rad.
+    pub joints: Vec<f64>,
+}
+
+/// A journal of what need not be kept: teaching, and studies that listen.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Nowhere;
+
+impl Journal for Nowhere {
+    fn append(&mut self, _: &[Arrival]) -> Result<(), JournalError> {
+        Ok(())
+    }
+
+    fn reject(&mut self, _: u32, _: u32, _: &str) -> Result<(), JournalError> {
+        Ok(())
+    }
+}
+
+/// Has the arm led over every sphere of the tour, once in each placement of the
+/// plate, from home.
+///
+/// # Errors
+/// Whatever stops it; a fault while the arm is led is cleared and tried again,
+/// as often as the options allow.
+pub fn teach(
+    assignment: &Assignment<'_>,
+    device: &mut dyn Device,
+    operator: &mut dyn Operator,
+    observer: &mut dyn Observer,
+    interrupt: &AtomicBool,
+) -> Result<Vec<Taught>, CampaignError> {
+    let tour = assignment.tour;
+    let mut nowhere = Nowhere;
+    let lead_us = u64::from(assignment.options.lead_ms) * 1000;
+    let mut session = Session::new(device, &mut nowhere, observer, interrupt, lead_us);
+    let campaign = Campaign::new(assignment);
+    campaign.begin(&mut session)?;
+    session.stage(Stage::Home, 0, tour);
+    campaign.travel(&mut session, "reach the home frame", &tour.home)?;
+    let mut taught: Vec<Taught> = Vec::new();
+    let mut stands = (!tour.several_places()).then_some(0);
+    for stop in &tour.stops {
+        if taught.iter().any(|t| (t.sphere, t.place) == (stop.sphere, stop.place)) {
+            continue;
+        }
+        campaign.have_plate(&mut session, &mut stands, stop.place)?;
+        session.stage(Stage::Teach, stop.sphere, tour);
+        let joints = lead(assignment, &mut session, operator, stop.sphere)?;
+        taught.push(Taught {
+            sphere: stop.sphere,
+            place: stop.place,
+            joints,
+        });
+    }
+    session.stage(Stage::Home, 0, tour);
+    campaign.travel(&mut session, "reach the home frame", &tour.home)?;
+    session.stage(Stage::Done, 0, tour);
+    Ok(taught)
+}
+
+fn lead(
+    assignment: &Assignment<'_>,
+    session: &mut Session<'_>,
+    operator: &mut dyn Operator,
+    sphere: u32,
+) -> Result<Vec<f64>, CampaignError> {
+    let attempts = assignment.options.attempts.max(1);
+    let mut last = None;
+    for _ in 0..attempts {
+        session.order("be guided", Command::HandGuide { on: true })?;
+        operator.lead(sphere);
+        let led = session.wait("be led to the sphere", LED_S, |_| operator.is_there().then_some(()))?;
+        let report = match led {
+            Waited::Got(()) => {
+                session.order("hold", Command::HandGuide { on: false })?;
+                operator.let_go();
+                session.drain(REST_TICKS)?;
+                if session.phase == Phase::Idle
+                    && let Some(sample) = session.sample
+                {
+                    let q = sample.q.iter().take(assignment.robot.dof());
+                    return Ok(q.map(|q| f64::from(*q)).collect());
+                }
+                session.pending_fault
+            }
+            Waited::Fault(report) => Some(report),
+        };
+        operator.let_go();
+        if let Some(report) = report {
+            session.note(&format!("sphere {sphere}: {:?} while being led; again", report.fault));
+        }
+        last = report.or(last);
+        session.clear_fault()?;
+    }
+    Err(match last {
+        Some(report) => CampaignError::GivenUp {
+            sphere,
+            attempts,
+            report,
+        },
+        None => CampaignError::Timeout {
+            what: "show where it stands".to_owned(),
+            limit_s: f64::from(REST_TICKS) * 1e-3,
+            phase: session.phase,
+        },
+    })
+}

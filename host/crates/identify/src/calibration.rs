@@ -1,0 +1,445 @@
+//! The result: a calibrated robot with everything that is known about its errors.
+
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use serde::Serialize;
+use spherecal_shared::robot::{Robot, Tool};
+
+use super::chain::{N, Nominal, State};
+use super::identifiability::Identifiability;
+use super::map::Fit;
+use super::normal::Root;
+use super::options::{Method, Model, Options};
+use super::parameters::{Layout, Reference, Unit};
+use spherecal_model::{Experiment, Pose, Sphere};
+
+/// One parameter's row of the result.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ParameterEstimate {
+    /// Name, as in [`super::parameters`].
+    pub name: String,
+    /// Unit of all its values.
+    pub unit: Unit,
+    /// Value before the data were seen.
+    pub nominal: f64,
+    /// Value now.
+    pub estimate: f64,
+    /// Standard deviation now; 0 where it was fixed.
+    pub sigma: f64,
+    /// Standard deviation before the data were seen.
+    pub prior_sigma: f64,
+    /// Whether it was estimated at all.
+    pub free: bool,
+    /// Whether the data determine it: `sigma` is under half of `prior_sigma`.
+    pub identified: bool,
+    /// Whether it left its nominal value by a thousandth of `prior_sigma`.
+    pub moved: bool,
+    /// Why the prior is what it is, or why the parameter is fixed.
+    pub reason: String,
+}
+
+/// The base seen from one reference frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct FramePose {
+    /// The frame: the tracker's, or the plate's in one of its places.
+    pub reference: Reference,
+    /// F0 in that frame.
+    pub base: Pose,
+}
+
+/// One observation's residual.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ResidualRow {
+    /// Index of the observation in the experiment.
+    pub index: usize,
+    /// TCP minus target, in the target's frame, in mm.
+    pub error_mm: [f64; 3],
+    /// Length of the whitened residual, in units of the estimated noise.
+    pub deviation: f64,
+    /// Robust weight relative to a residual of zero.
+    pub weight: f64,
+}
+
+/// An observation that the model does not believe.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Outlier {
+    /// Index of the observation in the experiment.
+    pub index: usize,
+    /// Why it was named.
+    pub why: String,
+}
+
+/// Statistics of the residuals of the calibration set.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Residual {
+    /// Root mean square of the distances, in mm.
+    pub rms_mm: f64,
+    /// Mean distance, in mm.
+    pub mean_mm: f64,
+    /// Largest distance, in mm.
+    pub max_mm: f64,
+    /// Observations that were down-weighted to less than a quarter.
+    pub outliers: Vec<Outlier>,
+    /// Every observation's.
+    #[serde(skip)]
+    pub rows: Vec<ResidualRow>,
+}
+
+/// Goodness of fit of the observations at one sphere and place, or by the tracker.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GroupFit {
+    /// Frame.
+    pub reference: Reference,
+    /// Id of the sphere; none for measured points.
+    pub sphere: Option<u32>,
+    /// Observations.
+    pub count: usize,
+    /// Root mean square of their distances, in mm.
+    pub rms_mm: f64,
+    /// Weighted chi-square at the estimated noise.
+    pub chi_square: f64,
+    /// The same per degree of freedom (three per observation): about 1.
+    pub per_freedom: f64,
+}
+
+/// A calibrated robot.
+#[derive(Clone, Debug, Serialize)]
+pub struct Calibration {
+    /// Method that made it.
+    pub method: Method,
+    /// Errors that are modelled.
+    pub model: Model,
+    /// Calibrated robot: geometry by its table, everything else as nominal.
+    pub robot: Robot,
+    /// Calibrated tool.
+    pub tool: Tool,
+    /// F0 seen from the first reference frame (the plate, or the tracker).
+    pub base: Pose,
+    /// F0 seen from every reference frame.
+    pub frames: Vec<FramePose>,
+    /// Joint compliance, base to flange, in rad/(N m): `q − c τ` is the joint's angle.
+    pub compliance_rad_per_nm: Vec<f64>,
+    /// Encoder harmonics by joint and order: cosine and sine part, in rad.
+    pub harmonics_rad: Vec<Vec<[f64; 2]>>,
+    /// Link bending by joint about x and y of its frame, in rad/(N m).
+    pub bending_rad_per_nm: Vec<[f64; 2]>,
+    /// Base tilt about x and y of F0, in rad/(N m).
+    pub tilt_rad_per_nm: [f64; 2],
+    /// The plate with the spheres where the data put them within their certificate.
+    pub spheres: Vec<Sphere>,
+    /// Every parameter of the model.
+    pub parameters: Vec<ParameterEstimate>,
+    /// What the data can tell.
+    pub identifiability: Identifiability,
+    /// Residuals of the calibration set.
+    pub residual: Residual,
+    /// Goodness of fit by sphere and place.
+    pub groups: Vec<GroupFit>,
+    /// Noise found, as a factor on [`super::Noise`].
+    pub noise_scale: f64,
+    /// Parameters that the data determine, out of those free.
+    pub effective_parameters: f64,
+    /// Natural logarithm of the model's evidence; compares models on the same data.
+    pub log_evidence: f64,
+    /// Factors on the priors of stiffness and of harmonics that the evidence chose.
+    pub prior_factors: (f64, f64),
+    /// Highest order of the encoder harmonics that the evidence left in the model.
+    pub harmonic_orders: usize,
+    /// Factor on the noise in estimate and covariance: 1 where residuals do not
+    /// repeat from pose to pose, up to [`super::Noise::inflation`] where they do.
+    pub noise_inflation: f64,
+    /// Whether the robot's description has no masses, so that assumed ones gave
+    /// the load its shape (and compliance is relative to them).
+    pub assumed_masses: bool,
+    /// Covariance of the free parameters, in the order in which
+    /// [`Self::parameters`] lists them, SI units.
+    #[serde(skip)]
+    pub covariance: DMatrix<f64>,
+    #[serde(skip)]
+    pub(crate) inner: Inner,
+}
+
+/// What predictions are computed from.
+#[derive(Clone, Debug)]
+pub(crate) struct Inner {
+    layout: Layout,
+    state: State,
+    nominal: Nominal,
+    columns: Vec<usize>,
+    /// Variance of the joint noise that stays in every pose, in rad².
+    joint_variance: f64,
+}
+
+impl Calibration {
+    /// TCP in F0, in m, at encoder angles `q` (rad).
+    ///
+    /// `tau` are measured joint torques (N m), in place of the model's gravity;
+    /// joints that are missing count as zero.
+    pub fn tcp_m(&self, q: &[f64], tau: Option<&[f64]>) -> Vector3<f64> {
+        let load = self.inner.nominal.load(q, tau);
+        self.inner.state.evaluate(&pad(q), &load).tcp
+    }
+
+    /// TCP in the first reference frame (plate or tracker), in m.
+    pub fn tcp_world_m(&self, q: &[f64], tau: Option<&[f64]>) -> Vector3<f64> {
+        self.base.point(&self.tcp_m(q, tau))
+    }
+
+    /// Covariance of the TCP predicted by [`Self::tcp_world_m`], in m², axes of
+    /// the first reference frame: all parameters with their correlations, and
+    /// the joint noise of a single pose.
+    pub fn tcp_covariance(&self, q: &[f64]) -> Matrix3<f64> {
+        self.covariance_of(q, true)
+    }
+
+    /// The same for [`Self::tcp_m`]: of the TCP in the robot's own frame F0, without
+    /// the uncertainty of where the base stands (axes of the first reference frame).
+    pub fn tcp_covariance_in_base(&self, q: &[f64]) -> Matrix3<f64> {
+        self.covariance_of(q, false)
+    }
+
+    fn covariance_of(&self, q: &[f64], base: bool) -> Matrix3<f64> {
+        let inner = &self.inner;
+        let columns = self.prediction_columns(q, base);
+        let picked = columns.select_columns(&inner.columns);
+        let mut covariance = Matrix3::zeros();
+        let product = &picked * &self.covariance * picked.transpose();
+        covariance.copy_from(&product);
+        for j in 0..inner.layout.n {
+            let column: Vector3<f64> = columns.fixed_view::<3, 1>(0, inner.layout.joint(j)).into();
+            covariance += column * column.transpose() * inner.joint_variance;
+        }
+        covariance
+    }
+
+    /// Columns of the prediction in the first reference frame: 3 x layout.
+    fn prediction_columns(&self, q: &[f64], base: bool) -> DMatrix<f64> {
+        let inner = &self.inner;
+        let (layout, state) = (&inner.layout, &inner.state);
+        let load = inner.nominal.load(q, None);
+        let k = state.evaluate(&pad(q), &load);
+        let mut general = [Vector3::zeros(); 5 * N + 16];
+        let mut joints = [Vector3::zeros(); N];
+        state.columns(layout, &k, &load, &mut general, &mut joints);
+        let rotation = self.base.rotation;
+        let mut columns = DMatrix::zeros(3, layout.len());
+        for (c, column) in general.iter().enumerate().take(layout.general()) {
+            columns.fixed_view_mut::<3, 1>(0, c).copy_from(&(rotation * column));
+        }
+        for j in 0..layout.n {
+            let along = rotation * joints[j];
+            let mut at = layout.joint(j);
+            let mut put = |value: f64| {
+                columns.fixed_view_mut::<3, 1>(0, at).copy_from(&(along * value));
+                at += 1;
+            };
+            put(1.0);
+            if layout.stiffness {
+                put(-load.joint[j][2]);
+            }
+            let (c, s) = k.trig[j];
+            let (mut ck, mut sk) = (c, s);
+            for _ in 0..layout.orders {
+                put(ck);
+                put(sk);
+                (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
+            }
+        }
+        if base && !layout.references.is_empty() {
+            let turned = rotation * k.tcp;
+            for axis in 0..3 {
+                let e: Vector3<f64> = Vector3::ith(axis, 1.0);
+                columns.fixed_view_mut::<3, 1>(0, layout.base(0) + axis).copy_from(&e);
+                columns
+                    .fixed_view_mut::<3, 1>(0, layout.base(0) + 3 + axis)
+                    .copy_from(&e.cross(&turned));
+            }
+        }
+        columns
+    }
+
+    /// Names of the free parameters, in the order of [`Self::covariance`].
+    pub fn free_names(&self) -> Vec<&str> {
+        self.parameters
+            .iter()
+            .filter(|p| p.free)
+            .map(|p| p.name.as_str())
+            .collect()
+    }
+
+    /// Correlation matrix of the free parameters.
+    pub fn correlation(&self) -> DMatrix<f64> {
+        let c = &self.covariance;
+        DMatrix::from_fn(c.nrows(), c.ncols(), |i, j| c[(i, j)] / (c[(i, i)] * c[(j, j)]).sqrt())
+    }
+}
+
+fn pad(q: &[f64]) -> [f64; N] {
+    let mut padded = [0.0; N];
+    for (slot, angle) in padded.iter_mut().zip(q) {
+        *slot = *angle;
+    }
+    padded
+}
+
+/// Writes the result of a fit.
+pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, fit: Fit) -> Calibration {
+    let Fit {
+        layout,
+        table,
+        start,
+        state,
+        nominal,
+        ..
+    } = &fit;
+    let mut robot = experiment.robot.clone();
+    for (joint, row) in robot.joints.iter_mut().zip(&state.rows) {
+        joint.mdh = *row;
+    }
+    let mut tool = experiment.tool;
+    tool.tcp_m = state.tcp.into();
+    let mut sigma = vec![0.0; layout.len()];
+    for (i, &column) in fit.unknowns.columns.iter().enumerate() {
+        sigma[column] = fit.covariance[(i, i)].max(0.0).sqrt();
+    }
+    let parameters = table
+        .iter()
+        .zip(&sigma)
+        .map(|(p, &sigma)| {
+            let (nominal, estimate) = (start.get(p.kind), state.get(p.kind));
+            ParameterEstimate {
+                name: p.name.clone(),
+                unit: p.unit,
+                nominal,
+                estimate,
+                sigma,
+                prior_sigma: p.prior_sigma,
+                free: p.free,
+                identified: p.free && sigma < 0.5 * p.prior_sigma,
+                moved: p.free && (estimate - nominal).abs() > 1e-3 * p.prior_sigma.min(1e-3),
+                reason: p.reason.to_owned(),
+            }
+        })
+        .collect();
+    let frames: Vec<FramePose> = layout
+        .references
+        .iter()
+        .zip(&state.bases)
+        .map(|(&reference, &base)| FramePose { reference, base })
+        .collect();
+    let spheres = experiment.spheres.iter().map(|sphere| {
+        let mut sphere = *sphere;
+        if let Some(at) = layout.spheres.iter().position(|id| *id == sphere.id) {
+            for axis in 0..3 {
+                sphere.position_m[axis] += state.spheres[at][axis];
+            }
+            let own = &sigma[layout.sphere(at)..layout.sphere(at) + 3];
+            sphere.sigma_m = own.iter().copied().fold(0.0, f64::max);
+        }
+        sphere
+    });
+    let (residual, groups) = residuals(&fit);
+    let joint_noise = fit.whitening.joint * fit.scale.powi(2);
+    Calibration {
+        method: options.method,
+        model,
+        robot,
+        tool,
+        base: frames.first().map(|f| f.base).unwrap_or_default(),
+        frames,
+        compliance_rad_per_nm: state.compliance.clone(),
+        harmonics_rad: state.harmonics.clone(),
+        bending_rad_per_nm: state.bending.clone(),
+        tilt_rad_per_nm: state.tilt,
+        spheres: spheres.collect(),
+        parameters,
+        identifiability: fit.identifiability.clone(),
+        residual,
+        groups,
+        noise_scale: fit.scale,
+        effective_parameters: fit.effective,
+        log_evidence: fit.log_evidence,
+        prior_factors: (fit.choice.stiffness, fit.choice.harmonics),
+        harmonic_orders: fit.choice.orders.min(layout.orders),
+        noise_inflation: fit.inflation,
+        assumed_masses: nominal.assumed(),
+        inner: Inner {
+            layout: layout.clone(),
+            state: state.clone(),
+            nominal: nominal.clone(),
+            columns: fit.unknowns.columns.clone(),
+            joint_variance: joint_noise,
+        },
+        covariance: fit.covariance,
+    }
+}
+
+/// Residuals at the final state, by observation and by group.
+fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
+    let (state, layout) = (&fit.state, &fit.layout);
+    let mut rows = Vec::with_capacity(fit.prepared.len());
+    let mut columns = [Vector3::zeros(); N];
+    for (observation, &weight) in fit.prepared.iter().zip(&fit.weights) {
+        let k = state.at(observation);
+        for j in 0..layout.n {
+            columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].origin));
+        }
+        let covariance = fit
+            .whitening
+            .covariance(&columns[..layout.n], observation.sphere.is_some());
+        let residual = state.residual(observation, &k.tcp);
+        let deviation = Root::new(&covariance).times(&residual).norm() / fit.scale;
+        let rotation = state.bases.get(observation.reference).map(|b| b.rotation);
+        let error = rotation.unwrap_or_else(Matrix3::identity) * residual * 1000.0;
+        rows.push(ResidualRow {
+            index: observation.index,
+            error_mm: error.into(),
+            deviation,
+            weight,
+        });
+    }
+    let length = |row: &ResidualRow| Vector3::from(row.error_mm).norm();
+    let mean_square = |of: &[f64]| (of.iter().map(|x| x * x).sum::<f64>() / of.len().max(1) as f64).sqrt();
+    let lengths: Vec<f64> = rows.iter().map(length).collect();
+    let groups = fit
+        .groups
+        .iter()
+        .map(|group| {
+            let own: Vec<f64> = group.members.iter().map(|&i| lengths[i]).collect();
+            let chi_square = group
+                .members
+                .iter()
+                .map(|&i| rows[i].deviation.powi(2) * fit.weights[i])
+                .sum::<f64>();
+            GroupFit {
+                reference: layout
+                    .references
+                    .get(group.reference)
+                    .copied()
+                    .unwrap_or(Reference::Tracker),
+                sphere: group.sphere.and_then(|s| layout.spheres.get(s).copied()),
+                count: own.len(),
+                rms_mm: mean_square(&own),
+                chi_square,
+                per_freedom: chi_square / (3.0 * own.len().max(1) as f64),
+            }
+        })
+        .collect();
+    // A deviation of five: beyond what the tails of the noise explain.
+    let outliers = rows.iter().filter(|row| row.deviation > 5.0).map(|row| Outlier {
+        index: row.index,
+        why: format!(
+            "{:.3} mm from its target, {:.1} times the noise: counted with weight {:.2}",
+            length(row),
+            row.deviation,
+            row.weight
+        ),
+    });
+    let residual = Residual {
+        rms_mm: mean_square(&lengths),
+        mean_mm: lengths.iter().sum::<f64>() / lengths.len().max(1) as f64,
+        max_mm: lengths.iter().copied().fold(0.0, f64::max),
+        outliers: outliers.collect(),
+        rows,
+    };
+    (residual, groups)
+}

@@ -1,0 +1,410 @@
+//! Kinematics and gravity load of a robot whose number of joints is known only
+//! at run time.
+//!
+//! One observation's constants are prepared once ([`Prepared`]); a model state
+//! ([`State`]) then gives the TCP, and the columns from which the estimators
+//! build their Jacobians ([`Kinematics`]).
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::robot::kinematics::{next_frame, next_frame_turned, parameter_columns};
+use spherecal_shared::robot::{Frame, GRAVITY_M_S2, LinkTransform, MdhRow, Robot, Tool};
+use spherecal_shared::scalar::Real;
+
+use super::parameters::{Kind, Layout};
+use spherecal_model::Pose;
+
+/// Largest number of joints, as a length of arrays.
+pub(crate) const N: usize = MAX_JOINTS;
+
+/// Moments that hold the robot against gravity, by the nominal model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Load {
+    /// At the origin of each joint's frame, in the frame's axes, in N m; the z
+    /// component is the joint torque.
+    pub(crate) joint: [[f64; 3]; N],
+    /// At the base, about x and y of F0, in N m.
+    pub(crate) base: [f64; 2],
+}
+
+/// The nominal robot as slices: what loads are computed from.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Nominal {
+    links: Vec<LinkTransform<f64>>,
+    bodies: Vec<(f64, Vector3<f64>)>,
+    /// The description has no masses; [`ASSUMED_LINK_KG`] stands in.
+    assumed: bool,
+}
+
+/// Mass of each link of a robot whose description has none, half way to the next
+/// joint. Only the way in which the load changes from pose to pose matters: the
+/// compliance that is fitted to it absorbs its size. On the real arm of
+/// `mukca_iiwa14.csv`, whose URDF has no masses, it does nearly as well as the
+/// arm's own masses.
+const ASSUMED_LINK_KG: f64 = 3.0;
+
+impl Nominal {
+    pub(crate) fn new(robot: &Robot, tool: &Tool) -> Self {
+        let last = robot.dof().saturating_sub(1);
+        let bodies = robot.joints.iter().enumerate().map(|(i, joint)| {
+            let body = if i == last {
+                joint.link.combined(&tool.body)
+            } else {
+                joint.link
+            };
+            (body.mass_kg, body.com())
+        });
+        let links: Vec<_> = robot.joints.iter().map(|j| LinkTransform::from(&j.mdh)).collect();
+        let mut bodies: Vec<_> = bodies.collect();
+        let assumed = robot.joints.iter().all(|joint| joint.link.mass_kg <= 0.0);
+        if assumed {
+            for (i, body) in bodies.iter_mut().enumerate() {
+                let end = links.get(i + 1).map_or_else(|| tool.tcp(), |next| next.origin);
+                let total = body.0 + ASSUMED_LINK_KG;
+                *body = (total, (body.1 * body.0 + end * (0.5 * ASSUMED_LINK_KG)) / total);
+            }
+        }
+        Self { links, bodies, assumed }
+    }
+
+    /// Whether the masses are assumed, for want of any in the description.
+    pub(crate) fn assumed(&self) -> bool {
+        self.assumed
+    }
+
+    /// Loads at joint angles `q`; measured torques replace the joints' own.
+    pub(crate) fn load(&self, q: &[f64], measured: Option<&[f64]>) -> Load {
+        let mut load = Load::default();
+        let mut frames = [Frame::identity(); N];
+        let n = self.links.len().min(q.len()).min(N);
+        let mut frame = Frame::identity();
+        for i in 0..n {
+            frame = next_frame(&frame, &self.links[i], q[i]);
+            frames[i] = frame;
+        }
+        let mut mass = 0.0;
+        let mut moment = Vector3::zeros();
+        for i in (0..n).rev() {
+            let (m, com) = &self.bodies[i];
+            mass += m;
+            moment += frames[i].point(com) * *m;
+            let holding = (moment - frames[i].origin * mass).cross(&Vector3::z()) * GRAVITY_M_S2;
+            load.joint[i] = frames[i].rotation.tr_mul(&holding).into();
+        }
+        let holding = moment.cross(&Vector3::z()) * GRAVITY_M_S2;
+        load.base = [holding.x, holding.y];
+        for (slot, tau) in load.joint.iter_mut().zip(measured.into_iter().flatten()) {
+            slot[2] = *tau;
+        }
+        load
+    }
+}
+
+/// Cosine and sine by joint.
+pub(crate) type Trig = [(f64, f64); N];
+
+/// Cosine and sine of joint angles.
+pub(crate) fn trig(q: &[f64; N]) -> Trig {
+    q.map(|angle| {
+        let (s, c) = angle.sin_cos_of();
+        (c, s)
+    })
+}
+
+/// Angles up to this are turned by their series, in rad: 1e-17 of it is left out.
+const SMALL_RAD: f64 = 0.05;
+
+/// Cosine and sine of an angle, quickly if it is small.
+#[inline]
+fn small(angle: f64) -> (f64, f64) {
+    if angle.abs() < SMALL_RAD {
+        let e = angle * angle;
+        let sine = angle * (1.0 - e / 6.0 * (1.0 - e / 20.0 * (1.0 - e / 42.0)));
+        (1.0 - e / 2.0 * (1.0 - e / 12.0 * (1.0 - e / 30.0)), sine)
+    } else {
+        let (s, c) = angle.sin_cos_of();
+        (c, s)
+    }
+}
+
+/// Cosine and sine of the sum of two angles.
+#[inline]
+fn sum(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
+    (a.0 * b.0 - a.1 * b.1, a.1 * b.0 + a.0 * b.1)
+}
+
+/// One observation, ready for the estimators.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Prepared {
+    /// Index into the experiment's observations.
+    pub(crate) index: usize,
+    pub(crate) q: [f64; N],
+    /// Cosine and sine of `q`: evaluations are many, angles stay.
+    pub(crate) trig: Trig,
+    pub(crate) load: Load,
+    /// Target in its reference frame, in m (a sphere's certified centre).
+    pub(crate) target: Vector3<f64>,
+    /// Index of the reference frame in the layout.
+    pub(crate) reference: usize,
+    /// Index of the sphere in the layout.
+    pub(crate) sphere: Option<usize>,
+}
+
+/// A state of the model: the geometry and the effects at one point of the search.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct State {
+    pub(crate) rows: Vec<MdhRow<f64>>,
+    pub(crate) tcp: Vector3<f64>,
+    /// F0 in each reference frame.
+    pub(crate) bases: Vec<Pose>,
+    /// Points of each reference frame about which steps turn the base, in m: the
+    /// middle of the targets, so that turns and shifts hardly mix.
+    pub(crate) pivots: Vec<Vector3<f64>>,
+    /// Compliance per joint, rad/(N m).
+    pub(crate) compliance: Vec<f64>,
+    /// Cosine and sine parts by joint and order, in rad.
+    pub(crate) harmonics: Vec<Vec<[f64; 2]>>,
+    /// Bending per joint about x and y, rad/(N m).
+    pub(crate) bending: Vec<[f64; 2]>,
+    /// Base tilt about x and y, rad/(N m).
+    pub(crate) tilt: [f64; 2],
+    /// Offsets from the certificate, in m.
+    pub(crate) spheres: Vec<Vector3<f64>>,
+    #[serde(skip)]
+    links: Vec<LinkTransform<f64>>,
+    /// Cosine and sine of the rows' theta.
+    #[serde(skip)]
+    offsets: Vec<(f64, f64)>,
+}
+
+/// What one evaluation leaves behind for the Jacobian.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Kinematics {
+    pub(crate) frames: [Frame<f64>; N],
+    /// TCP in F0, in m.
+    pub(crate) tcp: Vector3<f64>,
+    /// Cosine and sine of the encoder angles.
+    pub(crate) trig: Trig,
+}
+
+impl State {
+    pub(crate) fn nominal(robot: &Robot, tool: &Tool, layout: &Layout) -> Self {
+        let n = robot.dof();
+        let mut state = Self {
+            rows: robot.joints.iter().map(|j| j.mdh).collect(),
+            tcp: tool.tcp(),
+            bases: vec![Pose::default(); layout.references.len()],
+            pivots: vec![Vector3::zeros(); layout.references.len()],
+            compliance: vec![0.0; n],
+            harmonics: vec![vec![[0.0; 2]; layout.orders]; n],
+            bending: vec![[0.0; 2]; n],
+            tilt: [0.0; 2],
+            spheres: vec![Vector3::zeros(); layout.spheres.len()],
+            links: Vec::new(),
+            offsets: Vec::new(),
+        };
+        state.refresh();
+        state
+    }
+
+    /// Recomputes what follows from the rows.
+    pub(crate) fn refresh(&mut self) {
+        self.links = self.rows.iter().map(LinkTransform::from).collect();
+        let offset = |row: &MdhRow<f64>| {
+            let (s, c) = row.theta.sin_cos_of();
+            (c, s)
+        };
+        self.offsets = self.rows.iter().map(offset).collect();
+    }
+
+    /// The value of a parameter (base rotations: components of the rotation vector).
+    pub(crate) fn get(&self, kind: Kind) -> f64 {
+        let value = match kind {
+            Kind::Alpha(i) => self.rows.get(i).map(|r| r.alpha),
+            Kind::A(i) => self.rows.get(i).map(|r| r.a),
+            Kind::D(i) => self.rows.get(i).map(|r| r.d),
+            Kind::Beta(i) => self.rows.get(i).map(|r| r.beta),
+            Kind::Theta(i) => self.rows.get(i).map(|r| r.theta),
+            Kind::Tool(k) => self.tcp.get(k).copied(),
+            Kind::Bending(i, k) => self.bending.get(i).and_then(|b| b.get(k)).copied(),
+            Kind::Tilt(k) => self.tilt.get(k).copied(),
+            Kind::Compliance(i) => self.compliance.get(i).copied(),
+            Kind::Cosine(i, k) => self
+                .harmonics
+                .get(i)
+                .and_then(|h| h.get(k.wrapping_sub(1)))
+                .map(|h| h[0]),
+            Kind::Sine(i, k) => self
+                .harmonics
+                .get(i)
+                .and_then(|h| h.get(k.wrapping_sub(1)))
+                .map(|h| h[1]),
+            Kind::Base(f, k) if k < 3 => self.bases.get(f).map(|b| b.translation_m[k]),
+            Kind::Base(f, k) => self.bases.get(f).map(|b| b.rotation_vector()[k - 3]),
+            Kind::Sphere(s, k) => self.spheres.get(s).map(|p| p[k]),
+        };
+        value.unwrap_or_default()
+    }
+
+    /// Adds `step` to a parameter; base rotations turn about the reference frame's
+    /// axes through the pivot.
+    pub(crate) fn add(&mut self, kind: Kind, step: f64) {
+        let slot = match kind {
+            Kind::Alpha(i) => self.rows.get_mut(i).map(|r| &mut r.alpha),
+            Kind::A(i) => self.rows.get_mut(i).map(|r| &mut r.a),
+            Kind::D(i) => self.rows.get_mut(i).map(|r| &mut r.d),
+            Kind::Beta(i) => self.rows.get_mut(i).map(|r| &mut r.beta),
+            Kind::Theta(i) => self.rows.get_mut(i).map(|r| &mut r.theta),
+            Kind::Tool(k) => self.tcp.get_mut(k),
+            Kind::Bending(i, k) => self.bending.get_mut(i).and_then(|b| b.get_mut(k)),
+            Kind::Tilt(k) => self.tilt.get_mut(k),
+            Kind::Compliance(i) => self.compliance.get_mut(i),
+            Kind::Cosine(i, k) => order(&mut self.harmonics, i, k).map(|h| &mut h[0]),
+            Kind::Sine(i, k) => order(&mut self.harmonics, i, k).map(|h| &mut h[1]),
+            Kind::Base(f, k) if k < 3 => self.bases.get_mut(f).map(|b| &mut b.translation_m[k]),
+            Kind::Base(f, k) => {
+                if let Some(base) = self.bases.get_mut(f) {
+                    let mut axis = Vector3::zeros();
+                    axis[(k - 3).min(2)] = step;
+                    let turn = nalgebra::Rotation3::new(axis);
+                    let pivot = self.pivots.get(f).copied().unwrap_or_default();
+                    base.rotation = turn * base.rotation;
+                    base.translation_m = pivot + turn * (base.translation_m - pivot);
+                }
+                None
+            }
+            Kind::Sphere(s, k) => self.spheres.get_mut(s).map(|p| &mut p[k]),
+        };
+        if let Some(slot) = slot {
+            *slot += step;
+        }
+    }
+
+    /// What compliance and harmonics add to an encoder angle, in rad.
+    #[inline]
+    fn deviation(&self, joint: usize, (c, s): (f64, f64), load: &Load) -> f64 {
+        let mut deviation = -self.compliance[joint] * load.joint[joint][2];
+        let (mut ck, mut sk) = (c, s);
+        for [cosine, sine] in &self.harmonics[joint] {
+            deviation += cosine * ck + sine * sk;
+            (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
+        }
+        deviation
+    }
+
+    /// Frames and TCP at encoder angles `q` (at least n) under `load`.
+    pub(crate) fn evaluate(&self, q: &[f64; N], load: &Load) -> Kinematics {
+        self.turned(&trig(q), load)
+    }
+
+    /// Frames and TCP of an observation.
+    #[inline]
+    pub(crate) fn at(&self, observation: &Prepared) -> Kinematics {
+        self.turned(&observation.trig, &observation.load)
+    }
+
+    #[inline]
+    fn turned(&self, trig: &Trig, load: &Load) -> Kinematics {
+        let mut frames = [Frame::identity(); N];
+        let mut frame = Frame::identity();
+        for (j, ((link, offset), slot)) in self.links.iter().zip(&self.offsets).zip(&mut frames).enumerate() {
+            let deviation = self.deviation(j, trig[j], load);
+            let (c, s) = sum(sum(trig[j], *offset), small(deviation));
+            frame = next_frame_turned(&frame, link, (s, c));
+            *slot = frame;
+        }
+        let mut tcp = frame.point(&self.tcp);
+        let rigid = tcp;
+        for (j, [x, y]) in self.bending.iter().enumerate().take(N) {
+            if *x != 0.0 || *y != 0.0 {
+                let turn = bend(&frames[j], &load.joint[j], *x, *y);
+                tcp += turn.cross(&(rigid - frames[j].origin));
+            }
+        }
+        let tilt = Vector3::new(-self.tilt[0] * load.base[0], -self.tilt[1] * load.base[1], 0.0);
+        tcp += tilt.cross(&rigid);
+        Kinematics {
+            frames,
+            tcp,
+            trig: *trig,
+        }
+    }
+
+    /// Columns of the general block and of the joints, in F0: `general` has
+    /// [`Layout::general`] items, `joints` one per joint.
+    #[inline]
+    pub(crate) fn columns(
+        &self,
+        layout: &Layout,
+        k: &Kinematics,
+        load: &Load,
+        general: &mut [Vector3<f64>],
+        joints: &mut [Vector3<f64>],
+    ) {
+        let n = layout.n;
+        let mut parent = Frame::identity();
+        for i in 0..n {
+            let frame = &k.frames[i];
+            let (x, z): (Vector3<f64>, Vector3<f64>) = (parent.rotation.column(0).into(), frame.z());
+            general[3 * i] = x.cross(&(k.tcp - parent.origin));
+            general[3 * i + 1] = x;
+            general[3 * i + 2] = if layout.hayati[i] {
+                parameter_columns(&parent, frame, &self.rows[i], &k.tcp).beta
+            } else {
+                z
+            };
+            joints[i] = z.cross(&(k.tcp - frame.origin));
+            parent = *frame;
+        }
+        for axis in 0..3 {
+            general[3 * n + axis] = parent.rotation.column(axis).into();
+        }
+        if layout.stiffness {
+            for i in 0..n {
+                let frame = &k.frames[i];
+                let arm = k.tcp - frame.origin;
+                let at = layout.bending(i);
+                general[at] = bend(frame, &load.joint[i], 1.0, 0.0).cross(&arm);
+                general[at + 1] = bend(frame, &load.joint[i], 0.0, 1.0).cross(&arm);
+            }
+            let at = layout.tilt();
+            general[at] = Vector3::x().cross(&k.tcp) * -load.base[0];
+            general[at + 1] = Vector3::y().cross(&k.tcp) * -load.base[1];
+        }
+    }
+
+    /// The pivot of a reference frame in F0, in m.
+    #[inline]
+    pub(crate) fn pivot(&self, reference: usize) -> Vector3<f64> {
+        match (self.bases.get(reference), self.pivots.get(reference)) {
+            (Some(base), Some(pivot)) => base.inverse_point(pivot),
+            _ => Vector3::zeros(),
+        }
+    }
+
+    /// Residual in F0: TCP minus target, in m.
+    #[inline]
+    pub(crate) fn residual(&self, observation: &Prepared, tcp: &Vector3<f64>) -> Vector3<f64> {
+        let mut target = observation.target;
+        if let Some(offset) = observation.sphere.and_then(|s| self.spheres.get(s)) {
+            target += offset;
+        }
+        match self.bases.get(observation.reference) {
+            Some(base) => tcp - base.inverse_point(&target),
+            None => tcp - target,
+        }
+    }
+}
+
+fn order(harmonics: &mut [Vec<[f64; 2]>], joint: usize, k: usize) -> Option<&mut [f64; 2]> {
+    harmonics.get_mut(joint).and_then(|h| h.get_mut(k.wrapping_sub(1)))
+}
+
+/// Rotation of a link by bending, in F0, in rad: it gives way to the load, so
+/// against the moment that holds it.
+#[inline]
+fn bend(frame: &Frame<f64>, moment: &[f64; 3], x: f64, y: f64) -> Vector3<f64> {
+    let r: &Matrix3<f64> = &frame.rotation;
+    r.column(0) * (-x * moment[0]) + r.column(1) * (-y * moment[1])
+}

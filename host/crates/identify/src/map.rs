@@ -1,0 +1,341 @@
+//! The structured maximum a posteriori estimator, and geometry alone.
+//!
+//! 1. Every reference frame is registered to the nominal robot.
+//! 2. Geometry with its priors is fitted by Gauss-Newton, analytic Jacobian,
+//!    Student-t weights: gross errors are down-weighted from here on.
+//! 3. Compliance, bending and harmonics join as random effects; the noise scale is
+//!    re-estimated from the residuals, counting the parameters that the data
+//!    really determine; [`effects`](super::effects) chooses among a few priors and
+//!    tails by evidence.
+//! 4. The noise is inflated as far as it repeats ([`Noise::inflation`](super::options::Noise))
+//!    and the mode and covariance taken there.
+
+use nalgebra::{DMatrix, Vector3};
+
+use super::chain::{Nominal, Prepared, State, trig};
+use super::effects::Choice;
+use super::error::IdentifyError;
+use super::identifiability::{Identifiability, analyse};
+use super::normal::{Group, Whitening, distances, groups};
+use super::options::{Model, Options, Torque};
+use super::parameters::{Kind, Layout, Parameter, reference_of, table};
+use super::search::{SETTLED, Search, joined};
+use super::solve::{Posterior, Unknowns};
+use spherecal_model::{Experiment, Pose, Set};
+
+/// Fewest observations: their three numbers must exceed the six of the base.
+pub(crate) const FEWEST: usize = 3;
+/// Most Gauss-Newton steps of geometry alone.
+const STEPS: usize = 10;
+/// Most of them where the effects join afterwards: enough to find gross errors.
+const FIRST_STEPS: usize = 4;
+/// Most steps with the effects, besides the last under inflated noise.
+const STRUCTURED_STEPS: usize = 4;
+/// With so few poses the structured equations are made anew at every step: the
+/// robust weights of few poses still change much, and it costs little.
+const FEW: usize = 600;
+/// A fitted model with all that its result is written from.
+pub(crate) struct Fit {
+    pub(crate) layout: Layout,
+    pub(crate) table: Vec<Parameter>,
+    pub(crate) start: State,
+    pub(crate) state: State,
+    pub(crate) nominal: Nominal,
+    pub(crate) prepared: Vec<Prepared>,
+    pub(crate) groups: Vec<Group>,
+    pub(crate) whitening: Whitening,
+    /// Robust weights by prepared observation.
+    pub(crate) weights: Vec<f64>,
+    /// Noise scale estimated, before inflation.
+    pub(crate) scale: f64,
+    /// Parameters that the data determine.
+    pub(crate) effective: f64,
+    pub(crate) unknowns: Unknowns,
+    pub(crate) covariance: DMatrix<f64>,
+    /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
+    pub(crate) log_evidence: f64,
+    /// Priors of the effects that the evidence chose.
+    pub(crate) choice: Choice,
+    /// Factor on the noise that was used: see [`Noise::inflation`](super::options::Noise).
+    pub(crate) inflation: f64,
+    pub(crate) identifiability: Identifiability,
+}
+
+/// Observations of one set, ready to use.
+pub(crate) fn prepare(
+    experiment: &Experiment,
+    layout: &Layout,
+    nominal: &Nominal,
+    torque: Torque,
+    wanted: impl Fn(usize) -> bool,
+) -> Result<Vec<Prepared>, IdentifyError> {
+    let all = |o: &spherecal_model::Observation| o.tau.is_some();
+    let measured = match torque {
+        Torque::Model => false,
+        Torque::Measured => true,
+        Torque::Auto => nominal.assumed() && experiment.observations.iter().all(all),
+    };
+    let mut prepared = Vec::with_capacity(experiment.observations.len());
+    for (index, observation) in experiment.observations.iter().enumerate() {
+        if !wanted(index) {
+            continue;
+        }
+        let tau = if measured {
+            Some(observation.tau.as_deref().ok_or(IdentifyError::NoTorque {
+                row: index + 1,
+                expected: layout.n,
+            })?)
+        } else {
+            None
+        };
+        let mut q = [0.0; super::chain::N];
+        for (slot, angle) in q.iter_mut().zip(&observation.q) {
+            *slot = *angle;
+        }
+        let reference = reference_of(&observation.target);
+        let (target, sphere) = match observation.target {
+            spherecal_model::Target::Point(p) => (Vector3::from(p), None),
+            spherecal_model::Target::Sphere { sphere, .. } => {
+                let known = experiment.spheres.iter().find(|s| s.id == sphere);
+                let position = known.map_or([0.0; 3], |s| s.position_m);
+                (
+                    Vector3::from(position),
+                    layout.spheres.iter().position(|id| *id == sphere),
+                )
+            }
+        };
+        prepared.push(Prepared {
+            index,
+            q,
+            trig: trig(&q),
+            load: nominal.load(&observation.q, tau),
+            target,
+            reference: layout
+                .references
+                .iter()
+                .position(|r| *r == reference)
+                .unwrap_or_default(),
+            sphere,
+        });
+    }
+    Ok(prepared)
+}
+
+/// Registers every reference frame to the state's robot.
+pub(crate) fn register(state: &mut State, prepared: &[Prepared], base: Option<&Pose>) {
+    for reference in 0..state.bases.len() {
+        let of = || prepared.iter().filter(move |p| p.reference == reference);
+        let from: Vec<_> = of().map(|p| state.at(p).tcp).collect();
+        let onto: Vec<_> = of().map(|p| p.target).collect();
+        if let Some(pose) = Pose::fit(&from, &onto) {
+            state.bases[reference] = pose;
+            state.pivots[reference] = onto.iter().sum::<Vector3<f64>>() / onto.len() as f64;
+        }
+    }
+    if let (Some(base), Some(slot)) = (base, state.bases.first_mut()) {
+        *slot = *base;
+    }
+}
+
+/// The nominal state, every parameter at its table's value, every frame registered.
+fn start_state(
+    experiment: &Experiment,
+    layout: &Layout,
+    table: &[Parameter],
+    prepared: &[Prepared],
+    base: Option<&Pose>,
+) -> State {
+    let mut state = State::nominal(&experiment.robot, &experiment.tool, layout);
+    for parameter in table {
+        let now = state.get(parameter.kind);
+        if parameter.nominal != now && !matches!(parameter.kind, Kind::Base(..)) {
+            state.add(parameter.kind, parameter.nominal - now);
+        }
+    }
+    state.refresh();
+    register(&mut state, prepared, base);
+    state
+}
+
+/// Fits `model` to the observations that `wanted` names.
+///
+/// # Errors
+/// Bad data, too few of them, or no convergence.
+pub(crate) fn fit(
+    experiment: &Experiment,
+    options: &Options,
+    model: Model,
+    wanted: impl Fn(usize) -> bool,
+) -> Result<Fit, IdentifyError> {
+    let nominal = Nominal::new(&experiment.robot, &experiment.tool);
+    let plain = Layout::new(experiment, 0, false);
+    let in_set = |i: usize| experiment.observations.get(i).is_some_and(|o| o.set == Set::Calibrate) && wanted(i);
+    let prepared = prepare(experiment, &plain, &nominal, options.torque, in_set)?;
+    let needed = FEWEST;
+    if prepared.len() < needed {
+        return Err(IdentifyError::TooFewObservations {
+            found: prepared.len(),
+            needed,
+        });
+    }
+    if prepared.iter().all(|p| p.q == prepared[0].q) {
+        return Err(IdentifyError::NoVariety);
+    }
+    let noise = &options.noise;
+    let grouped = groups(&prepared);
+    let stiffness = model != Model::Geometry;
+    let orders = if model == Model::Full { options.harmonics } else { 0 };
+    let layout = Layout::new(experiment, orders, stiffness);
+    let full_table = table(experiment, &layout, options)?;
+    let start = start_state(experiment, &layout, &full_table, &prepared, options.base.as_ref());
+
+    // The geometry, with the effects where their nominal values put them.
+    let plain_table: Vec<Parameter> = plain
+        .kinds()
+        .into_iter()
+        .filter_map(|kind| full_table.iter().find(|p| p.kind == kind).cloned())
+        .collect();
+    let mut search = Search {
+        layout: &plain,
+        table: &plain_table,
+        prepared: &prepared,
+        groups: &grouped,
+        whitening: Whitening {
+            joint: noise.joint_rad.powi(2),
+            seating: noise.seating_m.powi(2),
+            point: noise.point_m.powi(2),
+        },
+        state: start.clone(),
+        unknowns: Unknowns::new(&plain_table),
+        weights: vec![1.0; prepared.len()],
+        s2: 1.0,
+        effective: 0.0,
+        nu: options.student_t,
+        options,
+    };
+    let richer = layout != plain;
+    let most = if richer { FIRST_STEPS } else { STEPS };
+    let (first, mut normal) = search.settle(most)?;
+    let identifiability = analyse(&first, &plain_table, prepared.len());
+    if search.choose_shape()? {
+        (_, normal) = search.settle(most)?;
+    }
+    // The effects join, with the geometry where it is.
+    search.unknowns = joined(&full_table, &plain_table, &search.unknowns);
+    search.layout = &layout;
+    search.table = &full_table;
+    let mut choice = Choice::default();
+    if richer {
+        if noise.estimate {
+            search.s2 = search.s2.min(1.0);
+        }
+        normal = search.equations();
+        search.step(&normal, true)?;
+        for k in 0..STRUCTURED_STEPS {
+            if prepared.len() <= FEW {
+                normal = search.equations();
+            } else {
+                search.renew(&mut normal);
+            }
+            if k == 1 {
+                search.choose_tails()?;
+                choice = search.choose_priors(&normal, search.inflation())?;
+            }
+            if search.step(&normal, true)? < SETTLED && k > 0 {
+                break;
+            }
+        }
+        normal = search.equations();
+    } else {
+        search.effective = Posterior::new(&normal, &search.unknowns, search.s2)?.effective(&search.unknowns);
+        search.reweight()?;
+        search.renew(&mut normal);
+    }
+    // The mode and covariance under inflated noise.
+    let d2 = distances(&search.state, search.layout, &prepared, &search.whitening);
+    let posterior = Posterior::new(&normal, &search.unknowns, search.s2)?;
+    let log_evidence = evidence(&posterior, &search.unknowns, &d2, search.s2, search.nu);
+    let inflation = search.inflation();
+    let inflated = search.s2 * inflation.powi(2);
+    let posterior = Posterior::new(&normal, &search.unknowns, inflated)?;
+    let (step, _) = posterior.step(&normal, &search.unknowns, inflated);
+    search.advance(&step);
+    let mut covariance = posterior.covariance();
+    let Search {
+        whitening,
+        state,
+        unknowns,
+        weights,
+        s2,
+        effective,
+        ..
+    } = search;
+    about_base(&mut covariance, &unknowns, &layout, &state);
+    let mut full_table = full_table;
+    for (&column, precision) in unknowns.columns.iter().zip(&unknowns.precision) {
+        full_table[column].prior_sigma = precision.powf(-0.5);
+    }
+    Ok(Fit {
+        layout,
+        table: full_table,
+        start,
+        state,
+        nominal,
+        prepared,
+        groups: grouped,
+        whitening,
+        weights,
+        scale: s2.sqrt(),
+        effective,
+        unknowns,
+        covariance,
+        log_evidence,
+        choice,
+        inflation,
+        identifiability,
+    })
+}
+
+/// Turns the covariance of each base from shifts at the pivot into shifts of the
+/// base's origin: `δt = δ + ω × (t − c)`.
+fn about_base(covariance: &mut DMatrix<f64>, unknowns: &Unknowns, layout: &Layout, state: &State) {
+    let m = unknowns.len();
+    let at = |column: usize| unknowns.columns.iter().position(|c| *c == column);
+    for (f, (base, pivot)) in state.bases.iter().zip(&state.pivots).enumerate() {
+        let arm = base.translation_m - pivot;
+        let first = layout.base(f);
+        let mut turn = DMatrix::identity(m, m);
+        for axis in 0..3 {
+            let Some(column) = at(first + 3 + axis) else { continue };
+            let shift = Vector3::<f64>::ith(axis, 1.0).cross(&arm);
+            for k in 0..3 {
+                if let Some(row) = at(first + k) {
+                    turn[(row, column)] = shift[k];
+                }
+            }
+        }
+        *covariance = &turn * &*covariance * turn.transpose();
+    }
+}
+
+/// Laplace evidence: Student-t likelihood, priors and the posterior's volume.
+fn evidence(posterior: &Posterior, unknowns: &Unknowns, d2: &[f64], s2: f64, nu: f64) -> f64 {
+    let data: f64 = d2
+        .iter()
+        .map(|d| {
+            let shape = if nu > 0.0 {
+                -0.5 * (nu + 3.0) * (d / (s2 * nu)).ln_1p()
+            } else {
+                -0.5 * d / s2
+            };
+            shape - 1.5 * s2.ln()
+        })
+        .sum();
+    let prior: f64 = unknowns
+        .precision
+        .iter()
+        .zip(&unknowns.deviation)
+        .map(|(p, x)| 0.5 * p.ln() - 0.5 * p * x * x)
+        .sum();
+    data + prior - 0.5 * posterior.log_determinant()
+}

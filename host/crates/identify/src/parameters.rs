@@ -1,0 +1,380 @@
+//! The one table of parameters: name, unit, nominal value, prior and its
+//! reason, free or fixed; and where each has its column.
+//!
+//! Names follow the paper: row i of the modified DH table holds `alpha{i-1}`,
+//! `a{i-1}`, `theta{i}`, `d{i}`; a joint whose axis is near parallel to the one
+//! before has Hayati's `beta{i-1}` in place of `d{i}`.
+//!
+//! Left out by default, because others move the TCP alike: row 1's four (the
+//! base does), the last `theta` and `d` (the tool does). A 7-axis robot has 22
+//! link parameters, 3 of the tool and 6 of the base left: 31.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use spherecal_shared::robot::Robot;
+
+use super::error::IdentifyError;
+use super::options::Options;
+use super::priors::default_of;
+use spherecal_model::{Experiment, Target};
+
+/// Axes closer to parallel than this take Hayati's beta, in rad.
+pub const PARALLEL_RAD: f64 = 0.2;
+
+/// Unit of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Unit {
+    /// Metre.
+    #[serde(rename = "m")]
+    Metre,
+    /// Radian.
+    #[serde(rename = "rad")]
+    Radian,
+    /// Radian per newton metre.
+    #[serde(rename = "rad/(N m)")]
+    RadianPerNewtonMetre,
+}
+
+impl Unit {
+    /// As printed.
+    pub const fn symbol(self) -> &'static str {
+        match self {
+            Self::Metre => "m",
+            Self::Radian => "rad",
+            Self::RadianPerNewtonMetre => "rad/(N m)",
+        }
+    }
+}
+
+/// What a column of the model stands for. Joints and rows count from 0 here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Twist of a row.
+    Alpha(usize),
+    /// Length of a row.
+    A(usize),
+    /// Offset along the joint axis.
+    D(usize),
+    /// Hayati's rotation of a row.
+    Beta(usize),
+    /// TCP in the flange frame.
+    Tool(usize),
+    /// Bending of the link at a joint about x (0) or y (1) of its frame.
+    Bending(usize, usize),
+    /// Tilt of the base about x (0) or y (1) of F0.
+    Tilt(usize),
+    /// Offset of the joint angle.
+    Theta(usize),
+    /// Joint compliance.
+    Compliance(usize),
+    /// Encoder harmonic: joint, order, cosine part.
+    Cosine(usize, usize),
+    /// Encoder harmonic: joint, order, sine part.
+    Sine(usize, usize),
+    /// Base in a reference frame: frame, axis 0-2 position, 3-5 rotation.
+    Base(usize, usize),
+    /// Sphere's position within its certificate: index, axis.
+    Sphere(usize, usize),
+}
+
+/// A frame in which targets are given: each has its own pose towards the base.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reference {
+    /// The measuring device of absolute data.
+    Tracker,
+    /// The plate in one of its placements.
+    Place(u32),
+}
+
+/// One row of the table.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Parameter {
+    /// Name, unique in the model.
+    pub name: String,
+    /// What it stands for.
+    pub kind: Kind,
+    /// Unit of all its values.
+    pub unit: Unit,
+    /// Value before the data are seen; base entries take theirs from a first fit.
+    pub nominal: f64,
+    /// Standard deviation before the data are seen.
+    pub prior_sigma: f64,
+    /// Whether it is estimated.
+    pub free: bool,
+    /// Whether the user set its prior, which is then not widened.
+    pub set_by_user: bool,
+    /// Why the prior is what it is, or why the parameter is fixed.
+    pub reason: &'static str,
+}
+
+/// What the user sets of one parameter, or of a group by its letters alone
+/// (`alpha`, `compliance`, `harmonic`, `sphere` ...).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Override {
+    /// Nominal value, in the parameter's SI unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nominal: Option<f64>,
+    /// Standard deviation of the prior, in the parameter's SI unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub prior_sigma: Option<f64>,
+    /// Estimated (`true`) or held at its nominal value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub free: Option<bool>,
+}
+
+/// Overrides by name: in TOML a table, as in
+/// `[parameters.compliance]` / `prior_sigma = 5e-5`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Overrides(pub BTreeMap<String, Override>);
+
+/// Where each parameter has its column.
+///
+/// `general | per joint: theta, compliance, cos 1, sin 1, ... | base 6 per frame | 3 per sphere`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Layout {
+    /// Joints.
+    pub(crate) n: usize,
+    /// Harmonic orders.
+    pub(crate) orders: usize,
+    /// Whether compliance and bending have columns.
+    pub(crate) stiffness: bool,
+    /// Whether row i has beta in place of d.
+    pub(crate) hayati: Vec<bool>,
+    /// Frames that targets are given in.
+    pub(crate) references: Vec<Reference>,
+    /// Ids of the spheres that have columns.
+    pub(crate) spheres: Vec<u32>,
+}
+
+impl Layout {
+    pub(crate) fn new(experiment: &Experiment, orders: usize, stiffness: bool) -> Self {
+        let mut references: Vec<Reference> = Vec::new();
+        let mut spheres: Vec<u32> = Vec::new();
+        for observation in &experiment.observations {
+            let reference = reference_of(&observation.target);
+            if references.last() != Some(&reference) && !references.contains(&reference) {
+                references.push(reference);
+            }
+            if let Target::Sphere { sphere, .. } = observation.target
+                && spheres.last() != Some(&sphere)
+                && !spheres.contains(&sphere)
+            {
+                spheres.push(sphere);
+            }
+        }
+        references.sort_unstable();
+        spheres.sort_unstable();
+        Self {
+            n: experiment.robot.dof(),
+            orders,
+            stiffness,
+            hayati: hayati(&experiment.robot),
+            references,
+            spheres,
+        }
+    }
+
+    /// Columns before the joint blocks.
+    pub(crate) fn general(&self) -> usize {
+        3 * self.n + 3 + if self.stiffness { 2 * self.n + 2 } else { 0 }
+    }
+
+    /// Columns per joint.
+    pub(crate) fn basis(&self) -> usize {
+        1 + usize::from(self.stiffness) + 2 * self.orders
+    }
+
+    pub(crate) fn bending(&self, joint: usize) -> usize {
+        3 * self.n + 3 + 2 * joint
+    }
+
+    pub(crate) fn tilt(&self) -> usize {
+        5 * self.n + 3
+    }
+
+    pub(crate) fn joint(&self, joint: usize) -> usize {
+        self.general() + joint * self.basis()
+    }
+
+    pub(crate) fn base(&self, reference: usize) -> usize {
+        self.joint(self.n) + 6 * reference
+    }
+
+    pub(crate) fn sphere(&self, sphere: usize) -> usize {
+        self.base(self.references.len()) + 3 * sphere
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.sphere(self.spheres.len())
+    }
+
+    /// The kinds in column order.
+    pub(crate) fn kinds(&self) -> Vec<Kind> {
+        let mut kinds = Vec::with_capacity(self.len());
+        for row in 0..self.n {
+            let third = if self.hayati[row] {
+                Kind::Beta(row)
+            } else {
+                Kind::D(row)
+            };
+            kinds.extend([Kind::Alpha(row), Kind::A(row), third]);
+        }
+        kinds.extend((0..3).map(Kind::Tool));
+        if self.stiffness {
+            kinds.extend((0..self.n).flat_map(|j| [Kind::Bending(j, 0), Kind::Bending(j, 1)]));
+            kinds.extend([Kind::Tilt(0), Kind::Tilt(1)]);
+        }
+        for joint in 0..self.n {
+            kinds.push(Kind::Theta(joint));
+            if self.stiffness {
+                kinds.push(Kind::Compliance(joint));
+            }
+            kinds.extend((1..=self.orders).flat_map(|k| [Kind::Cosine(joint, k), Kind::Sine(joint, k)]));
+        }
+        kinds.extend((0..self.references.len()).flat_map(|f| (0..6).map(move |k| Kind::Base(f, k))));
+        kinds.extend((0..self.spheres.len()).flat_map(|s| (0..3).map(move |k| Kind::Sphere(s, k))));
+        kinds
+    }
+}
+
+/// Frame that a target is given in.
+pub(crate) fn reference_of(target: &Target) -> Reference {
+    match target {
+        Target::Point(_) => Reference::Tracker,
+        Target::Sphere { place, .. } => Reference::Place(*place),
+    }
+}
+
+/// Rows whose axis is near parallel to the one before.
+pub(crate) fn hayati(robot: &Robot) -> Vec<bool> {
+    robot
+        .joints
+        .iter()
+        .enumerate()
+        .map(|(row, joint)| row > 0 && joint.mdh.alpha.sin().abs() < PARALLEL_RAD.sin())
+        .collect()
+}
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Name and unit of a parameter.
+pub(crate) fn name_of(kind: Kind, layout: &Layout) -> (String, Unit) {
+    let axis = |k: usize| AXES.get(k).copied().unwrap_or("?");
+    match kind {
+        Kind::Alpha(i) => (format!("alpha{i}"), Unit::Radian),
+        Kind::A(i) => (format!("a{i}"), Unit::Metre),
+        Kind::Beta(i) => (format!("beta{i}"), Unit::Radian),
+        Kind::D(i) => (format!("d{}", i + 1), Unit::Metre),
+        Kind::Theta(i) => (format!("theta{}", i + 1), Unit::Radian),
+        Kind::Tool(k) => (format!("tool_{}", axis(k)), Unit::Metre),
+        Kind::Bending(i, k) => (format!("bending{}_{}", i + 1, axis(k)), Unit::RadianPerNewtonMetre),
+        Kind::Tilt(k) => (format!("tilt_{}", axis(k)), Unit::RadianPerNewtonMetre),
+        Kind::Compliance(i) => (format!("compliance{}", i + 1), Unit::RadianPerNewtonMetre),
+        Kind::Cosine(i, k) => (format!("harmonic{}_cos{k}", i + 1), Unit::Radian),
+        Kind::Sine(i, k) => (format!("harmonic{}_sin{k}", i + 1), Unit::Radian),
+        Kind::Base(f, k) => {
+            let frame = match layout.references.get(f) {
+                _ if f == 0 => "base".to_owned(),
+                Some(Reference::Place(place)) => format!("base_place{place}"),
+                _ => "base_tracker".to_owned(),
+            };
+            if k < 3 {
+                (format!("{frame}_{}", axis(k)), Unit::Metre)
+            } else {
+                (format!("{frame}_r{}", axis(k - 3)), Unit::Radian)
+            }
+        }
+        Kind::Sphere(s, k) => {
+            let id = layout.spheres.get(s).copied().unwrap_or_default();
+            (format!("sphere{id}_{}", axis(k)), Unit::Metre)
+        }
+    }
+}
+
+/// The table of a model on given data.
+///
+/// # Errors
+/// An override whose name matches nothing, or whose number is not possible.
+pub(crate) fn table(
+    experiment: &Experiment,
+    layout: &Layout,
+    options: &Options,
+) -> Result<Vec<Parameter>, IdentifyError> {
+    let mut table: Vec<Parameter> = layout
+        .kinds()
+        .into_iter()
+        .map(|kind| default_of(kind, experiment, layout))
+        .collect();
+    let mut richest: Option<Vec<Parameter>> = None;
+    for (name, set) in &options.parameters.0 {
+        match apply(&mut table, name, set) {
+            // A poorer model need not have what the user says of a richer one.
+            Err(IdentifyError::UnknownParameter { .. }) => {
+                let all = richest.get_or_insert_with(|| {
+                    let layout = Layout::new(experiment, options.harmonics, true);
+                    let kinds = layout.kinds().into_iter();
+                    kinds.map(|kind| default_of(kind, experiment, &layout)).collect()
+                });
+                apply(all, name, set)?;
+            }
+            other => other?,
+        }
+    }
+    Ok(table)
+}
+
+fn apply(table: &mut [Parameter], name: &str, set: &Override) -> Result<(), IdentifyError> {
+    let option = |field: &str, value, remedy| {
+        Err(IdentifyError::Option {
+            field: format!("parameters.{name}.{field}"),
+            value,
+            remedy,
+        })
+    };
+    if let Some(value) = set.prior_sigma
+        && !(value > 0.0 && value.is_finite())
+    {
+        return option("prior_sigma", value, "give a positive number, or `free = false`");
+    }
+    if let Some(value) = set.nominal
+        && !(value.is_finite() && value.abs() < 1e3)
+    {
+        return option("nominal", value, "give a finite number in SI units");
+    }
+    let mut found = false;
+    for parameter in table.iter_mut() {
+        let group = parameter.name.starts_with(name)
+            && !name.ends_with(|c: char| c.is_ascii_digit())
+            && parameter.name[name.len()..].starts_with(|c: char| c.is_ascii_digit() || c == '_');
+        if parameter.name != name && !group {
+            continue;
+        }
+        found = true;
+        parameter.nominal = set.nominal.unwrap_or(parameter.nominal);
+        if let Some(sigma) = set.prior_sigma {
+            parameter.reason = "set by the user";
+            parameter.set_by_user = true;
+            parameter.prior_sigma = match parameter.kind {
+                // A group's prior keeps the decay with the order.
+                Kind::Cosine(_, k) | Kind::Sine(_, k) if group => sigma / k as f64,
+                _ => sigma,
+            };
+        }
+        if let Some(free) = set.free {
+            parameter.free = free;
+        }
+    }
+    if found {
+        return Ok(());
+    }
+    let known: Vec<_> = table.iter().take(8).map(|p| p.name.as_str()).collect();
+    Err(IdentifyError::UnknownParameter {
+        name: name.to_owned(),
+        known: format!("there are {}, ...", known.join(", ")),
+    })
+}

@@ -1,0 +1,111 @@
+//! What is believed of each parameter before the data are seen, and why.
+
+use super::parameters::{Kind, Layout, Parameter, name_of};
+use spherecal_model::Experiment;
+
+/// Prior of lengths `a` and `d`: machining and assembly of a link, in m.
+pub const LENGTH_SIGMA_M: f64 = 0.5e-3;
+/// Prior of twists `alpha` and `beta`: squareness of two bearings, in rad.
+pub const TWIST_SIGMA_RAD: f64 = 0.5e-3;
+/// Prior of offsets `theta`: mastering of a joint, in rad.
+pub const OFFSET_SIGMA_RAD: f64 = 1e-3;
+/// Prior of the TCP in the flange frame: a bolted tool, measured by hand, in m.
+pub const TOOL_SIGMA_M: f64 = 1.5e-3;
+/// Prior of the base's position about its registration: none worth the name, in m.
+pub const BASE_SIGMA_M: f64 = 10.0;
+/// Prior of the base's rotation about its registration, in rad: far wider than
+/// what registration leaves open, but it holds a plate of one or two spheres,
+/// whose turn about their line no contact sees.
+pub const BASE_SIGMA_RAD: f64 = 0.1;
+/// Prior mean of joint compliance, in rad/(N m): a spring gives way to its load
+/// and never against it, so its sign is known. Mean and sigma are those of the
+/// half of a normal distribution of 4e-6 rad/(N m) that is positive.
+pub const COMPLIANCE_MEAN: f64 = 3.2e-6;
+/// Prior sigma of joint compliance about [`COMPLIANCE_MEAN`], in rad/(N m).
+pub const COMPLIANCE_SIGMA: f64 = 2.4e-6;
+/// Prior of link bending and base tilt, zero mean, in rad/(N m).
+pub const BENDING_SIGMA: f64 = 1.5e-6;
+/// Prior of encoder harmonics of order 1, zero mean; order k has 1/k of it, in rad.
+pub const HARMONIC_SIGMA_RAD: f64 = 2e-4;
+
+/// The row of one kind: nominal value, prior and its reason, free or fixed.
+pub(super) fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -> Parameter {
+    let (name, unit) = name_of(kind, layout);
+    let last = layout.n.saturating_sub(1);
+    let row = |i: usize| experiment.robot.joints.get(i).map(|j| j.mdh).unwrap_or_default();
+    let base_does = "fixed: the base frame moves the TCP alike";
+    let (nominal, prior_sigma, fixed, reason) = match kind {
+        Kind::Alpha(i) if i == 0 => (row(i).alpha, TWIST_SIGMA_RAD, true, base_does),
+        Kind::Alpha(i) => (
+            row(i).alpha,
+            TWIST_SIGMA_RAD,
+            false,
+            "squareness of two bearings of a link",
+        ),
+        Kind::A(i) if i == 0 => (row(i).a, LENGTH_SIGMA_M, true, base_does),
+        Kind::A(i) => (row(i).a, LENGTH_SIGMA_M, false, "machining and assembly of a link"),
+        Kind::Beta(i) => (
+            row(i).beta,
+            TWIST_SIGMA_RAD,
+            false,
+            "parallelism of two bearings of a link",
+        ),
+        Kind::D(i) if i == 0 => (row(i).d, LENGTH_SIGMA_M, true, base_does),
+        Kind::D(i) if i == last => (row(i).d, LENGTH_SIGMA_M, true, "fixed: tool_z moves the TCP alike"),
+        Kind::D(i) => (row(i).d, LENGTH_SIGMA_M, false, "machining and assembly of a link"),
+        Kind::Theta(i) if i == 0 => (row(i).theta, OFFSET_SIGMA_RAD, true, base_does),
+        Kind::Theta(i) if i == last => (
+            row(i).theta,
+            OFFSET_SIGMA_RAD,
+            true,
+            "fixed: the tool moves the TCP alike",
+        ),
+        Kind::Theta(i) => (row(i).theta, OFFSET_SIGMA_RAD, false, "mastering of a joint"),
+        Kind::Tool(k) => (
+            experiment.tool.tcp_m.get(k).copied().unwrap_or_default(),
+            TOOL_SIGMA_M,
+            false,
+            "a bolted tool measured by hand",
+        ),
+        Kind::Bending(..) | Kind::Tilt(_) => (0.0, BENDING_SIGMA, false, "zero-mean random effect: a stiff link"),
+        Kind::Compliance(_) => (
+            COMPLIANCE_MEAN,
+            COMPLIANCE_SIGMA,
+            false,
+            "a geared joint: a spring, so of known sign",
+        ),
+        Kind::Cosine(_, k) | Kind::Sine(_, k) => (
+            0.0,
+            HARMONIC_SIGMA_RAD / k as f64,
+            false,
+            "zero-mean random effect: encoder eccentricity, decaying with the order",
+        ),
+        Kind::Base(_, k) => {
+            let sigma = if k < 3 { BASE_SIGMA_M } else { BASE_SIGMA_RAD };
+            (0.0, sigma, false, "flat: only the data say where the base is")
+        }
+        Kind::Sphere(s, _) => {
+            let sigma = layout
+                .spheres
+                .get(s)
+                .and_then(|id| experiment.spheres.iter().find(|x| x.id == *id))
+                .map_or(0.0, |x| x.sigma_m);
+            (
+                0.0,
+                sigma,
+                sigma == 0.0,
+                "offset from the certificate, within its uncertainty",
+            )
+        }
+    };
+    Parameter {
+        name,
+        kind,
+        unit,
+        nominal,
+        prior_sigma,
+        free: !fixed,
+        set_by_user: false,
+        reason,
+    }
+}

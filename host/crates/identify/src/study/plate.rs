@@ -1,0 +1,179 @@
+//! What the data themselves say about the plate: sphere by sphere, the TCP
+//! must come back to one point, whatever the plate's pose.
+//!
+//! `p_i + A_i t = c_g` for every sample i at sphere and place g: linear in the
+//! tool `t` and the points `c_g`, solved with Cauchy weights.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::StudyError;
+use super::align::last_frame;
+use crate::{Experiment, Sphere, Target};
+use spherecal_model::input::InputError;
+
+/// Uncertainty (m, 1 sigma) of sphere positions that were taken from the nominal robot.
+const GUESSED_SIGMA_M: f64 = 1e-3;
+/// The default plate is given up when its distances are off by more than this (m).
+const WRONG_PLATE_M: f64 = 0.005;
+
+/// Mean TCP by place and sphere, in F0, with the nominal geometry.
+struct Means {
+    keys: Vec<(u32, u32)>,
+    at: Vec<Vector3<f64>>,
+}
+
+fn means(experiment: &Experiment) -> Means {
+    let mut keys: Vec<(u32, u32)> = Vec::new();
+    let mut items: Vec<(usize, Matrix3<f64>, Vector3<f64>)> = Vec::new();
+    for o in &experiment.observations {
+        if let Target::Sphere { sphere, place } = o.target {
+            let key = (place, sphere);
+            let group = keys.iter().position(|k| *k == key).unwrap_or_else(|| {
+                keys.push(key);
+                keys.len() - 1
+            });
+            let frame = last_frame(&experiment.robot, &o.q);
+            items.push((group, frame.rotation, frame.origin));
+        }
+    }
+    let nominal = experiment.tool.tcp();
+    let mut tool = nominal;
+    let mut weights = vec![1.0; items.len()];
+    let mut at = vec![Vector3::zeros(); keys.len()];
+    for _ in 0..20 {
+        // Weighted means of rotation and flange by group, then 3 equations for the tool.
+        let mut sums = vec![(0.0, Matrix3::zeros(), Vector3::zeros()); keys.len()];
+        for ((g, a, p), w) in items.iter().zip(&weights) {
+            sums[*g].0 += w;
+            sums[*g].1 += a * *w;
+            sums[*g].2 += p * *w;
+        }
+        let mut h = Matrix3::identity() * 1e-6;
+        let mut v = nominal * 1e-6;
+        for ((g, a, p), w) in items.iter().zip(&weights) {
+            let (n, sa, sp) = &sums[*g];
+            let (da, dp) = (a - sa / *n, p - sp / *n);
+            h += da.transpose() * da * *w;
+            v -= da.transpose() * dp * *w;
+        }
+        tool = h.try_inverse().map_or(tool, |inverse| inverse * v);
+        for (slot, (n, sa, sp)) in at.iter_mut().zip(&sums) {
+            *slot = (sp + sa * tool) / *n;
+        }
+        let distance: Vec<f64> = items.iter().map(|(g, a, p)| (p + a * tool - at[*g]).norm()).collect();
+        let mut sorted = distance.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let s = (1.5 * sorted.get(sorted.len() / 2).copied().unwrap_or_default()).max(1e-6);
+        for (w, d) in weights.iter_mut().zip(&distance) {
+            *w = 1.0 / (1.0 + (d / s).powi(2));
+        }
+    }
+    Means { keys, at }
+}
+
+/// Distances between spheres of one place: sphere, sphere, mean over the places (m).
+fn distances(means: &Means) -> Vec<(u32, u32, f64)> {
+    let mut sums: Vec<(u32, u32, f64, f64)> = Vec::new();
+    for a in 0..means.keys.len() {
+        for b in 0..means.keys.len() {
+            let ((place, one), (other, two)) = (means.keys[a], means.keys[b]);
+            if place != other || one >= two {
+                continue;
+            }
+            let d = (means.at[a] - means.at[b]).norm();
+            match sums.iter_mut().find(|s| (s.0, s.1) == (one, two)) {
+                Some(s) => {
+                    s.2 += d;
+                    s.3 += 1.0;
+                }
+                None => sums.push((one, two, d, 1.0)),
+            }
+        }
+    }
+    sums.into_iter().map(|(a, b, d, n)| (a, b, d / n)).collect()
+}
+
+/// How the plate contradicts the data by more than `limit` (m), in words with the remedy.
+pub(super) fn contradiction(experiment: &Experiment, limit: f64) -> Option<String> {
+    let position = |id: u32| {
+        let sphere = experiment.spheres.iter().find(|s| s.id == id);
+        sphere.map(|s| Vector3::from(s.position_m))
+    };
+    let off: Vec<String> = distances(&means(experiment))
+        .into_iter()
+        .filter_map(|(a, b, d)| {
+            let certified = match (position(a), position(b)) {
+                (Some(p), Some(q)) => (p - q).norm(),
+                _ => return Some(format!("sphere {a} or {b} is not on the plate")),
+            };
+            ((certified - d).abs() > limit).then(|| {
+                format!(
+                    "spheres {a} and {b} are {:.1} mm apart by the data, {:.1} mm by the plate",
+                    d * 1e3,
+                    certified * 1e3
+                )
+            })
+        })
+        .collect();
+    if off.is_empty() {
+        return None;
+    }
+    Some(format!(
+        "{}; give the right plate with --plate FILE.toml",
+        off.join("; ")
+    ))
+}
+
+/// Without a plate of the user's: keeps Table 1 of the paper where the data
+/// agree with it, else takes the spheres' positions from the nominal robot.
+///
+/// # Errors
+/// Data whose places have no sphere in common with all others.
+pub(super) fn fall_back(experiment: &mut Experiment, notes: &mut Vec<String>) -> Result<(), StudyError> {
+    let Some(words) = contradiction(experiment, WRONG_PLATE_M).or_else(|| unknown(experiment)) else {
+        return Ok(());
+    };
+    let means = means(experiment);
+    let mut ids: Vec<u32> = means.keys.iter().map(|k| k.1).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    let places: Vec<u32> = means.keys.iter().map(|k| k.0).collect();
+    let at = |place: u32, id: u32| {
+        let found = means.keys.iter().position(|k| *k == (place, id));
+        found.map(|k| means.at[k])
+    };
+    let complete = places.into_iter().find(|&p| ids.iter().all(|&id| at(p, id).is_some()));
+    let (Some(place), Some(&first)) = (complete, ids.first()) else {
+        return Err(InputError::Field {
+            file: "command line".to_owned(),
+            field: "--plate".to_owned(),
+            value: "missing".to_owned(),
+            remedy: format!("{words} (assumed: Table 1 of the paper)"),
+        }
+        .into());
+    };
+    let origin = at(place, first).unwrap_or_default();
+    experiment.spheres = ids
+        .iter()
+        .map(|&id| Sphere {
+            id,
+            position_m: (at(place, id).unwrap_or_default() - origin).into(),
+            sigma_m: if id == first { 0.0 } else { GUESSED_SIGMA_M },
+        })
+        .collect();
+    notes.push(format!(
+        "no --plate was given and Table 1 of the paper does not fit ({words}); the spheres' positions were taken from \
+         the nominal robot, so the robot's scale comes from it as well: certified positions would do better"
+    ));
+    Ok(())
+}
+
+/// A sphere of the data that the plate does not have, in words.
+fn unknown(experiment: &Experiment) -> Option<String> {
+    experiment.observations.iter().find_map(|o| match o.target {
+        Target::Sphere { sphere, .. } if !experiment.spheres.iter().any(|s| s.id == sphere) => Some(format!(
+            "sphere {sphere} is not on the plate; give the plate with --plate FILE.toml"
+        )),
+        _ => None,
+    })
+}

@@ -1,0 +1,197 @@
+//! Why the main job stopped.
+
+use spherecal_campaign::{CampaignError, LaserMeasurementError};
+use spherecal_identify::IdentifyError;
+use spherecal_identify::arcs::LaserError;
+use spherecal_identify::validate::ValidateError;
+use spherecal_link::LinkError;
+use spherecal_link::qemu::QemuError;
+use spherecal_model::ChainError;
+use spherecal_model::robots::RobotFileError;
+use spherecal_plan::PlanError;
+use spherecal_report::ChartError;
+use spherecal_services::ServiceError;
+use spherecal_sim::SimulatedArmError;
+use spherecal_sim::inject::{FaultyCellError, InjectError};
+use spherecal_sim::plant::PlantError;
+use spherecal_store::StoreError;
+
+use super::ConfigError;
+
+/// What can end the main job.
+#[derive(Debug, thiserror::Error)]
+pub enum JobError {
+    /// The configuration was refused.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The robot was refused.
+    #[error(transparent)]
+    Robot(#[from] RobotFileError),
+    /// No plan could be made.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// No pose of the plan can be visited.
+    #[error(
+        "none of the {planned} poses is within reach: move the plate, or allow more of the arm's range in [plan.rules]"
+    )]
+    NoPose {
+        /// Poses considered.
+        planned: usize,
+    },
+    /// The plant was refused.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The plate stands where the arm cannot work, and a place where it can.
+    #[error(
+        "{source}. At this place the arm reaches all of it; write into the configuration (--config):\n\n\
+         [plant.plate]\norigin_m = {origin_m:?}\nrpy_rad = {rpy_rad:?}\n"
+    )]
+    PlateOutOfReach {
+        /// What is out of reach.
+        source: PlanError,
+        /// Place of sphere 1 in F0, in m.
+        origin_m: [f64; 3],
+        /// Roll, pitch and yaw of the plate in F0, in rad.
+        rpy_rad: [f64; 3],
+    },
+    /// The link was refused or failed.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The controller in QEMU cannot be used.
+    #[error(transparent)]
+    Qemu(#[from] QemuError),
+    /// Nothing can be injected over this link.
+    #[error("link \"{link}\": {remedy}")]
+    NoInjection {
+        /// As given.
+        link: String,
+        /// What to give instead.
+        remedy: String,
+    },
+    /// What was to be injected was refused.
+    #[error(transparent)]
+    Inject(#[from] InjectError),
+    /// The campaign stopped.
+    #[error(transparent)]
+    Campaign(#[from] CampaignError),
+    /// A service could not be offered or reached.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// The store refused or failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// There is nothing to go on with.
+    #[error("{what}: {remedy}")]
+    Resume {
+        /// What does not fit.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// Waypoints that cannot be used.
+    #[error("{what}: {remedy}")]
+    Waypoints {
+        /// What is wrong.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// The laser tracker did not measure.
+    #[error(transparent)]
+    LaserMeasurement(#[from] LaserMeasurementError),
+    /// The arcs gave no frames.
+    #[error(transparent)]
+    Laser(#[from] LaserError),
+    /// The data could not be identified.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// The models could not be judged.
+    #[error(transparent)]
+    Validate(#[from] ValidateError),
+    /// A file could not be written.
+    #[error("{path}: {source}: check the folder, its permissions and the space left")]
+    Write {
+        /// File.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Something could not be encoded.
+    #[error("{what} cannot be written: {message}")]
+    Encode {
+        /// What.
+        what: &'static str,
+        /// Why.
+        message: String,
+    },
+    /// The report could not be made.
+    #[error("the report could not be made: {0}")]
+    Report(#[from] ChartError),
+    /// This program was built without what is asked for.
+    #[error(
+        "{what} needs the feature `{feature}`, which this program was built without: build it with --features {feature}"
+    )]
+    Feature {
+        /// What is asked for.
+        what: &'static str,
+        /// Which feature brings it.
+        feature: &'static str,
+    },
+}
+
+impl From<ChainError> for JobError {
+    fn from(error: ChainError) -> Self {
+        Self::Plan(error.into())
+    }
+}
+
+impl From<SimulatedArmError> for JobError {
+    fn from(error: SimulatedArmError) -> Self {
+        match error {
+            SimulatedArmError::Plant(e) => Self::Plant(e),
+            SimulatedArmError::Link(e) => Self::Link(e),
+        }
+    }
+}
+
+impl From<FaultyCellError> for JobError {
+    fn from(error: FaultyCellError) -> Self {
+        match error {
+            FaultyCellError::Inject(e) => Self::Inject(e),
+            FaultyCellError::Link(e) => Self::Link(e),
+        }
+    }
+}
+
+impl JobError {
+    /// Whether the user's input is at fault (exit code 2) and not the job (1).
+    pub fn is_input(&self) -> bool {
+        match self {
+            Self::Config(_)
+            | Self::Robot(_)
+            | Self::Plan(_)
+            | Self::PlateOutOfReach { .. }
+            | Self::NoPose { .. }
+            | Self::Plant(_)
+            | Self::NoInjection { .. }
+            | Self::Inject(_)
+            | Self::Resume { .. }
+            | Self::Waypoints { .. }
+            | Self::Feature { .. }
+            | Self::LaserMeasurement(LaserMeasurementError::Plan(_)) => true,
+            Self::Store(e) => e.is_input(),
+            Self::Service(e) => e.is_input(),
+            Self::Link(e) => e.is_input(),
+            Self::LaserMeasurement(LaserMeasurementError::Tracker(e)) => e.is_input(),
+            Self::Qemu(QemuError::NoQemu | QemuError::NoImage { .. } | QemuError::LogPath { .. }) => true,
+            Self::Qemu(_)
+            | Self::Campaign(_)
+            | Self::Laser(_)
+            | Self::Identify(_)
+            | Self::Validate(_)
+            | Self::Write { .. }
+            | Self::Encode { .. }
+            | Self::Report(_) => false,
+        }
+    }
+}

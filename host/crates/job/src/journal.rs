@@ -1,0 +1,156 @@
+//! The store as a campaign's journal.
+//!
+//! ```text
+//!   events ─▶ whose session is it? ─▶ place in the run ─▶ stored, then acknowledged
+//!                 └ another run's: passed over, acknowledged
+//! ```
+//!
+//! Where the arm is simulated in this process it died with the process, so that
+//! a run that goes on begins at its start again: the same seed makes the same
+//! run, much faster than the robot. Every recording that is stored already is
+//! then held against its repetition, bit by bit; none is written twice, and the
+//! database ends up as that of a run that was never stopped.
+
+use std::collections::BTreeMap;
+
+use spherecal_shared::protocol::host::{Event, Recording, SessionId};
+
+use spherecal_link::{Arrival, Journal, JournalError};
+use spherecal_store::{CalibrationStore, Placed, StoreError};
+
+/// The session that a repeated run has all to itself.
+pub(super) const REPEATED_SESSION: i64 = 1;
+
+/// The store as a campaign's journal.
+pub struct StoreJournal<'a> {
+    store: &'a mut dyn CalibrationStore,
+    run: i64,
+    session: i64,
+    greetings: i64,
+    /// Session and greeting of the run by the number of the host link's session.
+    places: BTreeMap<u32, (i64, i64)>,
+    repetition: Option<Repetition>,
+    last: i64,
+    passed_over: u64,
+}
+
+/// A run that is repeated from its start.
+struct Repetition {
+    stored: BTreeMap<(u32, u32), Recording>,
+}
+
+impl<'a> StoreJournal<'a> {
+    /// A journal for a session of a run that goes on where the arm is;
+    /// `greetings` are the stored ones of its earlier sessions.
+    pub fn live(
+        store: &'a mut dyn CalibrationStore,
+        run: i64,
+        session: i64,
+        greetings: BTreeMap<u32, (i64, i64)>,
+    ) -> Self {
+        Self {
+            store,
+            run,
+            session,
+            greetings: 0,
+            places: greetings,
+            repetition: None,
+            last: 0,
+            passed_over: 0,
+        }
+    }
+
+    /// A journal for a run that is repeated from its start; `recordings` are the
+    /// stored ones.
+    pub(super) fn repeated(store: &'a mut dyn CalibrationStore, run: i64, recordings: &[Recording]) -> Self {
+        let stored = recordings.iter().map(|r| ((r.sphere, r.pose), r.clone())).collect();
+        Self {
+            store,
+            run,
+            session: REPEATED_SESSION,
+            greetings: 0,
+            places: BTreeMap::new(),
+            repetition: Some(Repetition { stored }),
+            last: 0,
+            passed_over: 0,
+        }
+    }
+
+    /// Events of other runs that were passed over.
+    pub(super) fn passed_over(&self) -> u64 {
+        self.passed_over
+    }
+
+    /// Removes what an earlier attempt left behind the end of the repetition.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub(super) fn finish(&mut self) -> Result<(), StoreError> {
+        if self.repetition.is_some() {
+            self.store.forget_after(self.run, self.session, self.last)?;
+        }
+        Ok(())
+    }
+}
+
+impl Journal for StoreJournal<'_> {
+    fn handshake(&mut self, session: SessionId) -> Result<(), JournalError> {
+        let nonce = u32::from_le_bytes(session);
+        self.greetings += 1;
+        self.store
+            .put_greeting(self.run, self.session, self.greetings, nonce)
+            .map_err(store_error)?;
+        self.places.insert(nonce, (self.session, self.greetings));
+        Ok(())
+    }
+
+    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
+        let mut placed = Vec::with_capacity(events.len());
+        for arrival in events {
+            let nonce = u32::from_le_bytes(arrival.session);
+            let Some((session, greeting)) = self.places.get(&nonce) else {
+                // A controller that lives on may hold what it measured for another run.
+                self.passed_over += 1;
+                continue;
+            };
+            // The first greeting's events have the controller's own numbers.
+            let event = ((greeting - 1) << 32) | i64::from(arrival.event);
+            self.last = self.last.max(event);
+            if let (Some(repetition), Event::Recording(recording)) = (&self.repetition, &arrival.body)
+                && let Some(stored) = repetition.stored.get(&(recording.sphere, recording.pose))
+                // The same numbers: none is a NaN, and a zero's sign is not stored.
+                && stored != recording
+            {
+                return Err(JournalError::Differs {
+                    sphere: recording.sphere,
+                    pose: recording.pose,
+                });
+            }
+            placed.push(Placed {
+                session: *session,
+                event,
+                body: &arrival.body,
+            });
+        }
+        if placed.is_empty() {
+            return Ok(());
+        }
+        if self.repetition.is_some() {
+            self.store.rewrite(self.run, &placed)
+        } else {
+            self.store.append(self.run, &placed)
+        }
+        .map_err(store_error)
+    }
+
+    fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError> {
+        self.store
+            .reject_pose(self.run, sphere, pose, reason)
+            .map_err(store_error)
+    }
+}
+
+/// What the store says, as the journal says it.
+pub fn store_error(error: StoreError) -> JournalError {
+    JournalError::store(error)
+}

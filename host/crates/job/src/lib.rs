@@ -1,0 +1,47 @@
+//! The main job: one robot, calibrated from sphere contacts and judged by a
+//! laser tracker.
+//!
+//! ```text
+//!   Config ─▶ prepare ─▶ measure ───────────────▶ evaluate ─▶ write
+//!            plan, tour  campaign, laser shots    identify,    summary.json,
+//!                        (into the store)         validate     calibrated.*, …
+//! ```
+//!
+//! Each arrow is a function of plain data, so that the command line can run
+//! them one at a time and a service can run them elsewhere.
+//! [`evaluate`] sees the store's data only: no plant, no link.
+
+mod bound;
+mod config;
+mod document;
+mod error;
+mod evaluate;
+mod host_faults;
+mod journal;
+pub mod link;
+mod measure;
+mod open;
+mod prepare;
+mod run_report;
+mod stored;
+pub mod study;
+mod summary;
+mod teach;
+mod tracker;
+mod write;
+
+pub use config::{CampaignSection, Choice, Config, ConfigError, LaserSection, PlanSection};
+pub use error::JobError;
+pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};
+pub use host_faults::file_lock;
+pub use journal::{StoreJournal, store_error};
+pub use link::{Link, UnknownLink, device};
+pub use measure::{LinkRecord, Measured, Site, create_run, measure, read};
+pub use open::open_store;
+pub use prepare::{Prepared, prepare, simulated_drive, tour};
+pub use run_report::run_report;
+pub use stored::{StoredReport, contact_traces, put_contact_traces, stored_report};
+pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, Verdict, summarise};
+pub use teach::{TaughtWaypoint, Waypoints, teach};
+pub use tracker::simulated_tracker;
+pub use write::{Files, write};

@@ -1,0 +1,256 @@
+//! The links: how controller and drive are reached, and what stands behind each.
+
+use std::path::Path;
+use std::str::FromStr;
+
+use spherecal_link::qemu::{Qemu, QemuOptions};
+use spherecal_link::tcp::{Remote, TcpDrive, Threaded, check_limits};
+use spherecal_link::{Cell, Controller, Device, Drive as _, LinkError, Serial, controller_in_process};
+use spherecal_sim::inject::{self, FaultyCell, FaultyDrive, HostFaults};
+use spherecal_sim::{Injected, InjectedCounter, LossyDevice, simulated_arm};
+use spherecal_store::Peer;
+
+use super::{JobError, Prepared};
+
+/// How controller and drive are reached.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Link {
+    /// Both in this process.
+    #[default]
+    Sim,
+    /// The controller on a Cortex-M7 in QEMU, the plant in this process.
+    Qemu,
+    /// A controller board on a serial device: `DEVICE` or `DEVICE@BAUD`.
+    Serial(String),
+    /// The controller in this process, an external simulator or the gateway of
+    /// a real robot behind the drive link.
+    Tcp(String),
+    /// A controller process (`spherecal controller`), whatever its drive.
+    Controller(String),
+    /// A robot behind the service `RobotController` (`spherecal serve`).
+    Grpc(Peer),
+}
+
+impl Link {
+    /// Whether the arm is in this process, its tracker with it: a run over such a
+    /// link goes on by being repeated, since what was there has ended with the
+    /// process and does the same again for the same commands.
+    pub fn simulated(&self) -> bool {
+        matches!(self, Self::Sim | Self::Qemu)
+    }
+}
+
+/// A text that is no link.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "\"{text}\" is no link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT, controller:HOST:PORT, grpc:HOST:PORT or \
+     grpcs:HOST:PORT"
+)]
+pub struct UnknownLink {
+    /// As given.
+    pub text: String,
+}
+
+impl FromStr for Link {
+    type Err = UnknownLink;
+
+    fn from_str(text: &str) -> Result<Self, UnknownLink> {
+        if let Some(peer) = Peer::parse(text) {
+            return Ok(Self::Grpc(peer));
+        }
+        match text.split_once(':') {
+            None if text == "sim" => Ok(Self::Sim),
+            None if text == "qemu" => Ok(Self::Qemu),
+            Some(("serial", device)) if !device.is_empty() => Ok(Self::Serial(device.to_owned())),
+            Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_owned())),
+            Some(("controller", address)) if address.contains(':') => Ok(Self::Controller(address.to_owned())),
+            _ => Err(UnknownLink { text: text.to_owned() }),
+        }
+    }
+}
+
+impl std::fmt::Display for Link {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Sim => f.write_str("sim"),
+            Self::Qemu => f.write_str("qemu"),
+            Self::Serial(device) => write!(f, "serial:{device}"),
+            Self::Tcp(address) => write!(f, "tcp:{address}"),
+            Self::Controller(address) => write!(f, "controller:{address}"),
+            Self::Grpc(peer) => peer.fmt(f),
+        }
+    }
+}
+
+/// What was connected, with handles to what is done to it on purpose.
+pub(super) struct Connected {
+    pub(super) device: Box<dyn Device>,
+    /// Faults of this computer, where faults are injected.
+    pub(super) host_faults: Option<HostFaults>,
+    /// What is done to frames of the host link.
+    counters: Vec<InjectedCounter>,
+}
+
+impl Connected {
+    /// A device to which nothing is done.
+    fn plain(device: Box<dyn Device>) -> Self {
+        Self {
+            device,
+            host_faults: None,
+            counters: Vec::new(),
+        }
+    }
+
+    /// What was done to frames of the host link.
+    pub(super) fn injected(&self) -> Injected {
+        self.counters
+            .iter()
+            .fold(Injected::default(), |sum, counter| sum.plus(counter.get()))
+    }
+}
+
+/// What stands behind the link, and behind what is done to it on purpose; a
+/// controller that logs does so in `folder`.
+///
+/// # Errors
+/// A link that cannot be used, or behind which nobody or another robot stands.
+pub fn device(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
+    Ok(connect(prepared, link, folder, None)?.device)
+}
+
+/// As [`device`], with what is to go wrong.
+pub(super) fn connect(
+    prepared: &Prepared,
+    link: &Link,
+    folder: &Path,
+    inject: Option<&inject::Plan>,
+) -> Result<Connected, JobError> {
+    let mut connected = reliable(prepared, link, folder, inject)?;
+    let lossy = inject
+        .and_then(|plan| plan.host_link)
+        .unwrap_or(prepared.config.host_link);
+    if lossy.is_active() {
+        let device = LossyDevice::new(connected.device, lossy);
+        connected.counters.push(device.injected());
+        connected.device = Box::new(device);
+    }
+    Ok(connected)
+}
+
+/// As [`connect`], over a host link that loses nothing.
+fn reliable(
+    prepared: &Prepared,
+    link: &Link,
+    folder: &Path,
+    inject: Option<&inject::Plan>,
+) -> Result<Connected, JobError> {
+    let joints = prepared.robot.dof();
+    let Some(plan) = inject else {
+        if let Some(device) = distant(prepared, link)? {
+            return Ok(Connected::plain(device));
+        }
+        let controller = controller(prepared, link, folder)?;
+        let drive = simulated_arm(
+            &prepared.robot,
+            &prepared.tool,
+            &prepared.plant,
+            &prepared.plan.home.joints,
+        )?;
+        return Ok(Connected::plain(Box::new(Cell::new(controller, drive, joints)?)));
+    };
+    let drive = match link {
+        Link::Tcp(address) => FaultyDrive::Other(Box::new(lock_step_drive(prepared, link, address)?)),
+        Link::Serial(_) | Link::Controller(_) | Link::Grpc(_) => return Err(no_injection(link)),
+        Link::Sim | Link::Qemu => FaultyDrive::Simulated(simulated_arm(
+            &prepared.robot,
+            &prepared.tool,
+            &prepared.plant,
+            &prepared.plan.home.joints,
+        )?),
+    };
+    let first = controller(prepared, link, folder)?;
+    let (link, folder) = (link.clone(), folder.to_owned());
+    let restart = Box::new(move || match link {
+        Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(&folder))?) as Box<dyn Controller>),
+        _ => controller_in_process(joints),
+    });
+    let device = FaultyCell::new(first, drive, joints, plan, restart)?.ending_process();
+    Ok(Connected {
+        host_faults: Some(device.host_faults()),
+        counters: vec![device.injected()],
+        device: Box::new(device),
+    })
+}
+
+/// A drive that waits for its controller, as fault injection needs it.
+fn lock_step_drive(prepared: &Prepared, link: &Link, address: &str) -> Result<TcpDrive, JobError> {
+    let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
+    check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+    if drive.hello().lock_step {
+        Ok(drive)
+    } else {
+        Err(no_injection(link))
+    }
+}
+
+fn no_injection(link: &Link) -> JobError {
+    JobError::NoInjection {
+        link: link.to_string(),
+        remedy: "faults are injected between a controller and a drive in lock-step: use sim, qemu or the tcp: of one"
+            .to_owned(),
+    }
+}
+
+/// What is reached over a link whose arm is not in this process; `None` where it is.
+///
+/// # Errors
+/// A link that cannot be used, or behind which nobody or another robot stands.
+pub fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device>>, JobError> {
+    let joints = prepared.robot.dof();
+    match link {
+        Link::Sim | Link::Qemu => Ok(None),
+        Link::Serial(device) => Ok(Some(Box::new(Serial::open(device)?))),
+        Link::Tcp(address) => {
+            let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
+            check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+            if !drive.hello().lock_step {
+                return Ok(Some(Box::new(Threaded::start(drive, joints)?)));
+            }
+            let controller = controller_in_process(joints)?;
+            Ok(Some(Box::new(Cell::new(controller, Box::new(drive), joints)?)))
+        }
+        Link::Controller(address) => {
+            let remote = Remote::connect(address, joints)?;
+            check_limits(&remote.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+            Ok(Some(Box::new(remote)))
+        }
+        Link::Grpc(peer) => remote_robot(prepared, peer).map(Some),
+    }
+}
+
+/// The controller of a link whose arm is in this process.
+///
+/// # Errors
+/// QEMU or its image missing, or no controller for so many joints.
+pub fn controller(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Controller>, JobError> {
+    match link {
+        Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(folder))?)),
+        Link::Sim | Link::Serial(_) | Link::Tcp(_) | Link::Controller(_) | Link::Grpc(_) => {
+            Ok(controller_in_process(prepared.robot.dof())?)
+        }
+    }
+}
+
+#[cfg(feature = "services")]
+fn remote_robot(prepared: &Prepared, peer: &Peer) -> Result<Box<dyn Device>, JobError> {
+    let robot = spherecal_services::grpc::RemoteRobot::attach(peer, &prepared.robot)?;
+    Ok(Box::new(robot))
+}
+
+#[cfg(not(feature = "services"))]
+fn remote_robot(_prepared: &Prepared, _peer: &Peer) -> Result<Box<dyn Device>, JobError> {
+    Err(JobError::Feature {
+        what: "a robot behind gRPC (--link grpc:)",
+        feature: "services",
+    })
+}

@@ -1,0 +1,289 @@
+//! Measuring: the campaign over a link, into the store; and reading it back.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+use spherecal_campaign::{self as campaign, Assignment, Observer, Outcome, Tracker, measure_laser};
+use spherecal_plan::Plan;
+use spherecal_shared::protocol::frame::LinkCounters;
+use spherecal_sim::Injected;
+use spherecal_sim::inject::{self, HostFaultJournal};
+use spherecal_store::time::now_utc;
+use spherecal_store::{CalibrationStore, NewRun, Peer, PlannedPose, RunInfo, SessionEnd};
+
+use super::host_faults::file_lock;
+use super::journal::{REPEATED_SESSION, StoreJournal};
+use super::link::{Link, connect};
+use super::tracker::simulated_tracker;
+use super::{Config, JobError, Measurements, Prepared, tour};
+
+/// Where and with whom a campaign is run.
+pub struct Site<'a> {
+    /// The link.
+    pub link: &'a Link,
+    /// A laser tracker behind gRPC; the plant's own, where the plant is here, if none.
+    pub tracker: Option<&'a Peer>,
+    /// Folder for logs of the controller; it exists.
+    pub folder: &'a Path,
+    /// Where it is stored.
+    pub store: &'a mut dyn CalibrationStore,
+    /// Who watches.
+    pub observer: &'a mut dyn Observer,
+    /// Set to stop.
+    pub interrupt: &'a AtomicBool,
+    /// What is to go wrong; nothing but the real where there is none.
+    pub inject: Option<&'a inject::Plan>,
+}
+/// What was measured.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Number of the run in the store.
+    pub run: i64,
+    /// What this session came to.
+    pub outcome: Outcome,
+}
+
+/// Runs the campaign, and the laser reference after it; goes on with `resume`
+/// where it is given: where the arm is, if it lives on, or by repeating the run
+/// from its start, if the arm was simulated in the process that ended.
+///
+/// # Errors
+/// Whatever stops it. What was recorded until then is in the store.
+pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
+    let begun = Instant::now();
+    let tour = tour(&prepared.plan);
+    if let Some(plan) = site.inject.filter(|_| !site.store.is_file()) {
+        plan.check_without_file()?;
+    }
+    let repeats = site.link.simulated();
+    // A run that is repeated goes past the moment at which its host was killed.
+    let inject = site.inject.map(|plan| match resume {
+        Some(_) if repeats => plan.without_kills(),
+        _ => plan.clone(),
+    });
+    let mut connected = connect(prepared, site.link, site.folder, inject.as_ref())?;
+    let had = resume
+        .map(|info| site.store.read_run(info.run))
+        .transpose()?
+        .unwrap_or_default();
+    let (run, done, seated) = match resume {
+        Some(info) if repeats => (info.run, BTreeSet::new(), Vec::new()),
+        Some(info) => (info.run, had.done(), had.couplings.clone()),
+        None => (
+            create_run(prepared, site.link, site.store)?,
+            BTreeSet::new(),
+            Vec::new(),
+        ),
+    };
+    let repeated = repeats && had.sessions.len() as i64 >= REPEATED_SESSION;
+    let session = if repeated {
+        REPEATED_SESSION
+    } else {
+        site.store.begin_session(run, &now_utc())?
+    };
+    let path = site.store.path().to_owned();
+    let mut journal = if repeated {
+        site.observer.note(&format!(
+            "the simulated arm begins anew: the run is repeated, and its first {} recordings must come out the same",
+            had.recordings.len()
+        ));
+        StoreJournal::repeated(site.store, run, &had.recordings)
+    } else {
+        StoreJournal::live(site.store, run, session, had.greetings)
+    };
+    let assignment = Assignment {
+        robot: &prepared.robot,
+        tool: &prepared.tool,
+        procedure: &prepared.procedure()?,
+        tour: &tour,
+        done: &done,
+        seated: &seated,
+        options: prepared.config.campaign.options(),
+    };
+    let device = connected.device.as_mut();
+    let (outcome, result) = match connected.host_faults.clone() {
+        None => campaign::run(&assignment, device, &mut journal, site.observer, site.interrupt),
+        Some(faults) => {
+            let mut journal = HostFaultJournal::new(&mut journal, faults, path.clone(), file_lock(path));
+            campaign::run(&assignment, device, &mut journal, site.observer, site.interrupt)
+        }
+    };
+    let passed_over = journal.passed_over();
+    if passed_over > 0 {
+        site.observer.note(&format!(
+            "the controller still held {passed_over} events of another run: they were passed over"
+        ));
+    }
+    if result.is_ok() {
+        journal.finish()?;
+    }
+    drop(journal);
+    let end = SessionEnd {
+        firmware: outcome.firmware.clone(),
+        simulated_us: outcome.simulated_us,
+        ticks: outcome.ticks,
+        wall_s: begun.elapsed().as_secs_f64(),
+        link_json: json(&LinkRecord {
+            ends: [outcome.link, outcome.statistics.link],
+            injected: connected.injected(),
+            late: outcome.statistics.late,
+        })?,
+        telemetry_json: json(&outcome.telemetry)?,
+    };
+    site.store.end_session(run, session, &end)?;
+    result?;
+    if prepared.config.laser.enabled {
+        let tracker: Option<Box<dyn Tracker>> = match site.tracker {
+            Some(peer) => Some(remote_tracker(peer)?),
+            None if site.link.simulated() => Some(simulated_tracker(prepared)?),
+            None => None,
+        };
+        if let Some(mut tracker) = tracker {
+            let shots = measure_laser(&prepared.robot, &prepared.tool, prepared.config.seed, tracker.as_mut())?;
+            site.store.put_laser(run, &shots)?;
+        }
+    }
+    site.store.set_state(run, "measured")?;
+    Ok(Measured { run, outcome })
+}
+
+#[cfg(feature = "services")]
+fn remote_tracker(peer: &Peer) -> Result<Box<dyn Tracker>, JobError> {
+    Ok(Box::new(spherecal_services::grpc::RemoteTracker::connect(peer)?))
+}
+
+#[cfg(not(feature = "services"))]
+fn remote_tracker(_peer: &Peer) -> Result<Box<dyn Tracker>, JobError> {
+    Err(JobError::Feature {
+        what: "a laser tracker behind gRPC (--tracker)",
+        feature: "services",
+    })
+}
+
+/// What the two ends of the host link counted in a session.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LinkRecord {
+    /// What the host received, and what the controller did.
+    pub ends: [LinkCounters; 2],
+    /// What was done to frames on purpose.
+    #[serde(default)]
+    pub injected: Injected,
+    /// Commands that came after their start.
+    #[serde(default)]
+    pub late: u32,
+}
+
+impl LinkRecord {
+    /// As it stands in the database; a session that was killed has told nothing.
+    fn stored(text: &str) -> Self {
+        serde_json::from_str(text)
+            .or_else(|_| {
+                // The counters alone, as the first versions wrote them.
+                serde_json::from_str(text).map(|ends| Self {
+                    ends,
+                    ..Self::default()
+                })
+            })
+            .unwrap_or_default()
+    }
+
+    fn add(&mut self, other: &Self) {
+        for (sum, part) in self.ends.iter_mut().zip(&other.ends) {
+            add(sum, part);
+        }
+        self.injected = self.injected.plus(other.injected);
+        self.late = self.late.saturating_add(other.late);
+    }
+}
+
+/// Notes a new run of what is prepared, over a link; returns its number.
+///
+/// # Errors
+/// When the store fails.
+pub fn create_run(prepared: &Prepared, link: &Link, store: &mut dyn CalibrationStore) -> Result<i64, JobError> {
+    let poses = prepared
+        .plan
+        .spheres
+        .iter()
+        .flat_map(|visit| visit.poses.iter().filter(|p| !p.via).map(|p| (visit.sphere_id, p)))
+        .map(|(sphere, pose)| PlannedPose {
+            sphere,
+            pose: pose.id,
+            orientation: pose.orientation,
+            elbow_rad: pose.elbow_rad,
+        })
+        .collect();
+    Ok(store.create_run(&NewRun {
+        created_utc: now_utc(),
+        seed: prepared.config.seed,
+        link: link.to_string(),
+        robot: prepared.robot.clone(),
+        tool: prepared.tool,
+        config_toml: prepared.config.to_toml()?,
+        plan_json: json(&prepared.plan)?,
+        program: concat!("spherecal ", env!("CARGO_PKG_VERSION")).to_owned(),
+        spheres: prepared.spheres.clone(),
+        poses,
+        arm: prepared.config.arm.clone(),
+    })?)
+}
+
+/// Reads back everything that was measured in a run.
+///
+/// # Errors
+/// When the database fails or a value does not decode.
+pub fn read(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<Measurements, JobError> {
+    let undecodable = |what: &'static str| {
+        move |e: serde_json::Error| JobError::Encode {
+            what,
+            message: format!("{e}; it was written by another version"),
+        }
+    };
+    let config: Config = toml::from_str(&info.config_toml).map_err(|e| JobError::Encode {
+        what: "the stored configuration",
+        message: format!("{e}; it was written by another version"),
+    })?;
+    let plan: Plan = serde_json::from_str(&info.plan_json).map_err(undecodable("the stored plan"))?;
+    let stored = store.read_run(info.run)?;
+    let mut link = LinkRecord::default();
+    for session in &stored.sessions {
+        link.add(&LinkRecord::stored(&session.link_json));
+    }
+    Ok(Measurements {
+        seed: info.seed,
+        link_name: info.link.clone(),
+        robot: info.robot.clone(),
+        tool: info.tool,
+        config,
+        plan,
+        spheres: stored.spheres,
+        recordings: stored.recordings,
+        rejected: stored.rejected,
+        contacts: stored.contacts,
+        couplings: stored.couplings,
+        faults: stored.faults,
+        laser: stored.laser,
+        link,
+        simulated_s: stored.sessions.iter().map(|s| s.simulated_us as f64 * 1e-6).sum(),
+        wall_s: stored.sessions.iter().map(|s| s.wall_s).sum(),
+    })
+}
+
+fn add(sum: &mut LinkCounters, part: &LinkCounters) {
+    sum.frames = sum.frames.saturating_add(part.frames);
+    sum.crc_errors = sum.crc_errors.saturating_add(part.crc_errors);
+    sum.lost = sum.lost.saturating_add(part.lost);
+    sum.duplicates = sum.duplicates.saturating_add(part.duplicates);
+    sum.resent = sum.resent.saturating_add(part.resent);
+    sum.overflow = sum.overflow.saturating_add(part.overflow);
+}
+
+fn json(value: &impl serde::Serialize) -> Result<String, JobError> {
+    serde_json::to_string(value).map_err(|e| JobError::Encode {
+        what: "a record for the database",
+        message: e.to_string(),
+    })
+}

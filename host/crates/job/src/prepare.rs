@@ -1,0 +1,223 @@
+//! From the configuration to what is to be visited.
+
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::robot::{Robot, Tool};
+
+use super::{Config, JobError};
+use spherecal_campaign::{Stop, Tour, TourPose};
+use spherecal_identify::Sphere;
+use spherecal_link::Drive;
+use spherecal_model::chain::Chain;
+use spherecal_model::robots::{self, RobotModel};
+use spherecal_plan::{self as plan, Plan, PlanError, PlatePose};
+use spherecal_sim::plant::{PlacementConfig, PlantConfig};
+use spherecal_sim::simulated_arm;
+
+/// Everything that is known before the first motion.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// Configuration.
+    pub config: Config,
+    /// Robot as the host holds it.
+    pub model: RobotModel,
+    /// Nominal robot.
+    pub robot: Robot,
+    /// Nominal tool, in the frame of the robot's table.
+    pub tool: Tool,
+    /// The plate's certificate.
+    pub spheres: Vec<Sphere>,
+    /// The plan, with the waypoints as taught.
+    pub plan: Plan,
+    /// The plant's configuration.
+    pub plant: PlantConfig,
+}
+
+/// Checks the configuration, loads the robot, plans, and teaches the waypoints.
+///
+/// # Errors
+/// Whatever is wrong with the input.
+pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
+    let Known {
+        model,
+        tool,
+        plant,
+        cell,
+    } = known(config)?;
+    let made = config.plan.make(&cell, &config.identify);
+    let mut plan = made.map_err(|error| with_a_place(error, &cell, config))?;
+    if plan.recorded() == 0 {
+        return Err(JobError::NoPose { planned: plan.planned });
+    }
+    let chain = Chain::new(&model.robot, &tool)?;
+    plan::teach(&mut plan, &chain, config.campaign.taught_error_m, config.seed);
+    Ok(Prepared {
+        config: config.clone(),
+        robot: model.robot.clone(),
+        model,
+        tool,
+        spheres: cell.spheres,
+        plan,
+        plant,
+    })
+}
+
+/// A plate that is out of reach, with a place where it would not be.
+fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobError {
+    if !matches!(source, PlanError::SphereOutOfReach { .. }) {
+        return source.into();
+    }
+    let found = Chain::new(&cell.robot, &cell.tool)
+        .ok()
+        .and_then(|chain| plan::suggest(cell, &chain, &config.plan.rules));
+    let Some(plate) = found else {
+        return source.into();
+    };
+    let [roll, pitch, yaw] = plate.rotation().euler_angles().into();
+    // The configuration speaks of sphere 1, the plan of the centroid.
+    let first = cell.spheres.first();
+    let origin = first.map_or(plate.centre_m.into(), |sphere| cell.sphere_in_base(&plate, sphere));
+    let short = |value: f64| (value * 1e3).round() / 1e3;
+    JobError::PlateOutOfReach {
+        source,
+        origin_m: origin.map(short).into(),
+        // + 0: no sign of a zero.
+        rpy_rad: [roll, pitch, yaw].map(|angle| (angle * 1e6).round() / 1e6 + 0.0),
+    }
+}
+
+impl Prepared {
+    /// The procedure, its limits narrowed to the room that the plan takes up.
+    ///
+    /// # Errors
+    /// A robot that no plan can be made for.
+    pub fn procedure(&self) -> Result<Procedure, JobError> {
+        let mut procedure = self.config.procedure;
+        let chain = Chain::new(&self.robot, &self.tool)?;
+        if let Some(bounds) = plan::Bounds::of(&self.plan, &chain) {
+            let section = &self.config.plan;
+            bounds.narrow(
+                &mut procedure.limits,
+                section.workspace_margin_m,
+                section.plate_margin_m,
+            );
+        }
+        Ok(procedure)
+    }
+}
+
+/// What is known without a plan.
+struct Known {
+    model: RobotModel,
+    tool: Tool,
+    plant: PlantConfig,
+    cell: plan::Cell,
+}
+
+fn known(config: &Config) -> Result<Known, JobError> {
+    config.check()?;
+    let mut model = robots::load(&config.robot)?;
+    if let Some(tool_mm) = config.tool_mm {
+        model.tool.tcp_m = tool_mm.map(|mm| mm * 1e-3);
+    }
+    let tool = model.tool_in_table();
+    let plant = config.plant()?;
+    let mut cell = plan::Cell {
+        robot: model.robot.clone(),
+        tool,
+        spheres: certificate(&plant),
+        plates: plate_poses(&plant),
+        approach_height_m: config.plan.approach_height_m,
+        ..plan::Cell::iiwa7()
+    };
+    if cell.robot != plan::Cell::iiwa7().robot {
+        cell.tool_yaw_rad = None;
+    }
+    Ok(Known {
+        model,
+        tool,
+        plant,
+        cell,
+    })
+}
+
+/// The simulated arm that a run with this configuration calibrates, at rest at
+/// its home frame.
+///
+/// # Errors
+/// Whatever is wrong with the input.
+pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
+    let Known {
+        model,
+        tool,
+        plant,
+        cell,
+    } = known(config)?;
+    let chain = Chain::new(&model.robot, &tool)?;
+    let home = plan::home(&cell, &chain, &config.plan.rules);
+    let home = home.map_err(|error| with_a_place(error, &cell, config))?;
+    Ok(simulated_arm(&model.robot, &tool, &plant, &home.joints)?)
+}
+
+/// The spheres as the certificate states them, numbered from 1.
+fn certificate(plant: &PlantConfig) -> Vec<Sphere> {
+    plant
+        .plate
+        .spheres_m
+        .iter()
+        .zip(1..)
+        .map(|(position_m, id)| Sphere {
+            id,
+            position_m: *position_m,
+            sigma_m: plant.plate.certificate_sigma_m,
+        })
+        .collect()
+}
+
+/// Where the plate is meant to stand, in each placement; where it does stand is
+/// the plant's affair.
+fn plate_poses(plant: &PlantConfig) -> Vec<PlatePose> {
+    let spheres = &plant.plate.spheres_m;
+    let sum: Vector3<f64> = spheres.iter().map(|s| Vector3::from(*s)).sum();
+    let centroid = sum / spheres.len().max(1) as f64;
+    let pose = |placement: &PlacementConfig| {
+        let [roll, pitch, yaw] = placement.rpy_rad;
+        let rotation = Rotation3::from_euler_angles(roll, pitch, yaw);
+        let q = UnitQuaternion::from_rotation_matrix(&rotation);
+        PlatePose {
+            centre_m: (Vector3::from(placement.origin_m) + rotation * centroid).into(),
+            orientation: [q.w, q.i, q.j, q.k],
+        }
+    };
+    plant.plate.placements().iter().map(pose).collect()
+}
+
+/// The plan as the campaign takes it.
+pub fn tour(plan: &Plan) -> Tour {
+    Tour {
+        home: plan.home.joints.clone(),
+        stops: plan
+            .spheres
+            .iter()
+            .map(|visit| Stop {
+                sphere: visit.sphere_id,
+                place: visit.place,
+                centre_m: visit.position_m,
+                over_home: visit.over_home,
+                approach: visit.approach.joints.clone(),
+                direction: visit.approach_direction,
+                poses: visit
+                    .poses
+                    .iter()
+                    .map(|pose| TourPose {
+                        pose: pose.id,
+                        record: !pose.via,
+                        orientation: pose.orientation,
+                        elbow_rad: pose.elbow_rad,
+                        posture: pose.joints.clone(),
+                    })
+                    .collect(),
+            })
+            .collect(),
+    }
+}

@@ -1,0 +1,71 @@
+//! What is kept of a run beside what was measured, and its report from that.
+
+use super::run_report;
+use super::{JobError, Measurements, evaluate, read, summarise};
+use spherecal_campaign::telemetry::Trace;
+use spherecal_report::render;
+use spherecal_store::{CalibrationStore, RunInfo, StoreError};
+
+/// Name of the contacts' force traces among a run's results.
+const CONTACT_TRACES: &str = "contact_traces";
+
+/// The force traces of a run's contacts that are stored; none where there are none.
+///
+/// # Errors
+/// When the store fails.
+pub fn contact_traces(store: &mut dyn CalibrationStore, run: i64) -> Result<Vec<Trace>, StoreError> {
+    let stored = store.result(run, CONTACT_TRACES)?;
+    Ok(stored
+        .and_then(|json| serde_json::from_str(&json).ok())
+        .unwrap_or_default())
+}
+
+/// Stores the force traces of a run's contacts.
+///
+/// # Errors
+/// When the store fails.
+pub fn put_contact_traces(store: &mut dyn CalibrationStore, run: i64, traces: &[Trace]) -> Result<(), JobError> {
+    let json = serde_json::to_string(traces).map_err(|e| JobError::Encode {
+        what: "the force traces",
+        message: e.to_string(),
+    })?;
+    Ok(store.put_result(run, CONTACT_TRACES, &json)?)
+}
+
+/// Everything that the report of a stored run is written from.
+pub struct StoredReport {
+    measurements: Measurements,
+    traces: Vec<Trace>,
+    created_utc: String,
+}
+
+/// Reads what the report of a stored run is written from.
+///
+/// # Errors
+/// When the store fails, or holds what cannot be used.
+pub fn stored_report(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<StoredReport, JobError> {
+    Ok(StoredReport {
+        measurements: read(store, info)?,
+        traces: contact_traces(store, info.run)?,
+        created_utc: info.created_utc.clone(),
+    })
+}
+
+impl StoredReport {
+    /// Identifies, judges and writes the page.
+    ///
+    /// # Errors
+    /// Recordings that nothing can be identified from.
+    pub fn render(&self) -> Result<String, JobError> {
+        let evaluation = evaluate(&self.measurements)?;
+        let summary = summarise(&self.measurements, &evaluation)?;
+        let report = run_report(
+            &self.measurements,
+            &evaluation,
+            &summary,
+            &self.traces,
+            &self.created_utc,
+        );
+        Ok(render(&report)?)
+    }
+}

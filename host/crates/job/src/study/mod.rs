@@ -1,0 +1,10 @@
+//! What is written of a calibration from files: `summary.json`, words for the
+//! terminal, the calibrated robot, the report.
+
+mod files;
+mod summary;
+mod text;
+
+pub use files::write_files;
+pub use summary::summary_json;
+pub use text::summary_text;

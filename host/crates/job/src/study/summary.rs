@@ -1,0 +1,169 @@
+//! `summary.json`: the one document that other programs read.
+
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+
+use spherecal_identify::study::{Errors, Judged, Sample, Study};
+
+/// Hash over the bits of the recordings in order: joint angles, then torques.
+fn recordings_sha256(study: &Study) -> String {
+    let mut hash = Sha256::new();
+    for sample in &study.loaded.samples {
+        let o = &sample.observation;
+        for value in o.q.iter().chain(o.tau.iter().flatten()) {
+            hash.update(value.to_bits().to_le_bytes());
+        }
+    }
+    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn errors_json(errors: &Errors) -> Value {
+    json!({
+        "mean_mm": errors.mean_mm, "std_mm": errors.std_mm, "min_mm": errors.min_mm, "max_mm": errors.max_mm,
+        "rms_mm": errors.rms_mm,
+    })
+}
+
+/// Errors by model; the calibrated one also under the name of its method of
+/// measurement, as Table 5 of the paper calls it.
+fn models_json(judged: &Judged, closed_loop: bool) -> Value {
+    let mut models = serde_json::Map::new();
+    for model in &judged.models {
+        let value = errors_json(&model.errors());
+        if model.name == "calibrated" {
+            models.insert(if closed_loop { "sphere" } else { "laser" }.to_owned(), value.clone());
+        }
+        models.insert(model.name.clone(), value);
+    }
+    Value::Object(models)
+}
+
+fn judged_json(judged: &Judged, closed_loop: bool) -> Value {
+    let n = judged.models.first().map_or(0, |m| m.samples.len());
+    let mut value = json!({ "n": n, "by": judged.by, "models": models_json(judged, closed_loop) });
+    let distances: Vec<Value> = judged
+        .models
+        .iter()
+        .filter(|m| !m.distances_mm.is_empty())
+        .map(|m| json!({ "model": m.name, "mean_abs_mm": m.mean_distance_error_mm(), "errors": m.distances_mm }))
+        .collect();
+    if !distances.is_empty() {
+        value["sphere_distances"] = Value::Array(distances);
+    }
+    value
+}
+
+/// The summary of a study.
+pub fn summary_json(study: &Study) -> Value {
+    let calibration = &study.calibration;
+    let closed_loop = study.loaded.closed_loop;
+    let identifiability = &calibration.identifiability;
+    let given = study.given_tcp_m.unwrap_or_else(|| study.loaded.experiment.tool.tcp());
+    let parameters: Vec<Value> = calibration
+        .parameters
+        .iter()
+        .map(|p| {
+            let nominal = match p.name.as_str() {
+                "tool_x" => given.x,
+                "tool_y" => given.y,
+                "tool_z" => given.z,
+                _ => p.nominal,
+            };
+            json!({
+                "name": p.name, "unit": p.unit, "nominal": nominal, "estimate": p.estimate, "sigma": p.sigma,
+                "identified": p.identified, "free": p.free, "moved": p.moved, "prior_sigma": p.prior_sigma,
+                "reason": p.reason,
+            })
+        })
+        .collect();
+    let residual = &calibration.residual;
+    let outliers: Vec<Value> = residual
+        .outliers
+        .iter()
+        .filter_map(|o| {
+            let sample = &study.loaded.samples.get(*study.used.get(o.index)?)?;
+            Some(json!({ "row": study.describe(sample), "why": o.why }))
+        })
+        .collect();
+    let rejected: Vec<Value> = study
+        .rejected
+        .iter()
+        .filter_map(|(i, mm)| Some(json!({ "row": study.describe(study.loaded.samples.get(*i)?), "distance_mm": mm })))
+        .collect();
+    let planned = study.loaded.samples.len();
+    let names: Vec<&str> = study.loaded.places.names().iter().map(String::as_str).collect();
+    let frames: Vec<Value> = calibration
+        .frames
+        .iter()
+        .map(|f| {
+            json!({
+                "frame": f.reference,
+                "base_xyz_m": f.base.translation_m.as_slice(),
+                "base_rpy_rad": spherecal_model::robots::frames::to_rpy(&f.base.rotation),
+            })
+        })
+        .collect();
+    let mut value = json!({
+        "command": "identify",
+        "version": env!("CARGO_PKG_VERSION"),
+        "seed": study.options.seed,
+        "robot": study.loaded.model.robot.name.as_str(),
+        "method": calibration.method,
+        "model": calibration.model,
+        "closed_loop": closed_loop,
+        "poses": { "planned": planned, "reachable": planned, "recorded": study.used.len(), "rejected": study.rejected.len() },
+        "simulated_s": Value::Null,
+        "wall_s": study.wall_s,
+        "real_time_factor": Value::Null,
+        "identifiability": {
+            "columns": identifiability.columns, "rank": identifiability.rank,
+            "condition": finite(identifiability.condition), "redundant": identifiability.redundant,
+            "dependencies": identifiability.dependencies,
+            "noise_amplification": finite(identifiability.noise_amplification),
+        },
+        "parameters": parameters,
+        "tool_mm": study.loaded.model.tcp_in_flange(calibration.tool.tcp_m).map(|x| x * 1e3),
+        "frames": frames,
+        "places": names,
+        "residual": {
+            "rms_mm": residual.rms_mm, "mean_mm": residual.mean_mm, "max_mm": residual.max_mm,
+            "outliers": residual.outliers.len(), "outlier_rows": outliers, "rejected_rows": rejected,
+        },
+        "noise_scale": calibration.noise_scale,
+        "effective_parameters": calibration.effective_parameters,
+        "predicted": { "mean_mm": study.predicted_mm.0, "max_mm": study.predicted_mm.1 },
+        "validation": judged_json(&study.validation, closed_loop),
+        "verdict": study.verdict,
+        "notes": study.notes,
+        "recordings_sha256": recordings_sha256(study),
+        "faults": [],
+        "link": { "frames": 0, "crc_errors": 0, "lost": 0, "resent": 0, "duplicates": 0 },
+    });
+    if !study.cross_validated {
+        let samples: Vec<&Sample> = study.judges.iter().collect();
+        let aligned = study.validation.base_aligned(&samples);
+        value["validation"]["models_base_aligned"] = models_json(&aligned, closed_loop);
+    }
+    value["validation"]["cross_validated"] = json!(study.cross_validated);
+    if let Some(holdout) = &study.holdout {
+        let folds: Vec<Value> = holdout
+            .folds
+            .iter()
+            .map(|f| {
+                let mut fold = judged_json(&f.judged, closed_loop);
+                fold["value"] = json!(f.value);
+                fold
+            })
+            .collect();
+        let mut pooled = judged_json(&holdout.pooled, closed_loop);
+        pooled["column"] = json!(holdout.column);
+        pooled["folds"] = Value::Array(folds);
+        value["holdout"] = pooled;
+    }
+    value
+}
+
+/// A number, or nothing where it is infinite or not a number (JSON has none).
+fn finite(value: f64) -> Value {
+    if value.is_finite() { json!(value) } else { Value::Null }
+}

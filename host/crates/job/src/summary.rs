@@ -1,0 +1,354 @@
+//! `summary.json`: the one document that other programs read, and the verdict.
+//!
+//! For one seed it is the same in every run but for the wall times.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use spherecal_shared::protocol::frame::LinkCounters;
+use spherecal_shared::protocol::host::{FaultReport, Recording};
+
+use super::{Evaluation, JobError, LinkRecord, Measurements};
+use spherecal_identify::ParameterEstimate;
+use spherecal_identify::validate::{Alignment, Statistics};
+use spherecal_sim::Injected;
+
+/// Poses, counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct PoseCounts {
+    /// Considered by the planner.
+    pub planned: usize,
+    /// Of them, within reach.
+    pub reachable: usize,
+    /// Chosen to be recorded.
+    pub chosen: usize,
+    /// Recorded.
+    pub recorded: usize,
+    /// Given up.
+    pub rejected: usize,
+}
+
+/// Both directions of the host link together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LinkSummary {
+    /// Frames accepted.
+    pub frames: u64,
+    /// Frames whose checksum or shape was wrong.
+    pub crc_errors: u64,
+    /// Frames missing by their numbers, the damaged among them.
+    pub lost: u64,
+    /// Messages sent again.
+    pub resent: u64,
+    /// Messages that came again.
+    pub duplicates: u64,
+    /// Commands that came after the time at which they were to start: none
+    /// means that the link changed no tick of what the arm did.
+    pub late: u64,
+    /// What was done to frames on purpose.
+    pub injected: Injected,
+}
+
+impl LinkSummary {
+    /// From what the two ends counted.
+    pub fn of(record: &LinkRecord) -> Self {
+        let sum = |f: fn(&LinkCounters) -> u32| record.ends.iter().map(|c| u64::from(f(c))).sum();
+        Self {
+            frames: sum(|c| c.frames),
+            crc_errors: sum(|c| c.crc_errors),
+            lost: sum(|c| c.lost),
+            resent: sum(|c| c.resent),
+            duplicates: sum(|c| c.duplicates),
+            late: record.late.into(),
+            injected: record.injected,
+        }
+    }
+}
+
+/// What the data can tell.
+#[derive(Clone, Debug, Serialize)]
+pub struct IdentifiabilitySummary {
+    /// Columns analysed.
+    pub columns: usize,
+    /// Their rank.
+    pub rank: usize,
+    /// Condition number of what is left.
+    pub condition: Option<f64>,
+    /// Parameters that others stand for.
+    pub redundant: Vec<String>,
+    /// Why, in words.
+    pub dependencies: Vec<String>,
+}
+
+/// How well the recordings agree with the model.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ResidualSummary {
+    /// Root mean square distance, in mm.
+    pub rms_mm: f64,
+    /// Mean distance, in mm.
+    pub mean_mm: f64,
+    /// Largest distance, in mm.
+    pub max_mm: f64,
+    /// Recordings that the model does not believe.
+    pub outliers: usize,
+}
+
+/// One model's errors under the paper's protocol, and under the two others.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ModelSummary {
+    /// Base measured by arcs, as in the paper.
+    #[serde(flatten)]
+    pub arcs: Statistics,
+    /// Base fitted to the points: the arm's shape alone.
+    pub best_fit: Statistics,
+    /// The model's own base.
+    pub own: Statistics,
+}
+
+/// Table 5.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ValidationSummary {
+    /// Measurements.
+    pub n: usize,
+    /// Errors by model.
+    pub models: BTreeMap<String, ModelSummary>,
+}
+
+/// One contact.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ContactSummary {
+    /// Sphere.
+    pub sphere: u32,
+    /// Force when declared, in N.
+    pub force_n: f64,
+    /// Largest force since the descent began, in N.
+    pub peak_n: f64,
+    /// Distance descended, in mm.
+    pub travel_mm: f64,
+    /// Ticks from the first crossing to the declaration.
+    pub latency_ticks: u32,
+    /// Crossings that were not held.
+    pub early_crossings: u32,
+}
+
+/// May the result be used?
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Verdict {
+    /// Exit code 0 instead of 3.
+    pub trusted: bool,
+    /// Share of the nominal mean error that is gone.
+    pub improvement: Option<f64>,
+    /// Why not, or what to keep in mind; most important first.
+    pub reasons: Vec<String>,
+    /// What to do next.
+    pub next: String,
+}
+
+/// The whole document.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Always `run`.
+    pub command: &'static str,
+    /// Version of the program.
+    pub version: &'static str,
+    /// Seed.
+    pub seed: u64,
+    /// Robot.
+    pub robot: String,
+    /// Link, as on the command line.
+    pub link_name: String,
+    /// Poses.
+    pub poses: PoseCounts,
+    /// Device time, in s.
+    pub simulated_s: f64,
+    /// Time on the wall, in s.
+    pub wall_s: f64,
+    /// Device time per time on the wall.
+    pub real_time_factor: f64,
+    /// What the data can tell.
+    pub identifiability: IdentifiabilitySummary,
+    /// Every parameter of the sphere-calibrated model.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Residuals of the recordings.
+    pub residual: ResidualSummary,
+    /// Table 5.
+    pub validation: ValidationSummary,
+    /// Hash over the recordings' bits, in order.
+    pub recordings_sha256: String,
+    /// Contacts, in order.
+    pub contacts: Vec<ContactSummary>,
+    /// Faults, in order.
+    pub faults: Vec<FaultReport>,
+    /// Host link.
+    pub link: LinkSummary,
+    /// Verdict.
+    pub verdict: Verdict,
+    /// Remarks.
+    pub remarks: Vec<String>,
+}
+
+/// Sums up a run.
+///
+/// # Errors
+/// When a recording cannot be encoded for the hash.
+pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> {
+    let finite = |value: f64| value.is_finite().then_some(value);
+    let i = &e.sphere.identifiability;
+    let r = &e.sphere.residual;
+    let validation = e
+        .table
+        .as_ref()
+        .map_or_else(ValidationSummary::default, |table| ValidationSummary {
+            n: table.n,
+            models: table
+                .models
+                .iter()
+                .map(|model| {
+                    let summary = ModelSummary {
+                        arcs: *model.statistics(Alignment::Arcs),
+                        best_fit: *model.statistics(Alignment::BestFit),
+                        own: *model.statistics(Alignment::Own),
+                    };
+                    (model.name.clone(), summary)
+                })
+                .collect(),
+        });
+    Ok(Summary {
+        command: "run",
+        version: env!("CARGO_PKG_VERSION"),
+        seed: m.seed,
+        robot: m.robot.name.to_string(),
+        link_name: m.link_name.clone(),
+        poses: PoseCounts {
+            planned: m.plan.planned,
+            reachable: m.plan.reachable,
+            chosen: m.plan.recorded(),
+            recorded: m.recordings.len(),
+            rejected: m.rejected.len(),
+        },
+        simulated_s: m.simulated_s,
+        wall_s: m.wall_s,
+        real_time_factor: if m.wall_s > 0.0 { m.simulated_s / m.wall_s } else { 0.0 },
+        identifiability: IdentifiabilitySummary {
+            columns: i.columns,
+            rank: i.rank,
+            condition: finite(i.condition),
+            redundant: i.redundant.clone(),
+            dependencies: i.dependencies.clone(),
+        },
+        parameters: e.sphere.parameters.clone(),
+        residual: ResidualSummary {
+            rms_mm: r.rms_mm,
+            mean_mm: r.mean_mm,
+            max_mm: r.max_mm,
+            outliers: r.outliers.len(),
+        },
+        recordings_sha256: hash(&m.recordings)?,
+        contacts: m
+            .contacts
+            .iter()
+            .map(|c| ContactSummary {
+                sphere: c.sphere,
+                force_n: c.force_n,
+                peak_n: c.peak_n,
+                travel_mm: c.travel_m * 1e3,
+                latency_ticks: c.latency_ticks,
+                early_crossings: c.early_crossings,
+            })
+            .collect(),
+        faults: m.faults.clone(),
+        link: LinkSummary::of(&m.link),
+        verdict: verdict(m, e, &validation),
+        validation,
+        remarks: e.remarks.clone(),
+    })
+}
+
+/// SHA-256 over the recordings as they travel on the wire, in order: every bit
+/// of every statistic counts.
+fn hash(recordings: &[Recording]) -> Result<String, JobError> {
+    let mut hash = Sha256::new();
+    for recording in recordings {
+        let bytes = postcard::to_allocvec(recording).map_err(|e| JobError::Encode {
+            what: "a recording",
+            message: e.to_string(),
+        })?;
+        hash.update(&bytes);
+    }
+    Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
+}
+
+/// A nest whose seat moved further than this under the test pull is doubtful, in m.
+const DOUBTFUL_SEAT_M: f64 = 1e-3;
+
+fn verdict(m: &Measurements, e: &Evaluation, validation: &ValidationSummary) -> Verdict {
+    let mut against = Vec::new();
+    let mut mind = Vec::new();
+    let mut improvement = None;
+    match (validation.models.get("nominal"), validation.models.get("sphere")) {
+        (Some(nominal), Some(sphere)) => {
+            let (n, s) = (nominal.arcs, sphere.arcs);
+            if n.mean_mm > 0.0 {
+                improvement = Some(1.0 - s.mean_mm / n.mean_mm);
+            }
+            if s.mean_mm >= n.mean_mm {
+                against.push(format!(
+                    "the calibrated robot is not better than the nominal one: mean {:.3} mm against {:.3} mm",
+                    s.mean_mm, n.mean_mm
+                ));
+            } else if s.max_mm >= n.max_mm {
+                against.push(format!(
+                    "the worst point is {:.3} mm off, {:.3} mm nominally",
+                    s.max_mm, n.max_mm
+                ));
+            }
+        }
+        _ => mind.push("no laser tracker judged the result: only the fit itself speaks for it".to_owned()),
+    }
+    let lost = m.plan.recorded().saturating_sub(m.recordings.len());
+    if lost > 0 {
+        mind.push(format!("{lost} of {} poses were not recorded", m.plan.recorded()));
+    }
+    let worst = m.couplings.iter().fold(0.0f64, |w, c| w.max(c.test_m));
+    if worst > DOUBTFUL_SEAT_M {
+        mind.push(format!(
+            "a nest moved by {:.2} mm under the test pull: look at its seat",
+            worst * 1e3
+        ));
+    }
+    let outliers = e.sphere.residual.outliers.len();
+    if 5 * outliers > m.recordings.len() {
+        against.push(format!(
+            "{outliers} of {} recordings are outliers: the seating cannot be trusted",
+            m.recordings.len()
+        ));
+    } else if outliers > 0 {
+        mind.push(format!("{outliers} of {} recordings are outliers", m.recordings.len()));
+    }
+    let blind: Vec<&str> = e
+        .sphere
+        .parameters
+        .iter()
+        .filter(|p| p.free && p.sigma > p.prior_sigma)
+        .map(|p| p.name.as_str())
+        .collect();
+    if !blind.is_empty() {
+        mind.push(format!("the data say nothing about {}", blind.join(", ")));
+    }
+    if !m.faults.is_empty() {
+        mind.push(format!("{} faults on the way, all recovered from", m.faults.len()));
+    }
+    let trusted = against.is_empty();
+    let next = if trusted {
+        "Load calibrated.urdf or calibrated.toml into your controller or planner; report.html says how good it is where."
+    } else {
+        "Do not load this model: look at the residuals and faults in report.html, and measure again."
+    };
+    against.append(&mut mind);
+    Verdict {
+        trusted,
+        improvement,
+        reasons: against,
+        next: next.to_owned(),
+    }
+}

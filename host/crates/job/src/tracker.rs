@@ -1,0 +1,25 @@
+//! The plant's laser tracker as the campaign's [`Tracker`].
+
+use spherecal_campaign::{Tracker, TrackerError};
+use spherecal_model::TrackerSession;
+use spherecal_sim::SimulatedTracker;
+
+use crate::{JobError, Prepared};
+
+/// The plant's tracker.
+struct Simulated(SimulatedTracker);
+
+impl Tracker for Simulated {
+    fn shot(&mut self, session: TrackerSession, q: &[f64]) -> Result<(Vec<f64>, [f64; 3]), TrackerError> {
+        Ok(self.0.shot(session, q)?)
+    }
+}
+
+/// The simulated tracker of a configuration, as it is before its first shot.
+///
+/// # Errors
+/// A plant that cannot be made.
+pub fn simulated_tracker(prepared: &Prepared) -> Result<Box<dyn Tracker + Send>, JobError> {
+    let tracker = SimulatedTracker::new(&prepared.robot, &prepared.tool, &prepared.plant)?;
+    Ok(Box::new(Simulated(tracker)))
+}

@@ -1,0 +1,312 @@
+//! One arm with a shortened procedure, and one run of it with a plan of faults.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::AtomicBool;
+
+use serde::Serialize;
+use spherecal_shared::protocol::host::{FaultReport, Recording};
+
+use super::FaultsError;
+use super::judge::{Judged, look};
+use super::run_journal::RunJournal;
+use spherecal_campaign::measure_laser;
+use spherecal_campaign::{self as campaign, Assignment, CampaignError, Outcome, Silent, Tour};
+use spherecal_identify::validate::{Prediction, validate};
+use spherecal_identify::{Experiment, Observation, Set, Target, identify};
+use spherecal_job::{Choice, Config, JobError, Prepared, prepare, simulated_tracker, tour};
+use spherecal_link::JournalError;
+use spherecal_link::{Device, LinkError, controller_in_process};
+use spherecal_model::LaserShot;
+use spherecal_sim::inject::{FaultyCell, FaultyDrive, Happened, HostKilled, Plan};
+
+/// One arm, what it is to do, and what it does undisturbed.
+pub struct Case {
+    /// Seed of the arm.
+    pub seed: u64,
+    prepared: Prepared,
+    tour: Tour,
+    shots: Vec<LaserShot>,
+    /// Control periods of the undisturbed run.
+    pub ticks: u64,
+    /// Its mean error after calibration, in mm, base fitted; 0 where none was asked for.
+    pub error_mm: f64,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ended {
+    /// All poses recorded or given up.
+    Finished,
+    /// A typed stop that says what a person should do.
+    Stopped(String),
+    /// A stop that nothing documents.
+    Unexplained(String),
+    /// A panic.
+    Panicked(String),
+}
+
+/// What a run came to.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    /// How it ended.
+    pub ended: Ended,
+    /// Its faults.
+    pub faults: Vec<FaultReport>,
+    /// The injected faults that began and ended.
+    pub happened: Vec<Happened>,
+    /// Recordings, as they were stored.
+    pub recordings: Vec<Recording>,
+    /// Recordings that should not have been accepted, and why.
+    pub bad: Vec<String>,
+    /// Recordings stored twice.
+    pub duplicates: usize,
+    /// Recordings that the campaign counted and the journal does not have.
+    pub lost: usize,
+    /// Poses given up.
+    pub rejected: usize,
+    /// The control period, from 1, in which the controller first moved the motors.
+    pub ready_tick: u64,
+    /// Times that the host was begun again.
+    pub resumed: usize,
+    /// Largest kinetic energy, in J.
+    pub kinetic_j: f64,
+    /// The control period in which it was reached, from 1.
+    pub kinetic_tick: usize,
+    /// Largest contact force that lasted 10 ms, in N.
+    pub contact_n: f64,
+    /// Longest time for which the contact force was above what may be held, in s.
+    pub held_s: f64,
+    /// Robot time, in s.
+    pub robot_s: f64,
+}
+
+/// Hosts that are begun again at most.
+const HOSTS: usize = 8;
+/// Control periods until a person has made room on a full disk.
+const ROOM_TICKS: u32 = 3000;
+
+/// How much a case is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finish {
+    /// A few poses on every sphere: for what becomes of faults.
+    Record,
+    /// Enough of them to calibrate, and a tracker to judge by.
+    Calibrate,
+}
+
+fn configuration(seed: u64, finish: Finish) -> Config {
+    let mut config = Config {
+        seed,
+        ..Config::default()
+    };
+    config.plan.choice = Choice::Grid;
+    config.plan.poses = match finish {
+        Finish::Record => 6,
+        Finish::Calibrate => 60,
+    };
+    config.plan.approach_height_m = 0.035;
+    let p = &mut config.procedure;
+    p.couple.hold_s = 1.0;
+    p.record.samples = 200;
+    p.approach.tare_s = 0.2;
+    config
+}
+
+impl Case {
+    /// The arm of a seed; runs it undisturbed once.
+    ///
+    /// # Errors
+    /// An undisturbed run that does not end well.
+    pub fn new(seed: u64, finish: Finish) -> Result<Self, FaultsError> {
+        let prepared = prepare(&configuration(seed, finish))?;
+        let mut case = Self {
+            seed,
+            tour: tour(&prepared.plan),
+            shots: Vec::new(),
+            ticks: 0,
+            error_mm: 0.0,
+            prepared,
+        };
+        let clean = case.run(&Plan::default())?;
+        let faultless =
+            clean.ended == Ended::Finished && clean.bad.is_empty() && clean.recordings.len() == case.tour.poses();
+        if !faultless {
+            return Err(FaultsError::Clean {
+                seed,
+                why: format!(
+                    "{:?}, {} recordings, {:?}",
+                    clean.ended,
+                    clean.recordings.len(),
+                    clean.bad
+                ),
+            });
+        }
+        case.ticks = (clean.robot_s * 1e3) as u64;
+        if finish == Finish::Calibrate {
+            let Prepared { robot, tool, .. } = &case.prepared;
+            let mut tracker = simulated_tracker(&case.prepared)?;
+            case.shots = measure_laser(robot, tool, seed, tracker.as_mut()).map_err(JobError::from)?;
+            case.shots.retain(|s| s.purpose == LaserShot::VALIDATE);
+            case.error_mm = case.judge(&clean)?;
+        }
+        Ok(case)
+    }
+
+    /// Runs with a plan of faults.
+    ///
+    /// # Errors
+    /// A plant, a controller or a plan that cannot be made.
+    pub fn run(&self, plan: &Plan) -> Result<Trial, FaultsError> {
+        match self.prepared.robot.dof() {
+            6 => self.run_with::<6>(plan),
+            _ => self.run_with::<7>(plan),
+        }
+    }
+
+    fn run_with<const N: usize>(&self, plan: &Plan) -> Result<Trial, FaultsError> {
+        let (robot, tool) = (&self.prepared.robot, &self.prepared.tool);
+        let home: &[f64; N] = self.tour.home.as_slice().try_into().map_err(|_| {
+            JobError::from(LinkError::OtherRobot {
+                drive: N,
+                robot: self.tour.home.len(),
+            })
+        })?;
+        let (drive, judgement) = Judged::new(robot, tool, &self.prepared.plant, home).map_err(JobError::from)?;
+        let drive = FaultyDrive::Simulated(Box::new(drive));
+        let controller = controller_in_process(N).map_err(JobError::from)?;
+        let restart = Box::new(|| controller_in_process(N));
+        let mut device = FaultyCell::new(controller, drive, N, plan, restart).map_err(JobError::from)?;
+        let (happened, host_faults) = (device.happened(), device.host_faults());
+        let mut records = RunJournal::new(&self.prepared, plan.faults.iter().any(|f| f.what.of_host()))?;
+        let procedure = self.prepared.procedure()?;
+        let mut outcome = Outcome::default();
+        let mut resumed = 0;
+        let ended = loop {
+            let (done, seated) = (records.done()?, records.couplings()?);
+            let assignment = Assignment {
+                robot,
+                tool,
+                procedure: &procedure,
+                tour: &self.tour,
+                done: &done,
+                seated: &seated,
+                options: self.prepared.config.campaign.options(),
+            };
+            let mut journal = records.journal(&host_faults)?;
+            let run = || {
+                campaign::run(
+                    &assignment,
+                    &mut device,
+                    journal.as_mut(),
+                    &mut Silent,
+                    &AtomicBool::new(false),
+                )
+            };
+            let result = match catch_unwind(AssertUnwindSafe(run)) {
+                Ok((more, result)) => {
+                    add(&mut outcome, more);
+                    result
+                }
+                Err(panic) => {
+                    let why = panic.downcast_ref::<String>().cloned();
+                    let why = why.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()));
+                    break Ended::Panicked(why.unwrap_or_default());
+                }
+            };
+            drop(journal);
+            match result {
+                Ok(()) => break Ended::Finished,
+                Err(CampaignError::Link(error)) if resumed < HOSTS && HostKilled::is_cause_of(&error) => {}
+                Err(CampaignError::Journal(JournalError::Store(_))) if resumed < HOSTS => {
+                    // The arm stands by until a person has made room.
+                    let mut unheard = Vec::new();
+                    for _ in 0..ROOM_TICKS {
+                        device.step(&[], &mut unheard).map_err(JobError::from)?;
+                    }
+                    host_faults.fill(false);
+                }
+                Err(error) => break stop(&error),
+            }
+            resumed += 1;
+            records.reopen()?;
+        };
+        let judgement = look(&judgement);
+        let recordings = records.recordings()?;
+        Ok(Trial {
+            bad: recordings.iter().filter_map(|r| judgement.of(r)).collect(),
+            lost: outcome.recorded.saturating_sub(recordings.len()),
+            recordings,
+            duplicates: records.duplicates(),
+            rejected: outcome.rejected.len(),
+            faults: outcome.faults,
+            happened: look(&happened).clone(),
+            ready_tick: judgement.ready_tick.unwrap_or(0),
+            kinetic_j: judgement.kinetic_j,
+            kinetic_tick: judgement.kinetic_tick,
+            contact_n: judgement.contact_n,
+            held_s: judgement.held_s,
+            robot_s: device.now_us() as f64 * 1e-6,
+            resumed,
+            ended,
+        })
+    }
+
+    /// Mean error of the calibration that a run's recordings give, in mm, base fitted.
+    ///
+    /// # Errors
+    /// Recordings that nothing can be identified from.
+    pub fn judge(&self, trial: &Trial) -> Result<f64, FaultsError> {
+        let observations = trial.recordings.iter().map(|recording| Observation {
+            q: recording.q.iter().map(|s| s.mean).collect(),
+            tau: Some(recording.tau.iter().map(|s| s.mean).collect()),
+            target: Target::Sphere {
+                sphere: recording.sphere,
+                place: 0,
+            },
+            set: Set::Calibrate,
+        });
+        let experiment = Experiment {
+            robot: self.prepared.robot.clone(),
+            tool: self.prepared.tool,
+            spheres: self.prepared.spheres.clone(),
+            observations: observations.collect(),
+        };
+        let found = identify(&experiment, &self.prepared.config.identify).map_err(JobError::from)?;
+        let points = self.shots.iter().map(|s| found.tcp_m(&s.q, None).into());
+        let models = [Prediction {
+            name: "spheres".to_owned(),
+            points_m: points.collect(),
+            own_base: Some(found.base),
+        }];
+        let measured: Vec<[f64; 3]> = self.shots.iter().map(|s| s.point_m).collect();
+        let table = validate(&measured, &found.base, &models).map_err(JobError::from)?;
+        Ok(table.models.first().map_or(f64::NAN, |m| m.best_fit.mean_mm))
+    }
+}
+
+/// What another host did, added to what those before it did.
+fn add(sum: &mut Outcome, more: Outcome) {
+    sum.recorded += more.recorded;
+    sum.rejected.extend(more.rejected);
+    // A controller that lives on tells a host what it told the one before, too.
+    for fault in more.faults {
+        if !sum.faults.contains(&fault) {
+            sum.faults.push(fault);
+        }
+    }
+}
+
+/// Whether a stop says what a person should do.
+fn stop(error: &CampaignError) -> Ended {
+    let text = error.to_string();
+    match error {
+        CampaignError::NoContact { .. }
+        | CampaignError::GivenUp { .. }
+        | CampaignError::Motion { .. }
+        | CampaignError::Rejected { .. }
+        | CampaignError::Lost { .. }
+        | CampaignError::Moved { .. } => Ended::Stopped(text),
+        _ => Ended::Unexplained(text),
+    }
+}

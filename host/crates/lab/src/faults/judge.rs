@@ -1,0 +1,171 @@
+//! The judge: a drive around the simulated arm that reads its truth.
+//!
+//! It keeps, tick by tick, on which sphere the nest truly sits and how fast the
+//! TCP truly moves, and the worst of kinetic energy and contact force. Recordings
+//! are held against that afterwards.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use nalgebra::Vector3;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::host::Recording;
+use spherecal_shared::robot::{Robot, Tool};
+
+use spherecal_link::{Drive, LinkError};
+use spherecal_sim::plant::{Disturbance, Plant, PlantConfig, PlantError};
+use spherecal_sim::{Disturb, SimulatedArm};
+
+/// Bound on the kinetic energy in every run, in J: 13 kg at 0.75 m/s are 3.7 J,
+/// the rest is the rotors'. See docs/recovery.md for this bound and the next two.
+pub const KINETIC_J: f64 = 5.0;
+/// Bound on the contact force in every run, in N, lasting 10 ms: what ISO/TS 15066
+/// allows a hand for a moment (table A.2: twice [`HELD_N`]). What is shorter is an
+/// impact, or the magnet snapping the pads onto the sphere.
+pub const CONTACT_N: f64 = 280.0;
+/// Contact force that may last no longer than [`HELD_S`], in N: what the same table
+/// allows a hand that cannot get away.
+pub const HELD_N: f64 = 140.0;
+/// From when on a contact is no longer one for a moment, in s.
+pub const HELD_S: f64 = 0.5;
+/// How long a contact force must last to count, in ticks.
+const LASTING: usize = 10;
+/// A recording's nest may be off its sphere for so many ticks in a row: pads chatter.
+const CHATTER: usize = 5;
+/// How far a nest that is recorded may move, in m: a tenth of the accuracy aimed at.
+const MOVED_M: f64 = 1e-4;
+
+/// What a tick truly was.
+#[derive(Clone, Copy, Debug)]
+struct Tick {
+    seated: Option<u8>,
+    tcp: Vector3<f32>,
+}
+
+/// What the judge has seen.
+#[derive(Clone, Debug, Default)]
+pub struct Judgement {
+    ticks: Vec<Tick>,
+    /// The control period, from 1, in which the controller first moved the motors.
+    pub ready_tick: Option<u64>,
+    forces: [f64; LASTING],
+    /// Largest kinetic energy, in J.
+    pub kinetic_j: f64,
+    /// The control period in which it was reached, from 1.
+    pub kinetic_tick: usize,
+    /// Largest contact force, in N, that lasted 10 ms.
+    pub contact_n: f64,
+    /// Largest contact force at any instant, in N.
+    pub peak_n: f64,
+    /// Ticks since the contact force was last below [`HELD_N`].
+    held: u32,
+    /// Longest time for which it was not, in s.
+    pub held_s: f64,
+}
+
+impl Judgement {
+    /// Why a recording should not have been accepted; `None` for a good one.
+    pub fn of(&self, recording: &Recording) -> Option<String> {
+        // Device time and ticks differ by one period at most.
+        let (from, to) = (
+            (recording.start_us / 1000) as usize,
+            (recording.end_us / 1000) as usize + 1,
+        );
+        let during = self.ticks.get(from..to.min(self.ticks.len())).unwrap_or_default();
+        if during.is_empty() {
+            return Some("recorded at no time".to_owned());
+        }
+        let sphere = u8::try_from(recording.sphere).ok();
+        let (mut off, mut worst) = (0, 0);
+        for tick in during {
+            off = if tick.seated == sphere { 0 } else { off + 1 };
+            worst = worst.max(off);
+        }
+        if worst > CHATTER {
+            return Some(format!("the nest was off sphere {} for {worst} ms", recording.sphere));
+        }
+        let first = during[0].tcp;
+        let moved = during.iter().map(|t| (t.tcp - first).norm()).fold(0.0, f32::max);
+        (f64::from(moved) > MOVED_M).then(|| format!("the nest moved by {:.3} mm", moved * 1e3))
+    }
+
+    fn take<const N: usize>(&mut self, plant: &Plant<N>) {
+        let truth = plant.truth();
+        if truth.kinetic_j > self.kinetic_j {
+            self.kinetic_j = truth.kinetic_j;
+            self.kinetic_tick = self.ticks.len() + 1;
+        }
+        let force = truth.contact_n.norm();
+        self.peak_n = self.peak_n.max(force);
+        self.held = if force > HELD_N { self.held.saturating_add(1) } else { 0 };
+        self.held_s = self.held_s.max(f64::from(self.held) * 1e-3);
+        let slot = self.ticks.len() % LASTING;
+        self.forces[slot] = force;
+        let lasting = self.forces.iter().copied().fold(f64::INFINITY, f64::min);
+        self.contact_n = self.contact_n.max(lasting);
+        self.ticks.push(Tick {
+            // Spheres count from 1 on the wire.
+            seated: truth.seated.and_then(|s| u8::try_from(s + 1).ok()),
+            tcp: truth.tcp.origin.map(|x| x as f32),
+        });
+    }
+}
+
+/// The simulated arm with a judge beside it.
+pub struct Judged<const N: usize> {
+    arm: SimulatedArm<N>,
+    judgement: Arc<Mutex<Judgement>>,
+}
+
+impl<const N: usize> Judged<N> {
+    /// An arm at rest at `q` (rad), and the handle to what is seen of it.
+    ///
+    /// # Errors
+    /// A plant that cannot be made.
+    pub fn new(
+        robot: &Robot,
+        tool: &Tool,
+        config: &PlantConfig,
+        q: &[f64; N],
+    ) -> Result<(Self, Arc<Mutex<Judgement>>), PlantError> {
+        let judgement = Arc::new(Mutex::new(Judgement::default()));
+        let arm = SimulatedArm::new(Plant::new(robot, tool, config, q)?, robot);
+        Ok((
+            Self {
+                arm,
+                judgement: Arc::clone(&judgement),
+            },
+            judgement,
+        ))
+    }
+}
+
+/// What is behind the lock, whatever became of who held it.
+pub(super) fn look<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl<const N: usize> Drive for Judged<N> {
+    fn hello(&self) -> &DriveHello {
+        self.arm.hello()
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        self.arm.exchange(command, state)?;
+        let mut judgement = look(&self.judgement);
+        judgement.take(self.arm.plant());
+        if judgement.ready_tick.is_none() && command.is_some_and(|c| c.enable) {
+            judgement.ready_tick = Some(judgement.ticks.len() as u64);
+        }
+        Ok(())
+    }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        self.arm.move_plate(place)
+    }
+}
+
+impl<const N: usize> Disturb for Judged<N> {
+    fn disturb(&mut self, what: &Disturbance) {
+        self.arm.disturb(what);
+    }
+}

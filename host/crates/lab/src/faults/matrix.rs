@@ -1,0 +1,295 @@
+//! Each fault alone, at random instants.
+
+use std::fmt;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::case::{Case, Ended, Finish, Trial};
+use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
+use super::{FaultsError, bar};
+use spherecal_sim::inject::{PRESETS, Plan, Preset, When};
+
+/// Ticks at the beginning and at the end of a run that are left out: greeting
+/// and farewell.
+const EDGE_TICKS: u64 = 500;
+
+/// What is to be injected how often.
+#[derive(Clone, Debug)]
+pub struct MatrixOptions {
+    /// Names of the faults; all where there are none.
+    pub only: Vec<String>,
+    /// Random instants for each fault and arm.
+    pub instants: u32,
+    /// Arms.
+    pub seeds: u64,
+    /// Whether a bar is shown.
+    pub progress: bool,
+}
+
+impl Default for MatrixOptions {
+    fn default() -> Self {
+        Self {
+            only: Vec::new(),
+            instants: 20,
+            seeds: 3,
+            progress: false,
+        }
+    }
+}
+
+/// What became of one fault.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Row {
+    /// The fault that was injected.
+    pub upset: String,
+    /// Runs.
+    pub runs: usize,
+    /// Runs in which the controller said nothing: the fault was borne.
+    pub borne: usize,
+    /// Runs whose faults are those documented, in the documented time.
+    pub documented: usize,
+    /// Faults told, with their counts.
+    pub told: std::collections::BTreeMap<String, usize>,
+    /// Longest time from the upset to the first fault, in ms.
+    pub slowest_ms: u64,
+    /// Runs that recorded or gave up every pose.
+    pub finished: usize,
+    /// Runs that ended with a stop that says why.
+    pub stopped: usize,
+    /// Runs that ended otherwise.
+    pub unexplained: usize,
+    /// Times that the host was begun again.
+    pub resumed: usize,
+    /// Panics.
+    pub panics: usize,
+    /// Recordings accepted from an unseated or moving nest.
+    pub bad: usize,
+    /// Acknowledged recordings lost.
+    pub lost: usize,
+    /// Recordings stored twice.
+    pub duplicates: usize,
+    /// Largest kinetic energy, in J.
+    pub kinetic_j: f64,
+    /// Largest contact force that lasted 10 ms, in N.
+    pub contact_n: f64,
+    /// What broke the documentation, each with its instant and seed.
+    pub broken: Vec<String>,
+}
+
+/// The matrix.
+#[derive(Clone, Debug, Serialize)]
+pub struct MatrixTable {
+    /// Random instants for each fault and arm.
+    pub instants: u32,
+    /// Arms.
+    pub seeds: u64,
+    /// One row a fault.
+    pub rows: Vec<Row>,
+}
+
+impl MatrixTable {
+    /// Whether everything ended as documented.
+    pub fn holds(&self) -> bool {
+        self.rows.iter().all(|row| row.broken.is_empty())
+    }
+}
+
+/// What a trial broke, in words; empty for one that ended as documented.
+fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
+    let mut broken = Vec::new();
+    let began = trial.happened.iter().find(|h| h.begins).map(|h| h.tick);
+    // A controller that has no robot yet keeps the brakes shut and has nothing to tell.
+    let began = began.map(|tick| tick.max(trial.ready_tick));
+    let first = trial.faults.first();
+    let after_ms = began
+        .zip(first)
+        .map(|(began, fault)| (fault.tick + 1).saturating_sub(began));
+    match (began, first, after_ms) {
+        (None, ..) => broken.push("it was not injected".to_owned()),
+        (Some(_), None, _) if !preset.borne => broken.push("no fault was told".to_owned()),
+        (Some(_), Some(fault), Some(after)) => {
+            if !preset.faults.contains(&fault.fault) {
+                broken.push(format!("{:?} while {:?} is not documented", fault.fault, fault.phase));
+            } else if preset.within_ms.is_some_and(|within| after > u64::from(within)) {
+                broken.push(format!("{:?} came after {after} ms", fault.fault));
+            }
+        }
+        _ => {}
+    }
+    match &trial.ended {
+        Ended::Unexplained(why) => broken.push(format!("stopped: {why}")),
+        Ended::Panicked(why) => broken.push(format!("panicked: {why}")),
+        Ended::Finished | Ended::Stopped(_) => {}
+    }
+    broken.extend(trial.bad.iter().cloned());
+    if trial.lost + trial.duplicates > 0 {
+        broken.push(format!("{} recordings lost, {} twice", trial.lost, trial.duplicates));
+    }
+    if trial.kinetic_j > KINETIC_J {
+        broken.push(format!("{:.1} J at tick {}", trial.kinetic_j, trial.kinetic_tick));
+    }
+    if trial.contact_n > CONTACT_N {
+        broken.push(format!("{:.0} N", trial.contact_n));
+    }
+    if trial.held_s > HELD_S {
+        broken.push(format!("more than {HELD_N} N for {:.2} s", trial.held_s));
+    }
+    (broken, after_ms)
+}
+
+impl Row {
+    fn add(&mut self, preset: &Preset, label: &str, trial: &Trial) {
+        let (broken, after_ms) = broken(preset, trial);
+        self.runs += 1;
+        self.borne += usize::from(trial.faults.is_empty());
+        self.documented += usize::from(broken.is_empty());
+        for fault in &trial.faults {
+            *self.told.entry(spherecal_link::fault_name(fault.fault)).or_default() += 1;
+        }
+        self.slowest_ms = self.slowest_ms.max(after_ms.unwrap_or(0));
+        match &trial.ended {
+            Ended::Finished => self.finished += 1,
+            Ended::Stopped(_) => self.stopped += 1,
+            Ended::Unexplained(_) => self.unexplained += 1,
+            Ended::Panicked(_) => self.panics += 1,
+        }
+        self.resumed += trial.resumed;
+        self.bad += trial.bad.len();
+        self.lost += trial.lost;
+        self.duplicates += trial.duplicates;
+        self.kinetic_j = self.kinetic_j.max(trial.kinetic_j);
+        self.contact_n = self.contact_n.max(trial.contact_n);
+        if !broken.is_empty() {
+            self.broken.push(format!("{label}: {}", broken.join("; ")));
+        }
+    }
+}
+
+/// The presets of those names; all for none.
+///
+/// # Errors
+/// A name that is none.
+pub fn presets(only: &[String]) -> Result<Vec<&'static Preset>, FaultsError> {
+    if only.is_empty() {
+        return Ok(PRESETS.iter().collect());
+    }
+    let find = |name: &String| spherecal_sim::inject::preset(name).ok_or(FaultsError::Unknown { name: name.clone() });
+    only.iter().map(find).collect()
+}
+
+/// Injects each fault alone.
+///
+/// # Errors
+/// A name that is none, an arm whose undisturbed run fails.
+pub fn run(options: &MatrixOptions) -> Result<MatrixTable, FaultsError> {
+    let presets = presets(&options.only)?;
+    let cases = (1..=options.seeds)
+        .into_par_iter()
+        .map(|seed| Case::new(seed, Finish::Record))
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut runs = Vec::new();
+    for (number, preset) in presets.iter().enumerate() {
+        for case in &cases {
+            let mut rng = ChaCha8Rng::seed_from_u64(case.seed.wrapping_mul(1000) + number as u64);
+            for _ in 0..options.instants {
+                let last = case.ticks.saturating_sub(EDGE_TICKS).max(EDGE_TICKS + 1);
+                runs.push((number, *preset, case, rng.random_range(EDGE_TICKS..last)));
+            }
+        }
+    }
+    let bar = bar(runs.len() as u64, options.progress);
+    let trials = runs
+        .into_par_iter()
+        .map(|(number, preset, case, tick)| {
+            let plan = Plan {
+                seed: tick,
+                ..Plan::of(preset.what, When::Tick(tick))
+            };
+            let trial = case.run(&plan)?;
+            bar.inc(1);
+            let phase = trial
+                .happened
+                .first()
+                .map(|h| format!(" ({:?})", h.phase))
+                .unwrap_or_default();
+            Ok((number, preset, format!("seed {}, tick {tick}{phase}", case.seed), trial))
+        })
+        .collect::<Result<Vec<_>, FaultsError>>()?;
+    bar.finish_and_clear();
+    let mut rows: Vec<Row> = presets
+        .iter()
+        .map(|preset| Row {
+            upset: preset.name.to_owned(),
+            ..Row::default()
+        })
+        .collect();
+    for (number, preset, label, trial) in &trials {
+        rows[*number].add(preset, label, trial);
+    }
+    Ok(MatrixTable {
+        instants: options.instants,
+        seeds: options.seeds,
+        rows,
+    })
+}
+
+impl fmt::Display for MatrixTable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "Each fault alone at {} random instants on {} arms; time to the fault in ms, worst kinetic energy (J) and \
+             contact force (N)\n",
+            self.instants, self.seeds
+        )?;
+        writeln!(
+            f,
+            "{:18} {:>5} {:>6} {:>10} {:>8} {:>9} {:>8} {:>7} {:>7} {:>4} {:>5} {:>5} {:>6} {:>6}  told",
+            "fault",
+            "runs",
+            "borne",
+            "documented",
+            "finished",
+            "explained",
+            "slowest",
+            "resumed",
+            "panics",
+            "bad",
+            "lost",
+            "twice",
+            "J",
+            "N"
+        )?;
+        for r in &self.rows {
+            let told: Vec<String> = r.told.iter().map(|(name, count)| format!("{name} {count}")).collect();
+            writeln!(
+                f,
+                "{:18} {:5} {:6} {:10} {:8} {:9} {:8} {:7} {:7} {:4} {:5} {:5} {:6.2} {:6.0}  {}",
+                r.upset,
+                r.runs,
+                r.borne,
+                r.documented,
+                r.finished,
+                r.stopped,
+                r.slowest_ms,
+                r.resumed,
+                r.panics,
+                r.bad,
+                r.lost,
+                r.duplicates,
+                r.kinetic_j,
+                r.contact_n,
+                told.join(", ")
+            )?;
+        }
+        for r in self.rows.iter().filter(|r| !r.broken.is_empty()) {
+            writeln!(f, "\n{}: not as documented", r.upset)?;
+            for line in &r.broken {
+                writeln!(f, "  {line}")?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,60 @@
+//! `spherecal faults`: every fault there is, injected at random instants, and
+//! what becomes of the run.
+//!
+//! Two experiments on a shortened procedure ([`Case`]), on all cores:
+//!
+//! - the **matrix** ([`matrix`]): each fault alone, at so many random instants
+//!   on so many arms; does it end as its [`Preset`](spherecal_sim::inject::Preset) says?
+//! - the **campaign** ([`campaign`]): many runs with one to four faults each; does
+//!   each end calibrated, or with a stop that says why?
+//!
+//! This is a harness: it alone reads the plant's truth ([`judge`]), to judge.
+//! Nothing of it reaches controller, campaign or identification.
+
+pub mod campaign;
+mod case;
+pub mod judge;
+pub mod matrix;
+#[cfg(test)]
+mod recovery_page;
+mod run_journal;
+
+pub use campaign::{CampaignOptions, CampaignTable};
+pub use case::{Case, Ended, Finish, Trial};
+pub use judge::{CONTACT_N, HELD_N, HELD_S, Judgement, KINETIC_J};
+pub use matrix::{MatrixOptions, MatrixTable, Row};
+
+/// Why an experiment could not be made at all.
+#[derive(Debug, thiserror::Error)]
+pub enum FaultsError {
+    /// The job's side failed.
+    #[error(transparent)]
+    Job(#[from] spherecal_job::JobError),
+    /// The undisturbed run, which all is held against, did not end well.
+    #[error("seed {seed}: the run without faults did not end well: {why}")]
+    Clean {
+        /// Seed.
+        seed: u64,
+        /// Why.
+        why: String,
+    },
+    /// There is no folder for a database.
+    #[error("no folder for a database can be made ({0}): check the temporary folder (TMPDIR)")]
+    Folder(std::io::Error),
+    /// No preset of that name.
+    #[error("\"{name}\" is no fault: `spherecal faults --list` names them")]
+    Unknown {
+        /// As given.
+        name: String,
+    },
+}
+
+/// A bar on stderr over `length` runs.
+fn bar(length: u64, shown: bool) -> indicatif::ProgressBar {
+    if !shown {
+        return indicatif::ProgressBar::hidden();
+    }
+    let style = indicatif::ProgressStyle::with_template("{bar:40} {pos}/{len} runs, {eta} left")
+        .unwrap_or_else(|_| indicatif::ProgressStyle::default_bar());
+    indicatif::ProgressBar::new(length).with_style(style)
+}

@@ -1,0 +1,374 @@
+//! How still a seated arm holds: means over seconds of a long recording.
+//!
+//! The paper averages 1 s and says that 30 s would have told the same (its
+//! stability analysis). Here that is measured: a *hold* is one long recording
+//! with the samples of the control loop beside it, cut into *windows* of a
+//! second. The *noise* of a window's mean is estimated from the inside of the
+//! windows, in quarters of a second (longer than what correlates the encoders'
+//! errors), so that drift from window to window does not enter it; drift is then
+//! judged against it. What is judged is the TCP: joints may drift together while
+//! it stays, as the elbow of a redundant arm gives way slowly, and a recording
+//! is none the worse for it, because their means belong together. The TCP comes from a model of the robot, nominal or
+//! estimated, never from the plant.
+
+mod measure;
+mod report;
+
+use nalgebra::Vector3;
+use serde::Serialize;
+use spherecal_shared::protocol::host::{Event, Phase};
+
+use spherecal_campaign::{Observer, Progress};
+use spherecal_link::Arrival;
+use spherecal_model::chain::Chain;
+
+pub use measure::hold;
+pub use report::holds_report;
+
+/// Parts of a window from which the noise of its mean is estimated.
+const PARTS: usize = 4;
+/// How many sigma a mean may be off: with some forty joints and places at once,
+/// three are exceeded by chance.
+const SIGMAS: f64 = 4.0;
+
+/// One hold, as it was heard.
+#[derive(Clone, Debug, Default)]
+pub struct Hold {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Id of the pose.
+    pub pose: u32,
+    /// Samples that the controller averaged.
+    pub count: u32,
+    /// Tick of the last of them.
+    pub end_tick: u64,
+    /// Mean joint angles by the controller, in rad.
+    pub mean: Vec<f64>,
+    /// Tick and joint angles (rad) of every sample that was heard.
+    pub samples: Vec<(u64, Vec<f64>)>,
+}
+
+/// Keeps the samples of recordings; hands all else on.
+pub struct Listener<'a> {
+    inner: &'a mut dyn Observer,
+    joints: usize,
+    open: Option<Hold>,
+    holds: Vec<Hold>,
+}
+
+impl<'a> Listener<'a> {
+    /// Before an observer, for an arm of so many joints.
+    pub fn new(inner: &'a mut dyn Observer, joints: usize) -> Self {
+        Self {
+            inner,
+            joints,
+            open: None,
+            holds: Vec::new(),
+        }
+    }
+
+    /// The holds that ended in a recording, in order.
+    pub fn finish(mut self) -> Vec<Hold> {
+        self.close();
+        self.holds
+    }
+
+    fn close(&mut self) {
+        self.holds.extend(self.open.take().filter(|hold| hold.count > 0));
+    }
+}
+
+impl Observer for Listener<'_> {
+    fn event(&mut self, now_us: u64, arrival: &Arrival) {
+        match &arrival.body {
+            Event::Phase(change) if change.phase == Phase::Recording => {
+                self.close();
+                self.open = Some(Hold::default());
+            }
+            Event::Phase(change) if change.from == Phase::Recording => {
+                if let Some(open) = &mut self.open {
+                    open.end_tick = change.tick;
+                }
+            }
+            Event::Recording(recording) => {
+                if let Some(open) = &mut self.open {
+                    open.sphere = recording.sphere;
+                    open.pose = recording.pose;
+                    open.count = recording.count;
+                    open.mean = recording.q.iter().map(|q| q.mean).collect();
+                }
+            }
+            Event::Telemetry(samples) => {
+                if let Some(open) = &mut self.open {
+                    for sample in samples.iter().filter(|s| s.phase == Phase::Recording) {
+                        let q = sample.q.iter().take(self.joints).map(|q| f64::from(*q)).collect();
+                        open.samples.push((sample.tick, q));
+                    }
+                }
+            }
+            _ => {}
+        }
+        self.inner.event(now_us, arrival);
+    }
+
+    fn progress(&mut self, progress: &Progress) {
+        self.inner.progress(progress);
+    }
+
+    fn note(&mut self, text: &str) {
+        self.inner.note(text);
+    }
+}
+
+/// How still one quantity was; all in its unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Stillness {
+    /// Standard deviation of a window's mean by noise alone.
+    pub noise: f64,
+    /// First window's mean less the mean of the hold (of a point: distance).
+    pub first: f64,
+    /// Largest distance of a window's mean from the mean of the hold.
+    pub largest: f64,
+    /// Drift by a straight line through the windows, a second (of a point: its length).
+    pub drift_per_s: f64,
+}
+
+impl Stillness {
+    /// Whether the first window told what the whole hold did, within the noise.
+    pub fn within(&self) -> bool {
+        self.first.abs() <= SIGMAS * self.noise
+    }
+}
+
+/// How still the arm was in one hold.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Held {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Id of the pose.
+    pub pose: u32,
+    /// Windows that were whole.
+    pub windows: usize,
+    /// Samples that the controller averaged, and those that were heard.
+    pub samples: (u32, usize),
+    /// Joints base to flange, in µrad.
+    pub joints_urad: Vec<Stillness>,
+    /// TCP, in µm; its noise is that of the distance, rms.
+    pub tcp_um: Stillness,
+    /// Whether the first window's TCP is the hold's, within the noise.
+    pub within_noise: bool,
+    /// Whether every joint's mean is, too.
+    pub joints_within_noise: bool,
+    /// Middle of each window since the start, in s.
+    #[serde(skip)]
+    pub time_s: Vec<f64>,
+    /// Window means less the hold's, joint by joint, in µrad.
+    #[serde(skip)]
+    pub joint_curves_urad: Vec<Vec<f64>>,
+    /// TCP less the hold's mean along F0's axes, in µm.
+    #[serde(skip)]
+    pub tcp_curves_um: [Vec<f64>; 3],
+}
+
+/// What an analysis could not do.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "the hold at sphere {sphere}, pose {pose} has {windows} whole windows, and two are needed: hold longer, or see why \
+     telemetry is lost ({heard} of {count} samples were heard)"
+)]
+pub struct TooShort {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Id of the pose.
+    pub pose: u32,
+    /// Whole windows.
+    pub windows: usize,
+    /// Samples heard.
+    pub heard: usize,
+    /// Samples averaged by the controller.
+    pub count: u32,
+}
+
+/// One window: sums over its parts.
+#[derive(Clone)]
+struct Window {
+    sums: [Vec<f64>; PARTS],
+    counts: [u32; PARTS],
+}
+
+/// Cuts a hold into windows of `window_s` (s; samples are `period_s` apart) and
+/// tells how still it was, by the robot `chain`.
+///
+/// # Errors
+/// [`TooShort`] with fewer than two whole windows.
+pub fn analyse(hold: &Hold, chain: &Chain, window_s: f64, period_s: f64) -> Result<Held, TooShort> {
+    let n = hold.mean.len();
+    let ticks = ((window_s / period_s).round() as u64).max(PARTS as u64);
+    let start = (hold.end_tick + 1).saturating_sub(u64::from(hold.count));
+    let most = (u64::from(hold.count) / ticks) as usize;
+    let empty = Window {
+        sums: core::array::from_fn(|_| vec![0.0; n]),
+        counts: [0; PARTS],
+    };
+    let mut windows = vec![empty; most];
+    for (tick, q) in &hold.samples {
+        let Some(since) = tick.checked_sub(start) else { continue };
+        let part = (since % ticks * PARTS as u64 / ticks) as usize;
+        let Some(window) = windows.get_mut((since / ticks) as usize) else {
+            continue;
+        };
+        window.counts[part] += 1;
+        for (sum, q) in window.sums[part].iter_mut().zip(q) {
+            *sum += q;
+        }
+    }
+    // A window that lost more than a tenth of a part is none.
+    let least = (ticks as f64 / PARTS as f64 * 0.9) as u32;
+    windows.retain(|w| w.counts.iter().all(|c| *c >= least.max(1)));
+    if windows.len() < 2 {
+        return Err(TooShort {
+            sphere: hold.sphere,
+            pose: hold.pose,
+            windows: windows.len(),
+            heard: hold.samples.len(),
+            count: hold.count,
+        });
+    }
+    let parts: Vec<[Vec<f64>; PARTS]> = windows
+        .iter()
+        .map(|w| core::array::from_fn(|p| w.sums[p].iter().map(|s| s / f64::from(w.counts[p])).collect()))
+        .collect();
+    let time_s: Vec<f64> = (0..parts.len()).map(|k| (k as f64 + 0.5) * window_s).collect();
+    let joints: Vec<(Stillness, Vec<f64>)> = (0..n)
+        .map(|j| {
+            let of: Vec<[f64; PARTS]> = parts.iter().map(|w| core::array::from_fn(|p| w[p][j] * 1e6)).collect();
+            axis(&of, &time_s)
+        })
+        .collect();
+    let points: Vec<[Vector3<f64>; PARTS]> = parts
+        .iter()
+        .map(|w| core::array::from_fn(|p| chain.pose(&w[p]).position * 1e6))
+        .collect();
+    let axes: [(Stillness, Vec<f64>); 3] = core::array::from_fn(|k| {
+        let of: Vec<[f64; PARTS]> = points.iter().map(|w| core::array::from_fn(|p| w[p][k])).collect();
+        axis(&of, &time_s)
+    });
+    let length = |f: &dyn Fn(&Stillness) -> f64| axes.iter().map(|(s, _)| f(s).powi(2)).sum::<f64>().sqrt();
+    let tcp_um = Stillness {
+        noise: length(&|s| s.noise),
+        first: length(&|s| s.first),
+        largest: (0..time_s.len())
+            .map(|k| axes.iter().map(|(_, curve)| curve[k].powi(2)).sum::<f64>().sqrt())
+            .fold(0.0, f64::max),
+        drift_per_s: length(&|s| s.drift_per_s),
+    };
+    Ok(Held {
+        sphere: hold.sphere,
+        pose: hold.pose,
+        windows: time_s.len(),
+        samples: (hold.count, hold.samples.len()),
+        within_noise: tcp_um.within(),
+        joints_within_noise: joints.iter().all(|(s, _)| s.within()),
+        joints_urad: joints.iter().map(|(s, _)| *s).collect(),
+        tcp_um,
+        time_s,
+        joint_curves_urad: joints.into_iter().map(|(_, curve)| curve).collect(),
+        tcp_curves_um: axes.map(|(_, curve)| curve),
+    })
+}
+
+/// One coordinate: its stillness, and the windows' means less the mean of all.
+fn axis(windows: &[[f64; PARTS]], time_s: &[f64]) -> (Stillness, Vec<f64>) {
+    let means: Vec<f64> = windows.iter().map(|w| w.iter().sum::<f64>() / PARTS as f64).collect();
+    let mean = means.iter().sum::<f64>() / means.len() as f64;
+    let inside: f64 = windows
+        .iter()
+        .zip(&means)
+        .map(|(w, m)| w.iter().map(|x| (x - m).powi(2)).sum::<f64>() / (PARTS - 1) as f64)
+        .sum::<f64>()
+        / windows.len() as f64;
+    let curve: Vec<f64> = means.iter().map(|m| m - mean).collect();
+    let middle = time_s.iter().sum::<f64>() / time_s.len() as f64;
+    let spread: f64 = time_s.iter().map(|t| (t - middle).powi(2)).sum();
+    let drift: f64 = time_s.iter().zip(&curve).map(|(t, c)| (t - middle) * c).sum();
+    let stillness = Stillness {
+        noise: (inside / PARTS as f64).sqrt(),
+        first: curve.first().copied().unwrap_or_default(),
+        largest: curve.iter().fold(0.0, |m, c| m.max(c.abs())),
+        drift_per_s: drift / spread.max(1e-12),
+    };
+    (stillness, curve)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+
+    /// Ten seconds of white noise of 10 µrad, and `drift` (rad/s) in joint 4.
+    fn hold(drift: f64) -> Hold {
+        let mean = vec![0.1, 0.6, -0.1, -1.5, 0.05, 1.0, 0.2];
+        let mut state = 7u64;
+        let mut noise = || {
+            let mut sum = 0.0;
+            for _ in 0..12 {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                sum += (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
+            }
+            sum * 1e-5
+        };
+        let samples = (1..=10_000u64)
+            .map(|k| {
+                let mut q: Vec<f64> = mean.iter().map(|m| m + noise()).collect();
+                q[3] += drift * k as f64 * 1e-3;
+                (500 + k, q)
+            })
+            .collect();
+        Hold {
+            sphere: 2,
+            pose: 5,
+            count: 10_000,
+            end_tick: 10_500,
+            mean,
+            samples,
+        }
+    }
+
+    // Fails if noise is not what was put in, if noise alone counts as drift, or
+    // if a drift is not found with its size.
+    #[test]
+    fn noise_and_drift_are_told_apart() {
+        let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
+        let still = analyse(&hold(0.0), &chain, 1.0, 1e-3).expect("ten windows");
+        assert_eq!((still.windows, still.samples), (10, (10_000, 10_000)));
+        for joint in &still.joints_urad {
+            // 10 µrad over 1,000 samples.
+            assert!((joint.noise / 0.316 - 1.0).abs() < 0.5, "{joint:?}");
+        }
+        assert!(
+            still.within_noise && still.joints_within_noise,
+            "{:?}",
+            still.joints_urad
+        );
+        let drifting = analyse(&hold(1e-6), &chain, 1.0, 1e-3).expect("ten windows");
+        let joint = &drifting.joints_urad[3];
+        assert!((joint.drift_per_s - 1.0).abs() < 0.1, "{joint:?}");
+        assert!((joint.first + 4.5).abs() < 1.0 && !joint.within());
+        assert!(!drifting.joints_within_noise && !drifting.within_noise);
+        // Joint 4 has the TCP some half a metre away.
+        let tcp = drifting.tcp_um.drift_per_s;
+        assert!((0.2..0.9).contains(&tcp), "{tcp} µm/s");
+    }
+
+    // Fails if lost telemetry passes for a window, or if nothing to judge passes.
+    #[test]
+    fn windows_with_holes_are_left_out() {
+        let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
+        let mut holed = hold(0.0);
+        holed.samples.retain(|(tick, _)| !(2_600..2_700).contains(tick));
+        assert_eq!(analyse(&holed, &chain, 1.0, 1e-3).expect("nine windows").windows, 9);
+        holed.samples.clear();
+        let error = analyse(&holed, &chain, 1.0, 1e-3).expect_err("nothing was heard");
+        assert!(error.to_string().contains("0 of 10000 samples"), "{error}");
+    }
+}

@@ -1,0 +1,273 @@
+//! The estimators that are compared, and how each is judged.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use spherecal_shared::robot::{Tool, iiwa7};
+
+use super::record::{Trial, WorldError};
+use spherecal_identify::validate::{Prediction, ValidationTable, validate};
+use spherecal_identify::{Calibration, Method, Model, Noise, Options, Override, Pose, identify, paper};
+use spherecal_sim::worlds::{Recipe, World};
+
+/// An estimator on one kind of data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Estimator {
+    /// The nominal robot with the arc-measured tool.
+    Nominal,
+    /// Spheres: the paper's mini-batch Nelder-Mead, 300 poses.
+    PaperNelderMead,
+    /// Spheres: Gauss-Newton on the paper's pairs, 21 parameters, 300 poses.
+    GaussNewton,
+    /// Spheres: geometry with priors.
+    Geometry,
+    /// Spheres: geometry, compliance and two harmonics: the right model in W0.
+    TwoHarmonics,
+    /// Spheres: robust and structured, the default.
+    Map,
+    /// Laser: Gauss-Newton with arc-measured base and tool, as the paper's.
+    LaserGeometry,
+    /// Laser: the structured estimator.
+    LaserMap,
+    /// Spheres: least squares with the very priors that the world draws from.
+    Bound,
+}
+
+impl Estimator {
+    /// All of them, in the order of tables.
+    pub const ALL: [Self; 9] = [
+        Self::Nominal,
+        Self::PaperNelderMead,
+        Self::GaussNewton,
+        Self::Geometry,
+        Self::TwoHarmonics,
+        Self::Map,
+        Self::LaserGeometry,
+        Self::LaserMap,
+        Self::Bound,
+    ];
+
+    /// Name in tables and files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Nominal => "nominal",
+            Self::PaperNelderMead => "paper-nelder-mead",
+            Self::GaussNewton => "gauss-newton-21",
+            Self::Geometry => "geometry",
+            Self::TwoHarmonics => "two-harmonics",
+            Self::Map => "map",
+            Self::LaserGeometry => "laser-geometry",
+            Self::LaserMap => "laser-map",
+            Self::Bound => "bound",
+        }
+    }
+}
+
+impl std::fmt::Display for Estimator {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// Options of the oracle: the model, priors and noise that the world was drawn
+/// from. `None` for W4, which no such model describes.
+pub fn bound_options(world: World, recipe: &Recipe, geometry_scale: f64) -> Option<Options> {
+    if matches!(world, World::W4 | World::W4Bad) {
+        return None;
+    }
+    let mut options = Options {
+        method: Method::Map,
+        model: Model::Full,
+        harmonics: if recipe.higher_harmonics_rad > 0.0 { 8 } else { 2 },
+        student_t: 0.0,
+        noise: Noise {
+            joint_rad: recipe.white_rad.hypot(recipe.encoder_rad),
+            seating_m: recipe.seating_m,
+            point_m: recipe.tracker_m,
+            estimate: false,
+            inflation: 1.0,
+        },
+        ..Options::default()
+    };
+    let parameters = &mut options.parameters.0;
+    let mut prior = |name: String, nominal: Option<f64>, sigma: f64| {
+        let set = Override {
+            nominal,
+            prior_sigma: Some(sigma),
+            free: None,
+        };
+        parameters.insert(name, set);
+    };
+    prior("a".into(), None, recipe.length_m * geometry_scale);
+    prior("d".into(), None, recipe.length_m * geometry_scale);
+    prior("alpha".into(), None, recipe.alpha_rad * geometry_scale);
+    prior("theta".into(), None, recipe.theta_rad * geometry_scale);
+    prior(
+        "tool".into(),
+        None,
+        recipe.tool_m.hypot(recipe.length_m * geometry_scale),
+    );
+    // U(0.7, 1.3) about its mean.
+    let spread = 0.3 / 3f64.sqrt();
+    prior("compliance".into(), Some(recipe.compliance), recipe.compliance * spread);
+    if recipe.bending > 0.0 {
+        prior("bending".into(), None, recipe.bending);
+        prior("tilt".into(), None, recipe.tilt);
+    }
+    for joint in 1..=iiwa7().dof() {
+        for order in 1..=options.harmonics {
+            let sigma = match recipe.harmonics_rad.get(order - 1) {
+                Some(h) => h / 2f64.sqrt(),
+                None => recipe.higher_harmonics_rad / 6f64.sqrt(),
+            };
+            for part in ["cos", "sin"] {
+                prior(format!("harmonic{joint}_{part}{order}"), None, sigma);
+            }
+        }
+    }
+    if recipe.bending == 0.0 {
+        for name in ["bending", "tilt"] {
+            let fixed = Override {
+                free: Some(false),
+                ..Override::default()
+            };
+            options.parameters.0.insert(name.to_owned(), fixed);
+        }
+    }
+    Some(options)
+}
+
+/// Runs the estimators on a trial and judges them on its validation
+/// measurements. Those without a meaning in the trial's world are left out.
+///
+/// # Errors
+/// An estimator that fails on this data.
+pub fn judge(trial: &Trial, recipe: &Recipe, estimators: &[Estimator]) -> Result<ValidationTable, WorldError> {
+    let failed = |estimator: Estimator, reason: String| WorldError::Estimator {
+        world: trial.world,
+        seed: trial.seed,
+        estimator: estimator.name(),
+        reason,
+    };
+    let mut models = Vec::new();
+    for &estimator in estimators {
+        let prediction = predict(trial, recipe, estimator).map_err(|reason| failed(estimator, reason))?;
+        models.extend(prediction);
+    }
+    let measured: Vec<_> = trial.validation.iter().map(|m| m.point_m).collect();
+    let last = estimators.last().copied().unwrap_or(Estimator::Nominal);
+    validate(&measured, &trial.frames.base, &models).map_err(|e| failed(last, e.to_string()))
+}
+
+/// What an estimator predicts for the validation configurations.
+fn predict(trial: &Trial, recipe: &Recipe, estimator: Estimator) -> Result<Option<Prediction>, String> {
+    let measured_tool = Tool {
+        tcp_m: trial.frames.tool_m,
+        ..trial.spheres.tool
+    };
+    let spheres_as_the_paper = || {
+        let mut experiment = trial.spheres.clone();
+        experiment.tool = measured_tool;
+        experiment
+    };
+    let run = |experiment: &spherecal_identify::Experiment, options: &Options| {
+        identify(experiment, options).map_err(|e| e.to_string())
+    };
+    let plain = Options {
+        seed: trial.seed,
+        ..Options::default()
+    };
+    let (calibration, laser) = match estimator {
+        Estimator::Nominal => {
+            let chain = spherecal_model::chain::Chain::unchecked(&trial.spheres.robot, &measured_tool);
+            let points = trial
+                .validation
+                .iter()
+                .map(|m| chain.tcp_of(&chain.frames(&m.q)).into());
+            return Ok(Some(Prediction {
+                name: estimator.name().to_owned(),
+                points_m: points.collect(),
+                own_base: None,
+            }));
+        }
+        Estimator::PaperNelderMead => {
+            let options = Options {
+                method: Method::NelderMead,
+                ..plain
+            };
+            (run(&spheres_as_the_paper(), &options)?, false)
+        }
+        Estimator::GaussNewton => {
+            let experiment = spheres_as_the_paper();
+            let options = Options {
+                method: Method::GaussNewton,
+                subset: Some(paper::subset(
+                    &experiment,
+                    paper::Procedure::default().poses_per_sphere,
+                    trial.seed,
+                )),
+                ..plain
+            };
+            (run(&experiment, &options)?, false)
+        }
+        Estimator::Geometry => {
+            let options = Options {
+                method: Method::Geometry,
+                ..plain
+            };
+            (run(&trial.spheres, &options)?, false)
+        }
+        Estimator::TwoHarmonics => {
+            let mut options = Options { harmonics: 2, ..plain };
+            for name in ["bending", "tilt"] {
+                let fixed = Override {
+                    free: Some(false),
+                    ..Override::default()
+                };
+                options.parameters.0.insert(name.to_owned(), fixed);
+            }
+            (run(&trial.spheres, &options)?, false)
+        }
+        Estimator::Map => (run(&trial.spheres, &plain)?, false),
+        Estimator::LaserGeometry => {
+            let mut experiment = trial.laser.clone();
+            experiment.tool = measured_tool;
+            let options = Options {
+                method: Method::GaussNewton,
+                base: Some(trial.frames.base),
+                ..plain
+            };
+            (run(&experiment, &options)?, true)
+        }
+        Estimator::LaserMap => (run(&trial.laser, &plain)?, true),
+        Estimator::Bound => match bound_options(trial.world, recipe, trial.truth.geometry_scale) {
+            Some(options) => (run(&trial.spheres, &options)?, false),
+            None => return Ok(None),
+        },
+    };
+    Ok(Some(prediction(trial, estimator.name(), &calibration, laser)))
+}
+
+/// Predictions of a calibration; its own base is that in the tracker frame, for
+/// sphere data through the plate as the tracker sees it.
+fn prediction(trial: &Trial, name: &str, calibration: &Calibration, laser: bool) -> Prediction {
+    let points = trial
+        .validation
+        .iter()
+        .map(|m| <[f64; 3]>::from(calibration.tcp_m(&m.q, None)));
+    let base = calibration.base;
+    let own = if laser {
+        base
+    } else {
+        let translation: Vector3<f64> = trial.plate.point(&base.translation_m);
+        Pose {
+            rotation: trial.plate.rotation * base.rotation,
+            translation_m: translation,
+        }
+    };
+    Prediction {
+        name: name.to_owned(),
+        points_m: points.collect(),
+        own_base: Some(own),
+    }
+}

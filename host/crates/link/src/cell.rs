@@ -1,0 +1,113 @@
+//! Controller and drive in lock-step.
+
+use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::frame::LinkCounters;
+
+use super::{Controller, Device, Drive, LinkError};
+
+/// Controller and drive, stepped one control period at a time; its clock is
+/// the number of periods, those that were missed included.
+pub struct Cell {
+    controller: Box<dyn Controller>,
+    drive: Box<dyn Drive>,
+    hello: DriveHello,
+    state: DriveState,
+    command: Option<DriveCommand>,
+    missed: u64,
+    ticks: u64,
+}
+
+impl Cell {
+    /// Joins a controller and a drive for a robot with `joints` joints.
+    ///
+    /// # Errors
+    /// When the drive speaks another protocol, has another number of joints or
+    /// an impossible control period.
+    pub fn new(mut controller: Box<dyn Controller>, drive: Box<dyn Drive>, joints: usize) -> Result<Self, LinkError> {
+        let hello = drive.hello().clone();
+        check_hello(&hello, joints)?;
+        controller.connect(&hello)?;
+        Ok(Self {
+            controller,
+            drive,
+            hello,
+            state: DriveState::default(),
+            command: None,
+            missed: 0,
+            ticks: 0,
+        })
+    }
+
+    /// What the drive says of itself.
+    pub fn hello(&self) -> &DriveHello {
+        &self.hello
+    }
+
+    /// The last joint state of the drive.
+    pub fn state(&self) -> &DriveState {
+        &self.state
+    }
+
+    /// The last torque command.
+    pub fn command(&self) -> Option<&DriveCommand> {
+        self.command.as_ref()
+    }
+
+    /// What was received on the drive link.
+    pub fn drive_counters(&self) -> LinkCounters {
+        self.drive.counters()
+    }
+}
+
+impl Device for Cell {
+    fn now_us(&self) -> u64 {
+        let periods = self.ticks.saturating_sub(1).saturating_add(self.missed);
+        periods.saturating_mul(u64::from(self.hello.period_us))
+    }
+
+    fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
+    /// The drive moves under the last command, the controller answers its new state.
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.drive.exchange(self.command.as_ref(), &mut self.state)?;
+        let missed = self.drive.missed();
+        self.missed = self.missed.saturating_add(u64::from(missed));
+        self.ticks += 1;
+        self.controller.missed(missed);
+        let command = self.controller.exchange(self.now_us(), &self.state, down, up)?;
+        self.command = Some(command);
+        Ok(())
+    }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        self.drive.move_plate(place)
+    }
+}
+
+/// Whether this program can work with a drive, for a robot with `joints` joints.
+///
+/// # Errors
+/// Another protocol, another number of joints, an impossible control period.
+pub fn check_hello(hello: &DriveHello, joints: usize) -> Result<(), LinkError> {
+    if hello.protocol != PROTOCOL_VERSION {
+        return Err(LinkError::Protocol {
+            found: hello.protocol,
+            expected: PROTOCOL_VERSION,
+        });
+    }
+    if hello.limits.len() != joints {
+        return Err(LinkError::OtherRobot {
+            drive: hello.limits.len(),
+            robot: joints,
+        });
+    }
+    if !(100..=10_000).contains(&hello.period_us) {
+        return Err(LinkError::Period {
+            period_us: hello.period_us,
+        });
+    }
+    Ok(())
+}

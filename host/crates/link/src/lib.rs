@@ -1,0 +1,284 @@
+//! The two links, and what stands at their ends.
+//!
+//! Vocabulary: the *drive* is whatever moves the joints (the simulated plant, an
+//! external simulator, the gateway of a real arm); the *controller* is the
+//! firmware, wherever it runs; the *cell* is both in lock-step, one control
+//! period after the other; the *endpoint* is the host's end of the host link.
+//!
+//! ```text
+//!   campaign ─ HostEndpoint ──bytes──▶ Controller ◀─DriveState── Drive
+//!                    ▲                  │      └───DriveCommand──▶ │
+//!                    └──────bytes───────┘   Cell: one tick of both
+//! ```
+//!
+//! | mode | [`Controller`] | [`Drive`] |
+//! |---|---|---|
+//! | `sim` | [`InProcess`] | the simulated arm of `spherecal-sim` |
+//! | `qemu` | [`Qemu`](qemu::Qemu) | the same |
+//! | `serial:` | a board ([`Serial`]) | its own |
+//! | `tcp:` | [`InProcess`] | [`TcpDrive`](tcp::TcpDrive) |
+//! | `controller:` | another process ([`Remote`](tcp::Remote)) | its own |
+//! | `grpc:` | a service of `spherecal-services` | its own |
+//!
+//! What the host steps is a [`Device`]: a cell, or the far end of a socket.
+//!
+//! The host link is bytes in every mode, also in-process, so that framing,
+//! numbering, acknowledgement and repetition are exercised by every run.
+
+mod cell;
+mod endpoint;
+mod fault;
+mod in_process;
+mod journal;
+pub mod qemu;
+mod serial;
+pub mod tcp;
+
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::frame::{FrameError, LinkCounters};
+use spherecal_shared::protocol::host::Refusal;
+
+pub use cell::{Cell, check_hello};
+pub use endpoint::{Arrival, HostEndpoint, Timing};
+pub use fault::fault_name;
+pub use in_process::{InProcess, controller_in_process};
+pub use journal::{Journal, JournalError};
+pub use serial::Serial;
+
+/// Why a link failed for good. What can be repaired (lost, damaged, repeated
+/// frames) is repaired and counted, not reported here.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// No controller was built for that many joints.
+    #[error(
+        "the robot has {joints} joints: controllers in this program are built for {built}; \
+         use a robot with as many joints"
+    )]
+    Joints {
+        /// Joints of the robot.
+        joints: usize,
+        /// Numbers of joints that there are controllers for.
+        built: &'static str,
+    },
+    /// Drive and robot are not the same machine.
+    #[error("the drive has {drive} joints, the robot {robot}: choose the robot that stands behind the drive link")]
+    OtherRobot {
+        /// Joints of the drive.
+        drive: usize,
+        /// Joints of the robot.
+        robot: usize,
+    },
+    /// The drive speaks another protocol.
+    #[error("the drive speaks protocol {found}, this program {expected}: use versions that belong together")]
+    Protocol {
+        /// Protocol of the drive.
+        found: u16,
+        /// Protocol of this program.
+        expected: u16,
+    },
+    /// A control period that cannot be.
+    #[error("the drive's control period is {period_us} µs: give one from 100 to 10000 µs")]
+    Period {
+        /// Its period, in µs.
+        period_us: u32,
+    },
+    /// A message does not fit a frame.
+    #[error("a message for the controller cannot be framed: {0}")]
+    Frame(#[from] FrameError),
+    /// The controller cannot work with the drive.
+    #[error("the controller refused the drive: {0}")]
+    Refused(Refusal),
+    /// A command for another arm.
+    #[error("a command has {found} torques for {joints} joints: use a controller for this arm")]
+    Torques {
+        /// Torques of the command.
+        found: usize,
+        /// Joints of the drive.
+        joints: usize,
+    },
+    /// The controller in QEMU failed.
+    #[error(transparent)]
+    Qemu(#[from] qemu::QemuError),
+    /// A link between processes failed.
+    #[error(transparent)]
+    Tcp(#[from] tcp::TcpError),
+    /// A device, drive or controller that is defined outside of this crate failed.
+    #[error("{source}")]
+    Device {
+        /// What failed, in its own words.
+        source: Box<dyn std::error::Error + Send + Sync>,
+        /// Whether the user's input is at fault.
+        input: bool,
+    },
+    /// A serial device cannot be opened.
+    #[error(
+        "{link} cannot be opened: {source}; {found}. Name the board's device, and be of the group that may \
+         open it (`spherecal doctor` tells)"
+    )]
+    Serial {
+        /// Which link.
+        link: String,
+        /// What the system said.
+        source: std::io::Error,
+        /// Which devices there are.
+        found: String,
+    },
+    /// A rate that is none.
+    #[error(
+        "{link}: what follows the @ is no rate in bits per second: give serial:DEVICE or, say, serial:DEVICE@921600"
+    )]
+    Baud {
+        /// Which link.
+        link: String,
+    },
+    /// A transport failed.
+    #[error("{link}: {source}: check the connection and start again with --resume")]
+    Transport {
+        /// Which link.
+        link: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+impl LinkError {
+    /// The failure of a device, drive or controller that is defined outside of
+    /// this crate.
+    pub fn device(source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
+        Self::Device {
+            source: source.into(),
+            input: false,
+        }
+    }
+
+    /// Whether the user's input is at fault (exit code 2), not the link.
+    pub fn is_input(&self) -> bool {
+        match self {
+            Self::Joints { .. } | Self::Serial { .. } | Self::Baud { .. } => true,
+            Self::Device { input, .. } => *input,
+            _ => false,
+        }
+    }
+}
+
+/// Controller and drive together, as the host sees them: something that keeps
+/// the device's time and trades bytes of the host link, one control period
+/// after the other.
+pub trait Device: Send {
+    /// Device time, in µs since the first period.
+    fn now_us(&self) -> u64;
+
+    /// Control periods carried out.
+    fn ticks(&self) -> u64;
+
+    /// One control period. `down` are the host's bytes; the controller's are
+    /// appended to `up`.
+    ///
+    /// # Errors
+    /// When controller, drive or a link between them fails for good.
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError>;
+
+    /// Moves the plate to one of its placements, from 0. Returns whether
+    /// something here can: of a real cell a person moves it.
+    fn move_plate(&mut self, _place: u32) -> bool {
+        false
+    }
+}
+
+impl<D: Device + ?Sized> Device for Box<D> {
+    fn now_us(&self) -> u64 {
+        (**self).now_us()
+    }
+
+    fn ticks(&self) -> u64 {
+        (**self).ticks()
+    }
+
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        (**self).step(down, up)
+    }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        (**self).move_plate(place)
+    }
+}
+
+/// The controller, wherever it runs: one control period at a time.
+pub trait Controller: Send {
+    /// Tells the controller what the drive says of itself, once, before the
+    /// first period.
+    ///
+    /// # Errors
+    /// When the controller cannot work with such a drive.
+    fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError>;
+
+    /// Notes that so many control periods went by without a tick before this
+    /// one. A controller that keeps its own beat counts them itself.
+    fn missed(&mut self, _periods: u32) {}
+
+    /// Hands over the joint state of this period and the host's bytes; takes
+    /// the torque command, and appends the controller's bytes for the host to
+    /// `up`. `now_us` is the device's time, in µs.
+    ///
+    /// # Errors
+    /// When the transport to the controller fails for good.
+    fn exchange(
+        &mut self,
+        now_us: u64,
+        state: &DriveState,
+        down: &[u8],
+        up: &mut Vec<u8>,
+    ) -> Result<DriveCommand, LinkError>;
+}
+
+impl<D: Drive + ?Sized> Drive for Box<D> {
+    fn hello(&self) -> &DriveHello {
+        (**self).hello()
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        (**self).exchange(command, state)
+    }
+
+    fn missed(&self) -> u32 {
+        (**self).missed()
+    }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        (**self).move_plate(place)
+    }
+
+    fn counters(&self) -> LinkCounters {
+        (**self).counters()
+    }
+}
+
+/// The drive, wherever it is: one control period at a time.
+pub trait Drive: Send {
+    /// What the drive says of itself.
+    fn hello(&self) -> &DriveHello;
+
+    /// Carries out `command` for one control period and writes the state at its
+    /// end. At the very first call there is none, and the state is the present
+    /// one; at a later call without one the brakes are closed for this period.
+    ///
+    /// # Errors
+    /// When the drive or the transport to it fails for good.
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError>;
+
+    /// Control periods that went by without an exchange before the last one:
+    /// none where drive and controller wait for each other.
+    fn missed(&self) -> u32 {
+        0
+    }
+
+    /// Moves the plate of a simulated cell, see [`Device::move_plate`].
+    fn move_plate(&mut self, _place: u32) -> bool {
+        false
+    }
+
+    /// What was received from the drive, where it is behind a wire.
+    fn counters(&self) -> LinkCounters {
+        LinkCounters::new()
+    }
+}

@@ -1,0 +1,213 @@
+//! A controller as a process: a cell on one side, hosts that come and go on the other.
+//!
+//! A host that connects first gets the drive's own hello frame, so that it can
+//! check joints and limits and knows the period; from then on the bytes of the
+//! host link, with an end of turn (a zero byte with no frame before it) from
+//! each side in every period.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::time::Duration;
+
+use spherecal_shared::protocol::frame::{self, MAX_FRAME};
+
+use super::TcpError;
+use crate::{Cell, Device, LinkError};
+
+/// Bytes that may wait for a host in real time; one that reads no more is let go.
+const BACKLOG: usize = 1 << 20;
+
+/// Splits a byte stream into turns.
+#[derive(Debug, Default)]
+pub(super) struct Turns {
+    bytes: Vec<u8>,
+    /// Bytes of the present turn that were looked at.
+    at: usize,
+    /// Bytes of the last turn, to be removed before the next.
+    spent: usize,
+}
+
+impl Turns {
+    /// Adds what was received.
+    pub(super) fn push(&mut self, bytes: &[u8]) {
+        self.bytes.extend_from_slice(bytes);
+    }
+
+    /// The next whole turn, without its end.
+    pub(super) fn next(&mut self) -> Option<&[u8]> {
+        if self.spent > 0 {
+            self.bytes.drain(..self.spent);
+            self.spent = 0;
+            self.at = 0;
+        }
+        while let Some(byte) = self.bytes.get(self.at) {
+            let ends = *byte == 0 && (self.at == 0 || self.bytes.get(self.at - 1) == Some(&0));
+            self.at += 1;
+            if ends {
+                self.spent = self.at;
+                return self.bytes.get(..self.at - 1);
+            }
+        }
+        None
+    }
+}
+
+/// Serves one host after the other; with `once` it returns when the first has gone.
+///
+/// In lock-step nothing moves while no host is there. In real time the
+/// controller goes on at every beat and holds the arm.
+///
+/// # Errors
+/// When the cell fails or no host can be waited for. That a host goes is no error.
+pub fn serve_hosts(cell: &mut Cell, listener: &TcpListener, once: bool) -> Result<(), LinkError> {
+    if cell.hello().lock_step {
+        loop {
+            let (stream, _) = listener.accept().map_err(|e| TcpError::of("the host link", e))?;
+            turn_by_turn(cell, stream)?;
+            if once {
+                return Ok(());
+            }
+        }
+    }
+    listener
+        .set_nonblocking(true)
+        .map_err(|e| TcpError::of("the host link", e))?;
+    let (mut host, mut down, mut up): (Option<Host>, _, _) = (None, Vec::new(), Vec::new());
+    loop {
+        if host.is_none() {
+            match listener.accept() {
+                Ok((stream, _)) => host = Host::greet(cell, stream).ok(),
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+                Err(e) => return Err(TcpError::of("the host link", e).into()),
+            }
+        }
+        down.clear();
+        up.clear();
+        let mut left = host.as_mut().is_some_and(|host| host.read(&mut down).is_err());
+        cell.step(&down, &mut up)?;
+        if let Some(host) = &mut host {
+            left |= host.write(&up).is_err();
+        }
+        if left {
+            host = None;
+            if once {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// The drive's hello, framed for the host.
+fn hello_frame(cell: &Cell) -> std::io::Result<Vec<u8>> {
+    let mut bytes = vec![0; MAX_FRAME];
+    let length = frame::encode(cell.hello(), 0, cell.now_us(), &mut bytes).map_err(std::io::Error::other)?;
+    bytes.truncate(length);
+    Ok(bytes)
+}
+
+/// Lock-step: the host's turn, one period, the controller's turn; until the
+/// host goes, for whatever reason.
+fn turn_by_turn(cell: &mut Cell, mut stream: TcpStream) -> Result<(), LinkError> {
+    let greeted = stream
+        .set_nonblocking(false)
+        .and_then(|()| stream.set_nodelay(true))
+        .and_then(|()| stream.write_all(&hello_frame(cell)?));
+    if greeted.is_err() {
+        return Ok(());
+    }
+    let (mut turns, mut up, mut buffer) = (Turns::default(), Vec::new(), vec![0; 4 * MAX_FRAME]);
+    loop {
+        while let Some(down) = turns.next() {
+            up.clear();
+            cell.step(down, &mut up)?;
+            up.push(0);
+            if stream.write_all(&up).is_err() {
+                return Ok(());
+            }
+        }
+        match stream.read(&mut buffer) {
+            Ok(0) => return Ok(()),
+            Ok(count) => turns.push(buffer.get(..count).unwrap_or_default()),
+            Err(e) if e.kind() == ErrorKind::Interrupted => {}
+            Err(_) => return Ok(()),
+        }
+    }
+}
+
+/// A host in real time: nobody waits for it.
+struct Host {
+    stream: TcpStream,
+    backlog: Vec<u8>,
+}
+
+impl Host {
+    fn greet(cell: &Cell, mut stream: TcpStream) -> std::io::Result<Self> {
+        stream.set_nonblocking(false)?;
+        stream.set_nodelay(true)?;
+        stream.set_write_timeout(Some(Duration::from_millis(1)))?;
+        stream.write_all(&hello_frame(cell)?)?;
+        stream.set_nonblocking(true)?;
+        Ok(Self {
+            stream,
+            backlog: Vec::new(),
+        })
+    }
+
+    fn read(&mut self, down: &mut Vec<u8>) -> std::io::Result<()> {
+        let mut buffer = [0; MAX_FRAME];
+        // As much as the controller takes in one period; the rest waits.
+        while down.len() < 4 * MAX_FRAME {
+            match self.stream.read(&mut buffer) {
+                Ok(0) => {
+                    return Err(ErrorKind::BrokenPipe.into());
+                }
+                Ok(count) => down.extend_from_slice(buffer.get(..count).unwrap_or_default()),
+                Err(e) if e.kind() == ErrorKind::WouldBlock => break,
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(e) => return Err(e),
+            }
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, up: &[u8]) -> std::io::Result<()> {
+        self.backlog.extend_from_slice(up);
+        self.backlog.push(0);
+        while !self.backlog.is_empty() {
+            match self.stream.write(&self.backlog) {
+                Ok(0) => {
+                    return Err(ErrorKind::BrokenPipe.into());
+                }
+                Ok(count) => drop(self.backlog.drain(..count)),
+                Err(e) if e.kind() == ErrorKind::WouldBlock => break,
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(e) => return Err(e),
+            }
+        }
+        if self.backlog.len() > BACKLOG {
+            return Err(ErrorKind::BrokenPipe.into());
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Turns;
+
+    // Fails if a turn is cut, merged or kept back, however the bytes are cut.
+    #[test]
+    fn turns_come_out_whole_however_the_bytes_are_cut() {
+        let bytes = [5, 6, 0, 7, 0, 0, 0, 8, 0, 0, 9];
+        for size in 1..=bytes.len() {
+            let (mut turns, mut seen) = (Turns::default(), Vec::new());
+            for chunk in bytes.chunks(size) {
+                turns.push(chunk);
+                while let Some(turn) = turns.next() {
+                    seen.push(turn.to_vec());
+                }
+            }
+            assert_eq!(seen, [vec![5, 6, 0, 7, 0], vec![], vec![8, 0]], "in chunks of {size}");
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! The controller's end of the drive link: a drive behind a TCP connection.
+
+use std::time::Duration;
+
+use embassy_time::Instant;
+use spherecal_firmware::app::PeriodWatch;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::frame::LinkCounters;
+use spherecal_shared::robot::{JointLimits, Robot};
+
+use super::TcpError;
+use super::wire::Wire;
+use crate::{Drive, LinkError};
+
+/// How long a drive may take to introduce itself.
+const HELLO: Duration = Duration::from_secs(10);
+/// How long a lock-step drive may take for one period: a simulator that is
+/// paused by hand is given up after this.
+const ANSWER: Duration = Duration::from_mins(1);
+
+/// How long before a state is due this side begins to look for it.
+const EARLY: Duration = Duration::from_micros(250);
+/// How often it looks.
+const LOOK: Duration = Duration::from_micros(40);
+
+/// A drive behind a TCP connection.
+///
+/// In real time an [`exchange`](Drive::exchange) ends when a new state has
+/// come: the drive is the clock, so that two clocks never drift across each
+/// other. Half a period after one was due it ends without, and the controller
+/// sees the last state again, which it tells by its number; beats that this
+/// side itself missed are counted as on a board.
+pub struct TcpDrive {
+    wire: Wire,
+    hello: DriveHello,
+    pace: Option<Pace>,
+    heard: bool,
+    missed: u32,
+}
+
+/// The beat of a real-time drive's controller.
+struct Pace {
+    start: std::time::Instant,
+    period: embassy_time::Duration,
+    watch: PeriodWatch,
+}
+
+impl Pace {
+    fn new(period_us: u32) -> Self {
+        let period = embassy_time::Duration::from_micros(u64::from(period_us));
+        Self {
+            start: std::time::Instant::now(),
+            period,
+            watch: PeriodWatch::new(period, Instant::from_micros(0)),
+        }
+    }
+
+    fn now(&self) -> Instant {
+        Instant::from_micros(u64::try_from(self.start.elapsed().as_micros()).unwrap_or(u64::MAX))
+    }
+
+    /// How long it is until the next state may come.
+    fn until_early(&self) -> Duration {
+        let due = Duration::from_micros(self.watch.due().as_micros());
+        due.saturating_sub(EARLY).saturating_sub(self.start.elapsed())
+    }
+
+    /// Whether the next state is half a period late.
+    fn is_late(&self) -> bool {
+        self.now() >= self.watch.due().saturating_add(self.period / 2)
+    }
+
+    /// Notes a beat; returns the periods that went by without one.
+    fn beat(&mut self) -> u32 {
+        let now = self.now();
+        let missed = self.watch.note(now);
+        self.watch = PeriodWatch::new(self.period, now);
+        missed
+    }
+}
+
+impl TcpDrive {
+    /// Connects to `HOST:PORT` and hears what the drive says of itself.
+    ///
+    /// # Errors
+    /// When nobody answers there, or someone who does not speak this drive link.
+    pub fn connect(address: &str) -> Result<Self, TcpError> {
+        let mut wire = Wire::connect(address)?;
+        let hello: DriveHello = wire.wait_for("a drive's hello", HELLO).map_err(|error| match error {
+            TcpError::Silent { peer, seconds, .. } => TcpError::NotADrive { peer, seconds },
+            other => other,
+        })?;
+        let pace = if hello.lock_step {
+            wire.patience(Some(ANSWER))?;
+            None
+        } else {
+            Some(Pace::new(hello.period_us))
+        };
+        Ok(Self {
+            wire,
+            hello,
+            pace,
+            heard: false,
+            missed: 0,
+        })
+    }
+
+    fn state(&mut self) -> Result<DriveState, TcpError> {
+        self.wire.wait_for("a drive state", ANSWER)
+    }
+
+    fn newest(&mut self, state: &mut DriveState) -> Result<(), TcpError> {
+        if !self.heard {
+            *state = self.state()?;
+            self.heard = true;
+            self.wire.never_wait()?;
+            // The beats begin with the first state.
+            self.pace = Some(Pace::new(self.hello.period_us));
+            return Ok(());
+        }
+        let Some(pace) = &mut self.pace else { return Ok(()) };
+        std::thread::sleep(pace.until_early());
+        let mut fresh = false;
+        loop {
+            while let Some((_, newer)) = self.wire.expect("a drive state")? {
+                *state = newer;
+                fresh = true;
+            }
+            if fresh || pace.is_late() {
+                break;
+            }
+            std::thread::sleep(LOOK);
+        }
+        self.missed = pace.beat();
+        Ok(())
+    }
+}
+
+impl Drive for TcpDrive {
+    fn hello(&self) -> &DriveHello {
+        &self.hello
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        if let Some(command) = command {
+            let time_us = command.tick.wrapping_mul(u64::from(self.hello.period_us));
+            self.wire.send(command, time_us)?;
+        }
+        if self.pace.is_some() {
+            self.newest(state)?;
+        } else {
+            *state = self
+                .wire
+                .expect("a drive state")?
+                .map(|(_, state)| state)
+                .ok_or_else(|| TcpError::Silent {
+                    peer: self.wire.peer.clone(),
+                    seconds: ANSWER.as_secs(),
+                    damaged: self.wire.counters().crc_errors,
+                })?;
+        }
+        Ok(())
+    }
+
+    fn missed(&self) -> u32 {
+        self.missed
+    }
+
+    fn counters(&self) -> LinkCounters {
+        self.wire.counters()
+    }
+}
+
+/// Whether a drive with these limits can do all that the robot's description
+/// promises; the plan was made with the description.
+///
+/// # Errors
+/// The first limit of the drive that is tighter, or is no number.
+pub fn check_limits(drive: &[JointLimits], robot: &Robot) -> Result<(), TcpError> {
+    /// Limits that were typed in other units differ in the last digits.
+    const SLACK: f64 = 1e-3;
+    for (k, (has, needs)) in drive.iter().zip(robot.joints.iter().map(|j| &j.limits)).enumerate() {
+        let pairs = [
+            (
+                "a smallest angle in rad of",
+                has.min_rad,
+                needs.min_rad,
+                needs.min_rad - has.min_rad,
+            ),
+            (
+                "a largest angle in rad of",
+                has.max_rad,
+                needs.max_rad,
+                has.max_rad - needs.max_rad,
+            ),
+            (
+                "a largest speed in rad/s of",
+                has.velocity_rad_s,
+                needs.velocity_rad_s,
+                has.velocity_rad_s - needs.velocity_rad_s,
+            ),
+            (
+                "a largest torque in N m of",
+                has.torque_nm,
+                needs.torque_nm,
+                has.torque_nm - needs.torque_nm,
+            ),
+        ];
+        for (what, drive, robot, spare) in pairs {
+            // A NaN is refused with the rest.
+            if !(spare >= -SLACK) {
+                return Err(TcpError::Limits {
+                    joint: k + 1,
+                    what,
+                    drive,
+                    robot,
+                });
+            }
+        }
+    }
+    Ok(())
+}

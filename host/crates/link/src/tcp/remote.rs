@@ -1,0 +1,180 @@
+//! The host's end of a controller that runs elsewhere.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::TcpStream;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use spherecal_shared::protocol::drive::DriveHello;
+
+use super::controller_server::{Turns, serve_hosts};
+use super::wire::Wire;
+use super::{TcpDrive, TcpError, listen};
+use crate::check_hello;
+use crate::{Cell, Device, LinkError, controller_in_process};
+
+/// How long a controller may take for one period, its drive included.
+const TURN: Duration = Duration::from_mins(1);
+
+/// A controller process, reached over its host link.
+pub struct Remote {
+    stream: TcpStream,
+    peer: String,
+    hello: DriveHello,
+    turns: Turns,
+    buffer: Vec<u8>,
+    out: Vec<u8>,
+    ticks: u64,
+}
+
+impl Remote {
+    /// Connects to the host link of a controller process at `HOST:PORT`, for a
+    /// robot with `joints` joints.
+    ///
+    /// # Errors
+    /// When nobody answers there, or its drive is not this robot's.
+    pub fn connect(address: &str, joints: usize) -> Result<Self, LinkError> {
+        let mut wire = Wire::connect(address)?;
+        let peer = wire.peer.clone();
+        let hello: DriveHello = wire.wait_for("the hello of a controller's drive", TURN)?;
+        check_hello(&hello, joints)?;
+        wire.patience(Some(TURN))?;
+        let (stream, rest) = wire.into_stream();
+        let mut turns = Turns::default();
+        turns.push(&rest);
+        Ok(Self {
+            stream,
+            peer,
+            hello,
+            turns,
+            buffer: vec![0; 1 << 14],
+            out: Vec::new(),
+            ticks: 0,
+        })
+    }
+
+    /// What the controller's drive says of itself.
+    pub fn hello(&self) -> &DriveHello {
+        &self.hello
+    }
+}
+
+impl Device for Remote {
+    fn now_us(&self) -> u64 {
+        self.ticks
+            .saturating_sub(1)
+            .saturating_mul(u64::from(self.hello.period_us))
+    }
+
+    fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.out.clear();
+        self.out.extend_from_slice(down);
+        self.out.push(0);
+        let failed = |peer: &str, e| LinkError::from(TcpError::of(peer, e));
+        self.stream.write_all(&self.out).map_err(|e| failed(&self.peer, e))?;
+        loop {
+            if let Some(turn) = self.turns.next() {
+                up.extend_from_slice(turn);
+                self.ticks += 1;
+                return Ok(());
+            }
+            match self.stream.read(&mut self.buffer) {
+                Ok(0) => {
+                    return Err(TcpError::Closed {
+                        peer: self.peer.clone(),
+                    }
+                    .into());
+                }
+                Ok(count) => self.turns.push(self.buffer.get(..count).unwrap_or_default()),
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                    return Err(TcpError::Silent {
+                        peer: self.peer.clone(),
+                        seconds: TURN.as_secs(),
+                        damaged: 0,
+                    }
+                    .into());
+                }
+                Err(e) => return Err(failed(&self.peer, e)),
+            }
+        }
+    }
+}
+
+/// A controller in a thread of this process, for a drive in real time: what the
+/// host does (a database, a screen) then never holds up a beat.
+pub struct Threaded {
+    remote: Option<Remote>,
+    thread: Option<JoinHandle<Result<(), LinkError>>>,
+}
+
+impl Threaded {
+    /// Starts a controller for `drive`.
+    ///
+    /// # Errors
+    /// When the drive has other joints than the robot, or the thread does not start.
+    pub fn start(drive: TcpDrive, joints: usize) -> Result<Self, LinkError> {
+        let mut cell = Cell::new(controller_in_process(joints)?, Box::new(drive), joints)?;
+        let (listener, address) = listen("0")?;
+        let thread = std::thread::Builder::new()
+            .name("controller".to_owned())
+            .spawn(move || serve_hosts(&mut cell, &listener, true))
+            .map_err(|source| LinkError::Transport {
+                link: "the controller's thread".to_owned(),
+                source,
+            })?;
+        let mut this = Self {
+            remote: None,
+            thread: Some(thread),
+        };
+        match Remote::connect(&address.to_string(), joints) {
+            Ok(remote) => this.remote = Some(remote),
+            Err(error) => return Err(this.reason(error)),
+        }
+        Ok(this)
+    }
+
+    /// Why the thread ended, if it did; else `error`.
+    fn reason(&mut self, error: LinkError) -> LinkError {
+        self.remote = None;
+        match self.thread.take().map(JoinHandle::join) {
+            Some(Ok(Err(reason))) => reason,
+            _ => error,
+        }
+    }
+}
+
+impl Device for Threaded {
+    fn now_us(&self) -> u64 {
+        self.remote.as_ref().map_or(0, Device::now_us)
+    }
+
+    fn ticks(&self) -> u64 {
+        self.remote.as_ref().map_or(0, Device::ticks)
+    }
+
+    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        let result = match &mut self.remote {
+            Some(remote) => remote.step(down, up),
+            None => Err(TcpError::Closed {
+                peer: "the controller's thread".to_owned(),
+            }
+            .into()),
+        };
+        result.map_err(|error| self.reason(error))
+    }
+}
+
+impl Drop for Threaded {
+    fn drop(&mut self) {
+        // The thread ends at the beat after its host has gone.
+        self.remote = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! The drive's end of the drive link: any [`Drive`] offered to controllers.
+
+use std::net::TcpListener;
+use std::time::{Duration, Instant};
+
+use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus};
+use spherecal_shared::protocol::frame::LinkCounters;
+
+use super::TcpError;
+use super::wire::Wire;
+use crate::{Drive, LinkError};
+
+/// Periods without a command after which a real-time drive closes its brakes:
+/// until then the last torque stands.
+const HELD_PERIODS: u32 = 10;
+
+/// What one controller's visit came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Service {
+    /// Commands carried out.
+    pub commands: u64,
+    /// Periods for which no command came (real time).
+    pub missing: u64,
+    /// Commands that answered an older state than the last one sent.
+    pub late: u64,
+    /// What was received.
+    pub link: LinkCounters,
+}
+
+/// Offers a drive to one controller at a time. Between them its brakes are
+/// closed, and it goes on from where it stands.
+pub struct DriveServer {
+    drive: Box<dyn Drive>,
+    real_time: bool,
+}
+
+impl DriveServer {
+    /// A server for `drive`, in lock-step or in real time.
+    pub fn new(drive: Box<dyn Drive>, real_time: bool) -> Self {
+        Self { drive, real_time }
+    }
+
+    /// Waits for a controller and serves it until it goes.
+    ///
+    /// # Errors
+    /// When the drive fails, or the controller sends what is no command. That it
+    /// goes away is no error.
+    pub fn serve(&mut self, listener: &TcpListener) -> Result<Service, LinkError> {
+        let (stream, peer) = listener.accept().map_err(|e| TcpError::of("a controller", e))?;
+        let mut wire = Wire::new(stream, format!("the controller at {peer}"))?;
+        let mut hello = self.drive.hello().clone();
+        hello.lock_step = !self.real_time;
+        let mut service = Service::default();
+        let result = wire.send(&hello, 0).map_err(LinkError::from).and_then(|()| {
+            if self.real_time {
+                self.in_real_time(&mut wire, hello.period_us, &mut service)
+            } else {
+                self.in_lock_step(&mut wire, hello.period_us, &mut service)
+            }
+        });
+        service.link = wire.counters();
+        match result {
+            Err(LinkError::Tcp(error)) if error.is_closed() => Ok(service),
+            Err(error) => Err(error),
+            Ok(()) => Ok(service),
+        }
+    }
+
+    fn in_lock_step(&mut self, wire: &mut Wire, period_us: u32, service: &mut Service) -> Result<(), LinkError> {
+        // A controller may think as long as it likes: time stands still.
+        wire.patience(None)?;
+        let mut state = DriveState::default();
+        self.drive.exchange(None, &mut state)?;
+        loop {
+            wire.send(&state, state.tick.wrapping_mul(u64::from(period_us)))?;
+            let command = loop {
+                let Some((_, command)) = wire.expect::<DriveCommand>("a drive command")? else {
+                    continue;
+                };
+                if command.tick == state.tick {
+                    break command;
+                }
+                service.late += 1;
+            };
+            service.commands += 1;
+            self.drive.exchange(Some(&command), &mut state)?;
+        }
+    }
+
+    fn in_real_time(&mut self, wire: &mut Wire, period_us: u32, service: &mut Service) -> Result<(), LinkError> {
+        wire.never_wait()?;
+        let period = Duration::from_micros(u64::from(period_us));
+        let start = Instant::now();
+        let mut due = start;
+        let mut state = DriveState::default();
+        let mut last: Option<DriveCommand> = None;
+        let mut silent = HELD_PERIODS;
+        loop {
+            let mut fresh = false;
+            while let Some((_, command)) = wire.expect::<DriveCommand>("a drive command")? {
+                if last.as_ref().is_some_and(|last| command.tick <= last.tick) {
+                    service.late += 1;
+                    continue;
+                }
+                fresh = true;
+                last = Some(command);
+            }
+            if fresh {
+                silent = 0;
+                service.commands += 1;
+            } else if last.is_some() {
+                silent = silent.saturating_add(1);
+                service.missing += 1;
+            }
+            let held = silent < HELD_PERIODS;
+            self.drive.exchange(last.as_ref().filter(|_| held), &mut state)?;
+            if last.is_some() && !held {
+                // The controller has been lost: brakes, and say so.
+                state.status = DriveStatus::Disabled;
+            }
+            let time_us = u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX);
+            wire.send(&state, time_us)?;
+            due += period;
+            let now = Instant::now();
+            if now < due {
+                std::thread::sleep(due - now);
+            } else if now > due + period {
+                // Fallen behind: simulated time is then slower, never in a burst.
+                due = now;
+            }
+        }
+    }
+}

@@ -1,0 +1,125 @@
+use spherecal_shared::robot::iiwa7_tool;
+
+use super::*;
+use crate::teach;
+use crate::test_support::assert_continuous;
+
+// The reference worlds were made on this grid: 1,843 of 1,875 poses, by sphere
+// 613, 615 and 615, with 2 degrees to the limits and no rule about singular
+// places. Fails if the grid, its axes, the elbow, the plate's place or the
+// limits are read in another way.
+#[test]
+fn the_papers_grid_is_reachable_as_the_reference_says() {
+    let cell = Cell::iiwa7();
+    let plan = paper_plan(&cell).expect("a plan");
+    assert_eq!(plan.planned, 1875);
+    let counts: Vec<usize> = plan.spheres.iter().map(SpherePlan::recorded).collect();
+    assert_eq!(counts, [613, 615, 615]);
+    assert_eq!(plan.reachable, 1843);
+    assert_eq!(plan.rejected.len(), 32);
+    assert_continuous(&cell, &Rules::paper(), &plan);
+    let vias: usize = plan.spheres.iter().map(|s| s.poses.len() - s.recorded()).sum();
+    println!(
+        "vias {vias}, turning {:.0} s, rejected {:?}",
+        plan.robot_s,
+        plan.rejected_by_reason()
+    );
+    // A grid step of 10 degrees takes 0.7 s, so order costs under a second a pose.
+    assert!(plan.robot_s < 1843.0 * (RECORD_S + 0.9), "{}", plan.robot_s);
+}
+
+#[test]
+fn fifteen_degrees_from_the_shoulders_singularity_cost_poses() {
+    let cell = Cell::iiwa7();
+    let mut request = PlanRequest::paper();
+    request.rules.singular_rad[0] = 15f64.to_radians();
+    let plan = plan(&cell, &request).expect("a plan");
+    println!("{} reachable, {:?}", plan.reachable, plan.rejected_by_reason());
+    assert!((1500..1600).contains(&plan.reachable), "{}", plan.reachable);
+}
+
+#[test]
+fn a_spread_plan_has_as_many_poses_as_asked() {
+    let cell = Cell::iiwa7();
+    for poses in [1, 31, 150] {
+        let plan = spread_plan(&cell, poses).expect("a plan");
+        assert_eq!(plan.recorded(), poses);
+        assert_continuous(&cell, &Rules::default(), &plan);
+        let mut ids: Vec<u32> = plan.spheres.iter().flat_map(|s| s.poses.iter().map(|p| p.id)).collect();
+        let all = ids.len();
+        ids.sort_unstable();
+        ids.dedup();
+        assert_eq!(ids.len(), all, "ids are unique");
+    }
+    let plan = spread_plan(&cell, 150).expect("a plan");
+    let text = serde_json::to_string(&plan).expect("plain data");
+    let back: Plan = serde_json::from_str(&text).expect("its own output");
+    assert_eq!(back.recorded(), 150);
+    println!("150 poses: {:.0} s, home {:?}", plan.robot_s, plan.home);
+}
+
+#[test]
+fn senseless_requests_are_refused() {
+    let cell = Cell::iiwa7();
+    assert!(matches!(
+        spread_plan(&cell, 0),
+        Err(PlanError::OutOfRange { field: "poses", .. })
+    ));
+    let mut far = Cell::iiwa7();
+    far.plates[0].centre_m[0] = 1.4;
+    let refusal = paper_plan(&far).expect_err("out of reach");
+    assert!(matches!(refusal, PlanError::SphereOutOfReach { .. }), "{refusal}");
+}
+
+#[test]
+fn arms_of_the_field_get_plans() {
+    for name in ["iiwa14", "ur10e", "panda"] {
+        let Some(robot) = spherecal_model::robots::built_in(name) else {
+            panic!("{name} is built in");
+        };
+        let mut cell = Cell {
+            robot: robot.robot,
+            tool: iiwa7_tool(),
+            tool_yaw_rad: None,
+            ..Cell::iiwa7()
+        };
+        cell.plates = match name {
+            "ur10e" => vec![PlatePose::level([0.65, 0.0, 0.2], 0.0)],
+            "iiwa14" => vec![PlatePose::level([0.52, 0.0, 0.32], 0.5)],
+            _ => vec![PlatePose::level([0.48, 0.0, 0.25], 0.5)],
+        };
+        let mut request = PlanRequest::spread(24);
+        request.grid = Grid {
+            orientation_rad: vec![-0.3, 0.0, 0.3],
+            elbow_rad: vec![-0.3, 0.0, 0.3],
+        };
+        let plan = plan(&cell, &request).unwrap_or_else(|e| panic!("{name}: {e}"));
+        println!(
+            "{name}: {} of {} reachable {:?}",
+            plan.reachable,
+            plan.planned,
+            plan.rejected_by_reason()
+        );
+        assert_eq!(plan.recorded(), 24, "{name}");
+        assert_continuous(&cell, &request.rules, &plan);
+    }
+}
+
+#[test]
+fn teaching_moves_waypoints_by_up_to_ten_millimetres() {
+    let cell = Cell::iiwa7();
+    let chain = Chain::new(&cell.robot, &cell.tool).expect("valid");
+    let planned = spread_plan(&cell, 9).expect("a plan");
+    let (mut a, mut b, mut c) = (planned.clone(), planned.clone(), planned.clone());
+    teach(&mut a, &chain, 0.010, 1);
+    teach(&mut b, &chain, 0.010, 1);
+    teach(&mut c, &chain, 0.010, 2);
+    assert_eq!(a, b, "same seed, same errors");
+    assert_ne!(a, c);
+    for (before, after) in planned.spheres.iter().zip(&a.spheres) {
+        let shift = Vector3::from(after.approach.position_m) - Vector3::from(before.approach.position_m);
+        assert!(shift.amax() <= 0.010 && shift.norm() > 1e-6);
+        let reached = chain.pose(&after.approach.joints);
+        assert!((reached.position - Vector3::from(after.approach.position_m)).norm() < 1e-10);
+    }
+}

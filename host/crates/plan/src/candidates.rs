@@ -1,0 +1,221 @@
+//! Candidates for the optimal plan: wide orientations and elbow angles about
+//! each sphere, in every branch of the inverse kinematics that the arm can come
+//! to by itself.
+
+use nalgebra::{Rotation3, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::build::{Start, tool_yaw};
+use super::cell::{Cell, PlatePose};
+use super::error::PlanError;
+use super::path::Rules;
+use super::types::Waypoint;
+use spherecal_model::chain::{Chain, TcpPose};
+use spherecal_model::halton::halton;
+
+/// How wide candidates may lie.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Range {
+    /// Largest tilt about the tool's x and y, each, in rad.
+    pub tilt_rad: f64,
+    /// Largest turn about the tool's z, in rad.
+    pub turn_rad: f64,
+    /// Largest elbow angle either way, in rad; ignored without an elbow.
+    pub elbow_rad: f64,
+    /// Whether other branches of the inverse kinematics are visited too.
+    pub branches: bool,
+    /// Candidates in all, shared out over the visits.
+    pub candidates: usize,
+}
+
+impl Default for Range {
+    /// Tilt as far as a nest of three planes allows, the turn about the
+    /// plate's normal and the elbow wider, since nothing stands in their way.
+    fn default() -> Self {
+        Self {
+            tilt_rad: 40f64.to_radians(),
+            turn_rad: 120f64.to_radians(),
+            elbow_rad: 100f64.to_radians(),
+            branches: true,
+            candidates: 3000,
+        }
+    }
+}
+
+/// Branches of one sphere at most, the roomiest first.
+const MOST_BRANCHES: usize = 8;
+/// Poses tried for each candidate wanted.
+const TRIES: usize = 6;
+
+/// A sphere in one placement and one branch.
+#[derive(Clone)]
+pub(super) struct Visit {
+    pub(super) sphere_id: u32,
+    pub(super) place: u32,
+    pub(super) direction: Vector3<f64>,
+    pub(super) start: Start,
+}
+
+/// A pose that could be recorded.
+#[derive(Clone)]
+pub(super) struct Candidate {
+    /// Index of the visit.
+    pub(super) visit: usize,
+    pub(super) pose: TcpPose,
+    pub(super) joints: Vec<f64>,
+}
+
+/// All visits that the arm can make, the roomiest branch of each sphere first.
+///
+/// # Errors
+/// A sphere that the arm cannot come to in any branch.
+pub(super) fn visits(
+    cell: &Cell,
+    chain: &Chain,
+    rules: &Rules,
+    range: &Range,
+    home: &Waypoint,
+) -> Result<Vec<Visit>, PlanError> {
+    let mut visits = Vec::new();
+    for (place, plate) in (0..).zip(&cell.plates) {
+        let yaw = tool_yaw(cell, chain, rules, plate)?;
+        for sphere in &cell.spheres {
+            let first = Start::new(cell, chain, rules, plate, sphere, yaw)?;
+            let neutral = first.neutral;
+            let mut starts = vec![first];
+            if range.branches {
+                for start in others(cell, chain, rules, range, plate, &neutral) {
+                    let known = starts.iter().any(|s| same_branch(chain, rules, s, &start));
+                    let (from, to) = (&home.joints, &start.approach.joints);
+                    if starts.len() < MOST_BRANCHES && !known && way_is_clear(cell, chain, plate, from, to) {
+                        starts.push(start);
+                    }
+                }
+            }
+            visits.extend(starts.into_iter().map(|start| Visit {
+                sphere_id: sphere.id,
+                place,
+                direction: cell.approach_direction(plate),
+                start,
+            }));
+        }
+    }
+    Ok(visits)
+}
+
+/// Neutral poses in other branches, the elbow where each has the most room,
+/// roomiest first.
+fn others(
+    cell: &Cell,
+    chain: &Chain,
+    rules: &Rules,
+    range: &Range,
+    plate: &PlatePose,
+    neutral: &TcpPose,
+) -> Vec<Start> {
+    let elbows: Vec<Option<f64>> = match neutral.elbow {
+        Some(_) => (-4..=4).map(|k| Some(f64::from(k) / 4.0 * range.elbow_rad)).collect(),
+        None => vec![None],
+    };
+    let mut found: Vec<(f64, Start)> = Vec::new();
+    for elbow in elbows {
+        let pose = TcpPose { elbow, ..*neutral };
+        for q in chain.solve(&pose) {
+            if rules.passing().configuration(chain, &q).is_err() {
+                continue;
+            }
+            let room = chain.limit_margin(&q);
+            if let Ok(start) = Start::from_joints(cell, chain, rules, plate, pose, q) {
+                found.push((room, start));
+            }
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.into_iter().map(|(_, start)| start).collect()
+}
+
+/// Whether two starts are of one branch: by the sides to which shoulder, elbow
+/// and wrist are bent, or, on arms without these, by a motion that leads from
+/// one to the other at the sphere.
+fn same_branch(chain: &Chain, rules: &Rules, a: &Start, b: &Start) -> bool {
+    match (chain.branch(&a.joints), chain.branch(&b.joints)) {
+        (Some(a), Some(b)) => a == b,
+        _ => rules
+            .follow(chain, &a.neutral, &a.joints, &b.neutral)
+            .is_ok_and(|q| q.iter().zip(&b.joints).all(|(x, y)| (x - y).abs() < 1e-6)),
+    }
+}
+
+/// Whether the joint motion between two configurations (rad) keeps TCP and
+/// flange over the plate: no lower than an approach, but for a fifth of its height.
+pub(super) fn way_is_clear(cell: &Cell, chain: &Chain, plate: &PlatePose, from: &[f64], to: &[f64]) -> bool {
+    let up = plate.normal().into_inner();
+    let floor = up.dot(&Vector3::from(plate.centre_m)) + 0.8 * cell.approach_height_m;
+    (0..=40).all(|k| {
+        let t = f64::from(k) / 40.0;
+        let q: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + (b - a) * t).collect();
+        let pose = chain.pose(&q);
+        let flange = pose.position - pose.rotation * chain.tcp();
+        up.dot(&pose.position) >= floor && up.dot(&flange) >= floor
+    })
+}
+
+/// About `count` candidates of all visits together that keep the rules and are
+/// reached continuously from their visit's start.
+pub(super) fn candidates(
+    chain: &Chain,
+    rules: &Rules,
+    range: &Range,
+    visits: &[Visit],
+    count: usize,
+) -> Vec<Candidate> {
+    let share = count.div_ceil(visits.len().max(1));
+    let of = |(index, visit): (usize, &Visit)| -> Vec<Candidate> {
+        (0..TRIES * share)
+            .filter_map(|k| {
+                let pose = wide(range, &visit.start, 1 + k, index);
+                let joints = reached(chain, rules, &visit.start, &pose)?;
+                Some(Candidate {
+                    visit: index,
+                    pose,
+                    joints,
+                })
+            })
+            .take(share)
+            .collect()
+    };
+    visits.par_iter().enumerate().flat_map_iter(of).collect()
+}
+
+/// Item `k` of the poses spread over the ranges about the start of visit `index`:
+/// each visit has the sequence shifted by another part of the ranges.
+fn wide(range: &Range, start: &Start, k: usize, index: usize) -> TcpPose {
+    let shift = index as f64 * 0.618_033_988_75;
+    let u = |dimension: usize| 2.0 * (halton(k, dimension) + shift).fract() - 1.0;
+    let turn = Rotation3::from_euler_angles(u(0) * range.tilt_rad, u(1) * range.tilt_rad, u(2) * range.turn_rad);
+    TcpPose {
+        position: start.neutral.position,
+        rotation: start.neutral.rotation * turn,
+        elbow: start.neutral.elbow.map(|_| u(3) * range.elbow_rad),
+    }
+}
+
+/// Joints of a pose that may be recorded and is reached from the start.
+fn reached(chain: &Chain, rules: &Rules, start: &Start, pose: &TcpPose) -> Option<Vec<f64>> {
+    // Where the end itself is cheap to solve it is looked at before the way there.
+    if let Some(branch) = chain.branch(&start.joints) {
+        let solutions = chain.solve(pose);
+        let good = |q: &Vec<f64>| chain.branch(q) == Some(branch) && rules.configuration(chain, q).is_ok();
+        if !solutions.iter().any(good) {
+            return None;
+        }
+    }
+    let coarse = Rules {
+        step_rad: 2.0 * rules.step_rad,
+        ..*rules
+    };
+    let q = coarse.follow(chain, &start.neutral, &start.joints, pose).ok()?;
+    rules.configuration(chain, &q).ok().map(|()| q)
+}

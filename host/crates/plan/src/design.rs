@@ -1,0 +1,297 @@
+//! The optimal plan: poses chosen by the TCP error that they leave over the
+//! workspace, with the accuracy to expect, before anything has moved.
+//!
+//! First a small choice among all visits says which of them are worth an
+//! approach and a coupling; then the poses are chosen on those alone.
+
+use nalgebra::Vector3;
+
+use super::candidates::{Candidate, Range, Visit};
+use super::cell::Cell;
+use super::design_problem::{DesignProblem, validation};
+use super::error::PlanError;
+use super::optimal::{Design, Problem};
+use super::path::Rules;
+use super::travel::Travel;
+use super::types::{Accuracy, Plan};
+use spherecal_identify::DesignModel;
+use spherecal_identify::{IdentifyError, Options};
+use spherecal_model::chain::Chain;
+
+/// Poses at most that an asked accuracy may take.
+const LONGEST: usize = 400;
+/// Poses and candidates of each visit in the choice of visits.
+const SCOUT: (usize, usize) = (40, 60);
+/// Contacts at most where nothing is said: over the worlds, more take robot
+/// time and leave the error where it is; three leave a fifth more.
+pub const CONTACTS: usize = 5;
+/// Poses of a plan whose turns may take as long as recording.
+const PATIENT_POSES: f64 = 60.0;
+/// Poses that take as long as a visit with the way there.
+const VISIT_POSES: usize = 7;
+/// Candidates that an exchange looks at besides the chosen ones.
+const SHORTLIST: usize = 700;
+
+/// What to plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DesignRequest {
+    /// Poses in all.
+    pub poses: usize,
+    /// Contacts at most, though never less than one of each sphere in each
+    /// placement; 0 for as many as are worth it.
+    pub contacts: usize,
+    /// How many recordings' time the way to a pose may take before half of what
+    /// it gains is lost; infinite for the best poses wherever they are.
+    pub patience: f64,
+    /// How wide they may lie.
+    pub range: Range,
+    /// What configurations and moves must keep.
+    pub rules: Rules,
+    /// Model, priors and noise that accuracy is predicted with.
+    pub options: Options,
+    /// Exchange passes after the greedy choice.
+    pub passes: usize,
+}
+
+impl DesignRequest {
+    /// `poses` poses over the default ranges on at most five contacts; the more
+    /// poses, the less each gains and the less it may cost.
+    pub fn new(poses: usize) -> Self {
+        let range = Range::default();
+        Self {
+            poses,
+            contacts: CONTACTS,
+            patience: PATIENT_POSES / poses.max(1) as f64,
+            range: Range {
+                candidates: range.candidates.min(600 + 16 * poses),
+                ..range
+            },
+            rules: Rules::default(),
+            options: Options::default(),
+            passes: 2,
+        }
+    }
+}
+
+/// Chooses and orders the poses. What they promise is in [`Plan::promise`].
+///
+/// # Errors
+/// A cell or a request that makes no sense, a sphere that the arm cannot come
+/// to, or options that identification refuses.
+pub fn design(cell: &Cell, request: &DesignRequest) -> Result<Plan, PlanError> {
+    if request.poses == 0 {
+        return Err(PlanError::OutOfRange {
+            field: "poses",
+            value: 0.0,
+            remedy: "ask for at least one pose",
+        });
+    }
+    let design_problem = design_problem(cell, request)?;
+    let mut first = design_problem.design(request);
+    let mut curve = vec![accuracy(&first, request)];
+    design_problem.fill(&mut first, request.poses, |d| {
+        if worth_noting(d.chosen.len()) {
+            curve.push(accuracy(d, request));
+        }
+    });
+    // Hopeless candidates are not looked at again.
+    let shortlist = first.shortlist(SHORTLIST);
+    let chosen = (0..first.chosen.len()).collect();
+    let design_problem = design_problem.only(&shortlist);
+    let mut design = Design::of(&design_problem.problem, chosen);
+    if request.patience.is_finite() {
+        design.hurry(
+            Travel::new(&design_problem.candidates, &design_problem.visits),
+            request.patience,
+        );
+    }
+    design.exchange(request.passes, 0.005);
+    let mut plan = design_problem.plan(cell, request, &design.chosen);
+    let accuracy = accuracy(&design, request);
+    plan.promise
+        .extend(curve.into_iter().filter(|a| a.poses < accuracy.poses));
+    plan.promise.push(accuracy);
+    Ok(plan)
+}
+
+/// The design problem of a request: its visits chosen, candidates on each.
+fn design_problem(cell: &Cell, request: &DesignRequest) -> Result<DesignProblem, PlanError> {
+    let all = DesignProblem::visits(cell, request)?;
+    let visits = if all.visits.len() > all.groups() {
+        let count = SCOUT.1 * all.visits.len();
+        worthwhile(all.with_candidates(cell, request, count)?, request)
+    } else {
+        all.visits.clone()
+    };
+    let count = request.range.candidates;
+    DesignProblem { visits, ..all }.with_candidates(cell, request, count)
+}
+
+/// The visits that are worth an approach and a coupling. One after the other is
+/// left out, always the one that the others make up for best, while there are
+/// too many or while the time of a visit is better spent on more poses of the
+/// others. One of each sphere in each placement stays.
+fn worthwhile(scouted: DesignProblem, request: &DesignRequest) -> Vec<Visit> {
+    let most = match request.contacts {
+        0 => usize::MAX,
+        contacts => contacts.max(scouted.groups()),
+    };
+    let poses = request.poses.min(SCOUT.0);
+    let mut design = Design::new(&scouted.problem);
+    scouted.fill(&mut design, poses, |_| ());
+    let mut kept = vec![true; scouted.visits.len()];
+    let key = |v: usize| (scouted.visits[v].sphere_id, scouted.visits[v].place);
+    loop {
+        let count = kept.iter().filter(|k| **k).count();
+        // So many more poses for a visit less: of a small choice their share.
+        let more = if count > most {
+            0
+        } else {
+            VISIT_POSES * poses / request.poses
+        };
+        let others = |v: usize| (0..kept.len()).any(|w| kept[w] && w != v && key(w) == key(v));
+        let without = (0..kept.len()).filter(|v| kept[*v] && others(*v)).map(|v| {
+            let allowed = |c: &Candidate| c.visit != v && kept[c.visit];
+            let allowed = scouted.candidates.iter().map(allowed).collect();
+            (v, design.among(allowed, poses + more))
+        });
+        let best = without.min_by(|a, b| a.1.value.total_cmp(&b.1.value));
+        match best {
+            Some((v, other)) if count > most || other.value <= design.value => {
+                kept[v] = false;
+                let allowed = scouted.candidates.iter().map(|c| kept[c.visit]).collect();
+                design = design.among(allowed, poses);
+            }
+            _ => break,
+        }
+    }
+    let visits = scouted.visits.iter().cloned().zip(kept);
+    visits.filter(|(_, kept)| *kept).map(|(v, _)| v).collect()
+}
+
+fn accuracy(design: &Design<'_>, request: &DesignRequest) -> Accuracy {
+    let predicted = design.predicted(1.0 / request.options.noise.inflation);
+    Accuracy {
+        poses: design.chosen.len(),
+        mean_mm: predicted.mean * 1e3,
+        worst_mm: predicted.worst * 1e3,
+    }
+}
+
+/// The plan with as few poses as a predicted mean error of `wanted_mm` takes
+/// ([`Accuracy::mean_mm`]); the number of poses in the request is not looked at.
+///
+/// The number is read off the growing design, then raised until the plan, which
+/// minds the way to each pose as the request says, keeps it.
+///
+/// # Errors
+/// See [`design`]; and [`PlanError::Accuracy`] where 400 poses are not enough.
+pub fn design_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Result<Plan, PlanError> {
+    if !(wanted_mm > 0.0) {
+        return Err(PlanError::OutOfRange {
+            field: "accuracy_mm",
+            value: wanted_mm,
+            remedy: "give a positive mean error in mm",
+        });
+    }
+    let most = DesignRequest {
+        poses: LONGEST,
+        ..request.clone()
+    };
+    let mut poses = poses_for(cell, &most, wanted_mm)?;
+    loop {
+        let patience = request.patience * request.poses as f64 / poses as f64;
+        let plan = design(
+            cell,
+            &DesignRequest {
+                poses,
+                patience,
+                ..request.clone()
+            },
+        )?;
+        let promised = plan.promise.last().map_or(f64::INFINITY, |a| a.mean_mm);
+        if promised <= wanted_mm {
+            return Ok(plan);
+        }
+        if poses >= LONGEST {
+            return Err(PlanError::Accuracy {
+                wanted_mm,
+                poses,
+                best_mm: promised,
+            });
+        }
+        poses = (poses + poses.div_ceil(20)).min(LONGEST);
+    }
+}
+
+/// Poses after which a growing design promises the wanted mean error (mm).
+fn poses_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Result<usize, PlanError> {
+    let design_problem = design_problem(cell, request)?;
+    let mut design = design_problem.design(request);
+    for poses in 1..=request.poses {
+        design.grow(poses, |_| ());
+        // The mean is somewhat under the root mean square, which is at hand.
+        let maybe = design.root_mean_square(1.0 / request.options.noise.inflation) * 0.7e3 <= wanted_mm;
+        if maybe && accuracy(&design, request).mean_mm <= wanted_mm {
+            return Ok(poses);
+        }
+        if design.chosen.len() < poses {
+            break;
+        }
+    }
+    Err(PlanError::Accuracy {
+        wanted_mm,
+        poses: design.chosen.len(),
+        best_mm: accuracy(&design, request).mean_mm,
+    })
+}
+
+/// Predicted accuracy of a plan made in any way (the paper's grid, say).
+///
+/// # Errors
+/// See [`design`].
+pub fn predicted_accuracy(cell: &Cell, plan: &Plan, options: &Options) -> Result<Accuracy, PlanError> {
+    let model = model_of(cell, options)?;
+    let chain = Chain::new(&cell.robot, &cell.tool)?;
+    let rows: Vec<Vec<f64>> = plan
+        .spheres
+        .iter()
+        .flat_map(|visit| {
+            let recorded = visit.poses.iter().filter(|p| !p.via);
+            recorded.map(|p| model.observation(&p.joints, visit.sphere_id, visit.place as usize))
+        })
+        .collect();
+    let problem = Problem::new(model.columns(), &rows, &predictions(&model, &chain));
+    let all = Design::with_all(&problem);
+    let predicted = all.predicted(1.0 / options.noise.inflation);
+    Ok(Accuracy {
+        poses: rows.len(),
+        mean_mm: predicted.mean * 1e3,
+        worst_mm: predicted.worst * 1e3,
+    })
+}
+
+/// Numbers of poses that the curve keeps.
+fn worth_noting(poses: usize) -> bool {
+    let step = match poses {
+        0..=30 => 5,
+        31..=100 => 10,
+        _ => 50,
+    };
+    poses.is_multiple_of(step)
+}
+
+pub(super) fn model_of(cell: &Cell, options: &Options) -> Result<DesignModel, PlanError> {
+    cell.check()?;
+    let places = cell.plates.len() as u32;
+    DesignModel::new(&cell.robot, &cell.tool, &cell.spheres, places, options)
+        .map_err(|e: IdentifyError| PlanError::Model(e.to_string()))
+}
+
+pub(super) fn predictions(model: &DesignModel, chain: &Chain) -> Vec<(Vec<f64>, Vector3<f64>, f64)> {
+    validation(chain).iter().map(|q| model.prediction(q)).collect()
+}
+
+#[cfg(test)]
+#[path = "design_tests.rs"]
+mod tests;

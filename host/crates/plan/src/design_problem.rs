@@ -1,0 +1,190 @@
+//! What a choice of poses is made on: the visits, the candidates on each, and
+//! what every candidate would tell.
+
+use std::collections::BTreeSet;
+
+use nalgebra::Vector3;
+
+use super::build::{home, robot_time, sequence};
+use super::candidates::{Candidate, Visit, candidates, visits};
+use super::cell::Cell;
+use super::design::{DesignRequest, model_of, predictions};
+use super::error::PlanError;
+use super::grid::GridPose;
+use super::optimal::{Design, Problem};
+use super::travel::{Travel, tour};
+use super::types::{Plan, SpherePlan, Waypoint};
+use spherecal_model::chain::Chain;
+use spherecal_model::halton::halton;
+
+/// Validation configurations that the criterion averages over.
+const VALIDATION: usize = 200;
+
+/// Everything that a choice is made on.
+pub(super) struct DesignProblem {
+    pub(super) chain: Chain,
+    pub(super) home: Waypoint,
+    pub(super) visits: Vec<Visit>,
+    pub(super) candidates: Vec<Candidate>,
+    pub(super) problem: Problem,
+    /// Candidates that there were before any were left out.
+    pub(super) considered: usize,
+}
+
+impl DesignProblem {
+    /// All visits that the arm can make, without candidates.
+    pub(super) fn visits(cell: &Cell, request: &DesignRequest) -> Result<Self, PlanError> {
+        cell.check()?;
+        let chain = Chain::new(&cell.robot, &cell.tool)?;
+        let home = home(cell, &chain, &request.rules)?;
+        let visits = visits(cell, &chain, &request.rules, &request.range, &home)?;
+        Ok(Self {
+            chain,
+            home,
+            visits,
+            candidates: Vec::new(),
+            problem: Problem::new(0, &[], &[]),
+            considered: 0,
+        })
+    }
+
+    /// The same with about `count` candidates over all visits.
+    pub(super) fn with_candidates(
+        &self,
+        cell: &Cell,
+        request: &DesignRequest,
+        count: usize,
+    ) -> Result<Self, PlanError> {
+        let candidates = candidates(&self.chain, &request.rules, &request.range, &self.visits, count);
+        let model = model_of(cell, &request.options)?;
+        let rows: Vec<Vec<f64>> = candidates
+            .iter()
+            .map(|c| {
+                let visit = &self.visits[c.visit];
+                model.observation(&c.joints, visit.sphere_id, visit.place as usize)
+            })
+            .collect();
+        Ok(Self {
+            chain: self.chain.clone(),
+            home: self.home.clone(),
+            visits: self.visits.clone(),
+            problem: Problem::new(model.columns(), &rows, &predictions(&model, &self.chain)),
+            considered: candidates.len(),
+            candidates,
+        })
+    }
+
+    /// The same with only these candidates.
+    pub(super) fn only(&self, which: &[usize]) -> Self {
+        Self {
+            chain: self.chain.clone(),
+            home: self.home.clone(),
+            visits: self.visits.clone(),
+            candidates: which.iter().map(|c| self.candidates[*c].clone()).collect(),
+            problem: self.problem.only(which),
+            considered: self.considered,
+        }
+    }
+
+    /// Spheres in placements: each is visited at least once.
+    pub(super) fn groups(&self) -> usize {
+        let keys: BTreeSet<(u32, u32)> = self.visits.iter().map(|v| (v.sphere_id, v.place)).collect();
+        keys.len()
+    }
+
+    /// An empty design that minds the travelling as the request says.
+    pub(super) fn design(&self, request: &DesignRequest) -> Design<'_> {
+        let mut design = Design::new(&self.problem);
+        if request.patience.is_finite() {
+            design.hurry(Travel::new(&self.candidates, &self.visits), request.patience);
+        }
+        design
+    }
+
+    /// Grows a design to `count` poses. With several placements
+    /// each gets its part of the first half: the first poses in a new place
+    /// only tell where the plate is, so a greedy choice would never begin there.
+    pub(super) fn fill(&self, design: &mut Design<'_>, count: usize, mut on_step: impl FnMut(&Design<'_>)) {
+        let places: BTreeSet<u32> = self.visits.iter().map(|v| v.place).collect();
+        if places.len() > 1 {
+            for (k, place) in (1..).zip(&places) {
+                let here = |c: &Candidate| self.visits[c.visit].place == *place;
+                design.allow(self.candidates.iter().map(here).collect());
+                design.grow(k * count / (2 * places.len()), &mut on_step);
+            }
+        }
+        design.allow(vec![true; self.candidates.len()]);
+        design.grow(count, on_step);
+    }
+
+    /// The chosen candidates as a plan: visits in the order of least travelling,
+    /// poses in neighbour order.
+    pub(super) fn plan(&self, cell: &Cell, request: &DesignRequest, chosen: &[usize]) -> Plan {
+        let mut plan = Plan {
+            robot: cell.robot.name.as_str().to_owned(),
+            home: self.home.clone(),
+            spheres: Vec::new(),
+            planned: self.considered,
+            reachable: self.considered,
+            rejected: Vec::new(),
+            robot_s: 0.0,
+            promise: Vec::new(),
+        };
+        let used = |v: usize| chosen.iter().any(|c| self.candidates[*c].visit == v);
+        let indices: Vec<usize> = (0..self.visits.len()).filter(|v| used(*v)).collect();
+        let visits: Vec<&Visit> = indices.iter().map(|v| &self.visits[*v]).collect();
+        let mut first_id = 0;
+        for (k, over_home) in tour(cell, &self.chain, &self.home, &visits) {
+            let visit = visits[k];
+            let mine = chosen.iter().filter_map(|c| self.candidates.get(*c));
+            let poses: Vec<GridPose> = mine
+                .filter(|c| c.visit == indices[k])
+                .zip(0..)
+                .map(|(c, index)| GridPose {
+                    index,
+                    pose: c.pose,
+                    joints: c.joints.clone(),
+                })
+                .collect();
+            let sequence = sequence(&self.chain, &request.rules, &visit.start, &poses, first_id);
+            first_id += poses.len() as u32;
+            plan.spheres.push(SpherePlan {
+                sphere_id: visit.sphere_id,
+                place: visit.place,
+                position_m: visit.start.neutral.position.into(),
+                over_home,
+                approach: visit.start.approach.clone(),
+                approach_direction: visit.direction.into(),
+                poses: sequence,
+            });
+        }
+        plan.robot_s = robot_time(&plan);
+        plan
+    }
+}
+
+/// Configurations spread over the joint limits whose TCP lies in front of the
+/// arm, in the box of the paper's Table 4 scaled to the arm's reach.
+pub(super) fn validation(chain: &Chain) -> Vec<Vec<f64>> {
+    let configuration = |k: usize| -> Vec<f64> {
+        let joint = |(j, l): (usize, &spherecal_shared::robot::JointLimits)| {
+            let middle = 0.5 * (l.min_rad + l.max_rad);
+            let half = (0.5 * (l.max_rad - l.min_rad)).min(core::f64::consts::PI);
+            middle + 0.95 * half * (2.0 * halton(k, j) - 1.0)
+        };
+        chain.limits().iter().enumerate().map(joint).collect()
+    };
+    // Reach as the farthest TCP of many; the iiwa 7 with the paper's tool has 1.4 m.
+    let reach = (1..=500)
+        .map(|k| chain.pose(&configuration(k)).position.norm())
+        .fold(0.1, f64::max);
+    let scale = reach / 1.4;
+    let inside = |p: &Vector3<f64>| {
+        (-0.05..=1.0).contains(&(p.x / scale)) && (p.y / scale).abs() <= 0.6 && (0.13..=1.15).contains(&(p.z / scale))
+    };
+    (1..20_000)
+        .map(configuration)
+        .filter(|q| inside(&chain.pose(q).position))
+        .take(VALIDATION)
+        .collect()
+}

@@ -1,0 +1,61 @@
+//! Why no plan could be made.
+
+use spherecal_model::ChainError;
+
+use super::path::Obstacle;
+
+/// Why no plan could be made: what, its value, and the remedy.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// The robot or its tool was refused.
+    #[error(transparent)]
+    Chain(#[from] ChainError),
+    /// No sphere to touch.
+    #[error("spheres is empty: list at least one sphere in the plate file")]
+    NoSpheres,
+    /// No place for the plate.
+    #[error("plates is empty: give at least one placement of the plate")]
+    NoPlate,
+    /// A number is NaN, infinite or outside what makes sense.
+    #[error("{field} is {value}: {remedy}")]
+    OutOfRange {
+        /// Field of the cell or the request.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// What to write instead.
+        remedy: &'static str,
+    },
+    /// The model that accuracy is predicted with was refused.
+    #[error("{0}")]
+    Model(String),
+    /// No number of poses comes to the accuracy that was asked for.
+    #[error(
+        "a mean TCP error of {wanted_mm} mm is not to be expected of {poses} poses or fewer ({best_mm:.3} mm is): \
+         ask for less, move the plate to a second placement (plant.plate.moved), or allow wider poses (plan.range)"
+    )]
+    Accuracy {
+        /// Mean error that was asked for, in mm.
+        wanted_mm: f64,
+        /// The most poses that were considered.
+        poses: usize,
+        /// What they promise, in mm.
+        best_mm: f64,
+    },
+    /// The arm cannot come to a sphere at all.
+    #[error(
+        "sphere {sphere} at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm in F0: {obstacle}; move the plate nearer to the middle of the arm's reach"
+    )]
+    SphereOutOfReach {
+        /// Id of the sphere.
+        sphere: u32,
+        /// Its place in F0, in mm.
+        x_mm: f64,
+        /// Its place in F0, in mm.
+        y_mm: f64,
+        /// Its place in F0, in mm.
+        z_mm: f64,
+        /// What stands in the way.
+        obstacle: Obstacle,
+    },
+}

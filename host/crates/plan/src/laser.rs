@@ -1,0 +1,466 @@
+//! What the tracker is to measure: configurations spread as Tables 3 and 4 of
+//! the paper say, and the arcs of Section 4.3.
+//!
+//! The paper gives mean, standard deviation, minimum and maximum of the TCP
+//! coordinates. Joint angles are drawn uniformly within limits, kept when the
+//! TCP lies in the table's box and the arm clear of table and itself, weighted
+//! by the distribution of greatest entropy that has the table's means and
+//! deviations, drawn, and exchanged until the drawn set itself has them.
+//! A robot of another reach gets the same statistics scaled by its reach.
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use spherecal_shared::robot::{Robot, Tool};
+
+use serde::{Deserialize, Serialize};
+use spherecal_model::Chain;
+
+/// Configurations to calibrate from (Table 3).
+pub const CALIBRATION_POINTS: usize = 284;
+/// Configurations to validate by (Table 4).
+pub const VALIDATION_POINTS: usize = 125;
+/// Points on the base arcs, both together.
+pub const BASE_ARC_POINTS: usize = 150;
+/// Points on the tool arcs, all three together.
+pub const TOOL_ARC_POINTS: usize = 153;
+
+/// Share of every joint's range that is used.
+const OF_RANGE: f64 = 0.95;
+/// Reach of the iiwa 7 with its tool, that Tables 3 and 4 belong to: the sum of
+/// all lengths of its table and the TCP's distance from the flange, in m.
+const PAPER_REACH_M: f64 = 1.266 + 0.111_803_398_874_989_5;
+/// Lowest point of the arm above the table (z = 0 of F0), in m, and distance
+/// between links that are no neighbours, both at the paper's reach.
+const ABOVE_TABLE_M: f64 = 0.08;
+const APART_M: f64 = 0.15;
+/// Size of the pool that a set is drawn from, and how many draws fill it at most.
+const POOL: usize = 4000;
+const MOST_DRAWS: usize = 2_000_000;
+
+/// Statistics of TCP coordinates in F0 (x, y, z), in m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// Means.
+    pub mean_m: [f64; 3],
+    /// Standard deviations.
+    pub std_m: [f64; 3],
+    /// Smallest values.
+    pub min_m: [f64; 3],
+    /// Largest values.
+    pub max_m: [f64; 3],
+}
+
+/// Table 3: the 284 configurations used for laser calibration.
+pub const TABLE_3: Spread = Spread {
+    mean_m: [0.525_872, -0.069_712, 0.650_021],
+    std_m: [0.160_031, 0.220_397, 0.186_840],
+    min_m: [-0.007_304, -0.560_339, 0.198_322],
+    max_m: [0.947_042, 0.452_969, 1.197_046],
+};
+
+/// Table 4: the 125 configurations used for laser validation.
+pub const TABLE_4: Spread = Spread {
+    mean_m: [0.501_986, -0.007_856, 0.750_930],
+    std_m: [0.211_902, 0.252_262, 0.227_457],
+    min_m: [-0.024_214, -0.578_336, 0.137_178],
+    max_m: [0.995_460, 0.523_221, 1.135_052],
+};
+
+impl Spread {
+    /// The same for an arm `scale` times as large.
+    fn scaled(&self, scale: f64) -> Self {
+        let by = |values: [f64; 3]| values.map(|v| v * scale);
+        Self {
+            mean_m: by(self.mean_m),
+            std_m: by(self.std_m),
+            min_m: by(self.min_m),
+            max_m: by(self.max_m),
+        }
+    }
+
+    /// Statistics of a set of points (m); the standard deviation is over n.
+    pub fn of(points: &[Vector3<f64>]) -> Self {
+        let n = points.len().max(1) as f64;
+        let each = |f: &dyn Fn(usize) -> f64| [f(0), f(1), f(2)];
+        let mean_m = each(&|k| points.iter().map(|p| p[k]).sum::<f64>() / n);
+        Self {
+            mean_m,
+            std_m: each(&|k| (points.iter().map(|p| (p[k] - mean_m[k]).powi(2)).sum::<f64>() / n).sqrt()),
+            min_m: each(&|k| points.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min)),
+            max_m: each(&|k| points.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max)),
+        }
+    }
+
+    fn holds(&self, p: &Vector3<f64>) -> bool {
+        (0..3).all(|k| (self.min_m[k]..=self.max_m[k]).contains(&p[k]))
+    }
+}
+
+/// Why no plan could be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum LaserPlanError {
+    /// Too few configurations have the TCP where the table wants it.
+    #[error(
+        "only {found} of {tried} random configurations of robot {robot} bring the TCP into the measuring volume, \
+         {needed} are needed: check the joint limits and the tool"
+    )]
+    Unreachable {
+        /// Name of the robot.
+        robot: String,
+        /// Configurations found.
+        found: usize,
+        /// Configurations tried.
+        tried: usize,
+        /// Configurations needed.
+        needed: usize,
+    },
+    /// Arcs need an axis pair at either end.
+    #[error("robot {robot} has {joints} joints: the arcs need at least 3")]
+    TooFewJoints {
+        /// Name of the robot.
+        robot: String,
+        /// Its joints.
+        joints: usize,
+    },
+}
+
+/// A planned arc: one joint turns, the others rest.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Arc {
+    /// The joint that turns, from 1.
+    pub joint: usize,
+    /// Joint angles in rad, in the order of motion.
+    pub configurations: Vec<Vec<f64>>,
+}
+
+/// What the tracker is to measure, as joint angles in rad.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LaserPlan {
+    /// Configurations to calibrate from (284, Table 3).
+    pub calibration: Vec<Vec<f64>>,
+    /// Other configurations to judge by (125, Table 4).
+    pub validation: Vec<Vec<f64>>,
+    /// Arcs of joints 1 and 2 (75 points each).
+    pub base_arcs: Vec<Arc>,
+    /// Arcs of the last three joints (51 points each).
+    pub tool_arcs: Vec<Arc>,
+}
+
+/// Plans the laser measurements for `robot` with its nominal `tool`.
+///
+/// # Errors
+/// Fewer than three joints, or joint limits that keep the TCP out of the volume.
+pub fn plan(robot: &Robot, tool: &Tool, seed: u64) -> Result<LaserPlan, LaserPlanError> {
+    let n = robot.dof();
+    if n < 3 {
+        return Err(LaserPlanError::TooFewJoints {
+            robot: robot.name.to_string(),
+            joints: n,
+        });
+    }
+    let arm = Planner::new(robot, tool);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6c61_7365_7200_0000);
+    let calibration = arm.spread(&mut rng, &TABLE_3, CALIBRATION_POINTS)?;
+    let validation = arm.spread(&mut rng, &TABLE_4, VALIDATION_POINTS)?;
+    let rest = arm.pool(&mut rng, &TABLE_4.scaled(arm.scale), 80)?;
+    let base_arcs = arm.arcs(&rest, &[1, 2], BASE_ARC_POINTS);
+    let last = if n > 3 { vec![n - 2, n - 1, n] } else { vec![n - 1, n] };
+    let tool_arcs = arm.arcs(&rest, &last, TOOL_ARC_POINTS);
+    Ok(LaserPlan {
+        calibration,
+        validation,
+        base_arcs,
+        tool_arcs,
+    })
+}
+
+/// The arm with its limits, as the generator needs it.
+struct Planner {
+    name: String,
+    chain: Chain,
+    range: Vec<(f64, f64)>,
+    scale: f64,
+}
+
+impl Planner {
+    fn new(robot: &Robot, tool: &Tool) -> Self {
+        let lengths: f64 = robot.joints.iter().map(|j| j.mdh.a.abs() + j.mdh.d.abs()).sum();
+        let range = robot
+            .joints
+            .iter()
+            .map(|j| {
+                let middle = f64::midpoint(j.limits.min_rad, j.limits.max_rad);
+                let half =
+                    (OF_RANGE * 0.5 * (j.limits.max_rad - j.limits.min_rad)).min(OF_RANGE * std::f64::consts::PI);
+                (middle - half, middle + half)
+            })
+            .collect();
+        Self {
+            name: robot.name.to_string(),
+            chain: Chain::unchecked(robot, tool),
+            range,
+            scale: (lengths + tool.tcp().norm()) / PAPER_REACH_M,
+        }
+    }
+
+    /// Whether the arm is clear of table and of itself, in a simple sense: the
+    /// polyline of frame origins and TCP above the table, and pieces of it that
+    /// are no neighbours apart from each other.
+    fn clear(&self, q: &[f64]) -> Option<Vector3<f64>> {
+        let frames = self.chain.frames(q);
+        let tcp = self.chain.tcp_of(&frames);
+        let mut line = vec![Vector3::zeros()];
+        for p in frames.iter().map(|f| f.origin).chain([tcp]) {
+            if line.last().is_none_or(|end| (p - end).norm() > 0.03 * self.scale) {
+                line.push(p);
+            }
+        }
+        let high = line.iter().skip(2).all(|p| p.z > ABOVE_TABLE_M * self.scale);
+        let pieces: Vec<_> = line.windows(2).map(|w| (w[0], w[1])).collect();
+        let near = APART_M * self.scale;
+        let apart = (0..pieces.len()).all(|i| {
+            (i + 2..pieces.len()).all(|j| {
+                // Pieces joined by a short one can never be far apart.
+                let between: f64 = pieces[i + 1..j].iter().map(|(a, b)| (b - a).norm()).sum();
+                between < 1.5 * near || distance(&pieces[i], &pieces[j]) > near
+            })
+        });
+        (high && apart).then_some(tcp)
+    }
+
+    /// `size` random configurations with the TCP inside the box of `target`.
+    fn pool(
+        &self,
+        rng: &mut ChaCha8Rng,
+        target: &Spread,
+        size: usize,
+    ) -> Result<Vec<(Vec<f64>, Vector3<f64>)>, LaserPlanError> {
+        let mut pool = Vec::with_capacity(size);
+        for _ in 0..MOST_DRAWS {
+            let q: Vec<f64> = self
+                .range
+                .iter()
+                .map(|(low, high)| rng.random_range(*low..=*high))
+                .collect();
+            if let Some(tcp) = self.clear(&q).filter(|tcp| target.holds(tcp)) {
+                pool.push((q, tcp));
+                if pool.len() == size {
+                    return Ok(pool);
+                }
+            }
+        }
+        Err(LaserPlanError::Unreachable {
+            robot: self.name.clone(),
+            found: pool.len(),
+            tried: MOST_DRAWS,
+            needed: size,
+        })
+    }
+
+    /// `count` configurations whose TCPs have the table's statistics.
+    fn spread(&self, rng: &mut ChaCha8Rng, table: &Spread, count: usize) -> Result<Vec<Vec<f64>>, LaserPlanError> {
+        let target = table.scaled(self.scale);
+        let pool = self.pool(rng, &target, POOL)?;
+        let points: Vec<_> = pool.iter().map(|(_, tcp)| *tcp).collect();
+        let weights = tilted(&points, &target);
+        let mut chosen = draw(rng, &weights, count);
+        exchange(&points, &weights, &target, &mut chosen);
+        Ok(chosen.into_iter().map(|i| pool[i].0.clone()).collect())
+    }
+
+    /// Arcs of `joints` (from 1) about one of the `rest` configurations: the one
+    /// in which the smallest product of free turn and radius is largest.
+    fn arcs(&self, rest: &[(Vec<f64>, Vector3<f64>)], joints: &[usize], points: usize) -> Vec<Arc> {
+        let score = |q: &[f64]| {
+            let frames = self.chain.frames(q);
+            let tcp = self.chain.tcp_of(&frames);
+            let of = |joint: &usize| {
+                let (low, high) = self.free(q, joint - 1);
+                let frame = &frames[joint - 1];
+                let w = tcp - frame.origin;
+                let radius = (w - frame.z() * w.dot(&frame.z())).norm();
+                (high - low).min(3.0) * radius.min(0.3 * self.scale)
+            };
+            joints.iter().map(of).fold(f64::INFINITY, f64::min)
+        };
+        let best = rest
+            .iter()
+            .map(|(q, _)| (score(q), q))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(&[] as &[f64], |(_, q)| q);
+        let count = points / joints.len();
+        joints
+            .iter()
+            .map(|joint| {
+                let (low, high) = self.free(best, joint - 1);
+                let configurations = (0..count)
+                    .map(|i| {
+                        let mut q = best.to_vec();
+                        q[joint - 1] = low + (high - low) * i as f64 / (count - 1) as f64;
+                        q
+                    })
+                    .collect();
+                Arc {
+                    joint: *joint,
+                    configurations,
+                }
+            })
+            .collect()
+    }
+
+    /// How far joint `i` (from 0) can turn either way from `q` and stay clear.
+    fn free(&self, q: &[f64], i: usize) -> (f64, f64) {
+        const STEP: f64 = 0.04;
+        let (low, high) = self.range[i];
+        let walk = |sign: f64| {
+            let mut trial = q.to_vec();
+            loop {
+                let next = trial[i] + sign * STEP;
+                if next < low || next > high {
+                    return trial[i];
+                }
+                let here = trial[i];
+                trial[i] = next;
+                if self.clear(&trial).is_none() {
+                    return here;
+                }
+            }
+        };
+        (walk(-1.0), walk(1.0))
+    }
+}
+
+/// Weights of greatest entropy under which the points have the target's means
+/// and second moments: `w ∝ exp(λ · f)`, by damped Newton on the dual.
+fn tilted(points: &[Vector3<f64>], target: &Spread) -> Vec<f64> {
+    let features: Vec<[f64; 6]> = points
+        .iter()
+        .map(|p| {
+            let z: [f64; 3] = std::array::from_fn(|k| (p[k] - target.mean_m[k]) / target.std_m[k]);
+            [
+                z[0],
+                z[1],
+                z[2],
+                z[0] * z[0] - 1.0,
+                z[1] * z[1] - 1.0,
+                z[2] * z[2] - 1.0,
+            ]
+        })
+        .collect();
+    let weights_at = |lambda: &DVector<f64>| -> Vec<f64> {
+        let raw: Vec<f64> = features
+            .iter()
+            .map(|f| f.iter().zip(lambda.iter()).map(|(a, b)| a * b).sum::<f64>())
+            .collect();
+        let top = raw.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let sum: f64 = raw.iter().map(|r| (r - top).exp()).sum();
+        raw.iter().map(|r| (r - top).exp() / sum).collect()
+    };
+    let mut lambda = DVector::<f64>::zeros(6);
+    for _ in 0..50 {
+        let weights = weights_at(&lambda);
+        let mut mean = DVector::<f64>::zeros(6);
+        let mut second = DMatrix::<f64>::zeros(6, 6);
+        for (f, w) in features.iter().zip(&weights) {
+            let f = DVector::from_row_slice(f);
+            second.ger(*w, &f, &f, 1.0);
+            mean.axpy(*w, &f, 1.0);
+        }
+        second.ger(-1.0, &mean, &mean, 1.0);
+        for k in 0..6 {
+            second[(k, k)] += 1e-9;
+        }
+        let Some(factor) = second.cholesky() else { break };
+        let step = factor.solve(&mean);
+        lambda -= &step * (1.0 / step.norm().max(1.0));
+        if step.norm() < 1e-10 {
+            break;
+        }
+    }
+    weights_at(&lambda)
+}
+
+/// `count` different indices, drawn with the given weights.
+fn draw(rng: &mut ChaCha8Rng, weights: &[f64], count: usize) -> Vec<usize> {
+    // Weighted sampling without replacement by the keys u^(1/w) (Efraimidis, Spirakis).
+    let mut keys: Vec<(f64, usize)> = weights
+        .iter()
+        .enumerate()
+        .map(|(i, w)| (rng.random::<f64>().max(1e-300).ln() / w.max(1e-300), i))
+        .collect();
+    keys.sort_by(|a, b| b.0.total_cmp(&a.0));
+    keys.into_iter().take(count).map(|(_, i)| i).collect()
+}
+
+/// Exchanges chosen for spare points while that brings means and deviations
+/// closer to the target. Spare points of little weight are not considered.
+fn exchange(points: &[Vector3<f64>], weights: &[f64], target: &Spread, chosen: &mut [usize]) {
+    let n = chosen.len() as f64;
+    let z = |i: usize, k: usize| (points[i][k] - target.mean_m[k]) / target.std_m[k];
+    let add = |sum: &mut [f64; 6], i: usize, sign: f64| {
+        for k in 0..3 {
+            sum[k] += sign * z(i, k);
+            sum[k + 3] += sign * (z(i, k) * z(i, k) - 1.0);
+        }
+    };
+    let cost = |sum: &[f64; 6]| sum.iter().map(|s| (s / n).powi(2)).sum::<f64>();
+    let mut sum = [0.0; 6];
+    for i in chosen.iter() {
+        add(&mut sum, *i, 1.0);
+    }
+    let mut taken = vec![false; points.len()];
+    for i in chosen.iter() {
+        taken[*i] = true;
+    }
+    let typical = 0.2 / points.len() as f64;
+    let mut spare: Vec<usize> = (0..points.len())
+        .filter(|i| !taken[*i] && weights[*i] > typical)
+        .collect();
+    for slot in chosen.iter_mut() {
+        let mut best = (cost(&sum), None);
+        for (s, candidate) in spare.iter().enumerate() {
+            let mut trial = sum;
+            add(&mut trial, *slot, -1.0);
+            add(&mut trial, *candidate, 1.0);
+            let c = cost(&trial);
+            if c < best.0 {
+                best = (c, Some(s));
+            }
+        }
+        if best.0 < 1e-10 && best.1.is_none() {
+            break;
+        }
+        if let (_, Some(s)) = best {
+            add(&mut sum, *slot, -1.0);
+            add(&mut sum, spare[s], 1.0);
+            std::mem::swap(slot, &mut spare[s]);
+        }
+        if cost(&sum) < 1e-8 {
+            break;
+        }
+    }
+}
+
+/// Distance between two segments, in m.
+fn distance(a: &(Vector3<f64>, Vector3<f64>), b: &(Vector3<f64>, Vector3<f64>)) -> f64 {
+    let (u, v, w) = (a.1 - a.0, b.1 - b.0, a.0 - b.0);
+    let (uu, uv, vv) = (u.norm_squared(), u.dot(&v), v.norm_squared());
+    let (uw, vw) = (u.dot(&w), v.dot(&w));
+    let determinant = uu * vv - uv * uv;
+    let mut s = if determinant > 1e-12 {
+        ((uv * vw - vv * uw) / determinant).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    let mut t = if vv > 1e-12 { (uv * s + vw) / vv } else { 0.0 };
+    if !(0.0..=1.0).contains(&t) {
+        t = t.clamp(0.0, 1.0);
+        s = if uu > 1e-12 {
+            ((uv * t - uw) / uu).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+    }
+    (w + u * s - v * t).norm()
+}

@@ -1,0 +1,50 @@
+//! The planner: where the arm is to touch, and in which poses it is recorded.
+//!
+//! First room of the data's path: robot, tool and cell in, [`Plan`] out; the
+//! campaign sends it pose by pose.
+//!
+//! ```text
+//!  Cell (plate, spheres, rules) ─▶ grid (Section 4.2 of the paper) ────────┐
+//!   Chain (FK, IK, Jacobian)    ─▶ path (continuous, within limits)        ├▶ order, travel ─▶ Plan
+//!   structured model ─▶ candidates ─▶ optimal (error left in the workspace) ┘
+//! ```
+//!
+//! [`design`] is the default: the poses that leave the least TCP error.
+//! [`paper_plan`] is the paper's grid, [`spread_plan`] a thinned one.
+//!
+//! Where the plate stands out of reach, [`suggest`] finds a better place.
+//!
+//! Nothing here knows the plant: plans are made from the nominal robot and the
+//! nominal places of the spheres; the operator's error comes in by [`teach`].
+
+mod bounds;
+mod build;
+mod candidates;
+mod cell;
+mod design;
+mod design_problem;
+mod error;
+mod grid;
+pub mod laser;
+mod optimal;
+mod order;
+mod path;
+mod place;
+mod teach;
+#[cfg(test)]
+mod test_support;
+mod travel;
+mod types;
+
+pub use bounds::Bounds;
+pub use build::{PlanRequest, home, paper_plan, plan, spread_plan};
+pub use candidates::Range;
+pub use cell::{Cell, PlatePose};
+pub use design::{CONTACTS, DesignRequest, design, design_for, predicted_accuracy};
+pub use error::PlanError;
+pub use grid::{Grid, GridPose};
+pub use order::{move_size, order};
+pub use path::{Obstacle, Rules};
+pub use place::suggest;
+pub use teach::teach;
+pub use types::{Accuracy, Plan, PosePlan, Rejection, SpherePlan, Waypoint};

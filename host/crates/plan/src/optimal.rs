@@ -1,0 +1,480 @@
+//! Choosing poses by the error that they leave: I-optimality of the predicted
+//! TCP over the validation volume, greedy with exchange swaps.
+//!
+//! With `Σ` the posterior covariance of the structured model (prior sigma as
+//! unit), `A_c` the whitened 3 x m rows of candidate c and `W` the mean of
+//! `G_vᵀ G_v` over the validation configurations (base aligned), the criterion
+//! is `tr(W Σ)`: the mean square of the predicted TCP error. Adding c changes it
+//! by `−tr((I + S)⁻¹ T)` with `S = A Σ Aᵀ` and `T = A Σ W Σ Aᵀ`, both 3 x 3. They
+//! are kept for every candidate and updated with each choice by products of 6
+//! vectors with all rows, so a choice among N costs `18 N m` multiplications.
+//!
+//! A choice may weigh what a pose gains against the time that it takes to come
+//! there ([`Travel`]).
+
+use nalgebra::{DMatrix, Matrix3, Matrix6, Matrix6xX, SMatrix, Vector3};
+use rayon::prelude::*;
+
+use super::travel::Travel;
+
+/// Mean length of a normal 3-vector over its root mean square (exact if isotropic).
+const MEAN_OF_RMS: f64 = 0.9213;
+
+/// What is to be predicted, and what can be measured.
+pub(super) struct Problem {
+    /// Rows of candidate c are the columns 3c, 3c+1, 3c+2; m x 3N.
+    rows: DMatrix<f64>,
+    /// `W`, m x m.
+    weight: DMatrix<f64>,
+    /// `G_vᵀ` of each validation configuration, base aligned, m x 3, in m.
+    predictions: Vec<DMatrix<f64>>,
+    /// Variance (trace) of the unmodelled joint noise at each of them, in m².
+    noise: Vec<f64>,
+}
+
+/// Predicted TCP error over the validation configurations, base aligned, in m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Predicted {
+    /// Mean length.
+    pub(super) mean: f64,
+    /// Mean length at the worst configuration.
+    pub(super) worst: f64,
+}
+
+impl Problem {
+    /// From the candidates' rows (3 x m each, row by row) and from rows, place
+    /// and noise of the predictions ([`spherecal_identify::DesignModel`]).
+    pub(super) fn new(m: usize, candidates: &[Vec<f64>], predictions: &[(Vec<f64>, Vector3<f64>, f64)]) -> Self {
+        let mut rows = DMatrix::zeros(m, 3 * candidates.len());
+        for (target, source) in rows.as_mut_slice().chunks_mut((3 * m).max(1)).zip(candidates) {
+            target.copy_from_slice(&source[..3 * m]);
+        }
+        let noise: Vec<f64> = predictions.iter().map(|p| p.2).collect();
+        let points: Vec<Vector3<f64>> = predictions.iter().map(|p| p.1).collect();
+        let mut blocks: Vec<DMatrix<f64>> = predictions
+            .iter()
+            .map(|p| DMatrix::from_column_slice(m, 3, &p.0[..3 * m]))
+            .collect();
+        align(&mut blocks, &points);
+        let mut weight = DMatrix::zeros(m, m);
+        for block in &blocks {
+            weight.gemm(1.0 / blocks.len().max(1) as f64, block, &block.transpose(), 1.0);
+        }
+        Self {
+            rows,
+            weight,
+            predictions: blocks,
+            noise,
+        }
+    }
+
+    fn candidate(&self, c: usize) -> DMatrix<f64> {
+        self.rows.columns(3 * c, 3).into_owned()
+    }
+
+    fn count(&self) -> usize {
+        self.rows.ncols() / 3
+    }
+
+    /// The same with only these candidates.
+    pub(super) fn only(&self, candidates: &[usize]) -> Self {
+        let m = self.rows.nrows();
+        let mut rows = DMatrix::zeros(m, 3 * candidates.len());
+        for (k, c) in candidates.iter().enumerate() {
+            rows.columns_mut(3 * k, 3).copy_from(&self.rows.columns(3 * c, 3));
+        }
+        Self {
+            rows,
+            weight: self.weight.clone(),
+            predictions: self.predictions.clone(),
+            noise: self.noise.clone(),
+        }
+    }
+}
+
+/// `Xᵀ A` and `Yᵀ A` for a candidate's rows `A` (its three columns one after the
+/// other), X and Y side by side in `left`.
+fn products(left: &[[f64; 6]], rows: &[f64]) -> (Matrix3<f64>, Matrix3<f64>) {
+    let (one, rest) = rows.split_at(left.len());
+    let (two, three) = rest.split_at(left.len());
+    let mut sums = [[0.0; 6]; 3];
+    for (((l, a), b), c) in left.iter().zip(one).zip(two).zip(three) {
+        for k in 0..6 {
+            sums[0][k] += l[k] * a;
+            sums[1][k] += l[k] * b;
+            sums[2][k] += l[k] * c;
+        }
+    }
+    let part = |first: usize| Matrix3::from_fn(|i, j| sums[j][first + i]);
+    (part(0), part(3))
+}
+
+/// Takes the best-fitting rigid motion of all points out of every column.
+fn align(blocks: &mut [DMatrix<f64>], points: &[Vector3<f64>]) {
+    let m = blocks.first().map_or(0, DMatrix::nrows);
+    let mut normal = Matrix6::zeros();
+    let mut moments = Matrix6xX::<f64>::zeros(m);
+    let motion = |p: &Vector3<f64>| -> SMatrix<f64, 3, 6> {
+        let mut b = SMatrix::<f64, 3, 6>::zeros();
+        for axis in 0..3 {
+            let e: Vector3<f64> = Vector3::ith(axis, 1.0);
+            b.fixed_view_mut::<3, 1>(0, axis).copy_from(&e);
+            b.fixed_view_mut::<3, 1>(0, axis + 3).copy_from(&e.cross(p));
+        }
+        b
+    };
+    for (block, p) in blocks.iter().zip(points) {
+        let b = motion(p);
+        normal += b.transpose() * b;
+        moments += b.transpose() * block.transpose();
+    }
+    let Some(factor) = normal.cholesky() else {
+        return;
+    };
+    let fitted = factor.solve(&moments);
+    for (block, p) in blocks.iter_mut().zip(points) {
+        *block -= (motion(p) * &fitted).transpose();
+    }
+}
+
+/// A growing and changing choice of candidates.
+#[derive(Clone)]
+pub(super) struct Design<'a> {
+    problem: &'a Problem,
+    sigma: DMatrix<f64>,
+    s: Vec<Matrix3<f64>>,
+    t: Vec<Matrix3<f64>>,
+    /// Candidates in the order in which they came.
+    pub(super) chosen: Vec<usize>,
+    taken: Vec<bool>,
+    allowed: Vec<bool>,
+    /// Travel and how patiently it is borne.
+    travel: Option<(Travel<'a>, f64)>,
+    /// `tr(W Σ)`, in m².
+    pub(super) value: f64,
+}
+
+impl<'a> Design<'a> {
+    /// Nothing chosen, every candidate allowed.
+    pub(super) fn new(problem: &'a Problem) -> Self {
+        let m = problem.weight.nrows();
+        let n = problem.count();
+        let mut design = Self {
+            problem,
+            sigma: DMatrix::identity(m, m),
+            s: vec![Matrix3::zeros(); n],
+            t: vec![Matrix3::zeros(); n],
+            chosen: Vec::new(),
+            taken: vec![false; n],
+            allowed: vec![true; n],
+            travel: None,
+            value: 0.0,
+        };
+        design.refresh();
+        design
+    }
+
+    /// Weighs gains against the time to come there from here on; `patience` is
+    /// how many recordings a turn may last before half of its gain is lost.
+    pub(super) fn hurry(&mut self, mut travel: Travel<'a>, patience: f64) {
+        for c in &self.chosen {
+            travel.add(*c);
+        }
+        self.travel = Some((travel, patience));
+    }
+
+    /// These candidates chosen, in this order.
+    pub(super) fn of(problem: &'a Problem, chosen: Vec<usize>) -> Self {
+        let mut design = Self::new(problem);
+        for c in &chosen {
+            design.taken[*c] = true;
+        }
+        design.chosen = chosen;
+        design.refresh();
+        design
+    }
+
+    /// The same choice with only `allowed` candidates left in it, and the best
+    /// of these added until `count` are chosen.
+    pub(super) fn among(&self, allowed: Vec<bool>, count: usize) -> Self {
+        let mut design = self.clone();
+        for c in &self.chosen {
+            if !allowed[*c] {
+                design.update(*c, -1.0);
+            }
+        }
+        design.allow(allowed);
+        design.grow(count, |_| ());
+        design
+    }
+
+    /// The chosen candidates, and of the other allowed ones the `count` most
+    /// useful: what an exchange needs to look at.
+    pub(super) fn shortlist(&self, count: usize) -> Vec<usize> {
+        let mut others: Vec<usize> = (0..self.problem.count())
+            .filter(|c| self.allowed[*c] && !self.taken[*c])
+            .collect();
+        others.sort_by(|a, b| self.worth(*b).total_cmp(&self.worth(*a)));
+        others.truncate(count);
+        self.chosen.iter().copied().chain(others).collect()
+    }
+
+    /// Only candidates that `allowed` names may be chosen from here on.
+    pub(super) fn allow(&mut self, allowed: Vec<bool>) {
+        self.allowed = allowed;
+    }
+
+    /// Every candidate chosen.
+    pub(super) fn with_all(problem: &'a Problem) -> Self {
+        Self::of(problem, (0..problem.count()).collect())
+    }
+
+    /// Computes what the updates keep from scratch.
+    fn refresh(&mut self) {
+        let m = self.sigma.nrows();
+        let mut information = DMatrix::identity(m, m);
+        for c in &self.chosen {
+            let a = self.problem.candidate(*c);
+            information.gemm(1.0, &a, &a.transpose(), 1.0);
+        }
+        if let Some(factor) = information.cholesky() {
+            self.sigma = factor.inverse();
+        }
+        let weighted = &self.sigma * &self.problem.weight * &self.sigma;
+        let y = &weighted * &self.problem.rows;
+        let x = if self.chosen.is_empty() {
+            self.problem.rows.clone()
+        } else {
+            &self.sigma * &self.problem.rows
+        };
+        for c in 0..self.problem.count() {
+            let a = self.problem.rows.columns(3 * c, 3);
+            let place = |of: &DMatrix<f64>| {
+                let product = a.tr_mul(&of.columns(3 * c, 3));
+                Matrix3::from_fn(|i, j| product[(i, j)])
+            };
+            self.s[c] = place(&x);
+            self.t[c] = place(&y);
+        }
+        self.value = self.problem.weight.dot(&self.sigma);
+    }
+
+    /// How much adding a candidate takes off the criterion, in m².
+    fn gain(&self, c: usize) -> f64 {
+        let m = Matrix3::identity() + self.s[c];
+        m.try_inverse().map_or(0.0, |inverse| (inverse * self.t[c]).trace())
+    }
+
+    /// How much removing a chosen one adds to the criterion, in m².
+    fn loss(&self, c: usize) -> f64 {
+        let m = Matrix3::identity() - self.s[c];
+        m.try_inverse()
+            .map_or(f64::INFINITY, |inverse| (inverse * self.t[c]).trace())
+    }
+
+    /// What a candidate gains, the way there considered.
+    fn worth(&self, c: usize) -> f64 {
+        let share = self.travel.as_ref().map_or(1.0, |(t, patience)| t.share(c, *patience));
+        share * self.gain(c)
+    }
+
+    /// The best candidate to add, if there is any left.
+    fn best(&self) -> Option<usize> {
+        (0..self.problem.count())
+            .filter(|c| self.allowed[*c] && !self.taken[*c])
+            .map(|c| (c, self.worth(c)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(c, _)| c)
+    }
+
+    /// Adds (`sign` 1) or removes (−1) a candidate: the rank-3 update.
+    fn update(&mut self, c: usize, sign: f64) {
+        let m = (self.s[c] + Matrix3::identity() * sign).try_inverse();
+        let Some(inverse) = m else {
+            return;
+        };
+        let n = self.sigma.nrows();
+        let a = self.problem.candidate(c);
+        let x = &self.sigma * &a;
+        let wx = &self.problem.weight * &x;
+        let inner = {
+            let product = x.tr_mul(&wx);
+            Matrix3::from_fn(|i, j| product[(i, j)])
+        };
+        let wide = &self.sigma * &wx;
+        let left: Vec<[f64; 6]> = (0..n)
+            .map(|i| {
+                [
+                    x[(i, 0)],
+                    x[(i, 1)],
+                    x[(i, 2)],
+                    wide[(i, 0)],
+                    wide[(i, 1)],
+                    wide[(i, 2)],
+                ]
+            })
+            .collect();
+        let own = self.s.par_iter_mut().zip(self.t.par_iter_mut());
+        let rows = self.problem.rows.as_slice().par_chunks((3 * n).max(1));
+        own.zip(rows).with_min_len(64).for_each(|((s, t), rows)| {
+            let (b, d) = products(&left, rows);
+            let mb = inverse * b;
+            let cross = mb.transpose() * d;
+            *s -= b.transpose() * mb;
+            *t += mb.transpose() * inner * mb - cross - cross.transpose();
+        });
+        let scaled = &x * inverse;
+        self.sigma.gemm(-1.0, &scaled, &x.transpose(), 1.0);
+        self.value -= (inverse * inner).trace();
+        self.taken[c] = sign > 0.0;
+        if sign > 0.0 {
+            self.chosen.push(c);
+        } else {
+            self.chosen.retain(|k| *k != c);
+        }
+        if let Some((travel, _)) = &mut self.travel {
+            if sign > 0.0 {
+                travel.add(c);
+            } else {
+                travel.remove(c, &self.chosen);
+            }
+        }
+    }
+
+    /// Adds the best candidates until `count` are chosen. `on_step` sees the
+    /// design after each.
+    pub(super) fn grow(&mut self, count: usize, mut on_step: impl FnMut(&Self)) {
+        while self.chosen.len() < count {
+            let Some(c) = self.best() else {
+                return;
+            };
+            self.update(c, 1.0);
+            on_step(self);
+        }
+    }
+
+    /// Exchange swaps: each chosen pose is taken out, least useful first, and
+    /// the best candidate put in its place; ends when a pass takes less than
+    /// `tolerance` (relative) off the criterion, or after `passes`.
+    pub(super) fn exchange(&mut self, passes: usize, tolerance: f64) {
+        for _ in 0..passes {
+            let before = self.value;
+            let mut turn: Vec<usize> = self.chosen.clone();
+            turn.sort_by(|a, b| self.loss(*a).total_cmp(&self.loss(*b)));
+            for c in turn {
+                self.update(c, -1.0);
+                match self.best() {
+                    Some(new) => self.update(new, 1.0),
+                    None => self.update(c, 1.0),
+                }
+            }
+            if before - self.value < tolerance * before {
+                break;
+            }
+        }
+    }
+
+    /// Root mean square of the predicted error with this choice, `floor` times
+    /// the joint noise included, in m (times the mean length over it).
+    pub(super) fn root_mean_square(&self, floor: f64) -> f64 {
+        let noise = self.problem.noise.iter().sum::<f64>() / self.problem.noise.len().max(1) as f64;
+        MEAN_OF_RMS * (self.value + floor * floor * noise).max(0.0).sqrt()
+    }
+
+    /// The predicted error with this choice, `floor` times the joint noise included.
+    pub(super) fn predicted(&self, floor: f64) -> Predicted {
+        let all = self.problem.predictions.par_iter().zip(&self.problem.noise);
+        let lengths: Vec<f64> = all
+            .map(|(g, noise)| {
+                let spread = g.dot(&(&self.sigma * g)) + floor * floor * noise;
+                MEAN_OF_RMS * spread.max(0.0).sqrt()
+            })
+            .collect();
+        Predicted {
+            mean: lengths.iter().sum::<f64>() / lengths.len().max(1) as f64,
+            worst: lengths.iter().copied().fold(0.0, f64::max),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spherecal_model::halton::halton;
+
+    fn problem(n: usize, m: usize) -> Problem {
+        let number = |i: usize, k: usize| 4.0 * halton(i * 31 + k * 7 + 1, (i + k) % 11) - 2.0;
+        let candidates: Vec<Vec<f64>> = (0..n).map(|c| (0..3 * m).map(|k| number(c, k)).collect()).collect();
+        let predictions = (0..9)
+            .map(|v| {
+                let rows = (0..3 * m).map(|k| number(v + 1000, k)).collect();
+                let p = Vector3::new(halton(v + 1, 0), halton(v + 1, 1), halton(v + 1, 2));
+                (rows, p, 0.1)
+            })
+            .collect::<Vec<_>>();
+        Problem::new(m, &candidates, &predictions)
+    }
+
+    // The criterion from scratch, by inverting the information matrix.
+    fn direct(problem: &Problem, chosen: &[usize]) -> f64 {
+        let m = problem.weight.nrows();
+        let mut information = DMatrix::<f64>::identity(m, m);
+        for c in chosen {
+            let a = problem.candidate(*c);
+            information += &a * a.transpose();
+        }
+        (&problem.weight * information.try_inverse().expect("positive definite")).trace()
+    }
+
+    // Fails if an update of Σ, S, T or the criterion is wrong in adding or removing.
+    #[test]
+    fn updates_equal_the_direct_computation() {
+        let problem = problem(40, 8);
+        let mut design = Design::new(&problem);
+        assert!((design.value - direct(&problem, &[])).abs() < 1e-9);
+        for (c, sign) in [(3, 1.0), (17, 1.0), (22, 1.0), (17, -1.0), (30, 1.0), (3, -1.0)] {
+            let expected = design.value - if sign > 0.0 { design.gain(c) } else { -design.loss(c) };
+            design.update(c, sign);
+            assert!((design.value - expected).abs() < 1e-9);
+            assert!((design.value - direct(&problem, &design.chosen)).abs() < 1e-9);
+        }
+        let (s, t) = (design.s.clone(), design.t.clone());
+        design.refresh();
+        for k in 0..40 {
+            assert!((design.s[k] - s[k]).amax() < 1e-9);
+            assert!((design.t[k] - t[k]).amax() < 1e-9);
+        }
+    }
+
+    // Fails if the greedy step is not the best single one, or a swap makes things worse.
+    #[test]
+    fn greedy_takes_the_best_and_exchange_never_loses() {
+        let problem = problem(40, 8);
+        let mut design = Design::new(&problem);
+        design.grow(1, |_| ());
+        let best = (0..40).map(|c| direct(&problem, &[c])).fold(f64::INFINITY, f64::min);
+        assert!((design.value - best).abs() < 1e-9);
+        design.grow(6, |_| ());
+        let before = design.value;
+        design.exchange(3, 1e-9);
+        assert_eq!(design.chosen.len(), 6);
+        assert!(design.value <= before + 1e-12);
+    }
+
+    // Fails if a rigid motion of all validation points still counts as error.
+    #[test]
+    fn the_base_is_aligned_out() {
+        let points: Vec<Vector3<f64>> = (1..9)
+            .map(|i| Vector3::new(halton(i, 0), halton(i, 1), halton(i, 2)))
+            .collect();
+        let mut blocks: Vec<DMatrix<f64>> = points
+            .iter()
+            .map(|p| {
+                let v = Vector3::new(0.1, -0.2, 0.3) + Vector3::new(0.4, 0.5, -0.6).cross(p);
+                DMatrix::from_row_slice(1, 3, v.as_slice())
+            })
+            .collect();
+        align(&mut blocks, &points);
+        assert!(blocks.iter().all(|b| b.amax() < 1e-12));
+    }
+}

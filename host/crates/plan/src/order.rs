@@ -1,0 +1,157 @@
+//! Neighbour order: short continuous moves, about a second each, instead of the
+//! four or five that a random order takes.
+
+use spherecal_model::chain::{TcpPose, turn_between};
+
+/// Size of a move, in rad: the larger of rotation and elbow rules the time, the
+/// other breaks ties.
+pub fn move_size(a: &TcpPose, b: &TcpPose) -> f64 {
+    let elbow = match (a.elbow, b.elbow) {
+        (Some(a), Some(b)) => (b - a).abs(),
+        _ => 0.0,
+    };
+    let turn = turn_between(&a.rotation, &b.rotation);
+    turn.max(elbow) + 0.1 * turn.min(elbow)
+}
+
+/// Order in which to visit `poses` on a round trip from `start` and back near
+/// it, where the arm leaves as it came. Indices into `poses`.
+pub fn order(start: &TcpPose, poses: &[TcpPose]) -> Vec<usize> {
+    let n = poses.len();
+    let at = |k: usize| poses.get(k).unwrap_or(start);
+    round_trip(n, |a, b| move_size(at(a), at(b)) as f32)
+}
+
+/// A short round trip from node `n` over the nodes 0 to n-1: nearest
+/// neighbour, then 2-opt and single moves until nothing gets shorter. `size` is
+/// the way between two nodes, the same in both directions; f32 halves the
+/// traffic, and an order needs no more.
+pub(super) fn round_trip(n: usize, size: impl Fn(usize, usize) -> f32) -> Vec<usize> {
+    if n == 0 {
+        return Vec::new();
+    }
+    let mut distance = vec![0f32; (n + 1) * (n + 1)];
+    for a in 0..=n {
+        for b in 0..a {
+            let d = size(a, b);
+            distance[a * (n + 1) + b] = d;
+            distance[b * (n + 1) + a] = d;
+        }
+    }
+    let d = |a: usize, b: usize| distance[a * (n + 1) + b];
+
+    let mut left: Vec<usize> = (0..n).collect();
+    let mut tour = vec![n];
+    let mut last = n;
+    while let Some(k) = (0..left.len()).min_by(|a, b| d(last, left[*a]).total_cmp(&d(last, left[*b]))) {
+        last = left.swap_remove(k);
+        tour.push(last);
+    }
+    for _ in 0..50 {
+        let improved = two_opt(&mut tour, &d) | relocate(&mut tour, &d);
+        if !improved {
+            break;
+        }
+    }
+    tour.split_off(1)
+}
+
+/// One sweep of 2-opt on a round trip whose first node is fixed.
+fn two_opt(tour: &mut [usize], d: &impl Fn(usize, usize) -> f32) -> bool {
+    let n = tour.len();
+    let mut improved = false;
+    for i in 1..n.saturating_sub(1) {
+        for j in (i + 1)..n {
+            let (before, first, last, after) = (tour[i - 1], tour[i], tour[j], tour[(j + 1) % n]);
+            let gain = d(before, first) + d(last, after) - d(before, last) - d(first, after);
+            if gain > 1e-5 {
+                tour[i..=j].reverse();
+                improved = true;
+            }
+        }
+    }
+    improved
+}
+
+/// One sweep that takes each node out and puts it where it costs least.
+fn relocate(tour: &mut Vec<usize>, d: &impl Fn(usize, usize) -> f32) -> bool {
+    let n = tour.len();
+    let mut improved = false;
+    for i in 1..n {
+        let node = tour[i];
+        let detour = |a: usize, b: usize| d(a, node) + d(node, b) - d(a, b);
+        let saved = detour(tour[i - 1], tour[(i + 1) % n]);
+        // Place k: between tour[k] and the next, not next to itself.
+        let best = (0..n)
+            .filter(|k| *k != i && *k + 1 != i)
+            .map(|k| (k, detour(tour[k], tour[(k + 1) % n])))
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((k, cost)) = best
+            && cost < saved - 1e-5
+        {
+            tour.remove(i);
+            let at = if k < i { k + 1 } else { k };
+            tour.insert(at, node);
+            improved = true;
+        }
+    }
+    improved
+}
+
+/// Indices of `count` poses spread well over `poses`: the one nearest to
+/// `start`, then always the one farthest from those taken.
+pub(super) fn spread(start: &TcpPose, poses: &[TcpPose], count: usize) -> Vec<usize> {
+    let size = |a: &TcpPose, b: &TcpPose| {
+        let elbow = match (a.elbow, b.elbow) {
+            (Some(a), Some(b)) => b - a,
+            _ => 0.0,
+        };
+        turn_between(&a.rotation, &b.rotation).hypot(elbow)
+    };
+    let mut taken = Vec::new();
+    let first = (0..poses.len()).min_by(|a, b| size(start, &poses[*a]).total_cmp(&size(start, &poses[*b])));
+    let mut gap = vec![f64::INFINITY; poses.len()];
+    let mut next = first;
+    while let Some(k) = next
+        && taken.len() < count
+    {
+        taken.push(k);
+        for (g, pose) in gap.iter_mut().zip(poses) {
+            *g = g.min(size(&poses[k], pose));
+        }
+        next = (0..poses.len())
+            .max_by(|a, b| gap[*a].total_cmp(&gap[*b]))
+            .filter(|k| gap[*k] > 1e-9);
+    }
+    taken
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, Vector3};
+
+    use super::*;
+
+    fn pose(angle: f64) -> TcpPose {
+        TcpPose {
+            position: Vector3::zeros(),
+            rotation: Rotation3::from_axis_angle(&Vector3::z_axis(), angle),
+            elbow: Some(0.5 * angle),
+        }
+    }
+
+    // Fails if poses on a line are not visited out and back without a detour.
+    #[test]
+    fn a_line_is_walked_out_and_back() {
+        let poses: Vec<TcpPose> = [0.3, 0.1, 0.9, 0.5, 0.2, 0.7].map(pose).into();
+        let start = pose(0.0);
+        let tour = order(&start, &poses);
+        let mut sorted = tour.clone();
+        sorted.sort_unstable();
+        assert_eq!(sorted, [0, 1, 2, 3, 4, 5]);
+        let round = core::iter::once(&start).chain(tour.iter().map(|k| &poses[*k]));
+        let ends = round.clone().skip(1).chain(core::iter::once(&start));
+        let length: f64 = round.zip(ends).map(|(a, b)| move_size(a, b)).sum();
+        assert!((length - 2.0 * move_size(&start, &pose(0.9))).abs() < 1e-6, "{length}");
+    }
+}

@@ -1,0 +1,195 @@
+//! Continuous motion: what the controller does between two poses, followed step
+//! by step on the nominal robot.
+//!
+//! The controller turns the orientation along the shortest arc and moves the
+//! elbow angle in step with it, the TCP at rest (or, in free space here, on a
+//! straight line). A move is allowed when inverse kinematics follows it without
+//! a jump, inside the joint limits and away from the singular places.
+
+use nalgebra::Rotation3;
+use serde::{Deserialize, Serialize};
+
+use spherecal_model::chain::{Chain, TcpPose, rotation_vector, turn_between, wrapped};
+
+/// What stands in the way of a pose or a move.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
+pub enum Obstacle {
+    /// No joint angles solve the pose.
+    #[error("out of reach")]
+    OutOfReach,
+    /// A joint limit, margin included.
+    #[error("joint {joint} would be at {angle_deg:.1} degrees, within its limit's margin or beyond")]
+    JointLimit {
+        /// Joint, from 1.
+        joint: u32,
+        /// Angle that it would need, in degrees.
+        angle_deg: f64,
+    },
+    /// Too near to a singular place.
+    #[error("singular: joint {joint} at {angle_deg:.1} degrees")]
+    Singular {
+        /// Joint whose axis aligns its neighbours; 0 where no single joint does.
+        joint: u32,
+        /// Its angle, in degrees (for joint 0: 0).
+        angle_deg: f64,
+    },
+    /// The joints would have to jump on the way.
+    #[error("no continuous motion: joint {joint} would jump by {jump_deg:.1} degrees")]
+    Jump {
+        /// Joint, from 1.
+        joint: u32,
+        /// Size of the jump over one step of the path, in degrees.
+        jump_deg: f64,
+    },
+}
+
+impl Obstacle {
+    /// The kind in words, for counting.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::OutOfReach => "out of reach",
+            Self::JointLimit { .. } => "joint limit",
+            Self::Singular { .. } => "singular",
+            Self::Jump { .. } => "no continuous motion",
+        }
+    }
+}
+
+/// What a configuration and a move must keep.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Rules {
+    /// Distance to every joint limit, in rad.
+    pub limit_margin_rad: f64,
+    /// Smallest |q2|, |q4| and |q6| of a spherical-rotational-spherical arm, in
+    /// rad: at zero two axes of shoulder, elbow or wrist align.
+    pub singular_rad: [f64; 3],
+    /// For every other arm: smallest singular value of the TCP Jacobian (m and rad).
+    pub singular_value: f64,
+    /// Step of the followed path, in rad of rotation or elbow.
+    pub step_rad: f64,
+    /// Largest change of any joint over one step, in rad.
+    pub jump_rad: f64,
+}
+
+impl Default for Rules {
+    /// Keeps 15 degrees from the shoulder's singularity, where the elbow turns
+    /// joint 1 fast, and 10 from those of elbow and wrist; 7 degrees from the
+    /// limits: the arm gives way while it turns, and more where it breaks loose.
+    fn default() -> Self {
+        Self {
+            limit_margin_rad: 7f64.to_radians(),
+            singular_rad: [15f64.to_radians(), 10f64.to_radians(), 10f64.to_radians()],
+            singular_value: 0.03,
+            step_rad: 3f64.to_radians(),
+            jump_rad: 30f64.to_radians(),
+        }
+    }
+}
+
+impl Rules {
+    /// What the paper's whole grid is filtered by: 2 degrees to the limits, as
+    /// in the reference worlds (1,843 of 1,875 poses), and no singular place hit.
+    pub fn paper() -> Self {
+        Self {
+            limit_margin_rad: 2f64.to_radians(),
+            singular_rad: [1f64.to_radians(); 3],
+            ..Self::default()
+        }
+    }
+
+    /// The rules for passing through: a third of the distance to singular places.
+    pub fn passing(&self) -> Self {
+        Self {
+            singular_rad: self.singular_rad.map(|s| s / 3.0),
+            singular_value: self.singular_value / 3.0,
+            ..*self
+        }
+    }
+
+    /// Checks one configuration that is to be recorded.
+    ///
+    /// # Errors
+    /// The limit or the singular place that is too near.
+    pub fn configuration(&self, chain: &Chain, q: &[f64]) -> Result<(), Obstacle> {
+        for ((joint, q), limit) in (1..).zip(q).zip(chain.limits()) {
+            if *q < limit.min_rad + self.limit_margin_rad || *q > limit.max_rad - self.limit_margin_rad {
+                return Err(Obstacle::JointLimit {
+                    joint,
+                    angle_deg: q.to_degrees(),
+                });
+            }
+        }
+        if chain.closed_form() {
+            for (k, least) in self.singular_rad.iter().enumerate() {
+                let joint = 2 * k + 1;
+                let angle = q[joint] + chain.rows()[joint].theta;
+                if wrapped(angle).sin().abs() < least.sin() {
+                    return Err(Obstacle::Singular {
+                        joint: joint as u32 + 1,
+                        angle_deg: angle.to_degrees(),
+                    });
+                }
+            }
+        } else if chain.smallest_singular_value(q) < self.singular_value {
+            return Err(Obstacle::Singular {
+                joint: 0,
+                angle_deg: 0.0,
+            });
+        }
+        Ok(())
+    }
+
+    /// Follows the move from `from`, where the joints are at `q`, to `to`, by
+    /// the rules for [`passing`](Self::passing). Returns the joint angles at the
+    /// end, in rad.
+    ///
+    /// # Errors
+    /// What stands in the way.
+    pub fn follow(&self, chain: &Chain, from: &TcpPose, q: &[f64], to: &TcpPose) -> Result<Vec<f64>, Obstacle> {
+        let count = (move_angle(from, to) / self.step_rad)
+            .max((to.position - from.position).norm() / 0.010)
+            .ceil()
+            .max(1.0) as usize;
+        let passing = self.passing();
+        let mut current = q.to_vec();
+        for k in 1..=count {
+            let pose = between(from, to, k as f64 / count as f64);
+            let next = chain.follow(&pose, &current).ok_or(Obstacle::OutOfReach)?;
+            for ((joint, a), b) in (1..).zip(&current).zip(&next) {
+                if (a - b).abs() > self.jump_rad {
+                    return Err(Obstacle::Jump {
+                        joint,
+                        jump_deg: (a - b).abs().to_degrees(),
+                    });
+                }
+            }
+            passing.configuration(chain, &next)?;
+            current = next;
+        }
+        Ok(current)
+    }
+}
+
+/// Larger of the rotation angle and the elbow's change between two poses, in rad.
+pub(super) fn move_angle(a: &TcpPose, b: &TcpPose) -> f64 {
+    let elbow = match (a.elbow, b.elbow) {
+        (Some(a), Some(b)) => (b - a).abs(),
+        _ => 0.0,
+    };
+    turn_between(&a.rotation, &b.rotation).max(elbow)
+}
+
+/// The pose at fraction `t` of the move.
+pub(super) fn between(a: &TcpPose, b: &TcpPose, t: f64) -> TcpPose {
+    let turn = rotation_vector(&(b.rotation * a.rotation.inverse()));
+    TcpPose {
+        position: a.position + (b.position - a.position) * t,
+        rotation: Rotation3::new(turn * t) * a.rotation,
+        elbow: match (a.elbow, b.elbow) {
+            (Some(a), Some(b)) => Some(a + (b - a) * t),
+            (_, b) => b,
+        },
+    }
+}

@@ -1,0 +1,80 @@
+//! Where to put the plate: a place that this arm can work at.
+//!
+//! A plan is made for a plate that stands where the configuration says. Where
+//! that is out of reach, [`suggest`] finds a place that is not, so that the
+//! refusal can name it.
+
+use nalgebra::{Rotation3, Vector3};
+use rayon::prelude::*;
+
+use super::build::{Start, home, tool_yaw};
+use super::cell::{Cell, PlatePose};
+use super::path::Rules;
+use spherecal_model::chain::{Chain, TcpPose};
+
+/// Distances of the plate's centre from the axis of joint 1, in m, by step.
+const RADIUS: (f64, f64, u32) = (0.25, 0.075, 10);
+/// Heights of the sphere centres over F0, in m.
+const HEIGHT: (f64, f64, u32) = (0.05, 0.075, 8);
+/// Tilts about the tool's axes that a useful place allows, in rad: the paper's widest.
+const TILT: f64 = 20.0 * core::f64::consts::PI / 180.0;
+
+/// A place for the plate on the x axis of F0, turned as the cell's first: of a
+/// grid the one at which the arm reaches the most of the widest turns of the
+/// paper's grid on every sphere, and of those the one with the most room to the
+/// joint limits. `None` where it reaches all spheres from nowhere.
+pub fn suggest(cell: &Cell, chain: &Chain, rules: &Rules) -> Option<PlatePose> {
+    let like = cell.plates.first()?;
+    let places: Vec<(u32, u32)> = (0..RADIUS.2).flat_map(|i| (0..HEIGHT.2).map(move |k| (i, k))).collect();
+    let worths: Vec<_> = places
+        .par_iter()
+        .filter_map(|&(i, k)| {
+            let x = RADIUS.0 + RADIUS.1 * f64::from(i);
+            let z = HEIGHT.0 + HEIGHT.1 * f64::from(k);
+            let plate = PlatePose {
+                centre_m: [x, 0.0, z],
+                ..*like
+            };
+            Some((worth(cell, chain, rules, &plate)?, plate))
+        })
+        .collect();
+    // The first of equals: the answer does not depend on the number of threads.
+    let better = |a: &(usize, f64), b: &(usize, f64)| a.0 > b.0 || (a.0 == b.0 && a.1 > b.1);
+    let mut best: Option<((usize, f64), PlatePose)> = None;
+    for found in worths {
+        if best.as_ref().is_none_or(|(most, _)| better(&found.0, most)) {
+            best = Some(found);
+        }
+    }
+    best.map(|(_, plate)| plate)
+}
+
+/// Turns that are within reach at a place, over all spheres, and the least room
+/// to a joint limit at the neutral poses, in rad; `None` where a sphere is not.
+fn worth(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose) -> Option<(usize, f64)> {
+    let mut cell = Cell {
+        plates: vec![*plate],
+        // Of another place another yaw is the best.
+        tool_yaw_rad: None,
+        ..cell.clone()
+    };
+    let yaw = tool_yaw(&cell, chain, rules, plate).ok()?;
+    cell.tool_yaw_rad = Some(yaw);
+    home(&cell, chain, rules).ok()?;
+    let (mut turns, mut room) = (0, f64::INFINITY);
+    for sphere in &cell.spheres {
+        let start = Start::new(&cell, chain, rules, plate, sphere, yaw).ok()?;
+        room = room.min(chain.limit_margin(&start.joints));
+        for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
+            for angle in [-TILT, TILT] {
+                let turned = TcpPose {
+                    rotation: start.neutral.rotation * Rotation3::from_axis_angle(&axis, angle),
+                    ..start.neutral
+                };
+                let reached = rules.follow(chain, &start.neutral, &start.joints, &turned);
+                turns += usize::from(reached.is_ok());
+            }
+        }
+    }
+    Some((turns, room))
+}

@@ -1,0 +1,144 @@
+//! Time: how long the arm takes for what a plan asks of it, and the order of
+//! visits that takes the least.
+//!
+//! Motions follow the controller's rest-to-rest quintic under the procedure's
+//! default speeds; what does not depend on the plan is counted as simulated
+//! campaigns measured it.
+
+use spherecal_shared::procedure::{Motion, Turn};
+
+use super::candidates::{Candidate, Visit, way_is_clear};
+use super::cell::Cell;
+use super::order::round_trip;
+use super::path::move_angle;
+use super::types::Waypoint;
+use spherecal_model::chain::Chain;
+
+/// Settling, recording and the pull at a pose, in s: 0.4, 1.1 and 0.15.
+pub(super) const RECORD_S: f64 = 1.65;
+/// Approach, contact, coupling, test pull and decoupling, in s.
+pub(super) const VISIT_S: f64 = 13.5;
+
+/// Time of a quintic from rest to rest over `distance`, in s: its speed peaks
+/// at 1.875 times the mean, its acceleration at 5.774 distances over time squared.
+fn quintic_s(distance: f64, speed: f64, acceleration: f64) -> f64 {
+    (1.875 * distance / speed).max((5.774 * distance / acceleration).sqrt())
+}
+
+/// Time of a turn about a sphere by `angle` (rad), in s.
+pub(super) fn turn_s(angle: f64) -> f64 {
+    let turn = Turn::default();
+    quintic_s(angle, turn.speed_rad_s, turn.acceleration_rad_s2)
+}
+
+/// Time of a joint motion between two configurations (rad), in s.
+pub(super) fn motion_s(a: &[f64], b: &[f64]) -> f64 {
+    let motion = Motion::default();
+    let distance = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    quintic_s(distance, motion.speed_rad_s, motion.acceleration_rad_s2)
+}
+
+/// What it costs to come to a candidate: the turn from the nearest pose of its
+/// visit that is chosen already, or from where the visit begins.
+#[derive(Clone)]
+pub(super) struct Travel<'a> {
+    candidates: &'a [Candidate],
+    visits: &'a [Visit],
+    /// Time from the nearest chosen pose, in s, by candidate.
+    reach_s: Vec<f64>,
+}
+
+impl<'a> Travel<'a> {
+    /// Nothing chosen.
+    pub(super) fn new(candidates: &'a [Candidate], visits: &'a [Visit]) -> Self {
+        let mut travel = Self {
+            candidates,
+            visits,
+            reach_s: Vec::new(),
+        };
+        travel.reach_s = candidates.iter().map(|c| travel.start_s(c)).collect();
+        travel
+    }
+
+    /// Time from where the visit begins, in s.
+    fn start_s(&self, c: &Candidate) -> f64 {
+        turn_s(move_angle(&self.visits[c.visit].start.neutral, &c.pose))
+    }
+
+    /// A candidate was chosen.
+    pub(super) fn add(&mut self, chosen: usize) {
+        let new = &self.candidates[chosen];
+        for (reach, c) in self.reach_s.iter_mut().zip(self.candidates) {
+            if c.visit == new.visit {
+                *reach = reach.min(turn_s(move_angle(&new.pose, &c.pose)));
+            }
+        }
+    }
+
+    /// A candidate was taken out, and these are left.
+    pub(super) fn remove(&mut self, gone: usize, left: &[usize]) {
+        let visit = self.candidates[gone].visit;
+        let here: Vec<&Candidate> = left
+            .iter()
+            .map(|c| &self.candidates[*c])
+            .filter(|c| c.visit == visit)
+            .collect();
+        for k in 0..self.candidates.len() {
+            let c = &self.candidates[k];
+            if c.visit == visit {
+                let start = self.start_s(c);
+                let nearest = here.iter().map(|other| turn_s(move_angle(&other.pose, &c.pose)));
+                self.reach_s[k] = nearest.fold(start, f64::min);
+            }
+        }
+    }
+
+    /// Share of a candidate's gain that counts: gain per second, in units of a
+    /// pose that is on the way, less and less so as `patience` grows.
+    pub(super) fn share(&self, candidate: usize, patience: f64) -> f64 {
+        (patience * RECORD_S) / (patience * RECORD_S + self.reach_s[candidate])
+    }
+}
+
+/// The order of visits that takes the least travelling, from home and back, and
+/// for each whether the way to it leads over home: where the straight joint
+/// motion from the visit before is not clear.
+pub(super) fn tour(cell: &Cell, chain: &Chain, home: &Waypoint, visits: &[&Visit]) -> Vec<(usize, bool)> {
+    let at = |k: usize| visits.get(k).map_or(&home.joints, |v| &v.start.approach.joints);
+    let n = visits.len();
+    let over_home = |a: usize, b: usize| motion_s(at(a), &home.joints) + motion_s(&home.joints, at(b));
+    let mut direct = vec![false; n * n];
+    for a in 0..n {
+        for b in 0..a {
+            let same_place = visits[a].place == visits[b].place;
+            let clear = same_place
+                && cell
+                    .plates
+                    .get(visits[a].place as usize)
+                    .is_some_and(|plate| way_is_clear(cell, chain, plate, at(a), at(b)));
+            direct[a * n + b] = clear;
+            direct[b * n + a] = clear;
+        }
+    }
+    let is_direct = |a: usize, b: usize| a < n && b < n && direct[a * n + b];
+    let cost = |a: usize, b: usize| {
+        let s = if a == n || b == n || is_direct(a, b) {
+            motion_s(at(a), at(b))
+        } else {
+            over_home(a, b)
+        };
+        s as f32
+    };
+    let mut order = round_trip(n, cost);
+    // The plate is moved once to each of its placements.
+    order.sort_by_key(|k| visits[*k].place);
+    let mut before = n;
+    order
+        .into_iter()
+        .map(|k| {
+            let over = !is_direct(before, k);
+            before = k;
+            (k, over)
+        })
+        .collect()
+}

@@ -1,0 +1,104 @@
+//! A table's file: Parquet (compressed by Snappy) or CSV with a header row.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use super::{ExportError, Table};
+
+/// Kind of file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Apache Parquet.
+    Parquet,
+    /// Comma-separated values with a header row.
+    Csv,
+}
+
+enum Writer {
+    #[cfg(feature = "parquet")]
+    Parquet(super::parquet_file::ParquetFile),
+    Csv(csv::Writer<File>),
+}
+
+/// A file that takes a table, in one piece or in several.
+pub struct TableFile {
+    path: PathBuf,
+    writer: Writer,
+}
+
+impl TableFile {
+    /// Makes the file for tables with the name and columns of `table`, and
+    /// writes no row yet.
+    ///
+    /// # Errors
+    /// When it cannot be made.
+    pub fn create(folder: &Path, format: Format, table: &Table) -> Result<Self, ExportError> {
+        let extension = match format {
+            Format::Parquet => "parquet",
+            Format::Csv => "csv",
+        };
+        let path = folder.join(format!("{}.{extension}", table.name));
+        let failed = |what: String| ExportError::Write {
+            path: path.display().to_string(),
+            what,
+        };
+        if format == Format::Parquet && cfg!(not(feature = "parquet")) {
+            return Err(ExportError::NoParquet);
+        }
+        let file = File::create(&path).map_err(|e| failed(e.to_string()))?;
+        let writer = match format {
+            #[cfg(feature = "parquet")]
+            Format::Parquet => {
+                let writer = super::parquet_file::ParquetFile::new(file, table).map_err(|e| failed(e.to_string()))?;
+                Writer::Parquet(writer)
+            }
+            #[cfg(not(feature = "parquet"))]
+            Format::Parquet => return Err(ExportError::NoParquet),
+            Format::Csv => {
+                let mut writer = csv::Writer::from_writer(file);
+                let header = table.columns.iter().map(|(name, _)| name);
+                writer.write_record(header).map_err(|e| failed(e.to_string()))?;
+                Writer::Csv(writer)
+            }
+        };
+        Ok(Self { path, writer })
+    }
+
+    /// Appends rows: a table with the same columns.
+    ///
+    /// # Errors
+    /// When they cannot be written.
+    pub fn append(&mut self, table: &Table) -> Result<(), ExportError> {
+        let result = match &mut self.writer {
+            #[cfg(feature = "parquet")]
+            Writer::Parquet(writer) => writer.append(table).map_err(|e| e.to_string()),
+            Writer::Csv(writer) => (0..table.rows())
+                .try_for_each(|row| writer.write_record(table.columns.iter().map(|(_, c)| c.cell(row))))
+                .map_err(|e| e.to_string()),
+        };
+        result.map_err(|what| self.failed(what))
+    }
+
+    /// Closes the file; returns its path.
+    ///
+    /// # Errors
+    /// When its end cannot be written.
+    pub fn finish(mut self) -> Result<PathBuf, ExportError> {
+        let result = match &mut self.writer {
+            #[cfg(feature = "parquet")]
+            Writer::Parquet(writer) => writer.finish().map_err(|e| e.to_string()),
+            Writer::Csv(writer) => writer.flush().map_err(|e| e.to_string()),
+        };
+        match result {
+            Ok(()) => Ok(self.path),
+            Err(what) => Err(self.failed(what)),
+        }
+    }
+
+    fn failed(&self, what: String) -> ExportError {
+        ExportError::Write {
+            path: self.path.display().to_string(),
+            what,
+        }
+    }
+}

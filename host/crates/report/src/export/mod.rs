@@ -1,0 +1,96 @@
+//! Export for data people: a run as tables, in Parquet or CSV.
+//!
+//! ```text
+//!   Store ───────────┐
+//!                    ├─▶ Table ─▶ TableFile ─▶ recordings.parquet, contacts.csv, …
+//!   telemetry.mcap ──┘
+//! ```
+//!
+//! One file for each table, SI units in the columns' names. Numbers are written
+//! so that they read back bit by bit.
+//!
+//! | table | a row is |
+//! |---|---|
+//! | `recordings` | one pose, averaged: joint angles and torques |
+//! | `poses` | the same, as `spherecal identify --data` reads it |
+//! | `contacts`, `couplings`, `phases`, `faults` | one event |
+//! | `laser` | one shot of the tracker |
+//! | `parameters` | one parameter of the model, if the run was identified |
+//! | `telemetry` | one control period, if `telemetry.mcap` is there |
+
+mod file;
+#[cfg(feature = "parquet")]
+mod parquet_file;
+mod table;
+mod tables;
+mod telemetry;
+
+use std::path::{Path, PathBuf};
+
+pub use file::{Format, TableFile};
+pub use table::{Column, Table};
+
+use spherecal_store::{CalibrationStore, StoreError};
+
+/// Why a run could not be exported.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The run could not be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A file could not be written.
+    #[error("{path}: {what}: check the folder, its permissions and the space left")]
+    Write {
+        /// File.
+        path: String,
+        /// What happened.
+        what: String,
+    },
+    /// This program was built without what is asked for.
+    #[error(
+        "Parquet files need the feature `parquet`, which this program was built without: build it with \
+         --features parquet, or give --format csv"
+    )]
+    NoParquet,
+    /// The telemetry could not be read.
+    #[error("{path}: {what}: move the file away to export without telemetry")]
+    Telemetry {
+        /// File.
+        path: String,
+        /// What is wrong.
+        what: String,
+    },
+}
+
+/// Writes every table of a run that has rows into `folder`; `telemetry` is the
+/// run's MCAP file, where there is one. Returns the files.
+///
+/// # Errors
+/// When the run or its telemetry cannot be read, or a file not be written.
+pub fn export(
+    store: &mut dyn CalibrationStore,
+    run: i64,
+    telemetry: Option<&Path>,
+    format: Format,
+    folder: &Path,
+) -> Result<Vec<PathBuf>, ExportError> {
+    std::fs::create_dir_all(folder).map_err(|e| ExportError::Write {
+        path: folder.display().to_string(),
+        what: e.to_string(),
+    })?;
+    let mut files = Vec::new();
+    for table in tables::of_run(store, run)? {
+        if table.rows() > 0 {
+            let mut file = TableFile::create(folder, format, &table)?;
+            file.append(&table)?;
+            files.push(file.finish()?);
+        }
+    }
+    if let Some(path) = telemetry {
+        files.extend(telemetry::export(path, format, folder)?);
+    }
+    Ok(files)
+}
+
+#[cfg(test)]
+mod tests;

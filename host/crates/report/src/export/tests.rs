@@ -1,0 +1,84 @@
+//! Tables as another reader finds them.
+
+use super::*;
+
+fn table() -> Table {
+    let mut t = Table::new("sample");
+    t.real("real", [0.1, -0.0, f64::MIN_POSITIVE, 1.0 / 3.0]);
+    t.whole("whole", [i64::MIN, -1, 0, i64::MAX]);
+    t.text("text", ["a", "", "c,\"d\"\n", "é"].map(str::to_owned));
+    t
+}
+
+// Fails if a value changes, a row group is lost, or a column has another name
+// or type for a reader of Parquet.
+#[cfg(feature = "parquet")]
+#[test]
+fn parquet_reads_back_bit_by_bit() {
+    use parquet::file::reader::{FileReader as _, SerializedFileReader};
+    use parquet::record::RowAccessor as _;
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let table = table();
+    let mut file = TableFile::create(folder.path(), Format::Parquet, &table).expect("made");
+    file.append(&table).expect("written");
+    file.append(&table).expect("written");
+    let path = file.finish().expect("closed");
+    let reader = SerializedFileReader::new(std::fs::File::open(path).expect("open")).expect("Parquet");
+    assert_eq!(reader.metadata().num_row_groups(), 2);
+    let names: Vec<_> = reader.metadata().file_metadata().schema_descr().columns().to_vec();
+    assert_eq!(
+        names.iter().map(|c| c.name()).collect::<Vec<_>>(),
+        ["real", "whole", "text"]
+    );
+    let rows: Vec<_> = reader
+        .get_row_iter(None)
+        .expect("rows")
+        .map(|r| r.expect("a row"))
+        .collect();
+    assert_eq!(rows.len(), 8);
+    let (Column::Real(real), Column::Whole(whole), Column::Text(text)) =
+        (&table.columns[0].1, &table.columns[1].1, &table.columns[2].1)
+    else {
+        panic!("types");
+    };
+    for (k, row) in rows.iter().enumerate() {
+        assert_eq!(row.get_double(0).expect("real").to_bits(), real[k % 4].to_bits());
+        assert_eq!(row.get_long(1).expect("whole"), whole[k % 4]);
+        assert_eq!(row.get_string(2).expect("text"), &text[k % 4]);
+    }
+}
+
+// Fails if CSV loses a bit of a number or tears a text.
+#[test]
+fn csv_reads_back_bit_by_bit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let table = table();
+    let mut file = TableFile::create(folder.path(), Format::Csv, &table).expect("made");
+    file.append(&table).expect("written");
+    let mut reader = csv::Reader::from_path(file.finish().expect("closed")).expect("CSV");
+    let rows: Vec<_> = reader.records().map(|r| r.expect("a row")).collect();
+    assert_eq!(rows.len(), 4);
+    let Column::Real(real) = &table.columns[0].1 else {
+        panic!("type")
+    };
+    for (row, value) in rows.iter().zip(real) {
+        let read: f64 = row[0].parse().expect("a number");
+        assert_eq!(read.to_bits(), value.to_bits());
+    }
+    assert_eq!(&rows[2][2], "c,\"d\"\n");
+    assert_eq!(&rows[0][1], i64::MIN.to_string());
+}
+
+// Fails if a program without Parquet leaves an empty file behind, or does not
+// say which feature brings it.
+#[cfg(not(feature = "parquet"))]
+#[test]
+fn without_the_feature_parquet_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let refusal = TableFile::create(folder.path(), Format::Parquet, &table())
+        .err()
+        .expect("refused");
+    assert!(refusal.to_string().contains("--features parquet"), "{refusal}");
+    assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 0);
+}

@@ -1,0 +1,29 @@
+//! The report: one self-contained HTML file, readable on screen (light and
+//! dark) and on paper, without a request to any network.
+//!
+//! ```text
+//!   study, or run ─▶ ReportInput (plain data, every section optional) ─▶ render ─▶ report.html
+//! ```
+//!
+//! What is said comes first, in words; then the numbers, each with its figure.
+//! Figures are SVG inside the page; their colours follow the page's theme.
+
+pub mod calibration;
+mod charts;
+pub mod export;
+mod from_study;
+mod input;
+mod page;
+mod space;
+mod time_charts;
+
+pub use charts::ChartError;
+pub use from_study::study_report;
+pub use input::{
+    ContactTrace, Correlation, Curves, ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, ParameterRow,
+    Prediction, ReportInput, ResidualPoint, SimpleTable, WorkspacePoint,
+};
+pub use page::render;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,381 @@
+//! The page: sections in the order in which they are asked for. All text of
+//! the user's is escaped by the templates.
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::charts::{self, ChartError};
+use super::input::{ErrorSeries, ErrorTable, ParameterRow, ReportInput, SimpleTable};
+use super::space;
+use super::time_charts;
+
+/// Parameters shown before the rest is folded away.
+const SHOWN_PARAMETERS: usize = 48;
+/// Outliers shown before the rest is folded away.
+const SHOWN_OUTLIERS: usize = 20;
+
+/// Renders the page.
+///
+/// # Errors
+/// A figure that could not be drawn, in words.
+pub fn render(input: &ReportInput) -> Result<String, ChartError> {
+    let mut sections: Vec<(&str, &str, Markup)> = Vec::new();
+    let mut add = |id: &'static str, title: &'static str, body: Option<Markup>| {
+        if let Some(body) = body {
+            sections.push((id, title, body));
+        }
+    };
+    let mut figures = Figures(0);
+    add("stillness", "How still it holds", stillness(input, &mut figures)?);
+    add("accuracy", "Accuracy", accuracy(input, &mut figures)?);
+    add("workspace", "Over the workspace", workspace(input, &mut figures)?);
+    add("predicted", "Predicted accuracy", predicted(input, &mut figures)?);
+    add("parameters", "Parameters", parameters(input));
+    add("correlation", "Correlations", correlation(input, &mut figures)?);
+    add("residuals", "Residuals and outliers", residuals(input, &mut figures)?);
+    add("contacts", "Contacts", contacts(input, &mut figures)?);
+    add("health", "Faults and link", tables(&input.health_tables));
+    add("notes", "Notes", notes(input));
+    add("provenance", "Provenance", provenance(input));
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="generator" content=(concat!("spherecal ", env!("CARGO_PKG_VERSION")));
+                title { (input.title) " – calibration report" }
+                style { (PreEscaped(include_str!("style.css"))) }
+            }
+            body {
+                main {
+                    header { h1 { (input.title) } p { (input.subtitle) } }
+                    (headline(input))
+                    nav { @for (id, title, _) in &sections { a href=(format!("#{id}")) { (title) } } }
+                    @for (id, title, body) in &sections {
+                        section id=(id) { h2 { (title) } (body) }
+                    }
+                    footer { "Written by spherecal " (env!("CARGO_PKG_VERSION")) ". This file holds everything it shows and asks no network for anything." }
+                }
+            }
+        }
+    };
+    Ok(page.into_string())
+}
+
+/// Numbers the figures.
+struct Figures(usize);
+
+impl Figures {
+    fn figure(&mut self, svg: &str, caption: &Markup) -> Markup {
+        self.0 += 1;
+        html! {
+            figure {
+                div.scroll { (PreEscaped(svg)) }
+                figcaption { b { "Figure " (self.0) ". " } (caption) }
+            }
+        }
+    }
+}
+
+fn headline(input: &ReportInput) -> Markup {
+    let h = &input.headline;
+    html! {
+        div class=(if h.trusted { "verdict" } else { "verdict no" }) {
+            p.mark { (if h.trusted { "May be used" } else { "Not to be used" }) }
+            p.say { (h.sentence) }
+            @if !h.reasons.is_empty() { ul { @for r in &h.reasons { li { (r) } } } }
+            @if !h.next.is_empty() { p.next { b { "Next: " } (h.next) } }
+        }
+        @if !h.figures.is_empty() {
+            dl.tiles {
+                @for (label, value, remark) in &h.figures {
+                    div { dt { (label) } dd { (value) small { (remark) } } }
+                }
+            }
+        }
+    }
+}
+
+fn swatch(name: &str) -> Markup {
+    let c = charts::colour(name);
+    let index = charts::SERIES.iter().position(|s| *s == c).unwrap_or(0);
+    html! { span.dot style=(format!("background:var(--series-{index})")) {} }
+}
+
+fn error_table(table: &ErrorTable) -> Markup {
+    let best = table.rows.iter().map(|r| r.mean_mm).fold(f64::INFINITY, f64::min);
+    html! {
+        h3 { (table.title) }
+        @if !table.caption.is_empty() { p.lead { (table.caption) } }
+        div.scroll { table {
+            thead { tr { th { "model" } th { "mean" } th { "std" } th { "min" } th { "max (mm)" } } }
+            tbody {
+                @for r in &table.rows {
+                    tr class=(if r.mean_mm <= best { "best" } else { "" }) {
+                        td { (swatch(&r.name)) (r.name.replace('_', " ")) }
+                        @for v in [r.mean_mm, r.std_mm, r.min_mm, r.max_mm] { td { (format!("{v:.3}")) } }
+                    }
+                }
+            }
+        } }
+    }
+}
+
+fn accuracy(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+    if input.error_tables.is_empty() && input.errors.is_empty() {
+        return Ok(None);
+    }
+    let all: Vec<&ErrorSeries> = input.errors.iter().filter(|s| !s.errors_mm.is_empty()).collect();
+    let calibrated: Vec<&ErrorSeries> = all.iter().copied().filter(|s| s.name != "nominal").collect();
+    let mut drawn = Vec::new();
+    if !all.is_empty() {
+        let svg = charts::histogram(&all, "Histogram of position errors, nominal and calibrated")?;
+        let words =
+            html! { "Position errors of all models: what calibration gained is the distance between the histograms." };
+        drawn.push(figures.figure(&svg, &words));
+    }
+    if calibrated.len() > 1 {
+        let svg = charts::histogram(&calibrated, "Histogram of position errors of the calibrated models")?;
+        let words = html! { "The calibrated models alone, on a finer scale." };
+        drawn.push(figures.figure(&svg, &words));
+    }
+    let (first, rest) = input.error_tables.split_at(input.error_tables.len().min(1));
+    Ok(Some(html! {
+        @for t in first { (error_table(t)) }
+        @for f in &drawn { (f) }
+        div.two { @for t in rest { div { (error_table(t)) } } }
+    }))
+}
+
+fn workspace(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+    if input.workspace.len() < 2 {
+        return Ok(None);
+    }
+    let svg = space::workspace(&input.workspace)?;
+    let words = html! { "Every judging configuration where the robot stood, seen from the front right and above; both panels have one scale." };
+    let figure = figures.figure(&svg, &words);
+    Ok(Some(
+        html! { p.lead { "Where the robot is off, and by how much." } (figure) },
+    ))
+}
+
+fn predicted(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+    let Some(p) = &input.prediction else { return Ok(None) };
+    let mut figure = None;
+    let inside = p.pairs_mm.iter().filter(|(s, e)| *e <= 2.0 * s).count();
+    if p.pairs_mm.len() > 2 {
+        let words = html! {
+            "Each judging sample: what the fit's covariance predicted against what was found. "
+            (inside) " of " (p.pairs_mm.len()) " lie under the line of two sigma."
+        };
+        figure = Some(figures.figure(&charts::prediction(p)?, &words));
+    }
+    Ok(Some(html! {
+        p.lead {
+            "From the covariance of all parameters, a predicted position is uncertain by "
+            b { (format!("{:.3} mm", p.mean_mm)) } " (1 sigma, mean over the workspace), at worst "
+            b { (format!("{:.3} mm", p.max_mm)) } "; 95 % of positions should lie within twice that."
+        }
+        @if let Some(f) = figure { (f) }
+    }))
+}
+
+/// A number with as many digits as its uncertainty deserves.
+fn number(value: f64, sigma: f64) -> String {
+    if value != 0.0 && value.abs() < 1e-3 && sigma < 1e-3 {
+        return format!("{value:.2e}");
+    }
+    let digits = if sigma > 0.0 {
+        (2.0 - sigma.log10().floor()).clamp(1.0, 7.0) as usize
+    } else {
+        4
+    };
+    format!("{value:.digits$}")
+}
+
+fn parameter_row(p: &ParameterRow) -> Markup {
+    let shift = p.estimate - p.nominal;
+    let percent = |v: f64| (50.0 + 50.0 * v / (3.0 * p.prior_sigma)).clamp(0.0, 100.0);
+    let drawn = p.free && p.prior_sigma > 0.0 && p.prior_sigma < 1.0;
+    let status = match (p.free, p.identified) {
+        (false, _) => "held fixed",
+        (true, true) => "identified",
+        (true, false) => "from the prior",
+    };
+    html! {
+        tr class=(if p.free { "" } else { "dim" }) {
+            td { (p.name) }
+            td { (number(p.nominal, p.sigma)) }
+            td { (number(p.estimate, p.sigma)) }
+            td { @if p.free { (number(shift, p.sigma)) } }
+            td { @if p.free { (format!("{:.2e}", p.sigma)) } }
+            td { (p.unit) }
+            td { @if drawn {
+                @let (low, high) = (percent(shift - 2.0 * p.sigma), percent(shift + 2.0 * p.sigma));
+                span.bar title="shift from nominal and its 95 % interval, over ±3 prior sigma" {
+                    i style=(format!("left:{low:.1}%;width:{:.1}%", (high - low).max(1.0))) {}
+                    u {} b style=(format!("left:calc({:.1}% - 1px)", percent(shift))) {}
+                }
+            } }
+            td { span class=(if p.identified { "tag yes" } else { "tag" }) { (status) } }
+        }
+    }
+}
+
+fn parameter_table(rows: &[&ParameterRow]) -> Markup {
+    html! {
+        div.scroll { table {
+            thead { tr { th { "parameter" } th { "nominal" } th { "estimate" } th { "shift" } th { "sigma" } th { "unit" }
+                th { "over ±3 prior sigma" } th { "status" } } }
+            tbody { @for p in rows { (parameter_row(p)) } }
+        } }
+    }
+}
+
+fn parameters(input: &ReportInput) -> Option<Markup> {
+    if input.parameters.is_empty() {
+        return None;
+    }
+    let is_effect = |p: &&ParameterRow| {
+        p.name.starts_with("harmonic") || p.name.starts_with("bending") || p.name.starts_with("tilt")
+    };
+    let main: Vec<&ParameterRow> = input.parameters.iter().filter(|p| !is_effect(p)).collect();
+    let effects: Vec<&ParameterRow> = input.parameters.iter().filter(is_effect).collect();
+    let (shown, folded) = main.split_at(main.len().min(SHOWN_PARAMETERS));
+    let identified = input.parameters.iter().filter(|p| p.identified).count();
+    let free = input.parameters.iter().filter(|p| p.free).count();
+    Some(html! {
+        p.lead {
+            (identified) " of " (free) " free parameters are determined by the data (their sigma is under half of what was known before). "
+            "Rows follow the modified DH table; the bar shows the shift with its 95 % interval."
+        }
+        @if !input.identifiability.is_empty() { ul { @for words in &input.identifiability { li { (words) } } } }
+        (parameter_table(shown))
+        @if !folded.is_empty() {
+            details { summary { "The other " (folded.len()) " parameters" } (parameter_table(folded)) }
+        }
+        @if !effects.is_empty() {
+            details { summary { "Random effects: " (effects.len()) " harmonics and bendings" } (parameter_table(&effects)) }
+        }
+    })
+}
+
+fn correlation(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+    let Some(c) = input.correlation.as_ref().filter(|c| c.names.len() > 1) else {
+        return Ok(None);
+    };
+    let mut strongest: Vec<(f64, &str, &str)> = Vec::new();
+    for (i, row) in c.values.iter().enumerate() {
+        for (j, &v) in row.iter().enumerate().take(i) {
+            if v.abs() > 0.9
+                && let (Some(a), Some(b)) = (c.names.get(i), c.names.get(j))
+            {
+                strongest.push((v, a, b));
+            }
+        }
+    }
+    strongest.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
+    let words = html! { "Correlation of the geometric parameters: red positive, blue negative. A strong pair is known together better than apart." };
+    let figure = figures.figure(&charts::correlation(c)?, &words);
+    Ok(Some(html! {
+        @if strongest.is_empty() {
+            p.lead { "No two geometric parameters are correlated beyond 0.9." }
+        } @else {
+            p.lead {
+                "Beyond 0.9: "
+                @for (k, (v, a, b)) in strongest.iter().take(8).enumerate() {
+                    @if k > 0 { ", " } (a) " and " (b) " (" (format!("{v:+.2}")) ")"
+                }
+                @if strongest.len() > 8 { ", and " (strongest.len() - 8) " more" } "."
+            }
+        }
+        (figure)
+    }))
+}
+
+fn simple_table(t: &SimpleTable) -> Markup {
+    html! {
+        h3 { (t.title) }
+        @if !t.caption.is_empty() { p.lead { (t.caption) } }
+        div.scroll { table {
+            thead { tr { @for c in &t.columns { th { (c) } } } }
+            tbody { @for row in &t.rows { tr { @for cell in row { td { (cell) } } } } }
+        } }
+    }
+}
+
+fn tables(tables: &[SimpleTable]) -> Option<Markup> {
+    (!tables.is_empty()).then(|| html! { @for t in tables { (simple_table(t)) } })
+}
+
+fn residuals(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+    if input.residuals.is_empty() && input.outliers.is_empty() && input.fit_tables.is_empty() {
+        return Ok(None);
+    }
+    let mut figure = None;
+    if !input.residuals.is_empty() {
+        let words = html! { "Distance of every recording from its target after calibration; outliers are ringed, and those beyond the frame sit at its upper edge." };
+        figure = Some(figures.figure(&charts::residuals(&input.residuals)?, &words));
+    }
+    let (shown, folded) = input.outliers.split_at(input.outliers.len().min(SHOWN_OUTLIERS));
+    let list = |rows: &[(String, String)]| {
+        html! {
+            div.scroll { table {
+                thead { tr { th { "recording" } th { "why" } } }
+                tbody { @for (which, why) in rows { tr { td { (which) } td.words { (why) } } } }
+            } }
+        }
+    };
+    Ok(Some(html! {
+        @if let Some(f) = figure { (f) }
+        @if !input.outliers.is_empty() {
+            h3 { "Outliers" }
+            (list(shown))
+            @if !folded.is_empty() { details { summary { "The other " (folded.len()) } (list(folded)) } }
+        } @else {
+            p.lead { "No recording stands out." }
+        }
+        @for t in &input.fit_tables { (simple_table(t)) }
+    }))
+}
+
+fn contacts(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+    if input.contacts.is_empty() && input.triggers.is_empty() {
+        return Ok(None);
+    }
+    let mut drawn = Vec::new();
+    for histogram in &input.triggers {
+        drawn.push(figures.figure(&time_charts::histogram(histogram)?, &html! { (histogram.caption) }));
+    }
+    for trace in &input.contacts {
+        let words = html! {
+            (trace.title) ": force against the approach, threshold " (format!("{:.1} N", trace.threshold_n))
+            " (dashed)" @if trace.trigger_s.is_some() { ", the trigger marked" } "."
+        };
+        drawn.push(figures.figure(&charts::force(trace)?, &words));
+    }
+    Ok(Some(html! { @for f in &drawn { (f) } }))
+}
+
+fn stillness(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+    if input.stillness.is_empty() && input.stillness_tables.is_empty() {
+        return Ok(None);
+    }
+    let mut drawn = Vec::new();
+    for curves in &input.stillness {
+        drawn.push(figures.figure(&time_charts::curves(curves)?, &html! { (curves.caption) }));
+    }
+    Ok(Some(html! {
+        @for t in &input.stillness_tables { (simple_table(t)) }
+        @for f in &drawn { (f) }
+    }))
+}
+
+fn notes(input: &ReportInput) -> Option<Markup> {
+    (!input.notes.is_empty()).then(|| html! { ul { @for n in &input.notes { li { (n) } } } })
+}
+
+fn provenance(input: &ReportInput) -> Option<Markup> {
+    (!input.provenance.is_empty())
+        .then(|| html! { dl.facts { @for (name, value) in &input.provenance { dt { (name) } dd { (value) } } } })
+}

@@ -1,0 +1,50 @@
+//! Network services (Figure 4 of the paper): robot controller, laser tracker
+//! and calibration database, for an external controller on another machine.
+//!
+//! ```text
+//!                       ┌─ RobotController ── controller ── drive
+//!   campaign ── gRPC ───┼─ LaserTracker ───── tracker
+//!   (spherecal run)     ├─ CalibrationStore ─ SQLite or PostgreSQL
+//!                       └─ LiveView ───────── the web page, on the same port
+//!                             (spherecal serve)
+//! ```
+//!
+//! The messages are `proto/spherecal/v1/spherecal.proto`; reflection and health
+//! are served beside them, so that `grpcurl` and its like need no files.
+//!
+//! The campaign does not know of it: a robot behind gRPC is one more
+//! [`Device`](spherecal_link::Device) ([`RemoteRobot`]), a store behind it one more
+//! [`CalibrationStore`](spherecal_store::CalibrationStore), and every number travels in the
+//! bits that it has here, so a run over the network records what one in this
+//! process records.
+
+mod convert;
+mod device;
+mod live;
+mod operate;
+mod peer;
+mod robot;
+mod serve;
+mod store_client;
+mod store_server;
+mod tracker;
+
+pub use device::RemoteRobot;
+pub use live::Publisher;
+pub use robot::{DeviceFactory, RobotFacts};
+pub use store_client::RemoteStore;
+pub use tracker::{RemoteTracker, TrackerFactory};
+
+pub(crate) use serve::serve;
+
+/// The messages and services, as compiled from `spherecal.proto`.
+#[allow(missing_docs, unreachable_pub, clippy::all, clippy::pedantic)]
+pub mod proto {
+    tonic::include_proto!("spherecal.v1");
+}
+
+/// The services' description of themselves, for reflection.
+const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/spherecal.bin"));
+
+/// Largest message, in bytes: a whole grid's recordings are about 1 MB.
+const MAX_MESSAGE: usize = 64 << 20;

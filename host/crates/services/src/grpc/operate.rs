@@ -1,0 +1,134 @@
+//! `RobotController.Operate`: a client's orders, one after the other, on the
+//! same session with the controller that a campaign has.
+
+use std::sync::atomic::AtomicBool;
+
+use spherecal_shared::Joints;
+use spherecal_shared::protocol::host::{ApproachCommand, Event, PoseCommand};
+
+use super::convert;
+use super::proto::{self, Outcome, order::Command};
+use super::robot::{Newest, RobotFacts};
+use spherecal_campaign::{self as campaign, Answer, CampaignError, Observer};
+use spherecal_link::{Arrival, Device};
+
+/// What a client says when it is asked for its next order.
+pub(super) enum Next {
+    /// This.
+    Order(proto::Order),
+    /// Nothing for a millisecond.
+    Nothing,
+    /// It has gone.
+    Gone,
+}
+
+/// Leaves telemetry for those who watch.
+struct Watched<'a> {
+    newest: &'a Newest,
+}
+
+impl Observer for Watched<'_> {
+    fn event(&mut self, _now_us: u64, arrival: &Arrival) {
+        if let Event::Telemetry(samples) = &arrival.body
+            && let Some(sample) = samples.last()
+            && self.newest.receiver_count() > 0
+        {
+            self.newest.send_replace(Some(*sample));
+        }
+    }
+}
+
+/// Carries out orders until there are no more, or the client is gone.
+///
+/// # Errors
+/// When the link to the robot fails; a refused or failed order is an answer.
+pub(super) fn operate(
+    device: &mut dyn Device,
+    facts: &RobotFacts,
+    newest: &Newest,
+    interrupt: &AtomicBool,
+    mut next: impl FnMut() -> Next,
+    mut answer: impl FnMut(Outcome) -> bool,
+) -> Result<(), CampaignError> {
+    let mut watched = Watched { newest };
+    let joints = facts.robot.dof();
+    campaign::operate(
+        device,
+        &facts.robot,
+        &facts.tool,
+        &facts.procedure,
+        &mut watched,
+        interrupt,
+        |port| {
+            loop {
+                let order = match next() {
+                    Next::Order(order) => order,
+                    // The robot's time goes on meanwhile, about as fast as ours.
+                    Next::Nothing => {
+                        port.idle()?;
+                        continue;
+                    }
+                    Next::Gone => break,
+                };
+                let outcome = match command(order) {
+                    Ok(order) => outcome(port.carry_out(&order)?, joints),
+                    Err(reason) => Outcome {
+                        reason,
+                        ..Outcome::default()
+                    },
+                };
+                if !answer(outcome) {
+                    break;
+                }
+            }
+            Ok(())
+        },
+    )
+}
+
+fn outcome(answer: Answer, joints: usize) -> Outcome {
+    Outcome {
+        done: answer.refused.is_none(),
+        reason: answer.refused.unwrap_or_default(),
+        events: answer
+            .events
+            .iter()
+            .filter_map(|a| convert::event(a.event, a.sent_us, &a.body))
+            .collect(),
+        state: answer.sample.map(|sample| convert::state(&sample, joints)),
+    }
+}
+
+/// An order as the campaign takes it.
+fn command(order: proto::Order) -> Result<campaign::Order, convert::Malformed> {
+    let joints = |values: &[f64]| {
+        Joints::from_slice(values).map_err(|_| format!("{} joints are more than a robot here has", values.len()))
+    };
+    Ok(match order.command.ok_or("an order without a command")? {
+        Command::Move(target) => campaign::Order::Move(joints(&target.rad)?),
+        Command::Approach(a) => campaign::Order::Approach(ApproachCommand {
+            sphere: a.sphere,
+            direction: three("direction", &a.direction)?,
+        }),
+        Command::Pose(p) => campaign::Order::Pose(PoseCommand {
+            pose: p.pose,
+            orientation: p
+                .orientation
+                .as_slice()
+                .try_into()
+                .map_err(|_| format!("orientation has {} numbers, not 4", p.orientation.len()))?,
+            elbow_rad: p.elbow_rad,
+            posture: joints(&p.posture_rad)?,
+            record: p.record,
+        }),
+        Command::Decouple(_) => campaign::Order::Decouple,
+        Command::Stop(_) => campaign::Order::Stop,
+        Command::ClearFault(_) => campaign::Order::ClearFault,
+    })
+}
+
+fn three(field: &str, values: &[f64]) -> Result<[f64; 3], convert::Malformed> {
+    values
+        .try_into()
+        .map_err(|_| format!("{field} has {} numbers, not 3", values.len()))
+}

@@ -1,0 +1,128 @@
+//! How a client shows that it may talk to a server: the token comes from
+//! `SPHERECAL_TOKEN`, the certificate to trust from the file in `SPHERECAL_CA`.
+
+use std::path::Path;
+use std::time::Duration;
+
+use spherecal_store::Peer;
+use tonic::metadata::MetadataValue;
+use tonic::service::Interceptor;
+use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
+use tonic::{Request, Status};
+
+use crate::ServiceError;
+use crate::guard::{Guard, read};
+
+/// Environment variable with the token that a client shows.
+const TOKEN_VARIABLE: &str = "SPHERECAL_TOKEN";
+/// Environment variable with the file of the certificate that a client trusts.
+const CA_VARIABLE: &str = "SPHERECAL_CA";
+
+/// Connects, with what the environment says of token and certificate.
+pub(super) async fn connect(peer: &Peer) -> Result<(Channel, Credentials), ServiceError> {
+    let name = peer.to_string();
+    let scheme = if peer.encrypted { "https" } else { "http" };
+    let transport = |e: tonic::transport::Error| ServiceError::transport(&name, &e);
+    let mut endpoint = Endpoint::from_shared(format!("{scheme}://{}", peer.address))
+        .map_err(transport)?
+        .tcp_nodelay(true)
+        .connect_timeout(Duration::from_secs(10));
+    if peer.encrypted {
+        let mut tls = ClientTlsConfig::new();
+        if let Some(path) = std::env::var_os(CA_VARIABLE) {
+            tls = tls.ca_certificate(Certificate::from_pem(read(Path::new(&path))?));
+        }
+        endpoint = endpoint.tls_config(tls).map_err(transport)?;
+    }
+    let channel = endpoint.connect().await.map_err(transport)?;
+    Ok((channel, Credentials::from_environment(&name)?))
+}
+
+/// The token of a client, put on every request.
+#[derive(Clone, Default)]
+pub(super) struct Credentials(Option<MetadataValue<tonic::metadata::Ascii>>);
+
+impl Credentials {
+    fn from_environment(peer: &str) -> Result<Self, ServiceError> {
+        let Ok(token) = std::env::var(TOKEN_VARIABLE) else {
+            return Ok(Self(None));
+        };
+        let value = format!("Bearer {}", token.trim())
+            .parse()
+            .map_err(|_| ServiceError::Nonsense {
+                peer: peer.to_owned(),
+                what: format!("{TOKEN_VARIABLE} holds characters that no token has"),
+            })?;
+        Ok(Self(Some(value)))
+    }
+}
+
+impl Interceptor for Credentials {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        if let Some(value) = &self.0 {
+            request.metadata_mut().insert("authorization", value.clone());
+        }
+        Ok(request)
+    }
+}
+
+impl Interceptor for Guard {
+    fn call(&mut self, request: Request<()>) -> Result<Request<()>, Status> {
+        let shown = request
+            .metadata()
+            .get("authorization")
+            .and_then(|value| value.to_str().ok())
+            .and_then(|value| value.strip_prefix("Bearer "));
+        if !self.wants_token() || shown.is_some_and(|token| self.takes_token(token)) {
+            Ok(request)
+        } else {
+            Err(Status::unauthenticated("this server wants a bearer token"))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+    use crate::GuardFiles;
+
+    fn file(folder: &Path, name: &str, text: &str) -> PathBuf {
+        let path = folder.join(name);
+        std::fs::write(&path, text).expect("written");
+        path
+    }
+
+    // Fails if a request without the token, or with another, goes through.
+    #[test]
+    fn only_the_token_opens() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let token = "0123456789abcdef0123456789abcdef";
+        let files = GuardFiles {
+            token: Some(file(folder.path(), "token", &format!("{token}\n"))),
+            ..GuardFiles::default()
+        };
+        let mut guard = Guard::new("127.0.0.1:1".parse().expect("address"), &files).expect("protected");
+        let mut with = |header: Option<String>| {
+            let mut request = Request::new(());
+            if let Some(value) = header {
+                request
+                    .metadata_mut()
+                    .insert("authorization", value.parse().expect("ascii"));
+            }
+            guard.call(request).is_ok()
+        };
+        assert!(with(Some(format!("Bearer {token}"))));
+        assert!(!with(None));
+        assert!(!with(Some(token.to_owned())));
+        assert!(!with(Some(format!("Bearer {token}0"))));
+        assert!(!with(Some("Bearer ".to_owned())));
+        // A browser's pass is not the token, and opens no service.
+        let pass = guard.pass().expect("a token");
+        assert!(guard.takes_pass(&pass) && !guard.takes_token(&pass) && !guard.takes_pass(token));
+        assert!(guard.call(Request::new(())).is_err());
+        assert_eq!(Guard::default().pass(), None);
+        assert!(!Guard::default().takes_pass(""));
+    }
+}

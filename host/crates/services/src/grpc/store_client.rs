@@ -1,0 +1,327 @@
+//! A store behind the service `CalibrationStore`: turns the calls of the trait
+//! of that name into requests.
+
+use std::path::{Path, PathBuf};
+
+use spherecal_shared::protocol::host::Event;
+use tokio::runtime::Runtime;
+use tonic::service::interceptor::InterceptedService;
+use tonic::transport::Channel;
+use tonic::{Response, Status};
+
+use super::MAX_MESSAGE;
+use super::convert;
+use super::peer::{Credentials, connect};
+use super::proto::calibration_store_client::CalibrationStoreClient;
+use super::proto::{
+    BeginSessionRequest, EventBatch, EventPlace, Greeting, LaserShots, ListRunsRequest, PlacedEvent, Rejection,
+    ResultName, Run, RunData, RunId, RunState, StoredResult,
+};
+use crate::ServiceError;
+use spherecal_model::LaserShot;
+use spherecal_store::{CalibrationStore, NewRun, Peer, Placed, RunInfo, SessionEnd, StoreError, StoredRun};
+
+type Client = CalibrationStoreClient<InterceptedService<Channel, Credentials>>;
+
+/// The other side's store.
+pub struct RemoteStore {
+    runtime: Runtime,
+    peer: String,
+    /// The peer, as a path for messages.
+    path: PathBuf,
+    client: Client,
+    /// See [`CalibrationStore::chosen_run`].
+    chosen: Option<i64>,
+}
+
+impl RemoteStore {
+    /// Connects.
+    ///
+    /// # Errors
+    /// When nobody answers there.
+    pub fn connect(peer: &Peer) -> Result<Self, ServiceError> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let (channel, credentials) = runtime.block_on(connect(peer))?;
+        let client = CalibrationStoreClient::with_interceptor(channel, credentials)
+            .max_decoding_message_size(MAX_MESSAGE)
+            .max_encoding_message_size(MAX_MESSAGE);
+        Ok(Self {
+            runtime,
+            peer: peer.to_string(),
+            path: PathBuf::from(peer.to_string()),
+            client,
+            chosen: None,
+        })
+    }
+
+    fn ask<T>(
+        &mut self,
+        request: impl AsyncFnOnce(&mut Client) -> Result<Response<T>, Status>,
+    ) -> Result<T, ServiceError> {
+        let answer = self.runtime.block_on(request(&mut self.client));
+        answer
+            .map(Response::into_inner)
+            .map_err(|status| ServiceError::status(&self.peer, &status))
+    }
+
+    fn nonsense(&self, what: impl Into<String>) -> ServiceError {
+        ServiceError::Nonsense {
+            peer: self.peer.clone(),
+            what: what.into(),
+        }
+    }
+
+    fn create_run(&mut self, new: &NewRun) -> Result<i64, ServiceError> {
+        let message = convert::new_run_out(new).map_err(|e| self.nonsense(e))?;
+        Ok(self.ask(async |c| c.create_run(message).await)?.run)
+    }
+
+    fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, ServiceError> {
+        let message = BeginSessionRequest {
+            run,
+            started_utc: started_utc.to_owned(),
+        };
+        Ok(self.ask(async |c| c.begin_session(message).await)?.session)
+    }
+
+    fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), ServiceError> {
+        let message = convert::session_out(run, session, end);
+        self.ask(async |c| c.end_session(message).await).map(|_| ())
+    }
+
+    fn set_state(&mut self, run: i64, state: &str) -> Result<(), ServiceError> {
+        let state = state.to_owned();
+        self.ask(async |c| c.set_state(RunState { run, state }).await)
+            .map(|_| ())
+    }
+
+    fn write_events(&mut self, run: i64, events: &[Placed<'_>], rewrite: bool) -> Result<(), ServiceError> {
+        let events: Vec<_> = events
+            .iter()
+            .filter_map(|placed| {
+                Some(PlacedEvent {
+                    session: placed.session,
+                    event: placed.event,
+                    // The low half of its number is the controller's own.
+                    what: Some(convert::event(placed.event as u32, 0, placed.body)?),
+                })
+            })
+            .collect();
+        if events.is_empty() {
+            return Ok(());
+        }
+        self.ask(async |c| c.append(EventBatch { run, events, rewrite }).await)
+            .map(|_| ())
+    }
+
+    fn forget_after(&mut self, run: i64, session: i64, event: i64) -> Result<(), ServiceError> {
+        self.ask(async |c| c.forget_after(EventPlace { run, session, event }).await)
+            .map(|_| ())
+    }
+
+    fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), ServiceError> {
+        let message = Greeting {
+            run,
+            session,
+            greeting,
+            nonce,
+        };
+        self.ask(async |c| c.put_greeting(message).await).map(|_| ())
+    }
+
+    fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), ServiceError> {
+        let message = Rejection {
+            run,
+            sphere,
+            pose,
+            reason: reason.to_owned(),
+        };
+        self.ask(async |c| c.reject_pose(message).await).map(|_| ())
+    }
+
+    fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), ServiceError> {
+        let shots = convert::laser_out(shots);
+        self.ask(async |c| c.put_laser(LaserShots { run, shots }).await)
+            .map(|_| ())
+    }
+
+    fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), ServiceError> {
+        let message = StoredResult {
+            run,
+            name: name.to_owned(),
+            json: json.to_owned(),
+        };
+        self.ask(async |c| c.put_result(message).await).map(|_| ())
+    }
+
+    fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, ServiceError> {
+        let name = name.to_owned();
+        let answer = self.ask(async |c| c.get_result(ResultName { run, name }).await)?;
+        Ok(Some(answer.json).filter(|json| !json.is_empty()))
+    }
+
+    /// The newest run.
+    fn newest_run(&mut self) -> Result<Option<RunInfo>, ServiceError> {
+        let request = ListRunsRequest {
+            last: true,
+            ..ListRunsRequest::default()
+        };
+        Ok(self.list(request)?.pop())
+    }
+
+    /// Runs of one arm, or of all if `arm` is empty, oldest first.
+    fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, ServiceError> {
+        self.list(ListRunsRequest {
+            arm: arm.to_owned(),
+            last: false,
+        })
+    }
+
+    fn list(&mut self, request: ListRunsRequest) -> Result<Vec<RunInfo>, ServiceError> {
+        let answer = self.ask(async |c| c.list_runs(request).await)?;
+        answer.runs.into_iter().map(|run| self.run_info(run)).collect()
+    }
+
+    fn run_info(&self, run: Run) -> Result<RunInfo, ServiceError> {
+        let about = run.about.ok_or_else(|| self.nonsense("a run without a description"))?;
+        let json = |field: &str, e: serde_json::Error| self.nonsense(format!("{field}: {e}"));
+        Ok(RunInfo {
+            run: run.run,
+            created_utc: about.created_utc,
+            seed: about.seed,
+            link: about.link,
+            robot: serde_json::from_str(&about.robot_json).map_err(|e| json("robot_json", e))?,
+            tool: serde_json::from_str(&about.tool_json).map_err(|e| json("tool_json", e))?,
+            config_toml: about.config_toml,
+            plan_json: about.plan_json,
+            program: about.program,
+            state: run.state,
+            arm: about.arm,
+        })
+    }
+
+    /// Everything that was measured in a run.
+    fn read(&mut self, run: i64) -> Result<StoredRun, ServiceError> {
+        let data: RunData = self.ask(async |c| c.read_run(RunId { run }).await)?;
+        let mut read = StoredRun {
+            sessions: data.sessions.into_iter().map(convert::session).collect(),
+            spheres: convert::spheres(&data.spheres).map_err(|e| self.nonsense(e))?,
+            recordings: data
+                .recordings
+                .into_iter()
+                .map(convert::recording)
+                .collect::<Result<_, _>>()
+                .map_err(|e| self.nonsense(e))?,
+            rejected: data.rejected.iter().map(|r| (r.sphere, r.pose)).collect(),
+            contacts: Vec::new(),
+            couplings: Vec::new(),
+            phases: Vec::new(),
+            faults: Vec::new(),
+            laser: convert::laser(data.laser).map_err(|e| self.nonsense(e))?,
+            greetings: data
+                .greetings
+                .iter()
+                .map(|g| (g.nonce, (g.session, g.greeting)))
+                .collect(),
+        };
+        for event in data.events {
+            match convert::arrival(event).map_err(|e| self.nonsense(e))?.body {
+                Event::Contact(contact) => read.contacts.push(contact),
+                Event::Coupled(coupled) => read.couplings.push(coupled),
+                Event::Phase(phase) => read.phases.push(phase),
+                Event::Fault(fault) => read.faults.push(fault),
+                _ => {}
+            }
+        }
+        Ok(read)
+    }
+}
+
+/// What the service said, as the store says it.
+fn remote(error: ServiceError) -> StoreError {
+    StoreError::Remote {
+        input: error.is_input(),
+        source: Box::new(error),
+    }
+}
+
+impl CalibrationStore for RemoteStore {
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn is_file(&self) -> bool {
+        false
+    }
+
+    fn chosen_run(&self) -> Option<i64> {
+        self.chosen
+    }
+
+    fn choose_run(&mut self, run: i64) {
+        self.chosen = Some(run);
+    }
+
+    fn create_run(&mut self, new: &NewRun) -> Result<i64, StoreError> {
+        let run = RemoteStore::create_run(self, new).map_err(remote)?;
+        self.chosen = Some(run);
+        Ok(run)
+    }
+
+    fn newest_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
+        RemoteStore::newest_run(self).map_err(remote)
+    }
+
+    fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, StoreError> {
+        RemoteStore::runs_of(self, arm).map_err(remote)
+    }
+
+    fn read_run(&mut self, run: i64) -> Result<StoredRun, StoreError> {
+        self.read(run).map_err(remote)
+    }
+
+    fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, StoreError> {
+        self.chosen = Some(run);
+        RemoteStore::begin_session(self, run, started_utc).map_err(remote)
+    }
+
+    fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), StoreError> {
+        RemoteStore::end_session(self, run, session, end).map_err(remote)
+    }
+
+    fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError> {
+        RemoteStore::set_state(self, run, state).map_err(remote)
+    }
+
+    fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError> {
+        RemoteStore::put_greeting(self, run, session, greeting, nonce).map_err(remote)
+    }
+
+    fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
+        self.write_events(run, events, false).map_err(remote)
+    }
+
+    fn rewrite(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
+        self.write_events(run, events, true).map_err(remote)
+    }
+
+    fn forget_after(&mut self, run: i64, session: i64, last: i64) -> Result<(), StoreError> {
+        RemoteStore::forget_after(self, run, session, last).map_err(remote)
+    }
+
+    fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), StoreError> {
+        RemoteStore::reject_pose(self, run, sphere, pose, reason).map_err(remote)
+    }
+
+    fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError> {
+        RemoteStore::put_laser(self, run, shots).map_err(remote)
+    }
+
+    fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), StoreError> {
+        RemoteStore::put_result(self, run, name, json).map_err(remote)
+    }
+
+    fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError> {
+        RemoteStore::result(self, run, name).map_err(remote)
+    }
+}

@@ -1,0 +1,38 @@
+//! A calibration for others: the web page, live view, and gRPC services.
+//!
+//! ```text
+//!   campaign ─▶ live (an Observer) ─▶ Hub ─▶ web page ◀─ browsers
+//!   spherecal run ─── gRPC ─── robot controller, laser tracker, store, live view
+//! ```
+//!
+//! | module | what | feature |
+//! |---|---|---|
+//! | [`live`] | a run as others see it while it goes on | |
+//! | [`web`] | the page | |
+//! | [`server`](Server) | one port for the page and the services | |
+//! | `grpc` | network services (Figure 4 of the paper) and their clients | `grpc` |
+//!
+//! Reports, trackers, devices and stores come from above as closures and trait
+//! objects: nothing here knows the job.
+//!
+//! Whoever may talk to a robot may move it: beyond loopback a server does not
+//! start without TLS and a token ([`Guard`]).
+
+mod error;
+#[cfg(feature = "grpc")]
+pub mod grpc;
+mod guard;
+pub mod live;
+mod server;
+pub mod web;
+
+use std::sync::{Arc, Mutex};
+
+use spherecal_store::CalibrationStore;
+
+pub use error::ServiceError;
+pub use guard::{Guard, GuardFiles};
+pub use server::{Offer, Server};
+
+/// A store that several requests work with, one at a time.
+pub type SharedStore = Arc<Mutex<Box<dyn CalibrationStore>>>;

@@ -1,0 +1,379 @@
+//! Where runs come in and browsers look: it keeps what one needs who comes
+//! late, and passes on the rest.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use serde::Serialize;
+use tokio::sync::{broadcast, mpsc};
+
+use super::{End, Frame, Message, Scene, Touch};
+
+/// News that wait for a browser before it is brought up to date anew.
+const NEWS: usize = 64;
+/// Runs shown at once; the one that ended first, or else the oldest, goes.
+const RUNS: usize = 32;
+/// Runs kept after their end.
+const ENDED: usize = 4;
+/// Points of the force's curve kept for those who come late: half a minute.
+const POINTS: usize = 3000;
+/// Remarks kept of each run.
+const NOTES: usize = 20;
+
+/// A run among those that a hub shows.
+pub type RunId = u64;
+
+/// What is kept of a run.
+struct Kept {
+    scene: Scene,
+    frame: Option<Frame>,
+    forces: VecDeque<(f64, f32)>,
+    touch: Option<Touch>,
+    notes: VecDeque<String>,
+    end: Option<End>,
+}
+
+/// A message with the run that it is of, as browsers read it.
+#[derive(Serialize)]
+struct Told<'a> {
+    id: RunId,
+    message: &'a Message,
+}
+
+/// All runs of a page.
+pub struct Hub {
+    runs: Mutex<BTreeMap<RunId, Kept>>,
+    next: Mutex<RunId>,
+    /// `None` when the page is closed.
+    news: Mutex<Option<broadcast::Sender<Arc<str>>>>,
+}
+
+impl Default for Hub {
+    fn default() -> Self {
+        Self {
+            runs: Mutex::default(),
+            next: Mutex::new(1),
+            news: Mutex::new(Some(broadcast::channel(NEWS).0)),
+        }
+    }
+}
+
+/// What is behind a lock is whole after every statement, also if another thread has panicked.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Hub {
+    /// Shows one run until its messages end.
+    pub async fn show(self: Arc<Self>, mut messages: mpsc::Receiver<Message>) {
+        let mut run = None;
+        while let Some(message) = messages.recv().await {
+            self.take(&mut run, message);
+        }
+        self.gone(run);
+    }
+
+    /// Takes one message of a run, which is `None` until its scene has come.
+    /// Returns whether it was understood.
+    pub fn take(&self, run: &mut Option<RunId>, message: Message) -> bool {
+        let id = match (&message, *run) {
+            (Message::Scene(scene), None) => {
+                let id = self.begin(scene);
+                *run = Some(id);
+                id
+            }
+            (Message::Scene(_), Some(_)) | (_, None) => return false,
+            (_, Some(id)) => id,
+        };
+        // News go out while the runs are locked: who looks up what is kept and
+        // listens from then on misses nothing, and hears nothing twice.
+        let mut runs = lock(&self.runs);
+        if let Some(kept) = runs.get_mut(&id) {
+            keep(kept, &message);
+            self.tell(id, &message);
+        }
+        true
+    }
+
+    /// The run's messages have ended; without an end it was cut off.
+    pub fn gone(&self, run: Option<RunId>) {
+        let Some(id) = run else { return };
+        let mut runs = lock(&self.runs);
+        if let Some(kept) = runs.get_mut(&id)
+            && kept.end.is_none()
+        {
+            let end = End {
+                run: None,
+                trusted: None,
+                text: "The run's program has gone without a word.".to_owned(),
+            };
+            kept.end = Some(end.clone());
+            self.tell(id, &Message::End(end));
+        }
+    }
+
+    fn begin(&self, scene: &Scene) -> RunId {
+        let id = {
+            let mut next = lock(&self.next);
+            *next += 1;
+            *next - 1
+        };
+        let mut runs = lock(&self.runs);
+        // The same arm begins anew: its last run gives way.
+        let same =
+            |kept: &Kept| kept.end.is_some() && (&kept.scene.robot, &kept.scene.arm) == (&scene.robot, &scene.arm);
+        runs.retain(|_, kept| !same(kept));
+        let ended: Vec<RunId> = runs
+            .iter()
+            .filter(|(_, k)| k.end.is_some())
+            .map(|(id, _)| *id)
+            .collect();
+        let over = ended.len().saturating_sub(ENDED - 1);
+        for id in ended.iter().take(over) {
+            runs.remove(id);
+        }
+        if runs.len() >= RUNS {
+            runs.pop_first();
+        }
+        runs.insert(
+            id,
+            Kept {
+                scene: scene.clone(),
+                frame: None,
+                forces: VecDeque::new(),
+                touch: None,
+                notes: VecDeque::new(),
+                end: None,
+            },
+        );
+        id
+    }
+
+    fn tell(&self, id: RunId, message: &Message) {
+        if let Some(news) = &*lock(&self.news)
+            && news.receiver_count() > 0
+            && let Ok(text) = serde_json::to_string(&Told { id, message })
+        {
+            // That everybody has left meanwhile is no matter.
+            let _ = news.send(text.into());
+        }
+    }
+
+    /// What there is to know now, and the news from then on; `None` where the
+    /// page is closed.
+    pub fn listen(&self) -> Option<(Vec<Arc<str>>, broadcast::Receiver<Arc<str>>)> {
+        let runs = lock(&self.runs);
+        let news = lock(&self.news).as_ref()?.subscribe();
+        let mut known = Vec::new();
+        for (id, kept) in runs.iter() {
+            let mut add = |message: &Message| {
+                if let Ok(text) = serde_json::to_string(&Told { id: *id, message }) {
+                    known.push(text.into());
+                }
+            };
+            add(&Message::Scene(kept.scene.clone()));
+            for text in &kept.notes {
+                add(&Message::Note { text: text.clone() });
+            }
+            if let Some(touch) = &kept.touch {
+                add(&Message::Touch(touch.clone()));
+            }
+            if let Some(frame) = &kept.frame {
+                add(&Message::Frame(Frame {
+                    forces: kept.forces.iter().copied().collect(),
+                    ..frame.clone()
+                }));
+            }
+            if let Some(end) = &kept.end {
+                add(&Message::End(end.clone()));
+            }
+        }
+        Some((known, news))
+    }
+
+    /// Ends all listening, after what was said already.
+    pub fn close(&self) {
+        *lock(&self.news) = None;
+    }
+}
+
+fn keep(kept: &mut Kept, message: &Message) {
+    match message {
+        Message::Scene(_) => {}
+        Message::Frame(frame) => {
+            let over = (kept.forces.len() + frame.forces.len()).saturating_sub(POINTS);
+            kept.forces.drain(..over.min(kept.forces.len()));
+            kept.forces.extend(frame.forces.iter().take(POINTS));
+            kept.frame = Some(Frame {
+                forces: Vec::new(),
+                ..frame.clone()
+            });
+        }
+        Message::Touch(touch) => kept.touch = Some(touch.clone()),
+        Message::Note { text } => {
+            kept.notes.push_back(text.clone());
+            if kept.notes.len() > NOTES {
+                kept.notes.pop_front();
+            }
+        }
+        Message::End(end) => kept.end = Some(end.clone()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::live::{WAITING, Watch};
+    use spherecal_campaign::{Observer as _, Progress};
+    use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+
+    fn scene(arm: &str) -> Scene {
+        Scene {
+            robot: "iiwa7".to_owned(),
+            arm: arm.to_owned(),
+            link: "sim".to_owned(),
+            begun_utc: String::new(),
+            joints: Vec::new(),
+            tcp_m: [0.0; 3],
+            sites: Vec::new(),
+            home_rad: Vec::new(),
+            trigger_n: 7.5,
+        }
+    }
+
+    fn watch(arm: &str) -> (Watch, mpsc::Receiver<Message>) {
+        let (out, messages) = mpsc::channel(WAITING);
+        (Watch::new(out, &iiwa7(), &iiwa7_tool(), scene(arm)), messages)
+    }
+
+    fn end() -> End {
+        End {
+            run: Some(3),
+            trusted: Some(true),
+            text: "done".to_owned(),
+        }
+    }
+
+    // Fails if a campaign waits for those who look, or if what may not be lost
+    // is lost where nobody takes anything out of the channel for a while.
+    #[test]
+    fn nobody_holds_the_campaign_up_and_the_end_is_told() {
+        let (mut watch, mut messages) = watch("a");
+        for k in 0..20 * WAITING {
+            watch.progress(&Progress {
+                done: k,
+                ..Progress::default()
+            });
+            watch.note(&format!("remark {k}"));
+        }
+        let mut taken = Vec::new();
+        while let Ok(message) = messages.try_recv() {
+            taken.push(message);
+        }
+        assert!(matches!(taken.first(), Some(Message::Scene(_))), "{taken:?}");
+        assert!(taken.len() <= WAITING);
+        watch.end(end());
+        while let Ok(message) = messages.try_recv() {
+            taken.push(message);
+        }
+        assert_eq!(taken.last(), Some(&Message::End(end())));
+    }
+
+    // Fails if one who comes late is not told what those know who were there, a
+    // slow one is not brought up to date, or a run that was cut off looks alive.
+    #[test]
+    fn late_and_slow_ones_know_the_same() {
+        let hub = Hub::default();
+        let (known, mut early) = hub.listen().expect("open");
+        assert!(known.is_empty());
+        let mut run = None;
+        assert!(
+            !hub.take(&mut run, Message::Note { text: "x".to_owned() }),
+            "no scene yet"
+        );
+        assert!(hub.take(&mut run, Message::Scene(scene("a"))));
+        assert!(!hub.take(&mut run, Message::Scene(scene("b"))), "a second scene");
+        assert!(hub.take(&mut run, Message::Note { text: "x".to_owned() }));
+        let (known, _) = hub.listen().expect("open");
+        assert_eq!(known.len(), 2);
+        assert_eq!(early.try_recv().as_deref(), Ok(known[0].as_ref()));
+        assert_eq!(early.try_recv().as_deref(), Ok(known[1].as_ref()));
+        for _ in 0..2 * NEWS {
+            hub.take(&mut run, Message::Note { text: "y".to_owned() });
+        }
+        assert!(matches!(
+            early.try_recv(),
+            Err(broadcast::error::TryRecvError::Lagged(_))
+        ));
+        hub.gone(run);
+        let (known, _) = hub.listen().expect("open");
+        assert_eq!(known.len(), 1 + NOTES + 1);
+        assert!(
+            known.last().is_some_and(|text| text.contains("without a word")),
+            "{known:?}"
+        );
+        hub.close();
+        assert!(hub.listen().is_none());
+    }
+
+    // Fails if a message is another for the service that takes it in.
+    #[test]
+    fn messages_go_round() {
+        let frame = Frame {
+            stage: spherecal_campaign::Stage::Couple,
+            phase: spherecal_shared::protocol::host::Phase::HandGuiding,
+            sphere: 2,
+            done: 3,
+            poses: 4,
+            contacts: 5,
+            faults: 6,
+            device_s: 7.125,
+            wall_s: 1e-9,
+            eta_s: None,
+            residual_mm: Some(0.3),
+            q: vec![0.1, -2.5],
+            tau: vec![],
+            tcp_m: [0.1, 0.2, 0.3],
+            force_n: [0.0, 0.0, 7.5],
+            forces: vec![(1.23, 4.56)],
+        };
+        let touch = Touch {
+            sphere: 1,
+            force_n: 7.7,
+            travel_mm: 59.3,
+            samples: vec![(-0.5, 0.25)],
+        };
+        let note = Message::Note { text: "x".to_owned() };
+        let all = [
+            Message::Scene(scene("a")),
+            Message::Frame(frame),
+            Message::Touch(touch),
+            note,
+            Message::End(end()),
+        ];
+        for message in all {
+            let text = serde_json::to_string(&message).expect("JSON");
+            assert_eq!(serde_json::from_str::<Message>(&text).expect(&text), message);
+        }
+    }
+
+    // Fails if runs pile up for ever, or one that goes on is put away for one that has ended.
+    #[test]
+    fn runs_do_not_pile_up() {
+        let hub = Hub::default();
+        let mut alive = None;
+        hub.take(&mut alive, Message::Scene(scene("alive")));
+        for k in 0..50 {
+            let mut run = None;
+            hub.take(&mut run, Message::Scene(scene(&format!("{k}"))));
+            hub.take(&mut run, Message::End(end()));
+        }
+        let (known, _) = hub.listen().expect("open");
+        assert_eq!(known.iter().filter(|t| t.contains("{\"scene\":")).count(), 1 + ENDED);
+        assert!(known[0].contains("\"alive\""), "{}", known[0]);
+        for k in 0..2 * RUNS {
+            hub.take(&mut None, Message::Scene(scene(&format!("more {k}"))));
+        }
+        assert!(hub.listen().expect("open").0.len() <= RUNS + ENDED);
+    }
+}

@@ -1,0 +1,113 @@
+//! A run as others see it while it goes on: on the web page, from any machine.
+//!
+//! Vocabulary: a run's *scene* is what does not change (robot, plate, how many
+//! poses); a *frame* is what it is doing now; a *touch* the force around one
+//! contact; its *end* says what came of it.
+//!
+//! ```text
+//!   campaign ─▶ Watch (an Observer) ─▶ bounded channel ─┬─▶ Hub ─▶ every browser
+//!                                                       └─▶ LiveView.Publish ─▶ Hub of a server
+//! ```
+//!
+//! It goes one way. Nobody who looks can hold the campaign up: where the
+//! channel is full a frame is lost, and a browser that cannot follow is brought
+//! up to date from what the [`Hub`] keeps.
+
+mod hub;
+mod scatter;
+mod scene;
+mod watch;
+
+use serde::{Deserialize, Serialize};
+use spherecal_shared::protocol::host::Phase;
+
+use spherecal_campaign::Stage;
+
+pub use hub::{Hub, RunId};
+pub use scatter::Scatter;
+pub use scene::{Joint, Scene, Site};
+pub use watch::{Watch, eta_s};
+
+/// Messages that wait for whoever shows them.
+pub const WAITING: usize = 32;
+
+/// What a run tells those who watch it; as JSON `{"frame": {…}}`, by its kind.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Message {
+    /// What does not change; the first message.
+    Scene(Scene),
+    /// What it is doing now, about twenty times a second.
+    Frame(Frame),
+    /// A contact, half a second after its trigger.
+    Touch(Touch),
+    /// A remark for people.
+    Note {
+        /// In words.
+        text: String,
+    },
+    /// The last message.
+    End(End),
+}
+
+/// What a run is doing now.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// What the campaign is about.
+    pub stage: Stage,
+    /// Phase of the controller.
+    pub phase: Phase,
+    /// Id of the sphere at hand; 0 for none.
+    pub sphere: u32,
+    /// Poses recorded or given up.
+    pub done: usize,
+    /// Poses of the tour.
+    pub poses: usize,
+    /// Contacts so far.
+    pub contacts: usize,
+    /// Faults so far.
+    pub faults: usize,
+    /// Device time, in s.
+    pub device_s: f64,
+    /// Time since this session began, in s.
+    pub wall_s: f64,
+    /// Time to go, in s; `None` until it can be told.
+    pub eta_s: Option<f64>,
+    /// By how much the nominal model misses that the TCP stood still on each
+    /// visit, in mm (root mean square); `None` until it can be told.
+    pub residual_mm: Option<f64>,
+    /// Joint angles, in rad; empty before the first telemetry.
+    pub q: Vec<f32>,
+    /// Measured joint torques, in N m.
+    pub tau: Vec<f32>,
+    /// TCP as the controller computes it, in F0, in m.
+    pub tcp_m: [f32; 3],
+    /// Estimated contact force, in F0, in N.
+    pub force_n: [f32; 3],
+    /// Device time (s) and magnitude of the force (N) since the frame before.
+    pub forces: Vec<(f64, f32)>,
+}
+
+/// The force around one contact.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Touch {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Force against the approach when contact was declared, in N.
+    pub force_n: f64,
+    /// Distance descended, in mm.
+    pub travel_mm: f64,
+    /// Time from the trigger (s) and magnitude of the force (N).
+    pub samples: Vec<(f64, f32)>,
+}
+
+/// What came of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct End {
+    /// Its number in the store of the page that shows it; `None` where that has another store.
+    pub run: Option<i64>,
+    /// Whether its result may be used; `None` where there is no result.
+    pub trusted: Option<bool>,
+    /// In words.
+    pub text: String,
+}

@@ -1,0 +1,217 @@
+//! The observer of a campaign that tells it on.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use spherecal_shared::protocol::host::{Contact, Event, Sample};
+use spherecal_shared::robot::{Robot, Tool};
+use tokio::sync::mpsc::{self, error::TrySendError};
+
+use super::{End, Frame, Message, Scatter, Scene, Touch};
+use spherecal_campaign::{Observer, Progress};
+use spherecal_link::Arrival;
+
+/// Time between two frames.
+const PERIOD: Duration = Duration::from_millis(50);
+/// Device time that one point of the force's curve stands for, in µs: the
+/// largest force in it is told.
+const POINT_US: u64 = 10_000;
+/// Points of a frame at most; more are lost, oldest first.
+const POINTS: usize = 1000;
+/// What is told of a contact before and after its trigger, in µs.
+const BEFORE_US: u64 = 1_000_000;
+const AFTER_US: u64 = 500_000;
+/// Device time that one point of a touch stands for, in µs.
+const TOUCH_US: u64 = 4_000;
+/// Samples kept for a touch: a second and a half at 1 kHz, and some.
+const RECENT: usize = 2_000;
+/// Messages other than frames that wait for a place in the channel.
+const URGENT: usize = 16;
+
+/// Time to go, in s, from the poses done in this session; `None` until there
+/// are some.
+pub fn eta_s(p: &Progress, wall_s: f64) -> Option<f64> {
+    let done = p.done.saturating_sub(p.done_before);
+    (done >= 3).then(|| wall_s / done as f64 * p.poses.saturating_sub(p.done) as f64)
+}
+
+/// Watches a campaign and tells those behind a channel.
+pub struct Watch {
+    out: mpsc::Sender<Message>,
+    /// What is not a frame is not lost where the channel is full: it goes first
+    /// when there is room.
+    urgent: VecDeque<Message>,
+    joints: usize,
+    scatter: Scatter,
+    progress: Progress,
+    sample: Option<Sample>,
+    /// Device time (µs) less tick times period, from the last phase change.
+    offset_us: i64,
+    period_us: u64,
+    points: VecDeque<(u64, f32)>,
+    recent: VecDeque<(u64, f32)>,
+    touched: Option<Contact>,
+    begun: Instant,
+    told: Option<Instant>,
+}
+
+impl Watch {
+    /// Tells of a run to whoever has the other end of `out`, its scene first.
+    pub fn new(out: mpsc::Sender<Message>, robot: &Robot, tool: &Tool, scene: Scene) -> Self {
+        let mut watch = Self {
+            out,
+            urgent: VecDeque::new(),
+            joints: robot.dof(),
+            scatter: Scatter::new(robot, tool),
+            progress: Progress::default(),
+            sample: None,
+            offset_us: 0,
+            period_us: 1000,
+            points: VecDeque::new(),
+            recent: VecDeque::new(),
+            touched: None,
+            begun: Instant::now(),
+            told: None,
+        };
+        watch.tell(Message::Scene(scene));
+        watch
+    }
+
+    /// Tells how the run ended.
+    pub fn end(&mut self, end: End) {
+        self.frame();
+        self.tell(Message::End(end));
+    }
+
+    /// Tells what may not be lost.
+    fn tell(&mut self, message: Message) {
+        if self.urgent.len() >= URGENT {
+            // The scene is the first of them, and nothing is understood without it.
+            self.urgent.remove(1);
+        }
+        self.urgent.push_back(message);
+        self.flush();
+    }
+
+    /// Whether everything that may not be lost has gone out.
+    fn flush(&mut self) -> bool {
+        while let Some(message) = self.urgent.pop_front() {
+            if let Err(TrySendError::Full(message)) = self.out.try_send(message) {
+                self.urgent.push_front(message);
+                return false;
+            }
+        }
+        true
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        let time_us = (sample.tick * self.period_us).saturating_add_signed(self.offset_us);
+        // A hundredth of a newton is more than a picture shows.
+        let force = (sample.force_n.iter().map(|f| f * f).sum::<f32>().sqrt() * 100.0).round() / 100.0;
+        match self.points.back_mut() {
+            Some(last) if last.0 / POINT_US == time_us / POINT_US => last.1 = last.1.max(force),
+            _ => {
+                if self.points.len() >= POINTS {
+                    self.points.pop_front();
+                }
+                self.points.push_back((time_us, force));
+            }
+        }
+        if self.recent.len() >= RECENT {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((time_us, force));
+        if self.touched.is_some_and(|c| time_us > c.time_us + AFTER_US) {
+            self.touch();
+        }
+        self.sample = Some(*sample);
+    }
+
+    fn touch(&mut self) {
+        let Some(contact) = self.touched.take() else { return };
+        let mut samples: Vec<(f64, f32)> = Vec::new();
+        let mut last = None;
+        for &(time_us, force) in &self.recent {
+            if time_us + BEFORE_US < contact.time_us || time_us > contact.time_us + AFTER_US {
+                continue;
+            }
+            match samples.last_mut() {
+                Some(point) if last == Some(time_us / TOUCH_US) => point.1 = point.1.max(force),
+                _ => samples.push(((time_us as f64 - contact.time_us as f64) * 1e-6, force)),
+            }
+            last = Some(time_us / TOUCH_US);
+        }
+        self.tell(Message::Touch(Touch {
+            sphere: contact.sphere,
+            force_n: contact.force_n,
+            travel_mm: contact.travel_m * 1e3,
+            samples,
+        }));
+    }
+
+    fn frame(&mut self) {
+        if !self.flush() {
+            return;
+        }
+        let wall_s = self.begun.elapsed().as_secs_f64();
+        let p = &self.progress;
+        let n = self.joints;
+        let signal = |of: fn(&Sample) -> &[f32]| {
+            let sample = self.sample.as_ref().map(of);
+            sample.map_or_else(Vec::new, |values| values.iter().take(n).copied().collect())
+        };
+        let frame = Frame {
+            stage: p.stage,
+            phase: p.phase,
+            sphere: p.sphere,
+            done: p.done,
+            poses: p.poses,
+            contacts: self.scatter.contacts(),
+            faults: p.faults,
+            device_s: p.device_s,
+            wall_s,
+            eta_s: eta_s(p, wall_s),
+            residual_mm: self.scatter.residual_mm(),
+            q: signal(|s| &s.q),
+            tau: signal(|s| &s.tau),
+            tcp_m: self.sample.map(|s| s.tcp_m).unwrap_or_default(),
+            force_n: self.sample.map(|s| s.force_n).unwrap_or_default(),
+            forces: self.points.iter().map(|&(t, f)| (t as f64 * 1e-6, f)).collect(),
+        };
+        self.points.clear();
+        // A frame for which there is no room is lost: the next one says all of it but the curve.
+        let _ = self.out.try_send(Message::Frame(frame));
+    }
+}
+
+impl Observer for Watch {
+    fn event(&mut self, _now_us: u64, arrival: &Arrival) {
+        match &arrival.body {
+            Event::Banner(banner) => self.period_us = u64::from(banner.period_us),
+            Event::Phase(change) => {
+                self.offset_us = i64::try_from(change.time_us).unwrap_or(0)
+                    - i64::try_from(change.tick * self.period_us).unwrap_or(0);
+            }
+            Event::Telemetry(samples) => samples.iter().for_each(|sample| self.sample(sample)),
+            Event::Contact(contact) => {
+                self.scatter.contact();
+                self.touched = Some(*contact);
+            }
+            Event::Recording(recording) => self.scatter.record(recording),
+            _ => {}
+        }
+    }
+
+    fn progress(&mut self, progress: &Progress) {
+        self.progress = *progress;
+        let now = Instant::now();
+        if self.told.is_none_or(|last| now - last >= PERIOD) {
+            self.told = Some(now);
+            self.frame();
+        }
+    }
+
+    fn note(&mut self, text: &str) {
+        self.tell(Message::Note { text: text.to_owned() });
+    }
+}

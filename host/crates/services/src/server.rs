@@ -1,0 +1,186 @@
+//! One server with what it offers: the web page, and with the feature `grpc`
+//! robot, tracker, store, health and reflection on the same port.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+use tokio::sync::{mpsc, oneshot};
+use tokio::task::JoinHandle;
+
+#[cfg(feature = "grpc")]
+use super::grpc::{DeviceFactory, RobotFacts, TrackerFactory};
+use super::guard::listen_address;
+use super::live::{Hub, Message, WAITING};
+use super::web::Page;
+use super::{Guard, GuardFiles, ServiceError, SharedStore};
+
+/// How long open connections may take to end.
+const LAST: std::time::Duration = std::time::Duration::from_secs(1);
+
+/// What a server offers; what is left out is answered UNIMPLEMENTED.
+#[derive(Default)]
+pub struct Offer {
+    /// A robot, and what makes it at the first client.
+    #[cfg(feature = "grpc")]
+    pub robot: Option<(RobotFacts, DeviceFactory)>,
+    /// What makes a laser tracker for each client, and the standard deviation
+    /// of its coordinates, in m.
+    #[cfg(feature = "grpc")]
+    pub tracker: Option<(TrackerFactory, f64)>,
+    /// The database.
+    #[cfg(feature = "grpc")]
+    pub store: Option<SharedStore>,
+    /// The web page, and whether runs of other programs are shown on it.
+    pub page: Option<(Page, bool)>,
+}
+
+/// A server that runs until it is dropped.
+pub struct Server {
+    runtime: Option<Runtime>,
+    address: SocketAddr,
+    encrypted: bool,
+    stop: Option<oneshot::Sender<()>>,
+    /// Ends with the last connection.
+    ended: Option<JoinHandle<()>>,
+    hub: Option<Arc<Hub>>,
+    /// Runs of this program that are shown.
+    shows: Vec<JoinHandle<()>>,
+    /// Outlive the runtime: a store may not be dropped inside of one.
+    _stores: Vec<SharedStore>,
+}
+
+impl Server {
+    /// Listens at `address` (`HOST:PORT`, or a port alone for this machine) and
+    /// serves in threads of its own.
+    ///
+    /// # Errors
+    /// An address that cannot be had, or one beyond loopback without protection.
+    pub fn start(address: &str, files: &GuardFiles, offer: Offer) -> Result<Self, ServiceError> {
+        let wanted = listen_address(address)?;
+        let guard = Guard::new(wanted, files)?;
+        let encrypted = guard.is_encrypted();
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .enable_all()
+            .build()?;
+        let listen = |source| ServiceError::Listen {
+            address: wanted.to_string(),
+            source,
+        };
+        let page = offer.page.as_ref().map(|(page, _)| page.clone());
+        let stores = offer.stores();
+        let (stop, stopped) = oneshot::channel::<()>();
+        let (address, ended) = runtime.block_on(async move {
+            let listener = TcpListener::bind(wanted).await.map_err(listen)?;
+            let address = listener.local_addr().map_err(listen)?;
+            let ended = serve(listener, guard, offer, stopped).await?;
+            Ok::<_, ServiceError>((address, ended))
+        })?;
+        Ok(Self {
+            runtime: Some(runtime),
+            address,
+            encrypted,
+            stop: Some(stop),
+            ended: Some(ended),
+            hub: page.map(|page| page.hub),
+            shows: Vec::new(),
+            _stores: stores,
+        })
+    }
+
+    /// Shows a run of this program on the page; its messages go into what is
+    /// returned. `None` where there is no page.
+    pub fn show(&mut self) -> Option<mpsc::Sender<Message>> {
+        let (out, messages) = mpsc::channel(WAITING);
+        let hub = Arc::clone(self.hub.as_ref()?);
+        self.shows.push(self.runtime.as_ref()?.spawn(hub.show(messages)));
+        Some(out)
+    }
+
+    /// The page as a browser names it.
+    pub fn page_url(&self) -> String {
+        let scheme = if self.encrypted { "https" } else { "http" };
+        format!("{scheme}://{}/", self.address)
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Whether clients must use TLS.
+    pub fn is_encrypted(&self) -> bool {
+        self.encrypted
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        if let Some(runtime) = &self.runtime {
+            // What was said to the page reaches it first.
+            for show in self.shows.drain(..) {
+                let _ = runtime.block_on(async { tokio::time::timeout(LAST, show).await });
+            }
+        }
+        if let Some(hub) = &self.hub {
+            hub.close();
+        }
+        if let Some(stop) = self.stop.take() {
+            // The server may have ended already.
+            let _ = stop.send(());
+        }
+        if let Some(runtime) = self.runtime.take() {
+            if let Some(ended) = self.ended.take() {
+                // Browsers hear the last words; who does not listen is not waited for.
+                let _ = runtime.block_on(async { tokio::time::timeout(LAST, ended).await });
+            }
+            runtime.shutdown_timeout(LAST);
+        }
+    }
+}
+
+impl Offer {
+    /// The stores that are offered or shown.
+    fn stores(&self) -> Vec<SharedStore> {
+        #[allow(unused_mut, reason = "more with the feature")]
+        let mut stores: Vec<SharedStore> = self.page.iter().filter_map(|(page, _)| page.store.clone()).collect();
+        #[cfg(feature = "grpc")]
+        stores.extend(self.store.clone());
+        stores
+    }
+}
+
+/// Serves the page, and nothing else, until it is stopped.
+#[cfg(not(feature = "grpc"))]
+async fn serve(
+    listener: TcpListener,
+    guard: Guard,
+    offer: Offer,
+    stopped: oneshot::Receiver<()>,
+) -> Result<JoinHandle<()>, ServiceError> {
+    use axum::serve::ListenerExt as _;
+
+    let router = offer
+        .page
+        .map(|(page, _)| super::web::router(page, guard))
+        .unwrap_or_default();
+    let listener = listener.tap_io(|stream| {
+        // Without it small messages wait for more; they come all the same.
+        let _ = stream.set_nodelay(true);
+    });
+    Ok(tokio::spawn(async move {
+        let ended = axum::serve(listener, router)
+            .with_graceful_shutdown(async {
+                let _ = stopped.await;
+            })
+            .await;
+        if let Err(error) = ended {
+            tracing::error!(%error, "the page has ended");
+        }
+    }))
+}
+
+#[cfg(feature = "grpc")]
+use super::grpc::serve;

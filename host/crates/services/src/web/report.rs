@@ -1,0 +1,76 @@
+//! The report of a stored run, written when it is asked for.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use tokio::sync::Mutex;
+
+use super::{Site, headers, refused, with_store};
+use spherecal_store::{CalibrationStore, RunInfo};
+
+/// Why a report could not be written.
+pub type ReportError = Box<dyn std::error::Error + Send + Sync>;
+
+/// Writes a page from what was read.
+pub type ReportWriter = Box<dyn FnOnce() -> Result<String, ReportError> + Send>;
+
+/// Reads what the report of a stored run is written from; the store is not
+/// needed for the rest.
+pub type ReportReader =
+    Arc<dyn Fn(&mut dyn CalibrationStore, &RunInfo) -> Result<ReportWriter, ReportError> + Send + Sync>;
+
+/// Reports kept.
+const KEPT: usize = 8;
+
+/// Reports that were written already. Behind one lock, so that one is written
+/// at a time however many ask.
+#[derive(Default)]
+pub(super) struct Reports(Mutex<VecDeque<(i64, String)>>);
+
+/// `/report/RUN`
+pub(super) async fn report(State(site): State<Arc<Site>>, Path(run): Path<String>) -> Response {
+    let Ok(run) = run.parse::<i64>() else {
+        return refused(StatusCode::NOT_FOUND, format!("\"{run}\" is no number of a run\n"));
+    };
+    let Some(store) = &site.page.store else {
+        return refused(StatusCode::NOT_FOUND, "this server has no store\n");
+    };
+    let Some(read) = site.page.report.clone() else {
+        return refused(StatusCode::NOT_FOUND, "this server writes no reports\n");
+    };
+    let mut kept = site.reports.0.lock().await;
+    if let Some((_, page)) = kept.iter().find(|(number, _)| *number == run) {
+        return (headers("text/html; charset=utf-8"), page.clone()).into_response();
+    }
+    let found = with_store(store, move |store| {
+        Ok(store.runs()?.into_iter().find(|info| info.run == run).map(|info| {
+            let complete = info.state == "complete";
+            (complete, read(store, &info))
+        }))
+    })
+    .await;
+    let (complete, material) = match found {
+        Ok(Some(found)) => found,
+        Ok(None) => return refused(StatusCode::NOT_FOUND, format!("there is no run {run} here\n")),
+        Err(refusal) => return refusal,
+    };
+    // Identification takes a second, without the store.
+    let written = tokio::task::spawn_blocking(move || material.and_then(|write| write())).await;
+    match written {
+        Ok(Ok(page)) => {
+            // A run that goes on has another report later.
+            if complete {
+                kept.push_back((run, page.clone()));
+                if kept.len() > KEPT {
+                    kept.pop_front();
+                }
+            }
+            (headers("text/html; charset=utf-8"), page).into_response()
+        }
+        Ok(Err(error)) => refused(StatusCode::CONFLICT, format!("run {run} has no report: {error}\n")),
+        Err(error) => refused(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()),
+    }
+}

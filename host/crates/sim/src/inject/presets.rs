@@ -1,0 +1,336 @@
+//! One plan for each fault, at the moment where it matters most.
+
+use spherecal_shared::protocol::host::{Fault, Phase};
+
+use super::fault::{InjectedFault, Status};
+use super::plan::{Plan, When};
+use crate::lossy::Lossy;
+
+/// A plan with a name.
+#[derive(Clone, Copy, Debug)]
+pub struct Preset {
+    /// Name, that of its fault.
+    pub name: &'static str,
+    /// What happens, in a line.
+    pub about: &'static str,
+    /// The fault.
+    pub what: InjectedFault,
+    /// Its moment.
+    pub when: When,
+    /// Faults that the controller may tell first.
+    pub faults: &'static [Fault],
+    /// Within which time of its beginning, in ms; `None` where it depends on
+    /// when the arm next moves, touches or tares.
+    pub within_ms: Option<u32>,
+    /// Whether it may also pass without a fault.
+    pub borne: bool,
+}
+
+impl Preset {
+    /// As a plan.
+    pub fn plan(&self) -> Plan {
+        Plan::of(self.what, self.when)
+    }
+}
+
+const fn during(name: Phase, entry: u32, after_s: f64) -> When {
+    When::Phase { name, entry, after_s }
+}
+
+/// What an arm tells when something disturbs its motion or its coupling: which
+/// of these depends on what it was doing.
+const DISTURBED: &[Fault] = &[
+    Fault::ContactLost,
+    Fault::NotSeated,
+    Fault::PathDeviation,
+    Fault::MotionTimeout,
+    Fault::Force,
+    Fault::JointVelocity,
+    Fault::JointTorque,
+    Fault::Tare,
+    Fault::NoContact,
+    Fault::StillCoupled,
+    Fault::TorqueSensor,
+    Fault::Workspace,
+];
+
+/// The same of an arm whose encoder sticks; when it is free again its angle jumps.
+const STUCK: &[Fault] = &[
+    Fault::StaleState,
+    Fault::PositionJump,
+    Fault::ContactLost,
+    Fault::PathDeviation,
+    Fault::MotionTimeout,
+    Fault::Force,
+    Fault::JointVelocity,
+    Fault::NotSeated,
+    Fault::TorqueSensor,
+];
+
+/// The presets.
+pub const PRESETS: &[Preset] = &[
+    Preset {
+        name: "state_frozen",
+        about: "the drive counts on but shows the same state for 0.5 s",
+        what: InjectedFault::StateFrozen,
+        when: during(Phase::Turning, 2, 0.2),
+        faults: &[Fault::StaleState],
+        within_ms: Some(40),
+        borne: true,
+    },
+    Preset {
+        name: "state_repeated",
+        about: "the drive sends one state again and again for 0.5 s",
+        what: InjectedFault::StateRepeated,
+        when: during(Phase::Recording, 2, 0.3),
+        faults: &[Fault::StaleState],
+        within_ms: Some(5),
+        borne: false,
+    },
+    Preset {
+        name: "state_late",
+        about: "every state comes 10 ms late for 0.5 s",
+        what: InjectedFault::StateLate { ticks: 10 },
+        when: during(Phase::Turning, 3, 0.1),
+        faults: &[Fault::StaleState],
+        within_ms: Some(15),
+        borne: false,
+    },
+    Preset {
+        name: "state_dropped",
+        about: "no state arrives for 0.5 s",
+        what: InjectedFault::StateDropped,
+        when: during(Phase::Approaching, 1, 1.0),
+        faults: &[Fault::StaleState],
+        within_ms: Some(510),
+        borne: false,
+    },
+    Preset {
+        name: "state_bits",
+        about: "three bits of every state's frame are flipped for 20 ms",
+        what: InjectedFault::StateBits { bits: 3 },
+        when: during(Phase::Recording, 1, 0.5),
+        faults: &[Fault::StaleState],
+        within_ms: Some(30),
+        borne: false,
+    },
+    Preset {
+        name: "state_nan",
+        about: "angle 4 is not a number for 20 ms",
+        what: InjectedFault::StateNan { joint: 4 },
+        when: during(Phase::Turning, 1, 0.3),
+        faults: &[Fault::NotFinite],
+        within_ms: Some(5),
+        borne: false,
+    },
+    Preset {
+        name: "position_jump",
+        about: "angle 2 reads 0.1 rad too much for 20 ms",
+        what: InjectedFault::PositionJump { joint: 2, rad: 0.1 },
+        when: during(Phase::Moving, 1, 0.5),
+        faults: &[Fault::PositionJump],
+        within_ms: Some(5),
+        borne: false,
+    },
+    Preset {
+        name: "encoder_stuck",
+        about: "encoder 4 sticks for 0.5 s",
+        what: InjectedFault::EncoderStuck { joint: 4 },
+        when: during(Phase::Moving, 2, 0.3),
+        faults: STUCK,
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "torque_bias",
+        about: "torque sensor 2 reads 30 N m too much for 0.5 s",
+        what: InjectedFault::TorqueBias { joint: 2, nm: 30.0 },
+        when: during(Phase::Coupling, 1, 1.0),
+        faults: DISTURBED,
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "torque_dead",
+        about: "torque sensor 2 reads zero for 0.5 s",
+        what: InjectedFault::TorqueDead { joint: 2 },
+        when: during(Phase::Recording, 1, 0.4),
+        faults: DISTURBED,
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "drive_status",
+        about: "an emergency stop for 2 s",
+        what: InjectedFault::DriveStatus {
+            status: Status::EmergencyStop,
+        },
+        when: during(Phase::Recording, 3, 0.2),
+        faults: &[Fault::Drive],
+        within_ms: Some(1),
+        borne: false,
+    },
+    Preset {
+        name: "torque_saturation",
+        about: "motor 2 gives no more than 20 N m for 0.5 s",
+        what: InjectedFault::TorqueSaturation { joint: 2, nm: 20.0 },
+        when: during(Phase::Turning, 2, 0.1),
+        faults: DISTURBED,
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "payload",
+        about: "1.5 kg that nobody declared, from the second approach on",
+        what: InjectedFault::Payload { kg: 1.5 },
+        when: during(Phase::Moving, 3, 0.2),
+        faults: DISTURBED,
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "obstacle",
+        about: "something soft stands in the way for 2 s",
+        what: InjectedFault::Obstacle {
+            ahead_m: 0.02,
+            stiffness_n_m: 1e4,
+        },
+        when: during(Phase::Moving, 3, 0.8),
+        faults: DISTURBED,
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "magnet_lost",
+        about: "the magnet lets go for 2 s",
+        what: InjectedFault::MagnetLost,
+        when: during(Phase::Turning, 2, 0.3),
+        faults: DISTURBED,
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "sphere_missing",
+        about: "the sphere is not there for 20 s",
+        what: InjectedFault::SphereMissing,
+        when: during(Phase::Taring, 1, 0.1),
+        faults: DISTURBED,
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "sphere_moved",
+        about: "the sphere is kicked aside by 20 mm while the nest sits on it",
+        what: InjectedFault::SphereMoved {
+            by_m: [0.02, 0.0, 0.0],
+            over_s: 0.2,
+        },
+        when: during(Phase::Recording, 2, 0.5),
+        faults: DISTURBED,
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "human_push",
+        about: "a person pushes with 50 N for 0.5 s",
+        what: InjectedFault::HumanPush {
+            force_n: [35.0, 35.0, 0.0],
+        },
+        when: during(Phase::Recording, 2, 0.4),
+        faults: DISTURBED,
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "controller_reset",
+        about: "the controller starts anew and knows nothing; the host finds it silent",
+        what: InjectedFault::ControllerReset,
+        when: during(Phase::Recording, 2, 0.5),
+        faults: &[],
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "host_silent",
+        about: "nothing passes on the host link for 3 s",
+        what: InjectedFault::HostSilent,
+        when: during(Phase::Turning, 2, 0.1),
+        faults: &[Fault::HostSilence],
+        within_ms: Some(2500),
+        borne: true,
+    },
+    Preset {
+        name: "host_link",
+        about: "the host link loses 20 % of the frames, repeats and delays 10 %, flips a bit in 1 %, for 20 s",
+        what: InjectedFault::HostLink(Lossy {
+            loss: 0.2,
+            duplication: 0.1,
+            reorder: 0.1,
+            bit_flip: 0.01,
+            seed: 1,
+        }),
+        when: during(Phase::Turning, 2, 0.1),
+        faults: &[],
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "host_killed",
+        about: "the host is killed; another one goes on after 3 s",
+        what: InjectedFault::HostKilled { away_s: 3.0 },
+        when: during(Phase::Recording, 2, 0.5),
+        faults: &[Fault::HostSilence],
+        within_ms: Some(2500),
+        borne: true,
+    },
+    Preset {
+        name: "disk_full",
+        about: "the disk has no room; when the run has stopped a person makes some and goes on",
+        what: InjectedFault::DiskFull,
+        when: during(Phase::Turning, 2, 0.1),
+        faults: &[Fault::HostSilence],
+        within_ms: None,
+        borne: true,
+    },
+    Preset {
+        name: "database_locked",
+        about: "another program locks the database for 1 s",
+        what: InjectedFault::DatabaseLocked { wall_s: 1.0 },
+        when: during(Phase::Turning, 2, 0.1),
+        faults: &[],
+        within_ms: None,
+        borne: true,
+    },
+];
+
+/// The preset of that name.
+pub fn preset(name: &str) -> Option<&'static Preset> {
+    PRESETS.iter().find(|p| p.name == name)
+}
+
+/// The second table of `docs/recovery.md`: what each fault ends in, a line of Markdown each.
+pub fn table() -> String {
+    let mut text = String::from(
+        "| injected | what happens | fault told first | within, ms | may pass without a fault |\n|---|---|---|---:|---|\n",
+    );
+    for preset in PRESETS {
+        let faults: Vec<String> = preset
+            .faults
+            .iter()
+            .map(|f| format!("`{}`", spherecal_link::fault_name(*f)))
+            .collect();
+        text.push_str(&format!(
+            "| `{}` | {} | {} | {} | {} |\n",
+            preset.name,
+            preset.about,
+            if faults.is_empty() {
+                "none".to_owned()
+            } else {
+                faults.join(", ")
+            },
+            preset.within_ms.map_or("–".to_owned(), |ms| ms.to_string()),
+            if preset.borne { "yes" } else { "no" }
+        ));
+    }
+    text
+}

@@ -1,0 +1,190 @@
+//! The simulated plant as a drive.
+//!
+//! The one place where plant and drive link meet: of the plant nothing passes
+//! but what [`Sensed`](crate::plant::Sensed) shows, which is what real hardware shows.
+
+use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
+use spherecal_shared::robot::{Robot, Tool};
+
+use crate::plant::{Disturbance, Plant, PlantConfig, PlantError};
+use spherecal_link::{Drive, LinkError};
+
+/// Control period of the plant, in µs.
+const PERIOD_US: u32 = 1000;
+
+/// A drive to whose arm things can happen that its maker did not mean: for
+/// fault injection. Only a simulated arm is one.
+pub trait Disturb: Drive {
+    /// Lets it happen.
+    fn disturb(&mut self, what: &Disturbance);
+}
+
+/// The plant behind a drive's face.
+pub struct SimulatedArm<const N: usize> {
+    plant: Plant<N>,
+    hello: DriveHello,
+    tick: u64,
+    seen: bool,
+    /// Whether the brakes have been open: until then nothing moves that they would stop.
+    released: bool,
+}
+
+impl<const N: usize> SimulatedArm<N> {
+    /// A drive that moves `plant`, an arm with the nominal limits of `robot`.
+    pub fn new(plant: Plant<N>, robot: &Robot) -> Self {
+        Self {
+            plant,
+            hello: DriveHello {
+                protocol: PROTOCOL_VERSION,
+                limits: robot.joints.iter().map(|j| j.limits).collect(),
+                period_us: PERIOD_US,
+                compensates_gravity: false,
+                torque_sign: TorqueSign::OfActuator,
+                lock_step: true,
+            },
+            tick: 0,
+            seen: false,
+            released: false,
+        }
+    }
+
+    /// The plant, for whoever disturbs it or reads its truth.
+    pub fn plant(&mut self) -> &mut Plant<N> {
+        &mut self.plant
+    }
+}
+
+impl<const N: usize> Drive for SimulatedArm<N> {
+    fn hello(&self) -> &DriveHello {
+        &self.hello
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        let mut braked = true;
+        if command.is_none() && self.seen {
+            self.tick += 1;
+            self.plant.step_braked();
+        }
+        self.seen = true;
+        if let Some(command) = command {
+            self.tick += 1;
+            if command.enable {
+                let tau: &[f64; N] = command.tau.as_slice().try_into().map_err(|_| LinkError::Torques {
+                    found: command.tau.len(),
+                    joints: N,
+                })?;
+                self.plant.step(tau);
+                self.released = true;
+                braked = false;
+            } else if self.released {
+                self.plant.step_braked();
+            }
+        }
+        let sensed = self.plant.sensed();
+        state.tick = self.tick;
+        fill(&mut state.q, &sensed.q);
+        // With closed brakes the arm stands still.
+        fill(&mut state.dq, if braked { &[0.0; N] } else { &sensed.dq });
+        fill(&mut state.tau, &sensed.tau);
+        state.status = DriveStatus::Ready;
+        Ok(())
+    }
+
+    fn move_plate(&mut self, place: u32) -> bool {
+        self.plant.move_plate(place)
+    }
+}
+
+impl<const N: usize> Disturb for SimulatedArm<N> {
+    fn disturb(&mut self, what: &Disturbance) {
+        self.plant.suffer(what);
+    }
+}
+
+fn fill<const N: usize>(joints: &mut spherecal_shared::Joints, values: &[f64; N]) {
+    joints.clear();
+    // Robots have at most as many joints as the message carries.
+    let _ = joints.extend_from_slice(values);
+}
+
+/// A simulated arm of as many joints as `robot` has, at rest at `q` (rad).
+///
+/// # Errors
+/// A plant that cannot be built, or a number of joints that this program was
+/// not built for.
+pub fn simulated_arm(
+    robot: &Robot,
+    tool: &Tool,
+    config: &PlantConfig,
+    q: &[f64],
+) -> Result<Box<dyn Disturb>, SimulatedArmError> {
+    fn build<const N: usize>(
+        robot: &Robot,
+        tool: &Tool,
+        config: &PlantConfig,
+        q: &[f64],
+    ) -> Result<Box<dyn Disturb>, SimulatedArmError> {
+        let q: &[f64; N] = q.try_into().map_err(|_| LinkError::OtherRobot {
+            drive: q.len(),
+            robot: N,
+        })?;
+        let plant = Plant::<N>::new(robot, tool, config, q)?;
+        Ok(Box::new(SimulatedArm::new(plant, robot)))
+    }
+    match robot.dof() {
+        6 => build::<6>(robot, tool, config, q),
+        7 => build::<7>(robot, tool, config, q),
+        joints => Err(LinkError::Joints {
+            joints,
+            built: "6 and 7",
+        }
+        .into()),
+    }
+}
+
+/// Why there is no simulated arm.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulatedArmError {
+    /// The plant was refused.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The drive was refused.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+}
+
+#[cfg(test)]
+mod tests {
+    use spherecal_shared::Joints;
+    use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+
+    use super::*;
+
+    // Fails if closed brakes leave the arm its motion for when they open again,
+    // or if its sensors see nothing while they are closed.
+    #[test]
+    fn brakes_take_the_motion() {
+        let home = [0.0, 0.4, 0.0, -1.5, 0.0, 1.0, 0.0];
+        let plant = Plant::new(&iiwa7(), &iiwa7_tool(), &PlantConfig::typical(), &home).expect("a plant");
+        let mut arm = SimulatedArm::new(plant, &iiwa7());
+        let mut state = DriveState::default();
+        let mut run = |arm: &mut SimulatedArm<7>, enable: bool, ticks: u64| {
+            let mut seen = Vec::new();
+            for tick in 0..ticks {
+                let tau = Joints::from_slice(&[0.0; 7]).expect("seven of eight");
+                let command = DriveCommand { tick, tau, enable };
+                arm.exchange(Some(&command), &mut state).expect("a state");
+                seen.push(state.q.to_vec());
+            }
+            seen
+        };
+        run(&mut arm, true, 100);
+        assert!(arm.plant().truth().kinetic_j > 0.5, "it falls");
+        let seen = run(&mut arm, false, 10);
+        assert_eq!(arm.plant().truth().kinetic_j, 0.0);
+        assert!(seen.windows(2).all(|w| w[0] != w[1]), "encoders have noise");
+        run(&mut arm, true, 1);
+        assert!(arm.plant().truth().kinetic_j < 1e-3, "it falls anew");
+    }
+}

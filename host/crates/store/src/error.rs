@@ -1,0 +1,185 @@
+//! Why the store refused or failed.
+
+use std::path::{Path, PathBuf};
+
+/// What can go wrong with a database.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The file is something else.
+    #[error(
+        "{path}: is not a calibration database of spherecal: choose another --out folder; nothing was changed",
+        path = path.display()
+    )]
+    NotOurs {
+        /// File.
+        path: PathBuf,
+    },
+    /// A newer version wrote it.
+    #[error(
+        "{path}: has schema version {found}, this program knows those up to {expected}: \
+         use the spherecal that wrote it, or choose another --out folder; nothing was changed",
+        path = path.display()
+    )]
+    Version {
+        /// File.
+        path: PathBuf,
+        /// Its version.
+        found: i64,
+        /// The version of this program.
+        expected: i64,
+    },
+    /// Pages of the file are damaged.
+    #[error(
+        "{path}: is damaged ({what}): keep it, save what can be read into a new file with \
+         `spherecal store recover {path} NEW.db`, or choose another --out folder; nothing was changed",
+        path = path.display()
+    )]
+    Damaged {
+        /// File.
+        path: PathBuf,
+        /// What SQLite found.
+        what: String,
+    },
+    /// There is no such file.
+    #[error(
+        "{path}: there is no database: give the --out folder of an earlier run, or run `spherecal run` first",
+        path = path.display()
+    )]
+    Missing {
+        /// File.
+        path: PathBuf,
+    },
+    /// A run is not there, or lacks something.
+    #[error("{path}: {what}: {remedy}", path = path.display())]
+    Absent {
+        /// File.
+        path: PathBuf,
+        /// What is not there.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A stored value does not decode.
+    #[error("{path}: {field} does not decode ({source}): the run was written by another version", path = path.display())]
+    Decode {
+        /// File.
+        path: PathBuf,
+        /// Column.
+        field: &'static str,
+        /// Why.
+        source: serde_json::Error,
+    },
+    /// The folder or file cannot be made.
+    #[error("{path}: {source}: check the path and its permissions", path = path.display())]
+    Io {
+        /// File or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Another program holds it.
+    #[error(
+        "{path}: another program has it locked ({what}): end that program, then continue with --resume; \
+         nothing that was acknowledged is lost",
+        path = path.display()
+    )]
+    Locked {
+        /// File.
+        path: PathBuf,
+        /// What is held.
+        what: String,
+    },
+    /// There is no room, or the disk fails.
+    #[error(
+        "{path}: cannot be written ({what}): make room on the disk and see that it works, then continue with \
+         --resume; nothing that was acknowledged is lost",
+        path = path.display()
+    )]
+    Full {
+        /// File.
+        path: PathBuf,
+        /// What the database said.
+        what: String,
+    },
+    /// A file stands where a new one is to be written.
+    #[error("{path}: is there already: name a file that does not exist; nothing was changed", path = path.display())]
+    Exists {
+        /// File.
+        path: PathBuf,
+    },
+    /// The database failed.
+    #[error("{path}: {source}: check free space and permissions, then continue with --resume", path = path.display())]
+    Database {
+        /// File.
+        path: PathBuf,
+        /// What the database said.
+        source: sqlx::Error,
+    },
+    /// A database server cannot be used.
+    #[error("{url}: {source}: check the URL, and that the server runs and lets this user in")]
+    Server {
+        /// URL, without the password.
+        url: String,
+        /// What the server or the way to it said.
+        source: sqlx::Error,
+    },
+    /// A store that is defined outside of this crate (a service) refused or failed.
+    #[error("{source}")]
+    Remote {
+        /// What it said.
+        source: Box<dyn std::error::Error + Send + Sync>,
+        /// Whether the user's input is at fault.
+        input: bool,
+    },
+    /// This program was built without what is asked for.
+    #[error(
+        "{what} needs the feature `{feature}`, which this program was built without: build it with --features {feature}"
+    )]
+    Feature {
+        /// What is asked for.
+        what: &'static str,
+        /// Which feature brings it.
+        feature: &'static str,
+    },
+}
+
+impl StoreError {
+    /// What the database said, sorted by what a person has to do.
+    pub(super) fn of(path: &Path, source: sqlx::Error) -> Self {
+        let path = path.to_owned();
+        let what = source.to_string();
+        // SQLite's primary result codes.
+        match code(&source) {
+            Some(5 | 6) => Self::Locked { path, what },
+            Some(8 | 10 | 13 | 14) => Self::Full { path, what },
+            Some(11 | 26) => Self::Damaged { path, what },
+            _ => Self::Database { path, source },
+        }
+    }
+
+    /// Whether the input is to blame (exit code 2), not the machine.
+    pub fn is_input(&self) -> bool {
+        match self {
+            Self::Remote { input, .. } => *input,
+            other => !matches!(
+                other,
+                Self::Database { .. } | Self::Io { .. } | Self::Locked { .. } | Self::Full { .. } | Self::Server { .. }
+            ),
+        }
+    }
+}
+
+/// SQLite's primary result code of an error, or of what lies behind it.
+fn code(error: &sqlx::Error) -> Option<u32> {
+    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
+    while let Some(error) = cause {
+        if let Some(code) = error
+            .downcast_ref::<sqlx::Error>()
+            .and_then(|e| e.as_database_error()?.code())
+        {
+            return code.parse::<u32>().ok().map(|extended| extended & 0xff);
+        }
+        cause = error.source();
+    }
+    None
+}

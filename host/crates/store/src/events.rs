@@ -1,0 +1,280 @@
+//! Writing what the controller numbered: phases, contacts, couplings, faults and
+//! recordings, a batch in one transaction, once each.
+
+use serde::Serialize;
+use spherecal_shared::protocol::host::{Contact, Coupled, Event, FaultReport, PhaseChange, Recording};
+use sqlx::any::AnyArguments;
+use sqlx::query::Query;
+use sqlx::{Any, AnyConnection, AssertSqlSafe, Connection as _};
+
+use super::digest::{self, recording_subject};
+use super::write::{put_digest, rows};
+use super::{SqlStore, StoreError};
+
+/// An event and where it belongs: the session of the run in which it happened,
+/// and a number that it has to itself there.
+#[derive(Clone, Copy, Debug)]
+pub struct Placed<'a> {
+    /// Session of the run.
+    pub session: i64,
+    /// Number within it.
+    pub event: i64,
+    /// What happened.
+    pub body: &'a Event,
+}
+
+/// What is done with an event that is stored already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Known {
+    /// It stays as it is.
+    Stays,
+    /// It is written anew.
+    IsReplaced,
+}
+
+/// Name of a unit variant as serde writes it (`joint_position`).
+fn name_of(value: impl Serialize) -> String {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(name)) => name,
+        _ => String::from("?"),
+    }
+}
+
+impl SqlStore {
+    /// Writes a batch of events in one transaction. A recording that is already
+    /// there is not written again.
+    ///
+    /// What was measured (recordings, contacts, couplings, faults) is on the
+    /// disk when it returns. Phase changes alone survive a kill, and are carried
+    /// to the disk by the next such commit: they do not wait for it.
+    pub(super) fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
+        self.write_events(run, events, Known::Stays)
+    }
+
+    /// As [`append`](Self::append), but what was stored under the numbers of
+    /// these events is written anew, recordings excepted: for a run that is
+    /// repeated from its start.
+    pub(super) fn rewrite(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
+        self.write_events(run, events, Known::IsReplaced)
+    }
+
+    fn write_events(&mut self, run: i64, events: &[Placed<'_>], known: Known) -> Result<(), StoreError> {
+        let measured = events.iter().any(|placed| {
+            matches!(
+                placed.body,
+                Event::Recording(_) | Event::Contact(_) | Event::Coupled(_) | Event::Fault(_)
+            )
+        });
+        self.set_durable(measured)?;
+        self.block(async |connection| {
+            let mut t = connection.begin().await?;
+            for placed in events {
+                let session = placed.session;
+                let key = (run, session, placed.event);
+                if known == Known::IsReplaced {
+                    for statement in FORGET {
+                        sqlx::query(statement)
+                            .bind(run)
+                            .bind(session)
+                            .bind(placed.event)
+                            .execute(&mut *t)
+                            .await?;
+                    }
+                }
+                match placed.body {
+                    Event::Phase(phase) => insert_phase(&mut t, key, phase).await?,
+                    Event::Contact(contact) => insert_contact(&mut t, key, contact).await?,
+                    Event::Coupled(coupled) => insert_coupled(&mut t, key, coupled).await?,
+                    Event::Recording(recording) => insert_recording(&mut t, run, session, recording).await?,
+                    Event::Fault(fault) => insert_fault(&mut t, key, fault).await?,
+                    Event::Banner(_)
+                    | Event::Held { .. }
+                    | Event::Reply { .. }
+                    | Event::Passed { .. }
+                    | Event::Telemetry(_)
+                    | Event::Statistics(_) => {}
+                }
+            }
+            t.commit().await
+        })
+    }
+
+    /// Removes the events of a run, recordings excepted, that do not belong to
+    /// `session` or came after event `last` of it.
+    pub(super) fn forget_after(&mut self, run: i64, session: i64, last: i64) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            let mut t = connection.begin().await?;
+            for statement in FORGET_AFTER {
+                sqlx::query(statement)
+                    .bind(run)
+                    .bind(session)
+                    .bind(last)
+                    .execute(&mut *t)
+                    .await?;
+            }
+            t.commit().await
+        })
+    }
+}
+
+type Key = (i64, i64, i64);
+
+/// What is known of one event, recordings excepted.
+const FORGET: [&str; 4] = [
+    "DELETE FROM phases WHERE run = $1 AND session = $2 AND event = $3",
+    "DELETE FROM contacts WHERE run = $1 AND session = $2 AND event = $3",
+    "DELETE FROM couplings WHERE run = $1 AND session = $2 AND event = $3",
+    "DELETE FROM faults WHERE run = $1 AND session = $2 AND event = $3",
+];
+
+/// What does not belong to a session up to an event.
+const FORGET_AFTER: [&str; 4] = [
+    "DELETE FROM phases WHERE run = $1 AND (session <> $2 OR event > $3)",
+    "DELETE FROM contacts WHERE run = $1 AND (session <> $2 OR event > $3)",
+    "DELETE FROM couplings WHERE run = $1 AND (session <> $2 OR event > $3)",
+    "DELETE FROM faults WHERE run = $1 AND (session <> $2 OR event > $3)",
+];
+
+/// A statement on one event, whose first three values are its key.
+fn keyed(key: Key, statement: &'static str) -> Query<'static, Any, AnyArguments> {
+    sqlx::query(statement).bind(key.0).bind(key.1).bind(key.2)
+}
+
+async fn insert_phase(t: &mut AnyConnection, key: Key, phase: &PhaseChange) -> Result<(), sqlx::Error> {
+    keyed(
+        key,
+        "INSERT INTO phases (run, session, event, phase, previous, time_us, tick) VALUES ($1, $2, $3, $4, $5, $6, $7) \
+         ON CONFLICT DO NOTHING",
+    )
+    .bind(name_of(phase.phase))
+    .bind(name_of(phase.from))
+    .bind(phase.time_us as i64)
+    .bind(phase.tick as i64)
+    .execute(t)
+    .await
+    .map(|_| ())
+}
+
+async fn insert_contact(t: &mut AnyConnection, key: Key, contact: &Contact) -> Result<(), sqlx::Error> {
+    let ([tx, ty, tz], [px, py, pz]) = (contact.tare_n, contact.tcp_m);
+    keyed(
+        key,
+        "INSERT INTO contacts (run, session, event, sphere, time_us, force_n, peak_n, tare_x_n, tare_y_n, tare_z_n, \
+         tcp_x_m, tcp_y_m, tcp_z_m, travel_m, latency_ticks, early_crossings) \
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16) ON CONFLICT DO NOTHING",
+    )
+    .bind(i64::from(contact.sphere))
+    .bind(contact.time_us as i64)
+    .bind(real(contact.force_n))
+    .bind(real(contact.peak_n))
+    .bind(real(tx))
+    .bind(real(ty))
+    .bind(real(tz))
+    .bind(real(px))
+    .bind(real(py))
+    .bind(real(pz))
+    .bind(real(contact.travel_m))
+    .bind(i64::from(contact.latency_ticks))
+    .bind(i64::from(contact.early_crossings))
+    .execute(t)
+    .await
+    .map(|_| ())
+}
+
+async fn insert_coupled(t: &mut AnyConnection, key: Key, coupled: &Coupled) -> Result<(), sqlx::Error> {
+    let [x, y, z] = coupled.centre_m;
+    keyed(
+        key,
+        "INSERT INTO couplings (run, session, event, sphere, time_us, centre_x_m, centre_y_m, centre_z_m, shift_m, \
+         test_m) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
+    )
+    .bind(i64::from(coupled.sphere))
+    .bind(coupled.time_us as i64)
+    .bind(real(x))
+    .bind(real(y))
+    .bind(real(z))
+    .bind(real(coupled.shift_m))
+    .bind(real(coupled.test_m))
+    .execute(t)
+    .await
+    .map(|_| ())
+}
+
+async fn insert_fault(t: &mut AnyConnection, key: Key, fault: &FaultReport) -> Result<(), sqlx::Error> {
+    // Value and bound as text: a fault may report a NaN, which columns of numbers cannot hold.
+    keyed(
+        key,
+        "INSERT INTO faults (run, session, event, fault, phase, time_us, tick, joint, value, bound) \
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
+    )
+    .bind(name_of(fault.fault))
+    .bind(name_of(fault.phase))
+    .bind(fault.time_us as i64)
+    .bind(fault.tick as i64)
+    .bind(i64::from(fault.joint))
+    .bind(format!("{:?}", fault.value))
+    .bind(format!("{:?}", fault.limit))
+    .execute(t)
+    .await
+    .map(|_| ())
+}
+
+async fn insert_recording(t: &mut AnyConnection, run: i64, session: i64, r: &Recording) -> Result<(), sqlx::Error> {
+    let [fx, fy, fz] = r.force_n;
+    let inserted = sqlx::query(
+        "INSERT INTO recordings (run, sphere, pose, position, session, start_us, end_us, samples, gaps, tcp_spread_m, \
+         force_x_n, force_y_n, force_z_n) \
+         VALUES ($1, $2, $3, (SELECT COUNT(*) FROM recordings WHERE run = $1), $4, $5, $6, $7, $8, $9, $10, $11, $12) \
+         ON CONFLICT DO NOTHING",
+    )
+    .bind(run)
+    .bind(i64::from(r.sphere))
+    .bind(i64::from(r.pose))
+    .bind(session)
+    .bind(r.start_us as i64)
+    .bind(r.end_us as i64)
+    .bind(i64::from(r.count))
+    .bind(i64::from(r.gaps))
+    .bind(real(r.tcp_spread_m))
+    .bind(real(fx))
+    .bind(real(fy))
+    .bind(real(fz))
+    .execute(&mut *t)
+    .await?;
+    if inserted.rows_affected() == 0 {
+        return Ok(());
+    }
+    let subject = recording_subject(r.sphere, r.pose);
+    put_digest(t, run, &subject, digest::of_recording(r)).await?;
+    if r.q.is_empty() || r.tau.is_empty() {
+        return Ok(());
+    }
+    let statement = rows(
+        "INSERT INTO recording_joints (run, sphere, pose, joint, q_mean_rad, q_std_rad, q_min_rad, q_max_rad, \
+         tau_mean_nm, tau_std_nm, tau_min_nm, tau_max_nm)",
+        r.q.len().min(r.tau.len()),
+        12,
+    );
+    let mut insert = sqlx::query(AssertSqlSafe(statement));
+    for ((q, tau), joint) in r.q.iter().zip(&r.tau).zip(1i64..) {
+        insert = insert
+            .bind(run)
+            .bind(i64::from(r.sphere))
+            .bind(i64::from(r.pose))
+            .bind(joint);
+        for signal in [q, tau] {
+            insert = insert
+                .bind(real(signal.mean))
+                .bind(real(signal.std))
+                .bind(real(signal.min))
+                .bind(real(signal.max));
+        }
+    }
+    insert.execute(t).await.map(|_| ())
+}
+
+/// A number as it is stored: SQLite keeps no sign of a zero, so no store does,
+/// and a run has the same bits in all of them.
+fn real(value: f64) -> f64 {
+    value + 0.0
+}

@@ -1,0 +1,311 @@
+//! Past calibrations of each arm, and what they say together: is it drifting,
+//! and when is the next calibration due?
+//!
+//! Every finished run leaves a *fingerprint*: where its calibrated model puts
+//! the TCP, in the robot's own frame, at configurations that depend on nothing
+//! but the robot's joint limits, and how sure it is of that. Two fingerprints
+//! of one arm are laid over each other (a rigid motion: the base's frame is a
+//! convention) and what is left is how far the arm has *moved* between the two
+//! calibrations. It *drifts* when that is more than three times what both
+//! together do not know; the next calibration is due when an arm that goes on
+//! moving as fast as the straight line through all its runs will have moved by
+//! the limit since the last.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use spherecal_shared::robot::Robot;
+
+use spherecal_model::Pose;
+use spherecal_model::halton::halton;
+
+use crate::time::{days, utc};
+use crate::{CalibrationStore, StoreError};
+
+/// How far an arm may move, in mm, before it is to be calibrated again, unless something else is said.
+pub const LIMIT_MM: f64 = 0.3;
+/// Name of a fingerprint among a run's results.
+pub const FINGERPRINT: &str = "fingerprint";
+/// Configurations of a fingerprint.
+const POINTS: usize = 60;
+/// How many times the uncertainty a move must be to count as drift.
+const SIGNIFICANT: f64 = 3.0;
+/// Days after which a calibration is due where nothing is known of drift: the
+/// yearly interval of measuring equipment.
+const YEAR_DAYS: f64 = 365.0;
+
+/// Where a calibrated model puts the TCP.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Fingerprint {
+    /// TCP in F0, in m.
+    pub points_m: Vec<[f64; 3]>,
+    /// Root mean square of what the model does not know of them, in mm.
+    pub sigma_mm: f64,
+}
+
+/// Configurations over the middle half of a robot's joint ranges, in rad.
+fn configurations(robot: &Robot) -> Vec<Vec<f64>> {
+    (1..=POINTS)
+        .map(|index| {
+            robot
+                .joints
+                .iter()
+                .enumerate()
+                .map(|(j, joint)| {
+                    let (low, high) = (joint.limits.min_rad, joint.limits.max_rad);
+                    0.5 * (low + high) + 0.5 * (high - low) * (halton(index, j) - 0.5)
+                })
+                .collect()
+        })
+        .collect()
+}
+
+impl Fingerprint {
+    /// The fingerprint of a calibrated model of `robot`: `tcp_m` is where it puts
+    /// the TCP in F0 at joint angles in rad, in m, and `variance_m2` the trace of
+    /// its covariance there, in m².
+    pub fn of(robot: &Robot, tcp_m: impl Fn(&[f64]) -> Vector3<f64>, variance_m2: impl Fn(&[f64]) -> f64) -> Self {
+        let configurations = configurations(robot);
+        let variance: f64 = configurations.iter().map(|q| variance_m2(q)).sum();
+        Self {
+            points_m: configurations.iter().map(|q| tcp_m(q).into()).collect(),
+            sigma_mm: (variance / POINTS as f64).sqrt() * 1e3,
+        }
+    }
+
+    /// Mean distance to another one after the best rigid motion, in mm; `None`
+    /// where they are not of one kind of robot.
+    pub fn moved_mm(&self, other: &Self) -> Option<f64> {
+        if self.points_m.len() != other.points_m.len() || self.points_m.is_empty() {
+            return None;
+        }
+        let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vector3::from(*p)).collect::<Vec<_>>();
+        let (from, to) = (vectors(&self.points_m), vectors(&other.points_m));
+        let pose = Pose::fit(&from, &to)?;
+        let sum: f64 = from.iter().zip(&to).map(|(a, b)| (pose.point(a) - b).norm()).sum();
+        Some(sum / from.len() as f64 * 1e3)
+    }
+}
+
+/// One past calibration.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Past {
+    /// Number of the run.
+    pub run: i64,
+    /// When it was begun, UTC.
+    pub created_utc: String,
+    /// Kind of robot.
+    pub robot: String,
+    /// Which one; empty where it was not named.
+    pub arm: String,
+    /// `running`, `measured` or `complete`.
+    pub state: String,
+    /// Whether its result was to be trusted.
+    pub trusted: Option<bool>,
+    /// Poses recorded.
+    pub recorded: Option<u64>,
+    /// Root mean square of its residuals, in mm.
+    pub residual_rms_mm: Option<f64>,
+    /// Mean TCP error before and after, in mm, where a tracker validated it.
+    pub nominal_mm: Option<f64>,
+    /// See `nominal_mm`.
+    pub calibrated_mm: Option<f64>,
+    /// Its fingerprint.
+    #[serde(skip)]
+    pub fingerprint: Option<Fingerprint>,
+}
+
+/// All calibrations of a store, or those of one arm, oldest first.
+///
+/// # Errors
+/// When the store fails.
+pub fn read(store: &mut dyn CalibrationStore, arm: &str) -> Result<Vec<Past>, StoreError> {
+    let mut past = Vec::new();
+    for info in store.runs_of(arm)? {
+        let summary: serde_json::Value = store
+            .result(info.run, "summary")?
+            .and_then(|json| serde_json::from_str(&json).ok())
+            .unwrap_or_default();
+        let fingerprint = store.result(info.run, FINGERPRINT)?;
+        let models = &summary["validation"]["models"];
+        past.push(Past {
+            run: info.run,
+            created_utc: info.created_utc,
+            robot: info.robot.name.to_string(),
+            arm: info.arm,
+            state: info.state,
+            trusted: summary["verdict"]["trusted"].as_bool(),
+            recorded: summary["poses"]["recorded"].as_u64(),
+            residual_rms_mm: summary["residual"]["rms_mm"].as_f64(),
+            nominal_mm: models["nominal"]["mean_mm"].as_f64(),
+            calibrated_mm: models["sphere"]["mean_mm"].as_f64(),
+            fingerprint: fingerprint.and_then(|json| serde_json::from_str(&json).ok()),
+        });
+    }
+    Ok(past)
+}
+
+/// The past by arm, in the order of their names; each one's oldest first.
+pub fn by_arm(past: Vec<Past>) -> Vec<Vec<Past>> {
+    let mut arms: BTreeMap<(String, String), Vec<Past>> = BTreeMap::new();
+    for run in past {
+        arms.entry((run.robot.clone(), run.arm.clone())).or_default().push(run);
+    }
+    arms.into_values().collect()
+}
+
+/// One point of a trend.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Step {
+    /// Number of the run.
+    pub run: i64,
+    /// Days since the first run of the trend.
+    pub days: f64,
+    /// How far the arm had moved since the first run, in mm.
+    pub moved_mm: f64,
+    /// And since the run before.
+    pub moved_since_last_mm: f64,
+    /// What both calibrations together do not know, in mm (1 sigma).
+    pub sigma_mm: f64,
+}
+
+/// What the calibrations of one arm say together.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Trend {
+    /// Kind of robot.
+    pub robot: String,
+    /// Which one.
+    pub arm: String,
+    /// Trusted runs in the order of time; the first is what the others are held against.
+    pub steps: Vec<Step>,
+    /// Whether the arm has moved by more than the calibrations' own uncertainty.
+    pub drifting: bool,
+    /// Speed of the straight line through all moves, in mm a year; `None` where all are of one day.
+    pub mm_per_year: Option<f64>,
+    /// Move at which a calibration is due, in mm.
+    pub limit_mm: f64,
+    /// Day on which the next calibration is due, UTC, after the last run.
+    pub due_utc: Option<String>,
+}
+
+/// The trend of one arm from its past, which holds runs of this arm alone, oldest first.
+pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
+    let useful: Vec<(&Past, &Fingerprint, f64)> = past
+        .iter()
+        .filter(|p| p.trusted == Some(true))
+        .filter_map(|p| Some((p, p.fingerprint.as_ref()?, days(&p.created_utc)?)))
+        .collect();
+    let (first, first_print, begun) = *useful.first()?;
+    let mut steps: Vec<Step> = Vec::new();
+    let mut before = first_print;
+    for (run, print, day) in &useful {
+        let sigma_mm = if run.run == first.run {
+            first_print.sigma_mm
+        } else {
+            print.sigma_mm.hypot(first_print.sigma_mm)
+        };
+        steps.push(Step {
+            run: run.run,
+            days: day - begun,
+            moved_mm: print.moved_mm(first_print)?,
+            moved_since_last_mm: print.moved_mm(before)?,
+            sigma_mm,
+        });
+        before = print;
+    }
+    let last = steps.last()?;
+    let drifting = last.moved_mm > SIGNIFICANT * last.sigma_mm;
+    // A line through the origin: the first run has not moved against itself.
+    let (product, square) = steps.iter().fold((0.0, 0.0), |(p, s), step| {
+        (p + step.days * step.moved_mm, s + step.days * step.days)
+    });
+    // Runs of one day say nothing of a speed.
+    let per_day = (last.days >= 1.0).then(|| product / square);
+    let until = match per_day {
+        // The last calibration has taken up what had moved until then.
+        Some(speed) if drifting && speed > 0.0 => (limit_mm / speed).min(YEAR_DAYS),
+        _ => YEAR_DAYS,
+    };
+    Some(Trend {
+        robot: first.robot.clone(),
+        arm: first.arm.clone(),
+        drifting,
+        mm_per_year: per_day.map(|speed| speed * YEAR_DAYS),
+        limit_mm,
+        due_utc: Some(utc(((begun + last.days + until) * 86_400.0).max(0.0) as u64)),
+        steps,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Rotation3;
+
+    fn print(stretch: f64, turn: f64) -> Fingerprint {
+        let turn = Rotation3::from_euler_angles(turn, -turn, 2.0 * turn);
+        let points = (1..=POINTS).map(|k| {
+            let p = Vector3::new(halton(k, 0), halton(k, 1), halton(k, 2) * (1.0 + stretch));
+            (turn * p + Vector3::new(turn.angle(), 0.3, -0.1)).into()
+        });
+        Fingerprint {
+            points_m: points.collect(),
+            sigma_mm: 0.05,
+        }
+    }
+
+    fn past(run: i64, created_utc: &str, fingerprint: Fingerprint) -> Past {
+        Past {
+            run,
+            created_utc: created_utc.to_owned(),
+            robot: "iiwa7".to_owned(),
+            arm: "7".to_owned(),
+            state: "complete".to_owned(),
+            trusted: Some(true),
+            recorded: None,
+            residual_rms_mm: None,
+            nominal_mm: None,
+            calibrated_mm: None,
+            fingerprint: Some(fingerprint),
+        }
+    }
+
+    // Fails if a rigid motion counts as a move of the arm, or a change of its
+    // shape does not.
+    #[test]
+    fn only_the_shape_counts() {
+        assert!(print(0.0, 0.0).moved_mm(&print(0.0, 0.7)).expect("comparable") < 1e-9);
+        let moved = print(0.0, 0.0).moved_mm(&print(0.004, 0.7)).expect("comparable");
+        // A stretch by s along z moves points by s times their distance from the middle, 0.25 on average.
+        assert!((0.8..1.2).contains(&moved), "{moved}");
+        assert_eq!(print(0.0, 0.0).moved_mm(&Fingerprint::default()), None);
+    }
+
+    // Fails if drift is seen in noise or not seen where there is, or if the due
+    // date is not where the line reaches the limit.
+    #[test]
+    fn drift_is_told_from_noise_and_dated() {
+        let steady = [
+            past(1, "2026-01-01T00:00:00Z", print(0.0, 0.1)),
+            past(2, "2026-07-01T00:00:00Z", print(0.0002, 0.2)),
+        ];
+        let t = trend(&steady, 0.5).expect("a trend");
+        assert!(!t.drifting, "{t:?}");
+        assert_eq!(t.due_utc.as_deref(), Some("2027-07-01T00:00:00Z"));
+
+        let drifting = [
+            past(1, "2026-01-01T00:00:00Z", print(0.0, 0.1)),
+            past(2, "2026-01-11T00:00:00Z", print(0.002, 0.2)),
+            past(3, "2026-01-21T00:00:00Z", print(0.004, 0.3)),
+        ];
+        let t = trend(&drifting, 1.0).expect("a trend");
+        assert!(t.drifting);
+        let per_day = t.mm_per_year.expect("a speed") / 365.0;
+        assert!((0.04..0.06).contains(&per_day), "{per_day}");
+        let due = days(t.due_utc.as_deref().expect("due")).expect("a date");
+        let until = due - days("2026-01-21T00:00:00Z").expect("a date");
+        assert!((until - 1.0 / per_day).abs() < 0.01, "{until}");
+        assert!(trend(&[], 1.0).is_none());
+    }
+}

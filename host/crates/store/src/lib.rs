@@ -1,0 +1,125 @@
+//! The store: every recording, contact and fault, written as they arrive.
+//!
+//! Vocabulary: a *run* is one calibration, a *session* one program that worked
+//! on it (a resumed run has several), an *event* what the controller numbered.
+//!
+//! ```text
+//!   HostEndpoint ─ batch of events ─▶ Journal::append ─ commit, fsync ─▶ acknowledged
+//!   identify, validate, report ◀─────── SqlCalibrationStore::read_run ◀─────┘
+//! ```
+//!
+//! SQLite, in write-ahead mode with a synchronous commit: what was acknowledged
+//! survives a kill and a power cut. A recording is keyed by run, sphere and
+//! pose, every other event by the host link session in which it happened and
+//! its number there, so that what comes again is not stored again. The schema
+//! (`migrations/`) keeps to what SQLite and PostgreSQL share, and so do the
+//! statements: a store is a file, a PostgreSQL database by its URL, or the
+//! service of another machine ([`StoreLocation`]): all of them are a
+//! [`CalibrationStore`]; the first two are here ([`SqlStore`]). Older schemas are
+//! brought forward when they are opened, newer ones are refused.
+//!
+//! A file is checked before anything is written to it. One that is damaged is
+//! left as it is; [`recover`] reads what it can into a new one.
+
+mod calibration_store;
+mod columns;
+mod digest;
+mod error;
+mod events;
+pub mod history;
+mod location;
+mod lock;
+mod open;
+mod peer;
+mod read;
+mod recover;
+mod runs;
+mod sql;
+pub mod time;
+mod write;
+
+use std::path::PathBuf;
+
+use spherecal_shared::robot::{Robot, Tool};
+use sqlx::AnyConnection;
+use tokio::runtime::Runtime;
+
+pub use calibration_store::{CalibrationStore, StoredRun};
+pub use error::StoreError;
+pub use events::Placed;
+pub use location::StoreLocation;
+pub use lock::Claim;
+pub use open::SCHEMA_VERSION;
+pub use peer::Peer;
+pub use recover::{Recovered, recover};
+pub use runs::RunInfo;
+pub use write::SessionEnd;
+
+use spherecal_model::Sphere;
+
+/// Which database a store is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Sqlite,
+    #[cfg_attr(not(feature = "postgres"), allow(dead_code, reason = "constructed with the feature"))]
+    Postgres,
+}
+
+/// The database of calibrations, behind blocking calls.
+pub struct SqlStore {
+    runtime: Runtime,
+    /// Always there until the store is dropped.
+    connection: Option<AnyConnection>,
+    kind: Kind,
+    /// The file, or the URL without its password.
+    path: PathBuf,
+    /// Whether commits wait for the disk.
+    durable: bool,
+    /// See [`CalibrationStore::chosen_run`].
+    chosen: Option<i64>,
+}
+
+/// What is known of a run before its first event.
+#[derive(Clone, Debug)]
+pub struct NewRun {
+    /// When it was begun, UTC, RFC 3339.
+    pub created_utc: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Link, as given on the command line.
+    pub link: String,
+    /// Nominal robot.
+    pub robot: Robot,
+    /// Nominal tool.
+    pub tool: Tool,
+    /// The whole configuration, as TOML.
+    pub config_toml: String,
+    /// The whole plan, as JSON.
+    pub plan_json: String,
+    /// Name and version of the program.
+    pub program: String,
+    /// The plate's certificate.
+    pub spheres: Vec<Sphere>,
+    /// Planned poses, in the order in which they are to be visited.
+    pub poses: Vec<PlannedPose>,
+    /// Which arm this is: its serial number, or whatever names it in the fleet.
+    pub arm: String,
+}
+
+/// One planned pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlannedPose {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Id of the pose.
+    pub pose: u32,
+    /// Orientation of FT in F0, unit quaternion w, x, y, z.
+    pub orientation: [f64; 4],
+    /// Elbow angle, in rad.
+    pub elbow_rad: Option<f64>,
+}
+
+#[cfg(test)]
+mod damage_tests;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,358 @@
+//! Opening: what is not ours, newer than we are or damaged is refused before
+//! anything is written; what is older is brought forward.
+
+use std::io::Read as _;
+use std::path::Path;
+use std::time::Duration;
+
+#[cfg(feature = "postgres")]
+use sqlx::migrate::MigrateError;
+use sqlx::migrate::Migrator;
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{AnyConnection, AssertSqlSafe, ConnectOptions as _, Connection as _, SqliteConnection};
+use tokio::runtime::Runtime;
+
+#[cfg(feature = "postgres")]
+use super::StoreLocation;
+use super::{Kind, SqlStore, StoreError};
+
+/// Version of the schema that this program writes; it reads older ones, too.
+pub const SCHEMA_VERSION: i64 = 3;
+
+/// `SPHC`, in SQLite's application id: says whose database it is.
+const APPLICATION_ID: i64 = 0x5350_4843;
+
+/// How long another program's lock is waited for.
+const PATIENCE: Duration = Duration::from_millis(if cfg!(test) { 300 } else { 10_000 });
+
+static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
+
+pub(super) fn runtime(path: &Path) -> Result<Runtime, StoreError> {
+    tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|source| StoreError::Io {
+            path: path.to_owned(),
+            source,
+        })
+}
+
+/// A path as the driver's URL has it.
+pub(super) fn url_of(path: &Path) -> Result<String, StoreError> {
+    let io = |source| StoreError::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let whole = std::path::absolute(path).map_err(io)?;
+    let text = whole
+        .to_str()
+        .ok_or_else(|| io(std::io::Error::other("the path is not UTF-8")))?;
+    let mut url = String::from("sqlite://");
+    for byte in text.bytes() {
+        if byte.is_ascii_alphanumeric() || b"/-_.~".contains(&byte) {
+            url.push(char::from(byte));
+        } else {
+            url.push_str(&format!("%{byte:02X}"));
+        }
+    }
+    Ok(url + "?mode=rw")
+}
+
+impl SqlStore {
+    /// Opens a PostgreSQL database by its URL; its tables are made if there are none.
+    ///
+    /// # Errors
+    /// A server that does not answer or refuses, or a program that was built
+    /// without the feature `postgres`.
+    #[cfg(not(feature = "postgres"))]
+    pub fn postgres(_url: &str) -> Result<Self, StoreError> {
+        Err(StoreError::Feature {
+            what: "a PostgreSQL store",
+            feature: "postgres",
+        })
+    }
+
+    /// Opens a PostgreSQL database by its URL; its tables are made if there are none.
+    ///
+    /// # Errors
+    /// A server that does not answer or refuses.
+    #[cfg(feature = "postgres")]
+    pub fn postgres(url: &str) -> Result<Self, StoreError> {
+        sqlx::any::install_default_drivers();
+        let path = std::path::PathBuf::from(StoreLocation::Postgres(url.to_owned()).to_string());
+        let runtime = runtime(&path)?;
+        let database = |source| StoreError::Server {
+            url: path.display().to_string(),
+            source,
+        };
+        let connection = runtime.block_on(async {
+            let mut connection = AnyConnection::connect(url).await.map_err(database)?;
+            // A lock of the server's keeps two programs from making the tables at once.
+            match MIGRATIONS.run(&mut connection).await {
+                Ok(()) => Ok(connection),
+                Err(MigrateError::VersionMissing(found) | MigrateError::VersionMismatch(found)) => {
+                    Err(StoreError::Version {
+                        path: path.clone(),
+                        found,
+                        expected: SCHEMA_VERSION,
+                    })
+                }
+                Err(error) => Err(database(error.into())),
+            }
+        })?;
+        Ok(Self {
+            runtime,
+            connection: Some(connection),
+            kind: Kind::Postgres,
+            path,
+            durable: true,
+            chosen: None,
+        })
+    }
+
+    /// Opens the database, or makes it with its folder where there is none.
+    ///
+    /// # Errors
+    /// A file that is not ours, of another version, damaged or not writable.
+    pub fn create_or_open(path: &Path) -> Result<Self, StoreError> {
+        if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).map_err(|source| StoreError::Io {
+                path: folder.to_owned(),
+                source,
+            })?;
+        }
+        Self::connect(path, true)
+    }
+
+    /// Opens a database that is there.
+    ///
+    /// # Errors
+    /// As [`SqlStore::create_or_open`], and when there is none.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        if !path.exists() {
+            return Err(StoreError::Missing { path: path.to_owned() });
+        }
+        Self::connect(path, false)
+    }
+
+    fn connect(path: &Path, create: bool) -> Result<Self, StoreError> {
+        let io = |source| StoreError::Io {
+            path: path.to_owned(),
+            source,
+        };
+        sqlx::any::install_default_drivers();
+        let runtime = runtime(path)?;
+        let url = url_of(path)?;
+        let fresh = is_fresh(path).map_err(io)?;
+        if !fresh {
+            refuse_foreign(path, io)?;
+        }
+        let connection = runtime.block_on(async {
+            let failed = |source| StoreError::of(path, source);
+            let version = if fresh && create {
+                make(path).await?;
+                SCHEMA_VERSION
+            } else if fresh {
+                return Err(StoreError::NotOurs { path: path.to_owned() });
+            } else {
+                check(path).await?
+            };
+            if version < SCHEMA_VERSION {
+                bring_file_forward(path).await.map_err(failed)?;
+                tracing::info!(path = %path.display(), version, now = SCHEMA_VERSION, "schema brought forward");
+            }
+            let mut connection = AnyConnection::connect(&url).await.map_err(failed)?;
+            for (pragma, value) in [
+                ("busy_timeout", PATIENCE.as_millis().to_string()),
+                ("foreign_keys", "ON".to_owned()),
+                ("journal_mode", "WAL".to_owned()),
+                ("synchronous", "FULL".to_owned()),
+            ] {
+                sqlx::query(AssertSqlSafe(format!("PRAGMA {pragma} = {value}")))
+                    .execute(&mut connection)
+                    .await
+                    .map_err(failed)?;
+            }
+            Ok(connection)
+        })?;
+        sync_folder(path);
+        Ok(Self {
+            runtime,
+            connection: Some(connection),
+            kind: Kind::Sqlite,
+            path: path.to_owned(),
+            durable: true,
+            chosen: None,
+        })
+    }
+}
+
+impl Drop for SqlStore {
+    /// Closes the file, so that nothing but the one file is left of it.
+    fn drop(&mut self) {
+        if let Some(connection) = self.connection.take()
+            && let Err(error) = self.runtime.block_on(connection.close())
+        {
+            tracing::warn!(path = %self.path.display(), %error, "the database was not closed cleanly; nothing is lost");
+        }
+    }
+}
+
+/// Has the folder remember its files: a write-ahead log that a power cut takes
+/// out of its folder is lost with what it holds. Not every system can do it.
+fn sync_folder(path: &Path) {
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
+    let synced = std::fs::File::open(folder.unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all());
+    if let Err(error) = synced {
+        tracing::debug!(path = %path.display(), %error, "the folder could not be synchronised");
+    }
+}
+
+/// Makes a database under another name, whole and signed, and only then gives it
+/// its own: a kill in between leaves no half of one.
+async fn make(path: &Path) -> Result<(), StoreError> {
+    let mut name = path.as_os_str().to_owned();
+    name.push(format!(".new-{}", std::process::id()));
+    let draft = std::path::PathBuf::from(name);
+    let io = |source| StoreError::Io {
+        path: draft.clone(),
+        source,
+    };
+    if draft.exists() {
+        std::fs::remove_file(&draft).map_err(io)?;
+    }
+    let made = async {
+        let mut connection = SqliteConnectOptions::new()
+            .filename(&draft)
+            .create_if_missing(true)
+            .busy_timeout(PATIENCE)
+            .connect()
+            .await?;
+        bring_forward(&mut connection).await?;
+        connection.close().await
+    };
+    made.await.map_err(|source| StoreError::of(path, source))?;
+    std::fs::rename(&draft, path).map_err(io)?;
+    sync_folder(path);
+    Ok(())
+}
+
+/// Whether names and types of tables and columns are text. SQLite does not mind
+/// if they are not; the driver does, and never comes back from the first query.
+async fn names_are_text(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    let rows: Vec<Vec<u8>> =
+        sqlx::query_scalar("SELECT CAST(name || tbl_name || COALESCE(sql, '') AS BLOB) AS words FROM sqlite_master")
+            .fetch_all(connection)
+            .await?;
+    Ok(rows.iter().all(|words| std::str::from_utf8(words).is_ok()))
+}
+
+/// Brings an older file to this program's schema.
+async fn bring_file_forward(path: &Path) -> Result<(), sqlx::Error> {
+    let mut connection = SqliteConnectOptions::new()
+        .filename(path)
+        .busy_timeout(PATIENCE)
+        .connect()
+        .await?;
+    bring_forward(&mut connection).await?;
+    connection.close().await
+}
+
+/// Brings the tables to this program's schema and signs the file. Each step is
+/// a transaction, and the signature comes last: after a kill it is done again.
+async fn bring_forward(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    MIGRATIONS.run(&mut *connection).await?;
+    for (pragma, value) in [("application_id", APPLICATION_ID), ("user_version", SCHEMA_VERSION)] {
+        sqlx::query(AssertSqlSafe(format!("PRAGMA {pragma} = {value}")))
+            .execute(&mut *connection)
+            .await?;
+    }
+    Ok(())
+}
+
+/// Whether there is nothing at `path` yet, or only an empty file.
+fn is_fresh(path: &Path) -> std::io::Result<bool> {
+    match std::fs::metadata(path) {
+        Ok(metadata) => Ok(metadata.is_file() && metadata.len() == 0),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(true),
+        Err(e) => Err(e),
+    }
+}
+
+/// Refuses what does not even begin like an SQLite file.
+fn refuse_foreign(path: &Path, io: impl Fn(std::io::Error) -> StoreError) -> Result<(), StoreError> {
+    let mut magic = Vec::new();
+    if path.is_file() {
+        let file = std::fs::File::open(path).map_err(&io)?;
+        file.take(16).read_to_end(&mut magic).map_err(&io)?;
+    }
+    if magic == b"SQLite format 3\0" {
+        Ok(())
+    } else {
+        Err(StoreError::NotOurs { path: path.to_owned() })
+    }
+}
+
+/// Reads version and owner and looks at every page, without changing one: a
+/// connection that may only read does not carry the log into the file, either.
+/// Returns the version.
+async fn check(path: &Path) -> Result<i64, StoreError> {
+    let damaged = |source: sqlx::Error| match StoreError::of(path, source) {
+        StoreError::Database { path, source } => StoreError::Damaged {
+            path,
+            what: source.to_string(),
+        },
+        other => other,
+    };
+    let mut connection = SqliteConnectOptions::new()
+        .filename(path)
+        .read_only(true)
+        .busy_timeout(PATIENCE)
+        .connect()
+        .await
+        .map_err(damaged)?;
+    let mut pragma = async |statement: &'static str| {
+        sqlx::query_scalar::<_, i64>(statement)
+            .fetch_one(&mut connection)
+            .await
+            .map_err(damaged)
+    };
+    let owner = pragma("PRAGMA application_id").await?;
+    let version = pragma("PRAGMA user_version").await?;
+    if owner == APPLICATION_ID && version > SCHEMA_VERSION {
+        return Err(StoreError::Version {
+            path: path.to_owned(),
+            found: version,
+            expected: SCHEMA_VERSION,
+        });
+    }
+    let good = sqlx::query_scalar::<_, String>("PRAGMA integrity_check(1)")
+        .fetch_one(&mut connection)
+        .await
+        .map_err(damaged)?;
+    let words = names_are_text(&mut connection).await.map_err(damaged)?;
+    // Closing can fail only in ways that do not matter to a reader.
+    let _ = connection.close().await;
+    if owner != APPLICATION_ID {
+        return Err(StoreError::NotOurs { path: path.to_owned() });
+    }
+    if good != "ok" {
+        return Err(StoreError::Damaged {
+            path: path.to_owned(),
+            what: good,
+        });
+    }
+    if !words {
+        return Err(StoreError::Damaged {
+            path: path.to_owned(),
+            what: "the list of its tables is no text".to_owned(),
+        });
+    }
+    if version < 1 {
+        return Err(StoreError::Damaged {
+            path: path.to_owned(),
+            what: format!("its schema version is {version}"),
+        });
+    }
+    Ok(version)
+}

@@ -1,0 +1,114 @@
+//! Reading: which runs there are, and the sessions of each.
+
+use std::collections::BTreeMap;
+
+use spherecal_shared::robot::{Robot, Tool};
+use sqlx::any::AnyRow;
+
+use super::{SessionEnd, SqlStore, StoreError, digest};
+
+/// A run, without its data.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunInfo {
+    /// Number.
+    pub run: i64,
+    /// When it was begun, UTC, RFC 3339.
+    pub created_utc: String,
+    /// Seed.
+    pub seed: u64,
+    /// Link, as on the command line.
+    pub link: String,
+    /// Nominal robot.
+    pub robot: Robot,
+    /// Nominal tool.
+    pub tool: Tool,
+    /// The configuration, as TOML.
+    pub config_toml: String,
+    /// The plan, as JSON.
+    pub plan_json: String,
+    /// Program that began it.
+    pub program: String,
+    /// `running`, `measured` or `complete`.
+    pub state: String,
+    /// Which arm it was: its serial number, or whatever names it in the fleet.
+    pub arm: String,
+}
+
+impl SqlStore {
+    pub(super) fn newest_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
+        let rows = self.rows(
+            "SELECT * FROM runs WHERE run = (SELECT MAX(run) FROM runs) AND $1 = $1",
+            0,
+        )?;
+        rows.first().map(|row| self.run_info(row)).transpose()
+    }
+
+    /// The runs of one arm, or of all if `arm` is empty; oldest first.
+    pub(super) fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, StoreError> {
+        let rows = self.block(async |connection| {
+            sqlx::query("SELECT * FROM runs WHERE $1 = '' OR arm = $1 ORDER BY run")
+                .bind(arm)
+                .fetch_all(connection)
+                .await
+        })?;
+        rows.iter().map(|row| self.run_info(row)).collect()
+    }
+
+    fn run_info(&mut self, row: &AnyRow) -> Result<RunInfo, StoreError> {
+        let run: i64 = self.get(row, "run")?;
+        let spheres = self.spheres(run)?;
+        let text = |column| self.get::<&str>(row, column);
+        let texts = [
+            text("link")?,
+            text("robot_json")?,
+            text("tool_json")?,
+            text("config_toml")?,
+            text("plan_json")?,
+        ];
+        let seed = self.get::<i64>(row, "seed")? as u64;
+        let digest = digest::of_run(seed, texts, &spheres);
+        self.compare(run, "run", digest, "the run's settings")?;
+        Ok(RunInfo {
+            run,
+            created_utc: self.get(row, "created_utc")?,
+            seed,
+            link: self.get(row, "link")?,
+            robot: self.json(row, "robot_json")?,
+            tool: self.json(row, "tool_json")?,
+            config_toml: self.get(row, "config_toml")?,
+            plan_json: self.get(row, "plan_json")?,
+            program: self.get(row, "program")?,
+            state: self.get(row, "state")?,
+            arm: self.get(row, "arm")?,
+        })
+    }
+
+    /// Under which numbers (nonces) the sessions of a run have greeted the
+    /// controller: session and greeting of each.
+    pub(super) fn greetings(&mut self, run: i64) -> Result<BTreeMap<u32, (i64, i64)>, StoreError> {
+        let rows = self.rows("SELECT * FROM greetings WHERE run = $1", run)?;
+        rows.iter()
+            .map(|row| {
+                let place = (self.get(row, "session")?, self.get(row, "greeting")?);
+                Ok((self.count(row, "nonce")?, place))
+            })
+            .collect()
+    }
+
+    /// Sessions of a run, oldest first.
+    pub(super) fn sessions(&mut self, run: i64) -> Result<Vec<SessionEnd>, StoreError> {
+        let rows = self.rows("SELECT * FROM sessions WHERE run = $1 ORDER BY session", run)?;
+        rows.iter()
+            .map(|row| {
+                Ok(SessionEnd {
+                    firmware: self.get(row, "firmware")?,
+                    simulated_us: self.get::<i64>(row, "simulated_us")? as u64,
+                    ticks: self.get::<i64>(row, "ticks")? as u64,
+                    wall_s: self.get(row, "wall_s")?,
+                    link_json: self.get(row, "link_json")?,
+                    telemetry_json: self.get(row, "telemetry_json")?,
+                })
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,118 @@
+//! The SQL database as a [`CalibrationStore`].
+
+use std::path::Path;
+
+use spherecal_model::LaserShot;
+
+use super::{CalibrationStore, Kind, NewRun, Placed, RunInfo, SessionEnd, SqlStore, StoreError, StoredRun};
+
+impl CalibrationStore for SqlStore {
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn is_file(&self) -> bool {
+        self.kind == Kind::Sqlite
+    }
+
+    fn chosen_run(&self) -> Option<i64> {
+        self.chosen
+    }
+
+    fn choose_run(&mut self, run: i64) {
+        self.chosen = Some(run);
+    }
+
+    fn create_run(&mut self, new: &NewRun) -> Result<i64, StoreError> {
+        let run = SqlStore::create_run(self, new)?;
+        self.chosen = Some(run);
+        Ok(run)
+    }
+
+    fn newest_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
+        SqlStore::newest_run(self)
+    }
+
+    fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, StoreError> {
+        SqlStore::runs_of(self, arm)
+    }
+
+    fn read_run(&mut self, run: i64) -> Result<StoredRun, StoreError> {
+        // One snapshot: another program may be writing meanwhile.
+        self.execute(match self.kind {
+            Kind::Sqlite => "BEGIN",
+            Kind::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY",
+        })?;
+        let read = self.everything_of(run);
+        let ended = self.execute("ROLLBACK");
+        let read = read?;
+        ended?;
+        Ok(read)
+    }
+
+    fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, StoreError> {
+        self.chosen = Some(run);
+        SqlStore::begin_session(self, run, started_utc)
+    }
+
+    fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), StoreError> {
+        SqlStore::end_session(self, run, session, end)
+    }
+
+    fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError> {
+        SqlStore::set_state(self, run, state)
+    }
+
+    fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError> {
+        SqlStore::put_greeting(self, run, session, greeting, nonce)
+    }
+
+    fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
+        SqlStore::append(self, run, events)
+    }
+
+    fn rewrite(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
+        SqlStore::rewrite(self, run, events)
+    }
+
+    fn forget_after(&mut self, run: i64, session: i64, last: i64) -> Result<(), StoreError> {
+        SqlStore::forget_after(self, run, session, last)
+    }
+
+    fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), StoreError> {
+        SqlStore::reject_pose(self, run, sphere, pose, reason)
+    }
+
+    fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError> {
+        SqlStore::put_laser(self, run, shots)
+    }
+
+    fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), StoreError> {
+        SqlStore::put_result(self, run, name, json)
+    }
+
+    fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError> {
+        SqlStore::result(self, run, name)
+    }
+}
+
+impl SqlStore {
+    fn execute(&mut self, statement: &'static str) -> Result<(), StoreError> {
+        self.block(async |connection| sqlx::query(statement).execute(connection).await.map(|_| ()))
+    }
+
+    fn everything_of(&mut self, run: i64) -> Result<StoredRun, StoreError> {
+        Ok(StoredRun {
+            sessions: self.sessions(run)?,
+            spheres: self.spheres(run)?,
+            recordings: self.recordings(run)?,
+            rejected: self.rejected(run)?,
+            contacts: self.contacts(run)?,
+            couplings: self.couplings(run)?,
+            phases: self.phases(run)?,
+            faults: self.faults(run)?,
+            laser: self.laser(run)?,
+            greetings: self.greetings(run)?,
+        })
+    }
+}

@@ -1,0 +1,318 @@
+//! Writing: runs, sessions, laser shots, results; [events](super::events) go their own way.
+
+use sqlx::{AnyConnection, AssertSqlSafe, Connection as _};
+
+use super::digest;
+use spherecal_model::LaserShot;
+
+use super::{Kind, NewRun, SqlStore, StoreError};
+
+/// What is known of a session at its end (or so far).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SessionEnd {
+    /// Version and build of the firmware.
+    pub firmware: String,
+    /// Device time worked, in µs.
+    pub simulated_us: u64,
+    /// Control periods.
+    pub ticks: u64,
+    /// Time on the wall, in s.
+    pub wall_s: f64,
+    /// Link statistics, as JSON.
+    pub link_json: String,
+    /// Telemetry summary, as JSON.
+    pub telemetry_json: String,
+}
+
+impl SqlStore {
+    /// Notes a new run, its plate and its poses; returns its number.
+    pub(super) fn create_run(&mut self, new: &NewRun) -> Result<i64, StoreError> {
+        let kind = self.kind;
+        let path = self.path.clone();
+        let encode = |field, result: Result<String, serde_json::Error>| {
+            result.map_err(|source| StoreError::Decode {
+                path: path.clone(),
+                field,
+                source,
+            })
+        };
+        let robot = encode("robot_json", serde_json::to_string(&new.robot))?;
+        let tool = encode("tool_json", serde_json::to_string(&new.tool))?;
+        let texts = [
+            new.link.as_str(),
+            robot.as_str(),
+            tool.as_str(),
+            new.config_toml.as_str(),
+            new.plan_json.as_str(),
+        ];
+        let mut certificate = new.spheres.clone();
+        certificate.sort_by_key(|sphere| sphere.id);
+        let digest = digest::of_run(new.seed, texts, &certificate);
+        self.block(async |connection| {
+            // Several robots may begin at once: the number is taken under a lock.
+            let mut t = match kind {
+                Kind::Sqlite => connection.begin_with("BEGIN IMMEDIATE").await?,
+                Kind::Postgres => connection.begin().await?,
+            };
+            if kind == Kind::Postgres {
+                sqlx::query("LOCK TABLE runs IN SHARE ROW EXCLUSIVE MODE")
+                    .execute(&mut *t)
+                    .await?;
+            }
+            let run: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(run), 0) + 1 FROM runs")
+                .fetch_one(&mut *t)
+                .await?;
+            sqlx::query(
+                "INSERT INTO runs (run, created_utc, seed, link, robot, robot_json, tool_json, config_toml, \
+                 plan_json, program, arm, state) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'running')",
+            )
+            .bind(run)
+            .bind(&new.created_utc)
+            .bind(new.seed as i64)
+            .bind(&new.link)
+            .bind(new.robot.name.as_str())
+            .bind(&robot)
+            .bind(&tool)
+            .bind(&new.config_toml)
+            .bind(&new.plan_json)
+            .bind(&new.program)
+            .bind(&new.arm)
+            .execute(&mut *t)
+            .await?;
+            for sphere in &new.spheres {
+                let [x, y, z] = sphere.position_m;
+                sqlx::query(
+                    "INSERT INTO spheres (run, sphere, x_m, y_m, z_m, sigma_m) VALUES ($1, $2, $3, $4, $5, $6)",
+                )
+                .bind(run)
+                .bind(i64::from(sphere.id))
+                .bind(x)
+                .bind(y)
+                .bind(z)
+                .bind(sphere.sigma_m)
+                .execute(&mut *t)
+                .await?;
+            }
+            for (chunk, at) in new.poses.chunks(500).zip((0i64..).step_by(500)) {
+                let statement = rows(
+                    "INSERT INTO poses (run, sphere, pose, position, qw, qx, qy, qz, elbow_rad)",
+                    chunk.len(),
+                    9,
+                );
+                let mut insert = sqlx::query(AssertSqlSafe(statement));
+                for (pose, position) in chunk.iter().zip(at..) {
+                    insert = insert
+                        .bind(run)
+                        .bind(i64::from(pose.sphere))
+                        .bind(i64::from(pose.pose))
+                        .bind(position);
+                    for value in pose.orientation {
+                        insert = insert.bind(value);
+                    }
+                    insert = insert.bind(pose.elbow_rad);
+                }
+                insert.execute(&mut *t).await?;
+            }
+            put_digest(&mut t, run, "run", digest).await?;
+            t.commit().await?;
+            Ok(run)
+        })
+    }
+
+    /// Begins a session of a run; returns its number.
+    pub(super) fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, StoreError> {
+        self.block(async |connection| {
+            let mut t = connection.begin().await?;
+            let session: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(session), 0) + 1 FROM sessions WHERE run = $1")
+                .bind(run)
+                .fetch_one(&mut *t)
+                .await?;
+            sqlx::query(
+                "INSERT INTO sessions (run, session, started_utc, firmware, simulated_us, ticks, wall_s, link_json, \
+                 telemetry_json) VALUES ($1, $2, $3, '', 0, 0, 0.0, '{}', '{}')",
+            )
+            .bind(run)
+            .bind(session)
+            .bind(started_utc)
+            .execute(&mut *t)
+            .await?;
+            t.commit().await?;
+            Ok(session)
+        })
+    }
+
+    /// Notes how a session went.
+    pub(super) fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            sqlx::query(
+                "UPDATE sessions SET simulated_us = $3, ticks = $4, wall_s = $5, link_json = $6, telemetry_json = $7, \
+                 firmware = $8 WHERE run = $1 AND session = $2",
+            )
+            .bind(run)
+            .bind(session)
+            .bind(end.simulated_us as i64)
+            .bind(end.ticks as i64)
+            .bind(end.wall_s)
+            .bind(&end.link_json)
+            .bind(&end.telemetry_json)
+            .bind(&end.firmware)
+            .execute(connection)
+            .await
+            .map(|_| ())
+        })
+    }
+
+    /// Sets the state of a run: `running`, `measured`, `complete`.
+    pub(super) fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            sqlx::query("UPDATE runs SET state = $2 WHERE run = $1")
+                .bind(run)
+                .bind(state)
+                .execute(connection)
+                .await
+                .map(|_| ())
+        })
+    }
+
+    /// Notes under which number (`nonce`) a session greets the controller, as
+    /// its greeting number `greeting`.
+    pub(super) fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError> {
+        self.set_durable(true)?;
+        self.block(async |connection| {
+            sqlx::query(
+                "INSERT INTO greetings (run, session, greeting, nonce) VALUES ($1, $2, $3, $4) \
+                 ON CONFLICT (run, session, greeting) DO UPDATE SET nonce = excluded.nonce",
+            )
+            .bind(run)
+            .bind(session)
+            .bind(greeting)
+            .bind(i64::from(nonce))
+            .execute(connection)
+            .await
+            .map(|_| ())
+        })
+    }
+
+    /// Whether the next commits wait for the disk.
+    pub(super) fn set_durable(&mut self, durable: bool) -> Result<(), StoreError> {
+        if self.durable != durable {
+            let statement = match (self.kind, durable) {
+                (Kind::Sqlite, true) => "PRAGMA synchronous = FULL",
+                (Kind::Sqlite, false) => "PRAGMA synchronous = NORMAL",
+                (Kind::Postgres, true) => "SET synchronous_commit TO on",
+                (Kind::Postgres, false) => "SET synchronous_commit TO off",
+            };
+            self.block(async |connection| sqlx::query(statement).execute(connection).await.map(|_| ()))?;
+            self.durable = durable;
+        }
+        Ok(())
+    }
+
+    /// Marks a pose as given up, with the reason.
+    pub(super) fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            sqlx::query("UPDATE poses SET rejected = $4 WHERE run = $1 AND sphere = $2 AND pose = $3")
+                .bind(run)
+                .bind(i64::from(sphere))
+                .bind(i64::from(pose))
+                .bind(reason)
+                .execute(connection)
+                .await
+                .map(|_| ())
+        })
+    }
+
+    /// Writes laser shots; those of the same purposes that were there are replaced.
+    pub(super) fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError> {
+        let digest = digest::of_laser(shots);
+        self.block(async |connection| {
+            let mut t = connection.begin().await?;
+            sqlx::query("DELETE FROM laser_shots WHERE run = $1")
+                .bind(run)
+                .execute(&mut *t)
+                .await?;
+            for (chunk, at) in shots.chunks(500).zip((0i64..).step_by(500)) {
+                let statement = rows(
+                    "INSERT INTO laser_shots (run, purpose, position, q_json, x_m, y_m, z_m)",
+                    chunk.len(),
+                    7,
+                );
+                let mut insert = sqlx::query(AssertSqlSafe(statement));
+                for (shot, position) in chunk.iter().zip(at..) {
+                    // A vector of floats always encodes.
+                    let q = serde_json::to_string(&shot.q).unwrap_or_default();
+                    insert = insert.bind(run).bind(&shot.purpose).bind(position).bind(q);
+                    for value in shot.point_m {
+                        insert = insert.bind(value);
+                    }
+                }
+                insert.execute(&mut *t).await?;
+            }
+            put_digest(&mut t, run, "laser", digest).await?;
+            t.commit().await
+        })
+    }
+
+    /// Writes a named result, as JSON; one of the same name is replaced.
+    pub(super) fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), StoreError> {
+        self.block(async |connection| {
+            sqlx::query(
+                "INSERT INTO results (run, name, json) VALUES ($1, $2, $3) \
+                 ON CONFLICT (run, name) DO UPDATE SET json = excluded.json",
+            )
+            .bind(run)
+            .bind(name)
+            .bind(json)
+            .execute(connection)
+            .await
+            .map(|_| ())
+        })
+    }
+
+    /// Runs one piece of database work to its end.
+    pub(super) fn block<T>(
+        &mut self,
+        work: impl AsyncFnOnce(&mut AnyConnection) -> Result<T, sqlx::Error>,
+    ) -> Result<T, StoreError> {
+        let kind = self.kind;
+        let failed = |source| match kind {
+            Kind::Sqlite => StoreError::of(&self.path, source),
+            Kind::Postgres => StoreError::Server {
+                url: self.path.display().to_string(),
+                source,
+            },
+        };
+        let connection = self
+            .connection
+            .as_mut()
+            .ok_or_else(|| failed(sqlx::Error::WorkerCrashed))?;
+        self.runtime.block_on(work(connection)).map_err(failed)
+    }
+}
+
+pub(super) async fn put_digest(t: &mut AnyConnection, run: i64, subject: &str, digest: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO digests (run, subject, digest) VALUES ($1, $2, $3) \
+         ON CONFLICT (run, subject) DO UPDATE SET digest = excluded.digest",
+    )
+    .bind(run)
+    .bind(subject)
+    .bind(digest)
+    .execute(t)
+    .await
+    .map(|_| ())
+}
+
+/// An insertion of so many rows; numbered places are what both databases know.
+pub(super) fn rows(insert: &str, rows: usize, columns: usize) -> String {
+    let mut statement = format!("{insert} VALUES ");
+    for row in 0..rows {
+        statement.push_str(if row == 0 { "(" } else { ", (" });
+        for column in 1..=columns {
+            let comma = if column == 1 { "" } else { ", " };
+            statement.push_str(&format!("{comma}${}", row * columns + column));
+        }
+        statement.push(')');
+    }
+    statement
+}

@@ -1,0 +1,115 @@
+//! Who sees a run from outside: browsers at a page of its own (`--serve`), and
+//! those at the page of a server (`--publish`).
+
+use super::args::RunArgs;
+use super::exit::CliError;
+use super::out::errln;
+use super::serve::stored_reports;
+use spherecal_campaign::{Observer, Progress};
+use spherecal_job::Prepared;
+use spherecal_job::open_store;
+use spherecal_link::Arrival;
+#[cfg(feature = "services")]
+use spherecal_services::grpc::Publisher;
+use spherecal_services::live::{End, Scene, Watch};
+use spherecal_services::web::Page;
+use spherecal_services::{Offer, Server};
+#[cfg(feature = "services")]
+use spherecal_store::StoreLocation;
+use spherecal_store::time::now_utc;
+
+/// A run as it is seen from outside; by nobody, unless it was asked for.
+#[derive(Default)]
+pub(super) struct LiveOutput {
+    /// Each with whether its page has the database that the run is stored in.
+    watches: Vec<(Watch, bool)>,
+    server: Option<Server>,
+    #[cfg(feature = "services")]
+    publisher: Option<Publisher>,
+}
+
+impl LiveOutput {
+    /// Opens the page, and greets the server of another.
+    pub(super) fn start(args: &RunArgs, prepared: &Prepared) -> Result<Self, CliError> {
+        let mut live = Self::default();
+        let mut outs = Vec::new();
+        if let Some(address) = &args.serve {
+            // Of its own, beside the one that the run writes through.
+            let store = open_store(&args.database(), true)?;
+            let page = Page {
+                store: Some(std::sync::Arc::new(std::sync::Mutex::new(store))),
+                report: Some(stored_reports()),
+                ..Page::default()
+            };
+            let offer = Offer {
+                page: Some((page, false)),
+                ..Offer::default()
+            };
+            let mut server = Server::start(address, &args.protection.files(), offer)?;
+            errln!("page on {}", server.page_url());
+            outs.extend(server.show().map(|out| (out, true)));
+            live.server = Some(server);
+        }
+        #[cfg(feature = "services")]
+        if let Some(peer) = args.shown_by() {
+            let stored = args.database() == StoreLocation::Service(peer.clone());
+            let (out, publisher) = Publisher::start(peer)?;
+            outs.push((out, stored));
+            live.publisher = Some(publisher);
+        }
+        let scene = Scene {
+            arm: prepared.config.arm.clone(),
+            link: args.link.to_string(),
+            begun_utc: now_utc(),
+            ..Scene::new(
+                &prepared.robot,
+                &prepared.tool,
+                &prepared.plan,
+                prepared.config.procedure.approach.trigger_n,
+            )
+        };
+        let watch = |out| Watch::new(out, &prepared.robot, &prepared.tool, scene.clone());
+        live.watches = outs.into_iter().map(|(out, stored)| (watch(out), stored)).collect();
+        Ok(live)
+    }
+
+    /// Says how the run ended, and closes the page.
+    pub(super) fn end(mut self, end: &End) {
+        for (watch, stored) in &mut self.watches {
+            // A number means nothing where another database is.
+            let run = end.run.filter(|_| *stored);
+            watch.end(End { run, ..end.clone() });
+        }
+        // Their channels end with them.
+        self.watches.clear();
+        #[cfg(feature = "services")]
+        if let Some(publisher) = self.publisher.take() {
+            publisher.finish();
+        }
+    }
+
+    /// A remark for those who see the run.
+    pub(super) fn remark(&mut self, text: &str) {
+        for (watch, _) in &mut self.watches {
+            watch.note(text);
+        }
+    }
+}
+
+impl Observer for LiveOutput {
+    fn event(&mut self, now_us: u64, arrival: &Arrival) {
+        for (watch, _) in &mut self.watches {
+            watch.event(now_us, arrival);
+        }
+    }
+
+    fn progress(&mut self, progress: &Progress) {
+        for (watch, _) in &mut self.watches {
+            watch.progress(progress);
+        }
+    }
+
+    fn note(&mut self, text: &str) {
+        self.remark(text);
+    }
+}
