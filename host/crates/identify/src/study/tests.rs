@@ -20,14 +20,17 @@ fn real_closed_loop_data_of_an_iiwa_14_place_by_place() {
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS).unwrap();
     for tool_mm in [None, Some([0.0, 0.0, 0.0])] {
-        let study = study(&Request {
-            robot: data("iiwa14.urdf").display().to_string(),
-            data: data("mukca_iiwa14.csv"),
-            plate: Some(plate.clone()),
-            tool_mm,
-            holdout: Some("place".to_owned()),
-            ..Request::default()
-        })
+        let study = study(
+            &Request {
+                robot: data("iiwa14.urdf").display().to_string(),
+                data: data("mukca_iiwa14.csv"),
+                plate: Some(plate.clone()),
+                tool_mm,
+                holdout: Some("place".to_owned()),
+                ..Request::default()
+            },
+            &mut |_| {},
+        )
         .unwrap();
         let holdout = study.holdout.as_ref().unwrap();
         assert_eq!(holdout.folds.len(), 3);
@@ -50,11 +53,14 @@ fn real_closed_loop_data_of_an_iiwa_14_place_by_place() {
 /// Without a plate the default does not fit, and is not forced on the data.
 #[test]
 fn a_missing_plate_is_taken_from_the_robot_and_said() {
-    let study = study(&Request {
-        robot: data("iiwa14.urdf").display().to_string(),
-        data: data("mukca_iiwa14.csv"),
-        ..Request::default()
-    })
+    let study = study(
+        &Request {
+            robot: data("iiwa14.urdf").display().to_string(),
+            data: data("mukca_iiwa14.csv"),
+            ..Request::default()
+        },
+        &mut |_| {},
+    )
     .unwrap();
     assert!(
         study.notes.iter().any(|n| n.contains("50.0 mm apart by the data")),
@@ -70,12 +76,15 @@ fn a_wrong_plate_is_refused() {
     let directory = tempfile::tempdir().unwrap();
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS.replace("50", "500")).unwrap();
-    let error = study(&Request {
-        robot: data("iiwa14.urdf").display().to_string(),
-        data: data("mukca_iiwa14.csv"),
-        plate: Some(plate),
-        ..Request::default()
-    })
+    let error = study(
+        &Request {
+            robot: data("iiwa14.urdf").display().to_string(),
+            data: data("mukca_iiwa14.csv"),
+            plate: Some(plate),
+            ..Request::default()
+        },
+        &mut |_| {},
+    )
     .unwrap_err();
     assert!(error.is_input());
     assert!(error.to_string().contains("500.0 mm by the plate"), "{error}");
