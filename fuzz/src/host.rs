@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use spherecal::model::input::{Labels, TableFormat, read_csv, read_plate};
-use spherecal::model::Target;
-use spherecal::job::Config;
-use spherecal::link::{HostEndpoint, Timing};
-use spherecal::model::robots;
-use spherecal::store::{CalibrationStore as _, SqlStore, recover};
+use spherecal_model::Target;
+use spherecal_model::input::{Labels, TableFormat, read_csv, read_plate};
+use spherecal_job::Config;
+use spherecal_link::{HostEndpoint, Timing};
+use spherecal_model::robots;
+use spherecal_store::{CalibrationStore as _, SqlStore, recover};
 use spherecal_shared::protocol::host::{Command, Uplink};
 
 use crate::{framed, pieces};
@@ -129,7 +129,7 @@ pub fn database(data: &[u8]) {
 
 fn read_all(store: &mut SqlStore) {
     for info in store.runs().unwrap_or_default() {
-        let _ = spherecal::job::read(store, &info);
+        let _ = spherecal_job::read(store, &info);
         let _ = store.read_run(info.run);
         let _ = store.result(info.run, "summary");
     }

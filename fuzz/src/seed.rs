@@ -9,11 +9,11 @@
 use std::path::Path;
 
 #[cfg(feature = "host")]
-use spherecal::job::Config;
+use spherecal_job::Config;
 #[cfg(feature = "host")]
-use spherecal::model::robots;
+use spherecal_model::robots;
 #[cfg(feature = "host")]
-use spherecal::store::{CalibrationStore as _, NewRun, PlannedPose, SqlStore};
+use spherecal_store::{CalibrationStore as _, NewRun, PlannedPose, SqlStore};
 use spherecal_fuzz::joined;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
@@ -226,7 +226,7 @@ fn host() {
             config_toml: "seed = 1\n".to_owned(),
             plan_json: "{}".to_owned(),
             program: "seed".to_owned(),
-            spheres: spherecal::identify::paper_plate(),
+            spheres: spherecal_model::paper_plate(),
             poses: vec![PlannedPose {
                 sphere: 1,
                 pose: 1,

@@ -594,7 +594,7 @@ pub(crate) fn likelihoods<const K: usize>(
         }
     };
     whitened(state, layout, prepared, candidates).map(|(d2, log)| {
-        let s2 = super::search::scale(&d2, 0.0, nu, 1.0);
+        let s2 = super::noise_scale::scale(&d2, 0.0, nu, 1.0);
         log + d2.iter().map(|d| shape(*d, s2)).sum::<f64>() - 1.5 * d2.len() as f64 * s2.ln()
     })
 }

@@ -277,7 +277,7 @@ impl Reproduction {
         write("reproduce.txt", &self.to_string())?;
         let json = serde_json::to_string_pretty(self).map_err(|e| failed(folder, e.to_string()))?;
         write("reproduce.json", &json)?;
-        for (name, svg) in figures::all(self).map_err(|reason| failed(folder, reason))? {
+        for (name, svg) in figures::all(self).map_err(|e| failed(folder, e.to_string()))? {
             write(name, &svg)?;
         }
         Ok(files)

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -195,11 +195,12 @@ pub fn compare(options: &CompareOptions) -> Result<Comparison, WorldError> {
     }
     let judged: Vec<_> = jobs
         .par_iter()
-        .progress_with(bar.clone())
         .map(|(world, seed)| {
             let recipe = world.recipe();
             let trial = record_poses(*world, &recipe, *seed, poses)?;
-            judge(&trial, &recipe, &options.estimators)
+            let judged = judge(&trial, &recipe, &options.estimators);
+            bar.inc(1);
+            judged
         })
         .collect::<Result<_, _>>()?;
     bar.finish_and_clear();
