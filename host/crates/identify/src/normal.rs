@@ -598,3 +598,7 @@ pub(crate) fn likelihoods<const K: usize>(
         log + d2.iter().map(|d| shape(*d, s2)).sum::<f64>() - 1.5 * d2.len() as f64 * s2.ln()
     })
 }
+
+#[cfg(test)]
+#[path = "normal_tests.rs"]
+mod tests;
