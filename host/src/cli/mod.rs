@@ -34,6 +34,7 @@ mod stability;
 mod stages;
 mod store;
 mod studies;
+mod study_progress;
 mod teach;
 mod terminal_operator;
 mod text;

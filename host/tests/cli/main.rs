@@ -13,6 +13,7 @@ mod fleet;
 mod kills;
 mod left_out;
 mod main_job;
+mod mistakes;
 mod page;
 mod paths;
 mod processes;

@@ -146,7 +146,7 @@ fn laser_points_are_spread_as_tables_3_and_4() {
         .iter()
         .map(|o| match o.target {
             Target::Point(p) => back(p),
-            Target::Sphere { .. } => panic!("laser data have points"),
+            _ => panic!("laser data have points"),
         })
         .collect();
     let validation: Vec<_> = trial.validation.iter().map(|m| back(m.point_m)).collect();

@@ -70,6 +70,26 @@ pub fn to_rpy(r: &Matrix3<f64>) -> [f64; 3] {
     [roll, pitch, yaw]
 }
 
+/// Roll, pitch and yaw (rad) of a rotation, nearest to those of a similar one.
+///
+/// A rotation is written with two triples (and their full turns); a file that is
+/// corrected keeps the one that it was written with.
+pub fn to_rpy_near(r: &Matrix3<f64>, like: [f64; 3]) -> [f64; 3] {
+    use std::f64::consts::{PI, TAU};
+    let near = |angle: f64, like: f64| angle + TAU * ((like - angle) / TAU).round();
+    let [roll, pitch, yaw] = to_rpy(r);
+    let candidates = [[roll, pitch, yaw], [roll + PI, PI - pitch, yaw + PI]].map(|rpy| {
+        let mut out = [0.0; 3];
+        for ((slot, angle), like) in out.iter_mut().zip(rpy).zip(like) {
+            *slot = near(angle, like);
+        }
+        out
+    });
+    let off = |rpy: &[f64; 3]| -> f64 { rpy.iter().zip(like).map(|(a, b)| (a - b).powi(2)).sum() };
+    let [first, second] = candidates;
+    if off(&second) < off(&first) { second } else { first }
+}
+
 /// The constant part of one modified DH row, as a transform at joint angle `q` (rad).
 pub fn row_transform(row: &MdhRow<f64>, q: f64) -> Pose<f64> {
     spherecal_shared::robot::kinematics::next_frame(&Pose::identity(), &row.into(), q)
@@ -97,6 +117,24 @@ mod tests {
             };
             let r = from_rpy([roll, pitch, yaw]);
             prop_assert!((from_rpy(to_rpy(&r)) - r).amax() < 4e-16 * 4.0);
+        }
+
+        /// Fails if the nearest angles are another rotation, or further away than the file's own.
+        #[test]
+        fn rpy_stays_near_the_file_s(
+            like in proptest::array::uniform3(-3.3..3.3_f64), pitch in -3.3..3.3_f64, step in proptest::array::uniform3(-1e-3..1e-3_f64)
+        ) {
+            let like = [like[0], pitch, like[2]];
+            let is = [like[0] + step[0], like[1] + step[1], like[2] + step[2]];
+            let r = from_rpy(is);
+            let found = to_rpy_near(&r, like);
+            prop_assert!((from_rpy(found) - r).amax() < 1e-14);
+            // At a pitch of 90 degrees roll and yaw are one angle; away from it, the triple is the same.
+            if pitch.cos().abs() > 0.1 {
+                for (a, b) in found.iter().zip(is) {
+                    prop_assert!((a - b).abs() < 1e-12, "{found:?} {is:?}");
+                }
+            }
         }
 
         /// Fails if product and inverse do not belong together.

@@ -5,8 +5,9 @@ use nalgebra::Vector3;
 use spherecal_shared::robot::kinematics::frames_into;
 use spherecal_shared::robot::{Inertia, LinkTransform, MdhRow, Pose, Robot, Tool};
 
-use super::frames::{compose, inverse};
+use super::frames::{compose, distance, inverse};
 use super::urdf::{Urdf, UrdfChain};
+use super::vendor;
 
 /// Where a robot came from.
 #[derive(Clone, Debug)]
@@ -38,6 +39,9 @@ pub struct RobotModel {
     pub tool: Tool,
     /// Name of the root frame and of the flange frame.
     pub frame_names: (String, String),
+    /// Names of the joints, base to flange, as the file or the vendor has them;
+    /// empty where nobody named them.
+    pub joint_names: Vec<String>,
     /// Where the robot came from.
     pub origin: Origin,
 }
@@ -50,7 +54,54 @@ pub fn table_frames(rows: &[MdhRow<f64>], q: &[f64]) -> Vec<Pose<f64>> {
     frames
 }
 
+/// Whether two tables have near the same joints, at three configurations. The last
+/// frame may sit anywhere along its axis: that is the flange's business.
+pub fn near(own: &[MdhRow<f64>], other: &[MdhRow<f64>]) -> bool {
+    own.len() == other.len()
+        && [0.0, 0.7, -1.1].iter().all(|&s| {
+            let q: Vec<f64> = (0..own.len()).map(|k| s * (1.0 - 0.2 * k as f64)).collect();
+            let last = own.len().saturating_sub(1);
+            table_frames(own, &q)
+                .iter()
+                .zip(&table_frames(other, &q))
+                .enumerate()
+                .all(|(k, (a, b))| {
+                    let off = a.position - b.position;
+                    let off = if k == last { off - a.z() * off.dot(&a.z()) } else { off };
+                    off.norm() < 5e-3 && (a.rotation - b.rotation).amax() < 1e-2
+                })
+        })
+}
+
 impl RobotModel {
+    /// The built-in robot that this one is, or was before it was calibrated: of the
+    /// same name, and with joints within 5 mm and 10 mrad.
+    pub(super) fn built_in(&self) -> Option<Robot> {
+        let known = spherecal_shared::robot::built_in(&self.robot.name)?;
+        let rows: Vec<_> = known.joints.iter().map(|j| j.mdh).collect();
+        let same = rows.len() == self.robot.dof()
+            && distance(&self.base, &Pose::identity()) < 1e-9
+            && near(&self.rows(), &rows);
+        same.then_some(known)
+    }
+
+    /// The description by the robot's vendor, where this one came without any: its
+    /// nominal table is that of the built-in robot.
+    pub(super) fn vendor(&self) -> Option<Self> {
+        match self.origin {
+            Origin::Urdf(_) => None,
+            _ => self.built_in().and_then(|known| vendor::nominal(&known.name)),
+        }
+    }
+
+    /// The table before it was calibrated, as far as the robot's name says it.
+    pub(super) fn nominal_rows(&self) -> Vec<MdhRow<f64>> {
+        match (&self.origin, self.built_in()) {
+            (Origin::Urdf(_), _) | (_, None) => self.rows(),
+            (_, Some(known)) => known.joints.iter().map(|j| j.mdh).collect(),
+        }
+    }
+
     /// The rows of the table.
     pub fn rows(&self) -> Vec<MdhRow<f64>> {
         self.robot.joints.iter().map(|j| j.mdh).collect()

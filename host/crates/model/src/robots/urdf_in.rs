@@ -106,6 +106,7 @@ pub fn load(path: &str, text: &str, tip: Option<&str>) -> Result<RobotModel, Rob
         flange: table.flange,
         tool,
         frame_names: (chain.root.clone(), chain.tip.clone()),
+        joint_names: turning.iter().map(|&(_, i)| urdf.joints[i].name.clone()).collect(),
         origin: Origin::Urdf(Box::new((urdf, chain))),
     })
 }

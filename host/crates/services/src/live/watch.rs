@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::host::{Contact, Event, Sample};
-use spherecal_shared::timing::SampleClock;
 use spherecal_shared::robot::{Robot, Tool};
+use spherecal_shared::timing::SampleClock;
 use tokio::sync::mpsc::{self, error::TrySendError};
 
 use super::{End, Frame, Message, Scatter, Scene, Touch};

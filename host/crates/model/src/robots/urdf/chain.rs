@@ -22,6 +22,19 @@ pub struct UrdfChain {
     pub beyond: Option<(String, Pose<f64>)>,
 }
 
+/// Most names that a message lists.
+const LISTED: usize = 20;
+
+/// Names for a message.
+fn listed<'a>(names: impl Iterator<Item = &'a str> + Clone) -> String {
+    let more = names.clone().count().saturating_sub(LISTED);
+    let mut words = names.take(LISTED).collect::<Vec<_>>().join(", ");
+    if more > 0 {
+        words += &format!(" and {more} more");
+    }
+    words
+}
+
 impl Urdf {
     /// The chain to `tip`, or, without one, the longest chain of turning joints
     /// and its flange: `tool0` or `flange` where the file names one, else the
@@ -49,7 +62,10 @@ impl Urdf {
                 return Err(error(
                     "tip link",
                     tip,
-                    format!("name one of the file's links: {}", self.links.join(", ")),
+                    format!(
+                        "name one of the file's links: {}",
+                        listed(self.links.iter().map(String::as_str))
+                    ),
                 ));
             }
             None => self.guess_tip(&into)?,
@@ -139,7 +155,7 @@ impl Urdf {
                     "name the tip as {}#LINK{}{}",
                     self.path,
                     if tips.is_empty() { "" } else { ", for example one of " },
-                    tips.join(", ")
+                    listed(tips.iter().copied())
                 ),
             ));
         };
