@@ -8,6 +8,8 @@
 #   build [BOARD..]  build the images in release: mps2-an500 nucleo-h743zi
 #   stack [BOARD]    build an image that says its functions' stack sizes, for the tests
 #   prove            link the control path with a panic handler that does not exist
+#   portable         build the controller for Arm cores without a double-precision FPU,
+#                    and check the skeleton of a board
 #   cargo ARGS..     any other Cargo command in firmware/boards, same toolchain
 #
 #   --install        install what is missing (rustup first, apt-get second)
@@ -19,6 +21,8 @@
 set -eu
 
 target=thumbv7em-none-eabihf
+# Cortex-M4 with software floating point, and Cortex-M3.
+portable_targets="thumbv7em-none-eabi thumbv7m-none-eabi"
 boards="mps2-an500 nucleo-h743zi"
 root=$(cd "$(dirname "$0")/.." && pwd)
 install=no dry=no want=
@@ -177,6 +181,18 @@ case $command in
     prove)
         cross_cargo build --release --locked --package mps2-an500 --features panic-free --bin control
         [ "$dry" = yes ] || say "the control path links without a way to panic"
+        ;;
+    portable)
+        for core in $portable_targets; do
+            if [ "$route" = rustup ] && [ "$dry" = no ] && [ ! -d "$(cd / && rustc --print sysroot)/lib/rustlib/$core/lib" ]; then
+                [ "$install" = yes ] || { say "no $core: 'rustup target add $core' (or run $0 --install portable)"; exit 3; }
+                run rustup target add "$core"
+            fi
+            (cross_cargo build --release --locked --package spherecal-firmware --target "$core")
+            [ "$dry" = yes ] || say "the controller builds for $core"
+        done
+        (cross_cargo check --release --locked --package nucleo-h743zi --example skeleton)
+        [ "$dry" = yes ] || say "the skeleton of a board is checked"
         ;;
     cargo) [ $# -gt 0 ] || usage; cross_cargo "$@" ;;
     *) say "unknown command $command"; usage ;;

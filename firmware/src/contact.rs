@@ -1,9 +1,9 @@
-//! Contact: the tare before, the force condition with its dwell, and the watch
-//! over a seated nest.
+//! Contact: the tare before it, the force condition with its dwell time, and the
+//! watch over a seated nest.
 //!
-//! Terms: the *tare* is the wrench that the observer reports at rest in free
-//! space, all model error; the *trigger* is the force against the approach at
-//! which contact is declared, once it has lasted for the *dwell*; the nest is
+//! Terms: the *tare* is the wrench that the observer shows at rest in free space;
+//! it is model error. The *trigger* is the force against the approach at which
+//! contact is declared after it has lasted for the *dwell time*. The nest is
 //! *seated* when its three planes rest on the sphere.
 
 use nalgebra::Vector3;
@@ -11,23 +11,23 @@ use spherecal_shared::procedure::{Approach, Seating};
 
 use crate::law::Wrench;
 
-/// Mean wrench at rest.
+/// The mean wrench at rest.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Tare {
+pub(crate) struct Tare {
     sum: Wrench,
     count: u32,
 }
 
 impl Tare {
-    /// Takes one tick's wrench.
-    pub fn push(&mut self, wrench: &Wrench) {
+    /// Adds one tick's wrench.
+    pub(crate) fn push(&mut self, wrench: &Wrench) {
         self.sum.force += wrench.force;
         self.sum.torque += wrench.torque;
         self.count = self.count.saturating_add(1);
     }
 
     /// The mean; zero before the first tick.
-    pub fn mean(&self) -> Wrench {
+    pub(crate) fn mean(&self) -> Wrench {
         let share = if self.count == 0 {
             0.0
         } else {
@@ -40,20 +40,20 @@ impl Tare {
     }
 }
 
-/// The force condition of Algorithm 2, `setForceTrigger(7.5)`, made to ignore
-/// impacts: the force must last, and the arm must stand.
+/// The force condition of Algorithm 2, `setForceTrigger(7.5)`. It ignores impacts:
+/// the force must last, and the arm must stand still.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct ContactTrigger {
+pub(crate) struct ContactTrigger {
     held: u32,
     early: u32,
     peak: f64,
 }
 
 impl ContactTrigger {
-    /// Takes one tick: force against the approach (N, tared) and TCP speed
-    /// (m/s). Returns `true` once, when contact is declared.
+    /// Takes one tick: tared force against the approach (N) and TCP speed (m/s).
+    /// Returns `true` when contact is declared.
     #[inline]
-    pub fn push(&mut self, force: f64, speed: f64, settings: &Approach, period_s: f64) -> bool {
+    pub(crate) fn push(&mut self, force: f64, speed: f64, settings: &Approach, period_s: f64) -> bool {
         self.peak = self.peak.max(force);
         if force >= settings.trigger_n && speed <= settings.contact_speed_m_s {
             self.held = self.held.saturating_add(1);
@@ -67,44 +67,44 @@ impl ContactTrigger {
     }
 
     /// Ticks for which the condition has held.
-    pub fn latency_ticks(&self) -> u32 {
+    pub(crate) fn latency_ticks(&self) -> u32 {
         self.held
     }
 
-    /// Crossings that did not last.
-    pub fn early_crossings(&self) -> u32 {
+    /// Number of times that the force crossed the threshold but did not last.
+    pub(crate) fn early_crossings(&self) -> u32 {
         self.early
     }
 
     /// Largest force against the approach so far, in N.
-    pub fn peak_n(&self) -> f64 {
+    pub(crate) fn peak_n(&self) -> f64 {
         self.peak
     }
 }
 
-/// Tells a seated nest from one that has left, from the joint angles alone: a
-/// TCP that is tied to a sphere neither travels nor runs.
+/// Detects from the joint angles alone that the nest has left the sphere: the TCP
+/// of a seated nest stays near one point and moves slowly.
 #[derive(Clone, Copy, Debug)]
-pub struct SeatingWatch {
+pub(crate) struct SeatingWatch {
     centre: Vector3<f64>,
     violated: u32,
 }
 
 impl SeatingWatch {
-    /// Watches around the computed TCP of the seated nest (F0, in m).
-    pub fn new(centre: Vector3<f64>) -> Self {
+    /// A watch around `centre`, the computed TCP of the seated nest (F0, in m).
+    pub(crate) fn new(centre: Vector3<f64>) -> Self {
         Self { centre, violated: 0 }
     }
 
-    /// Where it seated, in m.
-    pub fn centre(&self) -> &Vector3<f64> {
+    /// Computed TCP when the nest seated, in m.
+    pub(crate) fn centre(&self) -> &Vector3<f64> {
         &self.centre
     }
 
-    /// Takes one tick: computed TCP (m) and its speed (m/s). Returns the
-    /// distance (m) when the nest must have left, after the dwell.
+    /// Takes one tick: computed TCP (m) and its speed (m/s). Returns the distance
+    /// from the centre (m) once the nest has left.
     #[inline]
-    pub fn push(&mut self, tcp: &Vector3<f64>, speed: f64, settings: &Seating, period_s: f64) -> Option<f64> {
+    pub(crate) fn push(&mut self, tcp: &Vector3<f64>, speed: f64, settings: &Seating, period_s: f64) -> Option<f64> {
         let distance = (tcp - self.centre).norm();
         if distance > settings.window_m || speed > settings.speed_m_s {
             self.violated = self.violated.saturating_add(1);
@@ -125,7 +125,7 @@ mod tests {
     fn the_trigger_wants_its_dwell() {
         let settings = Approach::default();
         let mut trigger = ContactTrigger::default();
-        // An impact of 80 N for 15 ms does not fire; 7.5 N for 20 ms does.
+        // An impact of 80 N for 15 ms does not trigger; 7.5 N for 20 ms does.
         assert!((0..15).all(|_| !trigger.push(80.0, 0.0, &settings, PERIOD)));
         assert!(!trigger.push(0.0, 0.0, &settings, PERIOD));
         let fired = (0..30).position(|_| trigger.push(7.5, 0.001, &settings, PERIOD));

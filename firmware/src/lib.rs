@@ -1,8 +1,8 @@
-//! The real-time controller of spherecal: 1 kHz Cartesian impedance, phases,
-//! contact, recording.
+//! The real-time controller of spherecal: Cartesian impedance at 1 kHz, the
+//! phases of Algorithm 2, contact and recording.
 //!
-//! `no_std`, allocation-free and free of `unsafe`; the same code runs on a
-//! Cortex-M7 and in-process on a PC, to the same bits.
+//! The crate is `no_std`, allocates nothing and has no `unsafe` code. The same
+//! code runs on a microcontroller and inside a PC process, with the same bits.
 //!
 //! ```text
 //!   host bytes ─▶ HostLink ─▶ commands ─▶ Controller::tick ─▶ torque
@@ -10,31 +10,28 @@
 //! ```
 //!
 //! [`Controller`] is the control path: a plain synchronous `tick`. [`HostLink`]
-//! turns bytes into commands and events into bytes, with acknowledgement and
-//! repetition. [`Node`] is both, for whoever runs them in one thread; a board
-//! runs the link below the control path, with queues between them ([`app`]).
+//! turns bytes into commands and events into bytes; it acknowledges and repeats.
+//! [`Node`] holds both and runs them in one thread. A board runs the link at
+//! lower priority than the control path, with queues between them ([`app`]).
 //!
-//! Inside the tick: [`guard`] admits the drive state, [`law`] computes the arm
-//! once and the torque from a setpoint, [`phases`] moves the setpoint through
-//! Algorithm 2, with [`motion`], [`contact`] and [`recorder`] as their tools.
-//! [`app`] is what a board runs around it.
+//! Inside the tick the safety monitor checks the drive state. [`law`] computes the
+//! arm's kinematics and dynamics once, and the torque from a setpoint. The phases
+//! move the setpoint through Algorithm 2.
 #![no_std]
 
 #[cfg(test)]
 extern crate std;
 
 pub mod app;
-pub mod contact;
-pub mod controller;
-pub mod envelope;
-pub mod guard;
+mod contact;
+mod controller;
 pub mod law;
 pub mod link;
-pub mod motion;
+mod motion;
 mod node;
-pub mod phases;
-pub mod plausible;
-pub mod recorder;
+mod phases;
+mod recorder;
+mod safety;
 #[cfg(test)]
 mod testing;
 

@@ -1,18 +1,18 @@
-//! The setpoint generator: how targets become setpoints of limited speed and
+//! The setpoint generator: turns targets into setpoints of limited speed and
 //! acceleration.
 //!
-//! Stands between the phases, which know targets, and the law, which follows
-//! setpoints. All motions are counted in ticks of a stated period.
+//! It stands between the phases, which have targets, and the control law, which
+//! follows setpoints.
 
 use nalgebra::{Matrix3, Vector3};
 use spherecal_shared::scalar::sqrt;
 
 use crate::law::{JointSetpoint, rotation_error};
 
-/// Rest to rest along a quintic `s(t)` from 0 to 1: position, speed and
-/// acceleration are continuous.
+/// A motion from rest to rest along a quintic `s(t)` from 0 to 1: position, speed
+/// and acceleration are continuous.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Profile {
+pub(crate) struct Profile {
     duration_s: f64,
 }
 
@@ -22,9 +22,9 @@ impl Profile {
     /// Peak of `d²s/dt²` times the duration squared.
     const PEAK_ACCELERATION: f64 = 5.773_502_691_896_258;
 
-    /// The shortest profile over `distance` under a speed and an acceleration
-    /// (distance unit per s and per s²).
-    pub fn over(distance: f64, speed: f64, acceleration: f64) -> Self {
+    /// The shortest profile over `distance` within a speed and an acceleration
+    /// (in the unit of the distance per s and per s²).
+    pub(crate) fn over(distance: f64, speed: f64, acceleration: f64) -> Self {
         let distance = distance.abs();
         let by_speed = Self::PEAK_SPEED * distance / speed;
         let by_acceleration = sqrt(Self::PEAK_ACCELERATION * distance / acceleration);
@@ -33,21 +33,22 @@ impl Profile {
         }
     }
 
-    /// The longer of two.
-    pub fn max(self, other: Self) -> Self {
+    /// The longer of the two.
+    pub(crate) fn max(self, other: Self) -> Self {
         Self {
             duration_s: self.duration_s.max(other.duration_s),
         }
     }
 
     /// Duration, in s.
-    pub fn duration_s(&self) -> f64 {
+    #[cfg(test)]
+    pub(crate) fn duration_s(&self) -> f64 {
         self.duration_s
     }
 
     /// `s` and `ds/dt` (1/s) at time `t` (s).
     #[inline]
-    pub fn at(&self, t: f64) -> (f64, f64) {
+    pub(crate) fn at(&self, t: f64) -> (f64, f64) {
         if !(t < self.duration_s) {
             return (1.0, 0.0);
         }
@@ -60,16 +61,16 @@ impl Profile {
 
 /// A motion of all joints together.
 #[derive(Clone, Debug)]
-pub struct JointMove<const N: usize> {
+pub(crate) struct JointMove<const N: usize> {
     start: [f64; N],
     target: [f64; N],
     profile: Profile,
 }
 
 impl<const N: usize> JointMove<N> {
-    /// From `start` to `target` (rad) under a speed (rad/s), for each joint
-    /// not above `limits` either, and an acceleration (rad/s²).
-    pub fn new(start: [f64; N], target: [f64; N], speed: f64, limits: &[f64; N], acceleration: f64) -> Self {
+    /// A motion from `start` to `target` (rad). No joint exceeds `speed` or its
+    /// own value of `limits` (rad/s), or `acceleration` (rad/s²).
+    pub(crate) fn new(start: [f64; N], target: [f64; N], speed: f64, limits: &[f64; N], acceleration: f64) -> Self {
         let mut profile = Profile { duration_s: 0.0 };
         for i in 0..N {
             profile = profile.max(Profile::over(target[i] - start[i], speed.min(limits[i]), acceleration));
@@ -78,18 +79,18 @@ impl<const N: usize> JointMove<N> {
     }
 
     /// Duration, in s.
-    pub fn duration_s(&self) -> f64 {
+    pub(crate) fn duration_s(&self) -> f64 {
         self.profile.duration_s
     }
 
-    /// Where it ends, in rad.
-    pub fn target(&self) -> &[f64; N] {
+    /// The target, in rad.
+    pub(crate) fn target(&self) -> &[f64; N] {
         &self.target
     }
 
     /// Setpoint at time `t` (s) since the start.
     #[inline]
-    pub fn at(&self, t: f64) -> JointSetpoint<N> {
+    pub(crate) fn at(&self, t: f64) -> JointSetpoint<N> {
         let (s, ds) = self.profile.at(t);
         let mut setpoint = JointSetpoint {
             q: self.target,
@@ -104,9 +105,9 @@ impl<const N: usize> JointMove<N> {
     }
 }
 
-/// A turn of the tool about the TCP, and of the elbow with it.
+/// A turn of the tool about the TCP, with a motion of the elbow at the same time.
 #[derive(Clone, Debug)]
-pub struct TurnMove {
+pub(crate) struct TurnMove {
     start: Matrix3<f64>,
     target: Matrix3<f64>,
     axis: Vector3<f64>,
@@ -116,23 +117,29 @@ pub struct TurnMove {
     profile: Profile,
 }
 
-/// Orientation and elbow of a [`TurnMove`] at one time.
+/// Orientation and elbow of a [`TurnMove`] at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TurnSetpoint {
+pub(crate) struct TurnSetpoint {
     /// Orientation in F0.
-    pub rotation: Matrix3<f64>,
+    pub(crate) rotation: Matrix3<f64>,
     /// Angular velocity in F0, in rad/s.
-    pub angular: Vector3<f64>,
+    pub(crate) angular: Vector3<f64>,
     /// Elbow angle, in rad.
-    pub elbow: f64,
-    /// Its rate, in rad/s.
-    pub elbow_rate: f64,
+    pub(crate) elbow: f64,
+    /// Rate of the elbow angle, in rad/s.
+    pub(crate) elbow_rate: f64,
 }
 
 impl TurnMove {
-    /// From one orientation (F0) and elbow angle (rad) to another, along the
-    /// shortest rotation, under a speed (rad/s) and an acceleration (rad/s²).
-    pub fn new(start: Matrix3<f64>, target: Matrix3<f64>, elbow: (f64, f64), speed: f64, acceleration: f64) -> Self {
+    /// A motion between two orientations (F0), along the shortest rotation, and
+    /// two elbow angles (rad), within a speed (rad/s) and an acceleration (rad/s²).
+    pub(crate) fn new(
+        start: Matrix3<f64>,
+        target: Matrix3<f64>,
+        elbow: (f64, f64),
+        speed: f64,
+        acceleration: f64,
+    ) -> Self {
         let rotation = rotation_error(&target, &start);
         let angle = rotation.norm();
         let axis = if angle > 1e-12 { rotation / angle } else { Vector3::z() };
@@ -152,13 +159,13 @@ impl TurnMove {
     }
 
     /// Duration, in s.
-    pub fn duration_s(&self) -> f64 {
+    pub(crate) fn duration_s(&self) -> f64 {
         self.profile.duration_s
     }
 
     /// Setpoint at time `t` (s) since the start.
     #[inline]
-    pub fn at(&self, t: f64) -> TurnSetpoint {
+    pub(crate) fn at(&self, t: f64) -> TurnSetpoint {
         let (s, ds) = self.profile.at(t);
         let rotation = if s >= 1.0 {
             self.target
@@ -176,7 +183,7 @@ impl TurnMove {
 
 /// Rotation by `angle` (rad) about a unit axis (Rodrigues).
 #[inline]
-pub fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
+pub(crate) fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     let (s, c) = libm::sincos(angle);
     let k = axis.cross_matrix();
     Matrix3::identity() + k * s + k * k * (1.0 - c)
@@ -184,8 +191,8 @@ pub fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
 
 /// Rotation matrix of a unit quaternion w, x, y, z.
 ///
-/// `None` where a component is not finite or the norm is not 1 within 1e-6.
-pub fn rotation_of(quaternion: &[f64; 4]) -> Option<Matrix3<f64>> {
+/// `None` if a component is not finite or the norm is not 1 to within 1e-6.
+pub(crate) fn rotation_of(quaternion: &[f64; 4]) -> Option<Matrix3<f64>> {
     let [w, x, y, z] = *quaternion;
     let norm2 = w * w + x * x + y * y + z * z;
     if !((norm2 - 1.0).abs() < 2e-6) {
@@ -202,10 +209,10 @@ pub fn rotation_of(quaternion: &[f64; 4]) -> Option<Matrix3<f64>> {
     Some(rotation)
 }
 
-/// A setpoint that runs along a line: speeds up under an acceleration, then
-/// keeps its speed, and stops at `length` (which may be infinite).
+/// A setpoint that moves along a line: it accelerates, then keeps its speed, and
+/// stops after `length` (which may be infinite).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LineMove {
+pub(crate) struct LineMove {
     direction: Vector3<f64>,
     speed: f64,
     acceleration: f64,
@@ -215,9 +222,9 @@ pub struct LineMove {
 }
 
 impl LineMove {
-    /// Along a unit vector, under a speed (m/s) and an acceleration (m/s²),
-    /// over a length (m).
-    pub fn new(direction: Vector3<f64>, speed: f64, acceleration: f64, length: f64) -> Self {
+    /// A motion along a unit vector, within a speed (m/s) and an acceleration
+    /// (m/s²), over a length (m).
+    pub(crate) fn new(direction: Vector3<f64>, speed: f64, acceleration: f64, length: f64) -> Self {
         Self {
             direction,
             speed,
@@ -228,10 +235,10 @@ impl LineMove {
         }
     }
 
-    /// Advances by one period; returns displacement (m) and velocity (m/s).
+    /// Advances by one period. Returns displacement (m) and velocity (m/s).
     #[inline]
-    pub fn step(&mut self, period_s: f64) -> (Vector3<f64>, Vector3<f64>) {
-        // The speed from which the rest of the way suffices to stop.
+    pub(crate) fn step(&mut self, period_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+        // The speed from which the remaining distance suffices to stop.
         let left = (self.length - self.travelled).max(0.0);
         let stopping = if left < 1.0 {
             sqrt(2.0 * self.acceleration * left)
@@ -243,14 +250,9 @@ impl LineMove {
         (self.direction * self.travelled, self.direction * self.now)
     }
 
-    /// Whether the end is reached (to a tenth of a millimetre).
-    pub fn finished(&self) -> bool {
+    /// Whether the end is reached, to 0.1 mm.
+    pub(crate) fn finished(&self) -> bool {
         self.length - self.travelled < 1e-4
-    }
-
-    /// Distance run, in m.
-    pub fn travelled(&self) -> f64 {
-        self.travelled
     }
 }
 
@@ -260,7 +262,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        // Fails if a setpoint exceeds the speed or acceleration asked for, jumps, or misses its end.
+        // Fails if a setpoint exceeds the speed or the acceleration, jumps, or misses its end.
         #[test]
         fn profiles_keep_their_limits(distance in 0.001f64..3.0, speed in 0.05f64..2.0, acceleration in 0.1f64..10.0) {
             let profile = Profile::over(distance, speed, acceleration);
@@ -278,14 +280,14 @@ mod tests {
             prop_assert!((last - 1.0).abs() < 1e-12);
         }
 
-        // Fails if the turn does not start and end where it should, or its angular velocity is not its derivative.
+        // Fails if the turn does not start and end as asked, or if its angular velocity is not its derivative.
         #[test]
         fn turns_are_consistent(a in prop::array::uniform3(0.1f64..1.0), b in prop::array::uniform3(-1.0f64..-0.1), t in 0.05f64..0.95) {
             let rotation = |v: [f64; 3]| { let v = Vector3::from(v); rotation_about(&(v / v.norm()), v.norm()) };
             let turn = TurnMove::new(rotation(a), rotation(b), (3.0, -3.0), 0.5, 1.5);
             prop_assert!((turn.at(0.0).rotation - rotation(a)).norm() < 1e-12);
             prop_assert!((turn.at(turn.duration_s()).rotation - rotation(b)).norm() < 1e-12);
-            // 3 to -3 rad is the short way through pi.
+            // From 3 to -3 rad the short way leads through pi.
             prop_assert!((turn.at(1e9).elbow - (3.0 + core::f64::consts::TAU - 6.0)).abs() < 1e-12);
             let (h, t) = (1e-6, t * turn.duration_s());
             let difference = rotation_error(&turn.at(t + h).rotation, &turn.at(t - h).rotation) / (2.0 * h);

@@ -4,10 +4,10 @@ use embassy_time::Instant;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
 use spherecal_shared::protocol::host::{Command, Event, Sample, Statistics};
 
-use crate::link::{Desk, Verdict};
+use crate::link::{CommandOutcome, CommandPort};
 use crate::{Controller, HostLink};
 
-/// Controller and host link together.
+/// A controller and its host link.
 #[derive(Clone, Debug)]
 pub struct Node<const N: usize> {
     controller: Controller<N>,
@@ -15,14 +15,14 @@ pub struct Node<const N: usize> {
 }
 
 impl<const N: usize> Default for Node<N> {
-    /// A controller in the process of its host, which has the host's build.
+    /// A controller inside its host's process: it has the host's build.
     fn default() -> Self {
         Self::new("in-process")
     }
 }
 
 impl<const N: usize> Node<N> {
-    /// A controller that says `build` in its banner.
+    /// A controller that states `build` in its banner.
     pub fn new(build: &str) -> Self {
         Self {
             controller: Controller::default(),
@@ -40,22 +40,22 @@ impl<const N: usize> Node<N> {
         &self.link
     }
 
-    /// Takes the host's bytes; whole commands are carried out at once, or wait
-    /// for the tick at which they are to start.
+    /// Takes the host's bytes. A complete command is carried out at once or waits
+    /// for the tick at which it starts.
     pub fn receive(&mut self, down: &[u8]) {
-        let mut desk = Direct(&mut self.controller);
-        self.link.receive(down, &mut desk);
+        let mut port = Direct(&mut self.controller);
+        self.link.receive(down, &mut port);
     }
 
-    /// Writes whole frames for the host into `up`; returns the number of bytes.
+    /// Writes complete frames for the host to `up`; returns the number of bytes.
     pub fn transmit(&mut self, now: Instant, up: &mut [u8]) -> usize {
-        let mut desk = Direct(&mut self.controller);
-        self.link.transmit(now, up, &mut desk)
+        let mut port = Direct(&mut self.controller);
+        self.link.transmit(now, up, &mut port)
     }
 
-    /// One control period: takes the host's bytes, ticks, and writes whole
-    /// frames for the host into `up`. Returns the torque command and the
-    /// number of bytes written.
+    /// One control period: takes the host's bytes, runs a tick and writes complete
+    /// frames for the host to `up`. Returns the torque command and the number of
+    /// bytes written.
     pub fn exchange(&mut self, now: Instant, state: &DriveState, down: &[u8], up: &mut [u8]) -> (DriveCommand, usize) {
         self.receive(down);
         let command = self.controller.tick(now, state);
@@ -63,32 +63,32 @@ impl<const N: usize> Node<N> {
     }
 }
 
-/// The controller at hand.
+/// The controller as a command port, without queues.
 struct Direct<'a, const N: usize>(&'a mut Controller<N>);
 
-impl<const N: usize> Desk for Direct<'_, N> {
-    fn heard(&mut self) {
-        self.0.heard();
+impl<const N: usize> CommandPort for Direct<'_, N> {
+    fn host_heard(&mut self) {
+        self.0.host_heard();
     }
 
-    fn command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool {
-        self.0.order(sequence, start_us, &command)
+    fn queue_command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool {
+        self.0.queue_command(sequence, start_us, &command)
     }
 
-    fn verdict(&mut self) -> Option<Verdict> {
-        self.0.verdict()
+    fn command_outcome(&mut self) -> Option<CommandOutcome> {
+        self.0.command_outcome()
     }
 
-    fn event(&mut self) -> Option<Event> {
-        self.0.event()
+    fn next_event(&mut self) -> Option<Event> {
+        self.0.next_event()
     }
 
     fn samples_waiting(&self) -> usize {
         self.0.samples_waiting()
     }
 
-    fn sample(&mut self) -> Option<Sample> {
-        self.0.sample()
+    fn next_sample(&mut self) -> Option<Sample> {
+        self.0.next_sample()
     }
 
     fn statistics(&self) -> Statistics {

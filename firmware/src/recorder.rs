@@ -1,15 +1,14 @@
-//! The recorder: one pose as mean, standard deviation, minimum and maximum of
-//! every joint angle and torque, in one pass.
+//! The recorder: mean, standard deviation, minimum and maximum of every joint
+//! angle and torque at one pose, in one pass.
 //!
 //! Welford's update keeps the mean and the sum of squared deviations without
-//! cancellation, so that noise of 1e-5 rad on an angle of 2 rad is still
-//! measured to many digits.
+//! cancellation. Noise of 1e-5 rad on an angle of 2 rad is measured to many digits.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Recording, SignalStatistics};
 use spherecal_shared::scalar::sqrt;
 
-/// One signal.
+/// The statistics of one signal.
 #[derive(Clone, Copy, Debug)]
 struct Signal {
     mean: f64,
@@ -52,11 +51,12 @@ impl Signal {
 
 /// Averages one recording of `N` joints.
 #[derive(Clone, Debug)]
-pub struct Recorder<const N: usize> {
+pub(crate) struct Recorder<const N: usize> {
     q: [Signal; N],
     tau: [Signal; N],
     force: Vector3<f64>,
-    place: Vector3<f64>,
+    /// Computed TCP at the first sample, in m.
+    first_tcp: Vector3<f64>,
     spread: f64,
     count: u32,
     gaps: u32,
@@ -65,21 +65,21 @@ pub struct Recorder<const N: usize> {
     end_us: u64,
 }
 
-/// One tick's samples.
+/// The values of one tick.
 #[derive(Clone, Copy, Debug)]
-pub struct RecorderSample<'a, const N: usize> {
+pub(crate) struct RecorderSample<'a, const N: usize> {
     /// Tick of the drive state.
-    pub tick: u64,
+    pub(crate) tick: u64,
     /// Device time, in µs.
-    pub time_us: u64,
+    pub(crate) time_us: u64,
     /// Joint angles, in rad.
-    pub q: &'a [f64; N],
+    pub(crate) q: &'a [f64; N],
     /// Measured torques, in N m.
-    pub tau: &'a [f64; N],
+    pub(crate) tau: &'a [f64; N],
     /// Computed TCP in F0, in m.
-    pub tcp: &'a Vector3<f64>,
+    pub(crate) tcp: &'a Vector3<f64>,
     /// Estimated contact force, tared, F0, in N.
-    pub force: &'a Vector3<f64>,
+    pub(crate) force: &'a Vector3<f64>,
 }
 
 impl<const N: usize> Default for Recorder<N> {
@@ -88,7 +88,7 @@ impl<const N: usize> Default for Recorder<N> {
             q: [Signal::EMPTY; N],
             tau: [Signal::EMPTY; N],
             force: Vector3::zeros(),
-            place: Vector3::zeros(),
+            first_tcp: Vector3::zeros(),
             spread: 0.0,
             count: 0,
             gaps: 0,
@@ -100,12 +100,12 @@ impl<const N: usize> Default for Recorder<N> {
 }
 
 impl<const N: usize> Recorder<N> {
-    /// Takes one tick; ticks missing since the last one count as gaps.
+    /// Adds one tick; ticks missing since the last one count as gaps.
     #[inline]
-    pub fn push(&mut self, sample: &RecorderSample<'_, N>) {
+    pub(crate) fn push(&mut self, sample: &RecorderSample<'_, N>) {
         if self.count == 0 {
             self.start_us = sample.time_us;
-            self.place = *sample.tcp;
+            self.first_tcp = *sample.tcp;
         } else {
             let missing = sample.tick.saturating_sub(self.last_tick).saturating_sub(1);
             self.gaps = self.gaps.saturating_add(u32::try_from(missing).unwrap_or(u32::MAX));
@@ -119,17 +119,17 @@ impl<const N: usize> Recorder<N> {
             self.tau[i].push(sample.tau[i], reciprocal);
         }
         self.force += (sample.force - self.force) * reciprocal;
-        let distance = (sample.tcp - self.place).norm();
+        let distance = (sample.tcp - self.first_tcp).norm();
         self.spread = self.spread.max(distance);
     }
 
-    /// Samples taken.
-    pub fn count(&self) -> u32 {
+    /// Number of samples so far.
+    pub(crate) fn count(&self) -> u32 {
         self.count
     }
 
-    /// The recording, with the ids given.
-    pub fn finish(&self, sphere: u32, pose: u32) -> Recording {
+    /// The recording, with the given ids.
+    pub(crate) fn finish(&self, sphere: u32, pose: u32) -> Recording {
         let collect = |signals: &[Signal; N]| signals.iter().map(|s| s.finish(self.count)).collect();
         Recording {
             sphere,
@@ -169,7 +169,7 @@ mod tests {
     }
 
     proptest! {
-        // Against a two-pass reference; fails if a one-pass formula loses digits on a large offset.
+        // Against a two-pass reference. Fails if the one-pass formula loses digits on a large offset.
         #[test]
         fn statistics_equal_two_passes(values in prop::collection::vec(prop::array::uniform2(-1e-5f64..1e-5), 2..400), offset in -3.0f64..3.0) {
             let values: Vec<[f64; 2]> = values.iter().map(|v| [v[0] + offset, v[1] - offset]).collect();

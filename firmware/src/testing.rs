@@ -1,9 +1,9 @@
-//! A stand-in for arm and sphere, for the unit tests of the phases.
+//! A simple arm and sphere for the unit tests of the phases.
 //!
-//! The nominal arm, integrated at 1 kHz, and a sphere that is a spring to a
-//! point: it catches the TCP when it comes near and lets go above a force. Not
-//! a plant (the simulated plant lives in the host and is used by the system
-//! tests): just enough for every phase to see what it waits for, or not.
+//! The arm is the nominal one, integrated at 1 kHz. The sphere is a spring to a
+//! point: it catches the TCP when it comes near and releases it above a force. It
+//! is no plant (the host has the simulated plant, for the system tests). It is just
+//! enough to make the condition of every phase true or false.
 
 use embassy_time::Instant;
 use nalgebra::{SVector, Vector3};
@@ -19,35 +19,35 @@ use std::vec::Vec;
 
 use crate::Controller;
 
-/// Home of the tests: elbow up, tool straight down, far from every limit.
+/// Home position of the tests: elbow up, tool straight down, far from every limit.
 pub(crate) const HOME: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.241_592_653_589_793, 0.0];
 
-/// Controller and stand-in.
+/// The controller with the simple arm.
 #[derive(Clone)]
 pub(crate) struct Bench {
     /// The controller under test.
     pub(crate) controller: Controller<7>,
     /// Every event so far.
     pub(crate) events: Vec<Event>,
-    /// Time in ticks, stepped by hand.
+    /// Number of the present tick.
     pub(crate) tick: u64,
-    /// Joint angles and velocities.
+    /// Joint angles, in rad.
     pub(crate) q: SVector<f64, 7>,
-    /// Joint velocities.
+    /// Joint velocities, in rad/s.
     pub(crate) dq: SVector<f64, 7>,
-    /// Where a sphere is, in m.
+    /// Position of the sphere, F0, in m.
     pub(crate) sphere: Option<Vector3<f64>>,
-    /// Force at which it lets go, in N.
+    /// Force at which the sphere releases the TCP, in N.
     pub(crate) hold_n: f64,
-    /// Force on the TCP from elsewhere, in N.
+    /// External force on the TCP, F0, in N.
     pub(crate) push: Vector3<f64>,
-    /// Added to the measured torques, in N m.
+    /// Error of the measured torques, in N m.
     pub(crate) torque_bias: SVector<f64, 7>,
     /// Whether the joints are blocked.
     pub(crate) blocked: bool,
     /// Status that the drive reports.
     pub(crate) status: DriveStatus,
-    /// Whether the host is heard.
+    /// Whether the controller hears the host.
     pub(crate) host: bool,
     /// The last command.
     pub(crate) command: DriveCommand,
@@ -58,7 +58,7 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    /// A configured controller holding at home.
+    /// A configured controller that holds at home.
     pub(crate) fn new(procedure: Procedure) -> Self {
         let arm = Arm::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
         let mut controller = Controller::default();
@@ -92,8 +92,8 @@ impl Bench {
         bench
     }
 
-    /// A procedure with the waiting cut short.
-    pub(crate) fn brisk() -> Procedure {
+    /// A procedure with short waiting times.
+    pub(crate) fn fast_procedure() -> Procedure {
         let mut procedure = Procedure::default();
         procedure.approach.tare_s = 0.1;
         procedure.couple.hold_s = 0.3;
@@ -106,7 +106,7 @@ impl Bench {
 
     /// Computed TCP, in m.
     pub(crate) fn tcp(&self) -> Vector3<f64> {
-        self.arm.tcp_frame(&self.arm.frames(&self.q.into())).origin
+        self.arm.tcp_frame(&self.arm.frames(&self.q.into())).position
     }
 
     /// The drive state of this tick.
@@ -121,13 +121,13 @@ impl Bench {
         }
     }
 
-    /// One tick with a drive state of the caller's.
+    /// One tick with the given drive state.
     pub(crate) fn tick_with(&mut self, state: &DriveState) {
         if self.host {
-            self.controller.heard();
+            self.controller.host_heard();
         }
         self.command = self.controller.tick(Instant::from_millis(self.tick), state);
-        while let Some(event) = self.controller.event() {
+        while let Some(event) = self.controller.next_event() {
             self.events.push(event);
         }
         assert_eq!(self.command.tau.len(), 7);
@@ -137,7 +137,7 @@ impl Bench {
         );
     }
 
-    /// So many ticks.
+    /// Runs `ticks` ticks.
     pub(crate) fn run(&mut self, ticks: u32) {
         for _ in 0..ticks {
             self.tick += 1;
@@ -146,7 +146,7 @@ impl Bench {
         }
     }
 
-    /// Until the phase, at most so many ticks; panics with the events if not.
+    /// Runs until the phase is reached, for at most `ticks` ticks; then panics.
     pub(crate) fn until(&mut self, phase: Phase, ticks: u32) {
         for _ in 0..ticks {
             if self.controller.phase() == phase {
@@ -157,7 +157,7 @@ impl Bench {
         assert_eq!(self.controller.phase(), phase, "events: {:?}", self.events);
     }
 
-    /// Until the fault phase, at most so many ticks.
+    /// Runs until the fault phase is reached, for at most `ticks` ticks.
     pub(crate) fn until_fault(&mut self, ticks: u32) {
         for _ in 0..ticks {
             if self.controller.phase() == Phase::Fault {
@@ -176,7 +176,7 @@ impl Bench {
             return;
         }
         let frames = self.arm.frames(&self.q.into());
-        let tcp = self.arm.tcp_frame(&frames).origin;
+        let tcp = self.arm.tcp_frame(&frames).position;
         let jacobian = self.arm.jacobian(&frames, &tcp);
         let mut force = self.push;
         if let Some(sphere) = self.sphere {
@@ -203,7 +203,7 @@ impl Bench {
         self.q += self.dq * 1e-3;
     }
 
-    /// Sends a move.
+    /// Sends a move to `target` (rad).
     pub(crate) fn go(&mut self, target: &[f64]) -> Result<(), Refusal> {
         self.controller.command(Command::Move {
             target: Joints::from_slice(target).expect("at most eight"),
@@ -233,12 +233,12 @@ impl Bench {
         self.controller.command(Command::Pose(pose))
     }
 
-    /// A nest seated on a sphere 15 mm below home.
+    /// A bench with the nest seated on a sphere 15 mm below home.
     pub(crate) fn coupled() -> Self {
-        Self::coupled_by(Self::brisk())
+        Self::coupled_by(Self::fast_procedure())
     }
 
-    /// The same by another procedure.
+    /// The same with another procedure.
     pub(crate) fn coupled_by(procedure: Procedure) -> Self {
         let mut bench = Self::new(procedure);
         bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
@@ -247,7 +247,7 @@ impl Bench {
         bench
     }
 
-    /// Phases entered so far.
+    /// The phases entered so far.
     pub(crate) fn phases(&self) -> Vec<Phase> {
         self.events
             .iter()
@@ -255,7 +255,7 @@ impl Bench {
             .collect()
     }
 
-    /// Faults so far.
+    /// The faults so far.
     pub(crate) fn faults(&self) -> Vec<FaultReport> {
         self.events
             .iter()
@@ -263,7 +263,7 @@ impl Bench {
             .collect()
     }
 
-    /// Recordings so far.
+    /// The recordings so far.
     pub(crate) fn recordings(&self) -> Vec<Recording> {
         self.events
             .iter()
@@ -277,8 +277,8 @@ impl Bench {
             .collect()
     }
 
-    /// Asserts one fault, from `phase`, and that the arm then comes to rest
-    /// under a damped hold that carries gravity.
+    /// Checks that there was one fault, from `phase`, and that the arm then comes
+    /// to rest under a damped hold with gravity compensation.
     pub(crate) fn expect_fault(&mut self, fault: Fault, phase: Phase) {
         let faults = self.faults();
         assert_eq!(

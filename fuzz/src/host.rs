@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
-use spherecal::model::input::{Labels, read_csv, read_plate};
-use spherecal::job::Config;
-use spherecal::link::{HostEndpoint, Timing};
-use spherecal::model::robots;
-use spherecal::store::{CalibrationStore as _, SqlStore, recover};
+use spherecal_model::Target;
+use spherecal_model::input::{Labels, TableFormat, read_csv, read_plate};
+use spherecal_job::Config;
+use spherecal_link::{HostEndpoint, Timing};
+use spherecal_model::robots;
+use spherecal_store::{CalibrationStore as _, SqlStore, recover};
 use spherecal_shared::protocol::host::{Command, Uplink};
 
 use crate::{framed, pieces};
@@ -47,14 +48,25 @@ pub fn events(data: &[u8]) {
 pub fn csv(data: &[u8]) {
     let joints = data.first().map_or(7, |b| if b % 2 == 0 { 6 } else { 7 });
     let mut places = Labels::default();
-    if let Ok(table) = read_csv("fuzz.csv", data, joints, Some("note"), &mut places) {
-        for row in &table.rows {
+    let format = TableFormat {
+        joint_names: (1..=joints).map(|k| format!("arm_joint{k}")).collect(),
+        ignore: vec!["time".to_owned()],
+        label: Some("note".to_owned()),
+        ..TableFormat::new(joints)
+    };
+    if let Ok(table) = read_csv("fuzz.csv", data, &format, &mut places) {
+        for row in table.rows() {
             assert_eq!(row.q.len(), joints);
             assert!(row.q.iter().all(|q| q.is_finite()), "{row:?}");
+            if let Target::Frame(pose) = row.target() {
+                assert!((pose.rotation.determinant() - 1.0).abs() < 1e-6, "{row:?}");
+            }
         }
     }
-    if let Ok(text) = std::str::from_utf8(data) {
-        let _ = read_plate("fuzz.toml", text);
+    if let Ok(text) = std::str::from_utf8(data)
+        && let Ok(plate) = read_plate("fuzz.toml", text)
+    {
+        assert!(plate.spheres.iter().all(|s| s.sigma_m > 0.0), "{plate:?}");
     }
 }
 
@@ -69,12 +81,13 @@ pub fn config(data: &[u8]) {
     }
 }
 
-/// Any robot description, URDF or TOML: refused, or a robot that passes its check.
+/// Any robot description, URDF, TOML or YAML: refused, or a robot that passes its check.
 pub fn robots(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     for model in [
         robots::load_urdf_text("fuzz.urdf", text, None),
         robots::toml_file::load("fuzz.toml", text),
+        robots::kinematics_yaml::load("fuzz.yaml", text),
     ]
     .into_iter()
     .flatten()
@@ -116,7 +129,7 @@ pub fn database(data: &[u8]) {
 
 fn read_all(store: &mut SqlStore) {
     for info in store.runs().unwrap_or_default() {
-        let _ = spherecal::job::read(store, &info);
+        let _ = spherecal_job::read(store, &info);
         let _ = store.read_run(info.run);
         let _ = store.result(info.run, "summary");
     }

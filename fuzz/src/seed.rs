@@ -9,11 +9,11 @@
 use std::path::Path;
 
 #[cfg(feature = "host")]
-use spherecal::job::Config;
+use spherecal_job::Config;
 #[cfg(feature = "host")]
-use spherecal::model::robots;
+use spherecal_model::robots;
 #[cfg(feature = "host")]
-use spherecal::store::{CalibrationStore as _, NewRun, PlannedPose, SqlStore};
+use spherecal_store::{CalibrationStore as _, NewRun, PlannedPose, SqlStore};
 use spherecal_fuzz::joined;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
@@ -193,6 +193,9 @@ fn links() {
 fn host() {
     write("csv", "absolute", b"q1,q2,q3,q4,q5,q6,q7,x_mm,y_mm,z_mm\n0.1,0.2,0.3,-1,0.5,0.6,0.7,500,0,300\n");
     write("csv", "spheres", b"q1_deg;q2_deg;q3_deg;q4_deg;q5_deg;q6_deg;sphere;place;set\n1;2;3;4;5;6;2;a;validate\n");
+    write("csv", "frames", b"arm_joint1,q2,q3,q4,q5,q6,x_m,y_m,z_m,qw,qx,qy,qz,time\n0.1,0.2,0.3,-1,0.5,0.6,0.5,0,0.3,1,0,0,0,7\n");
+    write("csv", "points", b"sep=;\nq1;q2;q3;q4;q5;q6;x1_mm;y1_mm;z1_mm;x2_mm;y2_mm;z2_mm\n0,1;0,2;0,3;-1;0,5;0,6;500;0;300;;;\n");
+    write("csv", "utf16", &[0xff, 0xfe, b'q', 0, b'1', 0, b'\t', 0, b's', 0, b'p', 0, b'h', 0, b'e', 0, b'r', 0, b'e', 0, b'\n', 0]);
     write("csv", "plate", b"[[sphere]]\nid = 1\nx_mm = 0.0\ny_mm = 1.0\nz_mm = 2.0\nsigma_mm = 0.001\n");
 
     let config = Config::default();
@@ -206,6 +209,9 @@ fn host() {
     }
     let model = robots::load("ur5e").expect("built in");
     write("robots", "ur5e.toml", robots::toml_file::write(&model, &[]).as_bytes());
+    write("robots", "ur5e.yaml", robots::write_kinematics_yaml(&model, &model.rows(), &[]).as_bytes());
+    let panda = robots::load("panda").expect("built in");
+    write("robots", "panda.yaml", robots::write_kinematics_yaml(&panda, &panda.rows(), &[]).as_bytes());
 
     let folder = std::env::temp_dir().join(format!("spherecal-seed-{}", std::process::id()));
     let path = folder.join("seed.db");
@@ -220,7 +226,7 @@ fn host() {
             config_toml: "seed = 1\n".to_owned(),
             plan_json: "{}".to_owned(),
             program: "seed".to_owned(),
-            spheres: spherecal::identify::paper_plate(),
+            spheres: spherecal_model::paper_plate(),
             poses: vec![PlannedPose {
                 sphere: 1,
                 pose: 1,

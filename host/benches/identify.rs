@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use rand::{RngExt, SeedableRng};
 use spherecal::identify::{Experiment, Method, Model, Observation, Options, Set, Target, identify, paper_plate};
 use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{Frame, LinkTransform, iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{LinkTransform, Pose, iiwa7, iiwa7_tool};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -30,7 +30,7 @@ fn experiment(poses: usize, contacts: bool) -> Experiment {
     let spheres = paper_plate();
     let observations = (0..poses).map(|i| {
         let mut q: Vec<f64> = (0..7).map(|_| random.random_range(-1.5..1.5)).collect();
-        let mut frames = [Frame::identity(); 7];
+        let mut frames = [Pose::identity(); 7];
         let mut tcp = |q: &[f64]| frames_into(&links, q, &mut frames).point(&tool.tcp());
         let sphere = i % 3;
         let target = if contacts {

@@ -58,8 +58,8 @@ fn seated(config: &PlantConfig) -> (Plant<7>, [f64; 7]) {
         let link = far.world().link_angles_at_rest(&q);
         let tcp = far.world().tcp(&link);
         let turn = nalgebra::Rotation3::from_matrix(&(down * tcp.rotation.transpose())).scaled_axis();
-        let error = SVector::<f64, 6>::from_iterator((sphere - tcp.origin).iter().chain(turn.iter()).copied());
-        let j = arm.jacobian(&arm.frames(&q), &tcp.origin);
+        let error = SVector::<f64, 6>::from_iterator((sphere - tcp.position).iter().chain(turn.iter()).copied());
+        let j = arm.jacobian(&arm.frames(&q), &tcp.position);
         let damped = j * j.transpose() + SMatrix::<f64, 6, 6>::identity() * 1e-6;
         let step = j.transpose() * damped.try_inverse().expect("regular") * error;
         for i in 0..7 {
@@ -128,11 +128,11 @@ fn controller_case() -> Box<dyn FnMut()> {
             controller.command(command).expect("from idle");
         }
         state.tick += 1;
-        controller.heard();
+        controller.host_heard();
         let now = embassy_time::Instant::from_millis(state.tick);
         black_box(controller.tick(now, black_box(&state)));
-        while controller.event().is_some() {}
-        while controller.sample().is_some() {}
+        while controller.next_event().is_some() {}
+        while controller.next_sample().is_some() {}
     };
     (0..10).for_each(|_| step(None));
     let direction = [0.0, 0.0, -1.0];
@@ -224,7 +224,7 @@ const CASES: &[Case] = &[
         make: || {
             let snapshot = snapshot();
             let mut impedance = Impedance::new(Stiffness::isotropic(20.0, 200.0));
-            let at = snapshot.tcp.origin + Vector3::x() * 0.01;
+            let at = snapshot.tcp.position + Vector3::x() * 0.01;
             let setpoint = CartesianSetpoint::at(at, Matrix3::identity());
             Box::new(move || {
                 black_box(impedance.force(black_box(&snapshot), black_box(&setpoint), 0.7));
@@ -269,7 +269,7 @@ const CASES: &[Case] = &[
             Box::new(move || {
                 let frames = arm.frames(black_box(&Q));
                 let tcp = arm.tcp_frame(&frames);
-                black_box(arm.jacobian(&frames, &tcp.origin));
+                black_box(arm.jacobian(&frames, &tcp.position));
             })
         },
     },
@@ -280,7 +280,7 @@ const CASES: &[Case] = &[
             Box::new(move || {
                 let frames = arm.frames(black_box(&Q));
                 let tcp = arm.tcp_frame(&frames);
-                black_box(arm.jacobian(&frames, &tcp.origin));
+                black_box(arm.jacobian(&frames, &tcp.position));
                 let bodies = arm.bodies(&frames);
                 black_box(bodies.gravity());
                 black_box(bodies.mass_matrix());

@@ -1,20 +1,20 @@
-//! What the controller and the host of spherecal both know: the robot model,
-//! the calibration procedure and the wire protocol.
+//! What the controller, the drive and the host of spherecal share: the robot
+//! model, the calibration procedure, the wire protocol and the timing of ticks.
 //!
-//! `no_std`, allocation-free and without `unsafe`, so that the very same code
-//! runs on a Cortex-M7 and on a PC. This crate stands at the bottom of the
-//! house: it knows neither the controller nor the host.
+//! The crate is `no_std`, allocates nothing and has no `unsafe` code, so the same
+//! code runs on a microcontroller and on a PC. It is the lowest crate of the
+//! project: it knows neither the controller nor the host.
 //!
 //! ```text
 //!            robot ── kinematics and dynamics, generic over joints and scalar
-//!   shared ─ procedure ── Algorithm 2 of the paper as one validated configuration
+//!   shared ─ procedure ── Algorithm 2 of the paper as one checked configuration
 //!            protocol ── drive link, host link, framing
+//!            timing ── missed control periods; device time of a tick
 //! ```
 //!
-//! Units are SI throughout (m, rad, N, s, kg); frames are named in each item.
-//! "The paper" is Nadeau, Bonev and Joubair, *Impedance Control
-//! Self-Calibration of a Collaborative Robot Using Kinematic Coupling*,
-//! Robotics 2019, 8, 33.
+//! All units are SI (m, rad, N, s, kg). Each item names its frames. "The paper"
+//! is Nadeau, Bonev and Joubair, *Impedance Control Self-Calibration of a
+//! Collaborative Robot Using Kinematic Coupling*, Robotics 2019, 8, 33.
 #![no_std]
 
 #[cfg(any(feature = "std", test))]
@@ -25,9 +25,10 @@ pub mod procedure;
 pub mod protocol;
 pub mod robot;
 pub mod scalar;
+pub mod timing;
 
-/// Most joints that a robot of this system may have.
+/// Largest number of joints of a robot.
 pub const MAX_JOINTS: usize = 8;
 
-/// One value per joint, base to flange, as it travels on both links.
+/// One value per joint, base to flange, as both links carry it.
 pub type Joints = heapless::Vec<f64, MAX_JOINTS>;

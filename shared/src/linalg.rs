@@ -1,9 +1,9 @@
-//! Small fixed-size linear algebra of the control path.
+//! Small linear algebra of fixed size for the control path.
 //!
-//! Plain bounded loops over arrays: no allocation, no panic, and the same
-//! order of floating-point operations on every target. nalgebra holds the
-//! matrices; the factorisations are here because the control path needs them
-//! panic-free and in few instructions.
+//! All loops are bounded and run over arrays. Nothing allocates or panics, and
+//! the order of the floating-point operations is the same on every target.
+//! nalgebra holds the matrices. The factorisations are written here because the
+//! control path needs them free of panics and in few instructions.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -11,7 +11,7 @@ use crate::scalar::Real;
 
 /// Lower Cholesky factor of a symmetric positive definite matrix, `A = L Lᵀ`.
 ///
-/// The reciprocals of the diagonal are stored, so that solving divides nothing.
+/// Stores the reciprocals of the diagonal, so that solving needs no division.
 #[derive(Clone, Debug)]
 pub struct Cholesky<T: Real, const N: usize> {
     lower: SMatrix<T, N, N>,
@@ -19,9 +19,9 @@ pub struct Cholesky<T: Real, const N: usize> {
 }
 
 impl<T: Real, const N: usize> Cholesky<T, N> {
-    /// Factorises the lower triangle of `a`.
+    /// Factorises `a`; reads the lower triangle only.
     ///
-    /// `None` where a pivot is not positive (or not a number): `a` is then not
+    /// `None` if a pivot is not positive or not a number: `a` is then not
     /// positive definite.
     #[inline]
     pub fn new(a: &SMatrix<T, N, N>) -> Option<Self> {
@@ -30,11 +30,11 @@ impl<T: Real, const N: usize> Cholesky<T, N> {
             .map(|(f, _)| f)
     }
 
-    /// Factorises `a`, raising each pivot under `floor` to `floor`.
+    /// Factorises `a` and raises each pivot below `floor` to `floor`.
     ///
-    /// Returns the factor and whether a pivot was raised, in which case
-    /// `L Lᵀ = A + diag(δ)` with the smallest `δ >= 0` that this takes.
-    /// `None` only where a pivot is not a number.
+    /// Returns the factor and whether a pivot was raised. Then
+    /// `L Lᵀ = A + diag(δ)` with the smallest possible `δ >= 0`.
+    /// `None` only if a pivot is not a number.
     #[inline]
     pub fn with_pivot_floor(a: &SMatrix<T, N, N>, floor: T) -> Option<(Self, bool)> {
         let mut lower = SMatrix::<T, N, N>::zeros();
@@ -45,7 +45,7 @@ impl<T: Real, const N: usize> Cholesky<T, N> {
             for k in 0..j {
                 pivot -= lower[(j, k)] * lower[(j, k)];
             }
-            // Written so that a NaN fails both comparisons.
+            // Written so that NaN fails both comparisons.
             if !(pivot > floor) {
                 if !(pivot <= floor) {
                     return None;
@@ -111,7 +111,7 @@ impl<T: Real, const N: usize> Cholesky<T, N> {
         x
     }
 
-    /// `A x`, by the factor: `L (Lᵀ x)`.
+    /// `A x`, computed from the factor as `L (Lᵀ x)`.
     #[inline]
     pub fn multiply(&self, x: &SVector<T, N>) -> SVector<T, N> {
         let mut half = SVector::<T, N>::zeros();
@@ -136,11 +136,11 @@ impl<T: Real, const N: usize> Cholesky<T, N> {
     }
 }
 
-/// One sweep of cyclic Jacobi rotations on the symmetric matrix `a`, applied to
-/// the basis `v` as well (`a ← Rᵀ a R`, `v ← v R`).
+/// One sweep of cyclic Jacobi rotations on the symmetric matrix `a`; applies them
+/// to the basis `v`, too (`a ← Rᵀ a R`, `v ← v R`).
 ///
-/// Started from the eigenvectors of a nearby matrix one sweep is enough; from
-/// the identity a 6 x 6 matrix takes about six.
+/// One sweep is enough when it starts from the eigenvectors of a nearby matrix.
+/// From the identity a 6 x 6 matrix takes about six.
 #[inline]
 pub fn jacobi_sweep<T: Real, const N: usize>(a: &mut SMatrix<T, N, N>, v: &mut SMatrix<T, N, N>) {
     for p in 0..N {
@@ -151,8 +151,9 @@ pub fn jacobi_sweep<T: Real, const N: usize>(a: &mut SMatrix<T, N, N>, v: &mut S
             }
             let (app, aqq) = (a[(p, p)], a[(q, q)]);
             let half_difference = crate::scalar::lit::<T>(0.5) * (aqq - app);
-            // tan of the rotation angle that annihilates a[(p, q)], the
-            // smaller root, in a form that cannot overflow or divide by zero.
+            // Tangent of the rotation angle that makes a[(p, q)] zero. Of the two
+            // solutions it is the smaller, in a form that neither overflows nor
+            // divides by zero.
             let root = (half_difference * half_difference + off * off).sqrt_of();
             let denominator = if half_difference < T::zero() {
                 half_difference - root
@@ -201,7 +202,7 @@ mod tests {
     }
 
     proptest! {
-        // Fails if any element of the factor or either substitution is off.
+        // Fails if an element of the factor or one of the substitutions is wrong.
         #[test]
         fn cholesky_solves(values in prop::array::uniform16(-1.0f64..1.0), b in prop::array::uniform4(-1.0f64..1.0)) {
             let a = spd(values);
@@ -211,7 +212,7 @@ mod tests {
             prop_assert!((factor.lower() * factor.lower().transpose() - a).norm() < 1e-12);
         }
 
-        // Fails if a rotation is not orthogonal or does not diagonalise.
+        // Fails if a rotation is not orthogonal or the result is not diagonal.
         #[test]
         fn jacobi_diagonalises(values in prop::array::uniform16(-1.0f64..1.0)) {
             let a = spd(values);
@@ -231,7 +232,7 @@ mod tests {
         assert!(Cholesky::new(&a).is_none());
         let (factor, floored) = Cholesky::with_pivot_floor(&a, 0.01).expect("finite");
         assert!(floored);
-        approx::assert_relative_eq!(factor.lower()[(1, 1)], 0.1);
+        assert!((factor.lower()[(1, 1)] - 0.1).abs() < 1e-15);
         assert!(Cholesky::with_pivot_floor(&(a * f64::NAN), 0.01).is_none());
     }
 }

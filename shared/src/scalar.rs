@@ -1,25 +1,18 @@
-//! The scalar that models and control law are written over: `f32` or `f64`.
+//! The scalar of the models and of the control law: `f32` or `f64`.
 //!
-//! All transcendental functions come from `libm` (nalgebra's `libm-force`),
-//! on every target, so that results are the same bits everywhere.
+//! All trigonometric functions come from `libm` on every target (nalgebra's
+//! feature `libm-force`), so results have the same bits everywhere.
+
+pub use spherecal_fpu::sqrt;
 
 /// A real scalar: `f32` or `f64`.
 pub trait Real: nalgebra::RealField + Copy {
-    /// Both sine and cosine of an angle in rad.
+    /// Sine and cosine of an angle in rad.
     fn sin_cos_of(self) -> (Self, Self);
 
-    /// The square root; the same bits on every target, since IEEE 754 rounds
-    /// it exactly, and one instruction where there is one.
+    /// The square root. IEEE 754 demands the correctly rounded root, so it has
+    /// the same bits on every target.
     fn sqrt_of(self) -> Self;
-}
-
-/// The square root of an `f64`: [`Real::sqrt_of`].
-#[inline]
-pub fn sqrt(x: f64) -> f64 {
-    #[cfg(target_arch = "arm")]
-    return spherecal_m7::sqrt(x);
-    #[cfg(not(target_arch = "arm"))]
-    libm::sqrt(x)
 }
 
 impl Real for f64 {
@@ -46,8 +39,8 @@ impl Real for f32 {
     }
 }
 
-/// A literal as scalar `T`.
+/// The number `value` as scalar `T`.
 #[inline(always)]
-pub fn lit<T: Real>(value: f64) -> T {
+pub(crate) fn lit<T: Real>(value: f64) -> T {
     nalgebra::convert(value)
 }

@@ -123,7 +123,7 @@ impl StandIn {
 
     /// Computed TCP, F0, in m.
     pub fn tcp(&self) -> Vector3<f64> {
-        self.arm.tcp_frame(&self.arm.frames(&self.q.into())).origin
+        self.arm.tcp_frame(&self.arm.frames(&self.q.into())).position
     }
 
     /// What the joints carry at rest at `q`, in N m.
@@ -135,7 +135,7 @@ impl StandIn {
     /// TCP, in N m.
     pub fn carrying(&self, q: &[f64; 7], force: &Vector3<f64>) -> [f64; 7] {
         let frames = self.arm.frames(q);
-        let jacobian = self.arm.jacobian(&frames, &self.arm.tcp_frame(&frames).origin);
+        let jacobian = self.arm.jacobian(&frames, &self.arm.tcp_frame(&frames).position);
         let gravity = self.arm.bodies(&frames).gravity();
         (gravity - jacobian.fixed_rows::<3>(0).transpose() * force).into()
     }
@@ -169,7 +169,7 @@ impl StandIn {
             *slot = *tau;
         }
         let frames = self.arm.frames(&self.q.into());
-        let tcp = self.arm.tcp_frame(&frames).origin;
+        let tcp = self.arm.tcp_frame(&frames).position;
         let jacobian = self.arm.jacobian(&frames, &tcp);
         let bodies = self.arm.bodies(&frames);
         let dq: [f64; 7] = self.dq.into();

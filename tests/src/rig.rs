@@ -32,12 +32,12 @@ pub fn solve(arm: &Arm<f64, 7>, position: &Vector3<f64>, rotation: &Matrix3<f64>
         let frames = arm.frames(&q.into());
         let tcp = arm.tcp_frame(&frames);
         let turn = spherecal_firmware::law::rotation_error(rotation, &tcp.rotation);
-        let shift = position - tcp.origin;
+        let shift = position - tcp.position;
         let error = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
         if error.norm() < 1e-12 {
             return q.into();
         }
-        let j: SMatrix<f64, 6, 7> = arm.jacobian(&frames, &tcp.origin);
+        let j: SMatrix<f64, 6, 7> = arm.jacobian(&frames, &tcp.position);
         let gram = j * j.transpose() + SMatrix::<f64, 6, 6>::identity() * 1e-6;
         q += j.transpose() * gram.cholesky().expect("positive definite").solve(&error);
     }
@@ -114,11 +114,11 @@ impl Rig {
         for _ in 0..ticks {
             self.tick += 1;
             let command = self.controller.tick(Instant::from_millis(self.tick), &self.state());
-            self.controller.heard();
-            while let Some(event) = self.controller.event() {
+            self.controller.host_heard();
+            while let Some(event) = self.controller.next_event() {
                 self.events.push(event);
             }
-            while self.controller.sample().is_some() {}
+            while self.controller.next_sample().is_some() {}
             self.peak_force = self.peak_force.max(self.controller.contact_force().norm());
             let tau: [f64; 7] = command.tau.as_slice().try_into().expect("seven torques");
             self.plant.step(&tau);

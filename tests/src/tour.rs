@@ -57,16 +57,16 @@ pub fn solve(arm: &Arm<f64, 7>, position: Vector3<f64>, rotation: Matrix3<f64>, 
         ))
         .scaled_axis();
         let mut error = SVector::<f64, 6>::zeros();
-        error.fixed_rows_mut::<3>(0).copy_from(&(position - tcp.origin));
+        error.fixed_rows_mut::<3>(0).copy_from(&(position - tcp.position));
         error.fixed_rows_mut::<3>(3).copy_from(&turn);
-        let jacobian = arm.jacobian(&frames, &tcp.origin);
+        let jacobian = arm.jacobian(&frames, &tcp.position);
         let normal = jacobian * jacobian.transpose() + nalgebra::SMatrix::<f64, 6, 6>::identity() * 1e-4;
         let step = jacobian.transpose() * normal.cholesky().expect("positive definite").solve(&error);
         q += step * (0.1 / step.norm()).min(1.0);
     }
     let tcp = arm.tcp_frame(&arm.frames(&q.data.0[0]));
     assert!(
-        (tcp.origin - position).norm() < 1e-6,
+        (tcp.position - position).norm() < 1e-6,
         "inverse kinematics did not converge"
     );
     q.data.0[0]

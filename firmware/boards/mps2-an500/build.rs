@@ -1,4 +1,4 @@
-//! Puts the linker scripts where the linker finds them.
+//! Copies the linker scripts to where the linker finds them.
 
 use std::path::PathBuf;
 use std::{env, fs};
@@ -6,8 +6,8 @@ use std::{env, fs};
 fn main() -> std::io::Result<()> {
     let out = PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default());
     fs::copy("memory.x", out.join("memory.x"))?;
-    // cortex-m-rt's `device` feature lets this crate bring its own vector
-    // table; there are no weak handlers to name.
+    // With cortex-m-rt's feature `device` this crate brings its own vector table;
+    // it has no weak handlers to declare.
     fs::write(out.join("device.x"), "")?;
     println!("cargo:rustc-link-search={}", out.display());
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {

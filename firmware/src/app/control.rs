@@ -1,133 +1,136 @@
 //! The control task.
 
-use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveState};
 
-use super::FromDrive;
-use super::ports::{Beat, Clock, DrivePort, HostPort, Probe};
+use super::ports::{Clock, DrivePort, HostPort, Probe, Tick};
 use crate::Controller;
 
 /// Why the control task ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Ended {
-    /// The drive has gone for good.
+    /// The drive is gone for good.
     DriveGone,
-    /// The drive is not one that this controller can work with.
+    /// This controller cannot work with the drive: its handshake was refused.
     DriveRefused,
 }
 
-/// What the control task keeps from tick to tick, out of its stack frame.
+/// State of the control task between two ticks. It is large, so it does not
+/// stand in the task's stack frame.
 #[derive(Debug, Default)]
-pub struct Workspace<const N: usize> {
+pub struct ControlState<const N: usize> {
     /// The controller.
     pub controller: Controller<N>,
     state: DriveState,
-    heard: bool,
+    /// Whether a drive state has come yet.
+    state_received: bool,
     drive_us: u64,
 }
 
-/// Runs the controller: one tick on every beat of `clock`, until the drive has
-/// gone for good (on a real board: for ever).
+/// Runs the controller: one cycle per tick of `clock`, until the drive is gone
+/// (on a real board: for ever).
 ///
-/// Without a fresh drive state the tick sees the last one again; the control
-/// path tells it by its number, bridges a few and then faults. Missed periods
-/// are told to the control path, which counts them, reports them to the host
-/// and faults when they are too many.
+/// When no new drive state has come, the control path gets the last one again.
+/// It recognises that by the tick number, bridges a few such ticks and then
+/// faults. It is also told of missed periods; it counts them, reports them to
+/// the host and faults after too many in a row.
 pub async fn run<const N: usize>(
-    work: &mut Workspace<N>,
+    state: &mut ControlState<N>,
     clock: &mut impl Clock,
     drive: &mut (impl DrivePort + Probe),
     host: &mut impl HostPort,
 ) -> Ended {
+    clock.start();
     loop {
-        let beat = clock.next().await;
-        if let Err(ended) = turn(work, clock, &beat, drive, host) {
+        let tick = clock.next_tick().await;
+        if let Err(ended) = run_cycle(state, clock, &tick, drive, host) {
             return ended;
         }
     }
 }
 
-/// One beat: takes in what has come, ticks, hands on what there is to say.
+/// One control cycle: takes the messages that have come, runs the control path,
+/// sends torque, events and samples.
 ///
 /// # Errors
-/// Why there is no next one.
-pub fn turn<const N: usize>(
-    work: &mut Workspace<N>,
+/// Why there is no next cycle.
+pub fn run_cycle<const N: usize>(
+    state: &mut ControlState<N>,
     clock: &impl Clock,
-    beat: &Beat,
+    tick: &Tick,
     drive: &mut (impl DrivePort + Probe),
     host: &mut impl HostPort,
 ) -> Result<(), Ended> {
-    if beat.missed > 0 {
-        log_warn!("overrun: {} periods missed", beat.missed);
+    if tick.missed > 0 {
+        log_warn!("overrun: {} periods missed", tick.missed);
     }
-    work.controller.missed(beat.missed);
-    while let Some(message) = drive.receive() {
-        take(work, message)?;
+    state.controller.record_missed(tick.missed);
+    while let Some(message) = drive.next_message() {
+        take_message(state, message)?;
     }
-    if drive.ended() {
+    if drive.has_ended() {
         return Err(Ended::DriveGone);
     }
-    let before = work.controller.phase();
+    let before = state.controller.phase();
     drive.before_tick();
-    let command = tick(work, clock, beat, host);
+    let command = control(state, clock, tick, host);
     drive.after_tick();
-    if work.heard {
+    if state.state_received {
         drive.send(&command);
     }
-    let controller = &mut work.controller;
-    host.events(&mut || controller.event());
-    host.samples(&mut || controller.sample());
-    host.ticked(clock.time(beat, work.drive_us), controller.statistics());
+    let controller = &mut state.controller;
+    host.send_events(&mut || controller.next_event());
+    host.send_samples(&mut || controller.next_sample());
+    host.finish_tick(clock.device_time(tick, state.drive_us), controller.statistics());
     let after = controller.phase();
     if after != before {
-        log_info!("phase {} after {}, tick {}", after, before, work.state.tick);
+        log_info!("phase {} after {}, tick {}", after, before, state.state.tick);
     }
     Ok(())
 }
 
-/// The host's commands and the control law.
-fn tick<const N: usize>(
-    work: &mut Workspace<N>,
+/// Runs the host's commands and the control law.
+fn control<const N: usize>(
+    state: &mut ControlState<N>,
     clock: &impl Clock,
-    beat: &Beat,
+    tick: &Tick,
     host: &mut impl HostPort,
 ) -> DriveCommand {
-    let controller = &mut work.controller;
-    if host.heard() {
-        controller.heard();
+    let controller = &mut state.controller;
+    if host.was_heard() {
+        controller.host_heard();
     }
     loop {
         let mut taken = false;
-        let more = host.command(&mut |sequence, start_us, command| {
-            taken = controller.order(sequence, start_us, command);
+        let more = host.with_next_command(&mut |sequence, start_us, command| {
+            taken = controller.queue_command(sequence, start_us, command);
         });
         if !(more && taken) {
-            // One that found no room is sent again by the host, which has no answer.
+            // A command that found no room gets no answer, so the host repeats it.
             break;
         }
-        hand_on(controller, host);
+        report_outcomes(controller, host);
     }
-    let command = controller.tick(clock.time(beat, work.drive_us), &work.state);
-    hand_on(controller, host);
+    let command = controller.tick(clock.device_time(tick, state.drive_us), &state.state);
+    report_outcomes(controller, host);
     command
 }
 
-fn hand_on<const N: usize>(controller: &mut Controller<N>, host: &mut impl HostPort) {
-    while let Some(verdict) = controller.verdict() {
-        host.verdict(verdict);
+fn report_outcomes<const N: usize>(controller: &mut Controller<N>, host: &mut impl HostPort) {
+    while let Some(outcome) = controller.command_outcome() {
+        host.report_outcome(outcome);
     }
 }
 
-fn take<const N: usize>(work: &mut Workspace<N>, message: FromDrive) -> Result<(), Ended> {
+fn take_message<const N: usize>(control: &mut ControlState<N>, message: DriveMessage) -> Result<(), Ended> {
     match message {
-        FromDrive::State { state, time_us } => {
-            work.state = state;
-            work.drive_us = time_us;
-            work.heard = true;
+        DriveMessage::State { state, time_us } => {
+            control.state = state;
+            control.drive_us = time_us;
+            control.state_received = true;
         }
-        FromDrive::Hello(hello) => {
-            if work.controller.connect(&hello).is_err() {
+        DriveMessage::Hello(hello) => {
+            if control.controller.connect(&hello).is_err() {
                 log_error!(
                     "drive refused: protocol {}, {} joints, {} us",
                     hello.protocol,

@@ -1,14 +1,15 @@
-//! Links that run below the control task: queues in the middle, byte streams
-//! outside.
+//! The link tasks: byte streams outside, queues towards the control task.
 //!
 //! ```text
-//!   UART ─▶ drive_in ─▶ messages ──────┐               ┌─▶ newest command ─▶ drive_out ─▶ UART
-//!   UART ─▶ host_in ─▶ bytes ─▶ host ──┴─ run (1 kHz) ─┴─▶ host ─▶ bytes ─▶ host_out ─▶ UART
+//!   UART ─▶ drive_in ─▶ messages ───────────┐               ┌─▶ newest command ─▶ drive_out ─▶ UART
+//!   UART ─▶ host_in ─▶ bytes ─▶ serve_host ─┴─ run (1 kHz) ─┴─▶ serve_host ─▶ bytes ─▶ host_out ─▶ UART
 //! ```
 //!
-//! Framing of both links happens here, in tasks of lower priority. Every queue
-//! is bounded; what does not fit is dropped and counted, and the links' own
-//! numbering and repetition deal with the gap.
+//! Framing of both links happens here, at lower priority than the control task.
+//! Every queue is bounded. What does not fit is dropped and counted; the links'
+//! sequence numbers show the gap, and the host link sends again what matters.
+//!
+//! A board gives its UARTs as [`embedded_io_async`] streams.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -16,41 +17,33 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
-use embassy_time::Instant;
-use spherecal_shared::protocol::drive::DriveCommand;
+use embassy_time::{Duration, Instant, Timer};
+use embedded_io_async::{Read, Write};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveReceiver};
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 
-use super::ports::{Beat, Clock, DrivePort, Probe};
-use super::{DriveReceiver, FromDrive, LinkEnd};
+use super::LinkSide;
+use super::ports::{Clock, DrivePort, Probe, Tick};
 use crate::HostLink;
 
 /// Messages of the drive that may wait for the control task.
 const MESSAGES: usize = 4;
 /// Bytes from the host that may wait: two of the largest frames.
-const DOWN: usize = 2 * MAX_FRAME;
+const FROM_HOST: usize = 2 * MAX_FRAME;
 /// Bytes to the host that may wait.
-const UP: usize = 8 * MAX_FRAME;
-/// Bytes that enter or leave a queue at once: interrupts are off meanwhile.
-const PIECE: usize = 64;
+const TO_HOST: usize = 8 * MAX_FRAME;
+/// Bytes moved into or out of a queue at once: interrupts are off meanwhile.
+const CHUNK: usize = 64;
+/// Pause after an error of a byte stream, so that a stream that fails at once
+/// every time leaves the processor to the other link tasks.
+const ERROR_PAUSE: Duration = Duration::from_millis(1);
 
-/// A stream of bytes, from one end.
-pub trait ByteReader {
-    /// Waits for at least one byte; returns how many were put into `buffer`.
-    fn read(&mut self, buffer: &mut [u8]) -> impl Future<Output = usize>;
-}
-
-/// A stream of bytes, from the other end.
-pub trait ByteWriter {
-    /// Sends all of `bytes`.
-    fn write(&mut self, bytes: &[u8]) -> impl Future<Output = ()>;
-}
-
-/// The queues between the control task and the links.
+/// The queues between the control task and the link tasks.
 pub struct Links<M: RawMutex> {
-    messages: Channel<M, FromDrive, MESSAGES>,
+    messages: Channel<M, DriveMessage, MESSAGES>,
     command: Signal<M, DriveCommand>,
-    down: Pipe<M, DOWN>,
-    up: Pipe<M, UP>,
+    from_host: Pipe<M, FROM_HOST>,
+    to_host: Pipe<M, TO_HOST>,
     dropped_messages: AtomicU32,
     dropped_bytes: AtomicU32,
 }
@@ -67,14 +60,14 @@ impl<M: RawMutex> Links<M> {
         Self {
             messages: Channel::new(),
             command: Signal::new(),
-            down: Pipe::new(),
-            up: Pipe::new(),
+            from_host: Pipe::new(),
+            to_host: Pipe::new(),
             dropped_messages: AtomicU32::new(0),
             dropped_bytes: AtomicU32::new(0),
         }
     }
 
-    /// Messages of the drive and bytes of the host that found no room.
+    /// Drive messages and host bytes that found no room.
     pub fn dropped(&self) -> (u32, u32) {
         (
             self.dropped_messages.load(Ordering::Relaxed),
@@ -82,12 +75,13 @@ impl<M: RawMutex> Links<M> {
         )
     }
 
-    /// Reads the drive.
-    pub async fn drive_in(&self, reader: &mut impl ByteReader) -> ! {
+    /// Receives the drive's messages. A damaged byte is found by the frame's
+    /// checksum, so errors of the stream are not examined.
+    pub async fn drive_in(&self, reader: &mut impl Read) -> ! {
         let mut receiver = DriveReceiver::new();
         let mut buffer = [0; 256];
         loop {
-            let length = reader.read(&mut buffer).await;
+            let length = read_some(reader, &mut buffer).await;
             receiver.receive(buffer.get(..length).unwrap_or_default(), &mut |message| {
                 if self.messages.try_send(message).is_err() {
                     self.dropped_messages.fetch_add(1, Ordering::Relaxed);
@@ -97,7 +91,7 @@ impl<M: RawMutex> Links<M> {
     }
 
     /// Sends the newest command to the drive.
-    pub async fn drive_out(&self, writer: &mut impl ByteWriter) -> ! {
+    pub async fn drive_out(&self, writer: &mut impl Write) -> ! {
         let mut sequence = 0u32;
         let mut out = [0; 256];
         loop {
@@ -105,50 +99,50 @@ impl<M: RawMutex> Links<M> {
             let time_us = Instant::now().as_micros();
             if let Ok(length) = frame::encode(&command, sequence, time_us, &mut out) {
                 sequence = sequence.wrapping_add(1);
-                writer.write(out.get(..length).unwrap_or_default()).await;
+                write(writer, out.get(..length).unwrap_or_default()).await;
             }
         }
     }
 
-    /// Reads the host.
-    pub async fn host_in(&self, reader: &mut impl ByteReader) -> ! {
+    /// Receives the host's bytes.
+    pub async fn host_in(&self, reader: &mut impl Read) -> ! {
         let mut buffer = [0; 256];
         loop {
-            let length = reader.read(&mut buffer).await;
-            self.put(&self.down, buffer.get(..length).unwrap_or_default());
+            let length = read_some(reader, &mut buffer).await;
+            self.put(&self.from_host, buffer.get(..length).unwrap_or_default());
         }
     }
 
-    /// Speaks the host link's protocol through `link` after every tick: hands
-    /// the host's commands to the control path, and its events to the host.
-    /// `up` is where frames are made; its length bounds what one tick may say.
-    pub async fn host(&self, link: &mut HostLink, desk: &mut LinkEnd<'_, M>, up: &mut [u8]) -> ! {
-        let mut piece = [0; PIECE];
+    /// Runs the host link after every tick: passes the host's commands to the
+    /// control task and the control task's events to the host. Frames are made
+    /// in `buffer`; its length limits the bytes that one tick sends.
+    pub async fn serve_host(&self, link: &mut HostLink, mailbox: &mut LinkSide<'_, M>, buffer: &mut [u8]) -> ! {
+        let mut chunk = [0; CHUNK];
         loop {
-            let now = desk.ticked().await;
-            while let Ok(count) = self.down.try_read(&mut piece) {
-                link.receive(piece.get(..count).unwrap_or_default(), desk);
+            let now = mailbox.tick_finished().await;
+            while let Ok(count) = self.from_host.try_read(&mut chunk) {
+                link.receive(chunk.get(..count).unwrap_or_default(), mailbox);
             }
-            let room = self.up.free_capacity().min(up.len());
-            let length = link.transmit(now, up.get_mut(..room).unwrap_or_default(), desk);
-            self.put(&self.up, up.get(..length).unwrap_or_default());
+            let room = self.to_host.free_capacity().min(buffer.len());
+            let length = link.transmit(now, buffer.get_mut(..room).unwrap_or_default(), mailbox);
+            self.put(&self.to_host, buffer.get(..length).unwrap_or_default());
         }
     }
 
-    /// Sends to the host.
-    pub async fn host_out(&self, writer: &mut impl ByteWriter) -> ! {
-        let mut buffer = [0; PIECE];
+    /// Sends the bytes for the host.
+    pub async fn host_out(&self, writer: &mut impl Write) -> ! {
+        let mut buffer = [0; CHUNK];
         loop {
-            let length = self.up.read(&mut buffer).await;
-            writer.write(buffer.get(..length).unwrap_or_default()).await;
+            let length = self.to_host.read(&mut buffer).await;
+            write(writer, buffer.get(..length).unwrap_or_default()).await;
         }
     }
 
-    /// Puts `bytes` into `pipe`, piece by piece, and counts what does not fit.
+    /// Puts `bytes` into `pipe` in chunks and counts what does not fit.
     fn put<const LENGTH: usize>(&self, pipe: &Pipe<M, LENGTH>, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
-            let Ok(taken) = pipe.try_write(rest.get(..PIECE).unwrap_or(rest)) else {
+            let Ok(taken) = pipe.try_write(rest.get(..CHUNK).unwrap_or(rest)) else {
                 let lost = u32::try_from(rest.len()).unwrap_or(u32::MAX);
                 self.dropped_bytes.fetch_add(lost, Ordering::Relaxed);
                 return;
@@ -158,8 +152,27 @@ impl<M: RawMutex> Links<M> {
     }
 }
 
+/// Waits for at least one byte; 0 after an error or the end of the stream.
+async fn read_some(reader: &mut impl Read, buffer: &mut [u8]) -> usize {
+    match reader.read(buffer).await {
+        Ok(length) if length > 0 => length,
+        _ => {
+            Timer::after(ERROR_PAUSE).await;
+            0
+        }
+    }
+}
+
+/// Sends all of `bytes`. After an error the rest is dropped: the receiver finds
+/// the gap by the frame's checksum.
+async fn write(writer: &mut impl Write, bytes: &[u8]) {
+    if writer.write_all(bytes).await.is_err() {
+        Timer::after(ERROR_PAUSE).await;
+    }
+}
+
 impl<M: RawMutex> DrivePort for &Links<M> {
-    fn receive(&mut self) -> Option<FromDrive> {
+    fn next_message(&mut self) -> Option<DriveMessage> {
         self.messages.try_receive().ok()
     }
 
@@ -170,20 +183,20 @@ impl<M: RawMutex> DrivePort for &Links<M> {
 
 impl<M: RawMutex> Probe for &Links<M> {}
 
-/// Beats when a message of the drive comes: lock-step with a drive that waits
-/// behind a byte stream. The control path is told the drive's time.
+/// A clock that ticks when a message of the drive comes: lock-step with a drive
+/// behind a byte stream. The control path is given the drive's time.
 pub struct DriveClock<'a, M: RawMutex>(pub &'a Links<M>);
 
 impl<M: RawMutex> Clock for DriveClock<'_, M> {
-    async fn next(&mut self) -> Beat {
+    async fn next_tick(&mut self) -> Tick {
         self.0.messages.ready_to_receive().await;
-        Beat {
+        Tick {
             at: Instant::now(),
             missed: 0,
         }
     }
 
-    fn time(&self, _beat: &Beat, drive_us: u64) -> Instant {
+    fn device_time(&self, _tick: &Tick, drive_us: u64) -> Instant {
         Instant::from_micros(drive_us)
     }
 }

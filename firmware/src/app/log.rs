@@ -1,6 +1,6 @@
-//! Logging by `defmt` where the feature is on, nothing where it is not.
+//! Log statements: `defmt` with the feature `defmt`, nothing without it.
 
-/// At level info.
+/// Logs at level info.
 macro_rules! log_info {
     ($($argument:tt)*) => {{
         #[cfg(feature = "defmt")]
@@ -10,7 +10,7 @@ macro_rules! log_info {
     }};
 }
 
-/// At level warn.
+/// Logs at level warn.
 macro_rules! log_warn {
     ($($argument:tt)*) => {{
         #[cfg(feature = "defmt")]
@@ -20,7 +20,7 @@ macro_rules! log_warn {
     }};
 }
 
-/// At level error.
+/// Logs at level error.
 macro_rules! log_error {
     ($($argument:tt)*) => {{
         #[cfg(feature = "defmt")]
@@ -30,7 +30,7 @@ macro_rules! log_error {
     }};
 }
 
-/// Uses the arguments without doing anything with them.
+/// Evaluates the arguments and discards them.
 #[cfg(not(feature = "defmt"))]
 macro_rules! unlogged {
     ($text:literal $(, $argument:expr)* $(,)?) => {

@@ -1,80 +1,84 @@
-//! What the application needs of a board.
+//! What the application needs of a board: a drive, a host and a clock.
 //!
-//! All calls but [`Clock::next`] return at once: queues of bounded length stand
-//! behind them, and what does not fit is dropped and counted by whoever owns
-//! the queue, never waited for.
+//! All calls except [`Clock::next_tick`] return at once. Bounded queues stand
+//! behind them. A value that does not fit is dropped and counted by the owner
+//! of the queue; nothing waits for room.
 
 use embassy_time::Instant;
-use spherecal_shared::protocol::drive::DriveCommand;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage};
 use spherecal_shared::protocol::host::{Command, Event, Sample, Statistics};
 
-use super::FromDrive;
-use crate::link::Verdict;
+use crate::link::CommandOutcome;
 
-/// The drive's end.
+/// The drive, as the control task sees it.
 pub trait DrivePort {
-    /// The next message of the drive; `None` when no more have come. States
-    /// that were overtaken by newer ones may be left out.
-    fn receive(&mut self) -> Option<FromDrive>;
+    /// The next message of the drive; `None` when there is no other yet. A state
+    /// may be left out when a newer one has come.
+    fn next_message(&mut self) -> Option<DriveMessage>;
 
     /// Sends a torque command.
     fn send(&mut self, command: &DriveCommand);
 
-    /// Whether the drive has gone for good (a simulator that has finished).
-    fn ended(&self) -> bool {
+    /// Whether the drive is gone for good (a simulator that has finished).
+    fn has_ended(&self) -> bool {
         false
     }
 }
 
-/// The host's end, behind the host link: typed values, no bytes.
+/// The host, as the control task sees it: typed values, no bytes.
 pub trait HostPort {
-    /// Whether the host was heard since this was asked last.
-    fn heard(&mut self) -> bool;
+    /// Whether anything has come from the host since the last call.
+    fn was_heard(&mut self) -> bool;
 
-    /// Shows `take` the next command and forgets it: its number, the device time
-    /// at which it is to start (µs, 0 for at once), and what to do. `false` when
-    /// there was none. By reference: the largest command takes 2 kB.
-    fn command(&mut self, take: &mut impl FnMut(u32, u64, &Command)) -> bool;
+    /// Calls `take` with the next command and removes it. The arguments are the
+    /// command's number, the device time at which it starts (µs, 0 for at once)
+    /// and the command. Returns `false` when there was none. The command is
+    /// passed by reference because the largest takes 2 kB.
+    fn with_next_command(&mut self, take: &mut impl FnMut(u32, u64, &Command)) -> bool;
 
-    /// Says what became of a command.
-    fn verdict(&mut self, verdict: Verdict);
+    /// Reports whether a command was accepted.
+    fn report_outcome(&mut self, outcome: CommandOutcome);
 
-    /// Takes events from `next` as long as there is room.
-    fn events(&mut self, next: &mut impl FnMut() -> Option<Event>);
+    /// Takes events from `next` while there is room.
+    fn send_events(&mut self, next: &mut impl FnMut() -> Option<Event>);
 
-    /// Takes samples from `next` as long as there is room.
-    fn samples(&mut self, next: &mut impl FnMut() -> Option<Sample>);
+    /// Takes telemetry samples from `next` while there is room.
+    fn send_samples(&mut self, next: &mut impl FnMut() -> Option<Sample>);
 
-    /// The tick that was told `now` is over, and all that it had to say is said.
-    fn ticked(&mut self, now: Instant, statistics: Statistics);
+    /// Ends a tick: its events and samples have been sent. `now` is the device
+    /// time that the control path was given.
+    fn finish_tick(&mut self, now: Instant, statistics: Statistics);
 }
 
-/// The beat of the control period.
+/// What starts the control cycles.
 pub trait Clock {
-    /// Waits for the next beat.
-    fn next(&mut self) -> impl Future<Output = Beat>;
+    /// Called once, when the control task starts.
+    fn start(&mut self) {}
 
-    /// Time that the control path is told for a tick, where `drive_us` is the
-    /// drive's own time of the last state, in µs.
-    fn time(&self, beat: &Beat, drive_us: u64) -> Instant;
+    /// Waits for the next tick.
+    fn next_tick(&mut self) -> impl Future<Output = Tick>;
+
+    /// Device time that the control path is given for `tick`. `drive_us` is the
+    /// drive's own time of its last state, in µs.
+    fn device_time(&self, tick: &Tick, drive_us: u64) -> Instant;
 }
 
-/// One beat.
+/// The start of a control cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Beat {
-    /// When it began.
+pub struct Tick {
+    /// When it started.
     pub at: Instant,
-    /// Control periods that went by without a tick before it.
+    /// Control periods before it that passed without a tick.
     pub missed: u32,
 }
 
-/// Looks into the control task: what a tick costs.
+/// Measures the cost of a tick from inside the control task.
 ///
 /// The default does nothing and compiles to nothing.
 pub trait Probe {
-    /// The host's commands and the control law are about to run.
+    /// Called before the host's commands and the control law run.
     fn before_tick(&mut self) {}
-    /// They have run.
+    /// Called after they have run.
     fn after_tick(&mut self) {}
 }
 

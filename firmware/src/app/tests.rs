@@ -1,4 +1,4 @@
-//! The control task with its queues says what the node says that has none.
+//! The control task with its queues behaves like a [`Node`], which has none.
 
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
@@ -8,27 +8,27 @@ use embassy_time::Instant;
 use heapless::Deque;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveState};
 use spherecal_shared::protocol::frame::{MAX_FRAME, encode};
 use spherecal_shared::protocol::host::{Command, Downlink};
 use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
 use std::vec;
 use std::vec::Vec;
 
-use super::ports::{Beat, Clock, DrivePort, Probe};
-use super::{Bell, FromDrive, LinkEnd, Post, Workspace, turn};
+use super::ports::{Clock, DrivePort, Probe, Tick};
+use super::{ControlState, LinkSide, Mailbox, MailboxSignal, run_cycle};
 use crate::testing::HOME;
 use crate::{HostLink, Node};
 
-/// A drive that hands over one state a tick.
+/// A drive that delivers one state per tick.
 #[derive(Default)]
 struct Drive {
-    states: Deque<FromDrive, 1>,
+    states: Deque<DriveMessage, 1>,
     command: DriveCommand,
 }
 
 impl DrivePort for Drive {
-    fn receive(&mut self) -> Option<FromDrive> {
+    fn next_message(&mut self) -> Option<DriveMessage> {
         self.states.pop_front()
     }
 
@@ -39,20 +39,20 @@ impl DrivePort for Drive {
 
 impl Probe for Drive {}
 
-/// The drive's time.
-struct Time;
+/// A clock that gives the control path the drive's time.
+struct DriveTime;
 
-impl Clock for Time {
-    async fn next(&mut self) -> Beat {
+impl Clock for DriveTime {
+    async fn next_tick(&mut self) -> Tick {
         core::future::pending().await
     }
 
-    fn time(&self, _beat: &Beat, drive_us: u64) -> Instant {
+    fn device_time(&self, _tick: &Tick, drive_us: u64) -> Instant {
         Instant::from_micros(drive_us)
     }
 }
 
-const BEAT: Beat = Beat {
+const TICK: Tick = Tick {
     at: Instant::MIN,
     missed: 0,
 };
@@ -63,7 +63,7 @@ fn frame(sequence: u32, command: Command) -> Vec<u8> {
     out[..length].to_vec()
 }
 
-/// What the host sends before tick `tick`.
+/// The bytes that the host sends before tick `tick`.
 fn down(tick: u64) -> Vec<u8> {
     let mut target: Joints = HOME.iter().copied().collect();
     target[0] += 0.3;
@@ -73,7 +73,7 @@ fn down(tick: u64) -> Vec<u8> {
     match tick {
         0 => [frame(1, Command::Hello), frame(2, Command::Robot(iiwa7()))].concat(),
         1 => frame(3, configure),
-        // A repeat, and a command that is refused.
+        // A repeated number, and a command that is refused.
         2 => [frame(3, Command::Stop), frame(4, Command::Decouple)].concat(),
         // The arm does not follow: a fault.
         20 => frame(5, Command::Move { target }),
@@ -94,8 +94,8 @@ fn state(tick: u64) -> DriveState {
     }
 }
 
-fn ticked(desk: &mut LinkEnd<'_, NoopRawMutex>) -> Instant {
-    let wait = pin!(desk.ticked());
+fn tick_finished(port: &mut LinkSide<'_, NoopRawMutex>) -> Instant {
+    let wait = pin!(port.tick_finished());
     match wait.poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(now) => now,
         Poll::Pending => panic!("the tick was not announced"),
@@ -108,58 +108,70 @@ fn ticked(desk: &mut LinkEnd<'_, NoopRawMutex>) -> Instant {
 #[test]
 fn queues_between_control_and_link_change_nothing() {
     let mut node = Node::<7>::new("one");
-    let (mut post, bell) = (Post::new(), Bell::<NoopRawMutex>::new());
-    let (mut host, mut desk) = post.split(&bell);
-    let (mut link, mut work) = (HostLink::new("one", 7), Workspace::<7>::default());
+    let (mut mailbox, signal) = (Mailbox::new(), MailboxSignal::<NoopRawMutex>::new());
+    let (mut host, mut port) = mailbox.split(&signal);
+    let (mut link, mut control) = (HostLink::new("one", 7), ControlState::<7>::default());
     let mut drive = Drive::default();
-    let mut said = 0;
+    let mut compared = 0;
     for tick in 0..3000 {
         let (state, down) = (state(tick), down(tick));
         let time_us = tick * 1000;
         let (mut expected, mut up) = (vec![0; 8 * MAX_FRAME], vec![0; 8 * MAX_FRAME]);
         let (command, length) = node.exchange(Instant::from_micros(time_us), &state, &down, &mut expected);
 
-        link.receive(&down, &mut desk);
+        link.receive(&down, &mut port);
         drive
             .states
-            .push_back(FromDrive::State { state, time_us })
+            .push_back(DriveMessage::State { state, time_us })
             .expect("the last one was taken");
-        turn(&mut work, &Time, &BEAT, &mut drive, &mut host).expect("the drive is there");
-        let now = ticked(&mut desk);
-        let count = link.transmit(now, &mut up, &mut desk);
+        run_cycle(&mut control, &DriveTime, &TICK, &mut drive, &mut host).expect("the drive is there");
+        let now = tick_finished(&mut port);
+        let count = link.transmit(now, &mut up, &mut port);
         assert_eq!(drive.command, command, "torques of tick {tick}");
         assert_eq!(up[..count], expected[..length], "bytes of tick {tick}");
-        said += length;
+        compared += length;
     }
-    assert!(said > 20_000, "only {said} bytes were compared");
-    assert_eq!(bell.dropped(), 0);
+    assert!(compared > 20_000, "only {compared} bytes were compared");
+    assert_eq!(signal.dropped(), 0);
 }
 
-// Fails if a host that is not listened to for long stops the control task, or
-// if what then finds no room is lost without being counted.
+// Fails if a host link that does not run stops the control task, or if values
+// that find no room are lost without being counted.
 #[test]
-fn a_link_that_does_not_run_holds_up_nothing() {
-    let (mut post, bell) = (Post::new(), Bell::<NoopRawMutex>::new());
-    let (mut host, mut desk) = post.split(&bell);
-    let (mut link, mut work) = (HostLink::new("one", 7), Workspace::<7>::default());
+fn a_link_that_does_not_run_delays_nothing() {
+    let (mut mailbox, signal) = (Mailbox::new(), MailboxSignal::<NoopRawMutex>::new());
+    let (mut host, mut port) = mailbox.split(&signal);
+    let (mut link, mut control) = (HostLink::new("one", 7), ControlState::<7>::default());
     let mut drive = Drive::default();
     for tick in 0..3000u64 {
         if tick < 3 {
-            link.receive(&down(tick), &mut desk);
+            link.receive(&down(tick), &mut port);
         }
-        let message = FromDrive::State {
+        let message = DriveMessage::State {
             state: state(tick),
             time_us: tick * 1000,
         };
         drive.states.push_back(message).expect("the last one was taken");
-        turn(&mut work, &Time, &BEAT, &mut drive, &mut host).expect("the drive is there");
+        run_cycle(&mut control, &DriveTime, &TICK, &mut drive, &mut host).expect("the drive is there");
         assert_eq!(drive.command.tick, tick);
     }
-    assert!(work.controller.statistics().link.overflow > 0, "samples were dropped");
-    // Commands beyond the queue are not taken; the host repeats them.
+    assert!(
+        control.controller.statistics().link.overflow > 0,
+        "samples were dropped"
+    );
+    // Commands that do not fit the queue are not taken; the host repeats them.
     let before = link.counters().overflow;
     for sequence in 10..20 {
-        link.receive(&frame(sequence, Command::Stop), &mut desk);
+        link.receive(&frame(sequence, Command::Stop), &mut port);
     }
     assert_eq!(link.counters().overflow - before, 6);
+}
+
+// Fails if the skeleton that the boards' README shows is not the one that
+// `scripts/cross.sh portable` checks.
+#[test]
+fn the_readme_shows_the_skeleton_of_a_board() {
+    let readme = include_str!("../../boards/README.md");
+    let skeleton = include_str!("../../boards/nucleo-h743zi/examples/skeleton.rs");
+    assert!(readme.contains(&std::format!("```rust\n{skeleton}```\n")));
 }

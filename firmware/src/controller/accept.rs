@@ -1,7 +1,7 @@
-//! The door for commands: what is carried out, and what is refused and why.
+//! Commands of the host: carries them out or refuses them.
 //!
-//! Everything is checked here, before it reaches the control path: phase,
-//! finiteness, normalisation, joint limits.
+//! Everything is checked here before it reaches the control path: the phase,
+//! finite numbers, normalised vectors, joint limits.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, PoseCommand, Refusal};
@@ -11,13 +11,13 @@ use super::{Configured, Controller};
 use crate::law::Wrench;
 use crate::motion::rotation_of;
 
-use crate::phases::{Activity, Decoupling, Env, Moving, Pose, Taring, Turning};
+use crate::phases::{Activity, Decoupling, Env, Moving, PoseTarget, Taring, Turning};
 
-/// How far the TCP of a pose's posture may lie from where it is, in m: the tool
-/// turns about the sphere.
+/// Largest distance between the TCP of a pose's posture and the present TCP, in m:
+/// the tool turns about the sphere, so the TCP stays in place.
 const POSTURE_M: f64 = 0.1;
-/// Trace of the rotation between a pose's posture and its orientation, which may
-/// be 0.3 rad: a posture that solves another pose would pull the elbow away.
+/// Smallest trace of the rotation between a pose's posture and its orientation:
+/// that of 0.3 rad. A posture of another pose would pull the elbow away.
 const POSTURE_TRACE: f64 = 1.0 + 2.0 * 0.955_336;
 
 fn array<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
@@ -25,25 +25,26 @@ fn array<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
     values.iter().all(|x| x.is_finite()).then_some(values)
 }
 
-/// A unit vector; a NaN is none.
+/// The vector if its length is 1, which NaN has not.
 fn unit(direction: [f64; 3]) -> Option<Vector3<f64>> {
     let direction = Vector3::from(direction);
     ((direction.norm_squared() - 1.0).abs() < 1e-6).then_some(direction)
 }
 
 impl<const N: usize> Controller<N> {
-    /// Carries out a command, or says why not. Acknowledgements, greetings and
-    /// keep-alives are the link's business and always accepted.
+    /// Carries out a command at once. Handshakes, acknowledgements and keep-alives
+    /// are the link's matter and always accepted.
     ///
     /// # Errors
-    /// Why the command is not carried out; nothing has changed then.
+    /// Why the command is refused. The controller is then unchanged.
     pub fn command(&mut self, command: Command) -> Result<(), Refusal> {
-        self.heard();
+        self.host_heard();
         self.start(&command)
     }
 
-    /// Carries out a command that was heard before: by reference, since the
-    /// largest takes 2 kB and every copy of one some hundred instructions.
+    /// Carries out a command whose arrival was recorded before. The command is
+    /// passed by reference: the largest takes 2 kB, and each copy would take some
+    /// hundred instructions.
     pub(super) fn start(&mut self, command: &Command) -> Result<(), Refusal> {
         match command {
             Command::Hello | Command::Acknowledge { .. } | Command::KeepAlive => Ok(()),
@@ -57,7 +58,10 @@ impl<const N: usize> Controller<N> {
             Command::Move { target } => {
                 let target = array::<N>(target).ok_or(Refusal::Target)?;
                 self.idle()?;
-                if !self.guard.reachable(&target, self.procedure.limits.position_margin_rad) {
+                if !self
+                    .safety
+                    .reachable(&target, self.procedure.limits.position_margin_rad)
+                {
                     return Err(Refusal::Target);
                 }
                 let start = self.hold.q;
@@ -67,21 +71,21 @@ impl<const N: usize> Controller<N> {
             Command::Pose(pose) => self.accept_pose(pose),
             Command::Decouple => {
                 self.usable()?;
-                // After a fault the arm is idle and may still hang on the sphere.
+                // After a fault the arm is idle, and the nest may still be on the sphere.
                 let coupled = matches!(self.activity, Activity::Coupled);
-                let hanging = self.touched && matches!(self.activity, Activity::Idle);
+                let hanging = self.may_be_on_sphere && matches!(self.activity, Activity::Idle);
                 if !(coupled || hanging) {
                     return Err(Refusal::Phase);
                 }
-                self.with_env(|env, task| {
+                self.with_env(|env, cartesian| {
                     if !coupled {
                         let soft = crate::law::Stiffness::isotropic(
                             env.procedure.couple.stiffness_n_m,
                             env.procedure.law.rotation_nm_rad,
                         );
-                        task.engage(env.snapshot, soft);
+                        cartesian.engage(env.snapshot, soft);
                     }
-                    Activity::Decoupling(Decoupling::new(env, task))
+                    Activity::Decoupling(Decoupling::new(env, cartesian))
                 })
             }
             Command::Retreat { direction } => self.accept_retreat(*direction),
@@ -97,7 +101,7 @@ impl<const N: usize> Controller<N> {
             }
             Command::ClearFault => {
                 if matches!(self.activity, Activity::Fault) {
-                    self.braked = false;
+                    self.keep_brakes = false;
                     self.enter(Activity::Idle);
                 }
                 Ok(())
@@ -115,7 +119,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Configured, no fault, and a drive state seen.
+    /// Checks that the controller is configured, without fault, and has a drive state.
     fn usable(&self) -> Result<(), Refusal> {
         if matches!(self.activity, Activity::Fault) {
             return Err(Refusal::FaultPending);
@@ -129,7 +133,7 @@ impl<const N: usize> Controller<N> {
         Ok(())
     }
 
-    /// Usable, and holding.
+    /// Checks that the controller is usable and idle.
     fn idle(&self) -> Result<(), Refusal> {
         self.usable()?;
         if matches!(self.activity, Activity::Idle) {
@@ -139,7 +143,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// A robot or tool may change while the arm does not move on its model.
+    /// Checks that robot and tool may change: no motion may depend on them.
     fn changeable(&self) -> Result<(), Refusal> {
         match self.activity {
             Activity::Fault => Err(Refusal::FaultPending),
@@ -154,7 +158,7 @@ impl<const N: usize> Controller<N> {
         if robot.dof() != N {
             return Err(Refusal::Robot);
         }
-        // The tool comes with Configure; until then the arm is not enabled.
+        // The tool comes with Configure. Until then the controller has no arm.
         self.configured = None;
         self.snapshot = None;
         self.holding = false;
@@ -166,8 +170,8 @@ impl<const N: usize> Controller<N> {
         self.changeable()?;
         let robot = self.robot.as_ref().ok_or(Refusal::NotConfigured)?;
         let arm = Arm::<f64, N>::new(robot, tool).map_err(|_| Refusal::Robot)?;
-        self.guard.configure(robot);
-        let limits = self.guard.limits();
+        self.safety.configure(robot);
+        let limits = self.safety.limits();
         self.configured = Some(Configured {
             arm,
             torque_limits: core::array::from_fn(|i| limits[i].torque_nm),
@@ -176,33 +180,33 @@ impl<const N: usize> Controller<N> {
         self.observer.reset();
         self.shaper.reset();
         self.torque_loop.reset();
-        self.touched = false;
+        self.may_be_on_sphere = false;
         Ok(())
     }
 
     fn accept_approach(&mut self, approach: &ApproachCommand) -> Result<(), Refusal> {
         let direction = unit(approach.direction).ok_or(Refusal::Target)?;
         self.idle()?;
-        self.task.sphere = approach.sphere;
-        self.task.direction = direction;
-        self.task.tare = Wrench::default();
-        self.touched = true;
+        self.cartesian.sphere = approach.sphere;
+        self.cartesian.direction = direction;
+        self.cartesian.tare = Wrench::default();
+        self.may_be_on_sphere = true;
         self.enter(Activity::Taring(Taring::default()));
         Ok(())
     }
 
-    /// Leaves a sphere that is not known to have been touched.
+    /// Leaves a sphere that this controller does not know of.
     fn accept_retreat(&mut self, direction: [f64; 3]) -> Result<(), Refusal> {
         let direction = unit(direction).ok_or(Refusal::Target)?;
         self.idle()?;
-        self.task.direction = direction;
-        self.task.tare = Wrench::default();
-        self.touched = true;
-        self.with_env(|env, task| {
+        self.cartesian.direction = direction;
+        self.cartesian.tare = Wrench::default();
+        self.may_be_on_sphere = true;
+        self.with_env(|env, cartesian| {
             let soft =
                 crate::law::Stiffness::isotropic(env.procedure.couple.stiffness_n_m, env.procedure.law.rotation_nm_rad);
-            task.engage(env.snapshot, soft);
-            Activity::Decoupling(Decoupling::new(env, task))
+            cartesian.engage(env.snapshot, soft);
+            Activity::Decoupling(Decoupling::new(env, cartesian))
         })
     }
 
@@ -216,7 +220,7 @@ impl<const N: usize> Controller<N> {
         } else {
             let posture = array::<N>(&command.posture).ok_or(Refusal::Target)?;
             if !self
-                .guard
+                .safety
                 .reachable(&posture, self.procedure.limits.position_margin_rad)
             {
                 return Err(Refusal::Target);
@@ -230,25 +234,25 @@ impl<const N: usize> Controller<N> {
         if let (Some(posture), Some(configured), Some(snapshot)) = (&posture, &self.configured, &self.snapshot) {
             let there = configured.arm.tcp_frame(&configured.arm.frames(posture));
             let turned = (there.rotation.transpose() * rotation).trace();
-            let away = (there.origin - snapshot.tcp.origin).norm_squared();
+            let away = (there.position - snapshot.tcp.position).norm_squared();
             if !(turned > POSTURE_TRACE && away < POSTURE_M * POSTURE_M) {
                 return Err(Refusal::Target);
             }
         }
-        let pose = Pose {
+        let pose = PoseTarget {
             id: command.pose,
             rotation,
             elbow: command.elbow_rad,
             posture,
             record: command.record,
         };
-        self.with_env(|env, task| Activity::Turning(Turning::new(pose, env, task)))
+        self.with_env(|env, cartesian| Activity::Turning(Turning::new(pose, env, cartesian)))
     }
 
     /// Makes a phase from the present state and enters it.
     fn with_env(
         &mut self,
-        make: impl FnOnce(&Env<'_, N>, &mut crate::phases::Task<N>) -> Activity<N>,
+        make: impl FnOnce(&Env<'_, N>, &mut crate::phases::CartesianState<N>) -> Activity<N>,
     ) -> Result<(), Refusal> {
         let (Some(snapshot), Some(configured)) = (&self.snapshot, &self.configured) else {
             return Err(Refusal::Drive);
@@ -261,13 +265,13 @@ impl<const N: usize> Controller<N> {
             force_n: 0.0,
             procedure: &self.procedure,
             speeds: &configured.speeds,
-            joints: self.guard.limits(),
+            joints: self.safety.limits(),
             period_s: self.period_s,
             elapsed_s: 0.0,
             time_us: self.now_us,
             tick: self.tick,
         };
-        let activity = make(&env, &mut self.task);
+        let activity = make(&env, &mut self.cartesian);
         self.enter(activity);
         Ok(())
     }

@@ -1,48 +1,51 @@
 //! The control path: one synchronous tick from joint state to joint torque.
 //!
 //! ```text
-//!   DriveState ─▶ Guard ─▶ Snapshot ─▶ Observer ─▶ phase ─▶ law ─▶ shaper ─▶ DriveCommand
-//!                   └─────────── Violation ────────▶ Fault: damped gravity hold
+//!   DriveState ─▶ SafetyMonitor ─▶ Snapshot ─▶ Observer ─▶ phase ─▶ law ─▶ shaper ─▶ DriveCommand
+//!                   └─────────── Violation ────────▶ Fault: damped hold with gravity
 //! ```
 //!
-//! `tick` allocates nothing, has bounded loops and returns a torque for every
-//! state: while a drive state is unusable the last torque stands for some ticks,
-//! then the brakes are asked for, as they are where the motors do not do what
-//! they are told; every other fault ends in a joint spring-damper about where
-//! the arm was, with gravity.
+//! `tick` allocates nothing, has bounded loops and returns a command for every
+//! state. While drive states are unusable it repeats the last torque for some
+//! ticks; then it asks for the brakes. It also asks for the brakes if the motors do
+//! not deliver the commanded torque or an encoder sticks. Every other fault ends in
+//! a joint spring-damper about the position where the fault happened, with gravity
+//! compensation.
 
 mod accept;
+mod cycle;
 mod publish;
 mod schedule;
 mod transition;
 
 use embassy_time::Instant;
 use heapless::Deque;
-use nalgebra::{SVector, Vector3};
-use spherecal_shared::Joints;
+use nalgebra::Vector3;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, TorqueSign};
 use spherecal_shared::protocol::host::{Event, Fault, Phase, Refusal, Sample, Statistics};
 use spherecal_shared::robot::Arm;
 
-use crate::guard::{Admission, Admitted, Guard, Violation};
-use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench, guide_torque, joint_torque};
-use crate::phases::{Activity, Env, Next, Task};
+use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
+use crate::phases::{Activity, CartesianState};
+use crate::safety::{Admission, SafetyMonitor};
 use schedule::Schedule;
 
-/// Events that wait for the host link.
+/// Most events that wait for the host link.
 const OUTBOX: usize = 12;
-/// Telemetry samples that wait for the host link.
+/// Most telemetry samples that wait for the host link.
 const SAMPLES: usize = 32;
-/// Corner of the low-pass on joint speeds that tells a still arm, in rad/s.
+/// Corner frequency of the low-pass on joint speeds, in rad/s. The filtered speeds
+/// show whether the arm is still.
 const STILL_FILTER: f64 = 60.0;
 
-/// Ticks past [`missed_ticks`](spherecal_shared::procedure::Limits::missed_ticks)
-/// for which the last torque stands while no state can be used; then the brakes
-/// are asked for: an unwatched torque does not hold an arm for long.
+/// Ticks after [`missed_ticks`](spherecal_shared::procedure::Limits::missed_ticks)
+/// for which the last torque is repeated while no state is usable. Then the
+/// controller asks for the brakes: a torque without control does not hold an arm
+/// for long.
 const BLIND_TICKS: u32 = 20;
 
-/// What a configured controller computes with.
+/// What a configured controller needs for its computations.
 #[derive(Clone, Debug)]
 struct Configured<const N: usize> {
     arm: Arm<f64, N>,
@@ -60,30 +63,31 @@ pub struct Controller<const N: usize> {
     torque_reversed: bool,
     period_s: f64,
 
-    guard: Guard<N>,
+    safety: SafetyMonitor<N>,
     observer: Observer<N>,
     shaper: TorqueShaper<N>,
     torque_loop: TorqueLoop<N>,
     activity: Activity<N>,
     hold: JointSetpoint<N>,
-    task: Task<N>,
-    /// A sphere was approached since the arm was last known to be clear of one.
-    touched: bool,
+    cartesian: CartesianState<N>,
+    /// Whether the nest may be on a sphere: one was approached, and no decoupling
+    /// has ended since.
+    may_be_on_sphere: bool,
     holding: bool,
     snapshot: Option<Snapshot<N>>,
     latest_q: [f64; N],
     measured: [f64; N],
     wrench: Wrench,
-    slow_dq: [f64; N],
+    filtered_dq: [f64; N],
     phase_ticks: u32,
     silent_ticks: u32,
 
     schedule: Schedule,
     last: Option<DriveCommand>,
-    /// Ticks in a row without a state that could be used.
-    blind: u32,
-    /// Whether the motors cannot be relied on, until the fault is cleared.
-    braked: bool,
+    /// Ticks in a row without a usable state.
+    blind_ticks: u32,
+    /// Whether the brakes stay closed until the fault is cleared.
+    keep_brakes: bool,
     ticks: u64,
     now_us: u64,
     tick: u64,
@@ -102,7 +106,7 @@ impl<const N: usize> Default for Controller<N> {
             gravity_by_drive: false,
             torque_reversed: false,
             period_s: 1e-3,
-            guard: Guard::default(),
+            safety: SafetyMonitor::default(),
             observer: Observer::default(),
             shaper: TorqueShaper::default(),
             torque_loop: TorqueLoop::default(),
@@ -111,20 +115,20 @@ impl<const N: usize> Default for Controller<N> {
                 q: [0.0; N],
                 dq: [0.0; N],
             },
-            task: Task::default(),
-            touched: false,
+            cartesian: CartesianState::default(),
+            may_be_on_sphere: false,
             holding: false,
             snapshot: None,
             latest_q: [0.0; N],
             measured: [0.0; N],
             wrench: Wrench::default(),
-            slow_dq: [0.0; N],
+            filtered_dq: [0.0; N],
             phase_ticks: 0,
             silent_ticks: 0,
             schedule: Schedule::default(),
             last: None,
-            blind: 0,
-            braked: false,
+            blind_ticks: 0,
+            keep_brakes: false,
             ticks: 0,
             now_us: 0,
             tick: 0,
@@ -137,11 +141,11 @@ impl<const N: usize> Default for Controller<N> {
 }
 
 impl<const N: usize> Controller<N> {
-    /// Takes what the drive says of itself.
+    /// Takes the drive's handshake.
     ///
     /// # Errors
-    /// [`Refusal::Drive`] when its number of joints, period or protocol is not
-    /// this controller's.
+    /// [`Refusal::Drive`] if the controller does not support the drive's number of
+    /// joints, period or protocol.
     pub fn connect(&mut self, hello: &DriveHello) -> Result<(), Refusal> {
         let period_s = f64::from(hello.period_us) * 1e-6;
         let fits = hello.limits.len() == N
@@ -156,55 +160,54 @@ impl<const N: usize> Controller<N> {
         Ok(())
     }
 
-    /// The phase that the controller is in.
+    /// The present phase.
     pub fn phase(&self) -> Phase {
         self.activity.phase()
     }
 
-    /// The procedure in force.
+    /// The present procedure.
     pub fn procedure(&self) -> &Procedure {
         &self.procedure
     }
 
-    /// Estimated force of the environment at the TCP, F0, tared once a tare
-    /// was taken, in N.
+    /// Estimated force of the environment at the TCP, F0, in N, less the tare if
+    /// one was taken.
     pub fn contact_force(&self) -> Vector3<f64> {
-        self.wrench.force - self.task.tare.force
+        self.wrench.force - self.cartesian.tare.force
     }
 
-    /// Notes that the host was heard.
-    pub fn heard(&mut self) {
+    /// Records that something has come from the host.
+    pub fn host_heard(&mut self) {
         self.silent_ticks = 0;
     }
 
-    /// Notes `ticks` control periods that were missed by whoever runs the tick,
-    /// 0 for one that came in time.
-    pub fn missed(&mut self, ticks: u32) {
-        if let Some(violation) = self.guard.overrun(ticks, &self.procedure.limits) {
+    /// Records `ticks` control periods without a tick, 0 for a tick in time.
+    pub fn record_missed(&mut self, ticks: u32) {
+        if let Some(violation) = self.safety.overrun(ticks, &self.procedure.limits) {
             self.fail(violation);
         }
     }
 
     /// The next event for the host.
-    pub fn event(&mut self) -> Option<Event> {
+    pub fn next_event(&mut self) -> Option<Event> {
         self.outbox.pop_front()
     }
 
     /// The next telemetry sample for the host.
-    pub fn sample(&mut self) -> Option<Sample> {
+    pub fn next_sample(&mut self) -> Option<Sample> {
         self.samples.pop_front()
     }
 
-    /// Samples that wait.
-    pub fn samples_waiting(&self) -> usize {
+    /// Number of telemetry samples that wait.
+    pub(crate) fn samples_waiting(&self) -> usize {
         self.samples.len()
     }
 
-    /// Counters of the control path; the link adds its own.
+    /// Counters of the control path; the host link adds its own.
     pub fn statistics(&self) -> Statistics {
         let mut statistics = Statistics {
             ticks: self.ticks,
-            missed: self.guard.missed(),
+            missed: self.safety.missed(),
             late: self.schedule.late(),
             ..Statistics::default()
         };
@@ -212,20 +215,22 @@ impl<const N: usize> Controller<N> {
         statistics
     }
 
-    /// One control period: joint state in, joint torque out. `now` is device
-    /// time; it stamps events and does not steer the law.
+    /// One control period: takes the joint state, returns the joint torque. `now`
+    /// is the device time. It stamps events and starts commands; the law does not
+    /// use it.
     pub fn tick(&mut self, now: Instant, state: &DriveState) -> DriveCommand {
         self.now_us = now.as_micros();
         self.ticks += 1;
         self.phase_ticks = self.phase_ticks.saturating_add(1);
-        // What starts now belongs to this tick. Any other number is the guard's to judge.
+        // A command that starts now belongs to this tick. The safety monitor judges
+        // any other tick number.
         if state.tick == self.tick.wrapping_add(1) {
             self.tick = state.tick;
         }
-        self.start_what_is_due();
+        self.start_due_command();
         let sent = self.last.as_ref().map_or(&[][..], |last| &last.tau);
         let admission = self
-            .guard
+            .safety
             .admit(self.now_us, state, sent, &self.procedure.limits, self.period_s);
         if self.configured.is_none() {
             return self.disabled(state.tick);
@@ -240,222 +245,13 @@ impl<const N: usize> Controller<N> {
             Admission::Bridged => self.bridge(state.tick),
             Admission::Refused(violation) => {
                 self.fail(violation);
-                if violation.fault == Fault::PositionJump || violation.sticks() {
-                    // Whatever the last torque was for, the arm is not there.
+                if violation.fault == Fault::PositionJump || violation.is_stuck_encoder() {
+                    // The arm is not where the last torque was meant for.
                     return self.disabled(state.tick);
                 }
                 self.bridge(state.tick)
             }
         }
-    }
-
-    /// Brakes: before there is a robot to control.
-    fn disabled(&mut self, tick: u64) -> DriveCommand {
-        let mut tau = Joints::new();
-        for _ in 0..N {
-            // N joints fit: robots have at most MAX_JOINTS.
-            let _ = tau.push(0.0);
-        }
-        self.last = None;
-        DriveCommand {
-            tick,
-            tau,
-            enable: false,
-        }
-    }
-
-    /// The last torque again, for a state that could not be used; brakes after too many.
-    fn bridge(&mut self, tick: u64) -> DriveCommand {
-        self.blind = self.blind.saturating_add(1);
-        let most = self.procedure.limits.missed_ticks.saturating_add(BLIND_TICKS);
-        match &self.last {
-            Some(last) if self.blind <= most => DriveCommand { tick, ..last.clone() },
-            _ => self.disabled(tick),
-        }
-    }
-
-    /// Takes over from closed brakes, bumpless: nothing of before is true any more.
-    fn release(&mut self) {
-        self.holding = false;
-        self.observer.reset();
-        self.shaper.reset();
-        self.torque_loop.reset();
-    }
-
-    fn control(&mut self, tick: u64, state: &Admitted<N>) -> DriveCommand {
-        self.tick = tick;
-        self.latest_q = state.q;
-        if self.last.is_none() {
-            self.release();
-        }
-        self.blind = 0;
-        let Some(configured) = &self.configured else {
-            return self.disabled(tick);
-        };
-        let Some(snapshot) = Snapshot::new(&configured.arm, &state.q, &state.dq) else {
-            self.fail(Violation::new(Fault::Internal, 0.0, 0.0));
-            return self.bridge(tick);
-        };
-        let torque_limits = configured.torque_limits;
-        let speeds = configured.speeds;
-        self.measured = state.tau;
-        self.wrench = self
-            .observer
-            .update(&snapshot, &state.tau, self.procedure.law.observer_rad_s, self.period_s);
-        let share = (STILL_FILTER * self.period_s).min(1.0);
-        let mut joint_speed = 0.0f64;
-        for i in 0..N {
-            self.slow_dq[i] += share * (state.dq[i] - self.slow_dq[i]);
-            joint_speed = joint_speed.max(self.slow_dq[i].abs());
-        }
-        if !self.holding {
-            self.holding = true;
-            self.hold = JointSetpoint {
-                q: state.q,
-                dq: [0.0; N],
-            };
-        }
-        let leaves = matches!(self.activity, Activity::Decoupling(_));
-        if let Some(violation) = self.guard.joint_state(state, &self.procedure.limits, leaves) {
-            self.fail(violation);
-        }
-        let force = if self.activity.is_cartesian() {
-            self.contact_force()
-        } else {
-            snapshot.point_force(self.observer.residual())
-        };
-        self.advance(&snapshot, &speeds, joint_speed, force.norm());
-
-        let mut wanted = self.torque(&snapshot);
-        let law = &self.procedure.law;
-        let (gain, corner, bound) = (law.torque_loop_gain, law.torque_loop_rad_s, law.torque_loop_nm);
-        let delivered = self.delivered(&snapshot, &state.tau);
-        let limits = &self.procedure.limits;
-        let (joints, envelope) = self.guard.parts();
-        let violation = envelope
-            .tcp(&snapshot.tcp.origin, &snapshot.velocity, limits, self.period_s)
-            .or_else(|| {
-                let sent = &self.last.as_ref()?.tau;
-                envelope.torque(sent, &delivered, joints, limits, self.period_s)
-            });
-        if let Some(violation) = violation {
-            self.fail(violation);
-        }
-        let correction = self
-            .torque_loop
-            .correction(&delivered, gain, corner, bound, self.period_s);
-        for i in 0..N {
-            wanted[i] += correction[i];
-        }
-        let limits = self.effective_limits(&snapshot, &torque_limits);
-        let step = self.procedure.law.torque_rate_nm_s * self.period_s;
-        let (tau, shaped) = self.shaper.shape(&wanted, &delivered, &limits, step);
-        self.torque_loop.sent(&tau);
-        let violation = self.guard.watch(&force, &shaped, &self.procedure.limits, self.period_s);
-        if let Some(violation) = violation {
-            self.fail(violation);
-        }
-        self.watch_host();
-        self.publish(state, &snapshot, &tau, shaped);
-        self.snapshot = Some(snapshot);
-        if self.braked {
-            return self.disabled(tick);
-        }
-        let mut joints = Joints::new();
-        for value in tau {
-            let _ = joints.push(value);
-        }
-        let command = DriveCommand {
-            tick,
-            tau: joints,
-            enable: true,
-        };
-        self.last = Some(command.clone());
-        command
-    }
-
-    /// What arrived of the torque that was sent, in N m: without the drive's own share.
-    fn delivered(&self, snapshot: &Snapshot<N>, measured: &[f64; N]) -> [f64; N] {
-        if !self.gravity_by_drive {
-            return *measured;
-        }
-        core::array::from_fn(|i| measured[i] - snapshot.gravity[i])
-    }
-
-    /// Torque limits of what is sent to the drive, in N m.
-    fn effective_limits(&self, snapshot: &Snapshot<N>, limits: &[f64; N]) -> [f64; N] {
-        if !self.gravity_by_drive {
-            return *limits;
-        }
-        core::array::from_fn(|i| (limits[i] - snapshot.gravity[i].abs()).max(0.0))
-    }
-
-    /// Moves the setpoint and the phase by one tick.
-    fn advance(&mut self, snapshot: &Snapshot<N>, speeds: &[f64; N], joint_speed: f64, force_n: f64) {
-        let env = Env {
-            snapshot,
-            wrench: self.wrench,
-            tau: &self.measured,
-            joint_speed,
-            force_n,
-            procedure: &self.procedure,
-            speeds,
-            joints: self.guard.limits(),
-            period_s: self.period_s,
-            elapsed_s: f64::from(self.phase_ticks) * self.period_s,
-            time_us: self.now_us,
-            tick: self.tick,
-        };
-        if self.activity.is_seated() {
-            let seating = &env.procedure.seating;
-            let tcp = &snapshot.tcp.origin;
-            if let Some(distance) = self.task.watch.push(tcp, snapshot.tcp_speed(), seating, env.period_s) {
-                let limit = seating.window_m;
-                self.fail(Violation::new(Fault::ContactLost, distance, limit));
-                return;
-            }
-        }
-        match self.activity.step(&env, &mut self.hold, &mut self.task) {
-            Next::Stay => {}
-            Next::Enter(activity, event) => {
-                if let Some(event) = event {
-                    self.tell(event);
-                }
-                // Only a retreat that has come to its end leaves no sphere behind it.
-                if matches!((&self.activity, &activity), (Activity::Decoupling(_), Activity::Idle)) {
-                    self.touched = false;
-                }
-                self.enter(activity);
-            }
-            Next::Fail(violation) => self.fail(violation),
-        }
-    }
-
-    /// The law of the present phase, in N m, gravity included unless the drive
-    /// adds it.
-    fn torque(&mut self, snapshot: &Snapshot<N>) -> SVector<f64, N> {
-        let law = &self.procedure.law;
-        let mut torque = if self.activity.is_cartesian() {
-            let force = self
-                .task
-                .impedance
-                .force(snapshot, &self.task.setpoint, law.damping_ratio);
-            let null = self
-                .task
-                .null_space
-                .torque(snapshot, law.elbow_nm_rad, law.elbow_damping_ratio);
-            snapshot.joint_torque(&force) + null
-        } else if matches!(self.activity, Activity::HandGuiding) {
-            let margin = self.procedure.limits.position_margin_rad;
-            guide_torque(snapshot, &mut self.hold, self.guard.limits(), margin)
-        } else {
-            joint_torque(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0)
-        };
-        torque += snapshot.coriolis;
-        if !self.gravity_by_drive {
-            torque += snapshot.gravity;
-        }
-        torque
     }
 }
 

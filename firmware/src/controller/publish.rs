@@ -1,14 +1,14 @@
-//! Telemetry: what a tick shows of itself.
+//! Telemetry samples of the control loop.
 
 use spherecal_shared::protocol::host::{Phase, Sample};
 
 use super::Controller;
-use crate::guard::Admitted;
 use crate::law::{Shaped, Snapshot};
+use crate::safety::JointState;
 
 impl<const N: usize> Controller<N> {
-    /// Keeps a telemetry sample where one is due.
-    pub(super) fn publish(&mut self, state: &Admitted<N>, snapshot: &Snapshot<N>, tau: &[f64; N], shaped: Shaped) {
+    /// Queues a telemetry sample if one is due.
+    pub(super) fn publish(&mut self, state: &JointState<N>, snapshot: &Snapshot<N>, tau: &[f64; N], shaped: Shaped) {
         let near_contact = matches!(
             self.activity.phase(),
             Phase::Taring | Phase::Approaching | Phase::Coupling | Phase::Verifying | Phase::Decoupling
@@ -37,12 +37,12 @@ impl<const N: usize> Controller<N> {
             ..Sample::default()
         };
         let setpoint = if self.activity.is_cartesian() {
-            self.task.setpoint.position
+            self.cartesian.setpoint.position
         } else {
-            snapshot.tcp.origin
+            snapshot.tcp.position
         };
         for k in 0..3 {
-            sample.tcp_m[k] = snapshot.tcp.origin[k] as f32;
+            sample.tcp_m[k] = snapshot.tcp.position[k] as f32;
             sample.setpoint_m[k] = setpoint[k] as f32;
         }
         for (i, slot) in sample.q.iter_mut().enumerate().take(N) {

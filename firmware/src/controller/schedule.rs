@@ -1,31 +1,31 @@
-//! Commands that wait for their time.
+//! Commands with a start time.
 //!
-//! The host counts a command's start from the event that made it decide, with
-//! time to spare for repeats; so the arm does the same at the same tick, however
-//! long the frames took. One command waits at most: a newer one takes its place.
+//! The host derives the start of a command from the event that led to it, with some
+//! time for repeats. The arm then does the same at the same tick, however long the
+//! frames took. At most one command waits; a newer one replaces it.
 
 use heapless::Deque;
 use spherecal_shared::protocol::host::{Command, Refusal, START_MOST_US};
 
 use super::Controller;
-use crate::link::Verdict;
+use crate::link::CommandOutcome;
 
-/// Verdicts that wait for the host link, at most.
-const VERDICTS: usize = 8;
+/// Most outcomes of commands that wait for the host link.
+const OUTCOMES: usize = 8;
 
-/// A command and when it is to be carried out.
+/// A command and the time at which it starts.
 #[derive(Clone, Debug)]
-struct Held {
+struct WaitingCommand {
     sequence: u32,
     start_us: u64,
     command: Command,
 }
 
-/// What waits: one command, and the verdicts on those before it.
+/// The waiting command, and the outcomes of those before it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Schedule {
-    held: Option<Held>,
-    verdicts: Deque<Verdict, VERDICTS>,
+    waiting: Option<WaitingCommand>,
+    outcomes: Deque<CommandOutcome, OUTCOMES>,
     late: u32,
 }
 
@@ -37,23 +37,22 @@ impl Schedule {
 }
 
 impl<const N: usize> Controller<N> {
-    /// Takes command number `sequence`, to be carried out at the first tick that
-    /// is told `start_us` (device time, in µs) or later; at once where it is 0.
-    /// `false` when verdicts were not fetched and there is no room for another:
-    /// nothing has changed then.
-    pub fn order(&mut self, sequence: u32, start_us: u64, command: &Command) -> bool {
-        if self.schedule.verdicts.is_full() {
+    /// Takes command number `sequence`. It starts at the first tick whose device
+    /// time is `start_us` (µs) or later; at once if `start_us` is 0. Returns `false`
+    /// and changes nothing if there is no room for another outcome.
+    pub(crate) fn queue_command(&mut self, sequence: u32, start_us: u64, command: &Command) -> bool {
+        if self.schedule.outcomes.is_full() {
             return false;
         }
-        self.schedule.held = None;
+        self.schedule.waiting = None;
         if start_us == 0 {
-            self.heard();
+            self.host_heard();
             let result = self.start(command);
-            self.judge(sequence, result);
+            self.record_outcome(sequence, result);
         } else if start_us > self.now_us.saturating_add(START_MOST_US) {
-            self.judge(sequence, Err(Refusal::Start));
+            self.record_outcome(sequence, Err(Refusal::Start));
         } else {
-            self.schedule.held = Some(Held {
+            self.schedule.waiting = Some(WaitingCommand {
                 sequence,
                 start_us,
                 command: command.clone(),
@@ -62,32 +61,34 @@ impl<const N: usize> Controller<N> {
         true
     }
 
-    /// What became of the oldest command whose verdict was not asked for yet.
-    pub fn verdict(&mut self) -> Option<Verdict> {
-        self.schedule.verdicts.pop_front()
+    /// The oldest outcome of a command that was not fetched yet.
+    pub(crate) fn command_outcome(&mut self) -> Option<CommandOutcome> {
+        self.schedule.outcomes.pop_front()
     }
 
-    /// Carries out the command that waits, if its time has come.
-    pub(super) fn start_what_is_due(&mut self) {
+    /// Starts the waiting command if its time has come.
+    pub(super) fn start_due_command(&mut self) {
         if self
             .schedule
-            .held
+            .waiting
             .as_ref()
-            .is_none_or(|held| held.start_us > self.now_us)
+            .is_none_or(|waiting| waiting.start_us > self.now_us)
         {
             return;
         }
-        let Some(held) = self.schedule.held.take() else { return };
+        let Some(waiting) = self.schedule.waiting.take() else {
+            return;
+        };
         let period_us = (self.period_s * 1e6) as u64;
-        if self.now_us.saturating_sub(held.start_us) >= period_us.max(1) {
+        if self.now_us.saturating_sub(waiting.start_us) >= period_us.max(1) {
             self.schedule.late = self.schedule.late.saturating_add(1);
         }
-        let result = self.start(&held.command);
-        self.judge(held.sequence, result);
+        let result = self.start(&waiting.command);
+        self.record_outcome(waiting.sequence, result);
     }
 
-    fn judge(&mut self, sequence: u32, result: Result<(), Refusal>) {
-        // There is room: no command is taken without.
-        let _ = self.schedule.verdicts.push_back(Verdict { sequence, result });
+    fn record_outcome(&mut self, sequence: u32, result: Result<(), Refusal>) {
+        // There is room: otherwise the command would not have been taken.
+        let _ = self.schedule.outcomes.push_back(CommandOutcome { sequence, result });
     }
 }

@@ -1,20 +1,20 @@
-//! Changes of phase, and the faults that force one.
+//! Changes of phase, and faults.
 
 use spherecal_shared::protocol::host::{Event, Fault, FaultReport, PhaseChange};
 
 use super::Controller;
-use crate::guard::Violation;
 use crate::law::JointSetpoint;
 use crate::phases::Activity;
+use crate::safety::Violation;
 
 impl<const N: usize> Controller<N> {
-    pub(super) fn tell(&mut self, event: Event) {
+    pub(super) fn queue_event(&mut self, event: Event) {
         if self.outbox.push_back(event).is_err() {
             self.overflow = self.overflow.saturating_add(1);
         }
     }
 
-    /// Enters a phase and tells the host.
+    /// Enters a phase and reports it to the host.
     pub(super) fn enter(&mut self, activity: Activity<N>) {
         let from = self.activity.phase();
         let leaves_cartesian = self.activity.is_cartesian() && !activity.is_cartesian();
@@ -24,7 +24,7 @@ impl<const N: usize> Controller<N> {
             self.latch();
         }
         let phase = self.activity.phase();
-        self.tell(Event::Phase(PhaseChange {
+        self.queue_event(Event::Phase(PhaseChange {
             phase,
             from,
             time_us: self.now_us,
@@ -32,7 +32,7 @@ impl<const N: usize> Controller<N> {
         }));
     }
 
-    /// Holds the joints where they are now.
+    /// Sets the joint setpoint to the present joint angles.
     pub(super) fn latch(&mut self) {
         self.hold = JointSetpoint {
             q: self.latest_q,
@@ -40,12 +40,12 @@ impl<const N: usize> Controller<N> {
         };
     }
 
-    /// Enters the fault phase once; later violations find it there, and may still
-    /// want the brakes.
+    /// Enters the fault phase once. A later violation changes nothing, but it may
+    /// still close the brakes.
     pub(super) fn fail(&mut self, violation: Violation) {
-        // No torque holds an arm whose motors do not give it, or that does not
-        // see where it is.
-        self.braked |= violation.fault == Fault::TorqueSensor || violation.sticks();
+        // Control cannot hold an arm whose motors do not deliver the torque, or whose
+        // position is unknown.
+        self.keep_brakes |= violation.fault == Fault::TorqueSensor || violation.is_stuck_encoder();
         if matches!(self.activity, Activity::Fault) {
             return;
         }
@@ -59,11 +59,11 @@ impl<const N: usize> Controller<N> {
             limit: violation.limit,
         };
         self.latch();
-        self.tell(Event::Fault(report));
+        self.queue_event(Event::Fault(report));
         self.enter(Activity::Fault);
     }
 
-    /// A silent host is a fault while its next word matters.
+    /// Faults if nothing has come from the host for too long while the arm needs it.
     pub(super) fn watch_host(&mut self) {
         self.silent_ticks = self.silent_ticks.saturating_add(1);
         let limit = self.procedure.limits.host_silence_s;

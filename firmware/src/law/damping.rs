@@ -3,29 +3,29 @@
 //! With the task-space inertia `Λ = (J M⁻¹ Jᵀ)⁻¹` and the stiffness `K`, the
 //! damping that gives *every* mode Lehr's ratio `zeta` is
 //!
-//! `D = 2 zeta L⁻ᵀ A^{1/2} L⁻¹`, with `Λ⁻¹ = L Lᵀ` and `A = Lᵀ K L`,
+//! `D = 2 zeta L⁻ᵀ A^{1/2} L⁻¹`, with `Λ⁻¹ = L Lᵀ` and `A = Lᵀ K L`.
 //!
-//! because in the coordinates `x = L y` inertia is the identity, stiffness is
-//! `A` and damping must be `2 zeta A^{1/2}` (Albu-Schäffer et al., IROS 2003).
-//! `A^{1/2}` comes from the eigenvectors of `A`; they move little from tick to
-//! tick, so one Jacobi sweep from the last ones keeps them exact to far below
-//! the 1 % that is asked for, in a fixed number of instructions.
+//! In the coordinates `x = L y` the inertia is the identity, the stiffness is `A`,
+//! and the damping must be `2 zeta A^{1/2}` (Albu-Schäffer et al., IROS 2003).
+//! `A^{1/2}` comes from the eigenvectors of `A`. They change little from tick to
+//! tick: one Jacobi sweep from the last ones keeps their error far below the
+//! required 1 %, in a fixed number of instructions.
 
 use nalgebra::{Matrix6, Vector6};
 use spherecal_shared::linalg::jacobi_sweep;
 use spherecal_shared::scalar::sqrt;
 
-use super::impedance::Stiffness;
 use super::snapshot::Snapshot;
+use super::stiffness::Stiffness;
 
-/// Smallest modal frequency that is damped, in rad/s: gives axes without
-/// stiffness a damping too. Under the softest spring of the procedure (5 N/m
-/// on 20 kg is 0.5 rad/s) it changes nothing.
+/// Smallest modal frequency, in rad/s. It gives damping to axes without
+/// stiffness. The softest spring of the procedure (5 N/m on 20 kg: 0.5 rad/s) is
+/// above it.
 const FREQUENCY_FLOOR: f64 = 0.25;
 
-/// The eigenvectors of the mass-normalised stiffness, carried from tick to tick.
+/// The eigenvectors of the mass-normalised stiffness, kept from tick to tick.
 #[derive(Clone, Debug)]
-pub struct Damping {
+pub(super) struct Damping {
     basis: Matrix6<f64>,
 }
 
@@ -38,10 +38,10 @@ impl Default for Damping {
 }
 
 impl Damping {
-    /// Damping force for the velocity error `v_d − v` (task space, F0), in N
-    /// and N m; `ratio` is Lehr's damping ratio.
+    /// Damping force for the velocity error `v_d − v` at the TCP (F0, linear part
+    /// first), in N and N m. `ratio` is Lehr's damping ratio.
     #[inline]
-    pub fn force<const N: usize>(
+    pub(super) fn force<const N: usize>(
         &mut self,
         snapshot: &Snapshot<N>,
         stiffness: &Stiffness,
@@ -69,11 +69,11 @@ impl Damping {
         snapshot.mobility.solve_upper(&back)
     }
 
-    /// One sweep towards the eigenvectors of `A`; returns the modal
-    /// frequencies in rad/s, bounded from below.
+    /// One sweep towards the eigenvectors of `A`. Returns the modal frequencies in
+    /// rad/s, bounded below.
     #[inline]
     fn update<const N: usize>(&mut self, snapshot: &Snapshot<N>, stiffness: &Stiffness) -> Vector6<f64> {
-        // C = L V: the modes in task coordinates; then V^T A V = C^T K C.
+        // C = L V are the modes in task coordinates; then V^T A V = C^T K C.
         let lower = snapshot.mobility.lower();
         let mut modes = Matrix6::zeros();
         for i in 0..6 {

@@ -1,13 +1,13 @@
-//! Hand-guiding: an arm without weight that goes where it is led, and stays
-//! where it is left.
+//! Hand-guiding: the arm follows a hand and stays where the hand leaves it.
 //!
 //! The gravity model is never exact, so an arm that is only damped creeps away
-//! when it is let go. Each joint therefore hangs on a spring that *yields*: its
-//! rest is dragged along once the spring carries [`YIELD_SHARE`] of the joint's
-//! torque. A model error below that is held, a hand above it leads.
+//! when it is released. Each joint therefore has a spring that *yields*: its rest
+//! position moves along once the spring carries [`YIELD_SHARE`] of the joint's
+//! torque limit. The spring holds a smaller model error; a hand exceeds it.
 //!
-//! `τ = K (q_h − q) − D q̇ − walls`, with `|q_h − q| ≤ τ_y / K` the same for all joints. The damping
-//! grows with speed past the limits, and a wall stands before each joint limit.
+//! `τ = K (q_h − q) − D q̇ − walls`, where `q_h` is the rest position and
+//! `|q_h − q| ≤ GIVE_RAD`. The damping grows above the speed limits, and a wall
+//! (a one-sided spring) stands before each joint limit.
 
 use nalgebra::SVector;
 use spherecal_shared::robot::JointLimits;
@@ -15,31 +15,31 @@ use spherecal_shared::scalar::sqrt;
 
 use super::{JointSetpoint, Snapshot};
 
-/// Share of a joint's torque at which its spring yields: 2.6 N m on the big
-/// joints of an iiwa 7, which a mass error of 3 % leaves on joint 2, and 5 N at
-/// a hand half a metre away.
+/// Share of the joint's torque limit at which its spring yields. On the big joints
+/// of an iiwa 7 this is 2.6 N m: as much as a mass error of 3 % causes on joint 2,
+/// and 5 N for a hand half a metre away.
 const YIELD_SHARE: f64 = 0.015;
-/// How far a joint gives before it goes, in rad: light wrists get soft springs
-/// by it, as they must at 1 kHz.
+/// Deflection of the spring at which it yields, in rad. It makes the springs of
+/// light wrist joints soft, as 1 kHz requires.
 const GIVE_RAD: f64 = 0.015;
-/// Damping over that of an undamped spring's, so that what is let go does not swing.
+/// Damping ratio of the spring, so that a released joint does not oscillate.
 const DAMPING_RATIO: f64 = 0.5;
-/// Speed of the TCP above which the damping grows, in m/s: that of
-/// hand-guiding in ISO 10218-1 is not to exceed 0.25 m/s without an assessment.
+/// Speed of the TCP above which the damping grows, in m/s. ISO 10218-1 limits
+/// hand-guiding to 0.25 m/s unless an assessment allows more.
 const TCP_SPEED_M_S: f64 = 0.25;
-/// The same for each joint, in rad/s.
+/// Speed of a joint above which the damping grows, in rad/s.
 const JOINT_SPEED_RAD_S: f64 = 0.8;
-/// How fast the damping grows: so many times itself for each limit exceeded.
+/// Growth of the damping: at twice the speed limit it is `1 + BRAKE` times as large.
 const BRAKE: f64 = 10.0;
 /// Thickness of the wall before a joint limit, in rad.
 const WALL_RAD: f64 = 0.15;
-/// Torque of the wall at its end, over the joint's limit.
+/// Torque of the wall at its far end, as a share of the joint's torque limit.
 const WALL_SHARE: f64 = 0.4;
 
-/// Torque of hand-guiding without gravity and Coriolis, in N m; drags `hold`
-/// along. `margin_rad` is what every joint keeps from its limit.
+/// Torque of hand-guiding without gravity and Coriolis torque, in N m. Moves the
+/// rest position `hold` along. Every joint keeps `margin_rad` from its limits.
 #[inline]
-pub fn guide_torque<const N: usize>(
+pub(crate) fn guide_torque<const N: usize>(
     snapshot: &Snapshot<N>,
     hold: &mut JointSetpoint<N>,
     limits: &[JointLimits; N],

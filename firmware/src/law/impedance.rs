@@ -4,67 +4,9 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 
 use super::damping::Damping;
 use super::snapshot::Snapshot;
+use super::stiffness::Stiffness;
 
-/// Stiffness of the Cartesian spring in F0: translation as a symmetric matrix
-/// (its axes are the approach's), rotation alike about all axes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stiffness {
-    /// Translational stiffness, in N/m.
-    pub translation: Matrix3<f64>,
-    /// Rotational stiffness, in N m/rad.
-    pub rotation: f64,
-}
-
-impl Stiffness {
-    /// Alike along all axes.
-    pub fn isotropic(translation: f64, rotation: f64) -> Self {
-        Self {
-            translation: Matrix3::from_diagonal_element(translation),
-            rotation,
-        }
-    }
-
-    /// `across` on the two axes perpendicular to the unit vector `along`
-    /// (the first of them is as horizontal as it gets), `values[2]` on it.
-    pub fn about(values: [f64; 3], along: &Vector3<f64>, rotation: f64) -> Self {
-        let reference = if along.z.abs() > 0.9 {
-            Vector3::x()
-        } else {
-            Vector3::z()
-        };
-        let x = reference - along * along.dot(&reference);
-        let x = x / x.norm();
-        let y = along.cross(&x);
-        let translation =
-            x * x.transpose() * values[0] + y * y.transpose() * values[1] + along * along.transpose() * values[2];
-        Self { translation, rotation }
-    }
-
-    /// A stiffness between two, `share` from 0 to 1.
-    #[inline]
-    pub fn between(from: &Self, to: &Self, share: f64) -> Self {
-        Self {
-            translation: from.translation + (to.translation - from.translation) * share,
-            rotation: from.rotation + (to.rotation - from.rotation) * share,
-        }
-    }
-
-    /// `K x`.
-    #[inline]
-    pub fn times(&self, x: &Vector6<f64>) -> Vector6<f64> {
-        let t = &self.translation;
-        Vector6::new(
-            t[(0, 0)] * x[0] + t[(0, 1)] * x[1] + t[(0, 2)] * x[2],
-            t[(1, 0)] * x[0] + t[(1, 1)] * x[1] + t[(1, 2)] * x[2],
-            t[(2, 0)] * x[0] + t[(2, 1)] * x[1] + t[(2, 2)] * x[2],
-            self.rotation * x[3],
-            self.rotation * x[4],
-            self.rotation * x[5],
-        )
-    }
-}
-
-/// Where the spring pulls the TCP frame to, in F0.
+/// Setpoint of the Cartesian spring: the pose that the TCP is pulled to, in F0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CartesianSetpoint {
     /// Position, in m.
@@ -73,12 +15,12 @@ pub struct CartesianSetpoint {
     pub rotation: Matrix3<f64>,
     /// Velocity: linear in m/s, angular in rad/s.
     pub velocity: Vector6<f64>,
-    /// Force added to the spring's, in N and N m.
+    /// Force and torque added to those of the spring, in N and N m.
     pub feed_forward: Vector6<f64>,
 }
 
 impl CartesianSetpoint {
-    /// At rest at a pose.
+    /// A setpoint at rest.
     pub fn at(position: Vector3<f64>, rotation: Matrix3<f64>) -> Self {
         Self {
             position,
@@ -89,11 +31,11 @@ impl CartesianSetpoint {
     }
 }
 
-/// Rotation vector that turns `actual` into `desired`, in F0, in rad: the
-/// logarithm of `R_d Rᵀ`.
+/// Rotation vector from `actual` to `desired` in F0, in rad: the logarithm of
+/// `R_d Rᵀ`.
 #[inline]
 pub fn rotation_error(desired: &Matrix3<f64>, actual: &Matrix3<f64>) -> Vector3<f64> {
-    // R_d R^T, only what the logarithm needs: its skew part and its trace.
+    // Of R_d R^T only the skew part and the trace, which the logarithm needs.
     let mut skew = Vector3::zeros();
     let mut trace = 0.0;
     for k in 0..3 {
@@ -106,8 +48,9 @@ pub fn rotation_error(desired: &Matrix3<f64>, actual: &Matrix3<f64>) -> Vector3<
     }
     let sine = 0.5 * skew.norm();
     let cosine = 0.5 * (trace - 1.0);
-    // angle / (2 sin angle); 1/2 where the angle vanishes (to 1e-13). Near a
-    // half turn the axis is lost; keeping the sine from zero bounds the error.
+    // angle / (2 sin angle), which tends to 1/2 for small angles (to 1e-13).
+    // Near half a turn the axis is undefined; the lower bound on the sine bounds
+    // the error.
     let factor = if sine < 1e-6 && cosine > 0.0 {
         0.5
     } else {
@@ -116,7 +59,7 @@ pub fn rotation_error(desired: &Matrix3<f64>, actual: &Matrix3<f64>) -> Vector3<
     skew * factor
 }
 
-/// The law: stiffness now, damping state.
+/// The Cartesian impedance: the present stiffness, its ramp and the damping.
 #[derive(Clone, Debug)]
 pub struct Impedance {
     stiffness: Stiffness,
@@ -128,7 +71,7 @@ pub struct Impedance {
 }
 
 impl Impedance {
-    /// Starts at a stiffness.
+    /// An impedance with the given stiffness.
     pub fn new(stiffness: Stiffness) -> Self {
         Self {
             stiffness,
@@ -140,25 +83,25 @@ impl Impedance {
         }
     }
 
-    /// Moves to a stiffness within `ramp_s` seconds, in ticks of `period_s`.
-    pub fn ramp_to(&mut self, stiffness: Stiffness, ramp_s: f64, period_s: f64) {
+    /// Starts a ramp to `stiffness` over `ramp_s` seconds, in ticks of `period_s`.
+    pub(crate) fn ramp_to(&mut self, stiffness: Stiffness, ramp_s: f64, period_s: f64) {
         self.from = self.stiffness;
         self.to = stiffness;
         self.share = 0.0;
         self.rate = if ramp_s > period_s { period_s / ramp_s } else { 1.0 };
     }
 
-    /// Whether the stiffness has arrived where it was sent.
-    pub fn settled(&self) -> bool {
+    /// Whether the stiffness ramp is over.
+    pub(crate) fn settled(&self) -> bool {
         self.share >= 1.0
     }
 
-    /// The stiffness now.
+    /// The present stiffness.
     pub fn stiffness(&self) -> &Stiffness {
         &self.stiffness
     }
 
-    /// Force of the spring-damper on the TCP, F0, in N and N m; advances the
+    /// Force of the spring-damper on the TCP, F0, in N and N m. Advances the
     /// stiffness ramp by one tick. `ratio` is Lehr's damping ratio.
     #[inline]
     pub fn force<const N: usize>(
@@ -171,7 +114,7 @@ impl Impedance {
             self.share = (self.share + self.rate).min(1.0);
             self.stiffness = Stiffness::between(&self.from, &self.to, self.share);
         }
-        let position = setpoint.position - snapshot.tcp.origin;
+        let position = setpoint.position - snapshot.tcp.position;
         let rotation = rotation_error(&setpoint.rotation, &snapshot.tcp.rotation);
         let error = Vector6::new(position.x, position.y, position.z, rotation.x, rotation.y, rotation.z);
         let velocity_error = setpoint.velocity - snapshot.velocity;

@@ -1,15 +1,15 @@
-//! The joint spring-damper of free-space motions and of every hold.
+//! The joint spring-damper: for motions in free space and for every hold.
 
 use nalgebra::SVector;
 use spherecal_shared::scalar::sqrt;
 
 use super::snapshot::Snapshot;
 
-/// Stiffness that every joint has at least, in N m/rad: light wrist joints
-/// must hold against friction too.
+/// Smallest stiffness of every joint, in N m/rad, so that light wrist joints hold
+/// against friction.
 const LEAST_STIFFNESS: f64 = 40.0;
 
-/// Where the joints are drawn to.
+/// Setpoint of the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointSetpoint<const N: usize> {
     /// Angles, in rad.
@@ -18,16 +18,15 @@ pub struct JointSetpoint<const N: usize> {
     pub dq: [f64; N],
 }
 
-/// Torque of the joint spring-damper without gravity and Coriolis, in N m.
+/// Torque of the joint spring-damper without gravity and Coriolis torque, in N m.
 ///
-/// All joints answer as one: the stiffness is the mass matrix times
-/// `natural_rad_s` squared, so that every motion of the arm has that natural
-/// frequency and Lehr's damping `ratio` at it. Joint by joint it would not:
-/// where two axes align (the first and the third of an upright arm) they can
-/// turn against each other with next to no inertia, and a spring made for the
-/// inertia of the whole arm runs away there. On top comes the least stiffness,
-/// damped for what each joint moves when the others are free,
-/// `1 / (M⁻¹)ᵢᵢ`.
+/// The stiffness is the mass matrix times `natural_rad_s` squared. Every motion of
+/// the arm then has that natural frequency and Lehr's damping `ratio`. A spring for
+/// each joint alone would not do: where two axes align (joints 1 and 3 of an
+/// upright arm), the joints can turn against each other with almost no inertia, and
+/// springs made for the inertia of the whole arm become unstable. The smallest
+/// stiffness is added; its damping follows from the inertia that a joint moves
+/// when the others are free, `1 / (M⁻¹)ᵢᵢ`.
 #[inline]
 pub fn joint_torque<const N: usize>(
     snapshot: &Snapshot<N>,

@@ -1,14 +1,13 @@
-//! The null space: a spring-damper on what the TCP does not fix.
+//! The null space: a spring-damper on the motion that leaves the TCP in place.
 //!
-//! On a spherical-rotational-spherical arm it is one angle, the elbow's on its
-//! circle about the line shoulder-wrist, and the spring acts on just that angle
-//! ([`spherecal_shared::robot::elbow`]); so it follows continuous inverse
-//! kinematics at the commanded elbow angle without computing any. A redundant
-//! arm of another build is drawn to a posture.
+//! On a spherical-rotational-spherical arm this motion has one coordinate, the
+//! elbow angle ([`spherecal_shared::robot::elbow`]), and the spring acts on that
+//! angle. It thereby follows continuous inverse kinematics at the commanded elbow
+//! angle without computing any. Another redundant arm is pulled to a posture.
 //!
-//! The projection is dynamically consistent: with `M = L Lᵀ`, the torque
-//! direction `g` becomes `L (y − W Λ Wᵀ y)`, `y = L⁻¹ g`, `W = L⁻¹ Jᵀ`, which
-//! accelerates the TCP by nothing.
+//! The projection is dynamically consistent: with `M = L Lᵀ`, the torque direction
+//! `g` becomes `L (y − W Λ Wᵀ y)`, `y = L⁻¹ g`, `W = L⁻¹ Jᵀ`, which does not
+//! accelerate the TCP.
 
 use nalgebra::SVector;
 use spherecal_shared::robot::elbow::{Elbow, elbow};
@@ -16,23 +15,23 @@ use spherecal_shared::scalar::sqrt;
 
 use super::snapshot::Snapshot;
 
-/// Where the null space is drawn to.
+/// Setpoint of the null space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NullSpace<const N: usize> {
-    /// Nowhere: a non-redundant arm.
+    /// None: the arm is not redundant.
     Free,
-    /// To an elbow angle (rad) that moves with a speed (rad/s).
+    /// An elbow angle and its rate.
     Elbow {
         /// Elbow angle, in rad.
         angle: f64,
-        /// Its rate, in rad/s.
+        /// Rate of the elbow angle, in rad/s.
         rate: f64,
     },
-    /// To a posture, in rad.
+    /// Joint angles, in rad.
     Posture([f64; N]),
 }
 
-/// Difference of two angles, in (−π, π].
+/// The difference of two angles, in (−π, π].
 fn difference(a: f64, b: f64) -> f64 {
     let turn = core::f64::consts::TAU;
     let d = a - b;
@@ -40,8 +39,8 @@ fn difference(a: f64, b: f64) -> f64 {
 }
 
 impl<const N: usize> NullSpace<N> {
-    /// Torque of the null space spring-damper, in N m. `stiffness` in N m/rad,
-    /// `ratio` Lehr's damping ratio.
+    /// Torque of the null-space spring-damper, in N m. `stiffness` is in N m/rad,
+    /// `ratio` is Lehr's damping ratio.
     #[inline]
     pub fn torque(&self, snapshot: &Snapshot<N>, stiffness: f64, ratio: f64) -> SVector<f64, N> {
         match self {
@@ -60,8 +59,8 @@ impl<const N: usize> NullSpace<N> {
         }
     }
 
-    /// Error of the elbow angle, in rad; zero where there is none.
-    pub fn elbow_error(&self, snapshot: &Snapshot<N>) -> f64 {
+    /// Error of the elbow angle, in rad; 0 without an elbow angle.
+    pub(crate) fn elbow_error(&self, snapshot: &Snapshot<N>) -> f64 {
         match (self, elbow(&snapshot.frames)) {
             (Self::Elbow { angle, .. }, Some(now)) => difference(*angle, now.angle),
             _ => 0.0,
@@ -69,7 +68,7 @@ impl<const N: usize> NullSpace<N> {
     }
 }
 
-/// The whitened torque without the part that accelerates the TCP.
+/// The whitened torque less the part that accelerates the TCP.
 #[inline]
 fn project<const N: usize>(snapshot: &Snapshot<N>, y: &SVector<f64, N>) -> SVector<f64, N> {
     let force = snapshot.task_force(y);
@@ -84,7 +83,7 @@ fn project<const N: usize>(snapshot: &Snapshot<N>, y: &SVector<f64, N>) -> SVect
     out
 }
 
-/// `L y`: a whitened torque as a torque.
+/// `L y`: the joint torque of a whitened torque.
 #[inline]
 fn unwhiten<const N: usize>(snapshot: &Snapshot<N>, y: &SVector<f64, N>) -> SVector<f64, N> {
     let lower = snapshot.mass.lower();
@@ -101,14 +100,14 @@ fn elbow_torque<const N: usize>(
     ratio: f64,
 ) -> SVector<f64, N> {
     // Gradient of the elbow angle on null motions: the elbow's speed along its
-    // circle over the radius. Joints behind the elbow do not move it.
+    // circle, divided by the radius. Joints beyond the elbow do not move it.
     let direction = now.tangent / now.radius;
     let mut gradient = SVector::<f64, N>::zeros();
     for (i, frame) in snapshot.frames.iter().enumerate().take(4) {
-        gradient[i] = frame.z().cross(&(now.point - frame.origin)).dot(&direction);
+        gradient[i] = frame.z().cross(&(now.point - frame.position)).dot(&direction);
     }
     let y = project(snapshot, &snapshot.mass.solve_lower(&gradient));
-    // Mobility of the elbow angle in the null space: 1 / inertia.
+    // Mobility of the elbow angle in the null space: the inverse of its inertia.
     let mobility = y.norm_squared();
     if mobility < 1e-6 {
         return SVector::zeros();

@@ -4,16 +4,16 @@
 //!
 //! `r = k (p − ∫ (tau + Cᵀ q̇ − g + r) dt)`
 //!
-//! follows the external joint torque `tau_ext = Jᵀ F` with a first-order lag
-//! of `1/k`, without differentiating any velocity (De Luca and Mattone, 2003).
-//! The wrench is its damped, inertia-weighted least-squares solution: light
-//! wrist joints count for more than heavy ones, whose gravity is known worse.
+//! follows the external joint torque `tau_ext = Jᵀ F` with a first-order lag of
+//! `1/k` and differentiates no velocity (De Luca and Mattone, 2003). The wrench is
+//! the damped, inertia-weighted least-squares solution. Light wrist joints have
+//! more weight than heavy joints, whose gravity torque is known less exactly.
 
 use nalgebra::{SVector, Vector3};
 
 use super::snapshot::Snapshot;
 
-/// A wrench at the TCP, F0: what the environment exerts on the arm.
+/// A wrench at the TCP in F0, of the environment on the arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wrench {
     /// Force, in N.
@@ -22,7 +22,7 @@ pub struct Wrench {
     pub torque: Vector3<f64>,
 }
 
-/// The observer of an arm with `N` joints.
+/// The momentum observer of an arm with `N` joints.
 #[derive(Clone, Debug)]
 pub struct Observer<const N: usize> {
     integral: SVector<f64, N>,
@@ -41,14 +41,14 @@ impl<const N: usize> Default for Observer<N> {
 }
 
 impl<const N: usize> Observer<N> {
-    /// Forgets what it has integrated; the next update starts from there.
+    /// Starts anew: the next update sets the integral so that the residual is zero.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Takes one tick of `period_s`: measured torque (N m, the sign of
-    /// [`DriveState`](spherecal_shared::protocol::drive::DriveState)), pole in
-    /// 1/s. Returns the wrench at the TCP, not tared.
+    /// Advances by one tick of `period_s` (s). Takes the measured torque (N m, sign
+    /// as in [`DriveState`](spherecal_shared::protocol::drive::DriveState)) and the
+    /// pole (1/s). Returns the wrench at the TCP, not tared.
     #[inline]
     pub fn update(&mut self, snapshot: &Snapshot<N>, measured: &[f64; N], pole: f64, period_s: f64) -> Wrench {
         if !self.started {
@@ -67,7 +67,7 @@ impl<const N: usize> Observer<N> {
         }
     }
 
-    /// External joint torque, in N m.
+    /// The residual: external joint torque, in N m.
     pub fn residual(&self) -> &SVector<f64, N> {
         &self.residual
     }

@@ -2,30 +2,30 @@
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3, Vector6};
 use spherecal_shared::linalg::Cholesky;
-use spherecal_shared::robot::{Arm, Dynamics, Frame};
+use spherecal_shared::robot::{Arm, Dynamics, Pose};
 use spherecal_shared::scalar::sqrt;
 
-/// Smallest pivot of the task-space mobility `J M⁻¹ Jᵀ` that the law works
-/// with, in 1/kg and 1/(kg m²): bounds the task-space inertia near
-/// singularities at 100 kg and 100 kg m².
-pub const MOBILITY_FLOOR: f64 = 0.01;
+/// Smallest pivot of the mobility `J M⁻¹ Jᵀ` in task space, in 1/kg and
+/// 1/(kg m²). It bounds the task-space inertia near singularities to 100 kg and
+/// 100 kg m².
+const MOBILITY_FLOOR: f64 = 0.01;
 
-/// Ratio of a torque error to the force error that may come of it, squared, in
-/// m²: 3 N m and 30 N. Damps [`Snapshot::point_force`].
+/// Damping of [`Snapshot::point_force`], in m²: the square of the ratio of a torque
+/// error to the force error that it may cause (3 N m and 30 N).
 const POINT_FORCE_DAMPING: f64 = 0.01;
 
-/// The arm at one tick. Frame F0 throughout; task-space vectors are linear
-/// part first, at the TCP.
+/// The arm at one tick. All vectors are in F0. Task-space vectors are at the TCP,
+/// with the linear part first.
 #[derive(Clone, Debug)]
 pub struct Snapshot<const N: usize> {
     /// Joint angles, in rad.
     pub q: [f64; N],
     /// Joint velocities, in rad/s.
     pub dq: [f64; N],
-    /// Frames F1..Fn.
-    pub frames: [Frame<f64>; N],
-    /// The TCP frame.
-    pub tcp: Frame<f64>,
+    /// Poses of frames F1..Fn.
+    pub frames: [Pose<f64>; N],
+    /// Pose of the TCP frame.
+    pub tcp: Pose<f64>,
     /// Geometric Jacobian at the TCP.
     pub jacobian: SMatrix<f64, 6, N>,
     /// TCP velocity `J q̇`, in m/s and rad/s.
@@ -44,7 +44,7 @@ pub struct Snapshot<const N: usize> {
     pub mass: Cholesky<f64, N>,
     /// `L⁻¹ Jᵀ`: one column per task axis.
     pub whitened: SMatrix<f64, N, 6>,
-    /// Factor of the mobility, `J M⁻¹ Jᵀ = L_c L_cᵀ`, pivots bounded.
+    /// Factor of the mobility, `J M⁻¹ Jᵀ = L_c L_cᵀ`, with bounded pivots.
     pub mobility: Cholesky<f64, 6>,
     /// Whether a pivot was bounded: the arm is near a singularity.
     pub near_singular: bool,
@@ -52,14 +52,14 @@ pub struct Snapshot<const N: usize> {
 
 impl<const N: usize> Snapshot<N> {
     /// The arm at joint angles `q` and velocities `dq`.
-    ///
-    /// `None` where the mass matrix is not positive definite, which finite
+    /// `None` if the mass matrix is not positive definite. Finite joint angles and
+    /// a checked robot exclude that.
     /// joint angles and a checked robot exclude.
     #[inline]
     pub fn new(arm: &Arm<f64, N>, q: &[f64; N], dq: &[f64; N]) -> Option<Self> {
         let frames = arm.frames(q);
         let tcp = arm.tcp_frame(&frames);
-        let jacobian = arm.jacobian(&frames, &tcp.origin);
+        let jacobian = arm.jacobian(&frames, &tcp.position);
         let bodies = arm.bodies(&frames);
         let mut matrix = bodies.mass_matrix();
         arm.add_rotors(&mut matrix);
@@ -124,10 +124,10 @@ impl<const N: usize> Snapshot<N> {
         torque
     }
 
-    /// The task-space force that accelerates the TCP as the whitened joint
-    /// torque `y = L⁻¹ tau` does: `(J M⁻¹ Jᵀ)⁻¹ J M⁻¹ tau`.
+    /// The task-space force that accelerates the TCP like the whitened joint torque
+    /// `y = L⁻¹ tau`: `(J M⁻¹ Jᵀ)⁻¹ J M⁻¹ tau`.
     #[inline]
-    pub fn task_force(&self, whitened_torque: &SVector<f64, N>) -> Vector6<f64> {
+    pub(crate) fn task_force(&self, whitened_torque: &SVector<f64, N>) -> Vector6<f64> {
         let mut acceleration = Vector6::zeros();
         for axis in 0..6 {
             let mut sum = 0.0;
@@ -139,14 +139,14 @@ impl<const N: usize> Snapshot<N> {
         self.mobility.solve(&acceleration)
     }
 
-    /// The force at the TCP (F0, in N) that alone explains an external joint
+    /// The force at the TCP (F0, in N) that by itself explains an external joint
     /// torque (N m) best, damped.
     ///
-    /// Near singularities of the wrist or the shoulder a whole wrench cannot be
-    /// told from the torques, and friction of 1 N m looks like 100 N. A force
-    /// alone can, wherever the arm is not stretched out.
+    /// Near singularities of the wrist or the shoulder the torques do not determine
+    /// a whole wrench, and friction of 1 N m looks like 100 N. They determine a
+    /// force alone wherever the arm is not stretched.
     #[inline]
-    pub fn point_force(&self, external: &SVector<f64, N>) -> Vector3<f64> {
+    pub(crate) fn point_force(&self, external: &SVector<f64, N>) -> Vector3<f64> {
         let mut normal = Matrix3::zeros();
         let mut force = Vector3::zeros();
         for i in 0..3 {
@@ -160,13 +160,13 @@ impl<const N: usize> Snapshot<N> {
             }
             normal[(i, i)] += POINT_FORCE_DAMPING;
         }
-        // With the damping every pivot is positive; a NaN is as good as any force.
+        // Every pivot is positive because of the damping. For NaN any force will do.
         Cholesky::new(&normal).map_or(force, |factor| factor.solve(&force))
     }
 
-    /// Computed TCP speed, in m/s.
+    /// Speed of the computed TCP, in m/s.
     #[inline]
-    pub fn tcp_speed(&self) -> f64 {
+    pub(crate) fn tcp_speed(&self) -> f64 {
         let v = &self.velocity;
         sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     }

@@ -1,17 +1,17 @@
-//! The last stage before the drive: saturation and rate limit, both applied.
+//! The last stage before the drive: limits the torque and its rate.
 
 use nalgebra::SVector;
 
-/// What the shaper did to a torque.
+/// What was limited.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Shaped {
     /// First saturated joint, from 1; 0 for none.
     pub saturated: u8,
-    /// Whether a change was limited.
+    /// Whether a rate was limited.
     pub rate_limited: bool,
 }
 
-/// Keeps torques within their limits and their changes within a rate.
+/// Keeps torques within their limits and their rates within a limit.
 #[derive(Clone, Debug)]
 pub struct TorqueShaper<const N: usize> {
     last: Option<[f64; N]>,
@@ -24,14 +24,14 @@ impl<const N: usize> Default for TorqueShaper<N> {
 }
 
 impl<const N: usize> TorqueShaper<N> {
-    /// Forgets the last torque: the next one starts from `measured`.
+    /// Forgets the last torque: the next one starts from the measured torque.
     pub fn reset(&mut self) {
         self.last = None;
     }
 
-    /// Shapes `wanted` (N m). The first torque starts from `measured`, what
-    /// the drive exerts already (within the limits), so that taking over is bumpless. `limits` in
-    /// N m, `step` is the largest change in one tick, in N m.
+    /// Limits `wanted` (N m) to `limits` (N m) and to a change of `step` (N m) per
+    /// tick. The first torque starts from `measured` (N m), the torque that the
+    /// drive exerts already, so that taking over causes no jump.
     #[inline]
     pub fn shape(
         &mut self,
@@ -40,7 +40,7 @@ impl<const N: usize> TorqueShaper<N> {
         limits: &[f64; N],
         step: f64,
     ) -> ([f64; N], Shaped) {
-        // A sensor may say anything; what it says is sent only within the limits.
+        // A sensor may show any value; it is used only within the limits.
         let within = |i: usize| measured[i].max(-limits[i]).min(limits[i]);
         let last = self.last.unwrap_or_else(|| core::array::from_fn(within));
         let mut shaped = Shaped::default();
@@ -72,8 +72,8 @@ impl<const N: usize> TorqueShaper<N> {
 mod tests {
     use super::*;
 
-    // Fails if what a broken sensor says at the moment of taking over is sent to
-    // the motors beyond their limits. Found by fuzzing the drive's states.
+    // Fails if the value of a broken sensor at the time of taking over is sent
+    // beyond the torque limits. Found by fuzzing the drive states.
     #[test]
     fn a_wild_measurement_is_not_taken_over() {
         let mut shaper = TorqueShaper::<2>::default();

@@ -1,15 +1,16 @@
-//! The torque loop: makes the torque at the link what the law asked for.
+//! The torque loop: makes the torque at the link equal to the torque that the law
+//! asks for.
 //!
-//! Between motor and link lie gear friction and rotor inertia; the sensor at
-//! the link sees what arrives. Feeding `gain` times the difference back makes
-//! both smaller by `1 + gain` (Ott et al., 2008), which a soft Cartesian spring
-//! needs: 1 N m of friction at a wrist joint holds the nest against 10 N. The
-//! low-pass keeps the loop stable with one period of delay on a drive that
-//! delivers what it is told; there it changes nothing but a little noise.
+//! Gear friction and rotor inertia lie between motor and link; the sensor measures
+//! at the link. Feedback of `gain` times the difference reduces both by `1 + gain`
+//! (Ott et al., 2008). A soft Cartesian spring needs this: 1 N m of friction at a
+//! wrist joint holds the nest against 10 N. The low-pass keeps the loop stable with
+//! one period of delay. On a drive without friction and rotor inertia the loop
+//! only adds a little noise.
 
-/// Low-passed proportional torque feedback of `N` joints.
+/// Proportional torque feedback of `N` joints with a low-pass.
 #[derive(Clone, Debug)]
-pub struct TorqueLoop<const N: usize> {
+pub(crate) struct TorqueLoop<const N: usize> {
     correction: [f64; N],
     reference: Option<[f64; N]>,
 }
@@ -24,15 +25,22 @@ impl<const N: usize> Default for TorqueLoop<N> {
 }
 
 impl<const N: usize> TorqueLoop<N> {
-    /// Forgets everything.
-    pub fn reset(&mut self) {
+    /// Sets the state to zero.
+    pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Correction to add to the next torque, in N m. `measured` (N m) is what
-    /// came of the last reference; `pole` in 1/s, `bound` in N m.
+    /// Correction of the next torque, in N m. `measured` (N m) is the torque that
+    /// came of the last one; `pole` is in 1/s, `bound` in N m.
     #[inline]
-    pub fn correction(&mut self, measured: &[f64; N], gain: f64, pole: f64, bound: f64, period_s: f64) -> &[f64; N] {
+    pub(crate) fn correction(
+        &mut self,
+        measured: &[f64; N],
+        gain: f64,
+        pole: f64,
+        bound: f64,
+        period_s: f64,
+    ) -> &[f64; N] {
         let share = (pole * period_s).min(1.0);
         if let Some(reference) = &self.reference {
             for i in 0..N {
@@ -44,9 +52,9 @@ impl<const N: usize> TorqueLoop<N> {
         &self.correction
     }
 
-    /// Notes the torque (N m) that was sent, correction included.
+    /// Stores the torque (N m) that was sent, with its correction.
     #[inline]
-    pub fn sent(&mut self, torque: &[f64; N]) {
+    pub(crate) fn sent(&mut self, torque: &[f64; N]) {
         let mut reference = *torque;
         for i in 0..N {
             reference[i] -= self.correction[i];
@@ -59,8 +67,8 @@ impl<const N: usize> TorqueLoop<N> {
 mod tests {
     use super::*;
 
-    /// Fails if friction is not made smaller by `1 + gain`, a drive without
-    /// friction is disturbed, or the bound is not kept.
+    /// Fails if friction is not reduced by `1 + gain`, if a drive without friction
+    /// is disturbed, or if the bound is exceeded.
     #[test]
     fn friction_is_divided() {
         let mut feedback = TorqueLoop::<3>::default();
@@ -74,7 +82,7 @@ mod tests {
             arrived = core::array::from_fn(|i| sent[i] - friction[i]);
         }
         assert!((arrived[0] - (1.0 - 1.0 / 5.0)).abs() < 1e-9);
-        // 9 N m of friction would take 7.2; the bound is 3.
+        // 9 N m of friction would take 7.2 N m of correction; the bound is 3.
         assert!((arrived[1] - (-4.0 - 3.0 + 9.0)).abs() < 1e-9);
         assert!((arrived[2] - 2.0).abs() < 1e-9);
     }

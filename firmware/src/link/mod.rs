@@ -1,16 +1,16 @@
 //! The controller's end of the host link: bytes to commands, events to bytes.
 //!
-//! It knows the control path as a [`Desk`] only: at hand in one thread
-//! ([`Node`](crate::Node)), or behind queues on a board, where the link runs
-//! below the control task ([`app`](crate::app)).
+//! It sees the control path as a [`CommandPort`]: directly in one thread
+//! ([`Node`](crate::Node)), or behind queues on a board, where the link has a
+//! lower priority than the control task ([`app`](crate::app)).
 //!
-//! Commands are carried out once, however often they come; events are sent
-//! again until the host acknowledges them, in order. Telemetry, replies and
-//! statistics are sent once: the host asks again if it misses a reply.
+//! A command is carried out once, however often it comes. Events are sent in
+//! order, and again until the host acknowledges them. Telemetry, replies and
+//! statistics are sent once; a host that misses a reply repeats its command.
 //!
-//! Only the host that greeted last is obeyed. Whoever else speaks is told who
-//! is here, in a banner of the present session: so a host learns that the
-//! controller was restarted, or that another host has taken over.
+//! The link obeys only the host of the last handshake. Any other host gets the
+//! banner of the present session. It thereby learns that the controller was
+//! restarted or that another host has taken over.
 
 use embassy_time::{Duration, Instant};
 use heapless::{Deque, String, Vec};
@@ -20,45 +20,45 @@ use spherecal_shared::protocol::host::{
 };
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 
-/// Events sent and not yet acknowledged, at most.
+/// Most events that are sent but not acknowledged.
 const PENDING: usize = 8;
-/// Answers waiting to be sent, at most.
+/// Most replies that wait to be sent.
 const REPLIES: usize = 4;
-/// After which an unacknowledged event is sent again, where the board says
-/// nothing else: a host that keeps up answers within two periods.
+/// Time after which an unacknowledged event is sent again, unless the board sets
+/// another. A host that keeps up acknowledges within two periods.
 const RESEND: Duration = Duration::from_millis(5);
-/// How often statistics are sent.
+/// Interval of the statistics.
 const STATISTICS: Duration = Duration::from_millis(1000);
 
-/// What became of a command.
+/// The outcome of a command: accepted, or refused and why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Verdict {
+pub struct CommandOutcome {
     /// Number of the command.
     pub sequence: u32,
-    /// Whether it is being carried out.
+    /// Whether the command was accepted.
     pub result: Result<(), Refusal>,
 }
 
 /// The control path, as the host link sees it.
-pub trait Desk {
-    /// Notes that the host was heard.
-    fn heard(&mut self);
+pub trait CommandPort {
+    /// Records that something has come from the host.
+    fn host_heard(&mut self);
 
-    /// Takes a command that is to be carried out at `start_us` (device time, in
-    /// µs); `false` when there is no room: the host sends it again.
-    fn command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool;
+    /// Takes a command that starts at `start_us` (device time, in µs). `false` if
+    /// there is no room: the host sends it again.
+    fn queue_command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool;
 
-    /// What became of the oldest command whose verdict was not asked for yet.
-    fn verdict(&mut self) -> Option<Verdict>;
+    /// The oldest outcome of a command that was not fetched yet.
+    fn command_outcome(&mut self) -> Option<CommandOutcome>;
 
     /// The next event for the host.
-    fn event(&mut self) -> Option<Event>;
+    fn next_event(&mut self) -> Option<Event>;
 
-    /// Telemetry samples that wait.
+    /// Number of telemetry samples that wait.
     fn samples_waiting(&self) -> usize;
 
     /// The next telemetry sample.
-    fn sample(&mut self) -> Option<Sample>;
+    fn next_sample(&mut self) -> Option<Sample>;
 
     /// Counters of the control path; the link adds its own.
     fn statistics(&self) -> Statistics;
@@ -68,14 +68,14 @@ pub trait Desk {
 #[derive(Clone, Debug)]
 struct Pending {
     uplink: Uplink,
-    /// When it was last sent; `None` before the first time.
+    /// When it was last sent; `None` if it was not.
     sent: Option<Instant>,
 }
 
-/// The answer to the last command, for when it comes again; none while the
-/// control path has not said.
+/// The answer to the last command, kept for its repeats. `None` while the control
+/// path has not given the outcome.
 #[derive(Clone, Copy, Debug)]
-struct Answer {
+struct LastAnswer {
     sequence: u32,
     result: Option<Result<(), Refusal>>,
 }
@@ -90,11 +90,11 @@ pub struct HostLink {
     joints: u8,
     resend: Duration,
     session: Option<SessionId>,
-    /// The session before: a late repeat of its greeting does not bring it back.
+    /// The session before. A late repeat of its handshake does not restore it.
     previous: Option<SessionId>,
-    /// Whether there is anyone to speak to.
-    greeted: bool,
-    answered: Option<Answer>,
+    /// Whether a host has spoken yet.
+    host_known: bool,
+    answered: Option<LastAnswer>,
     replies: Deque<Event, REPLIES>,
     pending: Deque<Pending, PENDING>,
     next_event: u32,
@@ -103,8 +103,8 @@ pub struct HostLink {
 }
 
 impl HostLink {
-    /// A link that says `build` in its banner (cut to 24 bytes) and speaks for
-    /// a controller of `joints` joints.
+    /// A link of a controller with `joints` joints. The banner states `build`, cut
+    /// to 24 bytes.
     pub fn new(build: &str, joints: usize) -> Self {
         let mut text = String::new();
         for c in build.chars() {
@@ -121,7 +121,7 @@ impl HostLink {
             resend: RESEND,
             session: None,
             previous: None,
-            greeted: false,
+            host_known: false,
             answered: None,
             replies: Deque::new(),
             pending: Deque::new(),
@@ -131,20 +131,20 @@ impl HostLink {
         }
     }
 
-    /// The same link with another time after which an unacknowledged event is
-    /// sent again: for wires on which a frame takes long.
+    /// Sets the time after which an unacknowledged event is sent again: for wires
+    /// on which a frame takes long.
     pub fn resending_after(mut self, resend: Duration) -> Self {
         self.resend = resend;
         self
     }
 
-    /// What this end has received.
+    /// Counters of this end of the link.
     pub fn counters(&self) -> &LinkCounters {
         &self.counters
     }
 
-    /// Takes bytes from the host; whole commands go to the control path.
-    pub fn receive(&mut self, bytes: &[u8], desk: &mut impl Desk) {
+    /// Takes bytes from the host and passes complete commands to the control path.
+    pub fn receive(&mut self, bytes: &[u8], port: &mut impl CommandPort) {
         for byte in bytes {
             let mut received = None;
             self.accumulator.push(*byte, &mut |frame| {
@@ -153,22 +153,22 @@ impl HostLink {
             match received {
                 None => {}
                 Some(Ok((header, downlink))) => {
-                    self.watch.note(header.sequence, &mut self.counters);
-                    self.take(downlink, desk);
+                    self.watch.record(header.sequence, &mut self.counters);
+                    self.take(downlink, port);
                 }
                 Some(Err(error)) => {
                     self.counters.crc_errors = self.counters.crc_errors.saturating_add(1);
                     if error == FrameError::Key {
-                        // A host of another schema: it cannot be understood,
-                        // but it can be told to whom it speaks.
-                        self.introduce();
+                        // The host has another schema. It cannot be understood, but it can
+                        // learn which controller this is.
+                        self.reply_banner();
                     }
                 }
             }
         }
     }
 
-    fn take(&mut self, downlink: Downlink, desk: &mut impl Desk) {
+    fn take(&mut self, downlink: Downlink, port: &mut impl CommandPort) {
         let Downlink {
             session,
             sequence,
@@ -177,16 +177,16 @@ impl HostLink {
         } = downlink;
         let hello = matches!(command, Command::Hello);
         if hello && self.session != Some(session) && self.previous != Some(session) {
-            // What happened until now belongs to the session that ends here.
-            self.take_events(desk);
+            // The events until now belong to the session that ends.
+            self.take_events(port);
             self.previous = self.session.replace(session);
             self.answered = None;
             self.replies.clear();
         } else if self.session != Some(session) {
-            self.introduce();
+            self.reply_banner();
             return;
         }
-        desk.heard();
+        port.host_heard();
         match command {
             Command::KeepAlive => return,
             Command::Acknowledge { event } => {
@@ -200,13 +200,13 @@ impl HostLink {
             }
             _ => {}
         }
-        self.collect(desk);
+        self.collect_outcomes(port);
         if hello {
-            self.introduce();
+            self.reply_banner();
         }
         if let Some(last) = self.answered {
-            // A repeat: of the last command, which is answered again, or of one
-            // that was overtaken, which was answered before the last was sent.
+            // A repeat. If it is the last command, it is answered again. An older
+            // one was answered before the last one was sent.
             let overtaken = sequence.wrapping_sub(last.sequence) >= 1 << 31;
             if overtaken || sequence == last.sequence {
                 self.counters.duplicates = self.counters.duplicates.saturating_add(1);
@@ -218,8 +218,8 @@ impl HostLink {
                 return;
             }
         }
-        if desk.command(sequence, start_us, command) {
-            self.answered = Some(Answer { sequence, result: None });
+        if port.queue_command(sequence, start_us, command) {
+            self.answered = Some(LastAnswer { sequence, result: None });
             if start_us > 0 {
                 self.reply(Event::Held { sequence });
             }
@@ -228,10 +228,10 @@ impl HostLink {
         }
     }
 
-    /// Turns what the control path says of commands into replies.
-    fn collect(&mut self, desk: &mut impl Desk) {
+    /// Makes replies of the outcomes that the control path has given.
+    fn collect_outcomes(&mut self, port: &mut impl CommandPort) {
         while !self.replies.is_full()
-            && let Some(Verdict { sequence, result }) = desk.verdict()
+            && let Some(CommandOutcome { sequence, result }) = port.command_outcome()
         {
             if let Some(answered) = self.answered.as_mut().filter(|a| a.sequence == sequence) {
                 answered.result = Some(result);
@@ -240,8 +240,8 @@ impl HostLink {
         }
     }
 
-    fn introduce(&mut self) {
-        self.greeted = true;
+    fn reply_banner(&mut self) {
+        self.host_known = true;
         let banner = self.banner();
         self.reply(Event::Banner(banner));
     }
@@ -270,11 +270,11 @@ impl HostLink {
         }
     }
 
-    /// Writes what there is to say into `out`, whole frames only; returns the
-    /// number of bytes. Nothing is said before the host's first Hello.
-    pub fn transmit(&mut self, now: Instant, out: &mut [u8], desk: &mut impl Desk) -> usize {
-        self.collect(desk);
-        if !self.greeted {
+    /// Writes what is to be sent to `out`, in complete frames, and returns the
+    /// number of bytes. Sends nothing before a host has spoken.
+    pub fn transmit(&mut self, now: Instant, out: &mut [u8], port: &mut impl CommandPort) -> usize {
+        self.collect_outcomes(port);
+        if !self.host_known {
             return 0;
         }
         let mut used = 0;
@@ -290,14 +290,14 @@ impl HostLink {
             used += length;
             self.replies.pop_front();
         }
-        self.take_events(desk);
+        self.take_events(port);
         used = self.send_pending(now, out, used);
-        used = self.send_samples(now, out, used, desk);
+        used = self.send_samples(now, out, used, port);
         let due = self
             .last_statistics
             .is_none_or(|last| now.saturating_duration_since(last) >= STATISTICS);
         if due {
-            let mut statistics = desk.statistics();
+            let mut statistics = port.statistics();
             let overflow = statistics.link.overflow;
             statistics.link = self.counters;
             statistics.link.overflow = statistics.link.overflow.saturating_add(overflow);
@@ -318,10 +318,10 @@ impl HostLink {
         used
     }
 
-    /// Numbers events for as many as may wait for their acknowledgement.
-    fn take_events(&mut self, desk: &mut impl Desk) {
+    /// Numbers new events while there is room among the unacknowledged ones.
+    fn take_events(&mut self, port: &mut impl CommandPort) {
         while !self.pending.is_full() {
-            let Some(body) = desk.event() else { break };
+            let Some(body) = port.next_event() else { break };
             let uplink = Uplink {
                 session: self.session(),
                 event: self.next_event,
@@ -334,7 +334,7 @@ impl HostLink {
 
     fn send_pending(&mut self, now: Instant, out: &mut [u8], mut used: usize) -> usize {
         for _ in 0..self.pending.len() {
-            // The queue is turned once around, so that no borrow of it lasts.
+            // Takes and returns each entry, so that no borrow of the queue lasts.
             let Some(mut entry) = self.pending.pop_front() else {
                 break;
             };
@@ -353,15 +353,15 @@ impl HostLink {
         used
     }
 
-    fn send_samples(&mut self, now: Instant, out: &mut [u8], mut used: usize, desk: &mut impl Desk) -> usize {
-        while desk.samples_waiting() >= MAX_BATCH {
-            // Only started when a whole batch surely fits.
+    fn send_samples(&mut self, now: Instant, out: &mut [u8], mut used: usize, port: &mut impl CommandPort) -> usize {
+        while port.samples_waiting() >= MAX_BATCH {
+            // Starts only if a complete batch certainly fits.
             if out.len().saturating_sub(used) < MAX_FRAME {
                 return used;
             }
             let mut batch = Vec::new();
             while !batch.is_full() {
-                let Some(sample) = desk.sample() else { break };
+                let Some(sample) = port.next_sample() else { break };
                 let _ = batch.push(sample);
             }
             match self.write(
@@ -381,7 +381,7 @@ impl HostLink {
         used
     }
 
-    /// Encodes one frame behind the first `used` bytes of `out`.
+    /// Encodes one frame after the first `used` bytes of `out`.
     fn write(&mut self, uplink: &Uplink, now: Instant, out: &mut [u8], used: usize) -> Option<usize> {
         let rest = out.get_mut(used..)?;
         let length = frame::encode(uplink, self.sequence, now.as_micros(), rest).ok()?;

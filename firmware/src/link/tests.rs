@@ -1,5 +1,5 @@
-//! The controller's end of the host link against a host that loses, repeats
-//! and spoils frames.
+//! The controller's end of the host link, with a host that loses, repeats and
+//! damages frames.
 
 use embassy_time::Instant;
 use spherecal_shared::protocol::SCHEMA;
@@ -39,7 +39,7 @@ impl Wire {
         self.node.receive(&bytes);
     }
 
-    /// Lets time pass and returns what came up, statistics apart.
+    /// Advances the time and returns what was sent, without statistics.
     fn hear(&mut self, after_ms: u64) -> Vec<Uplink> {
         self.now_ms += after_ms;
         let mut bytes = [0u8; 4 * MAX_FRAME];
@@ -65,7 +65,7 @@ fn events(heard: &[Uplink]) -> Vec<u32> {
 #[test]
 fn nothing_is_said_before_the_host_greets() {
     let mut wire = Wire::new();
-    wire.node.controller().missed(50);
+    wire.node.controller().record_missed(50);
     assert!(wire.hear(10).is_empty());
     wire.send(1, Command::Hello);
     let heard = wire.hear(1);
@@ -79,13 +79,13 @@ fn nothing_is_said_before_the_host_greets() {
     ));
 }
 
-/// Fails if an event is forgotten before it is acknowledged, or kept after.
+/// Fails if an event is forgotten before it is acknowledged, or kept after that.
 #[test]
 fn events_come_again_until_they_are_acknowledged() {
     let mut wire = Wire::new();
     wire.send(1, Command::Hello);
-    wire.node.controller().missed(50);
-    // A fault and the phase it leads to.
+    wire.node.controller().record_missed(50);
+    // A fault and the change of phase that follows.
     assert_eq!(events(&wire.hear(1)), [1, 2]);
     assert!(events(&wire.hear(3)).is_empty(), "not before its time");
     assert_eq!(events(&wire.hear(3)), [1, 2]);
@@ -96,15 +96,15 @@ fn events_come_again_until_they_are_acknowledged() {
     assert!(wire.node.link().counters().resent >= 3);
 }
 
-/// Fails if a repeated command is carried out again or answered otherwise.
+/// Fails if a repeated command is carried out again or gets another answer.
 #[test]
 fn a_repeated_command_is_answered_again_and_not_obeyed_twice() {
     let mut wire = Wire::new();
     wire.send(1, Command::Hello);
     wire.hear(1);
-    wire.node.controller().missed(50);
+    wire.node.controller().record_missed(50);
     wire.send(2, Command::ClearFault);
-    wire.node.controller().missed(50);
+    wire.node.controller().record_missed(50);
     wire.send(2, Command::ClearFault);
     let heard = wire.hear(1);
     let replies = heard
@@ -144,7 +144,7 @@ fn spoilt_frames_are_counted_and_skipped() {
     assert_eq!(wire.hear(1).len(), 2, "banner and reply for the good one");
 }
 
-/// Fails if a host of another schema is left without a word.
+/// Fails if a host of another schema gets no answer.
 #[test]
 fn a_foreign_host_is_told_who_is_here() {
     let mut wire = Wire::new();
@@ -158,12 +158,12 @@ fn a_foreign_host_is_told_who_is_here() {
     );
 }
 
-/// Fails if a small buffer makes half a frame, or loses an event.
+/// Fails if a small buffer gets part of a frame, or if an event is lost.
 #[test]
 fn a_small_buffer_gets_whole_frames_only() {
     let mut wire = Wire::new();
     wire.send(1, Command::Hello);
-    wire.node.controller().missed(50);
+    wire.node.controller().record_missed(50);
     let mut seen = Vec::new();
     for _ in 0..20 {
         wire.now_ms += 1;
@@ -179,7 +179,7 @@ fn a_small_buffer_gets_whole_frames_only() {
             });
         }
     }
-    // Sent again as time goes by, and neither left out.
+    // They are sent again later, and none is left out.
     seen.truncate(4);
     assert_eq!(seen, [1, 2, 1, 2]);
 }

@@ -1,33 +1,33 @@
-//! From the approach frame to contact: tare at rest, then descend at 25 mm/s
-//! with 50/50/100 N/m until 7.5 N have lasted for the dwell.
+//! From the approach frame to contact: the tare at rest, then the descent at
+//! 25 mm/s with 50/50/100 N/m until the force has been 7.5 N for the dwell time.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Contact, Event, Fault};
 
-use super::{Activity, Coupling, Env, Next, Task};
+use super::{Activity, CartesianState, Coupling, Env, Next};
 use crate::contact::{ContactTrigger, Tare};
-use crate::envelope::room;
 use crate::law::Stiffness;
 use crate::motion::LineMove;
+use crate::safety::workspace_clearance;
 
-/// Time for the observer to settle before the tare is taken, in s.
+/// Time that the observer gets to settle before the tare, in s.
 const SETTLE_S: f64 = 0.3;
 
-/// Estimated contact force at which the arm no longer corrects its line, in N.
-const FELT_N: f64 = 2.0;
-/// Largest force that keeps the arm on its line, in N: what 2 N m of friction
-/// at the wrist may hold against it.
+/// Estimated contact force above which the arm no longer corrects its line, in N.
+const CONTACT_FELT_N: f64 = 2.0;
+/// Largest force that keeps the arm on its line, in N. Friction of 2 N m at the
+/// wrist can hold as much against it.
 const LINE_N: f64 = 10.0;
 
-/// At rest, averaging the observer's wrench.
+/// Averages the observer's wrench at rest.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Taring {
+pub(crate) struct Taring {
     tare: Tare,
 }
 
 impl Taring {
     /// One tick.
-    pub fn step<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+    pub(crate) fn step<const N: usize>(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         let approach = &env.procedure.approach;
         if env.elapsed_s < SETTLE_S {
             return Next::Stay;
@@ -36,106 +36,107 @@ impl Taring {
         if env.elapsed_s < SETTLE_S + approach.tare_s {
             return Next::Stay;
         }
-        task.tare = self.tare.mean();
-        let size = task.tare.force.norm();
+        cartesian.tare = self.tare.mean();
+        let size = cartesian.tare.force.norm();
         if size > approach.tare_limit_n {
             return Next::fail(Fault::Tare, size, approach.tare_limit_n);
         }
         let stiffness = Stiffness::about(
             approach.stiffness_n_m,
-            &task.direction,
+            &cartesian.direction,
             env.procedure.law.rotation_nm_rad,
         );
-        task.engage(env.snapshot, stiffness);
-        Next::Enter(Activity::Approaching(Approaching::new(env, task)), None)
+        cartesian.engage(env.snapshot, stiffness);
+        Next::Enter(Activity::Approaching(Approaching::new(env, cartesian)), None)
     }
 }
 
-/// Descending until contact.
+/// Descends until contact.
 #[derive(Clone, Copy, Debug)]
-pub struct Approaching {
+pub(crate) struct Approaching {
     start: Vector3<f64>,
     line: LineMove,
     trigger: ContactTrigger,
     /// Force that keeps the arm on its line, F0, in N.
-    keeping: Vector3<f64>,
+    line_force: Vector3<f64>,
 }
 
 impl Approaching {
-    /// From where the arm is, along the task's direction.
-    pub fn new<const N: usize>(env: &Env<'_, N>, task: &Task<N>) -> Self {
+    /// Starts at the present setpoint, along the direction of the approach.
+    pub(crate) fn new<const N: usize>(env: &Env<'_, N>, cartesian: &CartesianState<N>) -> Self {
         let approach = &env.procedure.approach;
         let line = LineMove::new(
-            task.direction,
+            cartesian.direction,
             approach.speed_m_s,
             approach.acceleration_m_s2,
             f64::INFINITY,
         );
         Self {
-            start: task.setpoint.position,
+            start: cartesian.setpoint.position,
             line,
             trigger: ContactTrigger::default(),
-            keeping: Vector3::zeros(),
+            line_force: Vector3::zeros(),
         }
     }
 
-    /// Grows the force that brings the arm back to its line; keeps it once
-    /// something is felt, so that the sphere may push the nest aside.
-    fn keep_line<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) {
-        if (env.wrench.force - task.tare.force).norm() > FELT_N {
+    /// Increases the force that brings the arm back to its line. Once a contact
+    /// force is felt, the force stays as it is, so that the sphere can push the
+    /// nest sideways.
+    fn keep_line<const N: usize>(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) {
+        if (env.wrench.force - cartesian.tare.force).norm() > CONTACT_FELT_N {
             return;
         }
-        let error = task.setpoint.position - env.snapshot.tcp.origin;
-        let across = error - task.direction * error.dot(&task.direction);
-        self.keeping += across * (env.procedure.approach.line_n_m_s * env.period_s);
-        let size = self.keeping.norm();
+        let error = cartesian.setpoint.position - env.snapshot.tcp.position;
+        let across = error - cartesian.direction * error.dot(&cartesian.direction);
+        self.line_force += across * (env.procedure.approach.line_n_m_s * env.period_s);
+        let size = self.line_force.norm();
         if size > LINE_N {
-            self.keeping *= LINE_N / size;
+            self.line_force *= LINE_N / size;
         }
-        task.setpoint.feed_forward = task.compensation(self.keeping);
+        cartesian.setpoint.feed_forward = cartesian.compensation(self.line_force);
     }
 
     /// One tick.
-    pub fn step<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+    pub(crate) fn step<const N: usize>(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         let approach = &env.procedure.approach;
         let (displacement, velocity) = self.line.step(env.period_s);
-        task.setpoint.position = self.start + displacement;
-        task.setpoint.velocity.fixed_rows_mut::<3>(0).copy_from(&velocity);
-        self.keep_line(env, task);
+        cartesian.setpoint.position = self.start + displacement;
+        cartesian.setpoint.velocity.fixed_rows_mut::<3>(0).copy_from(&velocity);
+        self.keep_line(env, cartesian);
 
-        let tcp = env.snapshot.tcp.origin;
-        let travel = (tcp - self.start).dot(&task.direction);
-        let force = task.contact_force(env);
+        let tcp = env.snapshot.tcp.position;
+        let travel = (tcp - self.start).dot(&cartesian.direction);
+        let force = cartesian.contact_force(env);
         if self
             .trigger
             .push(force, env.snapshot.tcp_speed(), approach, env.period_s)
         {
-            task.contact = tcp;
+            cartesian.contact = tcp;
             let contact = Contact {
-                sphere: task.sphere,
+                sphere: cartesian.sphere,
                 time_us: env.time_us,
                 force_n: force,
                 peak_n: self.trigger.peak_n(),
-                tare_n: task.tare.force.into(),
+                tare_n: cartesian.tare.force.into(),
                 tcp_m: tcp.into(),
                 travel_m: travel,
                 latency_ticks: self.trigger.latency_ticks(),
                 early_crossings: self.trigger.early_crossings(),
             };
             return Next::Enter(
-                Activity::Coupling(Coupling::new(env, task)),
+                Activity::Coupling(Coupling::new(env, cartesian)),
                 Some(Event::Contact(contact)),
             );
         }
         if travel > approach.travel_m {
             return Next::fail(Fault::NoContact, travel, approach.travel_m);
         }
-        // Nearer to the plate than any sphere is: there is none.
-        let (left, _) = room(&tcp, &env.procedure.limits);
+        // The TCP is closer to the plate than any sphere: there is no sphere.
+        let (left, _) = workspace_clearance(&tcp, &env.procedure.limits);
         if left < 0.0 {
             return Next::fail(Fault::NoContact, travel, travel + left);
         }
-        let lag = (task.setpoint.position - tcp).norm();
+        let lag = (cartesian.setpoint.position - tcp).norm();
         if lag > env.procedure.limits.path_m {
             return Next::fail(Fault::PathDeviation, lag, env.procedure.limits.path_m);
         }

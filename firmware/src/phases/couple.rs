@@ -1,44 +1,45 @@
-//! Coupling: 5 N/m for 5 s while the magnet seats the nest; then a test pull
-//! that a seated nest resists and a loose one does not. A nest that is found
-//! loose, because friction of the joints holds it beside the sphere, is pushed
-//! on while a force circles across the approach, and tested again.
+//! Coupling: a soft hold (5 N/m, 5 s) while the magnet seats the nest, then a test
+//! pull. A seated nest resists the pull; a loose one moves. Joint friction can hold
+//! a loose nest beside the sphere. Then a search follows: a push along the approach
+//! while a force circles across it; and another test pull.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Coupled, Event, Fault};
 
-use super::{Activity, Env, Next, Task};
+use super::pull::Pull;
+use super::{Activity, CartesianState, Env, Next};
 use crate::contact::SeatingWatch;
 
-/// Farthest that the nest may wander while the magnet seats it, in m: half
-/// the taught error of 10 mm more than that error.
+/// Largest distance that the nest may move while the magnet seats it, in m: one
+/// and a half times the taught error of 10 mm.
 const WANDER_M: f64 = 0.015;
-/// Farthest that a search may carry it, in m: across the cone of the nest.
+/// Largest distance that a search may move it, in m: the width of the nest's cone.
 const SEARCH_M: f64 = 0.035;
-/// Turns a second of the force that circles in a search.
+/// Frequency of the circling force of a search, in Hz.
 const CIRCLES_HZ: f64 = 1.0;
 
-/// Soft hold after contact, or a search.
+/// The soft hold after contact, or a search.
 #[derive(Clone, Copy, Debug)]
-pub struct Coupling {
-    /// Searches made, this one included.
+pub(crate) struct Coupling {
+    /// Searches so far, this one included.
     searches: u32,
 }
 
 impl Coupling {
-    /// Re-latches the setpoint to the measured pose and goes soft.
-    pub fn new<const N: usize>(env: &Env<'_, N>, task: &mut Task<N>) -> Self {
-        task.relatch(env.snapshot, env.snapshot.tcp.rotation);
-        task.soften(env, env.procedure.couple.stiffness_n_m);
+    /// Sets the setpoint to the measured pose and reduces the stiffness.
+    pub(crate) fn new<const N: usize>(env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Self {
+        cartesian.relatch(env.snapshot, env.snapshot.tcp.rotation);
+        cartesian.soften(env, env.procedure.couple.stiffness_n_m);
         Self { searches: 0 }
     }
 
-    /// The force of a search at the present time: a push along the approach
+    /// Force of a search at the present time, F0, in N: a push along the approach
     /// that rises, stays and falls, and a growing circle across it.
-    fn search<const N: usize>(env: &Env<'_, N>, task: &Task<N>) -> Vector3<f64> {
+    fn search<const N: usize>(env: &Env<'_, N>, cartesian: &CartesianState<N>) -> Vector3<f64> {
         let couple = &env.procedure.couple;
         let share = (env.elapsed_s / couple.search_s).min(1.0);
         let envelope = (4.0 * share).min(1.0).min(4.0 * (1.0 - share));
-        let along = &task.direction;
+        let along = &cartesian.direction;
         let reference = if along.z.abs() > 0.9 {
             Vector3::x()
         } else {
@@ -53,30 +54,30 @@ impl Coupling {
     }
 
     /// One tick.
-    pub fn step<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+    pub(crate) fn step<const N: usize>(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         let couple = &env.procedure.couple;
         let (most, time_s) = if self.searches == 0 {
             (WANDER_M, couple.hold_s)
         } else {
             (SEARCH_M, couple.search_s)
         };
-        let wander = (env.snapshot.tcp.origin - task.contact).norm();
+        let wander = (env.snapshot.tcp.position - cartesian.contact).norm();
         if wander > most {
             return Next::fail(Fault::NotSeated, wander, most);
         }
         if env.elapsed_s < time_s {
             if self.searches > 0 {
-                task.setpoint.position = env.snapshot.tcp.origin;
-                task.setpoint.feed_forward = task.compensation(Self::search(env, task));
+                cartesian.setpoint.position = env.snapshot.tcp.position;
+                cartesian.setpoint.feed_forward = cartesian.compensation(Self::search(env, cartesian));
             }
             return Next::Stay;
         }
-        task.setpoint.feed_forward = task.compensation(Vector3::zeros());
-        task.setpoint.position = env.snapshot.tcp.origin;
-        task.watch = SeatingWatch::new(env.snapshot.tcp.origin);
+        cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());
+        cartesian.setpoint.position = env.snapshot.tcp.position;
+        cartesian.watch = SeatingWatch::new(env.snapshot.tcp.position);
         Next::Enter(
             Activity::Verifying(Verifying {
-                pull: Pull::new(env.snapshot.tcp.origin),
+                pull: Pull::new(env.snapshot.tcp.position),
                 searches: self.searches,
             }),
             None,
@@ -84,50 +85,23 @@ impl Coupling {
     }
 }
 
-/// A pull that rises to its full size and falls again, and how far the TCP
-/// gives way to it.
+/// The test pull against the approach.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pull {
-    start: Vector3<f64>,
-    moved: f64,
-}
-
-impl Pull {
-    /// Begins at a computed TCP (F0, in m).
-    pub(super) fn new(start: Vector3<f64>) -> Self {
-        Self { start, moved: 0.0 }
-    }
-
-    /// Takes one tick's computed TCP; the farthest so far from the first, in m.
-    pub(super) fn push(&mut self, tcp: &Vector3<f64>) -> f64 {
-        self.moved = self.moved.max((tcp - self.start).norm());
-        self.moved
-    }
-
-    /// Size after `elapsed_s` of a pull of `most_n` that lasts `time_s`, in N.
-    pub(super) fn size(elapsed_s: f64, time_s: f64, most_n: f64) -> f64 {
-        let share = libm::sin(core::f64::consts::PI * elapsed_s / time_s);
-        most_n * share * share
-    }
-}
-
-/// Test pull against the approach.
-#[derive(Clone, Copy, Debug)]
-pub struct Verifying {
+pub(crate) struct Verifying {
     pull: Pull,
     searches: u32,
 }
 
 impl Verifying {
     /// One tick.
-    pub fn step<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+    pub(crate) fn step<const N: usize>(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         let seating = &env.procedure.seating;
-        let tcp = env.snapshot.tcp.origin;
+        let tcp = env.snapshot.tcp.position;
         let moved = self.pull.push(&tcp);
         if moved > seating.test_m {
-            task.setpoint.feed_forward = task.compensation(Vector3::zeros());
+            cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());
             if self.searches < env.procedure.couple.searches {
-                task.setpoint.position = tcp;
+                cartesian.setpoint.position = tcp;
                 let search = Coupling {
                     searches: self.searches + 1,
                 };
@@ -136,18 +110,18 @@ impl Verifying {
             return Next::fail(Fault::NotSeated, moved, seating.test_m);
         }
         if env.elapsed_s < seating.test_s {
-            let pull = task.direction * -Pull::size(env.elapsed_s, seating.test_s, seating.test_n);
-            task.setpoint.feed_forward = task.compensation(pull);
+            let pull = cartesian.direction * -Pull::size(env.elapsed_s, seating.test_s, seating.test_n);
+            cartesian.setpoint.feed_forward = cartesian.compensation(pull);
             return Next::Stay;
         }
-        task.setpoint.feed_forward = task.compensation(Vector3::zeros());
-        task.setpoint.position = tcp;
-        task.watch = SeatingWatch::new(tcp);
+        cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());
+        cartesian.setpoint.position = tcp;
+        cartesian.watch = SeatingWatch::new(tcp);
         let coupled = Coupled {
-            sphere: task.sphere,
+            sphere: cartesian.sphere,
             time_us: env.time_us,
             centre_m: tcp.into(),
-            shift_m: (tcp - task.contact).norm(),
+            shift_m: (tcp - cartesian.contact).norm(),
             test_m: moved,
         };
         Next::Enter(Activity::Coupled, Some(Event::Coupled(coupled)))

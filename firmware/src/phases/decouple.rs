@@ -1,50 +1,55 @@
-//! Leaving the sphere: stiff, the setpoint backs off along the approach until
-//! the magnet lets go and the TCP has followed.
+//! Leaving the sphere. At high stiffness the setpoint moves back along the
+//! approach until the magnet lets go and the TCP has followed.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::Fault;
 
-use super::{Activity, Env, Next, Task};
+use super::{Activity, CartesianState, Env, Next, REST_SPEED_RAD_S};
 use crate::motion::LineMove;
 
-/// Acceleration of the retreating setpoint, in m/s².
+/// Acceleration of the setpoint, in m/s².
 const ACCELERATION: f64 = 0.25;
 
-/// Backing off.
+/// Moves back along the approach.
 #[derive(Clone, Copy, Debug)]
-pub struct Decoupling {
+pub(crate) struct Decoupling {
     start: Vector3<f64>,
     line: LineMove,
     over_s: f64,
 }
 
 impl Decoupling {
-    /// Re-latches the setpoint to the measured pose, stiffens and backs off.
-    pub fn new<const N: usize>(env: &Env<'_, N>, task: &mut Task<N>) -> Self {
+    /// Sets the setpoint to the measured pose, raises the stiffness and starts.
+    pub(crate) fn new<const N: usize>(env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Self {
         let decouple = &env.procedure.decouple;
         let tcp = &env.snapshot.tcp;
-        task.relatch(env.snapshot, task.setpoint.rotation);
-        task.soften(env, decouple.stiffness_n_m);
-        let line = LineMove::new(-task.direction, decouple.speed_m_s, ACCELERATION, decouple.retreat_m);
+        cartesian.relatch(env.snapshot, cartesian.setpoint.rotation);
+        cartesian.soften(env, decouple.stiffness_n_m);
+        let line = LineMove::new(
+            -cartesian.direction,
+            decouple.speed_m_s,
+            ACCELERATION,
+            decouple.retreat_m,
+        );
         Self {
-            start: tcp.origin,
+            start: tcp.position,
             line,
             over_s: 0.0,
         }
     }
 
     /// One tick.
-    pub fn step<const N: usize>(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+    pub(crate) fn step<const N: usize>(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         let decouple = &env.procedure.decouple;
         let (displacement, velocity) = self.line.step(env.period_s);
-        task.setpoint.position = self.start + displacement;
-        task.setpoint.velocity.fixed_rows_mut::<3>(0).copy_from(&velocity);
-        let followed = -(env.snapshot.tcp.origin - self.start).dot(&task.direction);
+        cartesian.setpoint.position = self.start + displacement;
+        cartesian.setpoint.velocity.fixed_rows_mut::<3>(0).copy_from(&velocity);
+        let followed = -(env.snapshot.tcp.position - self.start).dot(&cartesian.direction);
         if !self.line.finished() {
             return Next::Stay;
         }
         self.over_s += env.period_s;
-        if followed >= decouple.free_m && env.joint_speed <= env.procedure.motion.tolerance_rad {
+        if followed >= decouple.free_m && env.joint_speed <= REST_SPEED_RAD_S {
             return Next::Enter(Activity::Idle, None);
         }
         if self.over_s > decouple.settle_s {

@@ -2,27 +2,29 @@
 
 use spherecal_shared::protocol::host::Fault;
 
-use super::pace::{Pace, joint_load, tcp_load};
-use super::{Activity, Env, Next};
+use super::speed_scaling::{SpeedScaling, joint_load, tcp_load};
+use super::{Activity, Env, Next, REST_SPEED_RAD_S};
 use crate::law::JointSetpoint;
 use crate::motion::JointMove;
 
 /// A motion of all joints.
 #[derive(Clone, Debug)]
-pub struct Moving<const N: usize> {
+pub(crate) struct Moving<const N: usize> {
     path: JointMove<N>,
-    /// Time along the path, in s: slower than the clock where a soft limit bites.
+    /// Time along the path, in s. It runs slower than the clock while a soft
+    /// limit is exceeded.
     along_s: f64,
     elapsed_s: f64,
-    pace: Pace,
-    /// For how long the motion has been over, or all but stopped, in s.
+    scaling: SpeedScaling,
+    /// Time since the planned end, or for which the motion has been at its
+    /// slowest, in s.
     over_s: f64,
 }
 
 impl<const N: usize> Moving<N> {
-    /// From the held joint angles to `target` (rad), under the procedure's
-    /// speed and the joints' own (rad/s).
-    pub fn new(start: [f64; N], target: [f64; N], env: &Env<'_, N>) -> Self {
+    /// A motion from the held joint angles to `target` (rad), within the speed of
+    /// the procedure and of the joints (rad/s).
+    pub(crate) fn new(start: [f64; N], target: [f64; N], env: &Env<'_, N>) -> Self {
         let motion = &env.procedure.motion;
         Self {
             path: JointMove::new(
@@ -34,19 +36,19 @@ impl<const N: usize> Moving<N> {
             ),
             along_s: 0.0,
             elapsed_s: 0.0,
-            pace: Pace::default(),
+            scaling: SpeedScaling::default(),
             over_s: 0.0,
         }
     }
 
     /// One tick.
-    pub fn step(&mut self, env: &Env<'_, N>, hold: &mut JointSetpoint<N>) -> Next<N> {
-        let pace = self.pace.step(tcp_load(env).max(joint_load(env)), env.period_s);
-        self.along_s += pace * (env.elapsed_s - self.elapsed_s);
+    pub(crate) fn step(&mut self, env: &Env<'_, N>, hold: &mut JointSetpoint<N>) -> Next<N> {
+        let scaling = self.scaling.step(tcp_load(env).max(joint_load(env)), env.period_s);
+        self.along_s += scaling * (env.elapsed_s - self.elapsed_s);
         self.elapsed_s = env.elapsed_s;
         *hold = self.path.at(self.along_s);
         for speed in &mut hold.dq {
-            *speed *= pace;
+            *speed *= scaling;
         }
         let motion = &env.procedure.motion;
         let mut worst = 0.0f64;
@@ -58,8 +60,8 @@ impl<const N: usize> Moving<N> {
             return Next::fail(Fault::PathDeviation, worst, limits.path_rad);
         }
         if self.along_s < self.path.duration_s() {
-            // Something holds the arm: it does not get on.
-            self.over_s = if self.pace.stopped() {
+            // At the slowest speed for long: something holds the arm.
+            self.over_s = if self.scaling.is_slowest() {
                 self.over_s + env.period_s
             } else {
                 0.0
@@ -70,7 +72,7 @@ impl<const N: usize> Moving<N> {
             return Next::Stay;
         }
         self.over_s += env.period_s;
-        if worst <= motion.tolerance_rad && env.joint_speed <= motion.tolerance_rad {
+        if worst <= motion.tolerance_rad && env.joint_speed <= REST_SPEED_RAD_S {
             *hold = JointSetpoint {
                 q: *self.path.target(),
                 dq: [0.0; N],

@@ -1,4 +1,4 @@
-//! The phase machine of Algorithm 2.
+//! The phases of Algorithm 2 as a state machine.
 //!
 //! ```text
 //!            Move                 Approach
@@ -10,73 +10,77 @@
 //!                                              Turning ─▶ Recording
 //! ```
 //!
-//! Each phase is a value of [`Activity`] with a `step` that is called once a
-//! tick: it moves the setpoint and says what comes next. Phases know targets
-//! and time; they compute no torque and touch no hardware, so they can be
-//! stepped by hand.
+//! Each phase is a value of [`Activity`]. Its `step` is called once per tick: it
+//! moves the setpoint and returns what comes next. Phases know targets and time.
+//! They compute no torque and use no hardware, so a test can step them.
 
 mod approach;
+mod cartesian;
 mod couple;
 mod decouple;
 mod free;
-mod pace;
+mod pull;
 mod record;
+mod speed_scaling;
 mod turn;
 
-use nalgebra::{Matrix3, Vector3, Vector6};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Event, Fault, Phase};
 use spherecal_shared::robot::JointLimits;
-use spherecal_shared::robot::elbow::elbow;
 
-pub use approach::{Approaching, Taring};
-pub use couple::{Coupling, Verifying};
-pub use decouple::Decoupling;
-pub use free::Moving;
-pub use pace::Pace;
-pub use record::Recording;
-pub use turn::{Pose, Turning};
+pub(crate) use approach::{Approaching, Taring};
+pub(crate) use cartesian::CartesianState;
+pub(crate) use couple::{Coupling, Verifying};
+pub(crate) use decouple::Decoupling;
+pub(crate) use free::Moving;
+pub(crate) use record::RecordingPose;
+pub(crate) use turn::{PoseTarget, Turning};
 
-use crate::contact::SeatingWatch;
-use crate::guard::Violation;
-use crate::law::{CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Snapshot, Stiffness, Wrench};
+use crate::law::{JointSetpoint, Snapshot, Wrench};
+use crate::safety::Violation;
+
+/// Time for which the arm must be still to count as settled, in s.
+const STILL_S: f64 = 0.020;
+/// Speed of the fastest joint (low-pass filtered) below which a motion in free
+/// space is finished, in rad/s.
+const REST_SPEED_RAD_S: f64 = 0.02;
 
 /// What a phase sees at one tick.
 #[derive(Debug)]
-pub struct Env<'a, const N: usize> {
+pub(crate) struct Env<'a, const N: usize> {
     /// The arm.
-    pub snapshot: &'a Snapshot<N>,
+    pub(crate) snapshot: &'a Snapshot<N>,
     /// Estimated wrench of the environment at the TCP, not tared, F0.
-    pub wrench: Wrench,
+    pub(crate) wrench: Wrench,
     /// Measured torques, in N m.
-    pub tau: &'a [f64; N],
-    /// Fastest joint, low-pass filtered, in rad/s.
-    pub joint_speed: f64,
-    /// Size of the force at the TCP that the force limit watches, in N.
-    pub force_n: f64,
+    pub(crate) tau: &'a [f64; N],
+    /// Speed of the fastest joint, low-pass filtered, in rad/s.
+    pub(crate) joint_speed: f64,
+    /// Magnitude of the force at the TCP that the force limit watches, in N.
+    pub(crate) force_n: f64,
     /// The procedure.
-    pub procedure: &'a Procedure,
-    /// Speed limits of the joints, in rad/s.
-    pub speeds: &'a [f64; N],
+    pub(crate) procedure: &'a Procedure,
+    /// Speed that motions may use, per joint, in rad/s.
+    pub(crate) speeds: &'a [f64; N],
     /// Limits of the joints.
-    pub joints: &'a [JointLimits; N],
+    pub(crate) joints: &'a [JointLimits; N],
     /// Control period, in s.
-    pub period_s: f64,
+    pub(crate) period_s: f64,
     /// Time since the phase was entered, in s.
-    pub elapsed_s: f64,
+    pub(crate) elapsed_s: f64,
     /// Device time, in µs.
-    pub time_us: u64,
+    pub(crate) time_us: u64,
     /// Tick of the drive state.
-    pub tick: u64,
+    pub(crate) tick: u64,
 }
 
-/// What comes after a tick.
+/// Result of a phase's tick.
 #[derive(Debug)]
-#[allow(clippy::large_enum_variant)] // Made at a phase change only, and there is no heap.
-pub enum Next<const N: usize> {
+#[allow(clippy::large_enum_variant)] // Only made at a change of phase, and there is no heap.
+pub(crate) enum Next<const N: usize> {
     /// The same phase.
     Stay,
-    /// Another phase, and what to tell the host.
+    /// Another phase, and an event for the host.
     Enter(Activity<N>, Option<Event>),
     /// A fault.
     Fail(Violation),
@@ -89,40 +93,40 @@ impl<const N: usize> Next<N> {
     }
 }
 
-/// What the controller is doing.
+/// The present phase with its state.
 #[derive(Clone, Debug, Default)]
 #[allow(clippy::large_enum_variant)] // Stored in place: there is no heap.
-pub enum Activity<const N: usize> {
-    /// Damped hold.
+pub(crate) enum Activity<const N: usize> {
+    /// Holds, damped.
     #[default]
     Idle,
-    /// Free-space motion.
+    /// Moves in free space.
     Moving(Moving<N>),
-    /// Averaging the wrench at rest.
+    /// Averages the wrench at rest.
     Taring(Taring),
-    /// Descending.
+    /// Descends to the sphere.
     Approaching(Approaching),
-    /// Soft hold after contact.
+    /// Holds softly after contact.
     Coupling(Coupling),
-    /// Test pull.
+    /// Makes the test pull.
     Verifying(Verifying),
-    /// Seated, waiting.
+    /// Seated; waits for a pose.
     Coupled,
-    /// Turning.
+    /// Turns to a pose.
     Turning(Turning<N>),
-    /// Recording.
-    Recording(Recording<N>),
-    /// Leaving.
+    /// Records a pose.
+    Recording(RecordingPose<N>),
+    /// Leaves the sphere.
     Decoupling(Decoupling),
-    /// Hand-guiding.
+    /// Follows a hand.
     HandGuiding,
-    /// Damped hold after a fault.
+    /// Holds, damped, after a fault.
     Fault,
 }
 
 impl<const N: usize> Activity<N> {
-    /// The phase that the host is told.
-    pub fn phase(&self) -> Phase {
+    /// The phase as reported to the host.
+    pub(crate) fn phase(&self) -> Phase {
         match self {
             Self::Idle => Phase::Idle,
             Self::Moving(_) => Phase::Moving,
@@ -139,9 +143,9 @@ impl<const N: usize> Activity<N> {
         }
     }
 
-    /// Whether the Cartesian spring is the law of this phase; the others hold
-    /// or move joints.
-    pub fn is_cartesian(&self) -> bool {
+    /// Whether the Cartesian spring is the law of this phase. The other phases hold
+    /// or move the joints.
+    pub(crate) fn is_cartesian(&self) -> bool {
         matches!(
             self,
             Self::Approaching(_)
@@ -154,119 +158,28 @@ impl<const N: usize> Activity<N> {
         )
     }
 
-    /// Whether the nest is known to be on the sphere, so that the seating watch
-    /// applies.
-    pub fn is_seated(&self) -> bool {
+    /// Whether the nest is on the sphere, so that the seating watch applies.
+    pub(crate) fn is_seated(&self) -> bool {
         matches!(self, Self::Coupled | Self::Turning(_) | Self::Recording(_))
     }
 
     /// One tick.
-    pub fn step(&mut self, env: &Env<'_, N>, hold: &mut JointSetpoint<N>, task: &mut Task<N>) -> Next<N> {
+    pub(crate) fn step(
+        &mut self,
+        env: &Env<'_, N>,
+        hold: &mut JointSetpoint<N>,
+        cartesian: &mut CartesianState<N>,
+    ) -> Next<N> {
         match self {
             Self::Idle | Self::Coupled | Self::HandGuiding | Self::Fault => Next::Stay,
             Self::Moving(phase) => phase.step(env, hold),
-            Self::Taring(phase) => phase.step(env, task),
-            Self::Approaching(phase) => phase.step(env, task),
-            Self::Coupling(phase) => phase.step(env, task),
-            Self::Verifying(phase) => phase.step(env, task),
-            Self::Turning(phase) => phase.step(env, task),
-            Self::Recording(phase) => phase.step(env, task),
-            Self::Decoupling(phase) => phase.step(env, task),
+            Self::Taring(phase) => phase.step(env, cartesian),
+            Self::Approaching(phase) => phase.step(env, cartesian),
+            Self::Coupling(phase) => phase.step(env, cartesian),
+            Self::Verifying(phase) => phase.step(env, cartesian),
+            Self::Turning(phase) => phase.step(env, cartesian),
+            Self::Recording(phase) => phase.step(env, cartesian),
+            Self::Decoupling(phase) => phase.step(env, cartesian),
         }
-    }
-}
-
-/// What the Cartesian phases hand on to each other.
-#[derive(Clone, Debug)]
-pub struct Task<const N: usize> {
-    /// Id of the sphere.
-    pub sphere: u32,
-    /// Direction of the approach in F0, a unit vector.
-    pub direction: Vector3<f64>,
-    /// Wrench tared away, F0: model error, which the law also compensates.
-    pub tare: Wrench,
-    /// Computed TCP at contact, in m.
-    pub contact: Vector3<f64>,
-    /// The watch over the seated nest.
-    pub watch: SeatingWatch,
-    /// The spring.
-    pub impedance: Impedance,
-    /// Where it pulls to.
-    pub setpoint: CartesianSetpoint,
-    /// Where the null space is drawn to.
-    pub null_space: NullSpace<N>,
-}
-
-impl<const N: usize> Default for Task<N> {
-    fn default() -> Self {
-        Self {
-            sphere: 0,
-            direction: Vector3::zeros(),
-            tare: Wrench::default(),
-            contact: Vector3::zeros(),
-            watch: SeatingWatch::new(Vector3::zeros()),
-            impedance: Impedance::new(Stiffness::isotropic(0.0, 0.0)),
-            setpoint: CartesianSetpoint::at(Vector3::zeros(), Matrix3::identity()),
-            null_space: NullSpace::Free,
-        }
-    }
-}
-
-impl<const N: usize> Task<N> {
-    /// Takes over from the joint law, bumpless: the spring pulls to where the
-    /// arm is, the null space to where the elbow is, and the tared wrench, which
-    /// a soft spring would give way to by centimetres, is compensated.
-    pub fn engage(&mut self, snapshot: &Snapshot<N>, stiffness: Stiffness) {
-        self.setpoint = CartesianSetpoint::at(snapshot.tcp.origin, snapshot.tcp.rotation);
-        self.setpoint.feed_forward = self.compensation(Vector3::zeros());
-        self.impedance = Impedance::new(stiffness);
-        self.null_space = match elbow(&snapshot.frames) {
-            Some(now) => NullSpace::Elbow {
-                angle: now.angle,
-                rate: 0.0,
-            },
-            None if N > 6 => NullSpace::Posture(snapshot.q),
-            None => NullSpace::Free,
-        };
-    }
-
-    /// Re-latches the spring to where the arm is.
-    pub fn relatch(&mut self, snapshot: &Snapshot<N>, rotation: Matrix3<f64>) {
-        self.setpoint = CartesianSetpoint::at(snapshot.tcp.origin, rotation);
-        self.setpoint.feed_forward = self.compensation(Vector3::zeros());
-    }
-
-    /// Force added to the spring's: against the tared wrench, and `pull` (F0, in N).
-    pub fn compensation(&self, pull: Vector3<f64>) -> Vector6<f64> {
-        let (f, t) = (pull - self.tare.force, -self.tare.torque);
-        Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z)
-    }
-
-    /// The same stiffness along all axes, reached over the procedure's ramp.
-    pub fn soften(&mut self, env: &Env<'_, N>, stiffness_n_m: f64) {
-        let law = &env.procedure.law;
-        let to = Stiffness::isotropic(stiffness_n_m, law.rotation_nm_rad);
-        self.impedance.ramp_to(to, law.stiffness_ramp_s, env.period_s);
-    }
-
-    /// Force of the environment against the approach, tared, in N: positive
-    /// when the arm pushes on the sphere.
-    pub fn contact_force(&self, env: &Env<'_, N>) -> f64 {
-        -self.direction.dot(&(env.wrench.force - self.tare.force))
-    }
-
-    /// Whether the orientation error is surely less than `angle` (rad, at most
-    /// half a turn), told without the arc tangent that the error itself takes.
-    pub fn surely_within(&self, snapshot: &Snapshot<N>, angle: f64) -> bool {
-        let trace = self.setpoint.rotation.dot(&snapshot.tcp.rotation);
-        // 3 - trace is 2 (1 - cos error), which grows with the error, and
-        // 2 (1 - cos x) is nowhere less than x² - x⁴/12.
-        let square = angle * angle;
-        3.0 - trace < square - square * square / 12.0
-    }
-
-    /// Orientation error of the arm, in rad.
-    pub fn orientation_error(&self, snapshot: &Snapshot<N>) -> f64 {
-        crate::law::rotation_error(&self.setpoint.rotation, &snapshot.tcp.rotation).norm()
     }
 }

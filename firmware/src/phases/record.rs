@@ -1,37 +1,37 @@
-//! Recording at a pose: 5 N/m, then 1,000 consecutive ticks of a seated and
-//! still arm, then a short pull along the axis of the nest.
+//! Recording at a pose: at 5 N/m, 1,000 consecutive ticks of a seated and still
+//! arm, then a short pull along the axis of the nest.
 //!
-//! Friction can hold a nest still whose magnet has let go, and nothing in a
-//! thousand still samples tells it from a seated one. So what was averaged is
-//! told to the host when the nest has borne the pull, and not before.
+//! Friction can hold a nest still although its magnet has let go, and the samples
+//! do not show it. Therefore the recording is sent only after the nest has stayed
+//! seated under the pull.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Event, Fault};
 
-use super::couple::Pull;
-use super::turn::STILL_S;
-use super::{Activity, Env, Next, Task};
+use super::pull::Pull;
+use super::{Activity, CartesianState, Env, Next, STILL_S};
 use crate::recorder::{Recorder, RecorderSample};
 
-/// How much faster than still the arm may get before a recording is begun anew.
+/// The recording starts anew when a joint is faster than this multiple of the
+/// speed of a still arm.
 const RESTART_FACTOR: f64 = 3.0;
 
-/// Recording a pose.
+/// Records a pose.
 #[derive(Clone, Debug)]
-pub struct Recording<const N: usize> {
+pub(crate) struct RecordingPose<const N: usize> {
     pose: u32,
     recorder: Recorder<N>,
     still_s: f64,
     started_s: f64,
-    /// The pull, once all samples are taken, and when it began, in s.
+    /// The pull and its start time (s), after all samples are taken.
     pull: Option<(Pull, f64)>,
 }
 
-impl<const N: usize> Recording<N> {
-    /// Goes soft for the recording of a pose.
-    pub fn new(pose: u32, env: &Env<'_, N>, task: &mut Task<N>) -> Self {
-        task.soften(env, env.procedure.record.stiffness_n_m);
-        task.setpoint.velocity.fill(0.0);
+impl<const N: usize> RecordingPose<N> {
+    /// Reduces the stiffness for the recording.
+    pub(crate) fn new(pose: u32, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Self {
+        cartesian.soften(env, env.procedure.record.stiffness_n_m);
+        cartesian.setpoint.velocity.fill(0.0);
         Self {
             pose,
             recorder: Recorder::default(),
@@ -41,33 +41,34 @@ impl<const N: usize> Recording<N> {
         }
     }
 
-    /// Samples taken so far.
-    pub fn count(&self) -> u32 {
+    /// Number of samples so far.
+    #[cfg(test)]
+    pub(crate) fn count(&self) -> u32 {
         self.recorder.count()
     }
 
     /// One tick.
-    pub fn step(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+    pub(crate) fn step(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         if let Some((pull, began_s)) = &mut self.pull {
             let seating = &env.procedure.seating;
-            let moved = pull.push(&env.snapshot.tcp.origin);
+            let moved = pull.push(&env.snapshot.tcp.position);
             if moved > seating.check_m {
                 return Next::fail(Fault::ContactLost, moved, seating.check_m);
             }
             let elapsed_s = env.elapsed_s - *began_s;
             if elapsed_s < seating.check_s {
-                // Along the axis of the nest, where nothing but the magnet holds it.
+                // Along the axis of the nest only the magnet holds it.
                 let axis = env.snapshot.tcp.z();
                 let force = axis * -Pull::size(elapsed_s, seating.check_s, seating.check_n);
-                task.setpoint.feed_forward = task.compensation(force);
+                cartesian.setpoint.feed_forward = cartesian.compensation(force);
                 return Next::Stay;
             }
-            task.setpoint.feed_forward = task.compensation(Vector3::zeros());
-            return self.finish(task);
+            cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());
+            return self.finish(cartesian);
         }
         let turn = &env.procedure.turn;
         if self.recorder.count() == 0 {
-            let still = task.impedance.settled() && env.joint_speed <= turn.still_rad_s;
+            let still = cartesian.impedance.settled() && env.joint_speed <= turn.still_rad_s;
             self.still_s = if still { self.still_s + env.period_s } else { 0.0 };
             if self.still_s < STILL_S {
                 if env.elapsed_s - self.started_s > turn.settle_s {
@@ -84,27 +85,27 @@ impl<const N: usize> Recording<N> {
             }
             return Next::Stay;
         }
-        let force = env.wrench.force - task.tare.force;
+        let force = env.wrench.force - cartesian.tare.force;
         self.recorder.push(&RecorderSample {
             tick: env.tick,
             time_us: env.time_us,
             q: &env.snapshot.q,
             tau: env.tau,
-            tcp: &env.snapshot.tcp.origin,
+            tcp: &env.snapshot.tcp.position,
             force: &force,
         });
         if self.recorder.count() < env.procedure.record.samples {
             return Next::Stay;
         }
         if env.procedure.seating.check_s > 0.0 {
-            self.pull = Some((Pull::new(env.snapshot.tcp.origin), env.elapsed_s));
+            self.pull = Some((Pull::new(env.snapshot.tcp.position), env.elapsed_s));
             return Next::Stay;
         }
-        self.finish(task)
+        self.finish(cartesian)
     }
 
-    fn finish(&self, task: &Task<N>) -> Next<N> {
-        let recording = self.recorder.finish(task.sphere, self.pose);
+    fn finish(&self, cartesian: &CartesianState<N>) -> Next<N> {
+        let recording = self.recorder.finish(cartesian.sphere, self.pose);
         Next::Enter(Activity::Coupled, Some(Event::Recording(recording)))
     }
 }

@@ -1,16 +1,16 @@
-//! Turning about the sphere to the next pose, at 20 N/m: the TCP stays where
-//! it seated, the tool and the elbow turn.
+//! Turning about the sphere to the next pose, at 20 N/m. The TCP stays where the
+//! nest seated; the tool and the elbow turn.
 
 use nalgebra::Matrix3;
 use spherecal_shared::protocol::host::{Event, Fault};
 
-use super::pace::{Pace, joint_load};
-use super::record::Recording;
-use super::{Activity, Env, Next, Task};
+use super::record::RecordingPose;
+use super::speed_scaling::{SpeedScaling, joint_load};
+use super::{Activity, CartesianState, Env, Next, STILL_S};
 use crate::law::NullSpace;
 use crate::motion::TurnMove;
 
-/// Where the null space goes with a turn.
+/// Motion of the null space during a turn.
 #[derive(Clone, Copy, Debug)]
 enum NullMove<const N: usize> {
     Elbow,
@@ -20,42 +20,43 @@ enum NullMove<const N: usize> {
 
 /// A checked pose command.
 #[derive(Clone, Copy, Debug)]
-pub struct Pose<const N: usize> {
+pub(crate) struct PoseTarget<const N: usize> {
     /// Id of the pose.
-    pub id: u32,
+    pub(crate) id: u32,
     /// Orientation of FT in F0.
-    pub rotation: Matrix3<f64>,
-    /// Elbow angle, in rad, where the arm has one.
-    pub elbow: Option<f64>,
+    pub(crate) rotation: Matrix3<f64>,
+    /// Elbow angle, in rad, if the arm has one.
+    pub(crate) elbow: Option<f64>,
     /// Posture, in rad, for a redundant arm without an elbow angle.
-    pub posture: Option<[f64; N]>,
+    pub(crate) posture: Option<[f64; N]>,
     /// Whether to record there.
-    pub record: bool,
+    pub(crate) record: bool,
 }
 
-/// Turning to a pose.
+/// Turns to a pose.
 #[derive(Clone, Debug)]
-pub struct Turning<const N: usize> {
-    pose: Pose<N>,
+pub(crate) struct Turning<const N: usize> {
+    pose: PoseTarget<N>,
     path: TurnMove,
     null: NullMove<N>,
-    /// Time along the path, in s: slower than the clock where a joint is fast.
+    /// Time along the path, in s. It runs slower than the clock while a joint is
+    /// fast.
     along_s: f64,
-    pace: Pace,
+    scaling: SpeedScaling,
     over_s: f64,
     still_s: f64,
 }
 
 impl<const N: usize> Turning<N> {
-    /// From the present setpoint to the pose.
-    pub fn new(pose: Pose<N>, env: &Env<'_, N>, task: &mut Task<N>) -> Self {
+    /// A turn from the present setpoint to the pose.
+    pub(crate) fn new(pose: PoseTarget<N>, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Self {
         let turn = &env.procedure.turn;
-        task.soften(env, turn.stiffness_n_m);
-        task.setpoint.position = *task.watch.centre();
-        let (null, elbow) = match (pose.elbow, pose.posture, task.null_space) {
+        cartesian.soften(env, turn.stiffness_n_m);
+        cartesian.setpoint.position = *cartesian.watch.centre();
+        let (null, elbow) = match (pose.elbow, pose.posture, cartesian.null_space) {
             (Some(target), _, NullSpace::Elbow { angle, .. }) => (NullMove::Elbow, (angle, target)),
             (_, Some(target), _) => {
-                let start = match task.null_space {
+                let start = match cartesian.null_space {
                     NullSpace::Posture(q) => q,
                     _ => env.snapshot.q,
                 };
@@ -64,7 +65,7 @@ impl<const N: usize> Turning<N> {
             _ => (NullMove::Stay, (0.0, 0.0)),
         };
         let path = TurnMove::new(
-            task.setpoint.rotation,
+            cartesian.setpoint.rotation,
             pose.rotation,
             elbow,
             turn.speed_rad_s,
@@ -75,37 +76,38 @@ impl<const N: usize> Turning<N> {
             path,
             null,
             along_s: 0.0,
-            pace: Pace::default(),
+            scaling: SpeedScaling::default(),
             over_s: 0.0,
             still_s: 0.0,
         }
     }
 
-    /// Moves along the path by one tick, the slower the faster a joint is:
-    /// near a singularity a slow turn of the tool is a fast one of a joint.
+    /// Advances along the path by one tick, more slowly the faster a joint is. Near
+    /// a singularity a joint moves fast although the tool turns slowly.
     fn advance(&mut self, env: &Env<'_, N>) {
         let mut share = 0.0f64;
         for (dq, limit) in env.snapshot.dq.iter().zip(env.speeds) {
             share = share.max(dq.abs() / limit);
         }
-        let load = (share / BRISK).max(joint_load(env));
-        self.along_s += self.pace.step(load, env.period_s) * env.period_s;
+        let load = (share / SLOW_DOWN_SHARE).max(joint_load(env));
+        self.along_s += self.scaling.step(load, env.period_s) * env.period_s;
     }
 
     /// One tick.
-    pub fn step(&mut self, env: &Env<'_, N>, task: &mut Task<N>) -> Next<N> {
+    pub(crate) fn step(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         self.advance(env);
         let at = self.path.at(self.along_s);
-        task.setpoint.rotation = at.rotation;
-        task.setpoint
+        cartesian.setpoint.rotation = at.rotation;
+        cartesian
+            .setpoint
             .velocity
             .fixed_rows_mut::<3>(3)
-            .copy_from(&(at.angular * self.pace.now()));
+            .copy_from(&(at.angular * self.scaling.rate()));
         match &self.null {
             NullMove::Elbow => {
-                task.null_space = NullSpace::Elbow {
+                cartesian.null_space = NullSpace::Elbow {
                     angle: at.elbow,
-                    rate: at.elbow_rate * self.pace.now(),
+                    rate: at.elbow_rate * self.scaling.rate(),
                 }
             }
             NullMove::Posture(start, target) => {
@@ -118,16 +120,16 @@ impl<const N: usize> Turning<N> {
                 for i in 0..N {
                     posture[i] = start[i] + (target[i] - start[i]) * share;
                 }
-                task.null_space = NullSpace::Posture(posture);
+                cartesian.null_space = NullSpace::Posture(posture);
             }
             NullMove::Stay => {}
         }
         let most = env.procedure.limits.turn_rad;
         let turns = self.along_s < self.path.duration_s();
-        if turns && task.surely_within(env.snapshot, most) {
+        if turns && cartesian.surely_within(env.snapshot, most) {
             return Next::Stay;
         }
-        let error = task.orientation_error(env.snapshot);
+        let error = cartesian.orientation_error(env.snapshot);
         if error > most {
             return Next::fail(Fault::PathDeviation, error, most);
         }
@@ -136,7 +138,7 @@ impl<const N: usize> Turning<N> {
         }
         self.over_s += env.period_s;
         let turn = &env.procedure.turn;
-        let elbow_error = task.null_space.elbow_error(env.snapshot).abs();
+        let elbow_error = cartesian.null_space.elbow_error(env.snapshot).abs();
         let there = error <= turn.tolerance_rad && elbow_error <= turn.elbow_tolerance_rad;
         if there && !self.pose.record {
             return Next::Enter(Activity::Coupled, Some(Event::Passed { pose: self.pose.id }));
@@ -147,7 +149,10 @@ impl<const N: usize> Turning<N> {
             0.0
         };
         if self.still_s >= STILL_S {
-            return Next::Enter(Activity::Recording(Recording::new(self.pose.id, env, task)), None);
+            return Next::Enter(
+                Activity::Recording(RecordingPose::new(self.pose.id, env, cartesian)),
+                None,
+            );
         }
         if self.over_s > turn.settle_s {
             let (value, limit) = if error > turn.tolerance_rad {
@@ -163,8 +168,5 @@ impl<const N: usize> Turning<N> {
     }
 }
 
-/// Share of the speed limits beyond which a turn slows down.
-const BRISK: f64 = 0.6;
-
-/// How long the arm must have been still to count as settled, in s.
-pub(super) const STILL_S: f64 = 0.020;
+/// Share of the joints' speed limits above which a turn slows down.
+const SLOW_DOWN_SHARE: f64 = 0.6;

@@ -3,15 +3,17 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use spherecal_model::{read_text, read_toml};
 
 use super::args::StoredArgs;
 use super::exit::{CliError, Exit};
 use super::out::outln;
 use super::stages;
+use super::study_progress::StudyProgress;
 use spherecal_identify::study::{Request, StudyError, study};
 use spherecal_identify::{Method, Model, Options};
 use spherecal_job::study::{summary_json, summary_text, write_files};
-use spherecal_model::input::triple;
+use spherecal_model::input::{InputError, triple};
 use spherecal_report::{render, study_report};
 use spherecal_store::time::now_utc;
 
@@ -20,14 +22,20 @@ use spherecal_store::time::now_utc;
 /// Without --data it works on the database of --out. With --data it needs
 /// neither simulation nor database.
 ///
-/// The table (CSV with a header) has joint columns q1..qn in rad (or q1_deg..),
-/// optionally tau1..taun in N m, and either measured points x_mm,y_mm,z_mm (or
-/// x_m..) in any tracker frame, or the sphere that the tool sat on: sphere, and
-/// place where the plate was moved. Optional: set = calibrate | validate.
+/// The table (CSV with a header) has joint columns q1..qn in rad (or q1_deg..,
+/// or the robot's joint names), optionally tau1..taun in N m, and either measured
+/// points x_mm,y_mm,z_mm (or x_m..) in any tracker frame, or the sphere that the
+/// tool sat on: sphere, and place where the plate was moved. Optional: set =
+/// calibrate | validate. Other columns are refused; leave them out with
+/// --ignore-columns.
+///
+/// Read as spreadsheets write it: commas, semicolons or tabs, decimal points or
+/// commas, UTF-8 or UTF-16; up to 5 million rows and 2 GiB.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Examples:\n  \
     spherecal identify --robot ur5e --data tracker.csv --tool-mm 0,0,120 --validate check.csv\n  \
-    spherecal identify --robot arm.urdf --data spheres.csv --plate plate.toml --holdout place --out result\n\n\
+    spherecal identify --robot arm.urdf --data spheres.csv --plate plate.toml --holdout place --out result\n  \
+    spherecal identify --robot ur5e --data log.csv --joint-columns j1,j2,j3,j4,j5,j6 --ignore-columns time,operator\n\n\
     Exit codes: 0 done; 1 failed; 2 wrong input; 3 finished, but the result is not to be trusted.")]
 pub struct IdentifyArgs {
     /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK for the chain to that link.
@@ -60,6 +68,12 @@ pub struct IdentifyArgs {
     /// Hold each value of this column out in turn: sphere, place, or a column of your own.
     #[arg(long, value_name = "COLUMN")]
     pub holdout: Option<String>,
+    /// Columns that hold the joint angles, base to flange, in place of q1..qn (rad; degrees where the name ends in _deg).
+    #[arg(long, value_name = "A,B,C", value_delimiter = ',')]
+    pub joint_columns: Vec<String>,
+    /// Columns that are left out, whatever they hold.
+    #[arg(long, value_name = "X,Y", value_delimiter = ',')]
+    pub ignore_columns: Vec<String>,
     /// Options as TOML: noise, priors and fixed parameters, harmonics.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
@@ -69,10 +83,13 @@ pub struct IdentifyArgs {
     /// Print one JSON document and nothing else.
     #[arg(long)]
     pub json: bool,
-    /// Directory for summary.json, calibrated.toml, calibrated.urdf, kinematics.yaml and report.html.
+    /// Directory for summary.json, calibrated.toml, calibrated.urdf, kinematics.yaml, offsets.yaml and report.html.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
 }
+
+/// Largest file of options, in bytes.
+const MOST_CONFIG_BYTES: u64 = 1 << 20;
 
 /// The request that the arguments make.
 ///
@@ -83,14 +100,12 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, Stu
     let mut options = match &args.config {
         None => Options::default(),
         Some(path) => {
-            let file = path.display().to_string();
-            let text = std::fs::read_to_string(path).map_err(|source| spherecal_model::input::InputError::Read {
-                file: file.clone(),
+            let text =
+                read_text(path, MOST_CONFIG_BYTES, "options are a few lines of TOML").map_err(InputError::from)?;
+            read_toml(&text).map_err(|source| InputError::Toml {
+                file: path.display().to_string(),
                 source,
-            })?;
-            toml::from_str(&text).map_err(|e| spherecal_model::input::InputError::Syntax {
-                file,
-                message: e.to_string(),
+                expected: "options of the identification: noise, priors and fixed parameters, harmonics",
             })?
         }
     };
@@ -112,6 +127,8 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, Stu
         payload_com_mm: point("--payload-com-mm", &args.payload_com_mm)?,
         validate: args.validate.clone(),
         holdout: args.holdout.clone(),
+        joint_columns: args.joint_columns.clone(),
+        ignore_columns: args.ignore_columns.clone(),
         options,
     })
 }
@@ -133,7 +150,10 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
             arm: String::new(),
         });
     };
-    let study = request(args, robot, data).and_then(|r| study(&r)).map_err(refuse)?;
+    let mut view = StudyProgress::new();
+    let study = request(args, robot, data).and_then(|r| study(&r, &mut |step| view.show(step)));
+    view.finish();
+    let study = study.map_err(refuse)?;
     let report = render(&study_report(&study, &now_utc()))?;
     let files = write_files(&study, &args.out, Some(&report))?;
     if args.json {

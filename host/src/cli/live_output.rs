@@ -4,7 +4,7 @@
 use super::args::RunArgs;
 use super::exit::CliError;
 use super::out::errln;
-use super::serve::stored_reports;
+use super::reports::stored_reports;
 use spherecal_campaign::{Observer, Progress};
 use spherecal_job::Prepared;
 use spherecal_job::open_store;

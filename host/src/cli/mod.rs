@@ -18,10 +18,12 @@ mod export;
 mod faults;
 mod history;
 mod identify;
+mod interrupt;
 mod live_output;
 mod out;
 mod plan;
 mod progress;
+mod reports;
 mod robot;
 mod run;
 mod serve;
@@ -32,6 +34,7 @@ mod stability;
 mod stages;
 mod store;
 mod studies;
+mod study_progress;
 mod teach;
 mod terminal_operator;
 mod text;
@@ -40,7 +43,9 @@ use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser};
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 pub use args::RunArgs;
 pub use command::{Cli, Command};
@@ -114,12 +119,15 @@ fn log_to_stderr(verbose: u8) {
         2 => "spherecal=debug",
         _ => "trace",
     };
-    let filter = EnvFilter::try_from_env("SPHERECAL_LOG").unwrap_or_else(|_| EnvFilter::new(level));
-    // A second subscriber is refused; the first then stays, which is what is wanted.
-    let _ = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let asked = std::env::var("SPHERECAL_LOG").ok();
+    let filter: Targets = asked
+        .and_then(|asked| asked.parse().ok())
+        .or_else(|| level.parse().ok())
+        .unwrap_or_default();
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(colour())
-        .with_target(false)
-        .try_init();
+        .with_target(false);
+    // A second subscriber is refused; the first then stays, which is what is wanted.
+    let _ = tracing_subscriber::registry().with(filter).with(lines).try_init();
 }

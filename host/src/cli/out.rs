@@ -4,10 +4,15 @@
 //! pipe. Then the rest goes nowhere and the command does what it has to do, and
 //! ends with its own exit code; nothing of it is said. Any other failure of
 //! stdout (a full disk) makes the command fail, at its end.
+//!
+//! Names and messages of files, databases and other machines may hold escape
+//! sequences. They are shown as text ([`printable_lines`]), whoever printed them.
 
 use std::fmt::Arguments;
 use std::io::{Error, ErrorKind, Write as _};
 use std::sync::OnceLock;
+
+use spherecal_model::printable_lines;
 
 /// Why stdout takes nothing more.
 static CLOSED: OnceLock<Error> = OnceLock::new();
@@ -17,8 +22,10 @@ pub(super) fn write(words: Arguments<'_>) {
     if CLOSED.get().is_some() {
         return;
     }
+    let text = words.to_string();
     let mut out = std::io::stdout().lock();
-    if let Err(error) = out.write_fmt(words).and_then(|()| out.flush()) {
+    let written = out.write_all(printable_lines(&text).as_bytes());
+    if let Err(error) = written.and_then(|()| out.flush()) {
         // The first reason counts.
         let _ = CLOSED.set(error);
     }
@@ -26,7 +33,8 @@ pub(super) fn write(words: Arguments<'_>) {
 
 /// Writes to stderr, if anybody listens.
 pub(super) fn write_error(words: Arguments<'_>) {
-    let _ = std::io::stderr().lock().write_fmt(words);
+    let text = words.to_string();
+    let _ = std::io::stderr().lock().write_all(printable_lines(&text).as_bytes());
 }
 
 /// Why what was printed is not where it should be; a reader that has gone is no reason.

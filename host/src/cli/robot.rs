@@ -39,9 +39,15 @@ pub enum RobotAction {
         json: bool,
     },
     /// Convert a robot; the extension of TO says to what: .toml, .urdf or .yaml.
-    #[command(after_help = "Example: spherecal robot convert arm.urdf arm.toml")]
+    ///
+    /// .yaml holds the joint origins with the keys of the vendor's ROS description:
+    /// Universal Robots (kinematics_params of ur_description), Franka
+    /// (kinematics.yaml of franka_description), or the joints' names.
+    #[command(
+        after_help = "Examples:\n  spherecal robot convert arm.urdf arm.toml\n  spherecal robot convert spherecal-out/calibrated.toml my_ur5e_calibration.yaml"
+    )]
     Convert {
-        /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK.
+        /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#LINK, or FILE.yaml (joint origins).
         #[arg(value_name = "NAME|FILE")]
         robot: String,
         /// File to write.
@@ -140,7 +146,7 @@ fn convert(model: &RobotModel, to: &Path) -> Result<(), CliError> {
     let text = match extension.as_str() {
         "toml" => toml_file::write(model, &notes),
         "urdf" | "xml" => write_urdf(model, &model.rows(), &notes),
-        "yaml" | "yml" => write_kinematics_yaml(model, &model.rows()),
+        "yaml" | "yml" => write_kinematics_yaml(model, &model.rows(), &notes),
         _ => {
             return Err(CliError::input(format!(
                 "{}: the extension does not say what to write: end the name in .toml, .urdf or .yaml",

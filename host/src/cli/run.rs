@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::args::RunArgs;
 #[cfg(feature = "dashboard")]
 use super::dashboard::Dashboard;
 use super::exit::{CliError, Exit};
+use super::interrupt::interrupt;
 use super::live_output::LiveOutput;
 use super::out::{err, out, outln};
 use super::progress::ProgressView;
@@ -271,19 +270,4 @@ pub(super) fn evaluate(
     }
     files.retain(|file| file.exists());
     Ok(Finished { summary, files })
-}
-
-/// Ctrl-C asks to stop; a second one does not wait.
-pub(super) fn interrupt() -> Result<Arc<AtomicBool>, CliError> {
-    let flag = Arc::new(AtomicBool::new(false));
-    let seen = Arc::clone(&flag);
-    let handler = move || {
-        if seen.swap(true, Ordering::Relaxed) {
-            std::process::exit(1);
-        }
-    };
-    match ctrlc::set_handler(handler) {
-        Ok(()) | Err(ctrlc::Error::MultipleHandlers) => Ok(flag),
-        Err(error) => Err(CliError::job(format!("Ctrl-C cannot be caught: {error}"))),
-    }
 }

@@ -14,10 +14,11 @@ use clap::{Args, ValueEnum};
 
 use super::args::ProtectionArgs;
 use super::exit::{CliError, Exit};
+use super::interrupt::interrupt;
 use super::out::errln;
-use super::run::interrupt;
-use spherecal_job::{Link, open_store, stored_report};
-use spherecal_services::web::{Page, ReportReader, ReportWriter};
+use super::reports::stored_reports;
+use spherecal_job::{Link, open_store};
+use spherecal_services::web::Page;
 use spherecal_services::{Offer, Server, SharedStore};
 use spherecal_store::StoreLocation;
 
@@ -74,15 +75,6 @@ impl ServeArgs {
         let store = open_store(self.store.as_ref().unwrap_or(&file), true)?;
         Ok(Arc::new(Mutex::new(store)))
     }
-}
-
-/// Writes the report of a stored run, for a page.
-pub(super) fn stored_reports() -> ReportReader {
-    Arc::new(|store, info| {
-        let stored = stored_report(store, info)?;
-        let write: ReportWriter = Box::new(move || Ok(stored.render()?));
-        Ok(write)
-    })
 }
 
 /// `spherecal serve`

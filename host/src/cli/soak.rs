@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::exit::{CliError, Exit};
+use super::interrupt::interrupt;
 use super::out::{out, outln};
 use super::progress::ProgressView;
-use super::run::interrupt;
 use spherecal_job::{self as job, Link, Site};
 use spherecal_lab::soak::{Soak, soak};
 use spherecal_store::SqlStore;

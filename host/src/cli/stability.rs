@@ -7,9 +7,9 @@ use clap::Args;
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::interrupt::interrupt;
 use super::out::{out, outln};
 use super::progress::ProgressView;
-use super::run::interrupt;
 use spherecal_job::{Files, JobError, Prepared};
 use spherecal_lab::stability::{Held, Stillness, analyse, hold, holds_report};
 use spherecal_model::chain::Chain;

@@ -7,9 +7,9 @@ use std::collections::BTreeMap;
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::interrupt::interrupt;
 use super::out::{errln, outln};
 use super::progress::ProgressView;
-use super::run::interrupt;
 use super::terminal_operator::TerminalOperator;
 use spherecal_campaign::Operator;
 use spherecal_job::{self as job, JobError};

@@ -95,7 +95,7 @@ fn cases(model: &RobotModel, file: &Path, joints: &[String]) {
             let flange = model.flange_at(&q);
             let row = |k: usize| {
                 let r = &flange.rotation;
-                json!([r[(k, 0)], r[(k, 1)], r[(k, 2)], flange.origin[k]])
+                json!([r[(k, 0)], r[(k, 1)], r[(k, 2)], flange.position[k]])
             };
             json!({ "q": q, "pose": [row(0), row(1), row(2), [0, 0, 0, 1]] })
         })
@@ -172,6 +172,69 @@ fn urdfs_are_the_same_robot_for_another_parser() {
     }
 }
 
+// Fails if the joint origins that were written with the vendors' keys, nominal or
+// calibrated, are another robot for an independent reader of YAML and the vendors'
+// own order of frames: by more than 1e-9 m or as much in rotation.
+#[test]
+fn joint_origins_are_the_same_robot_for_another_reader() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let data = root().join("tests/data");
+    let same = |yaml: &Path, model: &RobotModel| {
+        let file = folder.join("cases.json");
+        cases(model, &file, &[]);
+        let found = check(&python, "tests/python/check_kinematics.py", &[yaml, &file]);
+        let largest = found["distance_m"]
+            .as_f64()
+            .expect("m")
+            .max(found["rotation"].as_f64().expect("rotation"));
+        assert!(largest < 1e-9, "{}: {found}", yaml.display());
+        assert_eq!(found["cases"], 100);
+    };
+    let irb120 = data.join("irb120.urdf").display().to_string();
+    let panda = data.join("panda.urdf").display().to_string();
+    for (robot, out) in [("ur5e", "six"), (panda.as_str(), "seven"), (irb120.as_str(), "other")] {
+        let nominal = robots::load(robot).expect("a robot");
+        let csv = folder.join(format!("{out}.csv"));
+        std::fs::write(&csv, table(&nominal)).expect("written");
+        let arguments = [
+            "identify",
+            "--robot",
+            robot,
+            "--data",
+            &csv.display().to_string(),
+            "--out",
+            out,
+        ];
+        spherecal(folder, &arguments);
+        // The nominal origins, those of the calibration, and those of its TOML.
+        let (convert, again) = (
+            folder.join(format!("{out}-nominal.yaml")),
+            folder.join(format!("{out}-again.yaml")),
+        );
+        let written = folder.join(out).join("calibrated.toml").display().to_string();
+        spherecal(folder, &["robot", "convert", robot, &convert.display().to_string()]);
+        spherecal(folder, &["robot", "convert", &written, &again.display().to_string()]);
+        let mut model = nominal.clone();
+        model.robot = robots::load(&written).expect("TOML").robot;
+        assert_ne!(model.rows(), nominal.rows(), "{robot}: nothing was calibrated");
+        let calibrated = folder.join(out).join("kinematics.yaml");
+        if out == "other" {
+            // The last frame of a plain file is that of the last joint.
+            for yaml in [&convert, &calibrated] {
+                same(yaml, &robots::load(&yaml.display().to_string()).expect("YAML"));
+            }
+            continue;
+        }
+        same(&convert, &nominal);
+        same(&calibrated, &model);
+        if out == "six" {
+            same(&again, &model);
+        }
+    }
+}
+
 /// A user's table: what a tracker saw of an arm that is not built as drawn.
 pub(crate) fn table(nominal: &RobotModel) -> String {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(5);
@@ -195,7 +258,7 @@ pub(crate) fn table(nominal: &RobotModel) -> String {
             .map(|j| 0.6 * random.random_range(j.limits.min_rad..j.limits.max_rad).clamp(-3.0, 3.0))
             .collect();
         let flange = real.flange_at(&q);
-        let tcp = flange.rotation * nalgebra::Vector3::from(real.tool.tcp_m) + flange.origin;
+        let tcp = flange.rotation * nalgebra::Vector3::from(real.tool.tcp_m) + flange.position;
         let numbers = q.iter().map(|q| format!("{q:.9}"));
         let point = tcp.iter().map(|m| format!("{:.6}", 1e3 * m));
         out.push_str(&numbers.chain(point).collect::<Vec<_>>().join(","));

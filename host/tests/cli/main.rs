@@ -1,7 +1,8 @@
 //! The program as its users run it: commands, processes, services, and what
 //! others read of its files.
 //!
-//! Run with `--all-features`: what a feature brings is tested only where it is.
+//! What a feature brings is tested only where it is: `cargo test --workspace`
+//! builds all of them (spherecal-tests asks for them), `cargo test -p spherecal` none.
 
 mod arms;
 mod docs;
@@ -12,6 +13,7 @@ mod fleet;
 mod kills;
 mod left_out;
 mod main_job;
+mod mistakes;
 mod page;
 mod paths;
 mod processes;

@@ -85,7 +85,7 @@ fn apart_mm(a: &RobotModel, b: &RobotModel) -> f64 {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(8);
     let tcp = |model: &RobotModel, q: &[f64]| {
         let flange = model.flange_at(q);
-        flange.origin + flange.rotation * nalgebra::Vector3::from(model.tool.tcp_m)
+        flange.position + flange.rotation * nalgebra::Vector3::from(model.tool.tcp_m)
     };
     let sum: f64 = (0..100)
         .map(|_| {

@@ -1,12 +1,14 @@
-//! Which numbers of a procedure are accepted: host and controller ask the same.
+//! The accepted range of every number of a procedure. Host and controller use
+//! the same check.
 
-use super::{MAX_STIFFNESS_N_M, MAX_STIFFNESS_NM_RAD, Procedure, UNBOUNDED_M};
+use super::limits::UNBOUNDED_M;
+use super::{MAX_STIFFNESS_N_M, MAX_STIFFNESS_NM_RAD, Procedure};
 
-/// Why a configuration was refused.
+/// A number of the procedure is out of its range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("procedure.{field} is {value}: give a value from {min} to {max}")]
 pub struct ProcedureError {
-    /// Field, as in the file.
+    /// The field, as in the file.
     pub field: &'static str,
     /// Its value.
     pub value: f64,
@@ -17,10 +19,10 @@ pub struct ProcedureError {
 }
 
 impl Procedure {
-    /// Checks every number against its range (a NaN is in no range).
+    /// Checks every number against its range. NaN is out of every range.
     ///
     /// # Errors
-    /// The first field out of range, with its value and the range.
+    /// The first field that is out of its range.
     pub fn check(&self) -> Result<(), ProcedureError> {
         let k = MAX_STIFFNESS_N_M;
         let a = &self.approach;

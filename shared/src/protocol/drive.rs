@@ -1,10 +1,11 @@
-//! The drive link: joint state in, joint torque out, once a millisecond.
+//! The drive link: joint state in, joint torque out, once per control period.
 //!
-//! A drive first introduces itself ([`DriveHello`]). Lock-step: it sends
-//! [`DriveState`] number `tick`, the controller answers with the
-//! [`DriveCommand`] of the same `tick`, and only then does the drive advance. A
-//! real drive does not wait; it flags a missing command. Byte by byte:
-//! `docs/drive-link.md`.
+//! A drive first sends its handshake ([`DriveHello`]). A drive in lock-step (a
+//! simulator) sends the [`DriveState`] of a tick, waits for the [`DriveCommand`]
+//! of the same tick and only then goes on. A real drive does not wait; it reports
+//! a missing command. `docs/drive-link.md` describes every byte.
+
+mod receiver;
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -12,14 +13,16 @@ use serde::{Deserialize, Serialize};
 use crate::robot::JointLimits;
 use crate::{Joints, MAX_JOINTS};
 
-/// What the drive says of itself.
+pub use receiver::{DriveMessage, DriveReceiver};
+
+/// Status of the drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum DriveStatus {
-    /// Torque commands are carried out.
+    /// The drive carries out torque commands.
     #[default]
     Ready,
-    /// Brakes closed or drives off; state is valid, torque is not carried out.
+    /// Brakes closed or drives off. The state is valid; torque has no effect.
     Disabled,
     /// Emergency stop.
     EmergencyStop,
@@ -30,55 +33,55 @@ pub enum DriveStatus {
 /// State of the joints at one tick.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct DriveState {
-    /// Number of the control period, growing by one each.
+    /// Number of the control period; grows by one each.
     pub tick: u64,
-    /// Joint angles as the encoders give them, in rad.
+    /// Joint angles from the encoders, in rad.
     pub q: Joints,
     /// Joint velocities, in rad/s.
     pub dq: Joints,
-    /// Measured joint torques, in N m, in the sign that [`DriveHello`] states;
-    /// by default at rest it equals `gravity(q) − Jᵀ F`, where `F` is the force
+    /// Measured joint torques, in N m. [`DriveHello`] states their sign. With the
+    /// default sign they equal `gravity(q) − Jᵀ F` at rest, where `F` is the force
     /// of the environment on the arm.
     pub tau: Joints,
     /// Status of the drive.
     pub status: DriveStatus,
 }
 
-/// Torque for the period that begins with the state of the same tick.
+/// Torque for the control period that starts with the state of the same tick.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct DriveCommand {
-    /// Tick of the state that this answers.
+    /// Tick of the state that this command answers.
     pub tick: u64,
-    /// Total joint torque, in N m, gravity included, unless the drive said in
-    /// its [`DriveHello`] that it compensates gravity itself.
+    /// Total joint torque, in N m. It includes gravity unless the drive's
+    /// [`DriveHello`] says that the drive compensates gravity.
     pub tau: Joints,
-    /// Whether the controller wants the torque carried out; `false` asks the
-    /// drive to close its brakes.
+    /// Whether the drive is to carry out the torque; `false` asks it to close
+    /// its brakes.
     pub enable: bool,
 }
 
-/// In which sense a drive states measured torques. Commanded torques are
-/// always those of the actuator on its link.
+/// Sign of the torques that a drive measures. A commanded torque is always the
+/// torque of the actuator on its link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum TorqueSign {
     /// The torque that the actuator exerts on its link.
     #[default]
     OfActuator,
-    /// The torque that the link exerts on its actuator: the opposite.
+    /// The torque that the link exerts on its actuator: the opposite sign.
     OfLink,
 }
 
-/// First message of a drive: what it is.
+/// The drive's handshake: its first message.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct DriveHello {
     /// [`PROTOCOL_VERSION`](super::PROTOCOL_VERSION) of the drive.
     pub protocol: u16,
-    /// Limits of each joint, base to flange; their number is the number of joints.
+    /// Limits of each joint, base to flange. Their number is the number of joints.
     pub limits: heapless::Vec<JointLimits, MAX_JOINTS>,
     /// Control period, in µs.
     pub period_us: u32,
-    /// Whether the drive adds the gravity torque itself, so that the commanded
-    /// torque is the rest.
+    /// Whether the drive adds the gravity torque itself. The controller then sends
+    /// the torque without gravity.
     pub compensates_gravity: bool,
     /// Sign of the measured torques.
     pub torque_sign: TorqueSign,

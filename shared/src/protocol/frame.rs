@@ -4,9 +4,9 @@
 //! COBS( key[8] | sequence u32 LE | time_us u64 LE | postcard(message) | crc32c u32 LE ) 00
 //! ```
 //!
-//! The key is the first eight bytes of the message type's schema hash. The CRC
-//! covers everything before it. A receiver that starts in mid-stream, loses
-//! bytes or meets bit flips finds the next frame at the next zero byte.
+//! The key is the first eight bytes of the hash of the message type's schema. The
+//! CRC covers all bytes before it. A receiver that starts in mid-stream, loses
+//! bytes or receives wrong bits finds the next frame after the next zero byte.
 
 use crc::{CRC_32_ISCSI, Crc, Table};
 use postcard_schema::Schema;
@@ -17,16 +17,20 @@ use serde::de::DeserializeOwned;
 use super::drive::{DriveCommand, DriveHello, DriveState};
 use super::host::{Downlink, Uplink};
 
+mod sequence;
+
+pub use sequence::{LinkCounters, SequenceWatch};
+
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISCSI);
 const HEADER: usize = 8 + 4 + 8;
 const TRAILER: usize = 4;
 
-/// Largest encoded frame, its zero byte included.
+/// Size of the largest encoded frame, with its zero byte.
 pub const MAX_FRAME: usize = 2304;
 
-/// A message with a schema key: what may travel in a frame.
+/// A message type that a frame can carry.
 pub trait Message: Schema + Serialize + DeserializeOwned {
-    /// Key of the type's schema; differs when the layout differs.
+    /// Key of the type's schema; another layout has another key.
     const KEY: [u8; 8];
 }
 
@@ -44,47 +48,47 @@ message!(DriveCommand, "drive/command");
 message!(Downlink, "host/down");
 message!(Uplink, "host/up");
 
-/// What a frame says besides its message.
+/// The fields of a frame besides its message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
     /// Schema key of the message.
     pub key: [u8; 8],
-    /// Counts the frames of one direction of a link.
+    /// Number of the frame in its direction of the link.
     pub sequence: u32,
-    /// Time of the sender, in µs since its start.
+    /// Time of the sender, in µs since it started.
     pub time_us: u64,
 }
 
-/// Why bytes were not a frame, or a message not encoded.
+/// Why bytes are not a frame, or why a message was not encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
-    /// More bytes than a frame may have came without a zero byte.
+    /// More bytes came without a zero byte than a frame may have.
     #[error("a frame is longer than {MAX_FRAME} bytes")]
     TooLong,
-    /// COBS decoding failed.
-    #[error("a frame is not COBS")]
+    /// The bytes are not COBS-encoded.
+    #[error("a frame is not COBS-encoded")]
     NotCobs,
-    /// Fewer bytes than header and checksum.
-    #[error("a frame is shorter than its header")]
+    /// There are fewer bytes than header and checksum need.
+    #[error("a frame is shorter than its header and checksum")]
     TooShort,
     /// The checksum does not match.
-    #[error("a frame's CRC-32C does not match")]
+    #[error("the CRC-32C of a frame does not match")]
     Crc,
-    /// The message is another type, or another version of it.
-    #[error("a frame carries another message or another protocol version")]
+    /// The frame carries another message type, or another version of it.
+    #[error("a frame carries another message type or another protocol version")]
     Key,
     /// The body is not a message of its type.
-    #[error("a frame's body does not decode")]
+    #[error("the body of a frame does not decode")]
     Body,
-    /// The message does not fit a frame.
+    /// The message does not fit into a frame.
     #[error("a message does not fit a frame")]
     Overflow,
 }
 
-/// Encodes `message` into `out`; returns the number of bytes, zero byte included.
+/// Encodes `message` into `out`; returns the number of bytes with the zero byte.
 ///
 /// # Errors
-/// [`FrameError::Overflow`] when `out` or a frame is too small.
+/// [`FrameError::Overflow`] if `out` or a frame is too small.
 pub fn encode<M: Message>(message: &M, sequence: u32, time_us: u64, out: &mut [u8]) -> Result<usize, FrameError> {
     let mut raw = [0u8; MAX_FRAME];
     let (header, rest) = raw.split_at_mut(HEADER);
@@ -110,17 +114,16 @@ pub fn encode<M: Message>(message: &M, sequence: u32, time_us: u64, out: &mut [u
     Ok(length + 1)
 }
 
-/// Decodes one frame, given without its zero byte; `bytes` is overwritten.
-///
-/// Returns the header and the postcard body.
+/// Checks one frame, given without its zero byte, and returns its header and its
+/// postcard body. Overwrites `bytes`.
 ///
 /// # Errors
-/// Anything but [`FrameError::Key`], [`FrameError::Body`] and [`FrameError::Overflow`].
+/// Any except [`FrameError::Key`], [`FrameError::Body`] and [`FrameError::Overflow`].
 pub fn open(bytes: &mut [u8]) -> Result<(Header, &[u8]), FrameError> {
     if bytes.len() > MAX_FRAME {
         return Err(FrameError::TooLong);
     }
-    let length = unstuff(bytes).ok_or(FrameError::NotCobs)?;
+    let length = decode_cobs(bytes).ok_or(FrameError::NotCobs)?;
     let raw = bytes.get(..length).ok_or(FrameError::NotCobs)?;
     let (covered, trailer) = raw.split_last_chunk::<TRAILER>().ok_or(FrameError::TooShort)?;
     let (key, rest) = covered.split_first_chunk::<8>().ok_or(FrameError::TooShort)?;
@@ -137,9 +140,9 @@ pub fn open(bytes: &mut [u8]) -> Result<(Header, &[u8]), FrameError> {
     Ok((header, body))
 }
 
-/// Undoes COBS in place, without a way to panic (`cobs::decode_in_place` has
-/// bounds checks that stay in the controller's image); returns the length.
-fn unstuff(bytes: &mut [u8]) -> Option<usize> {
+/// Decodes COBS in place; returns the length. Unlike `cobs::decode_in_place` it
+/// leaves no bounds check that could panic in the controller's image.
+fn decode_cobs(bytes: &mut [u8]) -> Option<usize> {
     let (mut read, mut write) = (0usize, 0usize);
     while let Some(&code) = bytes.get(read) {
         read += 1;
@@ -160,10 +163,10 @@ fn unstuff(bytes: &mut [u8]) -> Option<usize> {
     Some(write)
 }
 
-/// Decodes one frame as message `M`, given without its zero byte.
+/// Decodes one frame, given without its zero byte, as message `M`.
 ///
 /// # Errors
-/// What [`open`] refuses, another message type, a body that does not decode.
+/// As [`open`], and for another message type or a body that does not decode.
 pub fn decode<M: Message>(bytes: &mut [u8]) -> Result<(Header, M), FrameError> {
     let (header, body) = open(bytes)?;
     if header.key != M::KEY {
@@ -175,7 +178,7 @@ pub fn decode<M: Message>(bytes: &mut [u8]) -> Result<(Header, M), FrameError> {
 
 /// Collects bytes until a zero byte ends a frame.
 ///
-/// Holds one frame; what is longer is thrown away up to the next zero byte and
+/// It holds one frame. A longer one is discarded up to the next zero byte and
 /// reported once as [`FrameError::TooLong`].
 #[derive(Clone, Debug, Default)]
 pub struct Accumulator {
@@ -192,8 +195,8 @@ impl Accumulator {
         }
     }
 
-    /// Takes one byte; when it ends a frame, hands the frame (without the zero
-    /// byte) or the error to `sink`.
+    /// Takes one byte. When it ends a frame, calls `sink` with the frame without
+    /// its zero byte, or with the error.
     pub fn push(&mut self, byte: u8, sink: &mut impl FnMut(Result<&mut [u8], FrameError>)) {
         if byte != 0 {
             if self.buffer.push(byte).is_err() {
@@ -208,82 +211,6 @@ impl Accumulator {
         }
         self.buffer.clear();
         self.overrun = false;
-    }
-}
-
-/// What a receiver counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, serde::Deserialize, Schema)]
-pub struct LinkCounters {
-    /// Frames accepted.
-    pub frames: u32,
-    /// Frames whose checksum or shape was wrong.
-    pub crc_errors: u32,
-    /// Frames missing by their sequence numbers, the damaged among them.
-    pub lost: u32,
-    /// Frames that came again.
-    pub duplicates: u32,
-    /// Messages sent again for want of an answer.
-    pub resent: u32,
-    /// Messages dropped because a queue was full.
-    pub overflow: u32,
-}
-
-impl LinkCounters {
-    /// All zero.
-    pub const fn new() -> Self {
-        Self {
-            frames: 0,
-            crc_errors: 0,
-            lost: 0,
-            duplicates: 0,
-            resent: 0,
-            overflow: 0,
-        }
-    }
-}
-
-/// Watches the sequence numbers of one direction: tells frames that are missing
-/// from those that were overtaken and from those that come again.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct SequenceWatch {
-    next: Option<u32>,
-    /// Of the 64 numbers before `next`, the newest in the lowest bit: which have come.
-    seen: u64,
-}
-
-impl SequenceWatch {
-    /// A watch that has seen nothing.
-    pub const fn new() -> Self {
-        Self { next: None, seen: 0 }
-    }
-
-    /// Notes a frame's sequence number in `counters`.
-    pub fn note(&mut self, sequence: u32, counters: &mut LinkCounters) {
-        counters.frames = counters.frames.wrapping_add(1);
-        let Some(next) = self.next else {
-            // Nothing is missing before the first.
-            self.seen = u64::MAX;
-            self.next = Some(sequence.wrapping_add(1));
-            return;
-        };
-        let ahead = sequence.wrapping_sub(next);
-        if ahead < 1 << 31 {
-            counters.lost = counters.lost.wrapping_add(ahead);
-            self.seen = self.seen.checked_shl(ahead.saturating_add(1)).unwrap_or(0) | 1;
-            self.next = Some(sequence.wrapping_add(1));
-            return;
-        }
-        // What is older than can be remembered counts as a repeat.
-        let bit = 1u64
-            .checked_shl(next.wrapping_sub(sequence).wrapping_sub(1))
-            .unwrap_or(0);
-        if bit == 0 || self.seen & bit != 0 {
-            counters.duplicates = counters.duplicates.wrapping_add(1);
-        } else {
-            // It was overtaken, not lost.
-            self.seen |= bit;
-            counters.lost = counters.lost.wrapping_sub(1);
-        }
     }
 }
 
@@ -316,9 +243,9 @@ mod tests {
     }
 
     proptest! {
-        // Fails if any value, counter or key does not survive the wire.
+        // Fails if a value, counter or key changes on the wire.
         #[test]
-        fn what_is_sent_is_received(tick: u64, sequence: u32, time: u64, values in prop::collection::vec(-1e3f64..1e3, 0..8)) {
+        fn a_message_survives_the_wire(tick: u64, sequence: u32, time: u64, values in prop::collection::vec(-1e3f64..1e3, 0..8)) {
             let message = state(tick, &values);
             let mut bytes = [0u8; MAX_FRAME];
             let length = encode(&message, sequence, time, &mut bytes).expect("it fits");
@@ -327,9 +254,9 @@ mod tests {
             prop_assert_eq!(received, [Ok((Header { key: DriveState::KEY, sequence, time_us: time }, message))]);
         }
 
-        // Any bytes decode to frames or typed errors; a panic fails the test.
+        // Fails if any bytes cause a panic: they must decode to frames or errors.
         #[test]
-        fn any_bytes_are_survived(bytes in prop::collection::vec(any::<u8>(), 0..6000)) {
+        fn any_bytes_decode_or_fail(bytes in prop::collection::vec(any::<u8>(), 0..6000)) {
             let _ = frames_in(&bytes);
             let mut accumulator = Accumulator::new();
             for byte in &bytes {
@@ -341,23 +268,23 @@ mod tests {
             }
         }
 
-        // Fails if our decoder and the cobs crate's differ on anything without
-        // a zero byte, well-formed or not.
+        // Fails if this decoder and the one of the cobs crate differ on any bytes
+        // without a zero byte, valid or not.
         #[test]
-        fn unstuffing_is_cobs(bytes in prop::collection::vec(1u8..=255, 0..700), data in prop::collection::vec(0u8..3, 0..700)) {
+        fn decoding_agrees_with_the_cobs_crate(bytes in prop::collection::vec(1u8..=255, 0..700), data in prop::collection::vec(0u8..3, 0..700)) {
             let mut stuffed = std::vec![0; cobs::max_encoding_length(data.len())];
             let length = cobs::encode(&data, &mut stuffed);
             stuffed.truncate(length);
             for mut ours in [bytes, stuffed] {
                 let mut theirs = ours.clone();
-                let length = unstuff(&mut ours);
+                let length = decode_cobs(&mut ours);
                 prop_assert_eq!(length, if theirs.is_empty() { Some(0) } else { cobs::decode_in_place(&mut theirs).ok() });
                 let length = length.unwrap_or(0);
                 prop_assert_eq!(&ours[..length], &theirs[..length]);
             }
         }
 
-        // One flipped bit never passes for a frame; the next frame is found.
+        // Fails if a frame with one flipped bit is accepted, or the next frame is lost.
         #[test]
         fn a_flipped_bit_is_caught(bit in 0usize..1400, tick: u64) {
             let mut bytes = [0u8; 2 * MAX_FRAME];
@@ -377,23 +304,5 @@ mod tests {
         let message = Downlink::at_once(1, Command::Stop);
         let length = encode(&message, 1, 2, &mut bytes).expect("it fits");
         assert_eq!(decode::<DriveState>(&mut bytes[..length - 1]), Err(FrameError::Key));
-    }
-
-    #[test]
-    fn lost_and_repeated_frames_are_counted() {
-        let (mut watch, mut counters) = (SequenceWatch::default(), LinkCounters::default());
-        for sequence in [u32::MAX, 0, 0, 3] {
-            watch.note(sequence, &mut counters);
-        }
-        assert_eq!((counters.frames, counters.lost, counters.duplicates), (4, 2, 1));
-        // One of the two was only late; the second time it is a repeat.
-        watch.note(1, &mut counters);
-        assert_eq!((counters.lost, counters.duplicates), (1, 1));
-        watch.note(1, &mut counters);
-        assert_eq!((counters.lost, counters.duplicates), (1, 2));
-        // What nobody remembers any more counts as one that came before.
-        watch.note(4000, &mut counters);
-        watch.note(2, &mut counters);
-        assert_eq!((counters.lost, counters.duplicates), (3997, 3));
     }
 }

@@ -1,21 +1,21 @@
 //! The host link: commands down, events up.
 //!
-//! Every command carries a sequence number and is answered once by
-//! [`Event::Reply`]; a command that comes again with the same number is
-//! answered again and not carried out twice. Every event with a non-zero
-//! [`Uplink::event`] is sent again until the host acknowledges it
-//! ([`Command::Acknowledge`]), so that no recording, contact or fault is lost,
-//! and the host drops what it has already seen, so that none counts twice.
+//! Every command carries a sequence number, and [`Event::Reply`] answers it. The
+//! controller answers a repeated number again and does not carry the command out
+//! twice. It sends every event whose [`Uplink::event`] is not 0 again until the
+//! host acknowledges it ([`Command::Acknowledge`]), so no recording, contact or
+//! fault is lost. The host drops events that it has already seen, so none counts
+//! twice.
 //!
-//! A *session* begins with a host's [`Command::Hello`] and has a number of its
-//! own ([`SessionId`]), which every frame carries: late frames of an earlier
-//! host, or of a controller before its restart, are told from those of now, and
-//! an event is known for good by its session and number.
+//! A *session* starts with a host's [`Command::Hello`], the handshake. Its number
+//! ([`SessionId`]) is in every frame. It tells frames of an earlier host, or of a
+//! controller before its restart, from present ones. Session and number together
+//! identify an event for ever.
 //!
-//! A command may name the device time at which it is to be carried out
-//! ([`Downlink::start_us`]). A host that counts it from the event that made it
-//! decide, with some time for repeats, has the arm do the same at the same
-//! tick, whatever the link loses meanwhile.
+//! A command may name the device time at which it starts
+//! ([`Downlink::start_us`]). A host that derives this time from the event that led
+//! to the command, with some time for repeats, gets the same motion at the same
+//! tick, even if the link loses frames meanwhile.
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -31,33 +31,33 @@ pub use event::{
     SignalStatistics, Statistics,
 };
 
-/// Number of a session: drawn by the host for every [`Command::Hello`].
+/// Number of a session. The host draws one at random for every [`Command::Hello`].
 pub type SessionId = [u8; 4];
 
 /// A frame from the host to the controller.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Downlink {
-    /// The sender's session. What does not belong to the one that the
-    /// controller was greeted for is not obeyed.
+    /// Session of the sender. The controller ignores commands of any session other
+    /// than the one of the last handshake.
     pub session: SessionId,
-    /// Number of the command, from 1, growing by one with each new command; a
-    /// repeat has the same. [`Command::Hello`] of a new session restarts the
-    /// count; acknowledgements and keep-alives carry 0 and are not answered.
+    /// Number of the command, from 1, one more for each new command. A repeat has
+    /// the same number. [`Command::Hello`] of a new session restarts the count.
+    /// Acknowledgements and keep-alives carry 0 and are not answered.
     pub sequence: u32,
-    /// Device time at which to carry it out, in µs, [`START_MOST_US`] ahead at
-    /// most; what has passed means at once, and so does 0. A command that comes
-    /// while another one waits takes its place.
+    /// Device time at which the command starts, in µs, at most [`START_MOST_US`]
+    /// from now. 0 or a time that has passed means at once. A command that comes
+    /// while another one waits replaces it.
     pub start_us: u64,
     /// What to do.
     pub command: Command,
 }
 
-/// How far ahead of the present a command's start may lie, in µs.
+/// Longest time from now to a command's start, in µs.
 pub const START_MOST_US: u64 = 5_000_000;
 
 impl Downlink {
-    /// A command to be carried out at once, of a session that has no number of
-    /// its own: for hosts that are the only one there will ever be.
+    /// A command that starts at once, in the session with number 0: for a host
+    /// that never shares its controller with another.
     pub fn at_once(sequence: u32, command: Command) -> Self {
         Self {
             session: SessionId::default(),
@@ -68,17 +68,17 @@ impl Downlink {
     }
 }
 
-/// What the host asks of the controller.
+/// A request of the host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
-#[allow(clippy::large_enum_variant)] // No allocation on the controller: it is stored in place.
+#[allow(clippy::large_enum_variant)] // Stored in place: the controller does not allocate.
 pub enum Command {
-    /// First contact; answered by [`Event::Banner`] besides the reply.
+    /// The handshake. [`Event::Banner`] answers it in addition to the reply.
     Hello,
-    /// Sets the robot's nominal model; refused unless idle.
+    /// Sets the robot's nominal model. Refused unless the controller is idle.
     Robot(Robot),
-    /// Sets the tool and the procedure; refused unless idle.
+    /// Sets the tool and the procedure. Refused unless the controller is idle.
     Configure {
-        /// The tool at the flange, nest included.
+        /// The tool at the flange, with the nest.
         tool: Tool,
         /// The procedure.
         procedure: Procedure,
@@ -88,72 +88,72 @@ pub enum Command {
         /// Target, in rad, base to flange.
         target: Joints,
     },
-    /// From the approach frame: tare, descend, touch, couple.
+    /// At the approach frame: tares, descends until contact and couples.
     Approach(ApproachCommand),
     /// The next pose about the coupled sphere.
     Pose(PoseCommand),
-    /// Leave the sphere and retreat along the approach.
+    /// Leaves the sphere: moves back along the approach.
     Decouple,
-    /// Stop any motion and hold, damped.
+    /// Stops any motion and holds, damped.
     Stop,
-    /// Leave a fault; the controller holds and is idle afterwards.
+    /// Ends a fault. The controller is idle and holds afterwards.
     ClearFault,
-    /// Hand-guiding on or off: gravity-compensated, damped.
+    /// Turns hand-guiding on or off: gravity-compensated and damped.
     HandGuide {
-        /// Whether to start or end it.
+        /// Whether it starts or ends.
         on: bool,
     },
-    /// The host has stored event number `event`; just this one is not sent
-    /// again. A host that wants events in order acknowledges only the next in
-    /// order and drops what runs ahead: it comes again.
+    /// The host has stored event `event`; the controller does not send this one
+    /// again. A host that wants events in order acknowledges only the next one
+    /// and drops later ones: they come again.
     Acknowledge {
         /// Number of the event.
         event: u32,
     },
-    /// Nothing to do; the host lives.
+    /// Shows that the host is alive; does nothing else.
     KeepAlive,
-    /// Leave a sphere that a controller before this one has touched: retreat
-    /// against `direction`, which was that of the approach.
+    /// Leaves a sphere that an earlier controller has touched: moves back against
+    /// `direction`, the direction of that approach.
     Retreat {
         /// Direction of the approach in F0, a unit vector.
         direction: [f64; 3],
     },
 }
 
-/// Where to touch.
+/// An approach to a sphere.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ApproachCommand {
-    /// Id of the sphere, carried into contacts and recordings.
+    /// Id of the sphere, copied into contacts and recordings.
     pub sphere: u32,
     /// Direction of the approach in F0, a unit vector.
     pub direction: [f64; 3],
 }
 
-/// A pose about the sphere: the TCP stays, the tool turns.
+/// A pose about the sphere: the TCP stays in place and the tool turns.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct PoseCommand {
-    /// Id of the pose, carried into the recording.
+    /// Id of the pose, copied into the recording.
     pub pose: u32,
     /// Orientation of FT in F0 as a unit quaternion w, x, y, z.
     pub orientation: [f64; 4],
     /// Elbow angle in rad ([`crate::robot::elbow`]), for arms that have one.
     pub elbow_rad: Option<f64>,
-    /// Joint angles that solve the pose, in rad: where the null space is drawn
-    /// to on a redundant arm without an elbow angle. May be empty.
+    /// Joint angles of the pose, in rad. On a redundant arm without an elbow angle
+    /// the null space moves to them. May be empty.
     pub posture: Joints,
-    /// Whether to record there, or only to pass through.
+    /// Whether to record at the pose or only to pass through it.
     pub record: bool,
 }
 
 /// A frame from the controller to the host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Uplink {
-    /// Session in which it happened; that of the last greeting for what carries
-    /// no number, all zero before the first.
+    /// Session in which the event happened. For messages with event number 0 it
+    /// is the session of the last handshake; all zero before the first.
     pub session: SessionId,
-    /// Number of the event, from 1; 0 for what is not sent again (telemetry,
-    /// replies, statistics).
+    /// Number of the event, from 1. 0 for what is not sent again: telemetry,
+    /// replies, statistics.
     pub event: u32,
-    /// What happened.
+    /// The event.
     pub body: Event,
 }

@@ -1,63 +1,64 @@
-//! Both links in one exchange: what travels on a lock-step pipe, once a tick.
+//! Lock-step exchanges: both links on one pipe of bytes, once per tick.
 //!
-//! A simulator and a controller that share one byte pipe (QEMU's standard
-//! streams) take turns. Each turn carries the frames of the drive link and
-//! whatever there is on the host link, so that one blocking read and one write
-//! make a tick:
+//! A simulator and a controller that share one pipe (QEMU's standard streams)
+//! exchange data in turn. Each exchange carries the frames of the drive link and
+//! the pending bytes of the host link, so that a tick takes one blocking read and
+//! one write:
 //!
 //! ```text
 //! down  drive u16 LE | host u16 LE |                           | drive frames | host bytes
 //! up    drive u16 LE | host u16 LE | tick u32 LE | link u32 LE | drive frames | host bytes
 //! ```
 //!
-//! `drive` and `host` are the lengths in bytes of the two parts; the frames are
-//! those of [`frame`](super::frame), zero byte included: down a `DriveState`,
-//! in the first turn behind a `DriveHello`; up a `DriveCommand`, or nothing
-//! from a controller that refuses the drive. `tick` and `link` are what the
-//! controller spent on this tick, in counts of its own stopwatch: the control
-//! task, and reading and making the frames of both links. A turn down with `drive` 0 ends the conversation.
+//! `drive` and `host` are the lengths of the two parts in bytes. The frames are
+//! those of [`frame`](super::frame), with their zero bytes. Down goes a
+//! `DriveState`, in the first exchange after a `DriveHello`. Up goes a
+//! `DriveCommand`, or nothing from a controller that refuses the drive. `tick` and
+//! `link` are the cost of this tick in counts of the controller's stopwatch: that
+//! of the control task, and that of decoding and encoding both links. An exchange
+//! down with `drive` 0 ends the conversation.
 
-/// Bytes before the two parts on the way down.
+/// Length of the header on the way down, in bytes.
 pub const DOWN_HEADER: usize = 4;
-/// Bytes before the two parts on the way up.
+/// Length of the header on the way up, in bytes.
 pub const UP_HEADER: usize = 12;
-/// Most bytes of the host link that one turn carries.
+/// Most bytes of the host link in one exchange.
 pub const MAX_HOST: usize = 8 * super::frame::MAX_FRAME;
-/// Most bytes of the drive link that one turn carries.
+/// Most bytes of the drive link in one exchange.
 pub const MAX_DRIVE: usize = 1024;
-/// Longest turn in either direction.
-pub const MAX_TURN: usize = UP_HEADER + MAX_DRIVE + MAX_HOST;
+/// Most bytes of an exchange in one direction.
+pub const MAX_EXCHANGE: usize = UP_HEADER + MAX_DRIVE + MAX_HOST;
 
-/// Header of a turn on the way down.
+/// Header on the way down.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Down {
-    /// Length of the drive frame, in bytes.
+    /// Length of the drive frames, in bytes.
     pub drive: u16,
-    /// Length of the host bytes.
+    /// Length of the host bytes, in bytes.
     pub host: u16,
 }
 
-/// Header of a turn on the way up.
+/// Header on the way up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Up {
-    /// Length of the drive frame, in bytes.
+    /// Length of the drive frames, in bytes.
     pub drive: u16,
-    /// Length of the host bytes.
+    /// Length of the host bytes, in bytes.
     pub host: u16,
-    /// Counts of the controller's stopwatch spent on the control law.
+    /// Counts of the controller's stopwatch spent in the control task.
     pub tick: u32,
-    /// Counts spent on the host link.
+    /// Counts spent on decoding and encoding both links.
     pub link: u32,
 }
 
 impl Down {
-    /// As bytes.
+    /// The header as bytes.
     pub fn to_bytes(self) -> [u8; DOWN_HEADER] {
         let ([a, b], [c, d]) = (self.drive.to_le_bytes(), self.host.to_le_bytes());
         [a, b, c, d]
     }
 
-    /// From bytes.
+    /// The header from its bytes.
     pub fn from_bytes(bytes: [u8; DOWN_HEADER]) -> Self {
         let [a, b, c, d] = bytes;
         Self {
@@ -66,14 +67,14 @@ impl Down {
         }
     }
 
-    /// Bytes that follow the header; `None` when it announces more than a turn may have.
+    /// Bytes that follow the header; `None` if they are more than an exchange may have.
     pub fn body(self) -> Option<usize> {
         body(self.drive, self.host)
     }
 }
 
 impl Up {
-    /// As bytes.
+    /// The header as bytes.
     pub fn to_bytes(self) -> [u8; UP_HEADER] {
         let mut out = [0; UP_HEADER];
         let (lengths, costs) = out.split_at_mut(4);
@@ -90,7 +91,7 @@ impl Up {
         out
     }
 
-    /// From bytes.
+    /// The header from its bytes.
     pub fn from_bytes(bytes: [u8; UP_HEADER]) -> Self {
         let [a, b, c, d, t0, t1, t2, t3, l0, l1, l2, l3] = bytes;
         Self {
@@ -101,7 +102,7 @@ impl Up {
         }
     }
 
-    /// Bytes that follow the header; `None` when it announces more than a turn may have.
+    /// Bytes that follow the header; `None` if they are more than an exchange may have.
     pub fn body(self) -> Option<usize> {
         body(self.drive, self.host)
     }

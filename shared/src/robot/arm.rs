@@ -1,15 +1,16 @@
 //! A robot with its tool, compiled for a number of joints and a scalar.
 //!
-//! Stands between the description ([`Robot`], [`Tool`]) and everything that
-//! computes in the loop: precomputes what does not change with the joints.
+//! [`Arm`] precomputes everything that does not depend on the joint angles. It
+//! stands between the description ([`Robot`], [`Tool`]) and all computation.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::describe::{Robot, RobotError, Tool};
-use super::kinematics::{Frame, LinkTransform, MdhRow, ParameterColumns, frames_into, parameter_columns};
+use super::kinematics::{LinkTransform, MdhRow, ParameterColumns, frames_into, parameter_columns};
+use super::pose::Pose;
 use crate::scalar::{Real, lit};
 
-/// One body's constants in its own frame, in scalar `T`.
+/// Constants of one body in its own frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Body<T: Real> {
     pub(super) mass: T,
@@ -20,7 +21,7 @@ pub(super) struct Body<T: Real> {
 
 /// A robot of `N` revolute joints with its tool, ready to compute with.
 ///
-/// The tool's mass rides on the last link. Gravity is along −z of F0.
+/// The tool's mass is part of the last link. Gravity points along −z of F0.
 #[derive(Clone, Debug)]
 pub struct Arm<T: Real, const N: usize> {
     pub(super) rows: [MdhRow<T>; N],
@@ -34,8 +35,8 @@ impl<T: Real, const N: usize> Arm<T, N> {
     /// Compiles a description.
     ///
     /// # Errors
-    /// What [`Robot::check`] and [`Tool::check`] refuse, and a number of joints
-    /// other than `N`.
+    /// As [`Robot::check`] and [`Tool::check`]; also if the robot does not have `N`
+    /// joints.
     pub fn new(robot: &Robot, tool: &Tool) -> Result<Self, RobotError> {
         robot.check()?;
         tool.check()?;
@@ -99,42 +100,38 @@ impl<T: Real, const N: usize> Arm<T, N> {
         &self.rows
     }
 
-    /// Tool centre point in the flange frame, in m.
-    pub fn tcp_offset(&self) -> Vector3<T> {
-        self.tcp
-    }
-
     /// Reflected rotor inertias, in kg m².
     pub fn rotor(&self) -> &[T; N] {
         &self.rotor
     }
 
-    /// Frames F1..Fn in F0 at joint angles `q` (rad).
+    /// Poses of frames F1..Fn in F0 at joint angles `q` (rad).
     #[inline]
-    pub fn frames(&self, q: &[T; N]) -> [Frame<T>; N] {
-        let mut frames = [Frame::identity(); N];
+    pub fn frames(&self, q: &[T; N]) -> [Pose<T>; N] {
+        let mut frames = [Pose::identity(); N];
         frames_into(&self.links, q, &mut frames);
         frames
     }
 
-    /// The TCP frame FT in F0: the flange's axes, the origin at the TCP.
+    /// Pose of the TCP frame FT in F0: the axes of the flange, the origin at the TCP.
     #[inline]
-    pub fn tcp_frame(&self, frames: &[Frame<T>; N]) -> Frame<T> {
-        let flange = frames.last().copied().unwrap_or_else(Frame::identity);
-        Frame {
+    pub fn tcp_frame(&self, frames: &[Pose<T>; N]) -> Pose<T> {
+        let flange = frames.last().copied().unwrap_or_else(Pose::identity);
+        Pose {
             rotation: flange.rotation,
-            origin: flange.point(&self.tcp),
+            position: flange.point(&self.tcp),
         }
     }
 
-    /// Geometric Jacobian at point `p` (m, F0): rows 0-2 linear velocity, rows
-    /// 3-5 angular velocity, both in F0; columns per rad/s of each joint.
+    /// Geometric Jacobian at point `p` (m, F0), one column per joint. Rows 0 to 2
+    /// are the linear velocity, rows 3 to 5 the angular velocity, in F0 and per
+    /// rad/s.
     #[inline]
-    pub fn jacobian(&self, frames: &[Frame<T>; N], p: &Vector3<T>) -> SMatrix<T, 6, N> {
+    pub fn jacobian(&self, frames: &[Pose<T>; N], p: &Vector3<T>) -> SMatrix<T, 6, N> {
         let mut jacobian = SMatrix::<T, 6, N>::zeros();
         for i in 0..N {
             let z = frames[i].z();
-            let v = z.cross(&(p - frames[i].origin));
+            let v = z.cross(&(p - frames[i].position));
             for k in 0..3 {
                 jacobian[(k, i)] = v[k];
                 jacobian[(k + 3, i)] = z[k];
@@ -143,10 +140,11 @@ impl<T: Real, const N: usize> Arm<T, N> {
         jacobian
     }
 
-    /// Position Jacobian at `p` (m, F0, fixed in the last frame) with respect
-    /// to the parameters of every row: Equation 6 of the paper.
-    pub fn parameter_jacobian(&self, frames: &[Frame<T>; N], p: &Vector3<T>) -> [ParameterColumns<T>; N] {
-        let mut parent = Frame::identity();
+    /// Derivatives of the position of `p` with respect to the parameters of every
+    /// row (Equation 6 of the paper). `p` is given in F0, in m, and fixed in the
+    /// last frame.
+    pub fn parameter_jacobian(&self, frames: &[Pose<T>; N], p: &Vector3<T>) -> [ParameterColumns<T>; N] {
+        let mut parent = Pose::identity();
         core::array::from_fn(|i| {
             let columns = parameter_columns(&parent, &frames[i], &self.rows[i], p);
             parent = frames[i];

@@ -1,10 +1,10 @@
-//! Robots that need no file.
+//! The built-in robots.
 //!
-//! KUKA LBR iiwa 7 R800: kinematics as the paper's Table 2, masses and inertias
-//! from lbr-stack/lbr_fri_ros2_stack `lbr_description` (Apache-2.0), torque
-//! limits as Drake's iiwa README quotes KUKA's brochure (BSD-3-Clause). The
-//! joint drives of the real arm close a torque loop on the link side, so the
-//! nominal model has no rotor inertia.
+//! Sources for the KUKA LBR iiwa 7 R800: kinematics from the paper's Table 2,
+//! masses and inertias from lbr-stack/lbr_fri_ros2_stack `lbr_description`
+//! (Apache-2.0), torque limits from KUKA's brochure as quoted by Drake's iiwa
+//! README (BSD-3-Clause). The joint drives of the real arm close a torque loop at
+//! the link side, so the nominal model has no rotor inertia.
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -15,8 +15,8 @@ use super::kinematics::MdhRow;
 /// Names of the built-in robots.
 pub const BUILT_IN: &[&str] = &["iiwa7", "iiwa14", "panda", "fr3", "ur5e", "ur10e", "irb120"];
 
-/// alpha (rad), d (m), limit (rad), speed (rad/s), torque (N m), mass (kg),
-/// centre of mass (m), inertia xx yy zz xy xz yz (kg m²).
+/// One joint: alpha (rad), d (m), limit (rad), speed (rad/s), torque (N m), mass
+/// (kg), centre of mass (m), inertia xx yy zz xy xz yz (kg m²).
 type Row = (f64, f64, f64, f64, f64, f64, [f64; 3], [f64; 6]);
 
 #[rustfmt::skip]
@@ -41,7 +41,7 @@ const IIWA7: [Row; 7] = [
 pub fn iiwa7() -> Robot {
     let mut name = heapless::String::new();
     let mut joints = heapless::Vec::new();
-    // Both pushes fit by construction: 5 letters of 32, 7 joints of 8.
+    // Both fit: 5 letters of 32, 7 joints of 8.
     let _ = name.push_str("iiwa7");
     for (alpha, d, limit, velocity_rad_s, torque_nm, mass_kg, com_m, inertia_kg_m2) in IIWA7 {
         let joint = Joint {
@@ -70,7 +70,7 @@ pub fn iiwa7() -> Robot {
     Robot { name, joints }
 }
 
-/// A built-in robot by its name in [`BUILT_IN`].
+/// The built-in robot with a name of [`BUILT_IN`].
 pub fn built_in(name: &str) -> Option<Robot> {
     let rows: &[ArmRow] = match name {
         "iiwa7" => return Some(iiwa7()),
@@ -86,7 +86,7 @@ pub fn built_in(name: &str) -> Option<Robot> {
         name: heapless::String::new(),
         joints: heapless::Vec::new(),
     };
-    // All fit by construction: at most 7 letters of 32, at most 7 joints of 8.
+    // All fit: at most 7 letters of 32, at most 7 joints of 8.
     let _ = robot.name.push_str(name);
     for &([alpha, a, theta, d], [min_rad, max_rad, velocity_rad_s, torque_nm], mass_kg, com_m, inertia_kg_m2) in rows {
         let _ = robot.joints.push(Joint {
@@ -114,8 +114,8 @@ pub fn built_in(name: &str) -> Option<Robot> {
     Some(robot)
 }
 
-/// The calibration tool on the iiwa 7: 1.5 kg, the nest eccentric from the
-/// flange as in Figure 3. The paper gives no numbers; ours are these.
+/// The calibration tool of the iiwa 7: 1.5 kg, with the nest eccentric from the
+/// flange as in Figure 3 of the paper. The paper gives no numbers; these are ours.
 pub fn iiwa7_tool() -> Tool {
     Tool {
         tcp_m: [0.050, 0.0, 0.100],

@@ -1,6 +1,6 @@
 //! Tables of the built-in arms other than the iiwa 7, with the source and the
-//! licence of their figures. They are the exact modified DH form of the URDFs
-//! under `tests/data`, which a test of the host holds them against.
+//! licence of their numbers. They are the exact modified DH form of the URDF files
+//! under `tests/data`; a test of the host compares them.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -99,8 +99,8 @@ pub(super) const UR10E: [Row; 6] = [
      0.615, [0.0, 0.0, -0.026], [0.0004, 0.00041, 0.00034, 0.0, 0.0, 0.0]),
 ];
 
-/// ABB IRB 120-3/0.58: ros-industrial/abb `abb_irb120_support` (BSD-3-Clause). Torque limits are not
-/// published: these suffice to hold the arm and 3 kg.
+/// ABB IRB 120-3/0.58: ros-industrial/abb `abb_irb120_support` (BSD-3-Clause). The torque limits are not
+/// published; these are large enough to hold the arm and 3 kg.
 #[rustfmt::skip]
 pub(super) const IRB120: [Row; 6] = [
     ([0.0, 0.0, 0.0, 0.29], [-2.87979, 2.87979, 4.36332, 100.0],

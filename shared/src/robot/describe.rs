@@ -1,8 +1,9 @@
-//! What a robot and its tool are: serialisable descriptions, checked before use.
+//! Serialisable descriptions of a robot and its tool, checked before use.
 //!
-//! They come from the built-in table, a TOML file, a URDF or the host link;
-//! everything that computes is built from a description that [`Robot::check`]
-//! has passed.
+//! A description comes from the built-in table, a TOML file, a URDF file or the
+//! host link. Only a description that [`Robot::check`] has accepted is used.
+
+use core::fmt;
 
 use nalgebra::{Matrix3, Vector3};
 use postcard_schema::Schema;
@@ -18,9 +19,9 @@ pub struct Inertia {
     pub mass_kg: f64,
     /// Centre of mass in the body's frame, in m.
     pub com_m: [f64; 3],
-    /// Inertia about the centre of mass, axes of the body's frame:
-    /// xx, yy, zz, xy, xz, yz, in kg m² (the off-diagonal entries of the
-    /// matrix itself, not the products of inertia of opposite sign).
+    /// Inertia about the centre of mass, in the axes of the body's frame: xx, yy,
+    /// zz, xy, xz, yz, in kg m². The off-diagonal values are the matrix elements,
+    /// not the products of inertia, which have the opposite sign.
     pub inertia_kg_m2: [f64; 6],
 }
 
@@ -30,13 +31,13 @@ impl Inertia {
         Vector3::from(self.com_m)
     }
 
-    /// Inertia about the centre of mass as a matrix, in kg m².
+    /// Inertia matrix about the centre of mass, in kg m².
     pub fn matrix(&self) -> Matrix3<f64> {
         let [xx, yy, zz, xy, xz, yz] = self.inertia_kg_m2;
         Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
     }
 
-    /// The two bodies as one, both given in the same frame.
+    /// The mass distribution of both bodies together; both are given in one frame.
     pub fn combined(&self, other: &Self) -> Self {
         let mass = self.mass_kg + other.mass_kg;
         if mass <= 0.0 {
@@ -63,23 +64,23 @@ pub struct JointLimits {
     pub min_rad: f64,
     /// Largest angle, in rad.
     pub max_rad: f64,
-    /// Largest speed either way, in rad/s.
+    /// Largest speed in both directions, in rad/s.
     pub velocity_rad_s: f64,
-    /// Largest torque either way, in N m.
+    /// Largest torque in both directions, in N m.
     pub torque_nm: f64,
 }
 
 /// One joint and the link that it moves.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Joint {
-    /// Modified DH row to this joint's frame.
+    /// Modified DH row that leads to this joint's frame.
     pub mdh: MdhRow<f64>,
     /// The link, in this joint's frame.
     pub link: Inertia,
-    /// Limits.
+    /// The joint's limits.
     pub limits: JointLimits,
-    /// Rotor inertia seen at the link side (gear ratio squared times rotor
-    /// inertia), in kg m²; 0 where the drive hides it.
+    /// Rotor inertia at the link side (gear ratio squared times rotor inertia), in
+    /// kg m²; 0 if the drive compensates it.
     #[serde(default)]
     pub rotor_kg_m2: f64,
 }
@@ -110,24 +111,24 @@ impl Tool {
     }
 }
 
-/// Why a description was refused: which field, its value, and the remedy.
+/// Why a description was refused.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum RobotError {
-    /// No joints at all.
+    /// The robot has no joints.
     #[error("the robot has no joints: list at least one [[joint]]")]
     NoJoints,
-    /// The number of joints is not the one that this controller was built for.
+    /// The controller was built for another number of joints.
     #[error(
         "the robot has {found} joints, this controller was built for {expected}: use a controller built for {found}"
     )]
     JointCount {
-        /// Joints of the description.
+        /// Number of joints in the description.
         found: usize,
-        /// Joints expected.
+        /// Number of joints that the controller was built for.
         expected: usize,
     },
     /// A number is NaN or infinite.
-    #[error("joint {joint}: {field} is {value}: give a finite number")]
+    #[error("{}: {field} is {value}: give a finite number", part(*joint))]
     NotFinite {
         /// Joint, from 1; 0 is the tool.
         joint: usize,
@@ -136,8 +137,8 @@ pub enum RobotError {
         /// Its value.
         value: f64,
     },
-    /// A number is outside what is physically possible.
-    #[error("joint {joint}: {field} is {value}: {remedy}")]
+    /// A number is not physically possible.
+    #[error("{}: {field} is {value}: {remedy}", part(*joint))]
     OutOfRange {
         /// Joint, from 1; 0 is the tool.
         joint: usize,
@@ -150,7 +151,21 @@ pub enum RobotError {
     },
 }
 
-/// Refuses a number that is not finite.
+/// The part of the robot that `joint` stands for, in words.
+fn part(joint: usize) -> impl fmt::Display {
+    struct Part(usize);
+    impl fmt::Display for Part {
+        fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            match self.0 {
+                0 => f.write_str("tool"),
+                joint => write!(f, "joint {joint}"),
+            }
+        }
+    }
+    Part(joint)
+}
+
+/// Refuses `value` if it is not finite.
 fn finite(joint: usize, field: &'static str, value: f64) -> Result<(), RobotError> {
     if value.is_finite() {
         Ok(())
@@ -159,7 +174,7 @@ fn finite(joint: usize, field: &'static str, value: f64) -> Result<(), RobotErro
     }
 }
 
-/// Refuses a number that is not finite or for which `good` is false.
+/// Refuses `value` if it is not finite or if `good` is false.
 fn require(joint: usize, field: &'static str, value: f64, good: bool, remedy: &'static str) -> Result<(), RobotError> {
     finite(joint, field, value)?;
     if good {

@@ -1,29 +1,29 @@
 //! Inverse dynamics, mass matrix and momentum, all in base coordinates.
 //!
-//! Every spatial quantity is expressed at the origin of F0, so nothing is
-//! transformed from link to link: composite inertias are sums. One pass over
-//! the bodies ([`Dynamics::bodies`]) serves gravity, mass matrix, bias and
-//! momentum alike, which is what lets the control tick afford all of them.
+//! Every spatial quantity is given at the origin of F0. Nothing is transformed
+//! from link to link, and composite inertias are sums. One pass over the bodies
+//! ([`Dynamics::bodies`]) serves gravity, mass matrix, Coriolis torques and
+//! momentum, so that a control tick can compute all of them.
 //!
-//! Equation of motion, with `tau` the torque that the actuators exert on the
-//! links and `tau_ext` that of the environment:
+//! The equation of motion, where `tau` is the torque of the actuators on the links
+//! and `tau_ext` that of the environment:
 //!
 //! `M(q) q̈ + c(q, q̇) + g(q) = tau + tau_ext`
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::arm::Arm;
-use super::kinematics::Frame;
+use super::pose::Pose;
 use crate::scalar::{Real, lit};
 
-/// Standard gravity of the reference data, in m/s².
+/// Gravity of the reference data, in m/s².
 pub const GRAVITY_M_S2: f64 = 9.81;
 
 /// Spatial inertia of a body about the origin of F0.
 #[derive(Clone, Copy, Debug)]
 struct Spatial<T: Real> {
     mass: T,
-    /// First moment, mass times centre of mass, in kg m.
+    /// First moment: mass times centre of mass, in kg m.
     moment: Vector3<T>,
     /// Second moment about the origin: xx, yy, zz, xy, xz, yz, in kg m².
     second: [T; 6],
@@ -39,9 +39,9 @@ impl<T: Real> Spatial<T> {
         }
     }
 
-    /// Force and torque (about the origin) of this inertia times the motion
-    /// with angular part `w` and linear part `v` (velocity of the body point
-    /// at the origin).
+    /// Force and torque (about the origin) of this inertia times a motion. `w` is
+    /// the angular part; `v` is the linear part, the velocity of the body's point
+    /// at the origin.
     #[inline]
     fn times(&self, w: &Vector3<T>, v: &Vector3<T>) -> (Vector3<T>, Vector3<T>) {
         let [xx, yy, zz, xy, xz, yz] = self.second;
@@ -55,28 +55,27 @@ impl<T: Real> Spatial<T> {
     }
 }
 
-/// The bodies of an arm at one configuration, about the origin of F0.
+/// The bodies of an arm in one configuration, about the origin of F0.
 #[derive(Clone, Debug)]
 pub struct Bodies<T: Real, const N: usize> {
-    /// Joint screws: axis and moment `O × z`, the motion of a unit joint speed.
+    /// Joint screws, the motion at unit joint speed: axis, and moment `O × z`.
     axis: [Vector3<T>; N],
     moment: [Vector3<T>; N],
     single: [Spatial<T>; N],
     composite: [Spatial<T>; N],
 }
 
-/// Dynamics of an [`Arm`]; a trait so that the geometry of `arm.rs` and the
-/// mechanics of this file have a file each.
+/// The dynamics of an [`Arm`]. The trait keeps them apart from its geometry.
 pub trait Dynamics<T: Real, const N: usize> {
-    /// Spatial inertias of all bodies at the given frames.
-    fn bodies(&self, frames: &[Frame<T>; N]) -> Bodies<T, N>;
-    /// Reflected rotor inertias on the diagonal of a mass matrix, in kg m².
+    /// Spatial inertias of all bodies, from the poses of frames F1..Fn in F0.
+    fn bodies(&self, frames: &[Pose<T>; N]) -> Bodies<T, N>;
+    /// Adds the reflected rotor inertias (kg m²) to the diagonal of a mass matrix.
     fn add_rotors(&self, mass: &mut SMatrix<T, N, N>);
 }
 
 impl<T: Real, const N: usize> Dynamics<T, N> for Arm<T, N> {
     #[inline]
-    fn bodies(&self, frames: &[Frame<T>; N]) -> Bodies<T, N> {
+    fn bodies(&self, frames: &[Pose<T>; N]) -> Bodies<T, N> {
         let zero = T::zero();
         let nothing = Spatial {
             mass: zero,
@@ -94,7 +93,7 @@ impl<T: Real, const N: usize> Dynamics<T, N> for Arm<T, N> {
             let body = &self.bodies[i];
             let z = frame.z();
             bodies.axis[i] = z;
-            bodies.moment[i] = frame.origin.cross(&z);
+            bodies.moment[i] = frame.position.cross(&z);
             bodies.single[i] = spatial(&frame.rotation, &frame.point(&body.com), body.mass, &body.inertia);
         }
         let mut sum = nothing;
@@ -112,8 +111,8 @@ impl<T: Real, const N: usize> Dynamics<T, N> for Arm<T, N> {
     }
 }
 
-/// Spatial inertia about the origin of a body with rotation `r`, centre of mass
-/// `c` and inertia `inertia` about it in its own axes.
+/// Spatial inertia about the origin of F0. `r` is the body's rotation, `c` its
+/// centre of mass, `inertia` its inertia about `c` in its own axes.
 #[inline]
 fn spatial<T: Real>(r: &Matrix3<T>, c: &Vector3<T>, mass: T, inertia: &Matrix3<T>) -> Spatial<T> {
     let half = r * inertia;
@@ -135,14 +134,14 @@ fn spatial<T: Real>(r: &Matrix3<T>, c: &Vector3<T>, mass: T, inertia: &Matrix3<T
 }
 
 impl<T: Real, const N: usize> Bodies<T, N> {
-    /// Joint torques that hold the arm still against gravity, in N m.
+    /// Joint torques that hold the arm against gravity, in N m.
     #[inline]
     pub fn gravity(&self) -> SVector<T, N> {
         let g = lit::<T>(GRAVITY_M_S2);
         let mut torque = SVector::<T, N>::zeros();
         for i in 0..N {
-            // Power of the weight m g along −z at unit joint speed, negated:
-            // the velocity of the composite centre times its mass, upwards.
+            // Minus the power of the weight m g (along −z) at unit joint speed: m g
+            // times the upward velocity of the composite centre of mass.
             let (z, o) = (&self.axis[i], &self.moment[i]);
             let c = &self.composite[i];
             torque[i] = g * (o.z * c.mass + z.x * c.moment.y - z.y * c.moment.x);
@@ -150,7 +149,7 @@ impl<T: Real, const N: usize> Bodies<T, N> {
         torque
     }
 
-    /// Mass matrix of the links, in kg m² (rotors not included).
+    /// Mass matrix of the links without the rotors, in kg m².
     #[inline]
     pub fn mass_matrix(&self) -> SMatrix<T, N, N> {
         let mut mass = SMatrix::<T, N, N>::zeros();
@@ -165,7 +164,7 @@ impl<T: Real, const N: usize> Bodies<T, N> {
         mass
     }
 
-    /// Coriolis and centrifugal torques `c(q, q̇)` (gravity not included), in N m.
+    /// Coriolis and centrifugal torques `c(q, q̇)` without gravity, in N m.
     #[inline]
     pub fn coriolis(&self, dq: &[T; N]) -> SVector<T, N> {
         let (mut w, mut v) = (Vector3::zeros(), Vector3::zeros());
@@ -173,7 +172,7 @@ impl<T: Real, const N: usize> Bodies<T, N> {
         let mut forces = [(Vector3::zeros(), Vector3::zeros()); N];
         for i in 0..N {
             let (sw, sv) = (self.axis[i] * dq[i], self.moment[i] * dq[i]);
-            // Rate of the screw carried by the parent: (w, v) crm (sw, sv).
+            // Rate of the screw, which moves with the parent: (w, v) crm (sw, sv).
             dw += w.cross(&sw);
             dv += w.cross(&sv) + v.cross(&sw);
             w += sw;
@@ -193,9 +192,8 @@ impl<T: Real, const N: usize> Bodies<T, N> {
         torque
     }
 
-    /// Generalised momentum `p = M q̇` of the links and `Cᵀ(q, q̇) q̇`, the two
-    /// terms that a momentum observer needs besides gravity
-    /// (`ṗ = tau + tau_ext + Cᵀ q̇ − g`).
+    /// Generalised momentum `p = M q̇` of the links, and `Cᵀ(q, q̇) q̇`. The momentum
+    /// observer needs both, and gravity (`ṗ = tau + tau_ext + Cᵀ q̇ − g`).
     #[inline]
     pub fn momentum(&self, dq: &[T; N]) -> (SVector<T, N>, SVector<T, N>) {
         let (mut w, mut v) = (Vector3::zeros(), Vector3::zeros());

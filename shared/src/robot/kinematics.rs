@@ -1,19 +1,20 @@
-//! Forward kinematics and the Jacobians, in Craig's modified DH convention.
+//! Forward kinematics and Jacobians in Craig's modified DH convention.
 //!
-//! Equation 4 of the paper, with Hayati's rotation `beta` for joints whose axis
-//! is near parallel to the one before (there `d` cannot be told from the
-//! neighbour's, and `beta` takes its place):
+//! Equation 4 of the paper, with Hayati's rotation `beta`:
 //!
 //! `T_i = Rx(alpha_{i-1}) Tx(a_{i-1}) Ry(beta_{i-1}) Rz(theta_i + q_i) Tz(d_i)`
 //!
-//! With `beta = 0` it is exactly Equation 4. The functions work on slices and
-//! loop over the shorter one, so they serve any number of joints and cannot
+//! `beta` is for a joint whose axis is nearly parallel to the axis before: there
+//! `d` cannot be told from the `d` of the neighbouring row, and `beta` takes its
+//! place. With `beta = 0` this is exactly Equation 4. The functions work on slices
+//! and loop over the shortest one, so they serve any number of joints and never
 //! index out of bounds.
 
 use nalgebra::{Matrix3, Vector3};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::pose::Pose;
 use crate::scalar::Real;
 
 /// One row of the modified DH table: the transform from frame i-1 to frame i.
@@ -37,9 +38,9 @@ pub struct MdhRow<T> {
 pub struct LinkTransform<T: Real> {
     /// `Rx(alpha) Ry(beta)`.
     pub fixed: Matrix3<T>,
-    /// Origin of frame i in frame i-1, in m (does not depend on the joint angle).
+    /// Origin of frame i in frame i-1, in m. It does not depend on the joint angle.
     pub origin: Vector3<T>,
-    /// Offset of the joint angle, in rad.
+    /// Offset added to the joint angle, in rad.
     pub theta: T,
 }
 
@@ -64,61 +65,29 @@ impl<T: Real> From<&MdhRow<T>> for LinkTransform<T> {
     }
 }
 
-/// A frame seen from the base frame F0.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frame<T: Real> {
-    /// Rotation: columns are the frame's axes in F0.
-    pub rotation: Matrix3<T>,
-    /// Origin in F0, in m.
-    pub origin: Vector3<T>,
-}
-
-impl<T: Real> Frame<T> {
-    /// The base frame itself.
-    pub fn identity() -> Self {
-        Self {
-            rotation: Matrix3::identity(),
-            origin: Vector3::zeros(),
-        }
-    }
-
-    /// A point given in this frame, seen from F0.
-    #[inline]
-    pub fn point(&self, p: &Vector3<T>) -> Vector3<T> {
-        self.rotation * p + self.origin
-    }
-
-    /// The joint axis z_i in F0.
-    #[inline]
-    pub fn z(&self) -> Vector3<T> {
-        self.rotation.column(2).into()
-    }
-}
-
-/// The next frame of the chain: `parent · T_i(q)`.
+/// Pose of the next frame of the chain in F0: `parent · T_i(q)`.
 #[inline]
-pub fn next_frame<T: Real>(parent: &Frame<T>, link: &LinkTransform<T>, q: T) -> Frame<T> {
+pub fn next_frame<T: Real>(parent: &Pose<T>, link: &LinkTransform<T>, q: T) -> Pose<T> {
     next_frame_turned(parent, link, (link.theta + q).sin_cos_of())
 }
 
-/// As [`next_frame`], for whoever knows sine and cosine of the joint's whole
-/// angle, offset included.
+/// As [`next_frame`], from sine and cosine of the whole joint angle `theta + q`.
 #[inline]
-pub fn next_frame_turned<T: Real>(parent: &Frame<T>, link: &LinkTransform<T>, (s, c): (T, T)) -> Frame<T> {
+pub fn next_frame_turned<T: Real>(parent: &Pose<T>, link: &LinkTransform<T>, (s, c): (T, T)) -> Pose<T> {
     let r = parent.rotation * link.fixed;
     let (x, y) = (r.column(0), r.column(1));
     let rotation = Matrix3::from_columns(&[x * c + y * s, y * c - x * s, r.column(2).into()]);
-    Frame {
+    Pose {
         rotation,
-        origin: parent.rotation * link.origin + parent.origin,
+        position: parent.rotation * link.origin + parent.position,
     }
 }
 
-/// Frames F1..Fn in F0 into `out`; `links`, `q` and `out` have n items each
-/// (the shortest rules). Returns the last frame, the flange.
+/// Writes the poses of frames F1..Fn in F0 to `out` and returns the last one, the
+/// flange. `links`, `q` and `out` have n items each; the shortest one counts.
 #[inline]
-pub fn frames_into<T: Real>(links: &[LinkTransform<T>], q: &[T], out: &mut [Frame<T>]) -> Frame<T> {
-    let mut frame = Frame::identity();
+pub fn frames_into<T: Real>(links: &[LinkTransform<T>], q: &[T], out: &mut [Pose<T>]) -> Pose<T> {
+    let mut frame = Pose::identity();
     for ((link, q), slot) in links.iter().zip(q).zip(out) {
         frame = next_frame(&frame, link, *q);
         *slot = frame;
@@ -126,42 +95,43 @@ pub fn frames_into<T: Real>(links: &[LinkTransform<T>], q: &[T], out: &mut [Fram
     frame
 }
 
-/// Derivatives of a point's position with respect to one row's parameters:
-/// each column in m per rad or m per m, in F0.
+/// Derivatives of a point's position with respect to one row's parameters, in F0,
+/// in m per rad or m per m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParameterColumns<T: Real> {
     /// `∂P/∂alpha_{i-1} = x_{i-1} × (P − O_{i-1})`.
     pub alpha: Vector3<T>,
     /// `∂P/∂a_{i-1} = x_{i-1}`.
     pub a: Vector3<T>,
-    /// `∂P/∂theta_i = z_i × (P − O_i)`: also the joint Jacobian's column.
+    /// `∂P/∂theta_i = z_i × (P − O_i)`; also the column of the joint Jacobian.
     pub theta: Vector3<T>,
     /// `∂P/∂d_i = z_i`.
     pub d: Vector3<T>,
-    /// `∂P/∂beta_{i-1}`: about y after the twist, through the foot of `a`.
+    /// `∂P/∂beta_{i-1}`: rotation about y after the twist, through the end of `a`.
     pub beta: Vector3<T>,
 }
 
-/// Position Jacobian with respect to the parameters of row i (Equation 6).
+/// Derivatives of a point's position with respect to the parameters of row i
+/// (Equation 6 of the paper).
 ///
-/// `parent` and `frame` are F(i-1) and Fi in F0, `row` is row i of the table and
-/// `p` the point, fixed in the last frame, in F0.
+/// `parent` and `frame` are the poses of F(i-1) and Fi in F0. `row` is row i of the
+/// table. `p` is the point in F0; it is fixed in the last frame.
 #[inline]
 pub fn parameter_columns<T: Real>(
-    parent: &Frame<T>,
-    frame: &Frame<T>,
+    parent: &Pose<T>,
+    frame: &Pose<T>,
     row: &MdhRow<T>,
     p: &Vector3<T>,
 ) -> ParameterColumns<T> {
     let x: Vector3<T> = parent.rotation.column(0).into();
     let z = frame.z();
-    let foot = parent.origin + x * row.a;
+    let foot = parent.position + x * row.a;
     let (sa, ca) = row.alpha.sin_cos_of();
     let y: Vector3<T> = parent.rotation.column(1) * ca + parent.rotation.column(2) * sa;
     ParameterColumns {
-        alpha: x.cross(&(p - parent.origin)),
+        alpha: x.cross(&(p - parent.position)),
         a: x,
-        theta: z.cross(&(p - frame.origin)),
+        theta: z.cross(&(p - frame.position)),
         d: z,
         beta: y.cross(&(p - foot)),
     }

@@ -89,7 +89,7 @@ fn retreat(rig: &mut Rig, waypoints: &Waypoints, stop: &Stop, missed: &mut u32) 
     let fault = latest.find_map(|e| if let Event::Fault(f) = e { Some(f.fault) } else { None });
     let contact = latest.find_map(|e| if let Event::Contact(c) = e { Some(c) } else { None });
     let arm = nominal();
-    let tcp = arm.tcp_frame(&arm.frames(&rig.plant.sensed().q)).origin;
+    let tcp = arm.tcp_frame(&arm.frames(&rig.plant.sensed().q)).position;
     let last = Trace::new(contact, Some([tcp.x as f32, tcp.y as f32, tcp.z as f32]));
     let mut from = stop.approach.clone();
     if fault.is_some_and(Waypoints::helps) {

@@ -121,7 +121,7 @@ fn a_retry_begins_beside_a_waypoint_that_was_wrong() {
     let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("an arm");
     let from: [f64; 7] = tour.stops[0].approach.as_slice().try_into().expect("seven joints");
     let start = arm.tcp_frame(&arm.frames(&from));
-    let aside = start.origin + start.rotation.column(0) * WRONG_M;
+    let aside = start.position + start.rotation.column(0) * WRONG_M;
     tour.stops[0].approach = solve(&arm, aside, start.rotation, from).to_vec();
     let (memory, outcome, result) = campaign(&config, &tour, &BTreeSet::new());
     result.expect("the campaign ends well");

@@ -28,7 +28,7 @@ impl Loop {
         let mut this = Self {
             arm,
             impedance: Impedance::new(stiffness),
-            setpoint: CartesianSetpoint::at(tcp.origin, tcp.rotation),
+            setpoint: CartesianSetpoint::at(tcp.position, tcp.rotation),
             null_space: NullSpace::Elbow { angle, rate: 0.0 },
             procedure: Procedure::default(),
         };
@@ -149,7 +149,7 @@ fn deflection_is_force_over_stiffness() {
             let (mut q, mut dq) = (SVector::<f64, 7>::from(q0), SVector::<f64, 7>::zeros());
             for _ in 0..20_000 {
                 let frames = closed.arm.frames(&q.into());
-                let tcp = closed.arm.tcp_frame(&frames).origin;
+                let tcp = closed.arm.tcp_frame(&frames).position;
                 let external = closed.arm.jacobian(&frames, &tcp).transpose() * wrench;
                 let bodies = closed.arm.bodies(&frames);
                 // Gravity and Coriolis are compensated exactly, as in the controller.
@@ -158,7 +158,7 @@ fn deflection_is_force_over_stiffness() {
                 dq += factor.solve(&torque) * 1e-3;
                 q += dq * 1e-3;
             }
-            let tcp = closed.arm.tcp_frame(&closed.arm.frames(&q.into())).origin;
+            let tcp = closed.arm.tcp_frame(&closed.arm.frames(&q.into())).position;
             let deflection = tcp - closed.setpoint.position;
             let expected = force / stiffness;
             assert!(

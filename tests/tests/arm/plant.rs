@@ -134,7 +134,7 @@ fn measured_torque_at_rest_is_gravity_less_the_outer_force() {
     run(&mut plant, &law, &hold, 500.0, 8000);
     let truth = plant.truth();
     let frames = arm.frames(&truth.q);
-    let jacobian = arm.jacobian(&frames, &truth.tcp.origin);
+    let jacobian = arm.jacobian(&frames, &truth.tcp.position);
     let f = SVector::<f64, 6>::from_column_slice(&[4.0, -7.0, 9.0, 0.0, 0.0, 0.0]);
     let expected = arm.bodies(&frames).gravity() - jacobian.transpose() * f;
     for i in 0..7 {
@@ -223,7 +223,7 @@ fn tracker_shots_show_the_true_point() {
     let q = [0.4, 0.8, -0.3, -1.1, 0.6, 0.9, -0.5];
     let frame = plant.tracker_frame();
     let link = plant.world().link_angles_at_rest(&q);
-    let true_point = plant.world().tcp(&link).origin;
+    let true_point = plant.world().tcp(&link).position;
     let count = 400;
     let mut square = 0.0;
     for _ in 0..count {

@@ -4,18 +4,18 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spherecal::sim::plant::{Plant, PlantConfig};
-use spherecal_shared::robot::{Arm, Dynamics, Frame, iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{Arm, Dynamics, Pose, iiwa7, iiwa7_tool};
 
 /// Joint angles for a TCP frame from a start, by damped least squares; `None` out of reach.
-fn reach(arm: &Arm<f64, 7>, target: &Frame<f64>) -> Option<[f64; 7]> {
+fn reach(arm: &Arm<f64, 7>, target: &Pose<f64>) -> Option<[f64; 7]> {
     let mut q = [0.0, 0.5, 0.0, -1.7, 0.0, 0.9, 0.0];
     for _ in 0..60 {
         let frames = arm.frames(&q);
         let tcp = arm.tcp_frame(&frames);
         let turn = nalgebra::Rotation3::from_matrix(&(target.rotation * tcp.rotation.transpose())).scaled_axis();
-        let e = target.origin - tcp.origin;
+        let e = target.position - tcp.position;
         let error = SVector::<f64, 6>::from_iterator(e.iter().chain(turn.iter()).copied());
-        let j = arm.jacobian(&frames, &tcp.origin);
+        let j = arm.jacobian(&frames, &tcp.position);
         let damped = j * j.transpose() + SMatrix::<f64, 6, 6>::identity() * 1e-5;
         let step = j.transpose() * damped.try_inverse()? * error;
         for i in 0..7 {
@@ -23,7 +23,7 @@ fn reach(arm: &Arm<f64, 7>, target: &Frame<f64>) -> Option<[f64; 7]> {
         }
     }
     let tcp = arm.tcp_frame(&arm.frames(&q));
-    ((tcp.origin - target.origin).norm() < 1e-6).then_some(q)
+    ((tcp.position - target.position).norm() < 1e-6).then_some(q)
 }
 
 /// Gain of energy over the start in one drop, and the largest kinetic energy, in J.
@@ -37,14 +37,14 @@ fn drop_once(rng: &mut ChaCha8Rng, substep_s: f64) -> (f64, f64, bool) {
             * Vector3::from(config.plate.spheres_m[(between(0.0, 2.999)) as usize]);
     let tilt = nalgebra::Rotation3::new(Vector3::new(between(-0.2, 0.2), between(-0.2, 0.2), between(-0.4, 0.4)));
     let down = Matrix3::new(-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0);
-    let target = Frame {
+    let target = Pose {
         rotation: tilt.into_inner() * down,
-        origin: sphere + Vector3::new(between(-0.015, 0.015), between(-0.015, 0.015), between(0.004, 0.05)),
+        position: sphere + Vector3::new(between(-0.015, 0.015), between(-0.015, 0.015), between(0.004, 0.05)),
     };
     let q = reach(&arm, &target).expect("above the plate");
     let frames = arm.frames(&q);
     let press = Vector3::new(between(-5.0, 5.0), between(-5.0, 5.0), -between(0.0, 30.0));
-    let jacobian = arm.jacobian(&frames, &target.origin);
+    let jacobian = arm.jacobian(&frames, &target.position);
     let force = SVector::<f64, 6>::from_column_slice(&[press.x, press.y, press.z, 0.0, 0.0, 0.0]);
     let torque = arm.bodies(&frames).gravity() + jacobian.transpose() * force;
     let tau: [f64; 7] = torque.into();

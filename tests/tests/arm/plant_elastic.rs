@@ -3,7 +3,7 @@
 
 use super::plant_rig::{Law, free};
 use nalgebra::SVector;
-use spherecal::sim::plant::{Plant, PlantConfig};
+use spherecal::sim::plant::{Plant, PlantConfig, StillArm};
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Dynamics, iiwa7, iiwa7_tool};
 
@@ -146,6 +146,6 @@ fn static_relations_invert() {
         let on = StillArm::new(plant.world(), &config)
             .go_to_contact(&guess, &sphere)
             .expect("in reach");
-        assert!((on.tcp.origin - sphere).norm() < 1e-7, "{name}");
+        assert!((on.tcp.position - sphere).norm() < 1e-7, "{name}");
     }
 }

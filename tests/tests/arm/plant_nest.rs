@@ -4,7 +4,7 @@
 use super::plant_rig::{Law, at_sphere, down, free, run};
 use nalgebra::Vector3;
 use spherecal::sim::plant::{Obstacle, Plant, PlantConfig, TorqueSensorFault};
-use spherecal_shared::robot::{Arm, Dynamics, Frame, iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{Arm, Dynamics, Pose, iiwa7, iiwa7_tool};
 
 /// Fails if pads, friction or magnet do not hold a seated nest through turns,
 /// or if the static balance of forces is off.
@@ -29,7 +29,7 @@ fn a_seated_nest_holds_and_turns() {
                 if left > 1e-9 {
                     turn = turn.slerp(&goal, (step / left).min(1.0));
                 }
-                let target = Frame {
+                let target = Pose {
                     rotation: turn.into_inner() * seat.rotation,
                     ..seat
                 };
@@ -48,7 +48,7 @@ fn a_seated_nest_holds_and_turns() {
             );
         }
     }
-    assert!((plant.truth().tcp.origin - seat.origin).norm() < 3e-5);
+    assert!((plant.truth().tcp.position - seat.position).norm() < 3e-5);
 }
 
 /// Fails if the pull-off force is not the magnet's: 20 N hold, 35 N do not.
@@ -70,14 +70,14 @@ fn press_and_release(aside: Vector3<f64>) -> Plant<7> {
     let (mut plant, law, seat) = at_sphere(&PlantConfig::ideal(), aside + Vector3::z() * 0.040);
     for ms in 0..2500 {
         let fall = f64::from(ms).min(2200.0) * 1e-3 * 0.05;
-        let target = Frame {
-            origin: seat.origin + aside + Vector3::z() * (0.040 - fall),
+        let target = Pose {
+            position: seat.position + aside + Vector3::z() * (0.040 - fall),
             ..seat
         };
         run(&mut plant, &law, &target, 150.0, 1);
     }
-    let hold = Frame {
-        origin: plant.truth().tcp.origin,
+    let hold = Pose {
+        position: plant.truth().tcp.position,
         ..seat
     };
     run(&mut plant, &law, &hold, 5.0, 3000);
@@ -109,13 +109,13 @@ fn lateral_offsets_centre_but_a_rim_hit_does_not() {
 fn without_contact_the_arm_falls_through_the_sphere() {
     let config = free();
     let (mut plant, law, seat) = at_sphere(&config, Vector3::z() * 0.010);
-    let through = Frame {
-        origin: seat.origin - Vector3::z() * 0.03,
+    let through = Pose {
+        position: seat.position - Vector3::z() * 0.03,
         ..seat
     };
     run(&mut plant, &law, &through, 200.0, 3000);
     let truth = plant.truth();
-    assert!((truth.tcp.origin - through.origin).norm() < 1e-3);
+    assert!((truth.tcp.position - through.position).norm() < 1e-3);
     assert_eq!(truth.contact_n, Vector3::zeros());
     // And no force reads at the joints: the arm's own gravity only.
     let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("a robot");
@@ -139,7 +139,7 @@ fn the_magnet_pulls_by_its_law() {
             truth.magnet_n
         );
         assert!(truth.magnet_n.z < 0.0, "the nest is pulled down to the sphere");
-        assert!((truth.tcp.origin - seat.origin).xy().norm() < 1e-8);
+        assert!((truth.tcp.position - seat.position).xy().norm() < 1e-8);
     }
     let (plant, _, _) = at_sphere(&PlantConfig::ideal(), Vector3::z() * 0.055);
     assert_eq!(plant.truth().magnet_n, Vector3::zeros());
@@ -150,8 +150,8 @@ fn the_magnet_pulls_by_its_law() {
 fn the_rim_rests_on_the_plate() {
     let aside = Vector3::new(0.12, 0.0, 0.0);
     let (mut plant, law, seat) = at_sphere(&PlantConfig::ideal(), aside - Vector3::z() * 0.02);
-    let below = Frame {
-        origin: seat.origin + aside - Vector3::z() * 0.2,
+    let below = Pose {
+        position: seat.position + aside - Vector3::z() * 0.2,
         ..seat
     };
     run(&mut plant, &law, &below, 100.0, 3000);
@@ -159,9 +159,9 @@ fn the_rim_rests_on_the_plate() {
     assert!(truth.plate && truth.seated.is_none());
     // Surface 60 mm under the centres, rim 2.5 mm beyond the TCP.
     assert!(
-        (truth.tcp.origin.z - (seat.origin.z - 0.0575)).abs() < 5e-4,
+        (truth.tcp.position.z - (seat.position.z - 0.0575)).abs() < 5e-4,
         "{:?}",
-        truth.tcp.origin
+        truth.tcp.position
     );
 }
 
@@ -189,17 +189,17 @@ fn injected_faults_act_and_clear() {
     assert!((gone.truth().gap_m[1] - 0.02).abs() < 1e-3);
     // An obstacle stops the TCP on its surface.
     let (mut blocked, law, seat) = at_sphere(&free(), Vector3::z() * 0.05);
-    let surface = seat.origin.z + 0.03;
+    let surface = seat.position.z + 0.03;
     blocked.set_obstacle(Some(Obstacle {
         point_m: [0.0, 0.0, surface],
         normal: [0.0, 0.0, 2.0],
         stiffness_n_m: 1e5,
     }));
     run(&mut blocked, &law, &seat, 300.0, 2000);
-    assert!((blocked.truth().tcp.origin.z - surface).abs() < 5e-4);
+    assert!((blocked.truth().tcp.position.z - surface).abs() < 5e-4);
     blocked.set_obstacle(None);
     run(&mut blocked, &law, &seat, 300.0, 3000);
-    assert!(blocked.truth().tcp.origin.z < seat.origin.z + 2e-3);
+    assert!(blocked.truth().tcp.position.z < seat.position.z + 2e-3);
     // Sensors.
     blocked.stick_encoder(2, true);
     blocked.fail_torque_sensor(1, Some(TorqueSensorFault::Dead));
@@ -224,7 +224,7 @@ fn a_payload_loads_the_joints() {
     plant.set_payload(0.5);
     let law = Law::new(&q);
     let frames = law.arm.frames(&q);
-    let jacobian = law.arm.jacobian(&frames, &law.arm.tcp_frame(&frames).origin);
+    let jacobian = law.arm.jacobian(&frames, &law.arm.tcp_frame(&frames).position);
     let sensed = plant.step_braked();
     let gravity = law.arm.bodies(&frames).gravity();
     for i in 0..7 {
@@ -240,13 +240,13 @@ fn a_payload_loads_the_joints() {
 fn a_seated_nest_holds_for_30_seconds() {
     let (mut plant, law, seat) = at_sphere(&PlantConfig::typical(), Vector3::new(1e-3, -1e-3, 4e-3));
     run(&mut plant, &law, &seat, 100.0, 3000);
-    let hold = Frame {
-        origin: law.arm.tcp_frame(&law.arm.frames(&plant.sensed().q)).origin,
+    let hold = Pose {
+        position: law.arm.tcp_frame(&law.arm.frames(&plant.sensed().q)).position,
         ..seat
     };
     run(&mut plant, &law, &hold, 5.0, 5000);
     assert_eq!(plant.truth().seated, Some(1), "{:?}", plant.truth());
-    let start = plant.truth().tcp.origin;
+    let start = plant.truth().tcp.position;
     let mut means = Vec::new();
     for _ in 0..30 {
         let mut mean = [0.0; 7];
@@ -266,7 +266,7 @@ fn a_seated_nest_holds_for_30_seconds() {
             worst = worst.max((m[i] - mean).abs());
         }
     }
-    let drift = (plant.truth().tcp.origin - start).norm();
+    let drift = (plant.truth().tcp.position - start).norm();
     println!(
         "30 s hold: TCP drift {:.2} um, 1 s means within {:.2} urad of the 30 s mean",
         drift * 1e6,

@@ -46,7 +46,7 @@ fn residuals(robot: &Robot, frames: &MeasuredFrames, measured: &[Measured]) -> V
         .iter()
         .map(|m| {
             let q = core::array::from_fn(|i| m.q[i]);
-            let tcp = arm.tcp_frame(&arm.frames(&q)).origin;
+            let tcp = arm.tcp_frame(&arm.frames(&q)).position;
             Vector3::from(m.point_m) - frames.base.point(&tcp)
         })
         .collect()
@@ -68,7 +68,7 @@ fn fit_geometry(frames: &MeasuredFrames, measured: &[Measured]) -> Robot {
         for (m, r) in measured.iter().zip(&wrong) {
             let q = core::array::from_fn(|i| m.q[i]);
             let chain = arm.frames(&q);
-            let columns = arm.parameter_jacobian(&chain, &arm.tcp_frame(&chain).origin);
+            let columns = arm.parameter_jacobian(&chain, &arm.tcp_frame(&chain).position);
             let j = DMatrix::from_fn(3, 24, |i, k| {
                 let c = &columns[1 + k / 4];
                 let removed = [(5, 3), (6, 1), (6, 2)].contains(&(1 + k / 4, k % 4));

@@ -9,7 +9,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use spherecal::sim::plant::{Plant, PlantConfig, Sensed};
-use spherecal_shared::robot::{Arm, Dynamics, Frame, iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{Arm, Dynamics, Pose, iiwa7, iiwa7_tool};
 
 /// A Cartesian impedance law on truth-free data, with the plant's own ideal model.
 pub struct Law {
@@ -28,14 +28,14 @@ impl Law {
     }
 
     /// Torques towards a target frame at stiffness `k` (N/m) and `kr` (N m/rad).
-    pub fn torque(&self, s: &Sensed<7>, target: &Frame<f64>, k: f64, kr: f64) -> [f64; 7] {
+    pub fn torque(&self, s: &Sensed<7>, target: &Pose<f64>, k: f64, kr: f64) -> [f64; 7] {
         let frames = self.arm.frames(&s.q);
         let bodies = self.arm.bodies(&frames);
         let tcp = self.arm.tcp_frame(&frames);
-        let jacobian = self.arm.jacobian(&frames, &tcp.origin);
+        let jacobian = self.arm.jacobian(&frames, &tcp.position);
         let dq = SVector::<f64, 7>::from(s.dq);
         let v = jacobian * dq;
-        let e = target.origin - tcp.origin;
+        let e = target.position - tcp.position;
         let turn = nalgebra::Rotation3::from_matrix(&(target.rotation * tcp.rotation.transpose())).scaled_axis();
         let mut f = SVector::<f64, 6>::zeros();
         for i in 0..3 {
@@ -57,16 +57,16 @@ pub fn down(yaw: f64) -> Matrix3<f64> {
 }
 
 /// Joint angles for a TCP frame, by damped least squares.
-pub fn reach(target: &Frame<f64>) -> [f64; 7] {
+pub fn reach(target: &Pose<f64>) -> [f64; 7] {
     let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("a robot");
     let mut q = [0.0, 0.7, 0.0, -1.4, 0.0, 1.0, 0.0];
     for _ in 0..300 {
         let frames = arm.frames(&q);
         let tcp = arm.tcp_frame(&frames);
-        let e = target.origin - tcp.origin;
+        let e = target.position - tcp.position;
         let turn = nalgebra::Rotation3::from_matrix(&(target.rotation * tcp.rotation.transpose())).scaled_axis();
         let error = SVector::<f64, 6>::from_iterator(e.iter().chain(turn.iter()).copied());
-        let j = arm.jacobian(&frames, &tcp.origin);
+        let j = arm.jacobian(&frames, &tcp.position);
         let damped = j * j.transpose() + SMatrix::<f64, 6, 6>::identity() * 1e-6;
         let step = j.transpose() * damped.try_inverse().expect("regular") * error;
         for i in 0..7 {
@@ -74,23 +74,23 @@ pub fn reach(target: &Frame<f64>) -> [f64; 7] {
         }
     }
     let tcp = arm.tcp_frame(&arm.frames(&q));
-    assert!((tcp.origin - target.origin).norm() < 1e-9, "out of reach");
+    assert!((tcp.position - target.position).norm() < 1e-9, "out of reach");
     q
 }
 
 /// An ideal plant whose nest is `offset` (m, F0) away from its seat on sphere 2.
-pub fn at_sphere(config: &PlantConfig, offset: Vector3<f64>) -> (Plant<7>, Law, Frame<f64>) {
+pub fn at_sphere(config: &PlantConfig, offset: Vector3<f64>) -> (Plant<7>, Law, Pose<f64>) {
     let sphere = Plant::<7>::new(&iiwa7(), &iiwa7_tool(), config, &[0.0; 7])
         .expect("a plant")
         .world()
         .spheres[1]
         .expect("a sphere");
-    let seat = Frame {
+    let seat = Pose {
         rotation: down(core::f64::consts::PI),
-        origin: sphere,
+        position: sphere,
     };
-    let q = reach(&Frame {
-        origin: sphere + offset,
+    let q = reach(&Pose {
+        position: sphere + offset,
         ..seat
     });
     let plant = Plant::new(&iiwa7(), &iiwa7_tool(), config, &q).expect("a plant");
@@ -98,7 +98,7 @@ pub fn at_sphere(config: &PlantConfig, offset: Vector3<f64>) -> (Plant<7>, Law, 
 }
 
 /// Runs `ms` ticks towards a target.
-pub fn run(plant: &mut Plant<7>, law: &Law, target: &Frame<f64>, k: f64, ms: u32) {
+pub fn run(plant: &mut Plant<7>, law: &Law, target: &Pose<f64>, k: f64, ms: u32) {
     for _ in 0..ms {
         let tau = law.torque(plant.sensed(), target, k, 200.0);
         plant.step(&tau);

@@ -51,13 +51,13 @@ fn check(arm: &Arm<f64, 7>, q: &[f64; 7], case: &KinematicsCase) {
     let frames = arm.frames(q);
     let tcp = arm.tcp_frame(&frames);
     for i in 0..3 {
-        assert!((tcp.origin[i] * 1000.0 - case.tcp_mm[i]).abs() < 1e-9);
+        assert!((tcp.position[i] * 1000.0 - case.tcp_mm[i]).abs() < 1e-9);
         for j in 0..3 {
             assert!((tcp.rotation[(i, j)] - case.rotation[i][j]).abs() < 1e-12);
         }
     }
-    let joint = arm.jacobian(&frames, &tcp.origin);
-    for (k, columns) in arm.parameter_jacobian(&frames, &tcp.origin).iter().enumerate() {
+    let joint = arm.jacobian(&frames, &tcp.position);
+    for (k, columns) in arm.parameter_jacobian(&frames, &tcp.position).iter().enumerate() {
         for i in 0..3 {
             // Angles: m/rad to mm/rad; lengths: mm per mm.
             let ours = [
@@ -99,7 +99,7 @@ fn kinematics_and_parameter_jacobians_agree_with_numpy() {
 fn flange_and_tool_stand_where_they_are_known_to() {
     let q = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7];
     let flange = arm_mm(None, [0.0; 3]);
-    let at = |arm: &Arm<f64, 7>, q: &[f64; 7]| arm.tcp_frame(&arm.frames(q)).origin * 1000.0;
+    let at = |arm: &Arm<f64, 7>, q: &[f64; 7]| arm.tcp_frame(&arm.frames(q)).position * 1000.0;
     assert!((at(&flange, &q) - Vector3::new(37.383021353769, -4.711631683163, 1239.147982619095)).norm() < 1e-9);
     let tool = arm_mm(None, [50.0, 0.0, 100.0]);
     assert!((at(&tool, &q) - Vector3::new(56.155312501635, 74.692325885578, 1315.584967171609)).norm() < 1e-9);
@@ -142,7 +142,7 @@ fn dynamics_agree_with_mujoco() {
     let arm = Arm::<f64, 7>::new(&iiwa7(), &tool).expect("a valid robot");
     for state in &reference.states {
         let frames = arm.frames(&state.q);
-        let tcp = arm.tcp_frame(&frames).origin;
+        let tcp = arm.tcp_frame(&frames).position;
         assert!((tcp - Vector3::from(state.tcp)).norm() < 1e-12);
         let jacobian = arm.jacobian(&frames, &tcp);
         let theirs = SMatrix::<f64, 6, 7>::from_fn(|i, j| state.jacobian[i][j]);

@@ -187,9 +187,9 @@ fn pairs_on_one_sphere_cannot_see_the_scale() {
 
 fn tcp(q: &[f64]) -> nalgebra::Vector3<f64> {
     use spherecal_shared::robot::kinematics::frames_into;
-    use spherecal_shared::robot::{Frame, LinkTransform};
+    use spherecal_shared::robot::{LinkTransform, Pose};
     let links: Vec<_> = iiwa7().joints.iter().map(|j| LinkTransform::from(&j.mdh)).collect();
-    let mut frames = [Frame::identity(); 7];
+    let mut frames = [Pose::identity(); 7];
     frames_into(&links, q, &mut frames).point(&iiwa7_tool().tcp())
 }
 

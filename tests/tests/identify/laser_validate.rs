@@ -17,7 +17,7 @@ fn tcps(robot: &Robot, tool: &Tool, configurations: &[Vec<f64>]) -> Vec<Vector3<
         .iter()
         .map(|q| {
             let q: [f64; 7] = q.as_slice().try_into().expect("seven joints");
-            arm.tcp_frame(&arm.frames(&q)).origin
+            arm.tcp_frame(&arm.frames(&q)).position
         })
         .collect()
 }

@@ -2,7 +2,7 @@
 //! 50 mm apart, at three places (`mukca_iiwa14.csv`, see `data/README.md`).
 
 use spherecal::identify::{Experiment, Model, Observation, Options, Set, Sphere, Split, Target, holdout, identify};
-use spherecal::model::input::{Labels, read_csv_file};
+use spherecal::model::input::{Labels, TableFormat, read_csv_file};
 use spherecal::model::robots::load;
 use spherecal_tests::data_path;
 
@@ -10,14 +10,16 @@ fn experiment() -> Experiment {
     let mut model = load(&data_path("iiwa14.urdf").display().to_string()).expect("a robot");
     model.tool.tcp_m = [0.0, 0.0, 0.04];
     let mut places = Labels::default();
-    let table = read_csv_file(&data_path("mukca_iiwa14.csv"), 7, None, &mut places).expect("a table");
+    let format = TableFormat::new(7);
+    let path = data_path("mukca_iiwa14.csv");
+    let table = read_csv_file(&path, &format, &mut places, &mut |_| {}).expect("a table");
     let spheres = [(1, 0.0), (2, 0.05)].map(|(id, x)| Sphere {
         id,
         position_m: [x, 0.0, 0.0],
         sigma_m: 20e-6,
     });
-    let observations = table.rows.iter().map(|row| Observation {
-        q: row.q.clone(),
+    let observations = table.rows().map(|row| Observation {
+        q: row.q.to_vec(),
         tau: None,
         target: Target::Sphere {
             sphere: row.sphere.expect("contacts"),

@@ -55,3 +55,17 @@ fn what_does_not_exist_is_refused() {
         assert_eq!(done.status.code(), Some(expected), "{arguments:?}: {said}");
     }
 }
+
+// Fails if the controller is not built for a core without a double-precision FPU,
+// or if the skeleton of a board is not checked.
+#[test]
+fn portable_builds_for_small_cores() {
+    for route in ["rustup", "debian"] {
+        let text = rehearsed(route, &["portable"]);
+        for core in ["thumbv7em-none-eabi", "thumbv7m-none-eabi"] {
+            let build = format!("--package spherecal-firmware --target {core}\n");
+            assert!(text.contains(&build), "{text}");
+        }
+        assert!(text.contains("--example skeleton"), "{text}");
+    }
+}

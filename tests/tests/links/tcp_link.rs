@@ -167,7 +167,7 @@ fn tcp(recording: &Recording) -> Vector3<f64> {
     let q: Vec<f64> = recording.q.iter().map(|q| q.mean).collect();
     let q: [f64; 7] = q.try_into().expect("seven joints");
     let arm = nominal();
-    arm.tcp_frame(&arm.frames(&q)).origin
+    arm.tcp_frame(&arm.frames(&q)).position
 }
 
 fn framed<M: Message>(message: &M, sequence: u32) -> Vec<u8> {

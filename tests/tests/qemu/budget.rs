@@ -80,7 +80,7 @@ const MPS2: Board = Board {
             "7on_link",
             &[
                 "12___serve_task",
-                "12___speak_task",
+                "17___serve_host_task",
                 "14___host_in_task",
                 "15___host_out_task",
                 "15___drive_in_task",
@@ -91,9 +91,9 @@ const MPS2: Board = Board {
         ("5State5serve", WAKERS),
         ("11TaskStorage", WAKERS),
         ("RawMutex4lock", WAKERS),
-        ("7LinkEnd", WAKERS),
+        ("8LinkSide", WAKERS),
         ("4Uart10on_receive", WAKERS),
-        ("6Ticker4next", WAKERS),
+        ("12embassy_time5timer", WAKERS),
         ("_defmt_release", WAKERS),
         // Whatever else of the board does so wakes tasks.
         ("mps2_an500", WAKERS),
@@ -115,7 +115,7 @@ const NUCLEO: Board = Board {
         (
             "UART8",
             &[
-                "12___speak_task",
+                "17___serve_host_task",
                 "14___host_in_task",
                 "15___host_out_task",
                 "15___drive_in_task",
@@ -125,9 +125,8 @@ const NUCLEO: Board = Board {
         ("8Executor3run", &["19___housekeeping_task"]),
         ("8buffered12on_interrupt", WAKERS),
         ("11TaskStorage", WAKERS),
-        ("10ByteReader4read", WAKERS),
-        ("10ByteWriter5write", WAKERS),
         ("TIM8_BRK_TIM12", WAKERS),
+        ("12embassy_time5timer", WAKERS),
         ("_embassy_time_schedule_wake", WAKERS),
         ("_defmt_", &["9defmt_rtt7channel"]),
         ("13nucleo_h743zi", WAKERS),

@@ -25,7 +25,7 @@ fn a_hog_below_does_not_move_the_beat() {
     bench.until(Phase::Coupled, 15_000);
     let (ticks, fault) = (bench.tick, bench.fault());
     let log = log_of(bench, folder.path());
-    let beats = numbers(&log, "beats:");
+    let beats = numbers(&log, "ticks:");
     let [count, early, late, ..] = beats[..] else {
         panic!("{log}")
     };

@@ -319,7 +319,7 @@ fn no_tick_exceeds_its_budget() {
         RESTARTS * longer * STEPS,
         search.phases
     );
-    let rows = [("the dearest found".to_owned(), vec![Some(worst.worst)])];
+    let rows = [("the most expensive found".to_owned(), vec![Some(worst.worst)])];
     compare("search", "| a tick of the search | instructions |", &rows, 0.05, 0.0);
     assert!(
         2 * coupled >= RESTARTS * longer * STEPS,

@@ -1,14 +1,13 @@
-//! What a Cortex-M7 does faster than the compiler's library: copying and
-//! clearing memory, eight words at a time, and square roots.
+//! Copies and clears memory on a Cortex-M7, eight words at a time.
 //!
-//! The compiler's run-time library moves one word in four instructions; a
-//! control tick moves about 10 kB (the arm's state of the tick, frames,
-//! events), which were 19,000 of its instructions. Load and store multiple
-//! move 32 bytes in four. The library's own symbols are weak, so linking this
-//! crate is all it takes: `use spherecal_m7 as _;`.
+//! The compiler's run-time library moves one word in four instructions. A control
+//! tick moves about 10 kB (the snapshot of the arm, frames, events), which took
+//! 19,000 instructions. The load and store multiple instructions used here move
+//! 32 bytes in four. The library's own symbols are weak, so linking this crate
+//! replaces them: `use spherecal_m7 as _;`.
 //!
-//! Unaligned single words are fine on ARMv7-M (with `CCR.UNALIGN_TRP` clear,
-//! as after reset); load and store multiple want aligned addresses.
+//! ARMv7-M allows unaligned access to single words (with `CCR.UNALIGN_TRP` clear,
+//! as after reset). Load and store multiple need aligned addresses.
 #![no_std]
 
 #[cfg(target_arch = "arm")]
@@ -126,23 +125,3 @@ __aeabi_memset4:
 6:  bx lr
 "#
 );
-
-/// The square root, by the FPU's one instruction; the same bits as any other
-/// correct one, since IEEE 754 rounds it exactly. `libm`'s takes about 90
-/// instructions, and a tick takes some fifty roots.
-#[cfg(target_arch = "arm")]
-#[inline(always)]
-pub fn sqrt(x: f64) -> f64 {
-    let root: f64;
-    // SAFETY: a register-only instruction of the FPv5-D16 that every Cortex-M7
-    // in this project has.
-    unsafe {
-        core::arch::asm!(
-            "vsqrt.f64 {root}, {x}",
-            root = out(dreg_low16) root,
-            x = in(dreg_low16) x,
-            options(pure, nomem, nostack, preserves_flags)
-        );
-    }
-    root
-}

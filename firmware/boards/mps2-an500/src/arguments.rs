@@ -1,33 +1,33 @@
-//! What the image is to do: `arg=` of QEMU's semihosting.
+//! The scenario and the log file, from `arg=` of QEMU's semihosting.
 
 /// A scenario.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
 pub enum Scenario {
     /// Controller on the lock-step pipe.
     Pipe,
-    /// The same with a thread-mode task that hogs the processor for 20 ms at a time.
+    /// As `Pipe`, while a thread-mode task occupies the processor for 20 ms at a time.
     Hog,
-    /// Controller on UART0 (drive) and UART1 (host), one tick for each drive state.
+    /// Controller on UART0 (drive) and UART1 (host), one tick per drive state.
     Uart,
-    /// What the stages of the control law cost.
+    /// Measures the cost of the stages of the control law.
     Stages,
-    /// The timer across its 32-bit wrap.
+    /// Runs the timer across its 32-bit wrap.
     Wrap,
 }
 
-/// The arguments, taken apart.
+/// The image's arguments.
 #[derive(Clone, Copy)]
 pub struct Arguments<'a> {
-    /// The first word.
+    /// The first word, if it is a scenario.
     pub scenario: Option<Scenario>,
-    /// `log=`: path of the log file, its zero byte included.
+    /// Path of the log file from `log=`, with its zero byte.
     pub log: Option<&'a str>,
 }
 
 impl<'a> Arguments<'a> {
-    /// Takes apart `length` bytes of text at the start of `buffer`.
+    /// Parses `length` bytes of text at the start of `buffer`.
     pub fn parse(buffer: &'a mut [u8], length: usize) -> Self {
-        // Every word ends with a zero byte, as semihosting wants its paths.
+        // Every word gets a zero byte at its end, as semihosting wants for paths.
         for byte in buffer.iter_mut() {
             if *byte == b' ' {
                 *byte = 0;

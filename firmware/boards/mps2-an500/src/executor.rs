@@ -1,9 +1,9 @@
-//! Three embassy executors: control in an interrupt, the links in one below it,
-//! everything else in thread mode.
+//! Three embassy executors: one in the control interrupt, one for the links in an
+//! interrupt of lower priority, and one in thread mode for everything else.
 //!
-//! embassy's stock thread executor waits with WFE, which never sleeps in
-//! QEMU 7.2; this one waits with WFI under PRIMASK, where an interrupt that comes
-//! between the look and the sleep still wakes the processor.
+//! embassy's own thread executor waits with WFE, which never sleeps in QEMU 7.2.
+//! The one here waits with WFI while PRIMASK is set: an interrupt that comes
+//! between the check for work and the sleep still wakes the processor.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -40,13 +40,14 @@ impl Slot {
         }
     }
 
-    /// To be called once: a second call would replace an executor in use.
+    /// Starts the executor. Call it once: a second call would replace an
+    /// executor that is in use.
     fn start(&'static self, context: usize, interrupt: Interrupt, priority: Priority) -> SendSpawner {
         assert!(
             !self.started.load(Ordering::Acquire),
             "an interrupt's executor was started twice"
         );
-        // SAFETY: nothing else touches the slot before `started` is set.
+        // SAFETY: nothing else accesses the slot before `started` is set.
         let executor: &'static Executor = unsafe { (*self.executor.get()).write(Executor::new(context as *mut ())) };
         self.started.store(true, Ordering::Release);
         hardware::enable(interrupt, priority);
@@ -55,14 +56,14 @@ impl Slot {
 
     fn poll(&self) {
         if self.started.load(Ordering::Acquire) {
-            // SAFETY: `start` has initialised the executor; the one handler
-            // that polls it does not interrupt itself.
+            // SAFETY: `start` has initialised the executor. Only one handler polls
+            // it, and that handler does not interrupt itself.
             unsafe { (*self.executor.get()).assume_init_ref().poll() }
         }
     }
 }
 
-/// Called by embassy when an executor has work.
+/// embassy calls this when an executor has work.
 #[unsafe(export_name = "__pender")]
 fn pender(context: *mut ()) {
     match context as usize {
@@ -77,7 +78,7 @@ pub extern "C" fn on_control() {
     ON_CONTROL.poll();
 }
 
-/// Handler of the links' executor's interrupt.
+/// Handler of the link executor's interrupt.
 pub extern "C" fn on_link() {
     ON_LINK.poll();
 }
@@ -87,19 +88,19 @@ pub fn start_control() -> SendSpawner {
     ON_CONTROL.start(CONTROL, Interrupt::Control, Priority::Control)
 }
 
-/// Starts the executor that runs in the links' interrupt.
+/// Starts the executor that runs in the link interrupt.
 pub fn start_link() -> SendSpawner {
     ON_LINK.start(LINK, Interrupt::Link, Priority::Links)
 }
 
-/// Runs the thread-mode executor for good.
+/// Runs the thread-mode executor for ever.
 pub fn run_thread(start: impl FnOnce(Spawner)) -> ! {
     let mut executor = Executor::new(THREAD as *mut ());
     // SAFETY: this function never returns, so the executor lives for ever.
     let executor: &'static Executor = unsafe { &mut *core::ptr::from_mut(&mut executor) };
     start(executor.spawner());
     loop {
-        // SAFETY: only this loop polls it.
+        // SAFETY: only this loop polls the executor.
         unsafe { executor.poll() };
         cortex_m::interrupt::disable();
         if !THREAD_HAS_WORK.swap(false, Ordering::SeqCst) {

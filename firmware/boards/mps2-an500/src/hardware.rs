@@ -10,14 +10,14 @@ impl Register {
         Self(address as *mut u32)
     }
 
-    /// Reads it.
+    /// Reads the register.
     #[inline(always)]
     pub fn read(self) -> u32 {
-        // SAFETY: only the addresses of device registers are named in this crate.
+        // SAFETY: this crate names only addresses of device registers.
         unsafe { self.0.read_volatile() }
     }
 
-    /// Writes it.
+    /// Writes the register.
     #[inline(always)]
     pub fn write(self, value: u32) {
         // SAFETY: as in `read`.
@@ -36,24 +36,24 @@ pub enum Interrupt {
     Uart1Receive = 2,
     /// UART1 can take a byte.
     Uart1Transmit = 3,
-    /// One of the two timers.
+    /// One of the two timers has expired.
     DualTimer = 10,
-    /// Pended by software: the links' executor.
+    /// Pended by software: runs the link executor.
     Link = 30,
-    /// Pended by software: the control executor.
+    /// Pended by software: runs the control executor.
     Control = 31,
 }
 
-/// Urgency of an interrupt; the lower number interrupts the higher.
+/// Priority of an interrupt; a lower number interrupts a higher one.
 #[derive(Clone, Copy)]
 pub enum Priority {
-    /// Time goes first: it wakes the control task.
+    /// The timer. It is highest because it wakes the control task.
     Timer = 0x20,
     /// The control task.
     Control = 0x40,
-    /// Bytes of the links.
+    /// Bytes of the UARTs.
     Uart = 0x80,
-    /// The links' tasks.
+    /// The link tasks.
     Links = 0xa0,
 }
 
@@ -61,7 +61,7 @@ const NVIC_ISER: usize = 0xe000_e100;
 const NVIC_ISPR: usize = 0xe000_e200;
 const NVIC_IPR: usize = 0xe000_e400;
 
-/// Gives `interrupt` its priority and lets it happen.
+/// Sets the priority of `interrupt` and enables it.
 pub fn enable(interrupt: Interrupt, priority: Priority) {
     let number = interrupt as usize;
     // SAFETY: byte access to the priority field of this interrupt.
@@ -69,7 +69,7 @@ pub fn enable(interrupt: Interrupt, priority: Priority) {
     Register::at(NVIC_ISER).write(1 << number);
 }
 
-/// Makes `interrupt` happen.
+/// Pends `interrupt`: its handler runs as soon as its priority allows.
 #[inline(always)]
 pub fn pend(interrupt: Interrupt) {
     Register::at(NVIC_ISPR).write(1 << (interrupt as u32));

@@ -1,12 +1,12 @@
-//! The sink of `defmt`: rings that a task of low priority empties to a file of
-//! the host.
+//! The sink of `defmt`: ring buffers that a task of low priority writes to a file
+//! of the host.
 //!
-//! Every priority that logs has a ring of its own, which it alone fills and the
-//! log's task alone empties: a log statement needs no lock, and one in thread
-//! mode does not hold up the control task. A message that does not fit is
-//! dropped whole and counted; the count is logged as soon as there is room. The
-//! host decodes the file with the image's own ELF; messages of different
-//! priorities may stand in another order than their time stamps.
+//! Each priority that logs has its own ring. Only that priority writes the ring,
+//! and only the log task reads it. A log statement therefore needs no lock, and
+//! one in thread mode does not delay the control task. A message that does not
+//! fit is dropped as a whole and counted; the count is logged once there is room.
+//! The host decodes the file with the image's ELF file. Messages of different
+//! priorities need not stand in the order of their time stamps.
 
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
@@ -22,7 +22,7 @@ use crate::semihosting::{File, Mode};
 
 const CAPACITY: usize = 8 * 1024;
 
-/// What the writer of a ring alone uses.
+/// The part of a ring that only its writer uses.
 struct Writer {
     encoder: defmt::Encoder,
     bytes: [u8; CAPACITY],
@@ -31,7 +31,8 @@ struct Writer {
     cut: bool,
 }
 
-/// Bytes between one writer and one reader; a message becomes visible when whole.
+/// A ring of bytes with one writer and one reader. A message becomes visible to
+/// the reader when it is complete.
 struct Ring {
     writer: UnsafeCell<Writer>,
     writing: AtomicBool,
@@ -39,9 +40,9 @@ struct Ring {
     read: AtomicUsize,
 }
 
-// SAFETY: the writer's part is used between `begin` and `end` of one priority
-// only, which does not interrupt itself; the reader reads only bytes before
-// `committed`, which the writer does not touch until `read` has passed them.
+// SAFETY: one priority alone uses the writer's part, between `acquire` and
+// `release`, and it does not interrupt itself. The reader reads only bytes before
+// `committed`; the writer does not touch those until `read` has passed them.
 unsafe impl Sync for Ring {}
 
 impl Ring {
@@ -60,7 +61,7 @@ impl Ring {
         }
     }
 
-    /// Lets `act` write; it gets the encoder and where its bytes go.
+    /// Calls `act` with the encoder and the function that takes its bytes.
     fn write(&self, act: impl FnOnce(&mut defmt::Encoder, &mut dyn FnMut(&[u8]))) {
         // SAFETY: see `Sync`.
         let Writer {
@@ -83,7 +84,7 @@ impl Ring {
         });
     }
 
-    /// Makes what was written visible, or drops it.
+    /// Makes the written message visible, or drops it if it was cut.
     fn commit(&self) {
         // SAFETY: see `Sync`.
         let writer = unsafe { &mut *self.writer.get() };
@@ -111,9 +112,10 @@ impl Ring {
     }
 }
 
-/// Thread mode, the links, the control task, and what ends the image.
+/// One ring each for thread mode, the links and the control task, and one for
+/// messages after a panic or a hard fault.
 static RINGS: [Ring; 4] = [const { Ring::new() }; 4];
-/// Set once the image is to end: what is logged then may interrupt anything.
+/// Set when the image is about to end: messages may then interrupt any other.
 static ENDING: AtomicBool = AtomicBool::new(false);
 static DROPPED: AtomicU32 = AtomicU32::new(0);
 static FILLED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
@@ -135,8 +137,8 @@ fn ring() -> &'static Ring {
 #[defmt::global_logger]
 struct Logger;
 
-// SAFETY: messages of one priority do not mix, since one begun inside another
-// is refused by `writing`; those of different priorities have different rings.
+// SAFETY: messages of one priority do not mix: `writing` refuses one that starts
+// inside another. Messages of different priorities use different rings.
 unsafe impl defmt::Logger for Logger {
     fn acquire() {
         let ring = ring();
@@ -163,32 +165,33 @@ unsafe impl defmt::Logger for Logger {
 
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 
-/// Where the log goes.
+/// The file that the log goes to, if any.
 #[derive(Clone, Copy)]
 pub struct Sink(Option<File>);
 
 static OPENED: Mutex<core::cell::Cell<Option<File>>> = Mutex::new(core::cell::Cell::new(None));
 
-/// What is logged from now on is the image's last.
+/// Marks everything that is logged from now on as the image's last messages.
 pub fn ending() {
     cortex_m::interrupt::disable();
     ENDING.store(true, Ordering::Relaxed);
 }
 
-/// Writes out what has been logged, before the processor stops.
+/// Writes the rings to the file before the processor stops.
 pub fn last_words() {
     Sink(critical_section::with(|cs| OPENED.borrow(cs).get())).empty();
 }
 
 impl Sink {
-    /// A file of the host, whose path ends with a zero byte; none without a path.
+    /// Opens a file of the host. `path` ends with a zero byte; without a path
+    /// there is no log.
     pub fn open(path: Option<&str>) -> Self {
         let file = path.and_then(|path| File::open(path, Mode::Write));
         critical_section::with(|cs| OPENED.borrow(cs).set(file));
         Self(file)
     }
 
-    /// Writes out what has been logged.
+    /// Writes everything in the rings to the file.
     pub fn empty(self) {
         let mut chunk = [0; 1024];
         for ring in &RINGS {
@@ -205,7 +208,7 @@ impl Sink {
     }
 }
 
-/// Empties the rings whenever something was logged.
+/// Writes the rings to the file whenever something was logged.
 #[embassy_executor::task]
 pub async fn task(sink: Sink) -> ! {
     let mut told = 0;

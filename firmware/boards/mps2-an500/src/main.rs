@@ -1,18 +1,18 @@
-//! spherecal's controller on the Cortex-M7 that QEMU has: MPS2 with FPGA image
-//! AN500.
+//! spherecal's controller on the Cortex-M7 board that QEMU emulates: MPS2 with
+//! FPGA image AN500.
 //!
-//! One image for every scenario; QEMU's `-semihosting-config arg=` chooses:
+//! One image holds every scenario; QEMU's `-semihosting-config arg=` selects one:
 //!
 //! | `arg=` | what runs |
 //! |---|---|
 //! | `pipe` | the controller on QEMU's standard streams, in lock-step |
-//! | `hog` | the same while a thread-mode task hogs the processor for 20 ms at a time |
+//! | `hog` | the same while a thread-mode task occupies the processor for 20 ms at a time |
 //! | `uart` | the controller on UART0 (drive) and UART1 (host) |
-//! | `stages` | each stage of the control law, with its cost in instructions on standard output |
+//! | `stages` | prints the cost of each stage of the control law, in instructions |
 //! | `wrap` | the time driver across the wrap of its 32-bit counter |
 //!
-//! A second argument `log=FILE` names the file of the `defmt` log. The exit
-//! codes are the `EXIT_` constants below.
+//! A second argument `log=FILE` names the file of the `defmt` log. The `EXIT_`
+//! constants below are the exit codes.
 #![no_std]
 #![no_main]
 
@@ -35,15 +35,15 @@ use static_cell::StaticCell;
 
 use arguments::{Arguments, Scenario};
 
-/// The image was given no scenario that it knows.
+/// No scenario was given, or an unknown one.
 const EXIT_USAGE: u8 = 2;
 /// The host's files or streams could not be opened.
 const EXIT_HOST: u8 = 3;
 /// The drive was refused.
 const EXIT_DRIVE: u8 = 4;
-/// A scenario found what it must not find.
+/// A scenario has failed.
 const EXIT_FAILED: u8 = 5;
-/// A log message was begun inside another.
+/// A log message started inside another of the same priority.
 const EXIT_LOGGER: u8 = 99;
 /// A hard fault.
 const EXIT_HARD_FAULT: u8 = 100;

@@ -1,16 +1,16 @@
-//! Both links on QEMU's standard streams, in lock-step turns.
+//! Both links on QEMU's standard streams, in lock-step exchanges.
 //!
-//! [`spherecal_shared::protocol::lockstep`] says what a turn is. Reading blocks
-//! and virtual time stands still meanwhile, so the same host gives the same
-//! run, to the bit and to the time stamp.
+//! [`spherecal_shared::protocol::lockstep`] defines an exchange. Reading blocks,
+//! and virtual time stands still meanwhile. The same host therefore gives the
+//! same run, to the bit and to the time stamp.
 //!
-//! The pipe runs below the control task, as links do on every board: it reads a
-//! turn, decodes it into queues, waits for the control task's tick and writes
-//! the answer.
+//! The pipe runs at lower priority than the control task, as links do on every
+//! board. It reads an exchange, decodes it into queues, waits for the end of the
+//! tick and writes the answer.
 //!
 //! ```text
-//!   stdin  ─▶ serve ─▶ messages, Post ─▶ LockStep, run (1 kHz)
-//!   stdout ◀─ serve ◀─ command, Post  ◀──┘
+//!   stdin  ─▶ serve ─▶ messages, Mailbox ─▶ LockStep, run (1 kHz)
+//!   stdout ◀─ serve ◀─ command, Mailbox  ◀──┘
 //! ```
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -18,46 +18,44 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use heapless::spsc::{Consumer, Producer, Queue};
+use spherecal_board::LinkSide;
 use spherecal_firmware::HostLink;
 use spherecal_firmware::app::ports::{DrivePort, Probe};
-use spherecal_firmware::app::{DriveReceiver, FromDrive, LinkEnd};
-use spherecal_shared::protocol::drive::DriveCommand;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveReceiver};
 use spherecal_shared::protocol::frame;
-use spherecal_shared::protocol::lockstep::{DOWN_HEADER, Down, MAX_DRIVE, MAX_HOST, MAX_TURN, UP_HEADER, Up};
+use spherecal_shared::protocol::lockstep::{DOWN_HEADER, Down, MAX_DRIVE, MAX_EXCHANGE, MAX_HOST, UP_HEADER, Up};
 
 use static_cell::ConstStaticCell;
 
 use crate::semihosting::{File, Mode};
 use crate::timer::stopwatch;
 
-/// The host link's end of the queues, with this board's lock.
-pub type Desk = LinkEnd<'static, CriticalSectionRawMutex>;
+/// Messages of one exchange: at most a handshake and a state. A queue of three
+/// places holds two values.
+pub type Messages = Queue<DriveMessage, 3>;
 
-/// A turn has a hello and a state at most; one place is free.
-pub type Messages = Queue<FromDrive, 3>;
-
-/// A turn has come and waits for its tick.
-pub static TURN: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+/// Set when an exchange has come and waits for its tick.
+pub static EXCHANGE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static COMMAND: Signal<CriticalSectionRawMutex, DriveCommand> = Signal::new();
 static ENDED: AtomicBool = AtomicBool::new(false);
-/// What the last tick cost, in counts of the stopwatch.
+/// Cost of the last tick, in counts of the stopwatch.
 static COST: AtomicU32 = AtomicU32::new(0);
 
-/// The control task's end.
+/// The drive port of the control task.
 pub struct LockStep {
-    messages: Consumer<'static, FromDrive>,
+    messages: Consumer<'static, DriveMessage>,
     started: u32,
 }
 
 impl LockStep {
-    /// Takes messages from `messages`.
-    pub fn new(messages: Consumer<'static, FromDrive>) -> Self {
+    /// A port that takes the drive's messages from `messages`.
+    pub fn new(messages: Consumer<'static, DriveMessage>) -> Self {
         Self { messages, started: 0 }
     }
 }
 
 impl DrivePort for LockStep {
-    fn receive(&mut self) -> Option<FromDrive> {
+    fn next_message(&mut self) -> Option<DriveMessage> {
         self.messages.dequeue()
     }
 
@@ -65,7 +63,7 @@ impl DrivePort for LockStep {
         COMMAND.signal(command.clone());
     }
 
-    fn ended(&self) -> bool {
+    fn has_ended(&self) -> bool {
         ENDED.load(Ordering::Acquire)
     }
 }
@@ -85,22 +83,22 @@ pub struct Pipe {
     input: File,
     output: File,
     receiver: DriveReceiver,
-    messages: Producer<'static, FromDrive>,
+    messages: Producer<'static, DriveMessage>,
     link: &'static mut HostLink,
-    /// The present turn, and what has come behind it.
-    down: &'static mut [u8; MAX_TURN],
+    /// The present exchange and the bytes that have come after it.
+    down: &'static mut [u8; MAX_EXCHANGE],
     filled: usize,
     consumed: usize,
-    up: &'static mut [u8; MAX_TURN],
+    up: &'static mut [u8; MAX_EXCHANGE],
     sequence: u32,
 }
 
 impl Pipe {
-    /// Opens the standard streams; drive messages go to `messages`, `link`
-    /// speaks with the host.
-    pub fn open(messages: Producer<'static, FromDrive>, link: &'static mut HostLink) -> Option<Self> {
-        static DOWN: ConstStaticCell<[u8; MAX_TURN]> = ConstStaticCell::new([0; MAX_TURN]);
-        static UP: ConstStaticCell<[u8; MAX_TURN]> = ConstStaticCell::new([0; MAX_TURN]);
+    /// Opens the standard streams; `None` when QEMU has none. The drive's
+    /// messages go to `messages`, `link` talks to the host.
+    pub fn open(messages: Producer<'static, DriveMessage>, link: &'static mut HostLink) -> Option<Self> {
+        static DOWN: ConstStaticCell<[u8; MAX_EXCHANGE]> = ConstStaticCell::new([0; MAX_EXCHANGE]);
+        static UP: ConstStaticCell<[u8; MAX_EXCHANGE]> = ConstStaticCell::new([0; MAX_EXCHANGE]);
         Some(Self {
             input: File::open(":tt\0", Mode::Read)?,
             output: File::open(":tt\0", Mode::Write)?,
@@ -115,12 +113,12 @@ impl Pipe {
         })
     }
 
-    /// Serves turns until there are no more.
-    pub async fn serve(&mut self, desk: &mut Desk) {
-        let mut next = self.read_turn(desk);
+    /// Serves exchanges until the host ends the conversation.
+    pub async fn serve(&mut self, mailbox: &mut LinkSide) {
+        let mut next = self.read_exchange(mailbox);
         while let Some(decoding) = next {
-            TURN.signal(());
-            let now = desk.ticked().await;
+            EXCHANGE.signal(());
+            let now = mailbox.tick_finished().await;
             let started = stopwatch::read();
             let drive = &mut self.up[UP_HEADER..UP_HEADER + MAX_DRIVE];
             let drive = COMMAND.try_take().map_or(0, |command| {
@@ -129,7 +127,7 @@ impl Pipe {
             self.sequence = self.sequence.wrapping_add(1);
             let start = UP_HEADER + drive;
             let host = &mut self.up[start..start + MAX_HOST];
-            let host = self.link.transmit(now, host, desk);
+            let host = self.link.transmit(now, host, mailbox);
             let encoding = stopwatch::between(started, stopwatch::read());
             let header = Up {
                 drive: drive as u16,
@@ -141,15 +139,15 @@ impl Pipe {
             if !self.output.write(&self.up[..start + host]) {
                 break;
             }
-            next = self.read_turn(desk);
+            next = self.read_exchange(mailbox);
         }
         ENDED.store(true, Ordering::Release);
-        TURN.signal(());
+        EXCHANGE.signal(());
     }
 
-    /// Waits for a turn of the host and decodes it; returns what that cost, in
-    /// counts of the stopwatch.
-    fn read_turn(&mut self, desk: &mut Desk) -> Option<u32> {
+    /// Waits for an exchange and decodes it. Returns the cost of decoding, in
+    /// counts of the stopwatch; `None` at the end of the conversation.
+    fn read_exchange(&mut self, mailbox: &mut LinkSide) -> Option<u32> {
         self.down.copy_within(self.consumed..self.filled, 0);
         self.filled -= self.consumed;
         self.consumed = 0;
@@ -179,7 +177,7 @@ impl Pipe {
             .receive(self.down.get(DOWN_HEADER..start)?, &mut |message| {
                 let _ = messages.enqueue(message);
             });
-        self.link.receive(self.down.get(start..need)?, desk);
+        self.link.receive(self.down.get(start..need)?, mailbox);
         Some(stopwatch::between(started, stopwatch::read()))
     }
 }

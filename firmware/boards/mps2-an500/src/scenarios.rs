@@ -1,55 +1,34 @@
 //! What the image does, one function for each scenario.
 
 use embassy_executor::SendSpawner;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::{Duration, Instant, Ticker, Timer};
-use spherecal_firmware::HostLink;
-use spherecal_firmware::app::links::{DriveClock, Links};
-use spherecal_firmware::app::ports::{Beat, Clock};
-use spherecal_firmware::app::{Bell, ControlEnd, Ended, PERIOD, PeriodWatch, Post, Workspace, run as run_control};
+use spherecal_board::ControlSide;
+use spherecal_firmware::app::links::DriveClock;
+use spherecal_firmware::app::ports::{Clock, Tick};
+use spherecal_firmware::app::{ControlState, Ended, PERIOD, run as run_control};
 use spherecal_shared::protocol::lockstep::MAX_HOST;
-use static_cell::{ConstStaticCell, StaticCell};
+use spherecal_shared::timing::PeriodWatch;
+use static_cell::StaticCell;
 
 use crate::arguments::Scenario;
 use crate::executor;
 use crate::log::{self, Sink};
-use crate::pipe::{self, Desk, LockStep, Messages, Pipe};
+use crate::pipe::{self, LockStep, Messages, Pipe};
 use crate::semihosting;
 use crate::stack;
 use crate::timer;
-use crate::uart::{UART0, UART1};
+use crate::uart::{UART0, UART1, Uart};
 
 /// Joints of the arm.
 const JOINTS: usize = 7;
-/// What the banner says of the build.
-pub const BUILD: &str = match option_env!("SPHERECAL_BUILD") {
-    Some(build) => build,
-    None => "unknown",
-};
-/// Where the counter starts in [`Scenario::Wrap`]: half a second before its wrap.
+/// Start value of the counter in [`Scenario::Wrap`]: half a second before it wraps.
 pub const COUNTS_TO_WRAP: u32 = timer::HZ / 2;
 
-static LINKS: Links<CriticalSectionRawMutex> = Links::new();
-
-/// The control task's end of the queues, with this board's lock.
-type Control = ControlEnd<'static, CriticalSectionRawMutex>;
-
-/// The workspace of the one control task.
-fn workspace() -> &'static mut Workspace<JOINTS> {
-    static WORKSPACE: StaticCell<Workspace<JOINTS>> = StaticCell::new();
-    WORKSPACE.init_with(Workspace::default)
-}
-
-/// The two ends of the queues between control task and host link.
-fn post() -> (Control, Desk) {
-    static POST: StaticCell<Post> = StaticCell::new();
-    static BELL: Bell<CriticalSectionRawMutex> = Bell::new();
-    POST.init_with(Post::new).split(&BELL)
-}
-
-fn host_link() -> &'static mut HostLink {
-    static LINK: StaticCell<HostLink> = StaticCell::new();
-    LINK.init_with(|| HostLink::new(BUILD, JOINTS))
+spherecal_board::controller! {
+    joints: JOINTS,
+    drive: (&'static Uart, &'static Uart),
+    host: (&'static Uart, &'static Uart),
+    tick_bytes: MAX_HOST,
 }
 
 /// Runs `scenario`; the log goes to `sink`.
@@ -62,8 +41,8 @@ pub fn run(scenario: Scenario, sink: Sink) -> ! {
         Scenario::Wrap => control.spawn(spawned(wrapped(sink))),
         Scenario::Stages => crate::stages::run(),
     }
-    // What the start has used is done with: from here on the paint shows what
-    // the tasks use, at all priorities together.
+    // The stack that the start has used is free again. From here on the paint
+    // shows what the tasks use, at all priorities together.
     stack::paint();
     executor::run_thread(|spawner| {
         spawner.spawn(spawned(log::task(sink)));
@@ -73,42 +52,41 @@ pub fn run(scenario: Scenario, sink: Sink) -> ! {
     })
 }
 
-// Not inlined: what they build on the stack is not to stay there.
+// Not inlined, so that what it builds on the stack does not stay there.
 #[inline(never)]
 fn start_pipe(control: SendSpawner, links: SendSpawner, sink: Sink) {
     static MESSAGES: StaticCell<Messages> = StaticCell::new();
     static PIPE: StaticCell<Pipe> = StaticCell::new();
     let (producer, consumer) = MESSAGES.init(Messages::new()).split();
-    let Some(pipe) = Pipe::open(producer, host_link()) else {
+    let Some(pipe) = Pipe::open(producer, host_link(|link| link)) else {
         semihosting::exit(crate::EXIT_HOST);
     };
     let pipe = PIPE.init(pipe);
-    let (host, desk) = post();
-    control.spawn(spawned(piped(workspace(), LockStep::new(consumer), host, sink)));
-    links.spawn(spawned(serve(pipe, desk)));
+    let (host, mailbox) = mailbox();
+    control.spawn(spawned(piped(control_state(), LockStep::new(consumer), host, sink)));
+    links.spawn(spawned(serve(pipe, mailbox)));
 }
 
 #[inline(never)]
 fn start_uarts(control: SendSpawner, links: SendSpawner, sink: Sink) {
     UART0.start();
     UART1.start();
-    let (host, desk) = post();
-    control.spawn(spawned(wired(workspace(), host, sink)));
-    links.spawn(spawned(drive_in()));
-    links.spawn(spawned(drive_out()));
-    links.spawn(spawned(host_in()));
-    links.spawn(spawned(speak(host_link(), desk)));
-    links.spawn(spawned(host_out()));
+    let (host, mailbox) = mailbox();
+    control.spawn(spawned(wired(control_state(), host, sink)));
+    let link = host_link(|link| link);
+    if spawn_links(&links, link, mailbox, (&UART0, &UART0), (&UART1, &UART1)).is_err() {
+        semihosting::exit(crate::EXIT_FAILED);
+    }
 }
 
-/// Every task is spawned once, so its one place is free.
+/// The token of a task. Each task is spawned once, so its memory is free.
 fn spawned<S>(
     token: Result<embassy_executor::SpawnToken<S>, embassy_executor::SpawnError>,
 ) -> embassy_executor::SpawnToken<S> {
     token.unwrap_or_else(|_| semihosting::exit(crate::EXIT_FAILED))
 }
 
-/// Writes out the log and ends the process.
+/// Writes the log to its file and ends the process.
 fn finish(sink: Sink, ended: Ended) -> ! {
     let (used, room) = stack::used();
     defmt::info!("ended: {}, stack {} of {} bytes", ended, used, room);
@@ -120,12 +98,12 @@ fn finish(sink: Sink, ended: Ended) -> ! {
 }
 
 #[embassy_executor::task]
-async fn piped(work: &'static mut Workspace<JOINTS>, mut drive: LockStep, mut host: Control, sink: Sink) {
+async fn piped(state: &'static mut ControlState<JOINTS>, mut drive: LockStep, mut host: ControlSide, sink: Sink) {
     let mut clock = LockStepClock::start().await;
-    let ended = run_control(work, &mut clock, &mut drive, &mut host).await;
+    let ended = run_control(state, &mut clock, &mut drive, &mut host).await;
     defmt::info!(
-        "beats: {} since the last that was missed, {} counts early to {} counts late at 25 MHz",
-        clock.beats,
+        "ticks: {} since the last missed one, {} counts early to {} counts late at 25 MHz",
+        clock.ticks,
         clock.early,
         clock.late
     );
@@ -133,107 +111,81 @@ async fn piped(work: &'static mut Workspace<JOINTS>, mut drive: LockStep, mut ho
 }
 
 #[embassy_executor::task]
-async fn serve(pipe: &'static mut Pipe, mut desk: Desk) {
-    pipe.serve(&mut desk).await;
+async fn serve(pipe: &'static mut Pipe, mut mailbox: spherecal_board::LinkSide) {
+    pipe.serve(&mut mailbox).await;
 }
 
-/// The ticker's beat, with a look at how even it is. A beat before whose turn
-/// has come waits for it, since the drive waits for us: that is lateness.
+/// A ticker whose tick also waits for its exchange on the pipe, because the
+/// drive waits for the controller. Measures how regular the ticks are.
 struct LockStepClock {
     ticker: Ticker,
     watch: PeriodWatch,
     first: Option<u64>,
-    beats: u64,
+    ticks: u64,
     early: u64,
     late: u64,
 }
 
 impl LockStepClock {
-    /// Beats from the first turn on: before it there is no drive to wait for.
+    /// Starts with the first exchange: before it there is no drive to wait for.
     async fn start() -> Self {
-        pipe::TURN.wait().await;
-        pipe::TURN.signal(());
+        pipe::EXCHANGE.wait().await;
+        pipe::EXCHANGE.signal(());
         let start = Instant::now();
         let mut ticker = Ticker::every(PERIOD);
         ticker.reset_at(start);
         Self {
             ticker,
-            watch: PeriodWatch::new(PERIOD, start),
+            watch: PeriodWatch::new(PERIOD.as_micros(), start.as_micros()),
             first: None,
-            beats: 0,
+            ticks: 0,
             early: 0,
             late: 0,
         }
     }
 
-    /// Notes that a tick begins at `counts`.
+    /// Records that a tick starts at `counts` of the timer.
     fn measure(&mut self, counts: u64, missed: u32) {
         if missed > 0 {
             self.first = None;
         }
         let first = *self.first.get_or_insert_with(|| {
-            self.beats = 0;
+            self.ticks = 0;
             counts
         });
-        let due = first + self.beats * u64::from(timer::HZ / 1000);
-        self.beats += 1;
+        let due = first + self.ticks * u64::from(timer::HZ / 1000);
+        self.ticks += 1;
         self.early = self.early.max(due.saturating_sub(counts));
         self.late = self.late.max(counts.saturating_sub(due));
     }
 }
 
 impl Clock for LockStepClock {
-    async fn next(&mut self) -> Beat {
+    async fn next_tick(&mut self) -> Tick {
         self.ticker.next().await;
-        pipe::TURN.wait().await;
+        pipe::EXCHANGE.wait().await;
         let counts = timer::counts();
         let at = Instant::now();
-        let missed = self.watch.note(at);
+        let missed = self.watch.record(at.as_micros());
         if missed > 0 {
             self.ticker.reset_at(at);
         }
         self.measure(counts, missed);
-        Beat { at, missed }
+        Tick { at, missed }
     }
 
-    fn time(&self, _beat: &Beat, drive_us: u64) -> Instant {
+    fn device_time(&self, _tick: &Tick, drive_us: u64) -> Instant {
         Instant::from_micros(drive_us)
     }
 }
 
 #[embassy_executor::task]
-async fn wired(work: &'static mut Workspace<JOINTS>, mut host: Control, sink: Sink) {
-    let ended = run_control(work, &mut DriveClock(&LINKS), &mut &LINKS, &mut host).await;
+async fn wired(state: &'static mut ControlState<JOINTS>, mut host: ControlSide, sink: Sink) {
+    let ended = run_control(state, &mut DriveClock(&LINKS), &mut &LINKS, &mut host).await;
     finish(sink, ended)
 }
 
-#[embassy_executor::task]
-async fn drive_in() {
-    LINKS.drive_in(&mut &UART0).await
-}
-
-#[embassy_executor::task]
-async fn drive_out() {
-    LINKS.drive_out(&mut &UART0).await
-}
-
-#[embassy_executor::task]
-async fn host_in() {
-    LINKS.host_in(&mut &UART1).await
-}
-
-#[embassy_executor::task]
-async fn speak(link: &'static mut HostLink, mut desk: Desk) {
-    static UP: ConstStaticCell<[u8; MAX_HOST]> = ConstStaticCell::new([0; MAX_HOST]);
-    LINKS.host(link, &mut desk, UP.take()).await
-}
-
-#[embassy_executor::task]
-async fn host_out() {
-    LINKS.host_out(&mut &UART1).await
-}
-
-/// Keeps the processor busy in thread mode for 20 ms out of 25.
+/// Keeps the processor busy in thread mode for 20 ms out of every 25 ms.
 #[embassy_executor::task]
 async fn hog() {
     loop {
@@ -245,8 +197,8 @@ async fn hog() {
     }
 }
 
-/// One second of beats with the wrap in its middle: each comes when it is due
-/// and time never goes back.
+/// One second of ticks with the counter's wrap in its middle. Every tick must
+/// come when it is due, and the time must never go back.
 #[embassy_executor::task]
 async fn wrapped(sink: Sink) {
     let start = Instant::now();
@@ -254,12 +206,12 @@ async fn wrapped(sink: Sink) {
     let (mut least, mut most) = (u64::MAX, 0);
     let mut before = timer::counts();
     let first = before;
-    for beat in 1..=1000u64 {
+    for tick in 1..=1000u64 {
         ticker.next().await;
         let now = Instant::now();
         let late = now
             .as_ticks()
-            .abs_diff((start + Duration::from_millis(beat)).as_ticks());
+            .abs_diff((start + Duration::from_millis(tick)).as_ticks());
         (least, most) = (least.min(late), most.max(late));
         let counts = timer::counts();
         if counts < before {
@@ -271,7 +223,7 @@ async fn wrapped(sink: Sink) {
     }
     let wrapped = first >> 32 != before >> 32;
     defmt::info!(
-        "from {} to {} counts, beats {} to {} us after their time",
+        "from {} to {} counts, ticks {} to {} us after their time",
         first,
         before,
         least,

@@ -2,7 +2,7 @@
 //! process that runs the image (QEMU).
 //!
 //! A call stops the processor until the host has answered, and virtual time
-//! stands still meanwhile: that is what makes lock-step over it deterministic.
+//! stands still meanwhile. This makes the lock-step pipe deterministic.
 
 use core::arch::asm;
 
@@ -13,7 +13,8 @@ const SYS_GET_CMDLINE: usize = 0x15;
 const SYS_EXIT_EXTENDED: usize = 0x20;
 const ADP_STOPPED_APPLICATION_EXIT: usize = 0x2_0026;
 
-/// How a file is opened: the index of C's mode string in the standard's table.
+/// Mode of opening a file: the index of C's mode string in the semihosting
+/// standard.
 #[derive(Clone, Copy)]
 pub enum Mode {
     /// `rb`
@@ -28,7 +29,7 @@ pub struct File(usize);
 
 fn call(operation: usize, argument: usize) -> usize {
     let result;
-    // SAFETY: `bkpt 0xAB` is the semihosting call of M-profile processors;
+    // SAFETY: `bkpt 0xAB` is the semihosting call of M-profile processors.
     // `argument` is a value or points to a block that outlives the call.
     unsafe {
         asm!("bkpt 0xAB", inout("r0") operation => result, in("r1") argument, options(nostack));
@@ -57,14 +58,14 @@ impl File {
         bytes.is_empty() || block(SYS_WRITE, &mut [self.0, bytes.as_ptr() as usize, bytes.len()]) == 0
     }
 
-    /// Waits for at least one byte; returns how many came, 0 at the end.
+    /// Waits for at least one byte. Returns the number of bytes; 0 at the end.
     pub fn read(self, buffer: &mut [u8]) -> usize {
         let left = block(SYS_READ, &mut [self.0, buffer.as_mut_ptr() as usize, buffer.len()]);
         buffer.len().saturating_sub(left)
     }
 }
 
-/// The arguments that QEMU was given (`arg=...`), joined by blanks.
+/// The arguments that QEMU was given (`arg=...`), separated by blanks.
 pub fn arguments(buffer: &mut [u8]) -> &str {
     let mut parameters = [buffer.as_mut_ptr() as usize, buffer.len()];
     if block(SYS_GET_CMDLINE, &mut parameters) != 0 {

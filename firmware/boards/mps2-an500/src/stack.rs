@@ -1,5 +1,5 @@
-//! How deep the stack has been: everything below the stack pointer is painted
-//! at the start, and what has lost its paint was used.
+//! Measures the depth of the stack: [`paint`] fills the free stack with a
+//! pattern, and memory that no longer holds the pattern was used.
 
 use core::ptr;
 
@@ -10,13 +10,13 @@ unsafe extern "C" {
     static _stack_start: u32;
 }
 
-/// Lowest address of the stack's room and its end.
+/// Lowest address of the stack and the address of its end.
 fn room() -> (*mut u32, *const u32) {
     // SAFETY: only the addresses of the linker's symbols are taken.
     (&raw mut __sheap, &raw const _stack_start)
 }
 
-/// Paints the free part of the stack, but for the last bytes below this frame.
+/// Paints the free part of the stack except the last bytes below this frame.
 #[inline(never)]
 pub fn paint() {
     let (bottom, _) = room();
@@ -24,18 +24,18 @@ pub fn paint() {
     let top = (&raw mut here).wrapping_sub(64);
     let mut at = bottom;
     while at < top {
-        // SAFETY: between the end of static data and the stack pointer there is
-        // nothing but free stack.
+        // SAFETY: only free stack lies between the end of static data and the
+        // stack pointer.
         unsafe { ptr::write_volatile(at, PAINT) };
         at = at.wrapping_add(1);
     }
 }
 
-/// Bytes of stack used since [`paint`], and bytes of room.
+/// Bytes of stack used since [`paint`], and bytes available.
 pub fn used() -> (usize, usize) {
     let (bottom, top) = room();
     let mut at = bottom.cast_const();
-    // SAFETY: all of the room is readable memory.
+    // SAFETY: the whole stack is readable memory.
     while at < top && unsafe { ptr::read_volatile(at) } == PAINT {
         at = at.wrapping_add(1);
     }

@@ -1,5 +1,6 @@
-//! What each stage of the control law costs, at configurations about the
-//! workspace, in instructions on standard output: `name mean worst`.
+//! Measures the cost of each stage of the control law at configurations spread
+//! over the workspace. Prints `name mean worst` in instructions on standard
+//! output.
 
 use core::fmt::Write;
 use core::hint::black_box;
@@ -15,18 +16,18 @@ use crate::semihosting::{self, File, Mode};
 use crate::timer::stopwatch;
 
 const N: usize = 7;
-/// Nanoseconds of a count over those of an instruction at `shift=3`.
+/// Instructions per count of the stopwatch at `shift=3`.
 const INSTRUCTIONS_A_COUNT: u32 = 5;
 const CONFIGURATIONS: u32 = 16;
 
-/// Costs of one stage over all configurations, in counts.
+/// Cost of one stage over all configurations, in counts.
 #[derive(Clone, Copy, Default)]
 struct Cost {
     sum: u32,
     worst: u32,
 }
 
-/// Runs `stage` and adds what it cost to `cost`.
+/// Runs `stage` and adds its cost to `cost`.
 #[inline(always)]
 fn measure<T>(cost: &mut Cost, overhead: u32, stage: impl FnOnce() -> T) -> T {
     let from = stopwatch::read();
@@ -38,7 +39,8 @@ fn measure<T>(cost: &mut Cost, overhead: u32, stage: impl FnOnce() -> T) -> T {
     out
 }
 
-/// Joint angles number `k`: spread over the middle of the joints' ranges.
+/// Joint angles of configuration `k`, in rad, spread over the middle of the
+/// joints' ranges.
 fn configuration(k: u32) -> [f64; N] {
     core::array::from_fn(|i| {
         let phase = f64::from(k) * 0.618 + i as f64 * 0.377;
@@ -46,7 +48,7 @@ fn configuration(k: u32) -> [f64; N] {
     })
 }
 
-/// Measures, prints and ends the process.
+/// Measures all stages, prints the result and ends the process.
 pub fn run() -> ! {
     let Some(output) = File::open(":tt\0", Mode::Write) else {
         semihosting::exit(crate::EXIT_HOST);
@@ -86,7 +88,7 @@ pub fn run() -> ! {
         let frames = measure(&mut costs[0].1, overhead, || {
             let frames = arm.frames(&q);
             let tcp = arm.tcp_frame(&frames);
-            black_box(arm.jacobian(&frames, &tcp.origin));
+            black_box(arm.jacobian(&frames, &tcp.position));
             frames
         });
         let bodies = measure(&mut costs[1].1, overhead, || arm.bodies(black_box(&frames)));
@@ -102,7 +104,7 @@ pub fn run() -> ! {
         measure(&mut costs[7].1, overhead, || {
             observer.update(snapshot, black_box(&dq), 60.0, 1e-3)
         });
-        let setpoint = CartesianSetpoint::at(snapshot.tcp.origin + Vector3::x() * 0.01, Matrix3::identity());
+        let setpoint = CartesianSetpoint::at(snapshot.tcp.position + Vector3::x() * 0.01, Matrix3::identity());
         measure(&mut costs[8].1, overhead, || {
             impedance.force(snapshot, black_box(&setpoint), 0.7)
         });

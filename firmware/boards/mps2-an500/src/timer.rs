@@ -1,9 +1,9 @@
-//! Time: the embassy driver on the CMSDK dual timer, and the stopwatch.
+//! Time: the embassy time driver on the CMSDK dual timer, and a stopwatch.
 //!
-//! Both timers count down at 25 MHz. The first runs free: 32 bits wrap after
-//! 171.8 s, so its value is extended to 64 bits at every look. The second is
-//! the alarm; it never sleeps longer than half a wrap, so that no wrap goes
-//! unseen. Ticks of `embassy-time` are µs.
+//! Both timers count down at 25 MHz. The first runs freely and wraps after
+//! 171.8 s; every read extends its 32 bits to 64. The second is the alarm. It
+//! never waits longer than half a wrap, so no wrap is missed. Ticks of
+//! `embassy-time` are µs.
 
 use core::cell::RefCell;
 use core::task::Waker;
@@ -14,11 +14,11 @@ use embassy_time_queue_utils::Queue;
 
 use crate::hardware::{self, Register};
 
-/// Counts of the timers in one second.
+/// Frequency of the timers, in Hz.
 pub const HZ: u32 = 25_000_000;
 const COUNTS_PER_TICK: u32 = (HZ as u64 / embassy_time_driver::TICK_HZ) as u32;
 const _: () = assert!(HZ as u64 % embassy_time_driver::TICK_HZ == 0);
-/// Longest sleep: half a wrap of the counter.
+/// Longest wait of the alarm: half a wrap of the counter.
 const LONGEST: u64 = 1 << 31;
 
 const COUNTER: usize = 0x4000_2000;
@@ -33,9 +33,9 @@ const INTERRUPT: u32 = 1 << 5;
 const PERIODIC: u32 = 1 << 6;
 const ENABLE: u32 = 1 << 7;
 
-/// Extends a 32-bit up-counter that is read at least once a wrap, in ticks and
-/// the counts of the tick that has begun: 64-bit divisions are long, and they
-/// would be made with interrupts off.
+/// Extends a 32-bit counter to 64 bits; it must be read at least once per wrap.
+/// The result is kept as whole ticks and the counts of the current tick, because
+/// a 64-bit division is slow and would run with interrupts off.
 struct Extended {
     ticks: u64,
     rest: u32,
@@ -83,14 +83,14 @@ embassy_time_driver::time_driver_impl!(static DRIVER: DualTimer = DualTimer {
 });
 
 impl State {
-    /// Looks at the counter.
+    /// Reads the counter.
     #[inline(always)]
     fn look(&mut self) -> &Extended {
         self.counter.update(!Register::at(COUNTER + VALUE).read());
         &self.counter
     }
 
-    /// Wakes what is due and sets the alarm for what is next.
+    /// Wakes the tasks that are due and sets the alarm for the next.
     fn serve(&mut self) {
         loop {
             let now = self.look().ticks;
@@ -98,7 +98,7 @@ impl State {
             let at = next.saturating_mul(u64::from(COUNTS_PER_TICK));
             let wait = at.saturating_sub(self.look().counts()).min(LONGEST);
             if wait > 0 {
-                // A new value starts a one-shot that has run out again.
+                // Writing a new value restarts a one-shot timer that has expired.
                 Register::at(ALARM + LOAD).write(wait as u32);
                 return;
             }
@@ -115,8 +115,8 @@ impl Driver for DualTimer {
         critical_section::with(|cs| {
             let mut state = self.state.borrow_ref_mut(cs);
             if state.queue.schedule_wake(at, waker) {
-                // The alarm is set in the timer's own interrupt: interrupts are
-                // off here, and the beat of the control task would wait.
+                // The timer's own interrupt sets the alarm. Interrupts are off
+                // here, and a longer critical section would delay the control tick.
                 hardware::pend(hardware::Interrupt::DualTimer);
             }
         });
@@ -131,8 +131,8 @@ pub extern "C" fn on_interrupt() {
     });
 }
 
-/// Starts time at `counts_to_wrap` counts before the 32-bit counter wraps for
-/// the first time (0: a whole wrap ahead).
+/// Starts the time, `counts_to_wrap` counts before the 32-bit counter wraps for
+/// the first time (0: a full wrap before).
 pub fn start(counts_to_wrap: u32) {
     critical_section::with(|_| {
         Register::at(COUNTER + CONTROL).write(0);
@@ -146,7 +146,7 @@ pub fn start(counts_to_wrap: u32) {
     hardware::enable(hardware::Interrupt::DualTimer, hardware::Priority::Timer);
 }
 
-/// Counts since the start, extended to 64 bits: the raw 25 MHz clock.
+/// Counts of the 25 MHz timer since the start, extended to 64 bits.
 pub fn counts() -> u64 {
     let (ticks, rest) = critical_section::with(|cs| {
         let mut state = DRIVER.state.borrow_ref_mut(cs);
@@ -156,8 +156,8 @@ pub fn counts() -> u64 {
     ticks * u64::from(COUNTS_PER_TICK) + u64::from(rest)
 }
 
-/// SysTick as a stopwatch of 2^24 counts at the processor's 25 MHz: with QEMU's
-/// `-icount shift=3` one count is five instructions.
+/// SysTick as a stopwatch: a counter of 24 bits at the processor's 25 MHz. With
+/// QEMU's `-icount shift=3` one count is five instructions.
 pub mod stopwatch {
     use crate::hardware::Register;
 
@@ -165,20 +165,20 @@ pub mod stopwatch {
     const SYST_RVR: usize = 0xe000_e014;
     const SYST_CVR: usize = 0xe000_e018;
 
-    /// Starts it, without interrupt.
+    /// Starts the counter without its interrupt.
     pub fn start() {
         Register::at(SYST_RVR).write(0x00ff_ffff);
         Register::at(SYST_CVR).write(0);
         Register::at(SYST_CSR).write(0b101);
     }
 
-    /// The counter, which counts down.
+    /// The value of the counter, which counts down.
     #[inline(always)]
     pub fn read() -> u32 {
         Register::at(SYST_CVR).read()
     }
 
-    /// Counts from reading `from` to reading `to`, less than one wrap (0.67 s).
+    /// Counts between reading `from` and reading `to`, less than one wrap (0.67 s).
     pub fn between(from: u32, to: u32) -> u32 {
         from.wrapping_sub(to) & 0x00ff_ffff
     }

@@ -1,14 +1,15 @@
-//! The CMSDK UARTs, by interrupt, with a ring in each direction.
+//! The CMSDK UARTs, by interrupt, with a ring buffer in each direction.
 //!
-//! The receive interrupt is cleared first and the byte taken after: the other
-//! order loses the interrupt of a byte that comes in between, and the line
-//! hangs.
+//! The handler clears the receive interrupt first and takes the byte after. The
+//! other order loses the interrupt of a byte that comes in between, and then no
+//! byte is received any more.
 
+use core::convert::Infallible;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
-use spherecal_firmware::app::links::{ByteReader, ByteWriter};
+use embedded_io_async::{ErrorType, Read, Write};
 
 use crate::hardware::{self, Interrupt, Priority, Register};
 
@@ -21,14 +22,14 @@ const TX_FULL: u32 = 1 << 0;
 const RX_FULL: u32 = 1 << 1;
 const TRANSMIT: u32 = 1 << 0;
 const RECEIVE: u32 = 1 << 1;
-/// Transmitter, receiver and both of their interrupts.
+/// Transmitter, receiver and both interrupts.
 const ALL: u32 = 0b1111;
-/// 25 MHz over 27: 925,926 baud, 0.5 % from 921,600.
+/// 25 MHz divided by 27: 925,926 baud, 0.5 % above 921,600.
 const DIVISOR: u32 = 27;
 
 const RING: usize = 4096;
 
-/// A UART.
+/// A CMSDK UART.
 pub struct Uart {
     base: usize,
     transmit: Interrupt,
@@ -59,7 +60,7 @@ impl Uart {
         Register::at(self.base + offset)
     }
 
-    /// Switches it on.
+    /// Turns the UART on: 8 data bits, no parity, interrupts in both directions.
     pub fn start(&self) {
         self.register(BAUD_DIVISOR).write(DIVISOR);
         self.register(CONTROL).write(ALL);
@@ -67,7 +68,7 @@ impl Uart {
         hardware::enable(self.transmit, Priority::Uart);
     }
 
-    /// Received bytes that found the ring full.
+    /// Received bytes that were lost because the ring buffer was full.
     pub fn overflow(&self) -> u32 {
         self.overflow.load(Ordering::Relaxed)
     }
@@ -111,20 +112,26 @@ pub extern "C" fn on_uart1_transmit() {
     UART1.on_transmit();
 }
 
-impl ByteReader for &Uart {
-    async fn read(&mut self, buffer: &mut [u8]) -> usize {
-        self.incoming.read(buffer).await
+impl ErrorType for &Uart {
+    type Error = Infallible;
+}
+
+impl Read for &Uart {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+        Ok(self.incoming.read(buffer).await)
     }
 }
 
-impl ByteWriter for &Uart {
-    async fn write(&mut self, bytes: &[u8]) {
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            let taken = self.outgoing.write(rest).await;
-            rest = rest.get(taken..).unwrap_or_default();
-            // The first byte starts the line; its interrupt brings the rest.
-            hardware::pend(self.transmit);
-        }
+impl Write for &Uart {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        let taken = self.outgoing.write(bytes).await;
+        // The handler sends the first byte; the interrupt of each byte brings
+        // the next.
+        hardware::pend(self.transmit);
+        Ok(taken)
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
     }
 }

@@ -1,5 +1,5 @@
-//! Clocks and supply: 480 MHz from the 8 MHz that the ST-LINK gives, and a
-//! look at the supply voltage.
+//! Clocks and supply: 480 MHz from the ST-LINK's 8 MHz, and a check of the
+//! supply voltage.
 
 use embassy_stm32::Config;
 use embassy_stm32::pac;
@@ -35,8 +35,8 @@ pub fn configuration() -> Config {
     config
 }
 
-/// Starts the programmable voltage detector at its highest level, 2.85 V: well
-/// above the brown-out reset, so that there is time to leave a record.
+/// Starts the programmable voltage detector at its highest level, 2.85 V. That
+/// is well above the brown-out reset, so there is time to write a record.
 pub fn watch_supply() {
     pac::PWR.cr1().modify(|w| {
         w.set_pls(0b110);

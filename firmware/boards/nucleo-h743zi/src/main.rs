@@ -7,10 +7,10 @@
 //!            COM port, 921,600 baud)      log (RTT), thread ──┘
 //! ```
 //!
-//! The independent watchdog is fed on every beat of the control task and by
-//! nothing else: a controller that hangs is reset within 20 ms, and the drive,
-//! which hears no command, closes its brakes. A hard fault, a panic and a
-//! falling supply leave a record that outlives the reset ([`record`]).
+//! Only the control task feeds the independent watchdog, on every tick. A
+//! controller that hangs is reset within 20 ms; the drive gets no command then
+//! and closes its brakes. A hard fault, a panic and a falling supply leave a
+//! record that survives the reset ([`record`]).
 #![no_std]
 #![no_main]
 
@@ -28,28 +28,29 @@ use embassy_stm32::peripherals::{IWDG1, USART2, USART3};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUartRx, BufferedUartTx};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, interrupt as vector};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_time::Instant;
-use spherecal_firmware::HostLink;
-use spherecal_firmware::app::links::Links;
-use spherecal_firmware::app::ports::{Beat, Clock};
-use spherecal_firmware::app::{Bell, ControlEnd, LinkEnd, Post, TickerClock, Workspace, run};
-use static_cell::{ConstStaticCell, StaticCell};
+use embassy_time::{Duration, Instant};
+use spherecal_board::{ControlSide, ControlState};
+use spherecal_firmware::app::ports::{Clock, Tick};
+use spherecal_firmware::app::{TickerClock, run};
+use static_cell::StaticCell;
 
 use record::Cause;
-use serial::{Reader, Writer};
 
 /// Joints of the arm.
 const JOINTS: usize = 7;
-/// The watchdog's time, in µs.
+/// Timeout of the watchdog, in µs.
 const WATCHDOG_US: u32 = 20_000;
-/// Bytes that one tick may say to the host: three of the largest frames.
-const UP: usize = 8192;
-/// What the banner says of the build.
-const BUILD: &str = match option_env!("SPHERECAL_BUILD") {
-    Some(build) => build,
-    None => "unknown",
-};
+/// Time after which an unacknowledged event is sent again. On this wire a
+/// recording takes milliseconds to send.
+const RESEND: Duration = Duration::from_millis(50);
+
+spherecal_board::controller! {
+    joints: JOINTS,
+    drive: (BufferedUartRx<'static>, BufferedUartTx<'static>),
+    host: (BufferedUartRx<'static>, BufferedUartTx<'static>),
+    // Three of the largest frames.
+    tick_bytes: 8192,
+}
 
 bind_interrupts!(struct Interrupts {
     USART2 => BufferedInterruptHandler<USART2>;
@@ -57,102 +58,64 @@ bind_interrupts!(struct Interrupts {
 });
 
 static CONTROL: InterruptExecutor = InterruptExecutor::new();
-static LINKING: InterruptExecutor = InterruptExecutor::new();
+static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
 static THREAD: StaticCell<Executor> = StaticCell::new();
-static LINKS: Links<CriticalSectionRawMutex> = Links::new();
 
-// Interrupts of peripherals that are not in use carry the two executors.
+// The interrupts of two unused peripherals run the two interrupt executors.
 #[vector]
 unsafe fn UART7() {
-    // SAFETY: this is the interrupt that `CONTROL.start` was given.
+    // SAFETY: `CONTROL.start` was given this interrupt.
     unsafe { CONTROL.on_interrupt() }
 }
 
 #[vector]
 unsafe fn UART8() {
-    // SAFETY: this is the interrupt that `LINKING.start` was given.
-    unsafe { LINKING.on_interrupt() }
+    // SAFETY: `LINK_TASKS.start` was given this interrupt.
+    unsafe { LINK_TASKS.on_interrupt() }
 }
 
-/// The beat of the ticker, which feeds the watchdog and looks at the supply.
+/// A ticker that feeds the watchdog and checks the supply on every tick.
 struct WatchedClock {
     ticker: TickerClock,
     watchdog: IndependentWatchdog<'static, IWDG1>,
 }
 
 impl Clock for WatchedClock {
-    async fn next(&mut self) -> Beat {
-        let beat = self.ticker.next().await;
-        if clocks::supply_is_low() {
-            record::leave_and_reset(Cause::BrownOut, 0, 0);
-        }
-        self.watchdog.pet();
-        beat
+    fn start(&mut self) {
+        self.watchdog.unleash();
+        self.ticker.start();
     }
 
-    fn time(&self, beat: &Beat, drive_us: u64) -> Instant {
-        self.ticker.time(beat, drive_us)
+    async fn next_tick(&mut self) -> Tick {
+        let tick = self.ticker.next_tick().await;
+        if clocks::supply_is_low() {
+            record::leave_and_reset(Cause::LowSupply, 0, 0);
+        }
+        self.watchdog.pet();
+        tick
+    }
+
+    fn device_time(&self, tick: &Tick, drive_us: u64) -> Instant {
+        self.ticker.device_time(tick, drive_us)
     }
 }
 
 #[embassy_executor::task]
 async fn control(
-    work: &'static mut Workspace<JOINTS>,
-    mut host: ControlEnd<'static, CriticalSectionRawMutex>,
-    mut watchdog: IndependentWatchdog<'static, IWDG1>,
+    state: &'static mut ControlState<JOINTS>,
+    mut host: ControlSide,
+    watchdog: IndependentWatchdog<'static, IWDG1>,
 ) {
-    watchdog.unleash();
-    let mut clock = WatchedClock {
-        ticker: TickerClock::start(),
-        watchdog,
-    };
-    let ended = run(work, &mut clock, &mut &LINKS, &mut host).await;
-    // The watchdog is no longer fed: the board starts again, and so may the drive.
+    let ticker = TickerClock::new();
+    let mut clock = WatchedClock { ticker, watchdog };
+    let ended = run(state, &mut clock, &mut &LINKS, &mut host).await;
+    // Nothing feeds the watchdog any more: it resets the board.
     defmt::error!("control ended: {}", ended);
 }
 
 #[embassy_executor::task]
-async fn drive_in(rx: BufferedUartRx<'static>) {
-    LINKS.drive_in(&mut Reader(rx)).await
-}
-
-#[embassy_executor::task]
-async fn drive_out(tx: BufferedUartTx<'static>) {
-    LINKS.drive_out(&mut Writer(tx)).await
-}
-
-#[embassy_executor::task]
-async fn host_in(rx: BufferedUartRx<'static>) {
-    LINKS.host_in(&mut Reader(rx)).await
-}
-
-#[embassy_executor::task]
-async fn speak(link: &'static mut HostLink, mut desk: LinkEnd<'static, CriticalSectionRawMutex>) {
-    static BYTES: ConstStaticCell<[u8; UP]> = ConstStaticCell::new([0; UP]);
-    LINKS.host(link, &mut desk, BYTES.take()).await
-}
-
-#[embassy_executor::task]
-async fn host_out(tx: BufferedUartTx<'static>) {
-    LINKS.host_out(&mut Writer(tx)).await
-}
-
-/// Says once a second what the links have dropped, when they have.
-#[embassy_executor::task]
 async fn housekeeping() {
-    let mut told = (0, 0);
-    loop {
-        embassy_time::Timer::after_secs(1).await;
-        let dropped = LINKS.dropped();
-        if dropped != told {
-            told = dropped;
-            defmt::warn!(
-                "links: {} drive messages and {} host bytes dropped so far",
-                dropped.0,
-                dropped.1
-            );
-        }
-    }
+    spherecal_board::report_drops(&LINKS).await
 }
 
 #[entry]
@@ -163,25 +126,15 @@ fn main() -> ! {
         env!("CARGO_PKG_VERSION"),
         BUILD
     );
-    record::tell();
+    record::log_last();
     clocks::watch_supply();
 
-    static WORK: StaticCell<Workspace<JOINTS>> = StaticCell::new();
-    let work = WORK.init_with(Workspace::default);
-    static POST: StaticCell<Post> = StaticCell::new();
-    static BELL: Bell<CriticalSectionRawMutex> = Bell::new();
-    let (host_end, desk) = POST.init_with(Post::new).split(&BELL);
-    static LINK: StaticCell<HostLink> = StaticCell::new();
-    let link = LINK.init_with(|| {
-        // A recording takes milliseconds on this wire: it is not sent again sooner.
-        HostLink::new(BUILD, JOINTS).resending_after(embassy_time::Duration::from_millis(50))
-    });
     let watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
     let drive = serial::drive(p.USART2, p.PD6, p.PD5);
     let host = serial::host(p.USART3, p.PD9, p.PD8);
-    let (Some((drive_tx, drive_rx)), Some((host_tx, host_rx))) = (drive, host) else {
-        // A baud rate that these clocks cannot give: a mistake in `clocks`.
-        defmt::panic!("the serial ports cannot be set up");
+    let (Some(drive), Some(host)) = (drive, host) else {
+        // The clocks cannot give one of the baud rates: an error in `clocks`.
+        defmt::panic!("the clocks cannot give the baud rates of the serial ports");
     };
 
     interrupt::USART2.set_priority(Priority::P4);
@@ -189,25 +142,15 @@ fn main() -> ! {
     interrupt::UART7.set_priority(Priority::P2);
     interrupt::UART8.set_priority(Priority::P6);
     let control_spawner = CONTROL.start(interrupt::UART7);
-    let link_spawner = LINKING.start(interrupt::UART8);
-    // Each task is spawned once, so its place is free.
-    if let Ok(token) = control(work, host_end, watchdog) {
-        control_spawner.spawn(token);
-    }
-    if let Ok(token) = drive_in(drive_rx) {
-        link_spawner.spawn(token);
-    }
-    if let Ok(token) = drive_out(drive_tx) {
-        link_spawner.spawn(token);
-    }
-    if let Ok(token) = host_in(host_rx) {
-        link_spawner.spawn(token);
-    }
-    if let Ok(token) = speak(link, desk) {
-        link_spawner.spawn(token);
-    }
-    if let Ok(token) = host_out(host_tx) {
-        link_spawner.spawn(token);
+    let link_spawner = LINK_TASKS.start(interrupt::UART8);
+    let (control_side, link_side) = mailbox();
+    let link = host_link(|link| link.resending_after(RESEND));
+    let Ok(control) = control(control_state(), control_side, watchdog) else {
+        defmt::panic!("the control task is spawned twice");
+    };
+    control_spawner.spawn(control);
+    if spawn_links(&link_spawner, link, link_side, drive, host).is_err() {
+        defmt::panic!("the link tasks are spawned twice");
     }
     THREAD.init(Executor::new()).run(|spawner| {
         if let Ok(token) = housekeeping() {

@@ -1,8 +1,8 @@
-//! A record of the last end: why the board was reset, and where it was.
+//! A record of why the program reset the board and where it was.
 //!
-//! It stands in memory that start-up code does not touch, survives every reset
-//! but a loss of power, and is logged at the next start. `probe-rs` can read it
-//! too: symbol `RECORD`.
+//! The record lies in memory that the start-up code does not write. It survives
+//! every reset except a loss of power, and the next start logs it. `probe-rs`
+//! can read it as symbol `RECORD`.
 
 use core::mem::MaybeUninit;
 use core::ptr;
@@ -15,7 +15,7 @@ const SCB_HFSR: *const u32 = 0xe000_ed2c as *const u32;
 const SCB_MMFAR: *const u32 = 0xe000_ed34 as *const u32;
 const SCB_BFAR: *const u32 = 0xe000_ed38 as *const u32;
 
-/// Why the board was reset by its own program.
+/// Why the program reset the board.
 #[derive(Clone, Copy)]
 #[repr(u32)]
 pub enum Cause {
@@ -24,7 +24,7 @@ pub enum Cause {
     /// A panic; `at` is the line.
     Panic = 2,
     /// The supply fell below 2.85 V.
-    BrownOut = 3,
+    LowSupply = 3,
 }
 
 #[derive(Clone, Copy)]
@@ -45,7 +45,7 @@ struct Record {
 #[unsafe(no_mangle)]
 static mut RECORD: MaybeUninit<Record> = MaybeUninit::uninit();
 
-/// Leaves a record and resets the board.
+/// Writes the record and resets the board.
 pub fn leave_and_reset(cause: Cause, at: u32, from: u32) -> ! {
     // SAFETY: registers of the system control block, readable at any time.
     let [cfsr, hfsr, mmfar, bfar] = unsafe {
@@ -67,14 +67,14 @@ pub fn leave_and_reset(cause: Cause, at: u32, from: u32) -> ! {
         bfar,
         uptime_ms: embassy_time::Instant::now().as_millis() as u32,
     };
-    // SAFETY: nothing runs after this but the reset.
+    // SAFETY: only the reset runs after this.
     unsafe { ptr::write_volatile((&raw mut RECORD).cast(), record) };
     cortex_m::asm::dsb();
     cortex_m::peripheral::SCB::sys_reset()
 }
 
-/// Logs why the board was reset and what the record says, and clears both.
-pub fn tell() {
+/// Logs the cause of the last reset and the record, and clears both.
+pub fn log_last() {
     let flags = pac::RCC.rsr().read();
     defmt::info!(
         "last reset: power {}, brown-out {}, watchdog {}, pin {}, software {}",
@@ -100,9 +100,9 @@ pub fn tell() {
         _ => "unknown",
     };
     defmt::error!(
-        "the last run ended by {=str} after {} ms: at {=u32:#x} from {=u32:#x}, CFSR {=u32:#x} HFSR {=u32:#x} MMFAR {=u32:#x} BFAR {=u32:#x}",
-        cause,
+        "the last run ended after {} ms by: {=str}, at {=u32:#x}, called from {=u32:#x}, CFSR {=u32:#x} HFSR {=u32:#x} MMFAR {=u32:#x} BFAR {=u32:#x}",
         record.uptime_ms,
+        cause,
         record.at,
         record.from,
         record.cfsr,

@@ -1,4 +1,4 @@
-//! The door for commands: what is refused, in which phase, and why.
+//! Which commands are refused, in which phase, and why.
 
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
@@ -50,7 +50,7 @@ fn bad_descriptions_are_refused() {
 
 #[test]
 fn targets_are_checked_at_the_door() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     let mut far = HOME;
     far[1] = 3.0;
     assert_eq!(bench.go(&far), Err(Refusal::Target), "beyond the joint's limit");
@@ -84,7 +84,7 @@ fn targets_are_checked_at_the_door() {
 
 #[test]
 fn commands_are_refused_in_phases_that_do_not_allow_them() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     assert_eq!(bench.pose(0.1, true), Err(Refusal::Phase), "not coupled");
     assert_eq!(
         bench.controller.command(Command::Decouple),
@@ -106,8 +106,8 @@ fn commands_are_refused_in_phases_that_do_not_allow_them() {
 
 #[test]
 fn a_fault_must_be_cleared_first() {
-    let mut bench = Bench::new(Bench::brisk());
-    bench.controller.missed(50);
+    let mut bench = Bench::new(Bench::fast_procedure());
+    bench.controller.record_missed(50);
     assert_eq!(bench.controller.phase(), Phase::Fault);
     assert_eq!(bench.go(&HOME), Err(Refusal::FaultPending));
     assert_eq!(bench.controller.command(Command::Stop), Err(Refusal::FaultPending));
@@ -119,7 +119,7 @@ fn a_fault_must_be_cleared_first() {
 #[test]
 fn after_a_fault_the_arm_decouples_and_moves_away() {
     let mut bench = Bench::coupled();
-    bench.controller.missed(50);
+    bench.controller.record_missed(50);
     bench.run(100);
     bench.controller.command(Command::ClearFault).expect("a fault");
     bench
@@ -128,7 +128,7 @@ fn after_a_fault_the_arm_decouples_and_moves_away() {
         .expect("it may hang on the sphere");
     bench.until(Phase::Idle, 6_000);
     assert!((bench.tcp() - bench.sphere.expect("a sphere")).norm() > 0.030);
-    // And couples again.
+    // And couples to the next sphere.
     bench.sphere = Some(bench.tcp() - nalgebra::Vector3::z() * 0.02);
     bench.approach().expect("idle");
     bench.until(Phase::Coupled, 8_000);

@@ -1,4 +1,4 @@
-//! What the tasks of a phase fail by, and the way back from a sphere.
+//! The faults of each phase's task, and leaving a sphere after a fault.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Command, Fault, Phase, Refusal};
@@ -7,8 +7,8 @@ use crate::testing::{Bench, HOME};
 
 #[test]
 fn a_blocked_arm_deviates_from_its_path() {
-    let mut procedure = Bench::brisk();
-    // Farther on, the springs push on what blocks with more than the force limit.
+    let mut procedure = Bench::fast_procedure();
+    // Beyond this error the springs press with more than the force limit.
     procedure.limits.path_rad = 0.02;
     let mut bench = Bench::new(procedure);
     let mut target = HOME;
@@ -21,7 +21,7 @@ fn a_blocked_arm_deviates_from_its_path() {
 
 #[test]
 fn a_move_that_does_not_settle_times_out() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     let mut target = HOME;
     target[0] = 0.025;
     bench.go(&target).expect("idle");
@@ -30,10 +30,10 @@ fn a_move_that_does_not_settle_times_out() {
     bench.expect_fault(Fault::MotionTimeout, Phase::Moving);
 }
 
-// Fails if an arm that something holds slows down and is never given up.
+// Fails if an arm that something holds slows down and is never stopped.
 #[test]
 fn an_arm_that_does_not_get_on_is_stopped() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     let mut target = HOME;
     target[0] = 1.0;
     bench.go(&target).expect("idle");
@@ -44,8 +44,8 @@ fn an_arm_that_does_not_get_on_is_stopped() {
 
 #[test]
 fn an_absurd_tare_is_refused() {
-    let mut bench = Bench::new(Bench::brisk());
-    // 1.5 kg that nobody declared: the sensors carry its weight.
+    let mut bench = Bench::new(Bench::fast_procedure());
+    // A tool of 1.5 kg that was not declared: the sensors show its weight.
     bench.push = Vector3::new(0.0, 0.0, -14.7);
     bench.run(500);
     bench.approach().expect("idle");
@@ -55,7 +55,7 @@ fn an_absurd_tare_is_refused() {
 
 #[test]
 fn a_sphere_that_is_not_there_is_not_touched() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.approach().expect("idle");
     bench.until_fault(20_000);
     bench.expect_fault(Fault::NoContact, Phase::Approaching);
@@ -63,7 +63,7 @@ fn a_sphere_that_is_not_there_is_not_touched() {
 
 #[test]
 fn an_arm_that_hangs_on_the_way_deviates() {
-    let mut procedure = Bench::brisk();
+    let mut procedure = Bench::fast_procedure();
     procedure.approach.trigger_n = 60.0;
     let mut bench = Bench::new(procedure);
     bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
@@ -74,7 +74,7 @@ fn an_arm_that_hangs_on_the_way_deviates() {
 
 #[test]
 fn a_nest_that_wanders_while_coupling_is_not_seated() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
     bench.approach().expect("idle");
     bench.until(Phase::Coupling, 8_000);
@@ -86,14 +86,14 @@ fn a_nest_that_wanders_while_coupling_is_not_seated() {
 
 #[test]
 fn a_loose_nest_fails_the_test_pull() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
     bench.approach().expect("idle");
     bench.until(Phase::Coupling, 8_000);
-    // The sphere goes; 5 N/m hold the arm nearly where it is.
+    // The sphere vanishes; 5 N/m hold the arm almost where it is.
     bench.sphere = None;
     bench.until_fault(3_000);
-    // Found loose by the pull, and by every search for the seat after it.
+    // The pull finds the nest loose, also after every search.
     bench.expect_fault(Fault::NotSeated, Phase::Coupling);
 }
 
@@ -137,7 +137,7 @@ fn an_arm_that_never_rests_is_not_recorded() {
         if bench.controller.phase() == Phase::Fault {
             break;
         }
-        // Someone keeps rocking the elbow.
+        // An external torque keeps the elbow moving.
         if k % 20 == 0 {
             bench.dq[2] += 0.04;
         }
@@ -149,7 +149,7 @@ fn an_arm_that_never_rests_is_not_recorded() {
 
 #[test]
 fn a_magnet_that_does_not_let_go_is_reported() {
-    let mut procedure = Bench::brisk();
+    let mut procedure = Bench::fast_procedure();
     procedure.limits.force_n = 400.0;
     let mut bench = Bench::new(procedure);
     bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
@@ -167,26 +167,26 @@ fn a_silent_host_is_noticed_while_it_is_needed() {
     bench.host = false;
     bench.until_fault(3_000);
     bench.expect_fault(Fault::HostSilence, Phase::Coupled);
-    // An idle arm waits for ever.
-    let mut bench = Bench::new(Bench::brisk());
+    // An idle arm may wait for ever.
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.host = false;
     bench.run(5_000);
     assert!(bench.faults().is_empty());
 }
 
-// Fails if a nest that another controller left on its sphere cannot be pulled off.
+// Fails if a nest that an earlier controller left on its sphere cannot be removed.
 #[test]
 fn a_controller_that_knows_nothing_can_retreat() {
     let mut bench = Bench::coupled();
-    let mut fresh = Bench::new(Bench::brisk());
+    let mut fresh = Bench::new(Bench::fast_procedure());
     std::mem::swap(&mut bench.controller, &mut fresh.controller);
-    // The new one has seen other states: it begins as after a reset.
+    // The new controller has no earlier states, as after a reset.
     let robot = spherecal_shared::robot::iiwa7();
     bench.controller = crate::Controller::default();
     bench.controller.command(Command::Robot(robot)).expect("a robot");
     let configure = Command::Configure {
         tool: spherecal_shared::robot::iiwa7_tool(),
-        procedure: Bench::brisk(),
+        procedure: Bench::fast_procedure(),
     };
     bench.controller.command(configure).expect("a procedure");
     bench.run(100);

@@ -1,5 +1,5 @@
-//! What is a fault in every phase: states, angles, torques, forces and places
-//! beyond their bounds, and the hold that follows.
+//! The faults that are possible in every phase: states, angles, torques, forces and
+//! positions beyond their limits; and the hold after them.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::drive::DriveStatus;
@@ -9,7 +9,7 @@ use crate::testing::{Bench, HOME};
 
 #[test]
 fn stale_states_are_bridged_then_refused() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     let state = bench.state();
     let torque = bench.command.tau.clone();
     for missed in 1..=3 {
@@ -23,7 +23,7 @@ fn stale_states_are_bridged_then_refused() {
 
 #[test]
 fn a_gap_in_the_ticks_is_a_fault_when_it_is_long() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.tick += 3;
     bench.run(10);
     assert!(bench.faults().is_empty());
@@ -35,7 +35,7 @@ fn a_gap_in_the_ticks_is_a_fault_when_it_is_long() {
 
 #[test]
 fn what_is_not_a_number_never_reaches_the_law() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     for k in 0..4 {
         bench.tick += 1;
         let mut state = bench.state();
@@ -47,7 +47,7 @@ fn what_is_not_a_number_never_reaches_the_law() {
         bench.tick_with(&state);
     }
     bench.expect_fault(Fault::NotFinite, Phase::Idle);
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     for _ in 0..4 {
         bench.tick += 1;
         let mut state = bench.state();
@@ -60,7 +60,7 @@ fn what_is_not_a_number_never_reaches_the_law() {
 #[test]
 fn a_drive_that_is_not_ready_is_a_fault() {
     for status in [DriveStatus::Disabled, DriveStatus::EmergencyStop, DriveStatus::Failed] {
-        let mut bench = Bench::new(Bench::brisk());
+        let mut bench = Bench::new(Bench::fast_procedure());
         bench.status = status;
         bench.run(1);
         bench.expect_fault(Fault::Drive, Phase::Idle);
@@ -69,29 +69,29 @@ fn a_drive_that_is_not_ready_is_a_fault() {
 
 #[test]
 fn missed_periods_are_counted_then_refused() {
-    let mut bench = Bench::new(Bench::brisk());
-    bench.controller.missed(2);
+    let mut bench = Bench::new(Bench::fast_procedure());
+    bench.controller.record_missed(2);
     bench.run(1);
     assert!(bench.faults().is_empty());
     assert_eq!(bench.controller.statistics().missed, 2);
-    bench.controller.missed(4);
+    bench.controller.record_missed(4);
     bench.run(1);
     bench.expect_fault(Fault::Overrun, Phase::Idle);
 }
 
-// Fails if the number of missed ticks that is borne is not the configured one.
+// Fails if the number of missed ticks that is tolerated is not the configured one.
 #[test]
 fn how_many_ticks_may_be_missed_is_configured() {
     for allowed in [0, 3, 7] {
-        let mut procedure = Bench::brisk();
+        let mut procedure = Bench::fast_procedure();
         procedure.limits.missed_ticks = allowed;
         let mut bench = Bench::new(procedure);
         for _ in 0..allowed {
-            bench.controller.missed(1);
+            bench.controller.record_missed(1);
         }
         bench.run(1);
-        assert!(bench.faults().is_empty(), "{allowed} are borne");
-        bench.controller.missed(1);
+        assert!(bench.faults().is_empty(), "{allowed} missed ticks are a fault");
+        bench.controller.record_missed(1);
         bench.run(1);
         let faults = bench.faults();
         assert_eq!(faults.len(), 1);
@@ -101,14 +101,14 @@ fn how_many_ticks_may_be_missed_is_configured() {
 
 #[test]
 fn joint_limits_are_kept() {
-    let mut procedure = Bench::brisk();
+    let mut procedure = Bench::fast_procedure();
     procedure.limits.jump_rad = 10.0;
     let mut bench = Bench::new(procedure);
     bench.q[1] = 2.2;
     bench.run(1);
     let faults = bench.faults();
     assert_eq!((faults[0].fault, faults[0].joint), (Fault::JointPosition, 2));
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.dq[4] = 2.4;
     bench.run(1);
     let faults = bench.faults();
@@ -117,21 +117,21 @@ fn joint_limits_are_kept() {
     assert!(bench.dq.norm() < 1e-3);
 }
 
-// Fails if an arm that stands in a joint's margin is kept on its sphere since the
-// joint drifts outwards by a hair, or if it may leave into the margin's inner half.
+// Fails if an arm in a joint's margin cannot leave its sphere because the joint
+// drifts outwards a little, or if it may enter the outer half of the margin.
 #[test]
 fn an_arm_in_its_margin_may_leave_its_sphere() {
-    let margin = Bench::brisk().limits.position_margin_rad;
-    // Joint 1 stands at this share of the margin from its end; a push turns it
+    let margin = Bench::fast_procedure().limits.position_margin_rad;
+    // Joint 1 stands at this share of the margin from its limit. A push turns it
     // outwards by about a third of the margin.
     let leave = |share: f64| {
-        let mut bench = Bench::new(Bench::brisk());
+        let mut bench = Bench::new(Bench::fast_procedure());
         let mut robot = spherecal_shared::robot::iiwa7();
         robot.joints[0].limits.max_rad = HOME[0] + share * margin;
         bench.controller.command(Command::Robot(robot)).expect("idle");
         let configure = Command::Configure {
             tool: spherecal_shared::robot::iiwa7_tool(),
-            procedure: Bench::brisk(),
+            procedure: Bench::fast_procedure(),
         };
         bench.controller.command(configure).expect("idle");
         bench.run(10);
@@ -153,7 +153,7 @@ fn an_arm_in_its_margin_may_leave_its_sphere() {
 
 #[test]
 fn a_force_that_lasts_is_a_fault_an_impact_is_not() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.push = Vector3::new(150.0, 0.0, 0.0);
     bench.run(5);
     bench.push = Vector3::zeros();
@@ -166,13 +166,13 @@ fn a_force_that_lasts_is_a_fault_an_impact_is_not() {
 
 #[test]
 fn a_torque_that_stays_saturated_is_a_fault() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     let mut robot = spherecal_shared::robot::iiwa7();
     robot.joints[1].limits.torque_nm = 10.0;
     bench.controller.command(Command::Robot(robot)).expect("idle");
     let configure = Command::Configure {
         tool: spherecal_shared::robot::iiwa7_tool(),
-        procedure: Bench::brisk(),
+        procedure: Bench::fast_procedure(),
     };
     bench.controller.command(configure).expect("idle");
     bench.until_fault(500);
@@ -180,11 +180,11 @@ fn a_torque_that_stays_saturated_is_a_fault() {
     assert_eq!((faults[0].fault, faults[0].joint), (Fault::JointTorque, 2));
 }
 
-// Fails if an angle that jumps moves the arm, or if one that comes back within
-// the ticks that are bridged is a fault.
+// Fails if an angle that jumps moves the arm, or if an angle that jumps back within
+// the bridged ticks is a fault.
 #[test]
 fn an_angle_that_jumps_is_bridged_then_refused() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     for allowed in [3, 4] {
         let torque = bench.command.tau.clone();
         for k in 0..allowed {
@@ -208,11 +208,11 @@ fn an_angle_that_jumps_is_bridged_then_refused() {
     bench.expect_fault(Fault::PositionJump, Phase::Idle);
 }
 
-// Fails if a torque is sent for ever without a state to answer, or if the arm
-// is not held when states come again.
+// Fails if torques are sent for ever without states, or if the arm is not held
+// when states come again.
 #[test]
 fn a_blind_controller_asks_for_the_brakes() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     let state = bench.state();
     let blind = (0..100).find(|_| {
         bench.tick_with(&state);
@@ -226,7 +226,7 @@ fn a_blind_controller_asks_for_the_brakes() {
 
 #[test]
 fn a_torque_that_does_not_arrive_is_a_fault() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.torque_bias[1] = -40.0;
     bench.until_fault(200);
     assert!(bench.tick < 120, "noticed at {}", bench.tick);
@@ -238,13 +238,13 @@ fn a_torque_that_does_not_arrive_is_a_fault() {
     );
 }
 
-// Fails if an arm that holds after another fault is held on by motors that do
-// not give what they are asked for: found by a campaign of random faults, in
-// which a weak motor first lost the sphere, and then dropped the arm.
+// Fails if an arm that holds after another fault stays held by motors that do not
+// deliver the commanded torque. Found by a campaign of random faults, in which a
+// weak motor first lost the sphere and then dropped the arm.
 #[test]
 fn a_motor_that_fails_while_the_arm_holds_gets_the_brakes() {
-    let mut bench = Bench::new(Bench::brisk());
-    bench.controller.missed(10);
+    let mut bench = Bench::new(Bench::fast_procedure());
+    bench.controller.record_missed(10);
     bench.run(1);
     bench.expect_fault(Fault::Overrun, Phase::Idle);
     bench.run(50);
@@ -255,12 +255,12 @@ fn a_motor_that_fails_while_the_arm_holds_gets_the_brakes() {
     assert_eq!(bench.faults().len(), 1, "and no other fault");
 }
 
-// Fails if the arm passes a bound that it must not, does not slow down before
-// it, or cannot come back from behind it.
+// Fails if the arm passes a bound of the workspace, does not slow down before it,
+// or cannot come back from beyond it.
 #[test]
 fn the_workspace_is_not_left() {
-    let mut procedure = Bench::brisk();
-    let wall = Bench::new(Bench::brisk()).tcp().y + 0.15;
+    let mut procedure = Bench::fast_procedure();
+    let wall = Bench::new(Bench::fast_procedure()).tcp().y + 0.15;
     procedure.limits.workspace_max_m[1] = wall;
     let mut bench = Bench::new(procedure);
     let mut target = HOME;
@@ -295,7 +295,7 @@ fn the_workspace_is_not_left() {
 
 #[test]
 fn a_tcp_that_runs_is_stopped() {
-    let mut procedure = Bench::brisk();
+    let mut procedure = Bench::fast_procedure();
     procedure.limits.speed_m_s = 0.1;
     let mut bench = Bench::new(procedure);
     let mut target = HOME;
@@ -305,12 +305,12 @@ fn a_tcp_that_runs_is_stopped() {
     bench.expect_fault(Fault::TcpSpeed, Phase::Moving);
 }
 
-// Fails if a free motion exceeds its soft speed by more than a quarter, which is
-// what the pace takes to fall, or does not arrive.
+// Fails if a free motion exceeds its soft speed by more than a quarter (the speed
+// scaling takes time to act), or does not arrive.
 #[test]
 fn a_free_motion_keeps_its_soft_speed() {
     let run = |soft_speed_m_s: f64| {
-        let mut procedure = Bench::brisk();
+        let mut procedure = Bench::fast_procedure();
         procedure.limits.soft_speed_m_s = soft_speed_m_s;
         let mut bench = Bench::new(procedure);
         let mut target = HOME;

@@ -1,5 +1,5 @@
-//! Commands with numbers that cannot be: refused with a reason, and never felt
-//! by the arm.
+//! Commands with impossible numbers: refused with a reason, without effect on the
+//! arm.
 
 use proptest::prelude::*;
 use spherecal_shared::procedure::Procedure;
@@ -9,7 +9,7 @@ use std::vec::Vec;
 
 use crate::testing::{Bench, HOME};
 
-/// One good command of every kind that carries numbers.
+/// One valid command of every kind that carries numbers.
 fn good() -> Vec<Command> {
     let target: spherecal_shared::Joints = HOME.iter().copied().collect();
     std::vec![
@@ -33,7 +33,7 @@ fn good() -> Vec<Command> {
     ]
 }
 
-/// What no sensor, file or person means.
+/// Numbers that no sensor, file or person means.
 fn bad() -> impl Strategy<Value = f64> {
     prop::sample::select(std::vec![
         f64::NAN,
@@ -51,17 +51,17 @@ fn bad() -> impl Strategy<Value = f64> {
     ])
 }
 
-/// The command with eight of its bytes on the wire replaced by those of `value`.
+/// The command with eight of its encoded bytes replaced by those of `value`.
 fn spoilt(command: &Command, at: usize, value: f64) -> Option<Command> {
     let mut buffer = [0; spherecal_shared::protocol::frame::MAX_FRAME];
     let bytes = postcard::to_slice(command, &mut buffer).ok()?;
-    // Behind the number that says which command it is.
+    // After the byte that says which command it is.
     let at = 1 + at % bytes.len().checked_sub(9)?.max(1);
     bytes.get_mut(at..at + 8)?.copy_from_slice(&value.to_le_bytes());
     postcard::from_bytes(bytes).ok()
 }
 
-/// The limits of the arm that stands there, whatever a command says of another.
+/// Whether the commanded torques are within the limits of `robot`, the bench's arm.
 fn within_limits(bench: &Bench, robot: &Robot) -> bool {
     bench
         .command
@@ -73,19 +73,19 @@ fn within_limits(bench: &Bench, robot: &Robot) -> bool {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
-    // Fails if a number that cannot be, in any field of any command, panics the
-    // controller, makes a torque that is none or is beyond the limits, or if a
-    // refused command changes what the arm does.
+    // Fails if an impossible number in any field of any command causes a panic or
+    // a torque that is not finite or beyond the limits, or if a refused command
+    // changes what the arm does.
     #[test]
     fn no_number_of_any_command_gets_through(kind in 0usize..5, at in 0usize..2000, value in bad()) {
         let good = good();
         if let Some(command) = spoilt(&good[kind], at, value) {
-            let mut bench = Bench::new(Bench::brisk());
-            let mut twin = Bench::new(Bench::brisk());
+            let mut bench = Bench::new(Bench::fast_procedure());
+            let mut twin = Bench::new(Bench::fast_procedure());
             if bench.controller.command(command.clone()).is_err() {
                 bench.run(40);
                 twin.run(40);
-                prop_assert_eq!(&bench.command, &twin.command, "a refused command is felt: {:?}", command);
+                prop_assert_eq!(&bench.command, &twin.command, "a refused command has an effect: {:?}", command);
             } else {
                 let robot = match command {
                     Command::Robot(robot) => robot,
@@ -104,7 +104,11 @@ fn refused(command: Command) -> Refusal {
     let mut bench = Bench::coupled();
     let refusal = bench.controller.command(command).expect_err("refused");
     bench.run(200);
-    assert_eq!(bench.controller.phase(), Phase::Coupled, "a refused command is felt");
+    assert_eq!(
+        bench.controller.phase(),
+        Phase::Coupled,
+        "a refused command has an effect"
+    );
     refusal
 }
 
@@ -126,7 +130,7 @@ fn what_is_out_of_range_is_refused_by_name() {
     assert_eq!(refused(pose(down, Some(f64::INFINITY), &[])), Refusal::Target);
     assert_eq!(refused(pose(down, None, &[9.0; 7])), Refusal::Target);
     assert_eq!(refused(pose(down, None, &[0.0; 3])), Refusal::Target);
-    // A posture that is within reach and is that of another pose.
+    // A posture within reach that belongs to another pose.
     let mut elsewhere = HOME;
     elsewhere[5] -= 1.0;
     assert_eq!(refused(pose(down, None, &elsewhere)), Refusal::Target);
@@ -134,7 +138,7 @@ fn what_is_out_of_range_is_refused_by_name() {
 
 #[test]
 fn absurd_durations_and_stiffnesses_are_refused() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     let mut refuse = |spoil: fn(&mut Procedure)| {
         let mut procedure = Procedure::default();
         spoil(&mut procedure);
@@ -150,24 +154,28 @@ fn absurd_durations_and_stiffnesses_are_refused() {
     refuse(|p| p.limits.host_silence_s = f64::NAN);
 }
 
-// Fails if a command that is to start in a year is held, or one that waits is
-// carried out before its time, or after a newer one has taken its place.
+// Fails if a command that starts in a year is accepted, or if a waiting command
+// starts before its time or after a newer one has replaced it.
 #[test]
 fn a_start_is_kept_and_an_absurd_one_refused() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     let mut target = HOME;
     target[0] += 0.1;
     let go = || Command::Move {
         target: target.iter().copied().collect(),
     };
     let now_us = bench.tick * 1000;
-    assert!(bench.controller.order(1, now_us + START_MOST_US + 1_000_000, &go()));
-    let verdict = bench.controller.verdict().expect("at once");
-    assert_eq!(verdict.result, Err(Refusal::Start));
-    assert!(bench.controller.order(2, now_us + 20_000, &go()));
+    assert!(
+        bench
+            .controller
+            .queue_command(1, now_us + START_MOST_US + 1_000_000, &go())
+    );
+    let outcome = bench.controller.command_outcome().expect("at once");
+    assert_eq!(outcome.result, Err(Refusal::Start));
+    assert!(bench.controller.queue_command(2, now_us + 20_000, &go()));
     bench.run(19);
     assert_eq!(
-        (bench.controller.phase(), bench.controller.verdict()),
+        (bench.controller.phase(), bench.controller.command_outcome()),
         (Phase::Idle, None)
     );
     bench.run(1);
@@ -175,29 +183,29 @@ fn a_start_is_kept_and_an_absurd_one_refused() {
     assert!(
         bench
             .controller
-            .verdict()
+            .command_outcome()
             .is_some_and(|v| v.sequence == 2 && v.result.is_ok())
     );
     assert_eq!(bench.controller.statistics().late, 0);
     bench.until(Phase::Idle, 4_000);
     let now_us = bench.tick * 1000;
-    assert!(bench.controller.order(3, now_us + 20_000, &go()));
-    assert!(bench.controller.order(4, 0, &Command::Stop));
+    assert!(bench.controller.queue_command(3, now_us + 20_000, &go()));
+    assert!(bench.controller.queue_command(4, 0, &Command::Stop));
     bench.run(100);
     assert_eq!(bench.controller.phase(), Phase::Idle);
-    assert!(bench.controller.verdict().is_some_and(|v| v.sequence == 4));
-    assert_eq!(bench.controller.verdict(), None);
-    // Too late: at the next tick, and counted.
+    assert!(bench.controller.command_outcome().is_some_and(|v| v.sequence == 4));
+    assert_eq!(bench.controller.command_outcome(), None);
+    // Too late: it starts at the next tick and is counted.
     let back = Command::Move {
         target: HOME.into_iter().collect(),
     };
-    assert!(bench.controller.order(5, now_us, &back));
+    assert!(bench.controller.queue_command(5, now_us, &back));
     bench.run(1);
-    // The arm is there already, so that the move may end as it begins.
+    // The arm is there already, so the move may end at once.
     assert!(
         bench
             .controller
-            .verdict()
+            .command_outcome()
             .is_some_and(|v| v.sequence == 5 && v.result.is_ok())
     );
     assert_eq!(bench.controller.statistics().late, 1);

@@ -1,8 +1,8 @@
-//! Every phase, every transition, every fault: time stepped by hand.
+//! Tests of every phase, every transition and every fault; they step the time.
 
 mod commands;
 mod faults;
 mod guard;
 mod hostile;
-mod model;
+mod sequences;
 mod transitions;

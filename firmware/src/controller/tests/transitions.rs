@@ -1,4 +1,4 @@
-//! The transitions of Algorithm 2, each on its own condition.
+//! The transitions of Algorithm 2, each under its own condition.
 
 use std::vec::Vec;
 
@@ -9,7 +9,7 @@ use crate::testing::{Bench, HOME};
 
 #[test]
 fn idle_holds_where_it_began() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.run(1_000);
     assert_eq!(bench.controller.phase(), Phase::Idle);
     assert!(
@@ -20,7 +20,7 @@ fn idle_holds_where_it_began() {
 
 #[test]
 fn a_move_ends_at_its_target_and_holds_there() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     let mut target = HOME;
     target[0] = 0.5;
     target[3] = -1.0;
@@ -32,12 +32,12 @@ fn a_move_ends_at_its_target_and_holds_there() {
     assert_eq!(bench.phases(), [Phase::Moving, Phase::Idle]);
 }
 
-/// Fails if joints whose axes align run away against each other, or if the
-/// force that cannot be told there stops the arm: twelve ways through the
-/// vertical, with torque sensors that are off.
+/// Fails if joints whose axes align become unstable, or if a force that cannot be
+/// determined there stops the arm: twelve motions through the vertical, with
+/// errors of the torque sensors.
 #[test]
 fn the_upper_arm_swings_through_the_vertical() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.torque_bias = nalgebra::SVector::from([2.0, -2.0, 2.0, 2.0, -0.5, 0.5, -0.5]);
     for k in 0..12 {
         let side = if k % 2 == 0 { -1.0 } else { 1.0 };
@@ -51,8 +51,8 @@ fn the_upper_arm_swings_through_the_vertical() {
     assert!(bench.faults().is_empty(), "{:?}", bench.faults());
 }
 
-/// Fails if an arm that may hang on a sphere is refused to leave it, or if one
-/// that has left it goes back on its way once more for whoever asks.
+/// Fails if an arm whose nest may be on a sphere is not allowed to leave it, or if
+/// an arm that has left it may do so again.
 #[test]
 fn a_sphere_is_left_once() {
     let mut bench = Bench::coupled();
@@ -95,7 +95,7 @@ fn a_sphere_is_touched_recorded_and_left_in_order() {
     ];
     assert_eq!(bench.phases(), expected);
     assert!(bench.faults().is_empty());
-    // What each condition promises.
+    // The promise of each condition.
     let contact = bench
         .events
         .iter()
@@ -113,7 +113,7 @@ fn a_sphere_is_touched_recorded_and_left_in_order() {
     assert!((bench.tcp() - sphere).norm() > 0.030, "the arm has left");
 }
 
-/// Fails if the hold after contact is shorter than asked, or softens late.
+/// Fails if the hold after contact is shorter than configured or starts late.
 #[test]
 fn the_magnet_gets_its_time() {
     let mut bench = Bench::coupled();
@@ -129,14 +129,14 @@ fn the_magnet_gets_its_time() {
     bench.run(10);
 }
 
-/// Fails if the recording is not the mean of just the samples of the still arm.
+/// Fails if the recording contains samples of a moving arm.
 #[test]
 fn a_disturbed_recording_is_begun_anew() {
     let mut bench = Bench::coupled();
     bench.pose(0.1, true).expect("coupled");
     bench.until(Phase::Recording, 5_000);
     bench.run(180);
-    // A shove at the elbow: joint speed without leaving the sphere.
+    // A push at the elbow: the joints move, the nest stays on the sphere.
     bench.dq[2] += 0.05;
     bench.run(30);
     assert!(bench.recordings().is_empty());
@@ -146,12 +146,12 @@ fn a_disturbed_recording_is_begun_anew() {
     assert!(recordings[0].q.iter().all(|q| q.std < 1e-3));
 }
 
-/// Fails if a recording counts whose nest came loose while the arm stood still,
-/// or if no pull would find it, too: then the pull is for nothing.
+/// Fails if a recording counts although its nest came loose while the arm stood
+/// still, or if it does not count without the pull: then the test proves nothing.
 #[test]
 fn a_recording_counts_when_its_nest_has_borne_a_pull() {
     for check_s in [0.15, 0.0] {
-        let mut procedure = Bench::brisk();
+        let mut procedure = Bench::fast_procedure();
         procedure.seating.check_s = check_s;
         let mut bench = Bench::coupled_by(procedure);
         bench.pose(0.1, true).expect("coupled");
@@ -170,11 +170,11 @@ fn a_recording_counts_when_its_nest_has_borne_a_pull() {
     }
 }
 
-/// Fails if the arm does not follow a hand of 20 N, drifts when it is let go
-/// with a gravity model that is wrong by 2 N m, or is anywhere faster than it may.
+/// Fails if the arm does not follow a hand of 20 N, drifts after its release with
+/// a gravity error of 2 N m, or is faster than allowed at any time.
 #[test]
 fn hand_guiding_lets_the_arm_be_led() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.controller.command(Command::HandGuide { on: true }).expect("idle");
     let before = bench.tcp();
     bench.push = nalgebra::Vector3::new(0.0, 20.0, 0.0);
@@ -186,7 +186,7 @@ fn hand_guiding_lets_the_arm_be_led() {
         last = bench.tcp();
     }
     assert!((bench.tcp() - before).y > 0.05, "the arm follows the hand");
-    // A weight that the model does not know: 2 N m on a big joint.
+    // A load that the model does not know: 2 N m on a big joint.
     bench.push = nalgebra::Vector3::new(0.0, 0.0, -4.0);
     bench.run(1_000);
     let left = bench.tcp();
@@ -203,13 +203,13 @@ fn hand_guiding_lets_the_arm_be_led() {
     assert!(sag < 0.006, "moved {sag} m when it held again");
 }
 
-/// Fails if a hand can lead a joint through the wall before its limit, which
-/// would be a fault.
+/// Fails if a hand can move a joint through the wall before its limit, which would
+/// be a fault.
 #[test]
 fn hand_guiding_ends_before_the_limits() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.controller.command(Command::HandGuide { on: true }).expect("idle");
-    // Down: joints 2 and 4 go towards their ends.
+    // Downwards: joints 2 and 4 move towards their limits.
     bench.push = nalgebra::Vector3::new(0.0, 60.0, -60.0);
     bench.run(20_000);
     assert_eq!(
@@ -220,7 +220,7 @@ fn hand_guiding_ends_before_the_limits() {
     );
 }
 
-/// Fails if the stiffness jumps, or the torque does, when phases change.
+/// Fails if the torque jumps when the phase changes.
 #[test]
 fn phase_changes_are_bumpless() {
     let mut bench = Bench::coupled();
@@ -238,18 +238,17 @@ fn phase_changes_are_bumpless() {
     assert_eq!(bench.recordings().len(), 1);
 }
 
-// Fails if a command that waited for its time starts under another tick's
-// number than the one whose time it bears: the host's clock would be off by a
-// period from one event to the next.
+// Fails if a waiting command starts under another tick number than that of its
+// start time: the host's clock would then be off by a period.
 #[test]
 fn what_starts_bears_the_number_of_its_tick() {
-    let mut bench = Bench::new(Bench::brisk());
+    let mut bench = Bench::new(Bench::fast_procedure());
     bench.run(3);
     let mut target = HOME;
     target[0] = 0.1;
     let target = Joints::from_slice(&target).expect("seven of eight");
     let start_us = (bench.tick + 20) * 1_000;
-    assert!(bench.controller.order(1, start_us, &Command::Move { target }));
+    assert!(bench.controller.queue_command(1, start_us, &Command::Move { target }));
     bench.until(Phase::Moving, 30);
     bench.until(Phase::Idle, 5_000);
     let changes: Vec<_> = bench

@@ -381,7 +381,7 @@ fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
     for (observation, &weight) in fit.prepared.iter().zip(&fit.weights) {
         let k = state.at(observation);
         for j in 0..layout.n {
-            columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].origin));
+            columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
         }
         let covariance = fit
             .whitening

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::kinematics::{next_frame, next_frame_turned, parameter_columns};
-use spherecal_shared::robot::{Frame, GRAVITY_M_S2, LinkTransform, MdhRow, Robot, Tool};
+use spherecal_shared::robot::{GRAVITY_M_S2, LinkTransform, MdhRow, Pose as Frame, Robot, Tool};
 use spherecal_shared::scalar::Real;
 
 use super::parameters::{Kind, Layout};
@@ -89,7 +89,7 @@ impl Nominal {
             let (m, com) = &self.bodies[i];
             mass += m;
             moment += frames[i].point(com) * *m;
-            let holding = (moment - frames[i].origin * mass).cross(&Vector3::z()) * GRAVITY_M_S2;
+            let holding = (moment - frames[i].position * mass).cross(&Vector3::z()) * GRAVITY_M_S2;
             load.joint[i] = frames[i].rotation.tr_mul(&holding).into();
         }
         let holding = moment.cross(&Vector3::z()) * GRAVITY_M_S2;
@@ -319,7 +319,7 @@ impl State {
         for (j, [x, y]) in self.bending.iter().enumerate().take(N) {
             if *x != 0.0 || *y != 0.0 {
                 let turn = bend(&frames[j], &load.joint[j], *x, *y);
-                tcp += turn.cross(&(rigid - frames[j].origin));
+                tcp += turn.cross(&(rigid - frames[j].position));
             }
         }
         let tilt = Vector3::new(-self.tilt[0] * load.base[0], -self.tilt[1] * load.base[1], 0.0);
@@ -347,14 +347,14 @@ impl State {
         for i in 0..n {
             let frame = &k.frames[i];
             let (x, z): (Vector3<f64>, Vector3<f64>) = (parent.rotation.column(0).into(), frame.z());
-            general[3 * i] = x.cross(&(k.tcp - parent.origin));
+            general[3 * i] = x.cross(&(k.tcp - parent.position));
             general[3 * i + 1] = x;
             general[3 * i + 2] = if layout.hayati[i] {
                 parameter_columns(&parent, frame, &self.rows[i], &k.tcp).beta
             } else {
                 z
             };
-            joints[i] = z.cross(&(k.tcp - frame.origin));
+            joints[i] = z.cross(&(k.tcp - frame.position));
             parent = *frame;
         }
         for axis in 0..3 {
@@ -363,7 +363,7 @@ impl State {
         if layout.stiffness {
             for i in 0..n {
                 let frame = &k.frames[i];
-                let arm = k.tcp - frame.origin;
+                let arm = k.tcp - frame.position;
                 let at = layout.bending(i);
                 general[at] = bend(frame, &load.joint[i], 1.0, 0.0).cross(&arm);
                 general[at + 1] = bend(frame, &load.joint[i], 0.0, 1.0).cross(&arm);

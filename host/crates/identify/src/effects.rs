@@ -140,7 +140,7 @@ impl Search<'_> {
         for (observation, weight) in self.prepared.iter().zip(&self.weights) {
             let k = self.state.at(observation);
             let columns: Vec<_> = (0..n)
-                .map(|j| k.frames[j].z().cross(&(k.tcp - k.frames[j].origin)))
+                .map(|j| k.frames[j].z().cross(&(k.tcp - k.frames[j].position)))
                 .collect();
             let root = Root::new(&self.whitening.covariance(&columns, observation.sphere.is_some()));
             let residual = root.times(&self.state.residual(observation, &k.tcp)) * weight.sqrt().min(1.0);

@@ -17,6 +17,7 @@ use super::error::IdentifyError;
 use super::map::{Fit, fit, prepare};
 use super::options::{Method, Model, Options};
 use super::parameters::{Layout, reference_of};
+use spherecal_model::input::Labels;
 use spherecal_model::{Experiment, Set, Target};
 
 /// How the data are split.
@@ -75,34 +76,29 @@ impl Holdout {
 
 /// Part of each observation, and the parts' names.
 fn parts(experiment: &Experiment, split: &Split) -> Result<(Vec<usize>, Vec<String>), IdentifyError> {
-    let mut names: Vec<String> = Vec::new();
-    let mut number = |name: String| {
-        names.iter().position(|n| *n == name).unwrap_or_else(|| {
-            names.push(name);
-            names.len() - 1
-        })
-    };
+    let mut numbers = Labels::default();
+    let mut number = |name: &str| numbers.number(name) as usize;
     let of: Vec<usize> = match split {
         Split::Sphere => {
             let name = |t: &Target| match t {
                 Target::Sphere { sphere, .. } => format!("sphere {sphere}"),
-                Target::Point(_) => "points".to_owned(),
+                _ => "points".to_owned(),
             };
             experiment
                 .observations
                 .iter()
-                .map(|o| number(name(&o.target)))
+                .map(|o| number(&name(&o.target)))
                 .collect()
         }
         Split::Place => {
             let name = |t: &Target| match t {
                 Target::Sphere { place, .. } => format!("place {place}"),
-                Target::Point(_) => "points".to_owned(),
+                _ => "points".to_owned(),
             };
             experiment
                 .observations
                 .iter()
-                .map(|o| number(name(&o.target)))
+                .map(|o| number(&name(&o.target)))
                 .collect()
         }
         Split::Label(labels) => {
@@ -116,13 +112,14 @@ fn parts(experiment: &Experiment, split: &Split) -> Result<(Vec<usize>, Vec<Stri
                     ),
                 });
             }
-            labels.iter().map(|l| number(l.clone())).collect()
+            labels.iter().map(|l| number(l)).collect()
         }
         Split::Region(count) => regions(experiment, *count),
     };
-    if let Split::Region(count) = split {
-        names = (1..=*count).map(|k| format!("region {k}")).collect();
-    }
+    let names = match split {
+        Split::Region(count) => (1..=*count).map(|k| format!("region {k}")).collect(),
+        _ => numbers.names().map(str::to_owned).collect(),
+    };
     Ok((of, names))
 }
 
@@ -274,7 +271,7 @@ pub fn possible_splits(experiment: &Experiment) -> Vec<Split> {
     let spheres: std::collections::BTreeSet<_> = calibrate()
         .filter_map(|o| match o.target {
             Target::Sphere { sphere, .. } => Some(sphere),
-            Target::Point(_) => None,
+            _ => None,
         })
         .collect();
     let mut splits = Vec::new();

@@ -22,6 +22,7 @@ mod error;
 mod holdout;
 pub mod identifiability;
 mod map;
+mod noise_scale;
 mod normal;
 mod options;
 pub mod paper;

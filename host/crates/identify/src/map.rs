@@ -21,7 +21,7 @@ use super::options::{Model, Options, Torque};
 use super::parameters::{Kind, Layout, Parameter, reference_of, table};
 use super::search::{SETTLED, Search, joined};
 use super::solve::{Posterior, Unknowns};
-use spherecal_model::{Experiment, Pose, Set};
+use spherecal_model::{DataError, Experiment, Pose, Set, Target};
 
 /// Fewest observations: their three numbers must exceed the six of the base.
 pub(crate) const FEWEST: usize = 3;
@@ -93,15 +93,22 @@ pub(crate) fn prepare(
             *slot = *angle;
         }
         let reference = reference_of(&observation.target);
-        let (target, sphere) = match observation.target {
-            spherecal_model::Target::Point(p) => (Vector3::from(p), None),
-            spherecal_model::Target::Sphere { sphere, .. } => {
-                let known = experiment.spheres.iter().find(|s| s.id == sphere);
+        let (target, sphere) = match &observation.target {
+            Target::Point(p) => (Vector3::from(*p), None),
+            Target::Sphere { sphere, .. } => {
+                let known = experiment.spheres.iter().find(|s| s.id == *sphere);
                 let position = known.map_or([0.0; 3], |s| s.position_m);
-                (
-                    Vector3::from(position),
-                    layout.spheres.iter().position(|id| *id == sphere),
-                )
+                (Vector3::from(position), layout.spheres.binary_search(sphere).ok())
+            }
+            // Refused by the experiment's check.
+            Target::Points(_) | Target::Frame(_) => {
+                let (kind, remedy) = ("another kind of target", "give one point per row");
+                return Err(DataError::TargetKind {
+                    row: index + 1,
+                    kind,
+                    remedy,
+                }
+                .into());
             }
         };
         prepared.push(Prepared {
@@ -110,11 +117,7 @@ pub(crate) fn prepare(
             trig: trig(&q),
             load: nominal.load(&observation.q, tau),
             target,
-            reference: layout
-                .references
-                .iter()
-                .position(|r| *r == reference)
-                .unwrap_or_default(),
+            reference: layout.references.binary_search(&reference).unwrap_or_default(),
             sphere,
         });
     }
@@ -123,10 +126,13 @@ pub(crate) fn prepare(
 
 /// Registers every reference frame to the state's robot.
 pub(crate) fn register(state: &mut State, prepared: &[Prepared], base: Option<&Pose>) {
-    for reference in 0..state.bases.len() {
-        let of = || prepared.iter().filter(move |p| p.reference == reference);
-        let from: Vec<_> = of().map(|p| state.at(p).tcp).collect();
-        let onto: Vec<_> = of().map(|p| p.target).collect();
+    let mut members: Vec<Vec<&Prepared>> = vec![Vec::new(); state.bases.len()];
+    for p in prepared {
+        members[p.reference].push(p);
+    }
+    for (reference, of) in members.iter().enumerate() {
+        let from: Vec<_> = of.iter().map(|p| state.at(p).tcp).collect();
+        let onto: Vec<_> = of.iter().map(|p| p.target).collect();
         if let Some(pose) = Pose::fit(&from, &onto) {
             state.bases[reference] = pose;
             state.pivots[reference] = onto.iter().sum::<Vector3<f64>>() / onto.len() as f64;

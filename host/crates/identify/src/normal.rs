@@ -13,6 +13,7 @@
 //! nothing is poses by poses.
 
 use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector, Dyn, Matrix3, MatrixView, Vector3};
+use rayon::prelude::*;
 
 use super::chain::{N, Prepared, State};
 use super::parameters::Layout;
@@ -152,6 +153,103 @@ pub(crate) fn groups(prepared: &[Prepared]) -> Vec<Group> {
     groups
 }
 
+/// Poses that one task sums. Sums of as many or fewer are those of a plain loop,
+/// to the last bit; those of more do not depend on the number of threads.
+const BLOCK: usize = 16_384;
+/// Tasks whose sums are in memory together.
+const BATCH: usize = 16;
+
+/// The poses of all groups in blocks: number of the group, and its poses.
+fn blocks(groups: &[Group]) -> Vec<(usize, &[usize])> {
+    let of = |(g, group)| -> Vec<(usize, &[usize])> {
+        let group: &Group = group;
+        group.members.chunks(BLOCK).map(|members| (g, members)).collect()
+    };
+    groups.iter().enumerate().flat_map(of).collect()
+}
+
+/// Sums each group's blocks with `sum`, on all cores where there are many poses,
+/// and hands each group's total to `done`, in order. `add` adds the second sum to
+/// the first.
+fn by_group<'g, S: Send>(
+    groups: &'g [Group],
+    sum: impl Fn(&'g [usize]) -> S + Sync,
+    add: impl Fn(&mut S, &S),
+    mut done: impl FnMut(&'g Group, &S),
+) {
+    let blocks = blocks(groups);
+    let many = groups.iter().map(|g| g.members.len()).sum::<usize>() > BLOCK;
+    let mut open: Option<(usize, S)> = None;
+    for batch in blocks.chunks(BATCH) {
+        let sums: Vec<S> = if many {
+            batch.par_iter().map(|(_, members)| sum(members)).collect()
+        } else {
+            batch.iter().map(|(_, members)| sum(members)).collect()
+        };
+        for ((group, _), next) in batch.iter().zip(sums) {
+            match &mut open {
+                Some((last, total)) if last == group => add(total, &next),
+                _ => {
+                    if let Some((last, total)) = open.replace((*group, next)) {
+                        done(&groups[last], &total);
+                    }
+                }
+            }
+        }
+    }
+    if let Some((last, total)) = open {
+        done(&groups[last], &total);
+    }
+}
+
+fn add_all(to: &mut [f64], from: &[f64]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to += from;
+    }
+}
+
+/// Sums over some poses of one group.
+struct Sums {
+    /// Own columns by own columns.
+    block: Vec<f64>,
+    /// Of each joint: own columns and later joints' basis by its own basis.
+    joints: Vec<Vec<f64>>,
+    gradient: Gradient,
+}
+
+/// How wide the parts of the equations are.
+#[derive(Clone, Copy)]
+struct Widths {
+    basis: usize,
+    /// Columns of the group: the general ones and the base's six.
+    own: usize,
+    /// The same with the joints, where a joint has one column only and is a column
+    /// like any other.
+    wide: usize,
+    /// Joints whose columns are kept apart.
+    apart: usize,
+    n: usize,
+}
+
+impl Widths {
+    fn new(layout: &Layout) -> Self {
+        let (n, basis) = (layout.n, layout.basis());
+        let plain = basis == 1;
+        let own = layout.general() + 6;
+        Self {
+            basis,
+            own,
+            wide: own + if plain { n } else { 0 },
+            apart: if plain { 0 } else { n },
+            n,
+        }
+    }
+
+    fn joint(&self, joint: usize) -> usize {
+        self.own + (self.n - joint) * self.basis
+    }
+}
+
 /// Sum over all poses; `weights` by prepared observation.
 pub(crate) fn accumulate(
     state: &State,
@@ -166,83 +264,107 @@ pub(crate) fn accumulate(
         matrix: DMatrix::zeros(size, size),
         gradient: DVector::zeros(size),
     };
-    let n = layout.n;
-    let basis = layout.basis();
-    // A joint with one column only is a column like any other.
-    let plain = basis == 1;
-    let own = layout.general() + 6;
-    let wide = own + if plain { n } else { 0 };
-    let apart = if plain { 0 } else { n };
-    let width = |joint: usize| own + (n - joint) * basis;
-    let mut chunk = Chunk {
-        own: vec![0.0; wide * 3 * CHUNK],
-        phi: vec![vec![0.0; basis * CHUNK]; n],
-        white: vec![[Vector3::zeros(); N]; CHUNK],
-        stack: vec![0.0; if plain { 0 } else { width(0) * CHUNK }],
-    };
-    for group in groups {
-        let mut block = vec![0.0; wide * wide];
-        let mut sums: Vec<Vec<f64>> = (0..apart).map(|i| vec![0.0; width(i) * basis]).collect();
-        let mut gradient = Gradient::new(layout);
-        for members in group.members.chunks(CHUNK) {
-            let count = members.len();
-            for (b, &index) in members.iter().enumerate() {
-                let pose = Pose::new(state, layout, &prepared[index], whitening, weights[index]);
-                pose.add_gradient(layout, &prepared[index], &mut gradient);
-                let slot = &mut chunk.own[3 * wide * b..3 * wide * (b + 1)];
-                for (c, v) in pose.own[..own].iter().chain(&pose.joints[..wide - own]).enumerate() {
-                    slot[c] = v.x;
-                    slot[wide + c] = v.y;
-                    slot[2 * wide + c] = v.z;
-                }
-                for (j, phi) in chunk.phi.iter_mut().enumerate().take(apart) {
-                    let phi = &mut phi[b * basis..(b + 1) * basis];
-                    pose.basis(layout, j, &prepared[index], phi);
-                }
-                chunk.white[b] = pose.joints;
-            }
-            add_product(&mut block, &chunk.own, &chunk.own, wide, wide, 3 * count);
-            for i in 0..apart {
-                let wide = width(i);
-                for b in 0..count {
-                    let slot = &mut chunk.stack[b * wide..(b + 1) * wide];
-                    let (cross, rest) = slot.split_at_mut(own);
-                    let columns = &chunk.own[3 * own * b..3 * own * (b + 1)];
-                    let (x, yz) = columns.split_at(own);
-                    let (y, z) = yz.split_at(own);
-                    let w = &chunk.white[b][i];
-                    for (((c, x), y), z) in cross.iter_mut().zip(x).zip(y).zip(z) {
-                        *c = x * w.x + y * w.y + z * w.z;
-                    }
-                    for (j, scaled) in (i..n).zip(rest.chunks_exact_mut(basis)) {
-                        let s = w.dot(&chunk.white[b][j]);
-                        let phi = &chunk.phi[j][b * basis..(b + 1) * basis];
-                        for (to, from) in scaled.iter_mut().zip(phi) {
-                            *to = s * from;
-                        }
-                    }
-                }
-                add_product(&mut sums[i], &chunk.stack, &chunk.phi[i], wide, basis, count);
-            }
+    let widths = Widths::new(layout);
+    let Widths { own, wide, .. } = widths;
+    let sum = |members: &[usize]| sums(state, layout, prepared, members, whitening, weights, widths);
+    let add = |total: &mut Sums, next: &Sums| {
+        add_all(&mut total.block, &next.block);
+        for (total, next) in total.joints.iter_mut().zip(&next.joints) {
+            add_all(total, next);
         }
+        total.gradient.add(&next.gradient);
+    };
+    by_group(groups, sum, add, |group, total| {
         let mut at = places(layout, group);
         for &(c, column, sign) in &at {
-            normal.gradient[column] += sign * gradient.own[c];
+            normal.gradient[column] += sign * total.gradient.own[c];
         }
-        for (at, value) in (layout.joint(0)..).zip(&gradient.joints) {
+        for (at, value) in (layout.joint(0)..).zip(&total.gradient.joints) {
             normal.gradient[at] += value;
         }
-        for (i, sum) in sums.iter().enumerate() {
+        for (i, sum) in total.joints.iter().enumerate() {
             scatter(layout, i, &at, sum, &mut normal);
         }
         at.extend((own..wide).map(|c| (c, layout.joint(c - own), 1.0)));
         for &(c, column, sign) in &at {
             for &(r, row, other) in &at {
-                normal.matrix[(row, column)] += sign * other * block[c * wide + r];
+                normal.matrix[(row, column)] += sign * other * total.block[c * wide + r];
             }
         }
-    }
+    });
     normal
+}
+
+/// Sums over some poses of one group.
+fn sums(
+    state: &State,
+    layout: &Layout,
+    prepared: &[Prepared],
+    members: &[usize],
+    whitening: &Whitening,
+    weights: &[f64],
+    widths: Widths,
+) -> Sums {
+    let Widths {
+        basis,
+        own,
+        wide,
+        apart,
+        n,
+    } = widths;
+    let mut chunk = Chunk {
+        own: vec![0.0; wide * 3 * CHUNK],
+        phi: vec![vec![0.0; basis * CHUNK]; n],
+        white: vec![[Vector3::zeros(); N]; CHUNK],
+        stack: vec![0.0; if apart == 0 { 0 } else { widths.joint(0) * CHUNK }],
+    };
+    let mut out = Sums {
+        block: vec![0.0; wide * wide],
+        joints: (0..apart).map(|i| vec![0.0; widths.joint(i) * basis]).collect(),
+        gradient: Gradient::new(layout),
+    };
+    for members in members.chunks(CHUNK) {
+        let count = members.len();
+        for (b, &index) in members.iter().enumerate() {
+            let pose = Pose::new(state, layout, &prepared[index], whitening, weights[index]);
+            pose.add_gradient(layout, &prepared[index], &mut out.gradient);
+            let slot = &mut chunk.own[3 * wide * b..3 * wide * (b + 1)];
+            for (c, v) in pose.own[..own].iter().chain(&pose.joints[..wide - own]).enumerate() {
+                slot[c] = v.x;
+                slot[wide + c] = v.y;
+                slot[2 * wide + c] = v.z;
+            }
+            for (j, phi) in chunk.phi.iter_mut().enumerate().take(apart) {
+                let phi = &mut phi[b * basis..(b + 1) * basis];
+                pose.basis(layout, j, &prepared[index], phi);
+            }
+            chunk.white[b] = pose.joints;
+        }
+        add_product(&mut out.block, &chunk.own, &chunk.own, wide, wide, 3 * count);
+        for i in 0..apart {
+            let wide = widths.joint(i);
+            for b in 0..count {
+                let slot = &mut chunk.stack[b * wide..(b + 1) * wide];
+                let (cross, rest) = slot.split_at_mut(own);
+                let columns = &chunk.own[3 * own * b..3 * own * (b + 1)];
+                let (x, yz) = columns.split_at(own);
+                let (y, z) = yz.split_at(own);
+                let w = &chunk.white[b][i];
+                for (((c, x), y), z) in cross.iter_mut().zip(x).zip(y).zip(z) {
+                    *c = x * w.x + y * w.y + z * w.z;
+                }
+                for (j, scaled) in (i..n).zip(rest.chunks_exact_mut(basis)) {
+                    let s = w.dot(&chunk.white[b][j]);
+                    let phi = &chunk.phi[j][b * basis..(b + 1) * basis];
+                    for (to, from) in scaled.iter_mut().zip(phi) {
+                        *to = s * from;
+                    }
+                }
+            }
+            add_product(&mut out.joints[i], &chunk.stack, &chunk.phi[i], wide, basis, count);
+        }
+    }
+    out
 }
 
 /// Where a group's own column lies in the layout; sphere columns follow after
@@ -291,6 +413,11 @@ impl Gradient {
             joints: vec![0.0; layout.n * layout.basis()],
         }
     }
+
+    fn add(&mut self, other: &Self) {
+        add_all(&mut self.own, &other.own);
+        add_all(&mut self.joints, &other.joints);
+    }
 }
 
 /// Gradient alone, where the matrix of an earlier state still serves.
@@ -303,19 +430,22 @@ pub(crate) fn gradient(
     weights: &[f64],
 ) -> DVector<f64> {
     let mut total = DVector::zeros(layout.len());
-    for group in groups {
+    let sum = |members: &[usize]| {
         let mut sum = Gradient::new(layout);
-        for &index in &group.members {
+        for &index in members {
             let pose = Pose::new(state, layout, &prepared[index], whitening, weights[index]);
             pose.add_gradient(layout, &prepared[index], &mut sum);
         }
+        sum
+    };
+    by_group(groups, sum, Gradient::add, |group, sum| {
         for (c, column, sign) in places(layout, group) {
             total[column] += sign * sum.own[c];
         }
         for (at, value) in (layout.joint(0)..).zip(&sum.joints) {
             total[at] += value;
         }
-    }
+    });
     total
 }
 
@@ -408,45 +538,54 @@ impl Pose {
 
 /// Squared whitened residual of every prepared observation.
 pub(crate) fn distances(state: &State, layout: &Layout, prepared: &[Prepared], whitening: &Whitening) -> Vec<f64> {
-    let mut columns = [Vector3::zeros(); N];
-    prepared
-        .iter()
-        .map(|observation| {
+    let [found] = whitened(state, layout, prepared, &[*whitening]).map(|found| found.0);
+    found
+}
+
+/// Squared whitened residuals under each whitening, and the sum of `ln |L⁻¹|`.
+fn whitened<const K: usize>(
+    state: &State,
+    layout: &Layout,
+    prepared: &[Prepared],
+    candidates: &[Whitening; K],
+) -> [(Vec<f64>, f64); K] {
+    let block = |prepared: &[Prepared]| {
+        let mut columns = [Vector3::zeros(); N];
+        let mut found: [(Vec<f64>, f64); K] = core::array::from_fn(|_| (Vec::with_capacity(prepared.len()), 0.0));
+        for observation in prepared {
             let k = state.at(observation);
             for j in 0..layout.n {
-                columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].origin));
+                columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
             }
-            let c = whitening.covariance(&columns[..layout.n], observation.sphere.is_some());
-            Root::new(&c).times(&state.residual(observation, &k.tcp)).norm_squared()
-        })
-        .collect()
+            let residual = state.residual(observation, &k.tcp);
+            for (candidate, (d2, log)) in candidates.iter().zip(&mut found) {
+                let root = Root::new(&candidate.covariance(&columns[..layout.n], observation.sphere.is_some()));
+                d2.push(root.times(&residual).norm_squared());
+                *log += root.log_determinant();
+            }
+        }
+        found
+    };
+    let add = |mut total: [(Vec<f64>, f64); K], next: [(Vec<f64>, f64); K]| {
+        for (total, next) in total.iter_mut().zip(next) {
+            total.0.extend(next.0);
+            total.1 += next.1;
+        }
+        total
+    };
+    let blocks: Vec<_> = prepared.par_chunks(BLOCK).map(block).collect();
+    blocks.into_iter().reduce(add).unwrap_or_else(|| block(&[]))
 }
 
 /// Log likelihood of the residuals under each candidate whitening, its scale at
 /// its own best; `nu` as in the estimator.
-pub(crate) fn likelihoods(
+pub(crate) fn likelihoods<const K: usize>(
     state: &State,
     layout: &Layout,
     prepared: &[Prepared],
-    candidates: &[Whitening],
+    candidates: &[Whitening; K],
     nu: f64,
-) -> Vec<f64> {
-    let mut columns = [Vector3::zeros(); N];
-    let mut distances = vec![Vec::with_capacity(prepared.len()); candidates.len()];
-    let mut logs = vec![0.0; candidates.len()];
-    for observation in prepared {
-        let k = state.at(observation);
-        for j in 0..layout.n {
-            columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].origin));
-        }
-        let residual = state.residual(observation, &k.tcp);
-        for (c, candidate) in candidates.iter().enumerate() {
-            let covariance = candidate.covariance(&columns[..layout.n], observation.sphere.is_some());
-            let root = Root::new(&covariance);
-            distances[c].push(root.times(&residual).norm_squared());
-            logs[c] += root.log_determinant();
-        }
-    }
+) -> [f64; K] {
     let shape = |d: f64, s2: f64| {
         if nu > 0.0 {
             -0.5 * (nu + 3.0) * (d / (s2 * nu)).ln_1p()
@@ -454,11 +593,12 @@ pub(crate) fn likelihoods(
             -0.5 * d / s2
         }
     };
-    logs.iter()
-        .zip(&distances)
-        .map(|(log, d2)| {
-            let s2 = super::search::scale(d2, 0.0, nu, 1.0);
-            log + d2.iter().map(|d| shape(*d, s2)).sum::<f64>() - 1.5 * d2.len() as f64 * s2.ln()
-        })
-        .collect()
+    whitened(state, layout, prepared, candidates).map(|(d2, log)| {
+        let s2 = super::noise_scale::scale(&d2, 0.0, nu, 1.0);
+        log + d2.iter().map(|d| shape(*d, s2)).sum::<f64>() - 1.5 * d2.len() as f64 * s2.ln()
+    })
 }
+
+#[cfg(test)]
+#[path = "normal_tests.rs"]
+mod tests;

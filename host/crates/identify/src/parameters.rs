@@ -9,7 +9,7 @@
 //! base does), the last `theta` and `d` (the tool does). A 7-axis robot has 22
 //! link parameters, 3 of the tool and 6 of the base left: 31.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Robot;
@@ -80,7 +80,7 @@ pub enum Kind {
 }
 
 /// A frame in which targets are given: each has its own pose towards the base.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reference {
     /// The measuring device of absolute data.
@@ -153,29 +153,28 @@ pub(crate) struct Layout {
 
 impl Layout {
     pub(crate) fn new(experiment: &Experiment, orders: usize, stiffness: bool) -> Self {
-        let mut references: Vec<Reference> = Vec::new();
-        let mut spheres: Vec<u32> = Vec::new();
+        let mut references = BTreeSet::new();
+        let mut spheres = BTreeSet::new();
+        let mut last = None;
         for observation in &experiment.observations {
             let reference = reference_of(&observation.target);
-            if references.last() != Some(&reference) && !references.contains(&reference) {
-                references.push(reference);
-            }
-            if let Target::Sphere { sphere, .. } = observation.target
-                && spheres.last() != Some(&sphere)
-                && !spheres.contains(&sphere)
-            {
-                spheres.push(sphere);
+            let sphere = match observation.target {
+                Target::Sphere { sphere, .. } => Some(sphere),
+                _ => None,
+            };
+            if last != Some((reference, sphere)) {
+                references.insert(reference);
+                spheres.extend(sphere);
+                last = Some((reference, sphere));
             }
         }
-        references.sort_unstable();
-        spheres.sort_unstable();
         Self {
             n: experiment.robot.dof(),
             orders,
             stiffness,
             hayati: hayati(&experiment.robot),
-            references,
-            spheres,
+            references: references.into_iter().collect(),
+            spheres: spheres.into_iter().collect(),
         }
     }
 
@@ -245,7 +244,7 @@ impl Layout {
 /// Frame that a target is given in.
 pub(crate) fn reference_of(target: &Target) -> Reference {
     match target {
-        Target::Point(_) => Reference::Tracker,
+        Target::Point(_) | Target::Points(_) | Target::Frame(_) => Reference::Tracker,
         Target::Sphere { place, .. } => Reference::Place(*place),
     }
 }

@@ -9,11 +9,15 @@ use spherecal_shared::procedure::{Procedure, ProcedureError};
 
 use spherecal_campaign as campaign;
 use spherecal_identify as identify;
+use spherecal_model::{FileError, read_text, read_toml};
 use spherecal_plan::{
     CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, design_for, plan,
 };
 use spherecal_sim::plant::{PRESETS, PlantConfig, PlantError};
 use spherecal_sim::{Lossy, LossyError};
+
+/// Largest configuration file, in bytes.
+const MOST_BYTES: u64 = 1 << 20;
 
 /// The whole configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -232,13 +236,8 @@ impl Default for Config {
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
-    #[error("{path}: cannot be read ({source}): check the path and its permissions")]
-    Read {
-        /// File.
-        path: String,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The file is not TOML, or names what does not exist.
     #[error("{path}: {message}\nremedy: `spherecal config --print` shows every field with its default")]
     Syntax {
@@ -281,10 +280,7 @@ impl Config {
     /// A file that cannot be read, is not TOML or names what does not exist.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Read {
-            path: name.clone(),
-            source,
-        })?;
+        let text = read_text(path, MOST_BYTES, "a configuration has some kilobytes")?;
         Self::parse(&name, &text)
     }
 
@@ -293,9 +289,9 @@ impl Config {
     /// # Errors
     /// What is not TOML or names what does not exist.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
-        toml::from_str(text).map_err(|e| ConfigError::Syntax {
+        read_toml(text).map_err(|e| ConfigError::Syntax {
             path: name.to_owned(),
-            message: e.to_string().trim_end().to_owned(),
+            message: e.to_string(),
         })
     }
 

@@ -9,9 +9,11 @@ use std::collections::BTreeMap;
 use super::{Config, ConfigError};
 
 /// The sources in which the configuration's structs stand.
-const SOURCES: [&str; 10] = [
+const SOURCES: [&str; 12] = [
     include_str!("config.rs"),
     include_str!("../../../../shared/src/procedure.rs"),
+    include_str!("../../../../shared/src/procedure/contact.rs"),
+    include_str!("../../../../shared/src/procedure/limits.rs"),
     include_str!("../../sim/src/lossy.rs"),
     include_str!("../../identify/src/options.rs"),
     include_str!("../../model/src/data.rs"),

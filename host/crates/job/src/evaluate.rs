@@ -8,7 +8,8 @@ use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording}
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::bound::bound_options;
-use super::{Config, JobError, LinkRecord};
+use super::link_record::LinkRecord;
+use super::{Config, JobError};
 use spherecal_identify::arcs::{Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
 use spherecal_identify::validate::{Prediction, ValidationTable, validate};
 use spherecal_identify::{

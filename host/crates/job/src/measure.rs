@@ -5,11 +5,8 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use serde::{Deserialize, Serialize};
 use spherecal_campaign::{self as campaign, Assignment, Observer, Outcome, Tracker, measure_laser};
 use spherecal_plan::Plan;
-use spherecal_shared::protocol::frame::LinkCounters;
-use spherecal_sim::Injected;
 use spherecal_sim::inject::{self, HostFaultJournal};
 use spherecal_store::time::now_utc;
 use spherecal_store::{CalibrationStore, NewRun, Peer, PlannedPose, RunInfo, SessionEnd};
@@ -17,6 +14,7 @@ use spherecal_store::{CalibrationStore, NewRun, Peer, PlannedPose, RunInfo, Sess
 use super::host_faults::file_lock;
 use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::link::{Link, connect};
+use super::link_record::LinkRecord;
 use super::tracker::simulated_tracker;
 use super::{Config, JobError, Measurements, Prepared, tour};
 
@@ -163,42 +161,6 @@ fn remote_tracker(_peer: &Peer) -> Result<Box<dyn Tracker>, JobError> {
     })
 }
 
-/// What the two ends of the host link counted in a session.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct LinkRecord {
-    /// What the host received, and what the controller did.
-    pub ends: [LinkCounters; 2],
-    /// What was done to frames on purpose.
-    #[serde(default)]
-    pub injected: Injected,
-    /// Commands that came after their start.
-    #[serde(default)]
-    pub late: u32,
-}
-
-impl LinkRecord {
-    /// As it stands in the database; a session that was killed has told nothing.
-    fn stored(text: &str) -> Self {
-        serde_json::from_str(text)
-            .or_else(|_| {
-                // The counters alone, as the first versions wrote them.
-                serde_json::from_str(text).map(|ends| Self {
-                    ends,
-                    ..Self::default()
-                })
-            })
-            .unwrap_or_default()
-    }
-
-    fn add(&mut self, other: &Self) {
-        for (sum, part) in self.ends.iter_mut().zip(&other.ends) {
-            add(sum, part);
-        }
-        self.injected = self.injected.plus(other.injected);
-        self.late = self.late.saturating_add(other.late);
-    }
-}
-
 /// Notes a new run of what is prepared, over a link; returns its number.
 ///
 /// # Errors
@@ -270,15 +232,6 @@ pub fn read(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<Measurem
         simulated_s: stored.sessions.iter().map(|s| s.simulated_us as f64 * 1e-6).sum(),
         wall_s: stored.sessions.iter().map(|s| s.wall_s).sum(),
     })
-}
-
-fn add(sum: &mut LinkCounters, part: &LinkCounters) {
-    sum.frames = sum.frames.saturating_add(part.frames);
-    sum.crc_errors = sum.crc_errors.saturating_add(part.crc_errors);
-    sum.lost = sum.lost.saturating_add(part.lost);
-    sum.duplicates = sum.duplicates.saturating_add(part.duplicates);
-    sum.resent = sum.resent.saturating_add(part.resent);
-    sum.overflow = sum.overflow.saturating_add(part.overflow);
 }
 
 fn json(value: &impl serde::Serialize) -> Result<String, JobError> {

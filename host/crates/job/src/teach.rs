@@ -47,6 +47,9 @@ fn is_first(place: &u32) -> bool {
     *place == 0
 }
 
+/// Largest file of waypoints, in bytes.
+const MOST_BYTES: u64 = 1 << 20;
+
 fn refused(what: String, remedy: &'static str) -> JobError {
     JobError::Waypoints { what, remedy }
 }
@@ -58,11 +61,11 @@ impl Waypoints {
     /// A file that cannot be read or is not one of waypoints.
     pub fn read(path: &Path) -> Result<Self, JobError> {
         let name = path.display();
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| refused(format!("{name}: {e}"), "give a file of `spherecal teach`"))?;
-        toml::from_str(&text).map_err(|e| {
+        let text = spherecal_model::read_text(path, MOST_BYTES, "waypoints have some kilobytes")
+            .map_err(|e| refused(e.to_string(), "give a file of `spherecal teach`"))?;
+        spherecal_model::read_toml(&text).map_err(|e| {
             refused(
-                format!("{name}: {}", e.to_string().trim_end()),
+                format!("{name}: {e}"),
                 "a file of waypoints has `robot`, and `sphere` and `joints_rad` in each [[waypoint]]",
             )
         })

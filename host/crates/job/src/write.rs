@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
 use spherecal_campaign::telemetry::Trace;
-use spherecal_model::robots::{self, toml_file, write_kinematics_yaml, write_urdf};
+use spherecal_model::robots::{self, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf};
 use spherecal_report::render;
 
 /// Paths of what was written.
@@ -65,7 +65,12 @@ pub fn write(
     files.put(
         folder,
         "kinematics.yaml",
-        &write_kinematics_yaml(&nominal, &model.rows()),
+        &write_kinematics_yaml(&nominal, &model.rows(), &notes),
+    )?;
+    files.put(
+        folder,
+        "offsets.yaml",
+        &write_offsets_yaml(&nominal, &model.rows(), &notes),
     )?;
     let report = run_report(m, e, summary, traces, created);
     files.put(folder, "report.html", &render(&report)?)?;

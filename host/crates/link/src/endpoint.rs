@@ -224,7 +224,7 @@ impl HostEndpoint {
         for &byte in bytes {
             accumulator.push(byte, &mut |frame| match frame.and_then(frame::decode::<Uplink>) {
                 Ok((header, message)) => {
-                    self.watch.note(header.sequence, &mut self.counters);
+                    self.watch.record(header.sequence, &mut self.counters);
                     self.take(message, header.time_us, arrived);
                 }
                 Err(error) => {

@@ -31,7 +31,7 @@ impl<const N: usize> Controller for InProcess<N> {
     }
 
     fn missed(&mut self, periods: u32) {
-        self.node.controller().missed(periods);
+        self.node.controller().record_missed(periods);
     }
 
     fn exchange(

@@ -88,11 +88,17 @@ pub enum Set {
 }
 
 /// Where the TCP was, as far as is known.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Target {
     /// At a measured point, in m, in the frame of the measuring device (absolute data).
     Point([f64; 3]),
+    /// Several targets on the tool at measured points, in m, in the frame of the
+    /// measuring device: one entry per target, always in the same order; `None`
+    /// where the device did not see it.
+    Points(Box<[Option<[f64; 3]>]>),
+    /// The whole tool frame as measured: its pose in the frame of the measuring device.
+    Frame(Box<Pose>),
     /// At the centre of a sphere of the plate (closed-loop data).
     Sphere {
         /// Id of the sphere, as in [`Sphere::id`].
@@ -186,9 +192,9 @@ impl Experiment {
                 within(row, || format!("tau{}", i + 1), value, 1e5, "torques are in N m")?;
             }
         }
-        match observation.target {
+        match &observation.target {
             Target::Point(p) => {
-                for (axis, value) in ["x", "y", "z"].into_iter().zip(p) {
+                for (axis, value) in ["x", "y", "z"].into_iter().zip(*p) {
                     within(
                         row,
                         || axis.to_owned(),
@@ -198,7 +204,21 @@ impl Experiment {
                     )?;
                 }
             }
-            Target::Sphere { sphere, .. } => {
+            Target::Points(_) => {
+                return Err(DataError::TargetKind {
+                    row,
+                    kind: "several measured points",
+                    remedy: "give one point per row (x_mm, y_mm, z_mm), each target in a table of its own",
+                });
+            }
+            Target::Frame(_) => {
+                return Err(DataError::TargetKind {
+                    row,
+                    kind: "a measured frame",
+                    remedy: "give its position (x_mm, y_mm, z_mm), and leave the orientation out with --ignore-columns",
+                });
+            }
+            &Target::Sphere { sphere, .. } => {
                 if !self.spheres.iter().any(|s| s.id == sphere) {
                     let ids: Vec<_> = self.spheres.iter().map(|s| s.id.to_string()).collect();
                     let known = if ids.is_empty() {

@@ -52,6 +52,16 @@ pub enum DataError {
         /// Ids of the plate.
         known: String,
     },
+    /// A row says where the tool was in a way that the estimators do not take yet.
+    #[error("row {row}: gives {kind}, which the identification does not take yet: {remedy}")]
+    TargetKind {
+        /// Row, from 1.
+        row: usize,
+        /// What it gives.
+        kind: &'static str,
+        /// What to give instead.
+        remedy: &'static str,
+    },
     /// The plate's certificate is not usable.
     #[error("sphere {sphere}: {field} is {value}: {remedy}")]
     Plate {

@@ -10,13 +10,21 @@
 
 pub mod chain;
 mod data;
+mod encoding;
 mod error;
+mod file;
 pub mod halton;
 pub mod input;
+mod printable;
 pub mod robots;
 mod shot;
+mod toml_words;
 
 pub use chain::{Chain, ChainError, TcpPose};
 pub use data::{Experiment, Observation, Pose, Set, Sphere, Target, paper_plate};
+pub use encoding::EncodingError;
 pub use error::DataError;
+pub use file::{FileError, open_regular, read_text};
+pub use printable::{excerpt, printable, printable_lines};
 pub use shot::{LaserShot, TrackerSession};
+pub use toml_words::{TomlError, read_toml};

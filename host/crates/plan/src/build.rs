@@ -8,7 +8,7 @@ use super::error::PlanError;
 use super::grid::{Grid, GridPose};
 use super::order::{order, spread};
 use super::path::{Obstacle, Rules, move_angle};
-use super::travel::{RECORD_S, VISIT_S, motion_s, turn_s};
+use super::times::{RECORD_S, VISIT_S, motion_s, turn_s};
 use super::types::{Plan, PosePlan, Rejection, SpherePlan, Waypoint};
 use spherecal_identify::Sphere;
 use spherecal_model::chain::{Chain, TcpPose, quaternion};

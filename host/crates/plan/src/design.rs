@@ -4,74 +4,25 @@
 //! First a small choice among all visits says which of them are worth an
 //! approach and a coupling; then the poses are chosen on those alone.
 
-use nalgebra::Vector3;
-
-use super::candidates::{Candidate, Range, Visit};
+use super::candidates::{Candidate, Visit};
 use super::cell::Cell;
-use super::design_problem::{DesignProblem, validation};
+use super::design_problem::{DesignProblem, model_of, predictions};
+use super::design_request::DesignRequest;
 use super::error::PlanError;
 use super::optimal::{Design, Problem};
-use super::path::Rules;
 use super::travel::Travel;
 use super::types::{Accuracy, Plan};
-use spherecal_identify::DesignModel;
-use spherecal_identify::{IdentifyError, Options};
+use spherecal_identify::Options;
 use spherecal_model::chain::Chain;
 
 /// Poses at most that an asked accuracy may take.
 const LONGEST: usize = 400;
 /// Poses and candidates of each visit in the choice of visits.
 const SCOUT: (usize, usize) = (40, 60);
-/// Contacts at most where nothing is said: over the worlds, more take robot
-/// time and leave the error where it is; three leave a fifth more.
-pub const CONTACTS: usize = 5;
-/// Poses of a plan whose turns may take as long as recording.
-const PATIENT_POSES: f64 = 60.0;
 /// Poses that take as long as a visit with the way there.
 const VISIT_POSES: usize = 7;
 /// Candidates that an exchange looks at besides the chosen ones.
 const SHORTLIST: usize = 700;
-
-/// What to plan.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DesignRequest {
-    /// Poses in all.
-    pub poses: usize,
-    /// Contacts at most, though never less than one of each sphere in each
-    /// placement; 0 for as many as are worth it.
-    pub contacts: usize,
-    /// How many recordings' time the way to a pose may take before half of what
-    /// it gains is lost; infinite for the best poses wherever they are.
-    pub patience: f64,
-    /// How wide they may lie.
-    pub range: Range,
-    /// What configurations and moves must keep.
-    pub rules: Rules,
-    /// Model, priors and noise that accuracy is predicted with.
-    pub options: Options,
-    /// Exchange passes after the greedy choice.
-    pub passes: usize,
-}
-
-impl DesignRequest {
-    /// `poses` poses over the default ranges on at most five contacts; the more
-    /// poses, the less each gains and the less it may cost.
-    pub fn new(poses: usize) -> Self {
-        let range = Range::default();
-        Self {
-            poses,
-            contacts: CONTACTS,
-            patience: PATIENT_POSES / poses.max(1) as f64,
-            range: Range {
-                candidates: range.candidates.min(600 + 16 * poses),
-                ..range
-            },
-            rules: Rules::default(),
-            options: Options::default(),
-            passes: 2,
-        }
-    }
-}
 
 /// Chooses and orders the poses. What they promise is in [`Plan::promise`].
 ///
@@ -279,17 +230,6 @@ fn worth_noting(poses: usize) -> bool {
         _ => 50,
     };
     poses.is_multiple_of(step)
-}
-
-pub(super) fn model_of(cell: &Cell, options: &Options) -> Result<DesignModel, PlanError> {
-    cell.check()?;
-    let places = cell.plates.len() as u32;
-    DesignModel::new(&cell.robot, &cell.tool, &cell.spheres, places, options)
-        .map_err(|e: IdentifyError| PlanError::Model(e.to_string()))
-}
-
-pub(super) fn predictions(model: &DesignModel, chain: &Chain) -> Vec<(Vec<f64>, Vector3<f64>, f64)> {
-    validation(chain).iter().map(|q| model.prediction(q)).collect()
 }
 
 #[cfg(test)]

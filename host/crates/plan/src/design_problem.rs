@@ -8,12 +8,13 @@ use nalgebra::Vector3;
 use super::build::{home, robot_time, sequence};
 use super::candidates::{Candidate, Visit, candidates, visits};
 use super::cell::Cell;
-use super::design::{DesignRequest, model_of, predictions};
+use super::design_request::DesignRequest;
 use super::error::PlanError;
 use super::grid::GridPose;
 use super::optimal::{Design, Problem};
 use super::travel::{Travel, tour};
 use super::types::{Plan, SpherePlan, Waypoint};
+use spherecal_identify::{DesignModel, Options};
 use spherecal_model::chain::Chain;
 use spherecal_model::halton::halton;
 
@@ -187,4 +188,20 @@ pub(super) fn validation(chain: &Chain) -> Vec<Vec<f64>> {
         .filter(|q| inside(&chain.pose(q).position))
         .take(VALIDATION)
         .collect()
+}
+
+pub(super) fn model_of(cell: &Cell, options: &Options) -> Result<DesignModel, PlanError> {
+    cell.check()?;
+    let places = cell.plates.len() as u32;
+    Ok(DesignModel::new(
+        &cell.robot,
+        &cell.tool,
+        &cell.spheres,
+        places,
+        options,
+    )?)
+}
+
+pub(super) fn predictions(model: &DesignModel, chain: &Chain) -> Vec<(Vec<f64>, Vector3<f64>, f64)> {
+    validation(chain).iter().map(|q| model.prediction(q)).collect()
 }

@@ -1,5 +1,6 @@
 //! Why no plan could be made.
 
+use spherecal_identify::IdentifyError;
 use spherecal_model::ChainError;
 
 use super::path::Obstacle;
@@ -27,8 +28,8 @@ pub enum PlanError {
         remedy: &'static str,
     },
     /// The model that accuracy is predicted with was refused.
-    #[error("{0}")]
-    Model(String),
+    #[error(transparent)]
+    Model(#[from] IdentifyError),
     /// No number of poses comes to the accuracy that was asked for.
     #[error(
         "a mean TCP error of {wanted_mm} mm is not to be expected of {poses} poses or fewer ({best_mm:.3} mm is): \

@@ -211,7 +211,7 @@ impl Planner {
         let frames = self.chain.frames(q);
         let tcp = self.chain.tcp_of(&frames);
         let mut line = vec![Vector3::zeros()];
-        for p in frames.iter().map(|f| f.origin).chain([tcp]) {
+        for p in frames.iter().map(|f| f.position).chain([tcp]) {
             if line.last().is_none_or(|end| (p - end).norm() > 0.03 * self.scale) {
                 line.push(p);
             }
@@ -278,7 +278,7 @@ impl Planner {
             let of = |joint: &usize| {
                 let (low, high) = self.free(q, joint - 1);
                 let frame = &frames[joint - 1];
-                let w = tcp - frame.origin;
+                let w = tcp - frame.position;
                 let radius = (w - frame.z() * w.dot(&frame.z())).norm();
                 (high - low).min(3.0) * radius.min(0.3 * self.scale)
             };

@@ -23,6 +23,7 @@ mod candidates;
 mod cell;
 mod design;
 mod design_problem;
+mod design_request;
 mod error;
 mod grid;
 pub mod laser;
@@ -33,6 +34,7 @@ mod place;
 mod teach;
 #[cfg(test)]
 mod test_support;
+mod times;
 mod travel;
 mod types;
 
@@ -40,7 +42,8 @@ pub use bounds::Bounds;
 pub use build::{PlanRequest, home, paper_plan, plan, spread_plan};
 pub use candidates::Range;
 pub use cell::{Cell, PlatePose};
-pub use design::{CONTACTS, DesignRequest, design, design_for, predicted_accuracy};
+pub use design::{design, design_for, predicted_accuracy};
+pub use design_request::{CONTACTS, DesignRequest};
 pub use error::PlanError;
 pub use grid::{Grid, GridPose};
 pub use order::{move_size, order};

@@ -1,11 +1,13 @@
 //! A report of a calibration from files.
 
+use std::collections::HashSet;
+
 use super::calibration::{correlation, group_table, identifiability_words, parameter_rows};
 use super::input::{
     ErrorSeries, ErrorTable, Headline, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
 };
 use spherecal_identify::Target;
-use spherecal_identify::study::{Judged, ModelErrors, Study};
+use spherecal_identify::study::{Judge, Judged, ModelErrors, Study};
 
 fn rows(judged: &Judged) -> Vec<ModelRow> {
     judged
@@ -22,6 +24,16 @@ fn rows(judged: &Judged) -> Vec<ModelRow> {
             }
         })
         .collect()
+}
+
+/// Most points of a figure: more do not show, and make the page heavy.
+const DRAWN: usize = 5000;
+/// Most outliers of a kind in the table.
+const LISTED: usize = 200;
+
+/// At most [`DRAWN`] items, evenly spread.
+fn thinned<T>(items: &[T]) -> Vec<&T> {
+    items.iter().step_by(items.len().div_ceil(DRAWN).max(1)).collect()
 }
 
 fn distances(m: &ModelErrors) -> Vec<f64> {
@@ -118,42 +130,54 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         })
         .collect();
     let place = |p: u32| loaded.places.name(p).to_owned();
-    let outlier = |index: usize| calibration.residual.outliers.iter().any(|o| o.index == index);
-    let residuals = calibration
-        .residual
-        .rows
+    let named: HashSet<usize> = calibration.residual.outliers.iter().map(|o| o.index).collect();
+    let rows_drawn = thinned(&calibration.residual.rows);
+    let residuals = rows_drawn
         .iter()
         .filter_map(|r| {
-            let sample = loaded.samples.get(*study.used.get(r.index)?)?;
-            let group = match sample.observation.target {
-                Target::Point(_) => "tracker".to_owned(),
+            let group = match loaded.experiment.observations.get(*study.used.get(r.index)?)?.target {
                 Target::Sphere { sphere, place: p } => match place(p) {
                     name if name.is_empty() => format!("sphere {sphere}"),
                     name => format!("sphere {sphere}, {name}"),
                 },
+                _ => "tracker".to_owned(),
             };
             Some(ResidualPoint {
                 group,
                 distance_mm: r.error_mm.iter().map(|e| e * e).sum::<f64>().sqrt(),
-                outlier: outlier(r.index),
+                outlier: named.contains(&r.index),
             })
         })
         .collect();
     let mut outliers: Vec<(String, String)> = study
         .rejected
         .iter()
-        .filter_map(|(i, mm)| {
-            let sample = loaded.samples.get(*i)?;
-            Some((
-                study.describe(sample),
+        .take(LISTED)
+        .map(|(i, mm)| {
+            (
+                loaded.describe(*i),
                 format!("left out: {mm:.1} mm from where any calibration could bring it"),
-            ))
+            )
         })
         .collect();
-    outliers.extend(calibration.residual.outliers.iter().filter_map(|o| {
-        let sample = loaded.samples.get(*study.used.get(o.index)?)?;
-        Some((study.describe(sample), o.why.clone()))
+    let found = &calibration.residual.outliers;
+    outliers.extend(found.iter().take(LISTED).filter_map(|o| {
+        let row = loaded.describe(*study.used.get(o.index)?);
+        Some((row, o.why.clone()))
     }));
+    for count in [study.rejected.len(), found.len()] {
+        if let Some(more) = count.checked_sub(LISTED).filter(|more| *more > 0) {
+            outliers.push((format!("and {more} more"), "listed up to 200 of each kind".to_owned()));
+        }
+    }
+    let mut notes = study.notes.clone();
+    if calibration.residual.rows.len() > rows_drawn.len() {
+        notes.push(format!(
+            "the figures by row show every {}th of {} rows; tables and histograms are of all",
+            calibration.residual.rows.len().div_ceil(DRAWN),
+            calibration.residual.rows.len()
+        ));
+    }
     ReportInput {
         title: format!("{name}: calibration report"),
         subtitle: format!(
@@ -184,7 +208,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         prediction: Some(prediction(study)),
         fit_tables: vec![group_table(&calibration.groups, place)],
         health_tables: Vec::new(),
-        notes: study.notes.clone(),
+        notes,
         provenance: provenance(study, created),
     }
 }
@@ -194,11 +218,10 @@ fn workspace(judged: &Judged) -> Vec<WorkspacePoint> {
     let (Some(nominal), Some(calibrated)) = (judged.model("nominal"), judged.model("calibrated")) else {
         return Vec::new();
     };
-    nominal
-        .samples
-        .iter()
-        .zip(&calibrated.samples)
-        .map(|(n, c)| WorkspacePoint {
+    let pairs: Vec<_> = nominal.samples.iter().zip(&calibrated.samples).collect();
+    thinned(&pairs)
+        .into_iter()
+        .map(|&(n, c)| WorkspacePoint {
             at_m: c.at_m,
             nominal_mm: n.distance_mm,
             calibrated_mm: c.distance_mm,
@@ -212,10 +235,11 @@ fn prediction(study: &Study) -> Prediction {
         .model("calibrated")
         .map(|m| m.samples.as_slice())
         .unwrap_or_default();
-    let pairs_mm = found
+    let judges: Vec<Judge<'_>> = study.judges().collect();
+    let pairs_mm = thinned(found)
         .iter()
         .filter_map(|s| {
-            let q = &study.judges.get(s.index)?.observation.q;
+            let q = &judges.get(s.index)?.observation.q;
             let sigma = study.predicted_sigma_mm(q);
             sigma.is_finite().then_some((sigma, s.distance_mm))
         })
@@ -229,13 +253,6 @@ fn prediction(study: &Study) -> Prediction {
 
 fn provenance(study: &Study, created: &str) -> Vec<(String, String)> {
     let loaded = &study.loaded;
-    let file = |samples: &[spherecal_identify::study::Sample]| {
-        samples.first().map(|s| {
-            s.source
-                .rsplit_once(" line")
-                .map_or(s.source.clone(), |x| x.0.to_owned())
-        })
-    };
     let mut out = vec![
         ("program".to_owned(), format!("spherecal {}", env!("CARGO_PKG_VERSION"))),
         ("written".to_owned(), created.to_owned()),
@@ -250,7 +267,7 @@ fn provenance(study: &Study, created: &str) -> Vec<(String, String)> {
                 loaded.model.frame_names.0, loaded.model.frame_names.1
             ),
         ),
-        ("data".to_owned(), file(&loaded.samples).unwrap_or_default()),
+        ("data".to_owned(), loaded.file.clone()),
         ("judged by".to_owned(), study.validation.by.clone()),
         (
             "estimator".to_owned(),

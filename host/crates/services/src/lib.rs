@@ -23,6 +23,7 @@ mod error;
 pub mod grpc;
 mod guard;
 pub mod live;
+mod offer;
 mod server;
 pub mod web;
 
@@ -32,7 +33,8 @@ use spherecal_store::CalibrationStore;
 
 pub use error::ServiceError;
 pub use guard::{Guard, GuardFiles};
-pub use server::{Offer, Server};
+pub use offer::Offer;
+pub use server::Server;
 
 /// A store that several requests work with, one at a time.
 pub type SharedStore = Arc<Mutex<Box<dyn CalibrationStore>>>;

@@ -9,32 +9,13 @@ use tokio::runtime::Runtime;
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
-#[cfg(feature = "grpc")]
-use super::grpc::{DeviceFactory, RobotFacts, TrackerFactory};
 use super::guard::listen_address;
 use super::live::{Hub, Message, WAITING};
-use super::web::Page;
+use super::offer::Offer;
 use super::{Guard, GuardFiles, ServiceError, SharedStore};
 
 /// How long open connections may take to end.
 const LAST: std::time::Duration = std::time::Duration::from_secs(1);
-
-/// What a server offers; what is left out is answered UNIMPLEMENTED.
-#[derive(Default)]
-pub struct Offer {
-    /// A robot, and what makes it at the first client.
-    #[cfg(feature = "grpc")]
-    pub robot: Option<(RobotFacts, DeviceFactory)>,
-    /// What makes a laser tracker for each client, and the standard deviation
-    /// of its coordinates, in m.
-    #[cfg(feature = "grpc")]
-    pub tracker: Option<(TrackerFactory, f64)>,
-    /// The database.
-    #[cfg(feature = "grpc")]
-    pub store: Option<SharedStore>,
-    /// The web page, and whether runs of other programs are shown on it.
-    pub page: Option<(Page, bool)>,
-}
 
 /// A server that runs until it is dropped.
 pub struct Server {
@@ -138,17 +119,6 @@ impl Drop for Server {
             }
             runtime.shutdown_timeout(LAST);
         }
-    }
-}
-
-impl Offer {
-    /// The stores that are offered or shown.
-    fn stores(&self) -> Vec<SharedStore> {
-        #[allow(unused_mut, reason = "more with the feature")]
-        let mut stores: Vec<SharedStore> = self.page.iter().filter_map(|(page, _)| page.store.clone()).collect();
-        #[cfg(feature = "grpc")]
-        stores.extend(self.store.clone());
-        stores
     }
 }
 

@@ -3,13 +3,14 @@
 
 use std::io::Read as _;
 use std::path::Path;
+use std::sync::LazyLock;
 use std::time::Duration;
 
 #[cfg(feature = "postgres")]
 use sqlx::migrate::MigrateError;
-use sqlx::migrate::Migrator;
+use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{AnyConnection, AssertSqlSafe, ConnectOptions as _, Connection as _, SqliteConnection};
+use sqlx::{AnyConnection, AssertSqlSafe, ConnectOptions as _, Connection as _, SqlSafeStr as _, SqliteConnection};
 use tokio::runtime::Runtime;
 
 #[cfg(feature = "postgres")]
@@ -25,7 +26,17 @@ const APPLICATION_ID: i64 = 0x5350_4843;
 /// How long another program's lock is waited for.
 const PATIENCE: Duration = Duration::from_millis(if cfg!(test) { 300 } else { 10_000 });
 
-static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
+/// The schema's steps, oldest first; one that was released never changes.
+static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
+    let step = |version, name: &'static str, sql: &'static str| {
+        Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
+    };
+    Migrator::with_migrations(vec![
+        step(1, "first", include_str!("../migrations/0001_first.sql")),
+        step(2, "sessions", include_str!("../migrations/0002_sessions.sql")),
+        step(3, "arm", include_str!("../migrations/0003_arm.sql")),
+    ])
+});
 
 pub(super) fn runtime(path: &Path) -> Result<Runtime, StoreError> {
     tokio::runtime::Builder::new_current_thread()

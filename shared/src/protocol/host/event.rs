@@ -1,5 +1,4 @@
-//! What the controller tells the host: phases, contacts, recordings, faults,
-//! samples, statistics.
+//! Events: what the controller reports to the host.
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -7,22 +6,22 @@ use serde::{Deserialize, Serialize};
 use crate::MAX_JOINTS;
 use crate::protocol::frame::LinkCounters;
 
-/// What the controller tells the host.
+/// An event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[allow(clippy::large_enum_variant)]
 pub enum Event {
-    /// Who the controller is.
+    /// Identity of the controller.
     Banner(Banner),
-    /// A command has come and waits for its time: no need to repeat it.
+    /// A command was received and waits for its start: the host need not repeat it.
     Held {
         /// Sequence number of the command.
         sequence: u32,
     },
-    /// The answer to a command, once it is carried out.
+    /// The answer to a command, sent when it starts or is refused.
     Reply {
         /// Sequence number of the command.
         sequence: u32,
-        /// Whether it is being carried out.
+        /// Whether the command was accepted.
         result: Result<(), Refusal>,
     },
     /// The controller has entered a phase.
@@ -33,12 +32,12 @@ pub enum Event {
     Coupled(Coupled),
     /// A recording is complete.
     Recording(Recording),
-    /// A pose that was not to be recorded is reached.
+    /// A pose that was not to be recorded has been reached.
     Passed {
         /// Id of the pose.
         pose: u32,
     },
-    /// Something went wrong; the arm holds, damped.
+    /// A fault; the arm holds, damped, or the brakes close.
     Fault(FaultReport),
     /// Samples of the control loop.
     Telemetry(heapless::Vec<Sample, MAX_BATCH>),
@@ -46,10 +45,10 @@ pub enum Event {
     Statistics(Statistics),
 }
 
-/// Samples in one telemetry frame at most.
+/// Most samples in one telemetry frame.
 pub const MAX_BATCH: usize = 8;
 
-/// Who the controller is.
+/// Identity of the controller.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Banner {
     /// [`PROTOCOL_VERSION`](crate::protocol::PROTOCOL_VERSION) of the controller.
@@ -58,18 +57,18 @@ pub struct Banner {
     pub schema: u64,
     /// Version of the firmware crate.
     pub version: heapless::String<16>,
-    /// Hash of the build, where it was recorded.
+    /// Hash of the build, if the build recorded it.
     pub build: heapless::String<24>,
-    /// Number of joints that it was built for.
+    /// Number of joints that the controller was built for.
     pub joints: u8,
     /// Control period, in µs.
     pub period_us: u32,
-    /// Number of the oldest event that was not acknowledged: where a host that
-    /// has just come begins to count.
+    /// Number of the oldest event that was not acknowledged. A new host counts
+    /// events from here.
     pub first_event: u32,
 }
 
-/// Phases of the controller.
+/// The controller's phases.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[serde(rename_all = "snake_case")]
@@ -79,13 +78,13 @@ pub enum Phase {
     Idle,
     /// Free-space motion in joint coordinates.
     Moving,
-    /// At rest at the approach frame, taring the wrench.
+    /// At rest at the approach frame, averaging the wrench for the tare.
     Taring,
     /// Descending towards the sphere.
     Approaching,
-    /// Contact made: soft, while the magnet seats the nest.
+    /// After contact: soft hold while the magnet seats the nest.
     Coupling,
-    /// Test pull: is the nest seated?
+    /// Test pull: checks whether the nest is seated.
     Verifying,
     /// Seated, waiting for the next pose.
     Coupled,
@@ -97,43 +96,43 @@ pub enum Phase {
     Decoupling,
     /// Hand-guiding.
     HandGuiding,
-    /// Damped gravity hold after a fault.
+    /// After a fault: damped hold with gravity compensation.
     Fault,
 }
 
-/// Entry into a phase.
+/// A change of phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct PhaseChange {
-    /// The phase entered.
+    /// The new phase.
     pub phase: Phase,
-    /// The phase left.
+    /// The previous phase.
     pub from: Phase,
     /// Device time, in µs.
     pub time_us: u64,
-    /// Tick of the drive state on which it happened.
+    /// Tick of the drive state at which the phase changed.
     pub tick: u64,
 }
 
-/// A contact: the force condition has held for its dwell.
+/// A contact: the force condition has held for its dwell time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Contact {
     /// Id of the sphere.
     pub sphere: u32,
     /// Device time, in µs.
     pub time_us: u64,
-    /// Force against the approach when declared, tared, in N.
+    /// Tared force against the approach at the declaration, in N.
     pub force_n: f64,
     /// Largest force against the approach since the descent began, in N.
     pub peak_n: f64,
-    /// Force tared away, F0, in N.
+    /// The tare: the force that is subtracted, F0, in N.
     pub tare_n: [f64; 3],
     /// Computed TCP in F0, in m.
     pub tcp_m: [f64; 3],
     /// Distance descended, in m.
     pub travel_m: f64,
-    /// Ticks from the crossing of the threshold that lasted to the declaration.
+    /// Ticks from the threshold's last crossing to the declaration.
     pub latency_ticks: u32,
-    /// How often the threshold was crossed but not held.
+    /// Number of times that the force crossed the threshold but did not last.
     pub early_crossings: u32,
 }
 
@@ -144,15 +143,15 @@ pub struct Coupled {
     pub sphere: u32,
     /// Device time, in µs.
     pub time_us: u64,
-    /// Computed TCP in F0 when seated, in m.
+    /// Computed TCP of the seated nest in F0, in m.
     pub centre_m: [f64; 3],
-    /// How far the TCP moved from contact to seat, in m.
+    /// Distance that the TCP moved from contact to seat, in m.
     pub shift_m: f64,
-    /// How far it moved under the test pull, in m.
+    /// Distance that it moved under the test pull, in m.
     pub test_m: f64,
 }
 
-/// One-pass statistics of one signal.
+/// Statistics of one signal, computed in one pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct SignalStatistics {
     /// Mean.
@@ -165,7 +164,7 @@ pub struct SignalStatistics {
     pub max: f64,
 }
 
-/// One pose, averaged.
+/// The averages of one pose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Recording {
     /// Id of the sphere.
@@ -176,7 +175,7 @@ pub struct Recording {
     pub start_us: u64,
     /// Device time of the last sample, in µs.
     pub end_us: u64,
-    /// Samples averaged.
+    /// Number of samples averaged.
     pub count: u32,
     /// Ticks missing between the first and the last sample.
     pub gaps: u32,
@@ -184,23 +183,23 @@ pub struct Recording {
     pub q: heapless::Vec<SignalStatistics, MAX_JOINTS>,
     /// Measured joint torques, in N m.
     pub tau: heapless::Vec<SignalStatistics, MAX_JOINTS>,
-    /// Largest distance of the computed TCP from its mean place while
-    /// recording, in m.
+    /// Largest distance of the computed TCP from its position at the first
+    /// sample, in m.
     pub tcp_spread_m: f64,
     /// Mean estimated contact force, tared, F0, in N.
     pub force_n: [f64; 3],
 }
 
-/// What went wrong.
+/// Kinds of faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
-    /// A joint is at the limit of its range.
+    /// A joint has reached the limit of its range.
     JointPosition,
     /// A joint is too fast.
     JointVelocity,
-    /// A commanded torque stayed saturated.
+    /// A commanded torque was saturated for too long.
     JointTorque,
     /// The estimated contact force is too large.
     Force,
@@ -208,44 +207,44 @@ pub enum Fault {
     PathDeviation,
     /// A motion did not settle in time.
     MotionTimeout,
-    /// The tare wrench is absurd: tool or sensors are not what was declared.
+    /// The tare is too large: the tool or the sensors are not as declared.
     Tare,
-    /// No contact within the travel.
+    /// There was no contact within the allowed travel.
     NoContact,
     /// The test pull moved the nest: it is not seated.
     NotSeated,
     /// The nest has left the sphere.
     ContactLost,
-    /// The nest did not let go of the sphere.
+    /// The nest did not leave the sphere.
     StillCoupled,
     /// Drive states are missing, repeated, frozen or out of order.
     StaleState,
-    /// A drive state holds a NaN or an infinity, or too few joints.
+    /// A drive state has a NaN, an infinity or a wrong number of joints.
     NotFinite,
     /// The drive is not ready.
     Drive,
-    /// The control period was missed.
+    /// Control periods were missed.
     Overrun,
-    /// The host is silent.
+    /// Nothing came from the host for too long.
     HostSilence,
-    /// The controller contradicts itself.
+    /// An internal computation failed.
     Internal,
-    /// A joint angle has jumped: an encoder has lost its place.
+    /// A joint angle has jumped: its encoder lost its reference.
     PositionJump,
-    /// A measured torque is not the commanded one: a sensor or a motor fails.
+    /// A measured torque differs from the commanded one: a sensor or a motor fails.
     TorqueSensor,
     /// The TCP is too fast.
     TcpSpeed,
-    /// The TCP leaves the workspace or comes too near to the plate.
+    /// The TCP leaves the workspace or is too close to the plate.
     Workspace,
 }
 
-/// A fault, where and when.
+/// A fault with its time, phase and cause.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct FaultReport {
-    /// What.
+    /// The fault.
     pub fault: Fault,
-    /// In which phase.
+    /// The phase in which it happened.
     pub phase: Phase,
     /// Device time, in µs.
     pub time_us: u64,
@@ -253,32 +252,32 @@ pub struct FaultReport {
     pub tick: u64,
     /// Joint concerned, from 1; 0 for none.
     pub joint: u8,
-    /// The value that broke the limit, in the limit's unit.
+    /// The value that violated the limit, in the limit's unit.
     pub value: f64,
     /// The limit.
     pub limit: f64,
 }
 
-/// Why a command was not carried out.
+/// Why a command was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
-    /// The phase does not allow it.
+    /// The present phase does not allow the command.
     #[error("the controller is in a phase that does not allow this: wait, or send Stop")]
     Phase,
     /// A fault is pending.
     #[error("a fault is pending: clear it first")]
     FaultPending,
-    /// Robot or tool were not accepted.
+    /// The robot or the tool is not valid.
     #[error("the robot or tool description is not valid, or has another number of joints than this controller")]
     Robot,
-    /// The procedure was not accepted.
+    /// A value of the procedure is not valid.
     #[error("the procedure has a value out of range")]
     Procedure,
-    /// A target is not finite, not a unit quaternion or vector, or out of limits.
+    /// A target is not finite, not normalised or out of limits.
     #[error("the target is not finite, not normalised or outside the joint limits")]
     Target,
-    /// The controller has not been configured.
+    /// The controller has no robot or no procedure yet.
     #[error("the controller has no robot or procedure yet: send Robot and Configure first")]
     NotConfigured,
     /// The drive is not ready.
@@ -287,19 +286,20 @@ pub enum Refusal {
     /// A queue is full.
     #[error("the controller is busy: its queue is full, try again")]
     Busy,
-    /// The start is too far ahead.
+    /// The command's start is too far ahead.
     #[error("the command is to start more than 5 s from now: send it later")]
     Start,
 }
 
-/// One sample of the control loop, in single precision.
+/// One sample of the control loop, in single precision. Arrays have one value per
+/// joint; those beyond the robot's last joint are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Sample {
     /// Tick of the drive state.
     pub tick: u64,
-    /// Phase.
+    /// The phase.
     pub phase: Phase,
-    /// Joint angles, in rad; the first n are used.
+    /// Joint angles, in rad.
     pub q: [f32; MAX_JOINTS],
     /// Joint velocities, in rad/s.
     pub dq: [f32; MAX_JOINTS],
@@ -315,19 +315,19 @@ pub struct Sample {
     pub tcp_m: [f32; 3],
     /// Setpoint of the TCP in F0, in m.
     pub setpoint_m: [f32; 3],
-    /// Set bits: 0 torque saturated, 1 rate limited, 2 near a singularity.
+    /// Bits: 0 torque saturated, 1 torque rate limited, 2 near a singularity.
     pub flags: u8,
 }
 
-/// Statistics of the controller.
+/// Counters of the controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Statistics {
-    /// Control ticks carried out.
+    /// Control ticks run.
     pub ticks: u64,
-    /// Ticks for which no fresh drive state came.
+    /// Control periods without a new and usable drive state, overruns included.
     pub missed: u32,
-    /// Commands that came after the time at which they were to start.
+    /// Commands that came after their start.
     pub late: u32,
-    /// What the controller's side of the host link has received.
+    /// Counters of the controller's end of the host link.
     pub link: LinkCounters,
 }

@@ -1,9 +1,10 @@
-//! The control path alone, linked with a panic handler that has an undefined
-//! symbol: if any of it could panic, this image would not link.
+//! Proof that the control path cannot panic. The image holds the control path
+//! alone, and its panic handler calls an undefined symbol: if any code could
+//! panic, the image would not link.
 //!
-//! It is built, not run. Everything that a tick can reach is in it: the control
-//! task with its queues, commands, the law, the phases, events and telemetry;
-//! and the host link with its coding, once behind the queues and once in one
+//! The image is built, not run. It holds everything that a tick can reach: the
+//! control task with its queues, commands, law, phases, events and telemetry,
+//! and the host link with its encoding, once behind the queues and once in one
 //! thread with the controller.
 #![no_std]
 #![no_main]
@@ -15,10 +16,10 @@ use spherecal_m7 as _;
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Instant;
-use spherecal_firmware::app::ports::{Beat, Clock, DrivePort, Probe};
-use spherecal_firmware::app::{Bell, FromDrive, Post, Workspace, turn};
+use spherecal_firmware::app::ports::{Clock, DrivePort, Probe, Tick};
+use spherecal_firmware::app::{ControlState, Mailbox, MailboxSignal, run_cycle};
 use spherecal_firmware::{HostLink, Node};
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveMessage, DriveState};
 
 unsafe extern "C" {
     fn the_control_path_can_panic() -> !;
@@ -26,7 +27,7 @@ unsafe extern "C" {
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    // SAFETY: never linked.
+    // SAFETY: never called: an image that holds this call does not link.
     unsafe { the_control_path_can_panic() }
 }
 
@@ -42,13 +43,13 @@ unsafe fn DefaultHandler(_: i16) {
     cortex_m::asm::nop();
 }
 
-/// No interrupts but the processor's own.
+/// The board's part of the vector table: no interrupts.
 #[used]
 #[unsafe(no_mangle)]
 #[unsafe(link_section = ".vector_table.interrupts")]
 pub static __INTERRUPTS: [usize; 32] = [0; 32];
 
-/// The log goes nowhere: its sink is the board's.
+/// Discards the log: where it goes is the board's matter.
 #[defmt::global_logger]
 struct Nowhere;
 
@@ -62,11 +63,11 @@ unsafe impl defmt::Logger for Nowhere {
     }
 }
 
-/// A drive and a clock of which nothing is known.
-struct Anything(Option<FromDrive>);
+/// A drive and a clock about which the compiler knows nothing.
+struct Anything(Option<DriveMessage>);
 
 impl DrivePort for Anything {
-    fn receive(&mut self) -> Option<FromDrive> {
+    fn next_message(&mut self) -> Option<DriveMessage> {
         black_box(&mut self.0).take()
     }
 
@@ -78,36 +79,36 @@ impl DrivePort for Anything {
 impl Probe for Anything {}
 
 impl Clock for Anything {
-    async fn next(&mut self) -> Beat {
+    async fn next_tick(&mut self) -> Tick {
         core::future::pending().await
     }
 
-    fn time(&self, _: &Beat, drive_us: u64) -> Instant {
+    fn device_time(&self, _: &Tick, drive_us: u64) -> Instant {
         Instant::from_micros(drive_us)
     }
 }
 
-/// The control task and the link, with queues between them.
+/// Control task and host link with queues between them.
 #[inline(never)]
 fn queued(down: &[u8], up: &mut [u8]) {
-    let (mut post, bell) = (Post::new(), Bell::<CriticalSectionRawMutex>::new());
-    let (mut host, mut desk) = post.split(&bell);
-    let (mut link, mut work) = (HostLink::new("control", 7), Workspace::<7>::default());
+    let (mut mailbox, signal) = (Mailbox::new(), MailboxSignal::<CriticalSectionRawMutex>::new());
+    let (mut host, mut port) = mailbox.split(&signal);
+    let (mut link, mut state) = (HostLink::new("control", 7), ControlState::<7>::default());
     let (mut drive, clock) = (Anything(None), Anything(None));
     loop {
-        link.receive(down, &mut desk);
-        let beat = Beat {
+        link.receive(down, &mut port);
+        let tick = Tick {
             at: Instant::from_ticks(black_box(0)),
             missed: black_box(0),
         };
-        if black_box(turn(&mut work, &clock, &beat, &mut drive, &mut host)).is_err() {
+        if black_box(run_cycle(&mut state, &clock, &tick, &mut drive, &mut host)).is_err() {
             return;
         }
-        black_box(link.transmit(beat.at, up, &mut desk));
+        black_box(link.transmit(tick.at, up, &mut port));
     }
 }
 
-/// Both in one thread.
+/// Controller and host link in one thread.
 #[inline(never)]
 fn direct(down: &[u8], up: &mut [u8]) {
     let mut node = Node::<7>::new("control");
@@ -119,7 +120,7 @@ fn direct(down: &[u8], up: &mut [u8]) {
         if let Some(hello) = black_box(&mut hello) {
             let _ = black_box(node.controller().connect(hello));
         }
-        node.controller().missed(black_box(0));
+        node.controller().record_missed(black_box(0));
         black_box(node.exchange(now, &state, down, up));
     }
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::{Event, Phase, Sample};
+use spherecal_shared::timing::SampleClock;
 
 use super::writer::{TelemetryError, TelemetrySample, TelemetryWriter};
 use crate::{Moved, Observer, Progress};
@@ -38,9 +39,8 @@ pub struct TelemetryRecorder<O: Observer> {
     writer: Option<TelemetryWriter<BufWriter<File>>>,
     path: PathBuf,
     problem: Option<String>,
-    /// Device time (µs) less tick times period, from the last phase change.
-    offset_us: i64,
-    period_us: u64,
+    /// Device time of each sample.
+    clock: SampleClock,
     recent: VecDeque<Kept>,
     open: Option<(u32, u64)>,
     traces: Vec<Trace>,
@@ -57,8 +57,7 @@ impl<O: Observer> TelemetryRecorder<O> {
             writer: None,
             path,
             problem: None,
-            offset_us: 0,
-            period_us: 1000,
+            clock: SampleClock::new(1000),
             recent: VecDeque::new(),
             open: None,
             traces: Vec::new(),
@@ -97,7 +96,7 @@ impl<O: Observer> TelemetryRecorder<O> {
     }
 
     fn sample(&mut self, sample: &Sample) {
-        let time_us = (sample.tick * self.period_us).saturating_add_signed(self.offset_us);
+        let time_us = self.clock.time_us(sample.tick);
         let n = self.joints.min(sample.q.len());
         let phase = format!("{:?}", sample.phase).to_lowercase();
         let result = self.writer.as_mut().map(|writer| {
@@ -173,11 +172,8 @@ impl<O: Observer> TelemetryRecorder<O> {
 
 impl<O: Observer> Observer for TelemetryRecorder<O> {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
+        self.clock.observe(&arrival.body);
         match &arrival.body {
-            Event::Phase(change) => {
-                self.offset_us = i64::try_from(change.time_us).unwrap_or(0)
-                    - i64::try_from(change.tick * self.period_us).unwrap_or(0);
-            }
             Event::Contact(contact) => self.open = Some((contact.sphere, contact.time_us)),
             Event::Telemetry(samples) => {
                 for sample in samples {

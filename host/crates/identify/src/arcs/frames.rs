@@ -340,7 +340,7 @@ fn base_from(chain: &Chain, first: &Fitted, second: &Fitted) -> Result<Pose, Las
     let parallel = LaserError::Parallel { first: 1, second: 2 };
     let frames = chain.frames(&second.rest);
     let nominal = |i: usize| Axis {
-        point: frames[i].origin,
+        point: frames[i].position,
         direction: frames[i].z(),
     };
     let (a, b) = (nominal(0), nominal(1));
@@ -366,7 +366,7 @@ fn tool_from(
     // Nominal axes in Fn at the angle of joint n that the arc of joint n-1 had.
     let flange = frames[n - 1];
     let nominal = |i: usize| Axis {
-        point: flange.rotation.transpose() * (frames[i].origin - flange.origin),
+        point: flange.rotation.transpose() * (frames[i].position - flange.position),
         direction: flange.rotation.transpose() * frames[i].z(),
     };
     let (a, b) = (nominal(n - 1), nominal(n - 2));

@@ -10,14 +10,18 @@
 //! stand anywhere, the plate at any place, the tool may be tens of millimetres
 //! from what was said, and some rows may be plainly wrong.
 
+use std::collections::HashMap;
+
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 use rand::RngExt as _;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
-use spherecal_shared::robot::{Frame, Robot};
+use rayon::prelude::*;
+use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::robot::kinematics::frames_into;
+use spherecal_shared::robot::{LinkTransform, Pose as Frame, Robot};
 
-use crate::{Experiment, Pose, Reference, Set, Target};
-use spherecal_model::robots::table_frames;
+use crate::{Experiment, Observation, Pose, Reference, Set, Sphere, Target};
 
 /// How far (m, 1 sigma) a tool may be from what was said; settles the tool
 /// where the poses cannot tell it from the frame.
@@ -25,7 +29,11 @@ const TOOL_REACH_M: f64 = 0.1;
 /// Triplets tried per frame.
 const TRIPLETS: usize = 300;
 /// Samples that judge a triplet.
-const JURY: usize = 200;
+const SUBSAMPLE: usize = 200;
+/// Rows that the frames are aligned by, spread evenly over each frame's; where
+/// there are more, the rest is only judged. So many leave the frames within
+/// micrometres.
+const ALIGNED: usize = 20_000;
 /// Most Gauss-Newton steps.
 const STEPS: usize = 60;
 
@@ -57,22 +65,32 @@ impl Alignment {
     }
 }
 
-/// The flange frame Fn of a table at joint angles `q` (rad).
-pub(super) fn last_frame(robot: &Robot, q: &[f64]) -> Frame<f64> {
-    let rows: Vec<_> = robot.joints.iter().map(|j| j.mdh).collect();
-    table_frames(&rows, q).last().copied().unwrap_or_else(Frame::identity)
+/// The frame Fn of a robot's table.
+pub(super) struct Flange(Vec<LinkTransform<f64>>);
+
+impl Flange {
+    pub(super) fn new(robot: &Robot) -> Self {
+        Self(robot.joints.iter().map(|j| LinkTransform::from(&j.mdh)).collect())
+    }
+
+    /// At joint angles `q` (rad).
+    pub(super) fn at(&self, q: &[f64]) -> Frame<f64> {
+        let mut frames = [Frame::identity(); MAX_JOINTS];
+        let count = self.0.len().min(q.len()).min(MAX_JOINTS);
+        frames_into(&self.0, q, &mut frames[..count]);
+        count.checked_sub(1).map_or_else(Frame::identity, |last| frames[last])
+    }
 }
 
 /// The frame that a target is given in.
 pub(super) fn reference_of(target: &Target) -> Reference {
     match target {
-        Target::Point(_) => Reference::Tracker,
+        Target::Point(_) | Target::Points(_) | Target::Frame(_) => Reference::Tracker,
         Target::Sphere { place, .. } => Reference::Place(*place),
     }
 }
 
 struct Item {
-    index: usize,
     frame: usize,
     rotation: Matrix3<f64>,
     flange: Vector3<f64>,
@@ -107,13 +125,13 @@ impl Problem {
         data + (guess.tool - self.nominal_tool).norm_squared() / TOOL_REACH_M.powi(2)
     }
 
-    /// Rigid fit of one frame to the nominal tool, from the triplet whose median
-    /// residual over a jury of samples is least; the fit of all competes.
+    /// Rigid fit of one frame to the nominal tool: that of the triplet whose median
+    /// residual over a subsample is least, or the fit of all.
     fn start_frame(&self, frame: usize, random: &mut ChaCha8Rng) -> Pose {
         let own: Vec<&Item> = self.items.iter().filter(|i| i.frame == frame).collect();
         let from: Vec<Vector3<f64>> = own.iter().map(|i| i.flange + i.rotation * self.nominal_tool).collect();
         let onto: Vec<Vector3<f64>> = own.iter().map(|i| i.target).collect();
-        let stride = own.len().div_ceil(JURY).max(1);
+        let stride = own.len().div_ceil(SUBSAMPLE).max(1);
         let middle = |pose: &Pose| {
             let mut d: Vec<f64> = (0..own.len())
                 .step_by(stride)
@@ -223,39 +241,60 @@ fn median(values: &mut [f64]) -> f64 {
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
+/// Where a target is in its frame, in m.
+pub(super) fn target_of(target: &Target, spheres: &[Sphere]) -> Vector3<f64> {
+    match target {
+        Target::Point(p) => Vector3::from(*p),
+        Target::Sphere { sphere, .. } => {
+            let known = spheres.iter().find(|s| s.id == *sphere);
+            known.map_or_else(Vector3::zeros, |s| Vector3::from(s.position_m))
+        }
+        Target::Frame(pose) => pose.translation_m,
+        Target::Points(points) => points
+            .iter()
+            .flatten()
+            .next()
+            .map_or_else(Vector3::zeros, |p| Vector3::from(*p)),
+    }
+}
+
 /// Aligns the calibration set of an experiment with a robot of given geometry;
 /// `free_tool` estimates the tool as well, else it stays nominal.
 pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Alignment {
+    let flange = Flange::new(robot);
+    let calibrating = |o: &&Observation| o.set == Set::Calibrate;
     let mut references: Vec<Reference> = Vec::new();
-    let mut items = Vec::new();
-    for (index, o) in experiment.observations.iter().enumerate() {
-        if o.set != Set::Calibrate {
-            continue;
-        }
+    let mut numbers: HashMap<Reference, usize> = HashMap::new();
+    let mut counts: Vec<usize> = Vec::new();
+    for o in experiment.observations.iter().filter(calibrating) {
         let reference = reference_of(&o.target);
-        let frame = references.iter().position(|r| *r == reference).unwrap_or_else(|| {
+        let frame = *numbers.entry(reference).or_insert_with(|| {
             references.push(reference);
+            counts.push(0);
             references.len() - 1
         });
-        let at = last_frame(robot, &o.q);
-        let target = match o.target {
-            Target::Point(p) => p,
-            Target::Sphere { sphere, .. } => experiment
-                .spheres
-                .iter()
-                .find(|s| s.id == sphere)
-                .map_or([0.0; 3], |s| s.position_m),
-        };
-        items.push(Item {
-            index,
-            frame,
-            rotation: at.rotation,
-            flange: at.origin,
-            target: target.into(),
-        });
+        counts[frame] += 1;
     }
+    let total: usize = counts.iter().sum();
+    let stride = total.div_ceil(ALIGNED).max(1);
+    let item = |o: &Observation| {
+        let at = flange.at(&o.q);
+        Item {
+            frame: numbers.get(&reference_of(&o.target)).copied().unwrap_or_default(),
+            rotation: at.rotation,
+            flange: at.position,
+            target: target_of(&o.target, &experiment.spheres),
+        }
+    };
+    // Every frame keeps its first row and every `stride`-th after it.
+    let mut seen = vec![0_usize; references.len()];
+    let chosen = experiment.observations.iter().filter(calibrating).filter(|o| {
+        let frame = numbers.get(&reference_of(&o.target)).copied().unwrap_or_default();
+        seen[frame] += 1;
+        (seen[frame] - 1) % stride == 0
+    });
     let problem = Problem {
-        items,
+        items: chosen.map(item).collect(),
         references,
         nominal_tool: experiment.tool.tcp(),
         free_tool,
@@ -268,8 +307,12 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Alignme
         tool: problem.nominal_tool,
         frames,
     });
-    let mut d = problem.distances(&guess);
-    let distances_m = problem.items.iter().zip(&d).map(|(i, d)| (i.index, *d)).collect();
+    let all = experiment.observations.par_iter().enumerate();
+    let distances_m: Vec<(usize, f64)> = all
+        .filter(|(_, o)| o.set == Set::Calibrate)
+        .map(|(index, o)| (index, problem.residual(&item(o), &guess).norm()))
+        .collect();
+    let mut d: Vec<f64> = distances_m.iter().map(|d| d.1).collect();
     Alignment {
         tcp_m: guess.tool,
         median_m: median(&mut d),

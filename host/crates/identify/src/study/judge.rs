@@ -6,12 +6,15 @@
 //! the calibration is for: that one sphere is one point. The error is then the
 //! distance to the mean over the sphere's own samples.
 
+use std::collections::{BTreeMap, HashMap};
+
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use serde::Serialize;
 
-use super::align::reference_of;
-use super::load::Sample;
-use crate::{Pose, Reference, Sphere, Target};
+use super::align::target_of;
+use super::load::frame_of;
+use crate::{Observation, Pose, Reference, Sphere, Target};
 
 /// Statistics of distances, in mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -51,12 +54,26 @@ impl Errors {
     }
 }
 
+/// A row that judges.
+#[derive(Clone, Copy, Debug)]
+pub struct Judge<'a> {
+    /// Its number in the result.
+    pub index: usize,
+    /// Joint angles and target.
+    pub observation: &'a Observation,
+    /// Placement of the plate: also for points given in the plate's frame.
+    pub place: u32,
+}
+
+/// Tells the TCP in F0 (m) at joint angles and, where measured, torques.
+pub type Tcp<'a> = Box<dyn Fn(&[f64], Option<&[f64]>) -> Vector3<f64> + Sync + 'a>;
+
 /// A model that predicts: the TCP in F0, and where F0 is in each frame.
 pub struct Predictor<'a> {
     /// Name, such as `nominal`.
     pub name: &'static str,
-    /// TCP in F0 (m) at joint angles and, where measured, torques.
-    pub tcp_m: Box<dyn Fn(&[f64], Option<&[f64]>) -> Vector3<f64> + 'a>,
+    /// The TCP in F0.
+    pub tcp_m: Tcp<'a>,
     /// F0 in each frame.
     pub frames: Vec<(Reference, Pose)>,
 }
@@ -118,13 +135,14 @@ impl Judged {
 
     /// Errors of measured points after the best rigid motion of all of them, by
     /// model: what is left when the base is aligned to the judges' own frame.
-    pub fn base_aligned(&self, samples: &[&Sample]) -> Self {
+    /// `judges` are the rows in the order of their numbers, from 0.
+    pub fn base_aligned(&self, judges: &[Judge<'_>]) -> Self {
         let mut out = self.clone();
         for model in &mut out.models {
             let mut pairs = Vec::new();
             for (k, s) in model.samples.iter().enumerate() {
-                if let Some(Target::Point(p)) = samples.get(s.index).map(|s| s.observation.target) {
-                    pairs.push((k, Vector3::from(s.at_m), Vector3::from(p)));
+                if let Some(Target::Point(p)) = judges.get(s.index).map(|j| &j.observation.target) {
+                    pairs.push((k, Vector3::from(s.at_m), Vector3::from(*p)));
                 }
             }
             let from: Vec<_> = pairs.iter().map(|p| p.1).collect();
@@ -142,8 +160,8 @@ impl Judged {
     /// Where the points stand in another frame than was said (every model is more
     /// than 20 mm off as a whole, and a rigid motion takes nine tenths of it away),
     /// takes the best rigid motion out. Returns how far they were, in mm.
-    pub fn realign_if_elsewhere(&mut self, samples: &[&Sample]) -> Option<f64> {
-        let aligned = self.base_aligned(samples);
+    pub fn realign_if_elsewhere(&mut self, judges: &[Judge<'_>]) -> Option<f64> {
+        let aligned = self.base_aligned(judges);
         let mean = |j: &Self| {
             j.models
                 .iter()
@@ -151,7 +169,7 @@ impl Judged {
                 .fold(f64::INFINITY, f64::min)
         };
         let (own, fitted) = (mean(self), mean(&aligned));
-        let enough = samples.len() >= 6;
+        let enough = judges.len() >= 6;
         (enough && own > 20.0 && fitted < 0.1 * own).then(|| {
             *self = aligned;
             own
@@ -171,27 +189,17 @@ impl Judged {
     }
 }
 
-/// The frame that a sample's target is given in: points of closed-loop data
-/// live in the plate's frame.
-fn frame_of(sample: &Sample, closed_loop: bool) -> Reference {
-    match (reference_of(&sample.observation.target), closed_loop) {
-        (Reference::Tracker, true) => Reference::Place(sample.place),
-        (reference, _) => reference,
-    }
-}
-
-/// Judges samples; `indices` name them for the result.
+/// Judges rows by several models.
 pub fn judge(
     models: &[Predictor<'_>],
-    samples: &[&Sample],
-    indices: &[usize],
+    judges: &[Judge<'_>],
     spheres: &[Sphere],
     closed_loop: bool,
     by: &str,
 ) -> Judged {
     let models = models
         .iter()
-        .map(|model| judge_one(model, samples, indices, spheres, closed_loop))
+        .map(|model| judge_one(model, judges, spheres, closed_loop))
         .collect();
     Judged {
         by: by.to_owned(),
@@ -199,49 +207,44 @@ pub fn judge(
     }
 }
 
-fn judge_one(
-    model: &Predictor<'_>,
-    samples: &[&Sample],
-    indices: &[usize],
-    spheres: &[Sphere],
-    closed_loop: bool,
-) -> ModelErrors {
+/// Rows in a frame that nothing fixed: by what they belong to, the number of the
+/// row, the TCP, and the truth.
+type Loose<K> = BTreeMap<K, Vec<(usize, Vector3<f64>, Vector3<f64>)>>;
+
+fn judge_one(model: &Predictor<'_>, judges: &[Judge<'_>], spheres: &[Sphere], closed_loop: bool) -> ModelErrors {
+    let frames: HashMap<Reference, &Pose> = model.frames.iter().map(|(r, p)| (*r, p)).collect();
+    let tcps: Vec<Vector3<f64>> = judges
+        .par_iter()
+        .map(|j| (model.tcp_m)(&j.observation.q, j.observation.tau.as_deref()))
+        .collect();
     let mut out = ModelErrors {
         name: model.name.to_owned(),
+        samples: Vec::with_capacity(judges.len()),
         ..ModelErrors::default()
     };
-    // Samples in frames that nothing fixed, by place and sphere: index, TCP.
-    let mut loose: Vec<((u32, u32), usize, Vector3<f64>)> = Vec::new();
-    let mut loose_points: Vec<(Reference, usize, Vector3<f64>, Vector3<f64>)> = Vec::new();
-    for (sample, &index) in samples.iter().zip(indices) {
-        let o = &sample.observation;
-        let tcp = (model.tcp_m)(&o.q, o.tau.as_deref());
-        let reference = frame_of(sample, closed_loop);
-        let pose = model.frames.iter().find(|(r, _)| *r == reference).map(|(_, p)| p);
-        let truth: Vector3<f64> = match o.target {
-            Target::Point(p) => p.into(),
-            Target::Sphere { sphere, .. } => spheres
-                .iter()
-                .find(|s| s.id == sphere)
-                .map_or([0.0; 3], |s| s.position_m)
-                .into(),
-        };
-        match (pose, o.target) {
-            (Some(pose), _) => out.samples.push(error(index, &tcp, &(pose.point(&tcp) - truth))),
-            (None, Target::Sphere { sphere, place }) => loose.push(((place, sphere), index, tcp)),
-            (None, Target::Point(_)) => loose_points.push((reference, index, tcp, truth)),
+    let (mut contacts, mut points) = (Loose::<(u32, u32)>::new(), Loose::<Reference>::new());
+    for (judge, tcp) in judges.iter().zip(&tcps) {
+        let target = &judge.observation.target;
+        let reference = frame_of(target, judge.place, closed_loop);
+        let truth = target_of(target, spheres);
+        match (frames.get(&reference), target) {
+            (Some(pose), _) => out.samples.push(error(judge.index, tcp, &(pose.point(tcp) - truth))),
+            (None, &Target::Sphere { sphere, place }) => {
+                contacts
+                    .entry((place, sphere))
+                    .or_default()
+                    .push((judge.index, *tcp, truth));
+            }
+            (None, _) => points.entry(reference).or_default().push((judge.index, *tcp, truth)),
         }
     }
-    judge_loose(&mut out, &loose, spheres);
-    let mut references: Vec<Reference> = loose_points.iter().map(|l| l.0).collect();
-    references.dedup();
-    for reference in references {
-        // A frame of its own: the best rigid fit of the samples themselves.
-        let own: Vec<_> = loose_points.iter().filter(|l| l.0 == reference).collect();
-        let from: Vec<_> = own.iter().map(|l| l.2).collect();
-        let onto: Vec<_> = own.iter().map(|l| l.3).collect();
+    judge_contacts(&mut out, &contacts, spheres);
+    for own in points.values() {
+        // A frame of its own: the best rigid fit of the rows themselves.
+        let from: Vec<_> = own.iter().map(|l| l.1).collect();
+        let onto: Vec<_> = own.iter().map(|l| l.2).collect();
         let pose = Pose::fit(&from, &onto).unwrap_or_default();
-        for (_, index, tcp, truth) in own {
+        for (index, tcp, truth) in own {
             out.samples.push(error(*index, tcp, &(pose.point(tcp) - truth)));
         }
     }
@@ -249,30 +252,24 @@ fn judge_one(
     out
 }
 
-/// One sphere is one point: distances to the mean over its own samples, and
-/// between those means against the certificate.
-fn judge_loose(out: &mut ModelErrors, loose: &[((u32, u32), usize, Vector3<f64>)], spheres: &[Sphere]) {
-    let mut keys: Vec<(u32, u32)> = loose.iter().map(|l| l.0).collect();
-    keys.sort_unstable();
-    keys.dedup();
-    let mut means = Vec::with_capacity(keys.len());
-    for key in &keys {
-        let own: Vec<_> = loose.iter().filter(|l| l.0 == *key).collect();
-        let mean = own.iter().map(|l| l.2).sum::<Vector3<f64>>() / own.len() as f64;
-        for (_, index, tcp) in &own {
+/// One sphere is one point: distances to the mean over its own rows, and between
+/// those means against the certificate.
+fn judge_contacts(out: &mut ModelErrors, contacts: &Loose<(u32, u32)>, spheres: &[Sphere]) {
+    let mut means: Vec<((u32, u32), Vector3<f64>)> = Vec::with_capacity(contacts.len());
+    for (key, own) in contacts {
+        let mean = own.iter().map(|l| l.1).sum::<Vector3<f64>>() / own.len() as f64;
+        for (index, tcp, _) in own {
             out.samples.push(error(*index, tcp, &(tcp - mean)));
         }
-        means.push(mean);
+        means.push((*key, mean));
     }
     let certified = |id: u32| spheres.iter().find(|s| s.id == id).map(|s| Vector3::from(s.position_m));
-    for a in 0..keys.len() {
-        for b in (a + 1)..keys.len() {
-            let ((place, one), (other_place, two)) = (keys[a], keys[b]);
-            if place == other_place
-                && let (Some(p), Some(q)) = (certified(one), certified(two))
-            {
-                let off = (means[a] - means[b]).norm() - (p - q).norm();
-                out.distances_mm.push((place, one, two, off * 1e3));
+    // Sorted by place, so the spheres of one place stand together.
+    for (a, ((place, one), first)) in means.iter().enumerate() {
+        for ((_, two), second) in means[a + 1..].iter().take_while(|m| m.0.0 == *place) {
+            if let (Some(p), Some(q)) = (certified(*one), certified(*two)) {
+                let off = (first - second).norm() - (p - q).norm();
+                out.distances_mm.push((*place, *one, *two, off * 1e3));
             }
         }
     }

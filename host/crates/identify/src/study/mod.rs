@@ -22,9 +22,9 @@ mod tune;
 mod verdict;
 
 pub use align::{Alignment, align};
-pub use judge::{Errors, Judged, ModelErrors, Predictor, SampleError, judge};
-pub use load::{Loaded, Request, Sample, load};
-pub use run::{Fold, Holdout, Study, millimetres, study};
+pub use judge::{Errors, Judge, Judged, ModelErrors, Predictor, SampleError, Tcp, judge};
+pub use load::{Loaded, Request, Rows, Sample, load};
+pub use run::{Fold, Holdout, Step, Study, millimetres, study};
 pub use verdict::{Verdict, verdict};
 
 use spherecal_model::DataError;

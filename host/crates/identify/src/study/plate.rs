@@ -4,10 +4,12 @@
 //! `p_i + A_i t = c_g` for every sample i at sphere and place g: linear in the
 //! tool `t` and the points `c_g`, solved with Cauchy weights.
 
+use std::collections::{BTreeMap, HashMap};
+
 use nalgebra::{Matrix3, Vector3};
 
 use super::StudyError;
-use super::align::last_frame;
+use super::align::Flange;
 use crate::{Experiment, Sphere, Target};
 use spherecal_model::input::InputError;
 
@@ -16,6 +18,9 @@ const GUESSED_SIGMA_M: f64 = 1e-3;
 /// The default plate is given up when its distances are off by more than this (m).
 const WRONG_PLATE_M: f64 = 0.005;
 
+/// Most pairs of spheres that a message lists.
+const LISTED: usize = 3;
+
 /// Mean TCP by place and sphere, in F0, with the nominal geometry.
 struct Means {
     keys: Vec<(u32, u32)>,
@@ -23,17 +28,19 @@ struct Means {
 }
 
 fn means(experiment: &Experiment) -> Means {
+    let flange = Flange::new(&experiment.robot);
     let mut keys: Vec<(u32, u32)> = Vec::new();
+    let mut numbers: HashMap<(u32, u32), usize> = HashMap::new();
     let mut items: Vec<(usize, Matrix3<f64>, Vector3<f64>)> = Vec::new();
     for o in &experiment.observations {
         if let Target::Sphere { sphere, place } = o.target {
             let key = (place, sphere);
-            let group = keys.iter().position(|k| *k == key).unwrap_or_else(|| {
+            let group = *numbers.entry(key).or_insert_with(|| {
                 keys.push(key);
                 keys.len() - 1
             });
-            let frame = last_frame(&experiment.robot, &o.q);
-            items.push((group, frame.rotation, frame.origin));
+            let frame = flange.at(&o.q);
+            items.push((group, frame.rotation, frame.position));
         }
     }
     let nominal = experiment.tool.tcp();
@@ -73,24 +80,24 @@ fn means(experiment: &Experiment) -> Means {
 
 /// Distances between spheres of one place: sphere, sphere, mean over the places (m).
 fn distances(means: &Means) -> Vec<(u32, u32, f64)> {
-    let mut sums: Vec<(u32, u32, f64, f64)> = Vec::new();
-    for a in 0..means.keys.len() {
-        for b in 0..means.keys.len() {
-            let ((place, one), (other, two)) = (means.keys[a], means.keys[b]);
-            if place != other || one >= two {
-                continue;
-            }
-            let d = (means.at[a] - means.at[b]).norm();
-            match sums.iter_mut().find(|s| (s.0, s.1) == (one, two)) {
-                Some(s) => {
-                    s.2 += d;
-                    s.3 += 1.0;
+    let mut by_place: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for (group, key) in means.keys.iter().enumerate() {
+        by_place.entry(key.0).or_default().push(group);
+    }
+    let mut sums: BTreeMap<(u32, u32), (f64, f64)> = BTreeMap::new();
+    for groups in by_place.values() {
+        for &a in groups {
+            for &b in groups {
+                let (one, two) = (means.keys[a].1, means.keys[b].1);
+                if one < two {
+                    let sum = sums.entry((one, two)).or_default();
+                    sum.0 += (means.at[a] - means.at[b]).norm();
+                    sum.1 += 1.0;
                 }
-                None => sums.push((one, two, d, 1.0)),
             }
         }
     }
-    sums.into_iter().map(|(a, b, d, n)| (a, b, d / n)).collect()
+    sums.into_iter().map(|((a, b), (d, n))| (a, b, d / n)).collect()
 }
 
 /// How the plate contradicts the data by more than `limit` (m), in words with the remedy.
@@ -118,9 +125,13 @@ pub(super) fn contradiction(experiment: &Experiment, limit: f64) -> Option<Strin
     if off.is_empty() {
         return None;
     }
+    let more = match off.len().saturating_sub(LISTED) {
+        0 => String::new(),
+        more => format!(" and {more} more pairs"),
+    };
     Some(format!(
-        "{}; give the right plate with --plate FILE.toml",
-        off.join("; ")
+        "{}{more}; give the right plate with --plate FILE.toml",
+        off.get(..LISTED).unwrap_or(&off).join("; ")
     ))
 }
 
@@ -138,10 +149,8 @@ pub(super) fn fall_back(experiment: &mut Experiment, notes: &mut Vec<String>) ->
     ids.sort_unstable();
     ids.dedup();
     let places: Vec<u32> = means.keys.iter().map(|k| k.0).collect();
-    let at = |place: u32, id: u32| {
-        let found = means.keys.iter().position(|k| *k == (place, id));
-        found.map(|k| means.at[k])
-    };
+    let found: HashMap<(u32, u32), Vector3<f64>> = means.keys.iter().copied().zip(means.at.iter().copied()).collect();
+    let at = |place: u32, id: u32| found.get(&(place, id)).copied();
     let complete = places.into_iter().find(|&p| ids.iter().all(|&id| at(p, id).is_some()));
     let (Some(place), Some(&first)) = (complete, ids.first()) else {
         return Err(InputError::Field {
@@ -170,8 +179,8 @@ pub(super) fn fall_back(experiment: &mut Experiment, notes: &mut Vec<String>) ->
 
 /// A sphere of the data that the plate does not have, in words.
 fn unknown(experiment: &Experiment) -> Option<String> {
-    experiment.observations.iter().find_map(|o| match o.target {
-        Target::Sphere { sphere, .. } if !experiment.spheres.iter().any(|s| s.id == sphere) => Some(format!(
+    experiment.observations.iter().find_map(|o| match &o.target {
+        Target::Sphere { sphere, .. } if !experiment.spheres.iter().any(|s| s.id == *sphere) => Some(format!(
             "sphere {sphere} is not on the plate; give the plate with --plate FILE.toml"
         )),
         _ => None,

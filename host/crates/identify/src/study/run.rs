@@ -1,18 +1,21 @@
 //! The study itself: align, identify, judge by what the fit has not seen.
 
+use std::borrow::Cow;
+use std::collections::{HashMap, HashSet};
 use std::time::Instant;
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use spherecal_shared::robot::Robot;
 
-use super::align::{Alignment, align, last_frame};
-use super::judge::{Errors, Judged, Predictor, judge};
-use super::load::{Loaded, Request, Sample, load};
+use super::align::reference_of;
+use super::align::{Alignment, Flange, align};
+use super::judge::{Errors, Judge, Judged, Predictor, judge};
+use super::load::{Loaded, Request, load};
 use super::verdict::{Verdict, verdict};
 use super::{StudyError, plate, tune};
 use crate::{Calibration, Experiment, Options, Override, Pose, Reference, Set, Target, choose_model, identify};
-use spherecal_model::input::InputError;
+use spherecal_model::input::{InputError, Progress};
 
 /// Folds of the cross-validation that stands in where no validation was given.
 const FOLDS: usize = 5;
@@ -24,6 +27,16 @@ const FOUND_TOOL_SIGMA_M: f64 = 0.005;
 /// find, finite for what the data leave open (two spheres leave the turn about
 /// their line).
 const BASE_SIGMA: f64 = 0.05;
+/// Rows that the choice of priors and of the model looks at, spread evenly over
+/// all; where there are more, the rest does not change the choice.
+const CHOOSING: usize = 20_000;
+/// Rows that each fit of a cross-validation uses, spread evenly over those that it
+/// may see. The figure of the result is then that of a fit of fewer rows.
+const FOLD_ROWS: usize = 50_000;
+/// Most rows that are left out and have a note each.
+const NOTED: usize = 20;
+/// Most values of a hold-out column: each takes a fit.
+const MOST_HELD_OUT: usize = 200;
 /// Median distance (m) after alignment beyond which these are not data of this robot.
 const HOPELESS_M: f64 = 0.025;
 
@@ -47,6 +60,25 @@ pub struct Holdout {
     pub pooled: Judged,
 }
 
+/// How far a study has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// A table is being read.
+    Reading(Progress),
+    /// The frames are aligned, priors and model chosen and the model fitted.
+    Fitting {
+        /// Rows of the calibration set.
+        rows: usize,
+    },
+    /// The result is judged.
+    Judging {
+        /// Fits that are judged.
+        fits: usize,
+        /// Rows that judge them.
+        rows: usize,
+    },
+}
+
 /// A calibration with everything that is known about it.
 #[derive(Clone, Debug)]
 pub struct Study {
@@ -66,8 +98,6 @@ pub struct Study {
     pub given_tcp_m: Option<Vector3<f64>>,
     /// The result.
     pub calibration: Calibration,
-    /// Samples that judge it, in the order of the indices of [`Self::validation`].
-    pub judges: Vec<Sample>,
     /// The judgement.
     pub validation: Judged,
     /// Whether the validation is a cross-validation of the calibration data.
@@ -98,15 +128,38 @@ struct Fit {
     calibration: Calibration,
 }
 
-/// The experiment with only the named samples.
-fn only(experiment: &Experiment, keep: &[usize]) -> Experiment {
-    Experiment {
-        observations: keep
-            .iter()
-            .filter_map(|&i| experiment.observations.get(i).cloned())
-            .collect(),
-        ..experiment.clone()
+/// The experiment with only the named rows; the experiment itself where they are all.
+fn only<'a>(experiment: &'a Experiment, keep: &[usize]) -> Cow<'a, Experiment> {
+    if keep.len() == experiment.observations.len() && keep.iter().enumerate().all(|(k, i)| k == *i) {
+        return Cow::Borrowed(experiment);
     }
+    let observations = keep.iter().filter_map(|&i| experiment.observations.get(i).cloned());
+    Cow::Owned(Experiment {
+        robot: experiment.robot.clone(),
+        tool: experiment.tool,
+        spheres: experiment.spheres.clone(),
+        observations: observations.collect(),
+    })
+}
+
+/// At most `most` of the rows, spread evenly over each sphere and place.
+fn thinned(experiment: &Experiment, rows: &[usize], most: usize) -> Vec<usize> {
+    let step = rows.len().div_ceil(most).max(1);
+    let mut seen: HashMap<(Reference, Option<u32>), usize> = HashMap::new();
+    let mut keep = rows.to_vec();
+    keep.retain(|&i| {
+        let Some(target) = experiment.observations.get(i).map(|o| &o.target) else {
+            return false;
+        };
+        let sphere = match target {
+            Target::Sphere { sphere, .. } => Some(*sphere),
+            _ => None,
+        };
+        let count = seen.entry((reference_of(target), sphere)).or_default();
+        *count += 1;
+        (*count - 1) % step == 0
+    });
+    keep
 }
 
 /// Aligns, leaves gross errors out, chooses priors where asked, identifies.
@@ -118,20 +171,17 @@ fn fit(experiment: &Experiment, options: &Options, train: &[usize], tune: bool) 
     let gross = alignment.gross();
     let mut rejected = Vec::new();
     // More than a third of gross errors is no longer a matter of single rows.
-    if 3 * gross.len() <= used.len() {
-        for &(k, m) in gross.iter().rev() {
-            if k < used.len() {
-                rejected.push((used.remove(k), m * 1e3));
-                own.observations.remove(k);
-            }
-        }
-        rejected.reverse();
+    if !gross.is_empty() && 3 * gross.len() <= used.len() {
+        rejected.extend(gross.iter().filter_map(|&(k, m)| Some((*used.get(k)?, m * 1e3))));
+        let out: HashSet<usize> = rejected.iter().map(|r| r.0).collect();
+        used.retain(|i| !out.contains(i));
+        own = only(experiment, &used);
     }
     let mut options = options.clone();
     let far = (alignment.tcp_m - own.tool.tcp()).norm() > TOOL_FAR_M;
     let found_tool = far && align(&own, &own.robot, false).median_m > 1.3 * alignment.median_m;
     if found_tool {
-        own.tool.tcp_m = alignment.tcp_m.into();
+        own.to_mut().tool.tcp_m = alignment.tcp_m.into();
         options.parameters.0.entry("tool".to_owned()).or_insert(Override {
             prior_sigma: Some(FOUND_TOOL_SIGMA_M),
             ..Override::default()
@@ -143,11 +193,13 @@ fn fit(experiment: &Experiment, options: &Options, train: &[usize], tune: bool) 
     });
     let mut chosen = Vec::new();
     if tune {
+        let all: Vec<usize> = (0..own.observations.len()).collect();
+        let some = only(&own, &thinned(&own, &all, CHOOSING)).into_owned();
         let wider;
-        (options, wider) = tune::choose(&own, &options);
+        (options, wider) = tune::choose(&some, &options);
         chosen.extend(wider);
         let refusal;
-        (options.model, refusal) = choose_model(&own, &options)?;
+        (options.model, refusal) = choose_model(&some, &options)?;
         if let Some(refusal) = refusal {
             chosen.push(refusal.to_string());
         }
@@ -164,21 +216,17 @@ fn fit(experiment: &Experiment, options: &Options, train: &[usize], tune: bool) 
     })
 }
 
-/// TCP of a bare table at joint angles, in F0.
-fn table_tcp(robot: &Robot, tcp: &Vector3<f64>, q: &[f64]) -> Vector3<f64> {
-    last_frame(robot, q).point(tcp)
-}
-
 /// The models that are judged: nominal geometry, calibrated, and the calibrated
 /// table alone, as a URDF holds it.
 fn predictors<'a>(nominal: &'a Robot, fit: &'a Fit) -> Vec<Predictor<'a>> {
     let frames: Vec<(Reference, Pose)> = fit.calibration.frames.iter().map(|f| (f.reference, f.base)).collect();
     let calibration = &fit.calibration;
-    let tcp = calibration.tool.tcp();
+    let (given, tcp) = (fit.alignment.tcp_m, calibration.tool.tcp());
+    let (before, after) = (Flange::new(nominal), Flange::new(&calibration.robot));
     vec![
         Predictor {
             name: "nominal",
-            tcp_m: Box::new(move |q, _| table_tcp(nominal, &fit.alignment.tcp_m, q)),
+            tcp_m: Box::new(move |q, _| before.at(q).point(&given)),
             frames: fit.alignment.frames.clone(),
         },
         Predictor {
@@ -188,25 +236,24 @@ fn predictors<'a>(nominal: &'a Robot, fit: &'a Fit) -> Vec<Predictor<'a>> {
         },
         Predictor {
             name: "calibrated_table_only",
-            tcp_m: Box::new(move |q, _| table_tcp(&calibration.robot, &tcp, q)),
+            tcp_m: Box::new(move |q, _| after.at(q).point(&tcp)),
             frames,
         },
     ]
 }
 
-/// Judges samples by a fit.
-fn judged(loaded: &Loaded, fit: &Fit, samples: &[&Sample], indices: &[usize], by: &str) -> Judged {
+/// Judges rows by a fit.
+fn judged(loaded: &Loaded, fit: &Fit, judges: &[Judge<'_>], by: &str) -> Judged {
     judge(
         &predictors(&loaded.experiment.robot, fit),
-        samples,
-        indices,
+        judges,
         &loaded.experiment.spheres,
         loaded.closed_loop,
         by,
     )
 }
 
-/// Fits without some samples and judges those, fold by fold.
+/// Fits without some rows and judges those, fold by fold.
 fn folds(
     loaded: &Loaded,
     options: &Options,
@@ -216,25 +263,27 @@ fn folds(
     folds
         .par_iter()
         .map(|(value, out)| {
-            let rest: Vec<usize> = train.iter().copied().filter(|i| !out.contains(i)).collect();
+            let held: HashSet<usize> = out.iter().copied().collect();
+            let rest: Vec<usize> = train.iter().copied().filter(|i| !held.contains(i)).collect();
+            let rest = thinned(&loaded.experiment, &rest, FOLD_ROWS);
             let fit = fit(&loaded.experiment, options, &rest, false)?;
-            let samples: Vec<&Sample> = out.iter().map(|&i| &loaded.samples[i]).collect();
+            let judges: Vec<Judge<'_>> = out.iter().map(|&i| loaded.judge(i, i)).collect();
             Ok(Fold {
                 value: value.clone(),
-                judged: judged(loaded, &fit, &samples, out, value),
+                judged: judged(loaded, &fit, &judges, value),
             })
         })
         .collect()
 }
 
 /// Several folds as one judgement.
-fn pool(folds: &[Fold], by: &str) -> Judged {
+fn pool(folds: impl IntoIterator<Item = Judged>, by: &str) -> Judged {
     let mut all = Judged {
         by: by.to_owned(),
         ..Judged::default()
     };
     for fold in folds {
-        all.extend(fold.judged.clone());
+        all.extend(fold);
     }
     for model in &mut all.models {
         model.samples.sort_by_key(|s| s.index);
@@ -242,15 +291,17 @@ fn pool(folds: &[Fold], by: &str) -> Judged {
     all
 }
 
-/// The values of the hold-out column with their samples.
+/// The values of the hold-out column with their rows, in the order in which they appear.
 fn groups(loaded: &Loaded, used: &[usize]) -> Vec<(String, Vec<usize>)> {
     let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
+    let mut numbers: HashMap<u32, usize> = HashMap::new();
     for &i in used {
-        let label = &loaded.samples[i].label;
-        match groups.iter_mut().find(|(value, _)| value == label) {
-            Some((_, own)) => own.push(i),
-            None => groups.push((label.clone(), vec![i])),
-        }
+        let label = loaded.samples[i].label;
+        let group = *numbers.entry(label).or_insert_with(|| {
+            groups.push((loaded.labels.name(label).to_owned(), Vec::new()));
+            groups.len() - 1
+        });
+        groups[group].1.push(i);
     }
     groups
 }
@@ -271,7 +322,7 @@ fn plausible(loaded: &Loaded, fit: &Fit) -> Result<(), StudyError> {
         ),
     };
     Err(InputError::Field {
-        file: loaded.samples.first().map_or("", |s| &s.source).to_owned(),
+        file: loaded.file.clone(),
         field,
         value: median,
         remedy,
@@ -283,16 +334,17 @@ fn plausible(loaded: &Loaded, fit: &Fit) -> Result<(), StudyError> {
 ///
 /// # Errors
 /// Input that cannot be used, or no convergence.
-pub fn study(request: &Request) -> Result<Study, StudyError> {
+pub fn study(request: &Request, progress: &mut dyn FnMut(Step)) -> Result<Study, StudyError> {
     let start = Instant::now();
-    let mut loaded = load(request)?;
+    let mut loaded = load(request, &mut |read| progress(Step::Reading(read)))?;
     let mut notes = std::mem::take(&mut loaded.notes);
     if loaded.closed_loop && !loaded.plate_given {
         plate::fall_back(&mut loaded.experiment, &mut notes)?;
     }
     let train: Vec<usize> = (0..loaded.samples.len())
-        .filter(|&i| loaded.samples[i].observation.set == Set::Calibrate)
+        .filter(|&i| loaded.experiment.observations[i].set == Set::Calibrate)
         .collect();
+    progress(Step::Fitting { rows: train.len() });
     let fit = fit(&loaded.experiment, &request.options, &train, true)?;
     plausible(&loaded, &fit)?;
     let options = fit.options.clone();
@@ -308,53 +360,57 @@ pub fn study(request: &Request) -> Result<Study, StudyError> {
             millimetres(&loaded.model.tool.tcp_m),
         ));
     }
-    for &(i, mm) in &fit.rejected {
+    for &(i, mm) in fit.rejected.iter().take(NOTED) {
         notes.push(format!(
-            "{}: left out, {mm:.1} mm from where any calibration of this robot could bring it",
-            loaded.samples[i].source
+            "{} line {}: left out, {mm:.1} mm from where any calibration of this robot could bring it",
+            loaded.file, loaded.samples[i].line
         ));
     }
+    if let Some(more) = fit.rejected.len().checked_sub(NOTED).filter(|more| *more > 0) {
+        notes.push(format!("{more} more rows were left out as far off"));
+    }
 
-    let set_aside: Vec<Sample> = loaded
-        .samples
-        .iter()
-        .filter(|s| s.observation.set == Set::Validate)
-        .chain(&loaded.validation)
-        .cloned()
-        .collect();
-    let cross_validated = set_aside.is_empty();
-    let (judges, validation) =
+    let aside = loaded.set_aside().count();
+    let cross_validated = aside == 0;
+    let (fits, rows) = if cross_validated {
+        (FOLDS, fit.used.len())
+    } else {
+        (1, aside)
+    };
+    progress(Step::Judging { fits, rows });
+    let validation =
         if cross_validated {
-            let by_place = loaded.closed_loop && loaded.places.names().len() >= 3;
+            let by_place = loaded.closed_loop && loaded.places.len() >= 3;
             let groups: Vec<(String, Vec<usize>)> = if by_place {
-                loaded
+                let mut groups: Vec<_> = loaded
                     .places
                     .names()
-                    .iter()
-                    .enumerate()
-                    .map(|(number, name)| {
-                        let own = |i: &usize| loaded.samples[*i].place as usize == number;
-                        (name.clone(), fit.used.iter().copied().filter(own).collect())
-                    })
-                    .collect()
+                    .map(|name| (name.to_owned(), Vec::new()))
+                    .collect();
+                for &i in &fit.used {
+                    groups[loaded.samples[i].place as usize].1.push(i);
+                }
+                groups
             } else {
                 let fold = |k: usize| fit.used.iter().copied().skip(k).step_by(FOLDS).collect();
                 (0..FOLDS).map(|k| (format!("fold {}", k + 1), fold(k))).collect()
             };
             let groups: Vec<_> = groups.into_iter().filter(|g| !g.1.is_empty()).collect();
-            let words = if by_place {
-                "cross-validation: each place predicted by a fit of the others"
+            let mut words = if by_place {
+                "cross-validation: each place predicted by a fit of the others".to_owned()
             } else {
-                "cross-validation: each fifth of the rows predicted by a fit of the others"
+                "cross-validation: each fifth of the rows predicted by a fit of the others".to_owned()
             };
+            if fit.used.len() > FOLD_ROWS {
+                words += &format!(", of which it used {FOLD_ROWS} at most");
+            }
             let folds = folds(&loaded, &options, &fit.used, &groups)?;
-            (loaded.samples.clone(), pool(&folds, words))
+            pool(folds.into_iter().map(|f| f.judged), &words)
         } else {
-            let samples: Vec<&Sample> = set_aside.iter().collect();
-            let indices: Vec<usize> = (0..samples.len()).collect();
-            let words = format!("{} samples that the fit has not seen", samples.len());
-            let mut own = judged(&loaded, &fit, &samples, &indices, &words);
-            if let Some(off) = own.realign_if_elsewhere(&samples) {
+            let judges: Vec<Judge<'_>> = loaded.set_aside().collect();
+            let words = format!("{} samples that the fit has not seen", judges.len());
+            let mut own = judged(&loaded, &fit, &judges, &words);
+            if let Some(off) = own.realign_if_elsewhere(&judges) {
                 own.by += ", after a best rigid fit of their frame";
                 notes.push(format!(
                 "the validation points are not in the {} frame: they are {off:.0} mm off as a whole, and fit within a \
@@ -362,7 +418,7 @@ pub fn study(request: &Request) -> Result<Study, StudyError> {
                 if loaded.closed_loop { "plate's" } else { "calibration data's" }
             ));
             }
-            (set_aside.clone(), own)
+            own
         };
     let holdout = match &request.holdout {
         None => None,
@@ -376,8 +432,22 @@ pub fn study(request: &Request) -> Result<Study, StudyError> {
                 }
                 .into());
             }
+            if groups.len() > MOST_HELD_OUT {
+                return Err(InputError::Columns {
+                    file: loaded.file.clone(),
+                    what: format!(
+                        "--holdout {column}: the column has {} values, and each takes a fit",
+                        groups.len()
+                    ),
+                    remedy: format!("name a column with at most {MOST_HELD_OUT} values"),
+                }
+                .into());
+            }
             let folds = folds(&loaded, &options, &fit.used, &groups)?;
-            let pooled = pool(&folds, &format!("each {column} predicted by a fit of the others"));
+            let pooled = pool(
+                folds.iter().map(|f| f.judged.clone()),
+                &format!("each {column} predicted by a fit of the others"),
+            );
             Some(Holdout {
                 column: column.clone(),
                 folds,
@@ -385,7 +455,7 @@ pub fn study(request: &Request) -> Result<Study, StudyError> {
             })
         }
     };
-    let predicted_mm = predicted(&fit.calibration, &judges, loaded.closed_loop);
+    let predicted_mm = predicted(&fit.calibration, &loaded, cross_validated);
     let Fit {
         used,
         rejected,
@@ -401,7 +471,6 @@ pub fn study(request: &Request) -> Result<Study, StudyError> {
         alignment,
         given_tcp_m,
         calibration,
-        judges,
         validation,
         cross_validated,
         holdout,
@@ -415,15 +484,16 @@ pub fn study(request: &Request) -> Result<Study, StudyError> {
     Ok(study)
 }
 
-/// Predicted deviation of the TCP over samples: mean and largest, in mm. Closed
-/// loops may leave the plate's turn open (two spheres do): there it is that of
-/// the robot's own frame.
-fn predicted(calibration: &Calibration, samples: &[Sample], closed_loop: bool) -> (f64, f64) {
-    let step = samples.len().div_ceil(200).max(1);
-    let sigma: Vec<f64> = samples
+/// Predicted deviation of the TCP over the judging rows: mean and largest, in mm.
+/// Closed loops may leave the plate's turn open (two spheres do): there it is that
+/// of the robot's own frame.
+fn predicted(calibration: &Calibration, loaded: &Loaded, cross_validated: bool) -> (f64, f64) {
+    let judges: Vec<Judge<'_>> = loaded.judges(cross_validated).collect();
+    let step = judges.len().div_ceil(200).max(1);
+    let sigma: Vec<f64> = judges
         .iter()
         .step_by(step)
-        .map(|s| sigma_mm(calibration, &s.observation.q, closed_loop))
+        .map(|j| sigma_mm(calibration, &j.observation.q, loaded.closed_loop))
         .collect();
     let e = Errors::of(&sigma);
     (e.mean_mm, e.max_mm)
@@ -450,19 +520,8 @@ impl Study {
         sigma_mm(&self.calibration, q, self.loaded.closed_loop)
     }
 
-    /// Name of a sample for people: place and sphere where it has them.
-    pub fn describe(&self, sample: &Sample) -> String {
-        match sample.observation.target {
-            Target::Point(_) => sample.source.clone(),
-            Target::Sphere { sphere, place } => {
-                let name = self.loaded.places.name(place);
-                let place = if name.is_empty() {
-                    String::new()
-                } else {
-                    format!(", place {name}")
-                };
-                format!("{} (sphere {sphere}{place})", sample.source)
-            }
-        }
+    /// The rows that judge the result, in the order of the indices of [`Self::validation`].
+    pub fn judges(&self) -> impl Iterator<Item = Judge<'_>> {
+        self.loaded.judges(self.cross_validated)
     }
 }

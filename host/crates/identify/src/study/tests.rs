@@ -20,14 +20,17 @@ fn real_closed_loop_data_of_an_iiwa_14_place_by_place() {
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS).unwrap();
     for tool_mm in [None, Some([0.0, 0.0, 0.0])] {
-        let study = study(&Request {
-            robot: data("iiwa14.urdf").display().to_string(),
-            data: data("mukca_iiwa14.csv"),
-            plate: Some(plate.clone()),
-            tool_mm,
-            holdout: Some("place".to_owned()),
-            ..Request::default()
-        })
+        let study = study(
+            &Request {
+                robot: data("iiwa14.urdf").display().to_string(),
+                data: data("mukca_iiwa14.csv"),
+                plate: Some(plate.clone()),
+                tool_mm,
+                holdout: Some("place".to_owned()),
+                ..Request::default()
+            },
+            &mut |_| {},
+        )
         .unwrap();
         let holdout = study.holdout.as_ref().unwrap();
         assert_eq!(holdout.folds.len(), 3);
@@ -50,11 +53,14 @@ fn real_closed_loop_data_of_an_iiwa_14_place_by_place() {
 /// Without a plate the default does not fit, and is not forced on the data.
 #[test]
 fn a_missing_plate_is_taken_from_the_robot_and_said() {
-    let study = study(&Request {
-        robot: data("iiwa14.urdf").display().to_string(),
-        data: data("mukca_iiwa14.csv"),
-        ..Request::default()
-    })
+    let study = study(
+        &Request {
+            robot: data("iiwa14.urdf").display().to_string(),
+            data: data("mukca_iiwa14.csv"),
+            ..Request::default()
+        },
+        &mut |_| {},
+    )
     .unwrap();
     assert!(
         study.notes.iter().any(|n| n.contains("50.0 mm apart by the data")),
@@ -70,13 +76,115 @@ fn a_wrong_plate_is_refused() {
     let directory = tempfile::tempdir().unwrap();
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS.replace("50", "500")).unwrap();
-    let error = study(&Request {
-        robot: data("iiwa14.urdf").display().to_string(),
-        data: data("mukca_iiwa14.csv"),
-        plate: Some(plate),
-        ..Request::default()
-    })
+    let error = study(
+        &Request {
+            robot: data("iiwa14.urdf").display().to_string(),
+            data: data("mukca_iiwa14.csv"),
+            plate: Some(plate),
+            ..Request::default()
+        },
+        &mut |_| {},
+    )
     .unwrap_err();
     assert!(error.is_input());
     assert!(error.to_string().contains("500.0 mm by the plate"), "{error}");
+}
+
+/// A table of points by a tracker that stands elsewhere, of an iiwa 7 as drawn;
+/// rows in `wrong` are 300 mm off.
+fn tracker_table(rows: usize, wrong: &[usize]) -> String {
+    use rand::{RngExt as _, SeedableRng as _};
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+    let robot = spherecal_model::robots::load("iiwa7").unwrap();
+    let tool = robot.tool.tcp();
+    let mut text = "q1,q2,q3,q4,q5,q6,q7,x_mm,y_mm,z_mm,shift\n".to_owned();
+    for k in 0..rows {
+        let q: Vec<f64> = (0..7).map(|_| random.random_range(-1.5..1.5)).collect();
+        let p = robot.flange_at(&q).point(&tool) * 1e3;
+        // The tracker's x is the robot's y.
+        let off = if wrong.contains(&k) {
+            300.0
+        } else {
+            random.random_range(-0.05..0.05)
+        };
+        let q: Vec<String> = q.iter().map(|q| format!("{q:.9}")).collect();
+        text += &format!(
+            "{},{:.5},{:.5},{:.5},s{}\n",
+            q.join(","),
+            p.y + 100.0,
+            50.0 - p.x,
+            p.z + off,
+            k % 3
+        );
+    }
+    text
+}
+
+// Fails if rows beyond those that the frames are aligned by are not looked at: each
+// gross error must be left out, wherever it stands.
+#[test]
+fn gross_errors_among_many_rows_are_all_left_out() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.csv");
+    let wrong = [0, 1, 7, 12_345, 20_001, 24_999];
+    std::fs::write(&path, tracker_table(25_000, &wrong)).unwrap();
+    let mut rows = 0;
+    let request = Request {
+        robot: "iiwa7".to_owned(),
+        data: path,
+        ignore_columns: vec!["shift".to_owned()],
+        options: crate::Options {
+            method: crate::Method::Geometry,
+            ..crate::Options::default()
+        },
+        ..Request::default()
+    };
+    let study = study(&request, &mut |step| {
+        if let Step::Reading(p) = step {
+            rows = p.rows;
+        }
+    })
+    .unwrap();
+    let left_out: Vec<usize> = study.rejected.iter().map(|r| r.0).collect();
+    assert_eq!((left_out.as_slice(), rows), (wrong.as_slice(), 25_000));
+    assert!(study.rejected.iter().all(|r| (r.1 - 300.0).abs() < 5.0));
+    assert_eq!(study.used.len(), 25_000 - wrong.len());
+    assert!(
+        study.calibration.residual.rms_mm < 0.1,
+        "{:?}",
+        study.calibration.residual.rms_mm
+    );
+}
+
+// Fails if a hold-out by a column of one's own loses rows, or if a column with a
+// value per row makes a fit of each.
+#[test]
+fn a_hold_out_takes_a_column_of_few_values() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.csv");
+    let text = tracker_table(300, &[]);
+    std::fs::write(&path, &text).unwrap();
+    let mut request = Request {
+        robot: "iiwa7".to_owned(),
+        data: path.clone(),
+        holdout: Some("Shift".to_owned()),
+        ..Request::default()
+    };
+    let found = study(&request, &mut |_| {}).unwrap().holdout.unwrap();
+    let names: Vec<_> = found.folds.iter().map(|f| f.value.as_str()).collect();
+    assert_eq!(names, ["s0", "s1", "s2"]);
+    assert_eq!(found.pooled.models[0].samples.len(), 300);
+    // One value per row.
+    let mut row = 0;
+    let each = text.lines().map(|line| {
+        row += 1;
+        format!("{line}{row}\n")
+    });
+    std::fs::write(&path, each.collect::<String>().replacen("shift1", "shift", 1)).unwrap();
+    request.holdout = Some("shift".to_owned());
+    let error = study(&request, &mut |_| {}).unwrap_err();
+    assert!(
+        error.is_input() && error.to_string().contains("300 values, and each takes a fit"),
+        "{error}"
+    );
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use super::summary::summary_json;
 use crate::{Files, JobError};
 use spherecal_identify::study::{ModelErrors, Study, millimetres};
-use spherecal_model::robots::{RobotModel, toml_file, write_kinematics_yaml, write_urdf};
+use spherecal_model::robots::{RobotModel, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf};
 
 /// What a calibrated file says of its origin.
 fn notes(study: &Study) -> Vec<String> {
@@ -100,7 +100,12 @@ pub fn write_files(study: &Study, directory: &Path, report: Option<&str>) -> Res
     files.put(directory, "summary.json", &summary)?;
     files.put(directory, "calibrated.toml", &toml)?;
     files.put(directory, "calibrated.urdf", &write_urdf(nominal, &rows, &notes))?;
-    files.put(directory, "kinematics.yaml", &write_kinematics_yaml(nominal, &rows))?;
+    files.put(
+        directory,
+        "kinematics.yaml",
+        &write_kinematics_yaml(nominal, &rows, &notes),
+    )?;
+    files.put(directory, "offsets.yaml", &write_offsets_yaml(nominal, &rows, &notes))?;
     if let Some(html) = report {
         files.put(directory, "report.html", html)?;
     }

@@ -3,13 +3,12 @@
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use spherecal_identify::study::{Errors, Judged, Sample, Study};
+use spherecal_identify::study::{Errors, Judge, Judged, Study};
 
 /// Hash over the bits of the recordings in order: joint angles, then torques.
 fn recordings_sha256(study: &Study) -> String {
     let mut hash = Sha256::new();
-    for sample in &study.loaded.samples {
-        let o = &sample.observation;
+    for o in &study.loaded.experiment.observations {
         for value in o.q.iter().chain(o.tau.iter().flatten()) {
             hash.update(value.to_bits().to_le_bytes());
         }
@@ -80,18 +79,20 @@ pub fn summary_json(study: &Study) -> Value {
     let outliers: Vec<Value> = residual
         .outliers
         .iter()
+        .take(LISTED)
         .filter_map(|o| {
-            let sample = &study.loaded.samples.get(*study.used.get(o.index)?)?;
-            Some(json!({ "row": study.describe(sample), "why": o.why }))
+            let row = study.loaded.describe(*study.used.get(o.index)?);
+            Some(json!({ "row": row, "why": o.why }))
         })
         .collect();
     let rejected: Vec<Value> = study
         .rejected
         .iter()
-        .filter_map(|(i, mm)| Some(json!({ "row": study.describe(study.loaded.samples.get(*i)?), "distance_mm": mm })))
+        .take(LISTED)
+        .map(|(i, mm)| json!({ "row": study.loaded.describe(*i), "distance_mm": mm }))
         .collect();
     let planned = study.loaded.samples.len();
-    let names: Vec<&str> = study.loaded.places.names().iter().map(String::as_str).collect();
+    let names: Vec<&str> = study.loaded.places.names().collect();
     let frames: Vec<Value> = calibration
         .frames
         .iter()
@@ -140,8 +141,8 @@ pub fn summary_json(study: &Study) -> Value {
         "link": { "frames": 0, "crc_errors": 0, "lost": 0, "resent": 0, "duplicates": 0 },
     });
     if !study.cross_validated {
-        let samples: Vec<&Sample> = study.judges.iter().collect();
-        let aligned = study.validation.base_aligned(&samples);
+        let judges: Vec<Judge<'_>> = study.judges().collect();
+        let aligned = study.validation.base_aligned(&judges);
         value["validation"]["models_base_aligned"] = models_json(&aligned, closed_loop);
     }
     value["validation"]["cross_validated"] = json!(study.cross_validated);
@@ -162,6 +163,9 @@ pub fn summary_json(study: &Study) -> Value {
     }
     value
 }
+
+/// Most rows of a kind that the document lists; their number is told beside.
+const LISTED: usize = 1000;
 
 /// A number, or nothing where it is infinite or not a number (JSON has none).
 fn finite(value: f64) -> Value {

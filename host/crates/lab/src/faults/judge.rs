@@ -105,7 +105,7 @@ impl Judgement {
         self.ticks.push(Tick {
             // Spheres count from 1 on the wire.
             seated: truth.seated.and_then(|s| u8::try_from(s + 1).ok()),
-            tcp: truth.tcp.origin.map(|x| x as f32),
+            tcp: truth.tcp.position.map(|x| x as f32),
         });
     }
 }

@@ -18,13 +18,12 @@ const COLOURS: [RGBColor; 4] = [
 ];
 
 /// All figures: file name and content.
-pub(super) fn all(r: &Reproduction) -> Result<Vec<(&'static str, String)>, String> {
-    let text = |e: Box<dyn std::error::Error>| e.to_string();
+pub(super) fn all(r: &Reproduction) -> Result<Vec<(&'static str, String)>, Box<dyn std::error::Error>> {
     let mut figures = vec![
-        ("figure_10.svg", points(r).map_err(text)?),
+        ("figure_10.svg", points(r)?),
         (
             "figure_11.svg",
-            histogram(r, "Figure 11. Validation errors", &[NOMINAL, SPHERE, LASER, SPHERE_MAP]).map_err(text)?,
+            histogram(r, "Figure 11. Validation errors", &[NOMINAL, SPHERE, LASER, SPHERE_MAP])?,
         ),
         (
             "figure_12.svg",
@@ -32,12 +31,11 @@ pub(super) fn all(r: &Reproduction) -> Result<Vec<(&'static str, String)>, Strin
                 r,
                 "Figure 12. Validation errors of calibrated models",
                 &[LASER, SPHERE, LASER_OPTIMUM, SPHERE_MAP],
-            )
-            .map_err(text)?,
+            )?,
         ),
     ];
     if r.contact_force.len() > 1 {
-        figures.push(("figure_5.svg", force(&r.contact_force).map_err(text)?));
+        figures.push(("figure_5.svg", force(&r.contact_force)?));
     }
     Ok(figures)
 }

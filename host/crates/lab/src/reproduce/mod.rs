@@ -217,7 +217,7 @@ pub fn reproduce(recordings: &Recordings) -> Result<Reproduction, ReproduceError
     let seen = |p: &[f64; 3]| frames.base.inverse_point(&Vector3::from(*p));
     let laser_points = recordings.laser.observations.iter().filter_map(|o| match &o.target {
         Target::Point(p) => Some(seen(p)),
-        Target::Sphere { .. } => None,
+        _ => None,
     });
     let points: [Vec<Vector3<f64>>; 2] = [laser_points.collect(), measured.iter().map(seen).collect()];
     let redundancy = tables::redundancy(&recordings.spheres);
@@ -277,7 +277,7 @@ impl Reproduction {
         write("reproduce.txt", &self.to_string())?;
         let json = serde_json::to_string_pretty(self).map_err(|e| failed(folder, e.to_string()))?;
         write("reproduce.json", &json)?;
-        for (name, svg) in figures::all(self).map_err(|reason| failed(folder, reason))? {
+        for (name, svg) in figures::all(self).map_err(|e| failed(folder, e.to_string()))? {
             write(name, &svg)?;
         }
         Ok(files)

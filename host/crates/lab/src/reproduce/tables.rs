@@ -142,10 +142,8 @@ pub(super) fn redundancy(experiment: &Experiment) -> Redundancy {
 /// Table 1: the certificate, and where the calibrated robot finds the spheres.
 pub(super) fn spheres(experiment: &Experiment, calibration: &Calibration) -> Table {
     let rows = experiment.spheres.iter().zip(TABLE_1_MM).map(|(sphere, published)| {
-        let own = experiment.observations.iter().filter(|o| {
-            let at = o.target;
-            matches!(at, Target::Sphere { sphere: id, place: 0 } if id == sphere.id)
-        });
+        let here = |at: &Target| matches!(at, Target::Sphere { sphere: id, place: 0 } if *id == sphere.id);
+        let own = experiment.observations.iter().filter(|o| here(&o.target));
         let (mut sum, mut count) = (Vector3::zeros(), 0.0);
         for observation in own {
             sum += calibration.tcp_world_m(&observation.q, observation.tau.as_deref());

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -195,10 +195,11 @@ pub fn compare(options: &CompareOptions) -> Result<Comparison, WorldError> {
     }
     let judged: Vec<_> = jobs
         .par_iter()
-        .progress_with(bar.clone())
         .map(|(world, seed)| {
             let trial = record_poses(*world, *seed, poses)?;
-            judge(&trial, &options.estimators)
+            let judged = judge(&trial, &options.estimators);
+            bar.inc(1);
+            judged
         })
         .collect::<Result<_, _>>()?;
     bar.finish_and_clear();

@@ -6,7 +6,7 @@ use spherecal_shared::robot::{Tool, iiwa7};
 
 use super::record::{Trial, WorldError};
 use spherecal_identify::validate::{Prediction, ValidationTable, validate};
-use spherecal_identify::{Calibration, Method, Options, Override, Pose, identify, paper};
+use spherecal_identify::{Calibration, IdentifyError, Method, Options, Override, Pose, identify, paper};
 use spherecal_sim::worlds::World;
 
 /// An estimator on one kind of data.
@@ -97,7 +97,7 @@ pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable,
     };
     let mut models = Vec::new();
     for &estimator in estimators {
-        let prediction = predict(trial, estimator).map_err(|reason| failed(estimator, reason))?;
+        let prediction = predict(trial, estimator).map_err(|e| failed(estimator, e.to_string()))?;
         models.extend(prediction);
     }
     let measured: Vec<_> = trial.validation.iter().map(|m| m.point_m).collect();
@@ -106,7 +106,7 @@ pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable,
 }
 
 /// What an estimator predicts for the validation configurations.
-fn predict(trial: &Trial, estimator: Estimator) -> Result<Option<Prediction>, String> {
+fn predict(trial: &Trial, estimator: Estimator) -> Result<Option<Prediction>, IdentifyError> {
     let measured_tool = Tool {
         tcp_m: trial.frames.tool_m,
         ..trial.spheres.tool
@@ -115,9 +115,6 @@ fn predict(trial: &Trial, estimator: Estimator) -> Result<Option<Prediction>, St
         let mut experiment = trial.spheres.clone();
         experiment.tool = measured_tool;
         experiment
-    };
-    let run = |experiment: &spherecal_identify::Experiment, options: &Options| {
-        identify(experiment, options).map_err(|e| e.to_string())
     };
     let plain = Options {
         seed: trial.seed,
@@ -141,7 +138,7 @@ fn predict(trial: &Trial, estimator: Estimator) -> Result<Option<Prediction>, St
                 method: Method::NelderMead,
                 ..plain
             };
-            (run(&spheres_as_the_paper(), &options)?, false)
+            (identify(&spheres_as_the_paper(), &options)?, false)
         }
         Estimator::GaussNewton => {
             let experiment = spheres_as_the_paper();
@@ -154,14 +151,14 @@ fn predict(trial: &Trial, estimator: Estimator) -> Result<Option<Prediction>, St
                 )),
                 ..plain
             };
-            (run(&experiment, &options)?, false)
+            (identify(&experiment, &options)?, false)
         }
         Estimator::Geometry => {
             let options = Options {
                 method: Method::Geometry,
                 ..plain
             };
-            (run(&trial.spheres, &options)?, false)
+            (identify(&trial.spheres, &options)?, false)
         }
         Estimator::TwoHarmonics => {
             let mut options = Options { harmonics: 2, ..plain };
@@ -172,9 +169,9 @@ fn predict(trial: &Trial, estimator: Estimator) -> Result<Option<Prediction>, St
                 };
                 options.parameters.0.insert(name.to_owned(), fixed);
             }
-            (run(&trial.spheres, &options)?, false)
+            (identify(&trial.spheres, &options)?, false)
         }
-        Estimator::Map => (run(&trial.spheres, &plain)?, false),
+        Estimator::Map => (identify(&trial.spheres, &plain)?, false),
         Estimator::LaserGeometry => {
             let mut experiment = trial.laser.clone();
             experiment.tool = measured_tool;
@@ -183,11 +180,11 @@ fn predict(trial: &Trial, estimator: Estimator) -> Result<Option<Prediction>, St
                 base: Some(trial.frames.base),
                 ..plain
             };
-            (run(&experiment, &options)?, true)
+            (identify(&experiment, &options)?, true)
         }
-        Estimator::LaserMap => (run(&trial.laser, &plain)?, true),
+        Estimator::LaserMap => (identify(&trial.laser, &plain)?, true),
         Estimator::Bound => match bound_options(trial) {
-            Some(options) => (run(&trial.spheres, &options)?, false),
+            Some(options) => (identify(&trial.spheres, &options)?, false),
             None => return Ok(None),
         },
     };

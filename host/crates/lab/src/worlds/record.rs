@@ -182,7 +182,7 @@ pub fn record_poses(world: World, seed: u64, poses: &[PlannedPose]) -> Result<Tr
     let mut measure = |q: &Vec<f64>| {
         let rest = arm.go_to(&joints(q));
         arm.wait(plant.tracker.shot_s);
-        let real = tracker.inverse_point(&rest.tcp.origin);
+        let real = tracker.inverse_point(&rest.tcp.position);
         let seen = real + see.vector(plant.tracker.sigma_m);
         let measured = Measured {
             q: rest.q.to_vec(),
@@ -305,12 +305,10 @@ fn contacts(
             bad.push(index);
             target += direction * far;
         }
-        let rest = arm
-            .go_to_contact(&joints(&pose.q), &target)
-            .ok_or(WorldError::Reach {
-                index,
-                sphere: pose.sphere,
-            })?;
+        let rest = arm.go_to_contact(&joints(&pose.q), &target).ok_or(WorldError::Reach {
+            index,
+            sphere: pose.sphere,
+        })?;
         arm.wait(CONTACT_S);
         observations.push(Observation {
             q: rest.q.to_vec(),

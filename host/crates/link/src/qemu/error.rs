@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use spherecal_shared::protocol::lockstep::MAX_HOST;
 
-use super::PROGRAM;
-use super::image::IMAGE_VARIABLE;
+use super::names::{IMAGE_VARIABLE, PROGRAM};
 
 /// Why the controller in QEMU cannot be used, or stopped.
 #[derive(Debug, thiserror::Error)]

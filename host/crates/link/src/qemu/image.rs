@@ -3,10 +3,9 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use super::{PROGRAM, QemuError};
+use super::QemuError;
+use super::names::{IMAGE_VARIABLE, PROGRAM};
 
-/// Environment variable that names an image.
-pub const IMAGE_VARIABLE: &str = "SPHERECAL_QEMU_IMAGE";
 /// Where `scripts/cross.sh build` puts the image, below the workspace.
 const BUILT: &str = "target/boards/thumbv7em-none-eabihf/release/mps2-an500";
 

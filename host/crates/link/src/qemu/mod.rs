@@ -14,6 +14,7 @@
 mod error;
 mod image;
 pub mod log;
+mod names;
 mod watchdog;
 
 use std::fs::File;
@@ -27,15 +28,14 @@ use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
 use spherecal_shared::protocol::lockstep::{Down, MAX_HOST, UP_HEADER, Up};
 
 pub use error::QemuError;
-pub use image::{IMAGE_VARIABLE, find_image, find_qemu};
+pub use image::{find_image, find_qemu};
+pub use names::{IMAGE_VARIABLE, PROGRAM};
 
 use error::meaning;
 use watchdog::Watchdog;
 
 use super::{Controller, LinkError};
 
-/// QEMU's program.
-pub const PROGRAM: &str = "qemu-system-arm";
 /// Name of the decoded log in the report's folder.
 pub const LOG_FILE: &str = "controller.log";
 /// Name of the log as the image wrote it.

@@ -2,11 +2,10 @@
 
 use std::time::Duration;
 
-use embassy_time::Instant;
-use spherecal_firmware::app::PeriodWatch;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::robot::{JointLimits, Robot};
+use spherecal_shared::timing::PeriodWatch;
 
 use super::TcpError;
 use super::wire::Wire;
@@ -41,40 +40,40 @@ pub struct TcpDrive {
 /// The beat of a real-time drive's controller.
 struct Pace {
     start: std::time::Instant,
-    period: embassy_time::Duration,
+    period_us: u64,
     watch: PeriodWatch,
 }
 
 impl Pace {
     fn new(period_us: u32) -> Self {
-        let period = embassy_time::Duration::from_micros(u64::from(period_us));
+        let period_us = u64::from(period_us);
         Self {
             start: std::time::Instant::now(),
-            period,
-            watch: PeriodWatch::new(period, Instant::from_micros(0)),
+            period_us,
+            watch: PeriodWatch::new(period_us, 0),
         }
     }
 
-    fn now(&self) -> Instant {
-        Instant::from_micros(u64::try_from(self.start.elapsed().as_micros()).unwrap_or(u64::MAX))
+    fn now_us(&self) -> u64 {
+        u64::try_from(self.start.elapsed().as_micros()).unwrap_or(u64::MAX)
     }
 
     /// How long it is until the next state may come.
     fn until_early(&self) -> Duration {
-        let due = Duration::from_micros(self.watch.due().as_micros());
+        let due = Duration::from_micros(self.watch.due_us());
         due.saturating_sub(EARLY).saturating_sub(self.start.elapsed())
     }
 
     /// Whether the next state is half a period late.
     fn is_late(&self) -> bool {
-        self.now() >= self.watch.due().saturating_add(self.period / 2)
+        self.now_us() >= self.watch.due_us().saturating_add(self.period_us / 2)
     }
 
     /// Notes a beat; returns the periods that went by without one.
     fn beat(&mut self) -> u32 {
-        let now = self.now();
-        let missed = self.watch.note(now);
-        self.watch = PeriodWatch::new(self.period, now);
+        let now_us = self.now_us();
+        let missed = self.watch.record(now_us);
+        self.watch = PeriodWatch::new(self.period_us, now_us);
         missed
     }
 }

@@ -135,7 +135,7 @@ impl Wire {
                 match parsed {
                     None => {}
                     Some(Ok(Parsed::Message(header, message))) => {
-                        self.watch.note(header.sequence, &mut self.counters);
+                        self.watch.record(header.sequence, &mut self.counters);
                         return Ok(Some(Parsed::Message(header, message)));
                     }
                     Some(Ok(other)) => return Ok(Some(other)),

@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::elbow::elbow;
 use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{Frame, JointLimits, LinkTransform, MdhRow, Robot, Tool};
+use spherecal_shared::robot::{JointLimits, LinkTransform, MdhRow, Pose, Robot, Tool};
 
 pub use error::ChainError;
 pub use ik::IK_TOLERANCE;
@@ -37,7 +37,7 @@ pub struct TcpPose {
 #[derive(Clone, Debug)]
 struct Posture {
     /// F1..Fn in F0; the rest is unused.
-    frames: [Frame<f64>; MAX_JOINTS],
+    frames: [Pose<f64>; MAX_JOINTS],
     /// Rotation of the flange and of FT.
     rotation: Matrix3<f64>,
     /// TCP in F0, in m.
@@ -101,14 +101,14 @@ impl Chain {
     }
 
     /// Frames F1..Fn in F0 at `q` (rad).
-    pub fn frames(&self, q: &[f64]) -> Vec<Frame<f64>> {
-        let mut frames = vec![Frame::identity(); self.links.len()];
+    pub fn frames(&self, q: &[f64]) -> Vec<Pose<f64>> {
+        let mut frames = vec![Pose::identity(); self.links.len()];
         frames_into(&self.links, q, &mut frames);
         frames
     }
 
     /// The TCP in F0 for frames of this chain, in m.
-    pub fn tcp_of(&self, frames: &[Frame<f64>]) -> Vector3<f64> {
+    pub fn tcp_of(&self, frames: &[Pose<f64>]) -> Vector3<f64> {
         frames.last().map_or(self.tcp, |flange| flange.point(&self.tcp))
     }
 
@@ -144,7 +144,7 @@ impl Chain {
 
     /// Frames and TCP at `q`.
     fn posture(&self, q: &[f64]) -> Posture {
-        let mut frames = [Frame::identity(); MAX_JOINTS];
+        let mut frames = [Pose::identity(); MAX_JOINTS];
         let flange = frames_into(&self.links, q, &mut frames);
         Posture {
             rotation: flange.rotation,
@@ -167,7 +167,7 @@ impl Chain {
         let mut jacobian = TaskJacobian::zeros();
         for (i, frame) in posture.frames.iter().enumerate().take(self.dof()) {
             let z = frame.z();
-            let v = z.cross(&(posture.tcp - frame.origin));
+            let v = z.cross(&(posture.tcp - frame.position));
             for k in 0..3 {
                 jacobian[(k, i)] = v[k];
                 jacobian[(k + 3, i)] = z[k];
@@ -190,7 +190,7 @@ impl Chain {
             return None;
         }
         let [_, f2, _, f4, _, f6, ..] = &posture.frames;
-        let (line, arm) = (f6.origin - f2.origin, f4.origin - f2.origin);
+        let (line, arm) = (f6.position - f2.position, f4.position - f2.position);
         let length = line.norm();
         let n = line / length;
         let up = Vector3::z();
@@ -204,7 +204,7 @@ impl Chain {
         let velocity = |i: usize, m: usize| {
             let frame = &posture.frames[i];
             if i < m {
-                frame.z().cross(&(posture.frames[m].origin - frame.origin))
+                frame.z().cross(&(posture.frames[m].position - frame.position))
             } else {
                 Vector3::zeros()
             }

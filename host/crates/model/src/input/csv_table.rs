@@ -2,449 +2,277 @@
 //!
 //! | columns | meaning |
 //! |---|---|
-//! | `q1..qn` (rad) or `q1_deg..` | joint angles, base to flange |
+//! | `q1..qn` (rad) or `q1_deg..`, or the robot's joint names | joint angles, base to flange |
 //! | `tau1..taun` (N m), optional | measured joint torques |
 //! | `x_mm,y_mm,z_mm` or `x_m..` | a measured point: absolute data |
+//! | `x1_mm,y1_mm,z1_mm,x2_mm,..` | several measured points; an empty one was not seen |
+//! | `qw,qx,qy,qz` or `r11..r33`, with `x_mm..` | a measured frame |
 //! | `sphere` (integer) | the sphere that the tool sat on: closed-loop data |
 //! | `place` (integer or name), optional | which placement of the plate |
 //! | `set` (`calibrate` or `validate`), optional | what the row may be used for |
 //!
 //! A table may mix both kinds: a row then fills one and leaves the other empty.
-//! Unknown columns are named in an error, except the one label column that the
-//! caller asks for (to hold out by it).
+//!
+//! Read as spreadsheets write it: separated by commas, semicolons or tabs, decimals
+//! with a point or (between semicolons or tabs) a comma, quoted cells, UTF-8 or
+//! UTF-16, blank rows and blank columns at the end. What could mean two things is
+//! refused with its row and column.
+//!
+//! The file is read as a stream. Bounds: [`MOST_FILE_BYTES`], [`MOST_ROWS`],
+//! [`MOST_LINE_BYTES`](super::MOST_LINE_BYTES), [`MOST_COLUMNS`](super::MOST_COLUMNS).
 
 use std::io::Read;
 use std::path::Path;
 
-use super::error::{InputError, shown};
-use crate::Set;
+use super::cells::{Decimals, NumberError, Seen, SplitError, Splitter, separator};
+use super::error::InputError;
+use super::header::{Column, Header, TableFormat, header};
+use super::lines::{LineError, Lines, MOST_LINE_BYTES};
+use super::plausible;
+use super::table::{Fields, Labels, NONE, Table, rotation};
+use crate::{FileError, Set, excerpt, open_regular};
 
-/// Names that were given to numbers in the order in which they appeared.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Labels {
-    names: Vec<String>,
+/// Largest table that is read, in bytes.
+pub const MOST_FILE_BYTES: u64 = 2 << 30;
+/// Most rows of a table: 0.5 GB in memory with seven joints.
+pub const MOST_ROWS: usize = 5_000_000;
+/// Longest name of a place or value of a label, in characters.
+const MOST_LETTERS: usize = 100;
+/// Rows between two reports of progress.
+const REPORTED: usize = 8192;
+
+/// How far the reading has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// Rows so far.
+    pub rows: usize,
+    /// Bytes so far.
+    pub bytes: u64,
+    /// Bytes in all; 0 where that is not known.
+    pub total_bytes: u64,
 }
 
-impl Labels {
-    /// The number of a name; a new name gets the next number.
-    pub fn number(&mut self, name: &str) -> u32 {
-        let at = self.names.iter().position(|n| n == name).unwrap_or_else(|| {
-            self.names.push(name.to_owned());
-            self.names.len() - 1
-        });
-        u32::try_from(at).unwrap_or(u32::MAX)
-    }
-
-    /// The name behind a number.
-    pub fn name(&self, number: u32) -> &str {
-        self.names.get(number as usize).map_or("", String::as_str)
-    }
-
-    /// All names, in the order of their numbers.
-    pub fn names(&self) -> &[String] {
-        &self.names
-    }
-}
-
-/// One row of the table, in SI units.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Row {
-    /// Line of the file, from 1.
-    pub line: u64,
-    /// Joint angles, in rad.
-    pub q: Vec<f64>,
-    /// Joint torques, in N m.
-    pub tau: Option<Vec<f64>>,
-    /// Measured point, in m.
-    pub point: Option<[f64; 3]>,
-    /// Sphere that the tool sat on.
-    pub sphere: Option<u32>,
-    /// Placement of the plate: number of its name in the caller's [`Labels`].
-    pub place: u32,
-    /// What the row may be used for, where the table says.
-    pub set: Option<Set>,
-    /// Value of the label column that the caller asked for.
-    pub label: Option<String>,
-}
-
-/// A whole table.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Table {
-    /// Where it came from, for messages.
-    pub file: String,
-    /// Rows in the file's order; never empty.
-    pub rows: Vec<Row>,
-}
-
-/// What a column holds.
-#[derive(Clone, Debug, PartialEq)]
-enum Column {
-    Angle { joint: usize, scale: f64 },
-    Torque { joint: usize },
-    Coordinate { axis: usize, scale: f64 },
-    Sphere,
-    Place,
-    Set,
-    Label,
-}
-
-/// A column's name as the contract knows it.
-fn column(name: &str) -> Option<Column> {
-    let indexed = |rest: &str| {
-        rest.parse::<usize>()
-            .ok()
-            .filter(|j| (1..=99).contains(j))
-            .map(|j| j - 1)
-    };
-    match name {
-        "sphere" => return Some(Column::Sphere),
-        "place" => return Some(Column::Place),
-        "set" => return Some(Column::Set),
-        _ => {}
-    }
-    if let Some(rest) = name.strip_prefix("tau") {
-        return indexed(rest).map(|joint| Column::Torque { joint });
-    }
-    if let Some(rest) = name.strip_prefix('q') {
-        let (rest, scale) = match rest.strip_suffix("_deg") {
-            Some(rest) => (rest, std::f64::consts::PI / 180.0),
-            None => (rest, 1.0),
-        };
-        return indexed(rest).map(|joint| Column::Angle { joint, scale });
-    }
-    let (axis, unit) = name.split_once('_')?;
-    let axis = ["x", "y", "z"].iter().position(|a| *a == axis)?;
-    let scale = match unit {
-        "mm" => 1e-3,
-        "m" => 1.0,
-        _ => return None,
-    };
-    Some(Column::Coordinate { axis, scale })
-}
-
-/// Reads a table's file for a robot with `joints` joints.
+/// Reads a table's file. `places` gives numbers to the names of placements and
+/// keeps those it has; `progress` is called every few thousand rows.
 ///
 /// # Errors
-/// What the system or [`read_csv`] refuses.
+/// Files that are not regular or too large, and what [`read_csv`] refuses.
 pub fn read_csv_file(
     path: &Path,
-    joints: usize,
-    label: Option<&str>,
+    format: &TableFormat,
     places: &mut Labels,
+    progress: &mut dyn FnMut(Progress),
 ) -> Result<Table, InputError> {
-    let file = path.display().to_string();
-    let bytes = std::fs::read(path).map_err(|source| InputError::Read {
-        file: file.clone(),
-        source,
-    })?;
-    read_csv(&file, bytes.as_slice(), joints, label, places)
+    let (file, total) = open_regular(path, MOST_FILE_BYTES, "split the table into several files")?;
+    let name = path.display().to_string();
+    // What grows while it is read ends at the limit.
+    read(&name, file.take(MOST_FILE_BYTES), total, format, places, progress)
 }
 
-/// The separator of a header line: comma, semicolon or tab.
-fn separator(text: &[u8]) -> u8 {
-    let header = text
-        .split(|b| *b == b'\n')
-        .find(|line| !line.starts_with(b"#") && line.iter().any(|b| !b.is_ascii_whitespace()))
-        .unwrap_or(&[]);
-    let count = |sep: u8| String::from_utf8_lossy(header).matches(char::from(sep)).count();
-    [b',', b';', b'\t']
-        .into_iter()
-        .rev()
-        .max_by_key(|s| count(*s))
-        .unwrap_or(b',')
-}
-
-/// Reads a table of poses for a robot with `joints` joints; `file` is for
-/// messages, `label` names one further column that is allowed, `places` gives
-/// numbers to the names of placements (and keeps those it has).
+/// Reads a table of poses; `file` is for messages, `places` as in [`read_csv_file`].
 ///
 /// # Errors
 /// The first column or cell that cannot be used, with its value and the remedy.
-pub fn read_csv(
+pub fn read_csv(file: &str, source: impl Read, format: &TableFormat, places: &mut Labels) -> Result<Table, InputError> {
+    read(file, source, 0, format, places, &mut |_| {})
+}
+
+fn read(
     file: &str,
-    mut source: impl Read,
-    joints: usize,
-    label: Option<&str>,
+    source: impl Read,
+    total_bytes: u64,
+    format: &TableFormat,
     places: &mut Labels,
+    progress: &mut dyn FnMut(Progress),
 ) -> Result<Table, InputError> {
-    let mut bytes = Vec::new();
-    source.read_to_end(&mut bytes).map_err(|source| InputError::Read {
-        file: file.to_owned(),
-        source,
-    })?;
-    // Line ends of Windows are made plain, so that lines are counted right.
-    if bytes.contains(&b'\r') {
-        let ends_line = |k: usize| bytes.get(k + 1) == Some(&b'\n');
-        bytes = (0..bytes.len())
-            .filter(|&k| bytes[k] != b'\r' || !ends_line(k))
-            .map(|k| bytes[k])
-            .collect();
-    }
-    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
-    let mut reader = ::csv::ReaderBuilder::new()
-        .delimiter(separator(text))
-        .trim(::csv::Trim::All)
-        .comment(Some(b'#'))
-        .from_reader(text);
-    let syntax = |e: ::csv::Error| InputError::Syntax {
-        file: file.to_owned(),
-        message: format!("not a CSV table: {e}"),
-    };
-    let names: Vec<String> = reader
-        .headers()
-        .map_err(syntax)?
-        .iter()
-        .map(str::to_lowercase)
-        .collect();
-    let columns = header(file, &names, joints, label)?;
-    let mut rows = Vec::new();
-    for (index, record) in reader.records().enumerate() {
-        let record = record.map_err(syntax)?;
-        let line = record.position().map_or(0, ::csv::Position::line);
-        let cells = Cells {
+    let failed = |error: LineError| match error {
+        LineError::System(source) => FileError::system(file, source).into(),
+        LineError::Encoding(source) => FileError::Encoding {
+            path: file.to_owned(),
+            source,
+        }
+        .into(),
+        LineError::TooLong(line) => refuse_line(
             file,
-            names: &names,
-            columns: &columns,
-            record: &record,
-            row: index + 1,
             line,
-        };
-        rows.push(cells.row(joints, places)?);
-    }
-    if rows.is_empty() {
-        return Err(InputError::Syntax {
+            &format!("is longer than {MOST_LINE_BYTES} bytes"),
+            "give one row per line, without other data in it",
+        ),
+    };
+    let mut lines = Lines::new(source).map_err(failed)?;
+    let (mut splitter, header, separator) = begin(file, &mut lines, format, failed)?;
+    let mut reader = Reader {
+        file,
+        header: &header,
+        separator,
+        format,
+        decimals: Decimals::default(),
+        row: 0,
+        line: 0,
+        q: vec![0.0; format.joints],
+        tau: vec![f64::NAN; format.joints],
+        numbers: vec![f64::NAN; 3 * header.targets.max(1)],
+        orientation: [f64::NAN; 9],
+        table: Table {
             file: file.to_owned(),
-            message: "holds no rows: give a header line and one row per pose".to_owned(),
+            joints: format.joints,
+            numbered: if header.numbered { header.targets } else { 0 },
+            ..Table::default()
+        },
+    };
+    while let Some((text, line)) = lines.next().map_err(failed)? {
+        if comment(text) {
+            continue;
+        }
+        let cells = splitter.split(text).map_err(|e| split_error(file, line, e))?;
+        if (0..cells).all(|k| splitter.cell(k).is_empty()) {
+            continue;
+        }
+        reader.row += 1;
+        reader.line = line;
+        if reader.row > MOST_ROWS {
+            return Err(InputError::Count {
+                file: file.to_owned(),
+                found: format!("more than {MOST_ROWS} rows"),
+                remedy: "split it into several tables, or average repeated readings".to_owned(),
+            });
+        }
+        reader.push(&splitter, cells, places)?;
+        if reader.row % REPORTED == 0 {
+            progress(Progress {
+                rows: reader.row,
+                bytes: lines.bytes(),
+                total_bytes,
+            });
+        }
+    }
+    let table = reader.table;
+    if table.is_empty() {
+        return Err(InputError::Count {
+            file: file.to_owned(),
+            found: "no rows".to_owned(),
+            remedy: "give a header line and one row per pose".to_owned(),
         });
     }
-    Ok(Table {
-        file: file.to_owned(),
-        rows,
-    })
+    progress(Progress {
+        rows: table.len(),
+        bytes: lines.bytes(),
+        total_bytes,
+    });
+    plausible::check(&table, &header)?;
+    Ok(table)
 }
 
-/// The columns of a header, complete and without doubles.
-fn header(file: &str, names: &[String], joints: usize, label: Option<&str>) -> Result<Vec<Column>, InputError> {
-    let refuse = |what: String, remedy: String| InputError::Columns {
+fn comment(line: &str) -> bool {
+    line.trim_start().starts_with('#')
+}
+
+fn refuse_line(file: &str, line: u64, what: &str, remedy: &str) -> InputError {
+    InputError::Line {
         file: file.to_owned(),
-        what,
-        remedy,
-    };
-    let mut columns: Vec<Column> = Vec::with_capacity(names.len());
-    for name in names {
-        let kind = match column(name) {
-            Some(kind) => kind,
-            None if label.is_some_and(|l| l.to_lowercase() == *name) => Column::Label,
-            None => {
-                return Err(InputError::UnknownColumn {
-                    file: file.to_owned(),
-                    column: shown(name),
-                    known: format!(
-                        "q1..q{joints} or q1_deg.., tau1..tau{joints}, x_mm,y_mm,z_mm or x_m.., sphere, place, set"
-                    ),
-                });
-            }
+        line,
+        what: what.to_owned(),
+        remedy: remedy.to_owned(),
+    }
+}
+
+fn split_error(file: &str, line: u64, error: SplitError) -> InputError {
+    match error {
+        SplitError::OpenQuote => refuse_line(
+            file,
+            line,
+            "has a quote (\") without its partner",
+            "close it; a cell holds no line breaks",
+        ),
+        SplitError::TooMany => refuse_line(
+            file,
+            line,
+            &format!("has more than {} cells", super::MOST_COLUMNS),
+            "give one row per line",
+        ),
+    }
+}
+
+/// Finds the header line; returns what splits the lines below it, the header and
+/// the separator.
+fn begin<R: Read>(
+    file: &str,
+    lines: &mut Lines<R>,
+    format: &TableFormat,
+    failed: impl Fn(LineError) -> InputError,
+) -> Result<(Splitter, Header, u8), InputError> {
+    let mut said = None;
+    loop {
+        let Some((text, line)) = lines.next().map_err(&failed)? else {
+            return Err(InputError::Count {
+                file: file.to_owned(),
+                found: "no header line".to_owned(),
+                remedy: format!("begin with one, such as {}", example(format)),
+            });
         };
-        let twin = columns.iter().position(|c| same_place(c, &kind));
-        if let Some(twin) = twin.and_then(|t| names.get(t)) {
-            return Err(refuse(
-                format!("columns \"{twin}\" and \"{name}\" say the same"),
-                "keep one of them".to_owned(),
-            ));
-        }
-        columns.push(kind);
-    }
-    let most = |of: fn(&Column) -> Option<usize>| columns.iter().filter_map(of).max().map_or(0, |j| j + 1);
-    let found = most(|c| {
-        if let Column::Angle { joint, .. } = c {
-            Some(*joint)
-        } else {
-            None
-        }
-    });
-    if found == 0 {
-        return Err(refuse(
-            "there are no joint columns".to_owned(),
-            format!("name them q1..q{joints} (rad) or q1_deg..q{joints}_deg"),
-        ));
-    }
-    let torques = most(|c| {
-        if let Column::Torque { joint } = c {
-            Some(*joint)
-        } else {
-            None
-        }
-    });
-    for (count, what) in [(found, "q"), (torques, "tau")] {
-        if count > joints {
-            return Err(refuse(
-                format!("there is a column {what}{count}, but the robot has {joints} joints"),
-                "name the robot that these data are of, or remove the column".to_owned(),
-            ));
-        }
-    }
-    for j in 0..joints {
-        if !columns
-            .iter()
-            .any(|c| matches!(c, Column::Angle { joint, .. } if *joint == j))
+        // Excel's word to itself on the separator.
+        if let Some(rest) = text.trim().strip_prefix("sep=")
+            && let &[separator @ (b',' | b';' | b'\t')] = rest.as_bytes()
         {
-            return Err(refuse(
-                format!("column q{} is missing; the robot has {joints} joints", j + 1),
-                "give every joint, or name the robot that these data are of".to_owned(),
-            ));
+            said = Some(separator);
+            continue;
         }
-        if torques > 0 && !columns.contains(&Column::Torque { joint: j }) {
-            return Err(refuse(
-                format!("column tau{} is missing", j + 1),
-                "give the torques of all joints or of none".to_owned(),
-            ));
+        if comment(text) {
+            continue;
         }
-    }
-    let axes = columns
-        .iter()
-        .filter(|c| matches!(c, Column::Coordinate { .. }))
-        .count();
-    if axes > 0 && axes < 3 {
-        return Err(refuse(
-            "a measured point needs x, y and z".to_owned(),
-            "give x_mm, y_mm and z_mm (or x_m, y_m and z_m)".to_owned(),
-        ));
-    }
-    if axes == 0 && !columns.contains(&Column::Sphere) {
-        return Err(refuse(
-            "nothing says where the TCP was".to_owned(),
-            "give x_mm,y_mm,z_mm (absolute data) or sphere (closed-loop data)".to_owned(),
-        ));
-    }
-    Ok(columns)
-}
-
-/// Whether two columns would fill the same cell.
-fn same_place(a: &Column, b: &Column) -> bool {
-    match (a, b) {
-        (Column::Angle { joint: i, .. }, Column::Angle { joint: j, .. })
-        | (Column::Coordinate { axis: i, .. }, Column::Coordinate { axis: j, .. }) => i == j,
-        _ => a == b,
+        let separator = said.unwrap_or_else(|| separator(text));
+        let mut splitter = Splitter::new(separator);
+        let count = splitter.split(text).map_err(|e| split_error(file, line, e))?;
+        let mut names: Vec<String> = (0..count).map(|k| splitter.cell(k).to_owned()).collect();
+        if names.iter().all(String::is_empty) {
+            continue;
+        }
+        while names.last().is_some_and(String::is_empty) {
+            names.pop();
+        }
+        return Ok((splitter, header(file, names, format)?, separator));
     }
 }
 
-/// One record with what is needed to read it and to complain about it.
-struct Cells<'a> {
+/// A header line for a robot.
+fn example(format: &TableFormat) -> String {
+    let joints: Vec<String> = (1..=format.joints).map(|k| format!("q{k}")).collect();
+    format!("{},x_mm,y_mm,z_mm", joints.join(","))
+}
+
+/// The rows read so far, and what is needed to read the next and to complain about it.
+struct Reader<'a> {
     file: &'a str,
-    names: &'a [String],
-    columns: &'a [Column],
-    record: &'a ::csv::StringRecord,
+    header: &'a Header,
+    separator: u8,
+    format: &'a TableFormat,
+    decimals: Decimals,
     row: usize,
     line: u64,
+    q: Vec<f64>,
+    tau: Vec<f64>,
+    /// Coordinates of the row's points.
+    numbers: Vec<f64>,
+    /// Quaternion or rotation matrix.
+    orientation: [f64; 9],
+    table: Table,
 }
 
-impl Cells<'_> {
-    fn refuse(&self, column: usize, value: &str, remedy: &str) -> InputError {
+impl Reader<'_> {
+    /// Refuses cell `k`.
+    fn refuse(&self, k: usize, value: &str, remedy: &str) -> InputError {
+        let name = self.header.names.get(k).cloned();
         InputError::Cell {
             file: self.file.to_owned(),
             row: self.row,
             line: self.line,
-            column: self.names.get(column).cloned().unwrap_or_default(),
-            value: shown(value),
+            column: name.unwrap_or_else(|| format!("{} (without a name)", k + 1)),
+            value: excerpt(value),
             remedy: remedy.to_owned(),
         }
     }
 
-    /// A finite number, scaled, at most `largest` either way.
-    fn number(&self, k: usize, text: &str, scale: f64, largest: f64, remedy: &str) -> Result<f64, InputError> {
-        let value: f64 = text.parse().map_err(|_| {
-            let hint = if text.contains(',') {
-                "write a number with a decimal point"
-            } else {
-                "write a number"
-            };
-            self.refuse(k, text, hint)
-        })?;
-        if !value.is_finite() {
-            return Err(self.refuse(k, text, "give a finite number, or leave the row out"));
-        }
-        let scaled = value * scale;
-        if scaled.abs() > largest {
-            return Err(self.refuse(k, text, remedy));
-        }
-        Ok(scaled)
-    }
-
-    fn row(&self, joints: usize, places: &mut Labels) -> Result<Row, InputError> {
-        let mut q = vec![0.0; joints];
-        let mut tau = vec![None; joints];
-        let mut point = [None; 3];
-        let mut out = Row {
-            line: self.line,
-            q: Vec::new(),
-            tau: None,
-            point: None,
-            sphere: None,
-            place: 0,
-            set: None,
-            label: None,
-        };
-        let mut place = "";
-        for (k, kind) in self.columns.iter().enumerate() {
-            let text = self.record.get(k).unwrap_or("");
-            match kind {
-                Column::Angle { joint, scale } => {
-                    let remedy = if *scale == 1.0 {
-                        "is over four turns: name the column with _deg if it is in degrees"
-                    } else {
-                        "is over four turns: check the unit"
-                    };
-                    if let Some(slot) = q.get_mut(*joint) {
-                        *slot = self.number(k, text, *scale, 25.2, remedy)?;
-                    }
-                }
-                Column::Torque { joint } if !text.is_empty() => {
-                    if let Some(slot) = tau.get_mut(*joint) {
-                        *slot = Some(self.number(k, text, 1.0, 1e5, "torques are in N m")?);
-                    }
-                }
-                Column::Coordinate { axis, scale } if !text.is_empty() => {
-                    let remedy = "is over 100 m: check the unit in the column's name (x_mm or x_m)";
-                    if let Some(slot) = point.get_mut(*axis) {
-                        *slot = Some(self.number(k, text, *scale, 100.0, remedy)?);
-                    }
-                }
-                Column::Sphere if !text.is_empty() => {
-                    let id = text
-                        .parse::<u32>()
-                        .map_err(|_| self.refuse(k, text, "a sphere is named by its integer id, such as 1"))?;
-                    out.sphere = Some(id);
-                }
-                Column::Place => place = text,
-                Column::Set if !text.is_empty() => {
-                    out.set = Some(match text.to_lowercase().as_str() {
-                        "calibrate" => Set::Calibrate,
-                        "validate" => Set::Validate,
-                        _ => return Err(self.refuse(k, text, "write calibrate or validate")),
-                    });
-                }
-                Column::Label => out.label = Some(text.to_owned()),
-                _ => {}
-            }
-        }
-        out.q = q;
-        if tau.iter().any(Option::is_some) {
-            let all: Option<Vec<f64>> = tau.into_iter().collect();
-            out.tau = Some(all.ok_or_else(|| self.incomplete("tau", "give the torques of all joints or of none"))?);
-        }
-        out.point = match point {
-            [Some(x), Some(y), Some(z)] => Some([x, y, z]),
-            [None, None, None] => None,
-            _ => return Err(self.incomplete("x, y, z", "a measured point needs all three")),
-        };
-        if out.point.is_none() && out.sphere.is_none() {
-            return Err(self.incomplete("sphere", "say where the TCP was: a sphere, or x, y and z"));
-        }
-        out.place = places.number(place);
-        Ok(out)
-    }
-
-    /// Refusal of a row with something left empty.
+    /// Refuses the row for something that it left empty.
     fn incomplete(&self, column: &str, remedy: &str) -> InputError {
         InputError::Cell {
             file: self.file.to_owned(),
@@ -454,5 +282,237 @@ impl Cells<'_> {
             value: String::new(),
             remedy: remedy.to_owned(),
         }
+    }
+
+    /// A finite number times `scale`, at most `largest` either way; `limit` says
+    /// what a larger one means.
+    fn number(&mut self, k: usize, text: &str, scale: f64, largest: f64, limit: &str) -> Result<f64, InputError> {
+        let here = Seen {
+            row: self.row,
+            column: k,
+        };
+        let scaled = match self.decimals.number(text, self.separator, here) {
+            Ok(value) => value * scale,
+            Err(error) => return Err(self.refuse(k, text, &self.remedy(error))),
+        };
+        if scaled.abs() > largest {
+            return Err(self.refuse(k, text, limit));
+        }
+        Ok(scaled)
+    }
+
+    fn remedy(&self, error: NumberError) -> String {
+        match error {
+            NumberError::Empty => "write a number, or leave the row out".to_owned(),
+            NumberError::NotFinite => "write a finite number, or leave the row out".to_owned(),
+            NumberError::Spreadsheet => "a formula failed there: correct the sheet and export it again".to_owned(),
+            NumberError::Mixed(seen) => format!(
+                "decimal points and decimal commas are mixed (row {}, column {} has the other): write all numbers the \
+                 same way",
+                seen.row,
+                excerpt(self.header.names.get(seen.column).map_or("", String::as_str))
+            ),
+            NumberError::Thousands => {
+                "write it with a decimal point and no other sign between the digits, such as 1234.5".to_owned()
+            }
+            NumberError::NotANumber => "write a number".to_owned(),
+        }
+    }
+
+    /// Reads one row.
+    fn push(&mut self, cells: &Splitter, count: usize, places: &mut Labels) -> Result<(), InputError> {
+        let header = self.header;
+        let width = header.columns.len();
+        if let Some(k) = (width..count).find(|k| !cells.cell(*k).is_empty()) {
+            return Err(self.refuse(
+                k,
+                cells.cell(k),
+                &format!("the header has {width} columns: give every column a name, or remove the cell"),
+            ));
+        }
+        if count < width {
+            return Err(refuse_line(
+                self.file,
+                self.line,
+                &format!("row {} has {count} cells, the header has {width}", self.row),
+                "give every cell of the row; leave empty what is not known",
+            ));
+        }
+        self.tau.fill(f64::NAN);
+        self.numbers.fill(f64::NAN);
+        self.orientation.fill(f64::NAN);
+        let mut fields = Fields {
+            point: [f64::NAN; 3],
+            sphere: NONE,
+            place: NONE,
+            label: NONE,
+            line: u32::try_from(self.line).unwrap_or(u32::MAX),
+            set: None,
+        };
+        for (k, column) in header.columns.iter().enumerate() {
+            let text = cells.cell(k);
+            match *column {
+                Column::Angle { joint, scale } => {
+                    let limit = if scale == 1.0 {
+                        "more than four turns: name the column with _deg if it is in degrees"
+                    } else {
+                        "more than four turns: check the value and the unit"
+                    };
+                    self.q[joint] = self.number(k, text, scale, 25.2, limit)?;
+                }
+                Column::Ignored => {}
+                Column::Blank if text.is_empty() => {}
+                Column::Blank => {
+                    return Err(self.refuse(k, text, "give the column a name, or remove the cell"));
+                }
+                _ if text.is_empty() => {}
+                Column::Torque { joint } => {
+                    self.tau[joint] = self.number(k, text, 1.0, 1e5, "more than 100,000: torques are in N m")?;
+                }
+                Column::Coordinate { target, axis, scale } => {
+                    let limit = "more than 100 m: check the unit in the column's name (x_mm or x_m)";
+                    let slot = 3 * target.saturating_sub(1) + axis;
+                    self.numbers[slot] = self.number(k, text, scale, 100.0, limit)?;
+                }
+                Column::Quaternion(part) => {
+                    self.orientation[part] =
+                        self.number(k, text, 1.0, 1.01, "parts of a unit quaternion are at most 1")?;
+                }
+                Column::Rotation(part) => {
+                    self.orientation[part] =
+                        self.number(k, text, 1.0, 1.001, "elements of a rotation matrix are at most 1")?;
+                }
+                Column::Sphere => fields.sphere = self.sphere(k, text)?,
+                Column::Place => fields.place = places.number(self.name(k, text)?),
+                Column::Label => {
+                    self.name(k, text)?;
+                    fields.label = self.table.labels.number(text);
+                }
+                Column::Set => {
+                    fields.set = Some(match text {
+                        _ if text.eq_ignore_ascii_case("calibrate") => Set::Calibrate,
+                        _ if text.eq_ignore_ascii_case("validate") => Set::Validate,
+                        _ => return Err(self.refuse(k, text, "write calibrate or validate")),
+                    });
+                }
+            }
+        }
+        if fields.place == NONE {
+            fields.place = places.number("");
+        }
+        self.keep(fields)
+    }
+
+    /// The id of a sphere; `1.0` is 1, as tools write whole numbers of a column with gaps.
+    fn sphere(&mut self, k: usize, text: &str) -> Result<u32, InputError> {
+        let digits = text
+            .strip_suffix(".0")
+            .or_else(|| text.strip_suffix(",0"))
+            .unwrap_or(text);
+        match digits.parse::<u32>() {
+            Ok(id) if id < NONE => Ok(id),
+            _ => Err(self.refuse(k, text, "a sphere is named by its integer id, such as 1")),
+        }
+    }
+
+    fn name<'t>(&self, k: usize, text: &'t str) -> Result<&'t str, InputError> {
+        if text.chars().nth(MOST_LETTERS).is_some() {
+            return Err(self.refuse(k, text, &format!("use a name of at most {MOST_LETTERS} letters")));
+        }
+        Ok(text)
+    }
+
+    /// Puts a row whose cells have been read into the table.
+    fn keep(&mut self, mut fields: Fields) -> Result<(), InputError> {
+        let header = self.header;
+        if self.tau.iter().any(|t| !t.is_nan()) && self.tau.iter().any(|t| t.is_nan()) {
+            return Err(self.incomplete("tau", "give the torques of all joints or of none"));
+        }
+        let mut points = 0;
+        for (k, point) in self.numbers.chunks_exact(3).enumerate() {
+            match point.iter().filter(|v| !v.is_nan()).count() {
+                0 => {}
+                3 => points += 1,
+                _ => {
+                    let number = if header.numbered {
+                        (k + 1).to_string()
+                    } else {
+                        String::new()
+                    };
+                    let columns = ["x", "y", "z"].map(|axis| format!("{axis}{number}")).join(", ");
+                    return Err(self.incomplete(&columns, "a measured point needs all three"));
+                }
+            }
+        }
+        if points == 0 && fields.sphere == NONE {
+            let remedy = if header.targets == 0 {
+                "say which sphere the tool sat on"
+            } else if header.columns.contains(&Column::Sphere) {
+                "say where the TCP was: a sphere, or x, y and z"
+            } else {
+                "say where the TCP was: x, y and z"
+            };
+            let column = if header.targets == 0 { "sphere" } else { "x, y, z" };
+            return Err(self.incomplete(column, remedy));
+        }
+        if header.orientation {
+            let quaternion = self.quaternion(points > 0)?;
+            self.table.orientations.extend_from_slice(&quaternion);
+        }
+        if header.numbered {
+            self.table.points.extend_from_slice(&self.numbers);
+        } else if let &[x, y, z] = self.numbers.as_slice() {
+            fields.point = [x, y, z];
+        }
+        if header.torques {
+            self.table.tau.extend_from_slice(&self.tau);
+        }
+        debug_assert_eq!(self.q.len(), self.format.joints);
+        self.table.q.extend_from_slice(&self.q);
+        self.table.fields.push(fields);
+        Ok(())
+    }
+
+    /// The unit quaternion of the row's orientation; NaN where it has none.
+    fn quaternion(&self, positioned: bool) -> Result<[f64; 4], InputError> {
+        let given = self.orientation.iter().filter(|v| !v.is_nan()).count();
+        let matrix = self.header.columns.iter().any(|c| matches!(c, Column::Rotation(_)));
+        let (columns, needed) = if matrix { ("r11..r33", 9) } else { ("qw, qx, qy, qz", 4) };
+        if given == 0 {
+            return Ok([f64::NAN; 4]);
+        }
+        if given != needed || !positioned {
+            return Err(self.incomplete(columns, "a measured frame needs its position and its whole orientation"));
+        }
+        let refuse = |value: String, remedy: &str| InputError::Cell {
+            file: self.file.to_owned(),
+            row: self.row,
+            line: self.line,
+            column: columns.to_owned(),
+            value,
+            remedy: remedy.to_owned(),
+        };
+        if !matrix {
+            let [w, x, y, z, ..] = self.orientation;
+            let norm = (w * w + x * x + y * y + z * z).sqrt();
+            if (norm - 1.0).abs() > 1e-2 {
+                return Err(refuse(
+                    format!("of length {norm:.4}"),
+                    "an orientation is a quaternion of length 1 (w first)",
+                ));
+            }
+            return Ok([w, x, y, z].map(|part| part / norm));
+        }
+        let m = nalgebra::Matrix3::from_row_slice(&self.orientation);
+        let off = (m * m.transpose() - nalgebra::Matrix3::identity()).amax();
+        if off > 1e-2 || m.determinant() < 0.0 {
+            return Err(refuse(
+                format!("off by {off:.4}, determinant {:.4}", m.determinant()),
+                "an orientation is a rotation matrix: orthogonal rows of length 1, right-handed",
+            ));
+        }
+        let q = nalgebra::UnitQuaternion::from_matrix_eps(&m, 1e-14, 100, nalgebra::UnitQuaternion::identity());
+        debug_assert!((rotation(q.w, q.i, q.j, q.k) - m).amax() < 0.1);
+        Ok([q.w, q.i, q.j, q.k])
     }
 }

@@ -1,36 +1,68 @@
 //! Why an input was refused: where, which field, its value, and the remedy.
+//!
+//! What comes from the user's file is escaped ([`printable`](crate::printable))
+//! where it enters a message.
+
+use crate::{FileError, TomlError, excerpt, printable};
 
 /// What can be wrong with a user's table, plate or number.
 #[derive(Debug, thiserror::Error)]
 pub enum InputError {
-    /// The file could not be read.
-    #[error("{file}: cannot be read ({source}): check the path and its permissions")]
-    Read {
+    /// The file could not be read, or is not text.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A line cannot be a row of a table.
+    #[error("{}: line {line}: {what}: {remedy}", printable(file))]
+    Line {
         /// File.
         file: String,
-        /// What the system said.
-        source: std::io::Error,
+        /// Line of the file, from 1.
+        line: u64,
+        /// What is wrong with it.
+        what: String,
+        /// What to write instead.
+        remedy: String,
     },
-    /// Not a table, or not TOML, at all.
-    #[error("{file}: {message}")]
-    Syntax {
+    /// The text is not the TOML of what it should describe.
+    #[error("{}: {source} ({expected})", printable(file))]
+    Toml {
         /// File.
         file: String,
         /// What is wrong and where.
-        message: String,
+        source: TomlError,
+        /// What the file should hold.
+        expected: &'static str,
     },
-    /// A column that the contract does not know.
-    #[error("{file}: column \"{column}\" is not known: remove or rename it; known are {known}")]
-    UnknownColumn {
+    /// There is nothing in it, or too much.
+    #[error("{}: holds {found}: {remedy}", printable(file))]
+    Count {
         /// File.
         file: String,
-        /// The column as written.
-        column: String,
+        /// What was found.
+        found: String,
+        /// What to write instead.
+        remedy: String,
+    },
+    /// Columns that the contract does not know.
+    #[error(
+        "{}: {} not known: {hint}remove or rename {}, or leave {} out with --ignore-columns; known are {known}",
+        printable(file),
+        named(columns),
+        them(columns),
+        them(columns)
+    )]
+    UnknownColumns {
+        /// File.
+        file: String,
+        /// The columns as written.
+        columns: Vec<String>,
+        /// What may have been meant, with a space behind; or nothing.
+        hint: String,
         /// What may stand there.
         known: String,
     },
     /// A column that is needed is missing, or given twice.
-    #[error("{file}: {what}: {remedy}")]
+    #[error("{}: {what}: {remedy}", printable(file))]
     Columns {
         /// File.
         file: String,
@@ -40,7 +72,11 @@ pub enum InputError {
         remedy: String,
     },
     /// One cell cannot be used.
-    #[error("{file}: row {row} (line {line}), column {column} is \"{value}\": {remedy}")]
+    #[error(
+        "{}: row {row} (line {line}), column {} is \"{value}\": {remedy}",
+        printable(file),
+        excerpt(column)
+    )]
     Cell {
         /// File.
         file: String,
@@ -50,30 +86,41 @@ pub enum InputError {
         line: u64,
         /// Column as written.
         column: String,
-        /// What stands there.
+        /// What stands there; printable.
         value: String,
         /// What to write instead.
         remedy: String,
     },
     /// A field of a TOML file or of the command line cannot be used.
-    #[error("{file}: {field} is {value}: {remedy}")]
+    #[error("{}: {field} is {value}: {remedy}", printable(file))]
     Field {
         /// File or option.
         file: String,
         /// Field.
         field: String,
-        /// Its value.
+        /// Its value; printable.
         value: String,
         /// What to write instead.
         remedy: String,
     },
 }
 
-/// At most 60 letters of a value, for a message.
-pub(super) fn shown(value: &str) -> String {
-    let mut text: String = value.chars().take(60).collect();
-    if text.len() < value.len() {
-        text.push('…');
+/// Most columns that a message lists.
+const LISTED: usize = 8;
+
+fn named(columns: &[String]) -> String {
+    let names: Vec<String> = columns
+        .iter()
+        .take(LISTED)
+        .map(|c| format!("\"{}\"", excerpt(c)))
+        .collect();
+    match columns.len() {
+        1 => format!("column {} is", names.join("")),
+        n if n > LISTED => format!("columns {} and {} more are", names.join(", "), n - LISTED),
+        _ => format!("columns {} are", names.join(", ")),
     }
-    text
+}
+
+fn them(columns: &[String]) -> &'static str {
+    if columns.len() == 1 { "it" } else { "them" }
 }

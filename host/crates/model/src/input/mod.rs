@@ -3,16 +3,30 @@
 //!
 //! Stands between the user's files and the identification: everything that
 //! leaves this module is finite, in SI units, and belongs to the robot named.
+//!
+//! ```text
+//!   file ─ lines ─ cells ─┬─ header ─┐
+//!                         └─ rows ───┴─ Table ─ plausible units
+//! ```
 
+mod cells;
 mod csv_table;
 mod error;
+mod header;
+mod lines;
 mod numbers;
 mod plate;
+mod plausible;
+mod table;
 
-pub use csv_table::{Labels, Row, Table, read_csv, read_csv_file};
+pub use cells::MOST_COLUMNS;
+pub use csv_table::{MOST_FILE_BYTES, MOST_ROWS, Progress, read_csv, read_csv_file};
 pub use error::InputError;
+pub use header::{MOST_TARGETS, TableFormat};
+pub use lines::MOST_LINE_BYTES;
 pub use numbers::triple;
-pub use plate::{read_plate, read_plate_file};
+pub use plate::{Plate, read_plate, read_plate_file};
+pub use table::{Labels, Row, Table};
 
 #[cfg(test)]
 mod tests;

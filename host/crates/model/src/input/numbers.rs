@@ -1,6 +1,7 @@
 //! Numbers on the command line.
 
-use super::error::{InputError, shown};
+use super::error::InputError;
+use crate::excerpt;
 
 /// Three finite numbers `X,Y,Z`, each at most `largest` either way; `option`
 /// names them in a refusal.
@@ -11,7 +12,7 @@ pub fn triple(option: &str, text: &str, largest: f64) -> Result<[f64; 3], InputE
     let refuse = |remedy: &str| InputError::Field {
         file: "command line".to_owned(),
         field: option.to_owned(),
-        value: format!("\"{}\"", shown(text)),
+        value: format!("\"{}\"", excerpt(text)),
         remedy: remedy.to_owned(),
     };
     let words: Vec<&str> = text.split(',').map(str::trim).collect();

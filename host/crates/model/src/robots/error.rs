@@ -1,14 +1,20 @@
 //! Why a robot file was refused: which field, its value, and the remedy.
+//!
+//! What comes from the user's file is escaped ([`printable`](crate::printable))
+//! where it enters a message.
 
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::RobotError;
+
+use crate::{FileError, TomlError, excerpt, printable};
 
 /// What can be wrong with a robot's name or file.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotFileError {
     /// Neither a built-in name nor a file.
     #[error(
-        "robot \"{spec}\" is neither built in nor a file: give one of {known}, or the path of a .toml or .urdf file"
+        "robot \"{}\" is neither built in nor a file: give one of {known}, or the path of a .toml, .urdf or .yaml file",
+        excerpt(spec)
     )]
     Unknown {
         /// What was asked for.
@@ -16,34 +22,28 @@ pub enum RobotFileError {
         /// The built-in names.
         known: String,
     },
-    /// The file could not be read.
-    #[error("{path}: cannot be read ({source}): check the path and its permissions")]
-    Read {
-        /// File.
-        path: String,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The file is larger than any robot description.
-    #[error(
-        "{path}: is {bytes} bytes long: a robot description has at most {limit}; give the URDF without meshes inside"
-    )]
-    TooLarge {
-        /// File.
-        path: String,
-        /// Its size.
-        bytes: u64,
-        /// The most that is read.
-        limit: u64,
-    },
+    /// The file could not be read, or is not text.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The file's extension says nothing.
-    #[error("{path}: the extension does not say what it is: name it .toml, .urdf or .xml")]
+    #[error(
+        "{}: its name does not say what it is: name it .toml, .urdf (or .xml), or .yaml for joint origins",
+        printable(path)
+    )]
     Extension {
         /// File.
         path: String,
     },
+    /// The text is not the TOML of a robot.
+    #[error("{}: {source}", printable(path))]
+    Toml {
+        /// File.
+        path: String,
+        /// What is wrong and where.
+        source: TomlError,
+    },
     /// The text is not what its extension says.
-    #[error("{path}: {message}")]
+    #[error("{}: {}", printable(path), printable(message))]
     Syntax {
         /// File.
         path: String,
@@ -51,7 +51,13 @@ pub enum RobotFileError {
         message: String,
     },
     /// A value of the file cannot be used.
-    #[error("{path}: {field} is \"{value}\": {remedy}")]
+    #[error(
+        "{}: {} is \"{}\": {}",
+        printable(path),
+        printable(field),
+        excerpt(value),
+        printable(remedy)
+    )]
     Value {
         /// File.
         path: String,
@@ -64,8 +70,12 @@ pub enum RobotFileError {
     },
     /// The chain has no or too many moving joints.
     #[error(
-        "{path}: the chain from {base} to {tip} has {joints} moving joints: between 1 and {MAX_JOINTS} are needed; \
-         name another tip as {path}#LINK"
+        "{}: the chain from {} to {} has {joints} moving joints: between 1 and {MAX_JOINTS} are needed; name another \
+         tip as {}#LINK",
+        printable(path),
+        excerpt(base),
+        excerpt(tip),
+        printable(path)
     )]
     Joints {
         /// File.
@@ -78,11 +88,20 @@ pub enum RobotFileError {
         joints: usize,
     },
     /// The description is not a possible robot.
-    #[error("{path}: {source}")]
+    #[error("{}: {}", printable(path), words(source))]
     Robot {
         /// File.
         path: String,
         /// What is wrong with it.
         source: RobotError,
     },
+}
+
+/// The refusal of a description, with the tool called by its name.
+fn words(error: &RobotError) -> String {
+    let words = error.to_string();
+    match words.strip_prefix("joint 0: ") {
+        Some(rest) => format!("the tool: {rest}"),
+        None => words,
+    }
 }

@@ -1,27 +1,27 @@
 //! Rigid transforms as the robot files write them.
 //!
-//! A [`Frame`] of the shared crate is at once a frame seen from its parent and
+//! A [`Pose`] of the shared crate is at once a frame seen from its parent and
 //! the transform to it; here are its product, its inverse, and the roll, pitch
 //! and yaw of URDF (`R = Rz(yaw) Ry(pitch) Rx(roll)`, fixed axes).
 
 use nalgebra::{Matrix3, Vector3};
-use spherecal_shared::robot::{Frame, MdhRow};
+use spherecal_shared::robot::{MdhRow, Pose};
 use spherecal_shared::scalar::Real;
 
 /// The frame `b`, given in the frame `a`, seen from where `a` is given: `a · b`.
-pub fn compose(a: &Frame<f64>, b: &Frame<f64>) -> Frame<f64> {
-    Frame {
+pub fn compose(a: &Pose<f64>, b: &Pose<f64>) -> Pose<f64> {
+    Pose {
         rotation: a.rotation * b.rotation,
-        origin: a.point(&b.origin),
+        position: a.point(&b.position),
     }
 }
 
 /// The transform back: `a⁻¹`.
-pub fn inverse(a: &Frame<f64>) -> Frame<f64> {
+pub fn inverse(a: &Pose<f64>) -> Pose<f64> {
     let rotation = a.rotation.transpose();
-    Frame {
+    Pose {
         rotation,
-        origin: -(rotation * a.origin),
+        position: -(rotation * a.position),
     }
 }
 
@@ -70,15 +70,35 @@ pub fn to_rpy(r: &Matrix3<f64>) -> [f64; 3] {
     [roll, pitch, yaw]
 }
 
+/// Roll, pitch and yaw (rad) of a rotation, nearest to those of a similar one.
+///
+/// A rotation is written with two triples (and their full turns); a file that is
+/// corrected keeps the one that it was written with.
+pub fn to_rpy_near(r: &Matrix3<f64>, like: [f64; 3]) -> [f64; 3] {
+    use std::f64::consts::{PI, TAU};
+    let near = |angle: f64, like: f64| angle + TAU * ((like - angle) / TAU).round();
+    let [roll, pitch, yaw] = to_rpy(r);
+    let candidates = [[roll, pitch, yaw], [roll + PI, PI - pitch, yaw + PI]].map(|rpy| {
+        let mut out = [0.0; 3];
+        for ((slot, angle), like) in out.iter_mut().zip(rpy).zip(like) {
+            *slot = near(angle, like);
+        }
+        out
+    });
+    let off = |rpy: &[f64; 3]| -> f64 { rpy.iter().zip(like).map(|(a, b)| (a - b).powi(2)).sum() };
+    let [first, second] = candidates;
+    if off(&second) < off(&first) { second } else { first }
+}
+
 /// The constant part of one modified DH row, as a transform at joint angle `q` (rad).
-pub fn row_transform(row: &MdhRow<f64>, q: f64) -> Frame<f64> {
-    spherecal_shared::robot::kinematics::next_frame(&Frame::identity(), &row.into(), q)
+pub fn row_transform(row: &MdhRow<f64>, q: f64) -> Pose<f64> {
+    spherecal_shared::robot::kinematics::next_frame(&Pose::identity(), &row.into(), q)
 }
 
 /// The largest difference of two frames: position in m, or an entry of the
 /// rotation, whichever is larger.
-pub fn distance(a: &Frame<f64>, b: &Frame<f64>) -> f64 {
-    (a.origin - b.origin).amax().max((a.rotation - b.rotation).amax())
+pub fn distance(a: &Pose<f64>, b: &Pose<f64>) -> f64 {
+    (a.position - b.position).amax().max((a.rotation - b.rotation).amax())
 }
 
 #[cfg(test)]
@@ -99,11 +119,29 @@ mod tests {
             prop_assert!((from_rpy(to_rpy(&r)) - r).amax() < 4e-16 * 4.0);
         }
 
+        /// Fails if the nearest angles are another rotation, or further away than the file's own.
+        #[test]
+        fn rpy_stays_near_the_file_s(
+            like in proptest::array::uniform3(-3.3..3.3_f64), pitch in -3.3..3.3_f64, step in proptest::array::uniform3(-1e-3..1e-3_f64)
+        ) {
+            let like = [like[0], pitch, like[2]];
+            let is = [like[0] + step[0], like[1] + step[1], like[2] + step[2]];
+            let r = from_rpy(is);
+            let found = to_rpy_near(&r, like);
+            prop_assert!((from_rpy(found) - r).amax() < 1e-14);
+            // At a pitch of 90 degrees roll and yaw are one angle; away from it, the triple is the same.
+            if pitch.cos().abs() > 0.1 {
+                for (a, b) in found.iter().zip(is) {
+                    prop_assert!((a - b).abs() < 1e-12, "{found:?} {is:?}");
+                }
+            }
+        }
+
         /// Fails if product and inverse do not belong together.
         #[test]
         fn a_frame_times_its_inverse_is_nothing(a in -3.0..3.0_f64, b in -3.0..3.0_f64, x in -2.0..2.0_f64) {
-            let frame = Frame { rotation: from_rpy([a, b, a * b]), origin: Vector3::new(x, a, b) };
-            prop_assert!(distance(&compose(&frame, &inverse(&frame)), &Frame::identity()) < 1e-14);
+            let frame = Pose { rotation: from_rpy([a, b, a * b]), position: Vector3::new(x, a, b) };
+            prop_assert!(distance(&compose(&frame, &inverse(&frame)), &Pose::identity()) < 1e-14);
         }
     }
 }

@@ -17,7 +17,7 @@
 //! both constants are the identity wherever the table can take them up.
 
 use nalgebra::Vector3;
-use spherecal_shared::robot::{Frame, MdhRow};
+use spherecal_shared::robot::{MdhRow, Pose};
 
 use super::frames::{compose, inverse, row_transform};
 
@@ -42,15 +42,15 @@ pub struct MdhChain {
     /// One row per joint.
     pub rows: Vec<MdhRow<f64>>,
     /// F0 in the root frame.
-    pub base: Frame<f64>,
+    pub base: Pose<f64>,
     /// The flange in Fn.
-    pub flange: Frame<f64>,
+    pub flange: Pose<f64>,
 }
 
 /// The table of a chain with these axes and this flange frame (root frame,
 /// joints at zero).
-pub fn from_axes(axes: &[Axis], flange: &Frame<f64>) -> MdhChain {
-    let base = axes.first().map_or_else(Frame::identity, base_frame);
+pub fn from_axes(axes: &[Axis], flange: &Pose<f64>) -> MdhChain {
+    let base = axes.first().map_or_else(Pose::identity, base_frame);
     let mut rows = Vec::with_capacity(axes.len());
     // The last frame with its joint at zero, before its own theta and d are known.
     let mut pending: Option<Pending> = None;
@@ -90,7 +90,7 @@ pub fn from_axes(axes: &[Axis], flange: &Frame<f64>) -> MdhChain {
 /// A row whose theta and d are still zero, and its frame then.
 struct Pending {
     link: MdhRow<f64>,
-    frame: Frame<f64>,
+    frame: Pose<f64>,
 }
 
 impl Pending {
@@ -107,15 +107,15 @@ impl Pending {
 
 /// F0: the root itself wherever row 1 can reach axis 1 from there, else the
 /// root turned about its z axis and shifted; z stays up for gravity.
-fn base_frame(first: &Axis) -> Frame<f64> {
+fn base_frame(first: &Axis) -> Pose<f64> {
     let (p, z) = (first.point, first.direction);
     let level = z.x.hypot(z.y);
     if level <= NEAR_PARALLEL_RAD {
         // Where axis 1 pierces the root's ground plane: lengths a and d of row 1 then say height alone.
         let ground = p - z * (p.z / z.z);
-        return Frame {
+        return Pose {
             rotation: nalgebra::Matrix3::identity(),
-            origin: Vector3::new(tidy(ground.x), tidy(ground.y), 0.0),
+            position: Vector3::new(tidy(ground.x), tidy(ground.y), 0.0),
         };
     }
     // x along the common normal of the root's vertical and axis 1, at its foot.
@@ -126,14 +126,14 @@ fn base_frame(first: &Axis) -> Frame<f64> {
     let y = Vector3::z().cross(&x);
     // Axis 1 runs in the plane x = a; where it crosses y = 0, the normal meets it.
     let height = (p - z * (p.dot(&y) / z.dot(&y))).z;
-    Frame {
+    Pose {
         rotation: nalgebra::Matrix3::from_columns(&[x, y, Vector3::z()]),
-        origin: Vector3::new(0.0, 0.0, tidy(height)),
+        position: Vector3::new(0.0, 0.0, tidy(height)),
     }
 }
 
 /// Row (theta = d = 0) from a frame that must not turn to an axis.
-fn from_fixed_frame(parent: &Frame<f64>, axis: &Axis) -> MdhRow<f64> {
+fn from_fixed_frame(parent: &Pose<f64>, axis: &Axis) -> MdhRow<f64> {
     let local = inverse(parent);
     let z = local.rotation * axis.direction;
     let p = local.point(&axis.point);
@@ -154,7 +154,7 @@ fn from_fixed_frame(parent: &Frame<f64>, axis: &Axis) -> MdhRow<f64> {
 
 /// Turn and shift along the axis of `frame` (its joint), and the row from there
 /// (theta = d = 0) to `axis`.
-fn next_link(frame: &Frame<f64>, axis: &Axis) -> (f64, f64, MdhRow<f64>) {
+fn next_link(frame: &Pose<f64>, axis: &Axis) -> (f64, f64, MdhRow<f64>) {
     let local = inverse(frame);
     let z = local.rotation * axis.direction;
     let p = local.point(&axis.point);
@@ -196,12 +196,12 @@ fn next_link(frame: &Frame<f64>, axis: &Axis) -> (f64, f64, MdhRow<f64>) {
 }
 
 /// Turn and shift of the last joint, so that Fn is the flange or as near as its axis allows.
-fn last_turn(frame: &Frame<f64>, flange: &Frame<f64>) -> (f64, f64) {
+fn last_turn(frame: &Pose<f64>, flange: &Pose<f64>) -> (f64, f64) {
     let local = compose(&inverse(frame), flange);
     let x = local.rotation.column(0);
     let level = x[0].hypot(x[1]);
     let theta = if level > 0.5 { x[1].atan2(x[0]) } else { 0.0 };
-    (theta, local.origin.z)
+    (theta, local.position.z)
 }
 
 /// Of the two turns that lay x along a line, the one nearer to zero.
@@ -234,7 +234,7 @@ fn tidy_angle(value: f64) -> f64 {
 }
 
 /// Round-off of a constant frame as zeros and ones.
-fn tidy_frame(frame: &Frame<f64>) -> Frame<f64> {
+fn tidy_frame(frame: &Pose<f64>) -> Pose<f64> {
     let unit = |v: f64| {
         if (v.abs() - 1.0).abs() < 1e-15 {
             v.signum()
@@ -242,8 +242,8 @@ fn tidy_frame(frame: &Frame<f64>) -> Frame<f64> {
             tidy(v)
         }
     };
-    Frame {
+    Pose {
         rotation: frame.rotation.map(unit),
-        origin: frame.origin.map(tidy),
+        position: frame.position.map(tidy),
     }
 }

@@ -8,29 +8,37 @@
 //! ```text
 //!   NAME ─────┐                              ┌─▶ TOML
 //!   FILE.toml ┼─▶ RobotModel ─(calibrated)───┼─▶ URDF (the input, its joint origins corrected)
-//!   FILE.urdf ┘                              └─▶ kinematics.yaml
+//!   FILE.urdf ┤                              ├─▶ kinematics.yaml (the vendor's keys)
+//!   FILE.yaml ┘                              └─▶ offsets.yaml
 //! ```
 
 mod error;
 pub mod frames;
+pub mod kinematics_yaml;
 pub mod mdh;
 mod model;
 pub mod toml_file;
 pub mod urdf;
 mod urdf_in;
 mod urdf_out;
+mod vendor;
 
 use std::path::Path;
 
-use spherecal_shared::robot::{BUILT_IN, Frame, Tool, iiwa7_tool};
+use spherecal_shared::robot::{BUILT_IN, Pose, Tool, iiwa7_tool};
+
+use crate::read_text;
 
 pub use error::RobotFileError;
-pub use model::{Origin, RobotModel, moved, table_frames};
+pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
+pub use model::{Origin, RobotModel, moved, near, table_frames};
 pub use urdf_in::load as load_urdf_text;
-pub use urdf_out::{write_kinematics_yaml, write_urdf};
+pub use urdf_out::write_urdf;
 
-/// Largest file that is read, in bytes: a URDF without meshes has some 100 kB.
-const MAX_FILE_BYTES: u64 = 8 << 20;
+/// Largest URDF, in bytes: one without meshes has some 100 kB.
+const MOST_URDF_BYTES: u64 = 8 << 20;
+/// Largest TOML or YAML file, in bytes: a robot has some 10 kB.
+const MOST_TABLE_BYTES: u64 = 1 << 20;
 
 /// A built-in robot with its nominal tool, by name: on the iiwa 7 the
 /// calibration tool of the paper, on the others a bare flange.
@@ -39,16 +47,21 @@ pub fn built_in(name: &str) -> Option<RobotModel> {
     let tool = if name == "iiwa7" { iiwa7_tool() } else { Tool::default() };
     Some(RobotModel {
         robot,
-        base: Frame::identity(),
-        flange: Frame::identity(),
+        base: Pose::identity(),
+        flange: Pose::identity(),
         tool,
         frame_names: ("base_link".to_owned(), "tool0".to_owned()),
+        joint_names: vendor::joint_names(name),
         origin: Origin::BuiltIn,
     })
 }
 
-/// Loads a robot: a built-in name, `FILE.toml`, `FILE.urdf`, or `FILE.urdf#LINK`
-/// for the chain to that link.
+/// Loads a robot: a built-in name, `FILE.toml`, `FILE.urdf`, `FILE.urdf#LINK` for
+/// the chain to that link, or `FILE.yaml` (joint origins as ROS descriptions load them).
+///
+/// Files are regular files (a link to one is followed) of at most 8 MiB (URDF) or
+/// 1 MiB (TOML, YAML); a URDF with a document type, with more than 64 levels, 64
+/// attributes of an element or 2,000 joints is refused.
 ///
 /// # Errors
 /// Names that are neither built in nor a file, and what the file's reader refuses.
@@ -71,28 +84,17 @@ pub fn load(spec: &str) -> Result<RobotModel, RobotFileError> {
             known: BUILT_IN.join(", "),
         });
     }
-    let text = read(path)?;
+    let (limit, remedy) = match extension.as_str() {
+        "toml" | "yaml" | "yml" => (MOST_TABLE_BYTES, "give the description of one robot"),
+        "urdf" | "xml" | "xacro" => (MOST_URDF_BYTES, "give the URDF of the arm without meshes inside"),
+        _ => return Err(RobotFileError::Extension { path: path.to_owned() }),
+    };
+    let text = read_text(Path::new(path), limit, remedy)?;
     match extension.as_str() {
         "toml" => toml_file::load(path, &text),
-        "urdf" | "xml" | "xacro" => load_urdf_text(path, &text, tip),
-        _ => Err(RobotFileError::Extension { path: path.to_owned() }),
+        "yaml" | "yml" => kinematics_yaml::load(path, &text),
+        _ => load_urdf_text(path, &text, tip),
     }
-}
-
-fn read(path: &str) -> Result<String, RobotFileError> {
-    let failed = |source| RobotFileError::Read {
-        path: path.to_owned(),
-        source,
-    };
-    let bytes = std::fs::metadata(path).map_err(failed)?.len();
-    if bytes > MAX_FILE_BYTES {
-        return Err(RobotFileError::TooLarge {
-            path: path.to_owned(),
-            bytes,
-            limit: MAX_FILE_BYTES,
-        });
-    }
-    std::fs::read_to_string(path).map_err(failed)
 }
 
 #[cfg(test)]

@@ -3,10 +3,11 @@
 
 use nalgebra::Vector3;
 use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{Frame, Inertia, LinkTransform, MdhRow, Robot, Tool};
+use spherecal_shared::robot::{Inertia, LinkTransform, MdhRow, Pose, Robot, Tool};
 
-use super::frames::{compose, inverse};
+use super::frames::{compose, distance, inverse};
 use super::urdf::{Urdf, UrdfChain};
+use super::vendor;
 
 /// Where a robot came from.
 #[derive(Clone, Debug)]
@@ -31,39 +32,89 @@ pub struct RobotModel {
     /// Table, masses and limits.
     pub robot: Robot,
     /// F0 in the root frame of the file.
-    pub base: Frame<f64>,
+    pub base: Pose<f64>,
     /// The file's flange frame in Fn.
-    pub flange: Frame<f64>,
+    pub flange: Pose<f64>,
     /// Nominal tool, in the file's flange frame.
     pub tool: Tool,
     /// Name of the root frame and of the flange frame.
     pub frame_names: (String, String),
+    /// Names of the joints, base to flange, as the file or the vendor has them;
+    /// empty where nobody named them.
+    pub joint_names: Vec<String>,
     /// Where the robot came from.
     pub origin: Origin,
 }
 
 /// The frames of a table at joint angles `q` (rad, one per row): F1..Fn in F0.
-pub fn table_frames(rows: &[MdhRow<f64>], q: &[f64]) -> Vec<Frame<f64>> {
+pub fn table_frames(rows: &[MdhRow<f64>], q: &[f64]) -> Vec<Pose<f64>> {
     let links: Vec<LinkTransform<f64>> = rows.iter().map(LinkTransform::from).collect();
-    let mut frames = vec![Frame::identity(); links.len().min(q.len())];
+    let mut frames = vec![Pose::identity(); links.len().min(q.len())];
     frames_into(&links, q, &mut frames);
     frames
 }
 
+/// Whether two tables have near the same joints, at three configurations. The last
+/// frame may sit anywhere along its axis: that is the flange's business.
+pub fn near(own: &[MdhRow<f64>], other: &[MdhRow<f64>]) -> bool {
+    own.len() == other.len()
+        && [0.0, 0.7, -1.1].iter().all(|&s| {
+            let q: Vec<f64> = (0..own.len()).map(|k| s * (1.0 - 0.2 * k as f64)).collect();
+            let last = own.len().saturating_sub(1);
+            table_frames(own, &q)
+                .iter()
+                .zip(&table_frames(other, &q))
+                .enumerate()
+                .all(|(k, (a, b))| {
+                    let off = a.position - b.position;
+                    let off = if k == last { off - a.z() * off.dot(&a.z()) } else { off };
+                    off.norm() < 5e-3 && (a.rotation - b.rotation).amax() < 1e-2
+                })
+        })
+}
+
 impl RobotModel {
+    /// The built-in robot that this one is, or was before it was calibrated: of the
+    /// same name, and with joints within 5 mm and 10 mrad.
+    pub(super) fn built_in(&self) -> Option<Robot> {
+        let known = spherecal_shared::robot::built_in(&self.robot.name)?;
+        let rows: Vec<_> = known.joints.iter().map(|j| j.mdh).collect();
+        let same = rows.len() == self.robot.dof()
+            && distance(&self.base, &Pose::identity()) < 1e-9
+            && near(&self.rows(), &rows);
+        same.then_some(known)
+    }
+
+    /// The description by the robot's vendor, where this one came without any: its
+    /// nominal table is that of the built-in robot.
+    pub(super) fn vendor(&self) -> Option<Self> {
+        match self.origin {
+            Origin::Urdf(_) => None,
+            _ => self.built_in().and_then(|known| vendor::nominal(&known.name)),
+        }
+    }
+
+    /// The table before it was calibrated, as far as the robot's name says it.
+    pub(super) fn nominal_rows(&self) -> Vec<MdhRow<f64>> {
+        match (&self.origin, self.built_in()) {
+            (Origin::Urdf(_), _) | (_, None) => self.rows(),
+            (_, Some(known)) => known.joints.iter().map(|j| j.mdh).collect(),
+        }
+    }
+
     /// The rows of the table.
     pub fn rows(&self) -> Vec<MdhRow<f64>> {
         self.robot.joints.iter().map(|j| j.mdh).collect()
     }
 
     /// The flange in the root frame at joint angles `q` (rad).
-    pub fn flange_at(&self, q: &[f64]) -> Frame<f64> {
+    pub fn flange_at(&self, q: &[f64]) -> Pose<f64> {
         self.flange_with(&self.rows(), q)
     }
 
     /// The same with another table, such as the calibrated one.
-    pub fn flange_with(&self, rows: &[MdhRow<f64>], q: &[f64]) -> Frame<f64> {
-        let last = table_frames(rows, q).last().copied().unwrap_or_else(Frame::identity);
+    pub fn flange_with(&self, rows: &[MdhRow<f64>], q: &[f64]) -> Pose<f64> {
+        let last = table_frames(rows, q).last().copied().unwrap_or_else(Pose::identity);
         compose(&self.base, &compose(&last, &self.flange))
     }
 
@@ -82,7 +133,7 @@ impl RobotModel {
 }
 
 /// A body given in the frame `at`, seen from where `at` is given.
-pub fn moved(body: &Inertia, at: &Frame<f64>) -> Inertia {
+pub fn moved(body: &Inertia, at: &Pose<f64>) -> Inertia {
     let m = at.rotation * body.matrix() * at.rotation.transpose();
     Inertia {
         mass_kg: body.mass_kg,

@@ -9,11 +9,12 @@ use std::fmt::Write as _;
 
 use serde::Deserialize;
 use spherecal_shared::MAX_JOINTS;
-use spherecal_shared::robot::{Frame, Inertia, Joint, JointLimits, MdhRow, Robot, Tool};
+use spherecal_shared::robot::{Inertia, Joint, JointLimits, MdhRow, Pose, Robot, Tool};
 
 use super::error::RobotFileError;
 use super::frames::{distance, from_rpy, to_rpy};
 use super::model::{Origin, RobotModel};
+use crate::{printable, read_toml};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -31,6 +32,9 @@ struct File {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct JointTable {
+    /// Name of the joint in the robot's description; columns of data may be named by it.
+    #[serde(default)]
+    name: String,
     mdh: MdhTable,
     link: Option<BodyTable>,
     limits: Option<LimitsTable>,
@@ -156,7 +160,7 @@ fn frame(
     name: &str,
     default_name: &str,
     table: Option<FrameTable>,
-) -> Result<(String, Frame<f64>), RobotFileError> {
+) -> Result<(String, Pose<f64>), RobotFileError> {
     let table = table.unwrap_or_default();
     for value in table.xyz_m.iter().chain(&table.rpy_rad) {
         if !value.is_finite() {
@@ -170,11 +174,33 @@ fn frame(
     }
     Ok((
         table.name.unwrap_or_else(|| default_name.to_owned()),
-        Frame {
+        Pose {
             rotation: from_rpy(table.rpy_rad),
-            origin: table.xyz_m.into(),
+            position: table.xyz_m.into(),
         },
     ))
+}
+
+/// Joints are named all or none, each by a name of its own.
+fn check_names(path: &str, names: &[String]) -> Result<(), RobotFileError> {
+    let refuse = |k: usize, remedy: &str| RobotFileError::Value {
+        path: path.to_owned(),
+        field: format!("joint {}: name", k + 1),
+        value: names.get(k).cloned().unwrap_or_default(),
+        remedy: remedy.to_owned(),
+    };
+    if names.iter().all(String::is_empty) {
+        return Ok(());
+    }
+    for (k, name) in names.iter().enumerate() {
+        if name.is_empty() || name.chars().count() > 100 {
+            return Err(refuse(k, "name every joint or none, with at most 100 letters"));
+        }
+        if names.iter().take(k).any(|other| other.eq_ignore_ascii_case(name)) {
+            return Err(refuse(k, "stands twice: give each joint a name of its own"));
+        }
+    }
+    Ok(())
 }
 
 /// Reads a robot from TOML text; `path` is for messages.
@@ -182,9 +208,9 @@ fn frame(
 /// # Errors
 /// Text that is not TOML, unknown or doubled fields, impossible values.
 pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
-    let file: File = toml::from_str(text).map_err(|e| RobotFileError::Syntax {
+    let file: File = read_toml(text).map_err(|source| RobotFileError::Toml {
         path: path.to_owned(),
-        message: e.to_string(),
+        source,
     })?;
     let refused = |source| RobotFileError::Robot {
         path: path.to_owned(),
@@ -203,6 +229,11 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
         });
     }
     let count = file.joint.len();
+    let mut joint_names: Vec<String> = file.joint.iter().map(|j| j.name.clone()).collect();
+    check_names(path, &joint_names)?;
+    if joint_names.iter().all(String::is_empty) {
+        joint_names.clear();
+    }
     for (k, table) in file.joint.into_iter().enumerate() {
         if robot.joints.push(joint(path, k + 1, table)?).is_err() {
             return Err(RobotFileError::Value {
@@ -243,6 +274,7 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
         flange,
         tool,
         frame_names: (root, tip),
+        joint_names,
         origin: Origin::Toml,
     })
 }
@@ -281,16 +313,19 @@ fn body(out: &mut String, b: &Inertia) {
 pub fn write(model: &RobotModel, notes: &[String]) -> String {
     let mut out = String::new();
     for note in notes.iter().flat_map(|n| n.lines()) {
-        let _ = writeln!(out, "# {note}");
+        let _ = writeln!(out, "# {}", printable(note));
     }
     let _ = writeln!(
         out,
         "# Craig's modified DH: T_i = Rx(alpha) Tx(a) Ry(beta) Rz(theta + q) Tz(d); m, rad, kg."
     );
     let _ = writeln!(out, "name = {}\n", string(&model.robot.name));
-    for j in &model.robot.joints {
+    for (k, j) in model.robot.joints.iter().enumerate() {
         let m = &j.mdh;
         let _ = writeln!(out, "[[joint]]");
+        if let Some(name) = model.joint_names.get(k) {
+            let _ = writeln!(out, "name = {}", string(name));
+        }
         let _ = writeln!(
             out,
             "mdh = {{ alpha = {}, a = {}, beta = {}, theta = {}, d = {} }}",
@@ -330,13 +365,13 @@ pub fn write(model: &RobotModel, notes: &[String]) -> String {
         ("base", root, &model.base, "F0 in the root frame."),
         ("flange", tip, &model.flange, "The flange frame in Fn."),
     ] {
-        if distance(frame, &Frame::identity()) > 0.0 || name != table {
+        if distance(frame, &Pose::identity()) > 0.0 || name != table {
             let rpy = to_rpy(&frame.rotation);
             let _ = writeln!(
                 out,
                 "\n# {what}\n[{table}]\nname = {}\nxyz_m = {}\nrpy_rad = {}",
                 string(name),
-                floats(frame.origin.as_slice()),
+                floats(frame.position.as_slice()),
                 floats(&rpy)
             );
         }

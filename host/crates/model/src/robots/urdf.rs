@@ -4,21 +4,28 @@
 //! Joints remember where their `<origin>` stands in the text, so that a
 //! calibrated URDF is the input with only those numbers changed.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
 use nalgebra::{Matrix3, Vector3};
-use spherecal_shared::robot::Frame;
+use spherecal_shared::robot::Pose;
 
 use super::error::RobotFileError;
 use super::frames::from_rpy;
 
+mod bounds;
 mod chain;
 
 pub use chain::UrdfChain;
 
-/// Most joints (fixed ones included) that a file may have.
+/// Most joints (fixed ones included) that a file may have, and most links.
 const MOST_JOINTS: usize = 2000;
+/// Most nodes (elements, texts, comments) of a file.
+const MOST_NODES: u32 = 1_000_000;
+/// Longest distance of two links, in m.
+const LARGEST_M: f64 = 100.0;
+/// Largest angle of an origin, in rad: beyond a full turn it is in degrees.
+const LARGEST_RAD: f64 = 7.0;
 
 /// What a joint does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,7 +61,9 @@ pub struct UrdfJoint {
     /// Child link.
     pub child: String,
     /// Child frame in the parent's frame, joint at zero.
-    pub origin: Frame<f64>,
+    pub origin: Pose<f64>,
+    /// Roll, pitch and yaw (rad) of the origin as the file writes them.
+    pub rpy: [f64; 3],
     /// Where the origin is written.
     pub place: OriginPlace,
     /// Unit axis in the child's frame.
@@ -122,12 +131,22 @@ fn number(path: &str, field: impl Fn() -> String, text: &str) -> Result<f64, Rob
     }
 }
 
-/// Three finite numbers separated by spaces.
-fn triple(path: &str, field: impl Fn() -> String, text: &str) -> Result<[f64; 3], RobotFileError> {
+/// Three finite numbers separated by spaces, each at most `largest` either way.
+fn triple(path: &str, field: impl Fn() -> String, text: &str, largest: f64) -> Result<[f64; 3], RobotFileError> {
     let mut out = [0.0; 3];
     let mut words = text.split_whitespace();
     for slot in &mut out {
-        *slot = number(path, &field, words.next().unwrap_or(""))?;
+        *slot = match words.next() {
+            Some(word) => number(path, &field, word)?,
+            None => {
+                let remedy = "write three numbers separated by spaces";
+                return Err(value_error(path, field(), text, remedy));
+            }
+        };
+        if slot.abs() > largest {
+            let remedy = format!("write numbers of at most {largest}: lengths are in m, angles in rad");
+            return Err(value_error(path, field(), text, &remedy));
+        }
     }
     if words.next().is_some() {
         return Err(value_error(
@@ -140,18 +159,28 @@ fn triple(path: &str, field: impl Fn() -> String, text: &str) -> Result<[f64; 3]
     Ok(out)
 }
 
-/// The frame that an `<origin>` writes; the identity where there is none.
-fn origin(path: &str, owner: &str, node: Option<roxmltree::Node<'_, '_>>) -> Result<Frame<f64>, RobotFileError> {
+/// Position and roll, pitch, yaw that an `<origin>` writes; zeros where there is none.
+fn origin_numbers(
+    path: &str,
+    owner: &str,
+    node: Option<roxmltree::Node<'_, '_>>,
+) -> Result<([f64; 3], [f64; 3]), RobotFileError> {
     let Some(node) = node else {
-        return Ok(Frame::identity());
+        return Ok(([0.0; 3], [0.0; 3]));
     };
-    let read = |what: &'static str| match node.attribute(what) {
-        Some(text) => triple(path, || format!("{owner}: origin {what}"), text),
+    let read = |what: &'static str, largest: f64| match node.attribute(what) {
+        Some(text) => triple(path, || format!("{owner}: origin {what}"), text, largest),
         None => Ok([0.0; 3]),
     };
-    Ok(Frame {
-        rotation: from_rpy(read("rpy")?),
-        origin: read("xyz")?.into(),
+    Ok((read("xyz", LARGEST_M)?, read("rpy", LARGEST_RAD)?))
+}
+
+/// The frame that an `<origin>` writes; the identity where there is none.
+fn origin(path: &str, owner: &str, node: Option<roxmltree::Node<'_, '_>>) -> Result<Pose<f64>, RobotFileError> {
+    let (xyz, rpy) = origin_numbers(path, owner, node)?;
+    Ok(Pose {
+        rotation: from_rpy(rpy),
+        position: xyz.into(),
     })
 }
 
@@ -178,7 +207,7 @@ fn body(path: &str, link: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfBod
     let inertia = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
     Ok(UrdfBody {
         mass_kg: read("mass", "value")?,
-        com: frame.origin,
+        com: frame.position,
         inertia: frame.rotation * inertia * frame.rotation.transpose(),
     })
 }
@@ -215,7 +244,7 @@ fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJo
         _ => Motion::Other,
     };
     let axis = match child(node, "axis").and_then(|n| n.attribute("xyz")) {
-        Some(text) => triple(path, || format!("{owner}: axis xyz"), text)?.into(),
+        Some(text) => triple(path, || format!("{owner}: axis xyz"), text, 1e6)?.into(),
         None => Vector3::x(),
     };
     let length = axis.norm();
@@ -242,10 +271,15 @@ fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJo
         )
     };
     let origin_node = child(node, "origin");
+    let (xyz, rpy) = origin_numbers(path, &owner, origin_node)?;
     Ok(UrdfJoint {
         parent: link_of("parent")?,
         child: link_of("child")?,
-        origin: origin(path, &owner, origin_node)?,
+        origin: Pose {
+            rotation: from_rpy(rpy),
+            position: xyz.into(),
+        },
+        rpy,
         place: origin_node.map_or_else(
             || OriginPlace::Absent(after_start_tag(text, node)),
             |n| OriginPlace::Element(n.range()),
@@ -261,6 +295,26 @@ fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJo
     })
 }
 
+/// What is wrong with an XML text, with the line where it is known.
+fn xml_words(error: &roxmltree::Error) -> String {
+    match error {
+        roxmltree::Error::DtdDetected => {
+            "holds a document type (<!DOCTYPE ..>), which is not read: remove it, and write its entities out".to_owned()
+        }
+        roxmltree::Error::NodesLimitReached => {
+            format!("holds more than {MOST_NODES} elements and texts: give the arm alone")
+        }
+        roxmltree::Error::NoRootNode => "holds no element: a URDF starts with <robot name=\"...\">".to_owned(),
+        other => format!("line {}: is not well-formed XML: {other}", other.pos().row),
+    }
+}
+
+/// The first name that stands twice.
+fn twice<'a>(mut names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let mut seen = HashSet::new();
+    names.find(|name| !seen.insert(*name))
+}
+
 impl Urdf {
     /// Reads a URDF's text; `path` is for messages.
     ///
@@ -271,7 +325,19 @@ impl Urdf {
             path: path.to_owned(),
             message,
         };
-        let document = roxmltree::Document::parse(text).map_err(|e| syntax(format!("not well-formed XML: {e}")))?;
+        bounds::check(text).map_err(|e| {
+            syntax(format!(
+                "line {}: holds more than {} {}: give the description of the arm alone, without meshes inside",
+                e.line, e.limit, e.what
+            ))
+        })?;
+        let options = roxmltree::ParsingOptions {
+            // Entities could multiply without bound.
+            allow_dtd: false,
+            nodes_limit: MOST_NODES,
+            ..roxmltree::ParsingOptions::default()
+        };
+        let document = roxmltree::Document::parse_with_options(text, options).map_err(|e| syntax(xml_words(&e)))?;
         let root = document.root_element();
         if !root.has_tag_name("robot") {
             return Err(syntax(format!(
@@ -299,11 +365,13 @@ impl Urdf {
                 urdf.joints.push(joint(path, text, node)?);
             }
         }
-        if urdf.joints.len() > MOST_JOINTS {
-            return Err(syntax(format!(
-                "holds {} joints: at most {MOST_JOINTS} are read; give the arm alone",
-                urdf.joints.len()
-            )));
+        urdf.unique()?;
+        for (count, what) in [(urdf.joints.len(), "joints"), (urdf.links.len(), "links")] {
+            if count > MOST_JOINTS {
+                return Err(syntax(format!(
+                    "holds {count} {what}: at most {MOST_JOINTS} are read; give the arm alone"
+                )));
+            }
         }
         if urdf.links.is_empty() {
             return Err(syntax(
@@ -311,5 +379,24 @@ impl Urdf {
             ));
         }
         Ok(urdf)
+    }
+
+    /// Links and joints have names of their own, and a link has one parent.
+    fn unique(&self) -> Result<(), RobotFileError> {
+        for (what, found) in [
+            ("a link's name", twice(self.links.iter().map(String::as_str))),
+            ("a joint's name", twice(self.joints.iter().map(|j| j.name.as_str()))),
+            ("a child link", twice(self.joints.iter().map(|j| j.child.as_str()))),
+        ] {
+            if let Some(name) = found {
+                return Err(value_error(
+                    &self.path,
+                    what.to_owned(),
+                    name,
+                    "stands twice: give each its own name, and each link one parent",
+                ));
+            }
+        }
+        Ok(())
     }
 }

@@ -2,7 +2,7 @@
 //! into the ones that carry them.
 
 use spherecal_shared::MAX_JOINTS;
-use spherecal_shared::robot::{Frame, Inertia, Joint, JointLimits, Robot, Tool};
+use spherecal_shared::robot::{Inertia, Joint, JointLimits, Pose, Robot, Tool};
 
 use super::error::RobotFileError;
 use super::frames::{compose, inverse};
@@ -17,8 +17,8 @@ const DEFAULT_TORQUE_NM: f64 = 100.0;
 
 /// The frames of a chain with all joints at zero, in the root frame: one after
 /// every joint of the path.
-pub(super) fn frames_at_zero(urdf: &Urdf, chain: &UrdfChain) -> Vec<Frame<f64>> {
-    let mut frame = Frame::identity();
+pub(super) fn frames_at_zero(urdf: &Urdf, chain: &UrdfChain) -> Vec<Pose<f64>> {
+    let mut frame = Pose::identity();
     chain
         .path
         .iter()
@@ -56,11 +56,11 @@ pub fn load(path: &str, text: &str, tip: Option<&str>) -> Result<RobotModel, Rob
     let axes: Vec<Axis> = turning
         .iter()
         .map(|&(k, i)| Axis {
-            point: frames[k].origin,
+            point: frames[k].position,
             direction: frames[k].rotation * urdf.joints[i].axis,
         })
         .collect();
-    let end = frames.last().copied().unwrap_or_else(Frame::identity);
+    let end = frames.last().copied().unwrap_or_else(Pose::identity);
     let table = from_axes(&axes, &end);
     let at_zero = table_frames(&table.rows, &vec![0.0; table.rows.len()]);
 
@@ -93,7 +93,7 @@ pub fn load(path: &str, text: &str, tip: Option<&str>) -> Result<RobotModel, Rob
         source,
     })?;
     let tool = Tool {
-        tcp_m: chain.beyond.as_ref().map_or([0.0; 3], |(_, f)| f.origin.into()),
+        tcp_m: chain.beyond.as_ref().map_or([0.0; 3], |(_, f)| f.position.into()),
         body: Inertia::default(),
     };
     tool.check().map_err(|source| RobotFileError::Robot {
@@ -106,6 +106,7 @@ pub fn load(path: &str, text: &str, tip: Option<&str>) -> Result<RobotModel, Rob
         flange: table.flange,
         tool,
         frame_names: (chain.root.clone(), chain.tip.clone()),
+        joint_names: turning.iter().map(|&(_, i)| urdf.joints[i].name.clone()).collect(),
         origin: Origin::Urdf(Box::new((urdf, chain))),
     })
 }
@@ -128,7 +129,7 @@ fn or_default(value: f64, default: f64) -> f64 {
 
 /// The bodies that ride on the joint at place `from` of the path, as one body
 /// in the table's frame; `in_link` is the joint's child link seen from it.
-fn rigid_body(urdf: &Urdf, chain: &UrdfChain, from: usize, until: usize, in_link: &Frame<f64>) -> Inertia {
+fn rigid_body(urdf: &Urdf, chain: &UrdfChain, from: usize, until: usize, in_link: &Pose<f64>) -> Inertia {
     let mut total = Inertia::default();
     let Some(&joint) = chain.path.get(from) else {
         return total;

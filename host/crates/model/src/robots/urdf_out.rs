@@ -1,5 +1,4 @@
-//! From a (calibrated) table back to the files that robots are described with:
-//! URDF and the ROS 2 style `kinematics.yaml`.
+//! From a (calibrated) table back to a URDF.
 //!
 //! A link frame of a URDF rides on a joint of the table: it is fixed in Fi.
 //! That constant is taken from the nominal table; the calibrated joint origins
@@ -9,27 +8,31 @@
 
 use std::fmt::Write as _;
 
-use sha2::{Digest, Sha256};
-use spherecal_shared::robot::{Frame, MdhRow};
+use spherecal_shared::robot::{MdhRow, Pose};
 
-use super::frames::{compose, distance, inverse, row_transform, to_rpy};
+use super::frames::{compose, distance, inverse, row_transform, to_rpy_near};
 use super::model::{Origin, RobotModel, table_frames};
 use super::urdf::{Motion, OriginPlace, Urdf, UrdfChain};
 use super::urdf_in::frames_at_zero;
 
 /// Origins closer to the file's own than this (m, or an entry of the rotation)
 /// are left as the file writes them.
-const SAME: f64 = 1e-13;
+pub(super) const SAME: f64 = 1e-13;
 
 /// The joint origins that give a URDF's chain the kinematics of a table:
 /// index of the joint, and its origin.
-fn corrected(model: &RobotModel, urdf: &Urdf, chain: &UrdfChain, rows: &[MdhRow<f64>]) -> Vec<(usize, Frame<f64>)> {
+pub(super) fn corrected(
+    model: &RobotModel,
+    urdf: &Urdf,
+    chain: &UrdfChain,
+    rows: &[MdhRow<f64>],
+) -> Vec<(usize, Pose<f64>)> {
     let zero = vec![0.0; rows.len()];
     let nominal = table_frames(&model.rows(), &zero);
     let calibrated = table_frames(rows, &zero);
     let in_file = frames_at_zero(urdf, chain);
     let mut out = Vec::new();
-    let mut before = Frame::identity();
+    let mut before = Pose::identity();
     let mut n = 0;
     for (k, &i) in chain.path.iter().enumerate() {
         let joint = &urdf.joints[i];
@@ -47,16 +50,16 @@ fn corrected(model: &RobotModel, urdf: &Urdf, chain: &UrdfChain, rows: &[MdhRow<
     out
 }
 
-/// Text of an `<origin/>`.
-fn origin_element(frame: &Frame<f64>) -> String {
+/// Text of an `<origin/>`; its angles are those nearest to `like`.
+fn origin_element(frame: &Pose<f64>, like: [f64; 3]) -> String {
     let numbers = |v: &[f64]| {
         let words: Vec<String> = v.iter().map(|x| format!("{}", x + 0.0)).collect();
         words.join(" ")
     };
     format!(
         "<origin xyz=\"{}\" rpy=\"{}\"/>",
-        numbers(frame.origin.as_slice()),
-        numbers(&to_rpy(&frame.rotation))
+        numbers(frame.position.as_slice()),
+        numbers(&to_rpy_near(&frame.rotation, like))
     )
 }
 
@@ -92,8 +95,8 @@ pub fn write_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) ->
             continue;
         }
         match &joint.place {
-            OriginPlace::Element(range) => edits.push((range.start, range.end, origin_element(&origin))),
-            OriginPlace::Absent(at) => edits.push((*at, *at, origin_element(&origin))),
+            OriginPlace::Element(range) => edits.push((range.start, range.end, origin_element(&origin, joint.rpy))),
+            OriginPlace::Absent(at) => edits.push((*at, *at, origin_element(&origin, joint.rpy))),
         }
     }
     edits.sort_by_key(|e| e.0);
@@ -140,7 +143,7 @@ fn new_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> Strin
              <child link=\"{child}\"/>\n    <axis xyz=\"0 0 1\"/>\n    \
              <limit lower=\"{}\" upper=\"{}\" velocity=\"{}\" effort=\"{}\"/>\n  </joint>\n",
             k + 1,
-            origin_element(&origin),
+            origin_element(&origin, [0.0; 3]),
             l.min_rad,
             l.max_rad,
             l.velocity_rad_s,
@@ -153,66 +156,7 @@ fn new_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> Strin
         out,
         "  <link name=\"{tip}\"/>\n  <joint name=\"{parent}-{tip}\" type=\"fixed\">\n    {}\n    \
          <parent link=\"{parent}\"/>\n    <child link=\"{tip}\"/>\n  </joint>\n</robot>\n",
-        origin_element(&model.flange)
+        origin_element(&model.flange, [0.0; 3])
     );
     out
-}
-
-/// The joint origins of `rows` as the `kinematics.yaml` that ROS 2 descriptions
-/// load (the form of Universal Robots' driver), for use in a xacro.
-pub fn write_kinematics_yaml(model: &RobotModel, rows: &[MdhRow<f64>]) -> String {
-    let named: Vec<(String, Frame<f64>)> = if let Origin::Urdf(source) = &model.origin {
-        let (urdf, chain) = source.as_ref();
-        corrected(model, urdf, chain, rows)
-            .into_iter()
-            .map(|(i, frame)| {
-                let joint = &urdf.joints[i];
-                let exact = if distance(&frame, &joint.origin) < SAME {
-                    joint.origin
-                } else {
-                    frame
-                };
-                (joint.child.trim_end_matches("_link").to_owned(), exact)
-            })
-            .collect()
-    } else {
-        let first = |k: usize, f: Frame<f64>| if k == 0 { compose(&model.base, &f) } else { f };
-        rows.iter()
-            .enumerate()
-            .map(|(k, row)| (format!("link_{}", k + 1), first(k, row_transform(row, 0.0))))
-            .collect()
-    };
-    let mut body = String::new();
-    for (name, frame) in &named {
-        let [roll, pitch, yaw] = to_rpy(&frame.rotation);
-        let _ = writeln!(body, "  {}:", yaml_key(name));
-        for (key, value) in [
-            ("x", frame.origin.x),
-            ("y", frame.origin.y),
-            ("z", frame.origin.z),
-            ("roll", roll),
-            ("pitch", pitch),
-            ("yaw", yaw),
-        ] {
-            let _ = writeln!(body, "    {key}: {}", value + 0.0);
-        }
-    }
-    let mut hash = String::new();
-    for byte in Sha256::digest(body.as_bytes()).iter().take(8) {
-        let _ = write!(hash, "{byte:02x}");
-    }
-    format!("kinematics:\n{body}  hash: calib_{hash}\n")
-}
-
-/// A key of YAML, quoted where a bare one could mean something else.
-fn yaml_key(name: &str) -> String {
-    let plain = name.len() > 3
-        && name.starts_with(|c: char| c.is_ascii_alphabetic())
-        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
-        && !["true", "false", "null"].contains(&name.to_lowercase().as_str());
-    if plain {
-        name.to_owned()
-    } else {
-        serde_json::Value::String(name.to_owned()).to_string()
-    }
 }

@@ -20,6 +20,7 @@
 
 mod convert;
 mod device;
+mod facts;
 mod live;
 mod operate;
 mod peer;
@@ -30,8 +31,8 @@ mod store_server;
 mod tracker;
 
 pub use device::RemoteRobot;
+pub use facts::{DeviceFactory, RobotFacts};
 pub use live::Publisher;
-pub use robot::{DeviceFactory, RobotFacts};
 pub use store_client::RemoteStore;
 pub use tracker::{RemoteTracker, TrackerFactory};
 

@@ -7,8 +7,8 @@ use spherecal_shared::Joints;
 use spherecal_shared::protocol::host::{ApproachCommand, Event, PoseCommand};
 
 use super::convert;
+use super::facts::{Newest, RobotFacts};
 use super::proto::{self, Outcome, order::Command};
-use super::robot::{Newest, RobotFacts};
 use spherecal_campaign::{self as campaign, Answer, CampaignError, Observer};
 use spherecal_link::{Arrival, Device};
 

@@ -3,40 +3,20 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::frame::{self, Accumulator};
-use spherecal_shared::protocol::host::{Event, Sample, Uplink};
-use spherecal_shared::robot::{Robot, Tool};
+use spherecal_shared::protocol::host::{Event, Uplink};
 use tokio::sync::{Mutex, OwnedMutexGuard, mpsc, watch};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
 use super::convert;
+use super::facts::{DeviceFactory, Newest, RobotFacts};
 use super::operate::{Next, operate};
 use super::proto::robot_controller_server::RobotController;
 use super::proto::{
     ControllerTurn, DescribeRequest, HostTurn, JointLimit, Order, Outcome, RobotDescription, RobotState, WatchRequest,
 };
-use spherecal_link::{Device, LinkError};
-
-/// Makes the robot, at the first client.
-pub type DeviceFactory = Box<dyn Fn() -> Result<Box<dyn Device>, LinkError> + Send + Sync>;
-
-/// What is known of the robot without asking it.
-#[derive(Clone, Debug)]
-pub struct RobotFacts {
-    /// Nominal robot.
-    pub robot: Robot,
-    /// Nominal tool.
-    pub tool: Tool,
-    /// Procedure for clients that give orders.
-    pub procedure: Procedure,
-    /// Home frame, in rad.
-    pub home: Vec<f64>,
-}
-
-/// Where the newest telemetry is left for those who watch.
-pub(super) type Newest = watch::Sender<Option<Sample>>;
+use spherecal_link::Device;
 
 /// The robot, made at the first client and kept, wherever it was left.
 type Held = Option<Box<dyn Device>>;

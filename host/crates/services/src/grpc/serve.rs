@@ -22,7 +22,8 @@ use super::robot::RobotService;
 use super::store_server::StoreService;
 use super::tracker::TrackerService;
 use super::{DESCRIPTORS, MAX_MESSAGE};
-use crate::{Guard, Offer, ServiceError, web};
+use crate::offer::Offer;
+use crate::{Guard, ServiceError, web};
 
 /// Serves what is offered until it is stopped.
 pub(crate) async fn serve(

@@ -44,7 +44,7 @@ impl Scatter {
     pub fn record(&mut self, recording: &Recording) {
         let q: Vec<f64> = recording.q.iter().map(|s| s.mean).collect();
         if let Some(flange) = table_frames(&self.rows, &q).last() {
-            let tcp = flange.origin + flange.rotation * self.tcp_m;
+            let tcp = flange.position + flange.rotation * self.tcp_m;
             self.seen
                 .entry((self.contacts, recording.sphere))
                 .or_default()

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::host::{Contact, Event, Sample};
 use spherecal_shared::robot::{Robot, Tool};
+use spherecal_shared::timing::SampleClock;
 use tokio::sync::mpsc::{self, error::TrySendError};
 
 use super::{End, Frame, Message, Scatter, Scene, Touch};
@@ -45,9 +46,8 @@ pub struct Watch {
     scatter: Scatter,
     progress: Progress,
     sample: Option<Sample>,
-    /// Device time (µs) less tick times period, from the last phase change.
-    offset_us: i64,
-    period_us: u64,
+    /// Device time of each sample.
+    clock: SampleClock,
     points: VecDeque<(u64, f32)>,
     recent: VecDeque<(u64, f32)>,
     touched: Option<Contact>,
@@ -65,8 +65,7 @@ impl Watch {
             scatter: Scatter::new(robot, tool),
             progress: Progress::default(),
             sample: None,
-            offset_us: 0,
-            period_us: 1000,
+            clock: SampleClock::new(1000),
             points: VecDeque::new(),
             recent: VecDeque::new(),
             touched: None,
@@ -105,7 +104,7 @@ impl Watch {
     }
 
     fn sample(&mut self, sample: &Sample) {
-        let time_us = (sample.tick * self.period_us).saturating_add_signed(self.offset_us);
+        let time_us = self.clock.time_us(sample.tick);
         // A hundredth of a newton is more than a picture shows.
         let force = (sample.force_n.iter().map(|f| f * f).sum::<f32>().sqrt() * 100.0).round() / 100.0;
         match self.points.back_mut() {
@@ -186,12 +185,8 @@ impl Watch {
 
 impl Observer for Watch {
     fn event(&mut self, _now_us: u64, arrival: &Arrival) {
+        self.clock.observe(&arrival.body);
         match &arrival.body {
-            Event::Banner(banner) => self.period_us = u64::from(banner.period_us),
-            Event::Phase(change) => {
-                self.offset_us = i64::try_from(change.time_us).unwrap_or(0)
-                    - i64::try_from(change.tick * self.period_us).unwrap_or(0);
-            }
             Event::Telemetry(samples) => samples.iter().for_each(|sample| self.sample(sample)),
             Event::Contact(contact) => {
                 self.scatter.contact();

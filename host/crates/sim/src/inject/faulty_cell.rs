@@ -6,8 +6,9 @@ use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use spherecal_firmware::app::{DriveReceiver, FromDrive};
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
+use spherecal_shared::protocol::drive::{
+    DriveCommand, DriveHello, DriveMessage, DriveReceiver, DriveState, DriveStatus,
+};
 use spherecal_shared::protocol::frame::{LinkCounters, MAX_FRAME, encode};
 use spherecal_shared::protocol::host::Phase;
 
@@ -397,7 +398,7 @@ impl FaultyCell {
         }
         let mut received = None;
         self.receiver.receive(frame, &mut |message| {
-            if let FromDrive::State { state, .. } = message {
+            if let DriveMessage::State { state, .. } = message {
                 received = Some(state);
             }
         });

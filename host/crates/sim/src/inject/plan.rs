@@ -15,13 +15,10 @@
 //!
 //! A name that does not exist is an error.
 
-use std::path::Path;
-
 use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::Phase;
 
 use super::fault::InjectedFault;
-use super::presets::preset;
 use crate::lossy::{Lossy, LossyError};
 
 /// When a fault begins.
@@ -187,21 +184,6 @@ impl Plan {
                 for_s: None,
             }],
         }
-    }
-
-    /// A preset by its name, or a file.
-    ///
-    /// # Errors
-    /// Neither of the two, or a file that is not one.
-    pub fn load(name: &str) -> Result<Self, InjectError> {
-        if let Some(preset) = preset(name) {
-            return Ok(preset.plan());
-        }
-        let text = std::fs::read_to_string(Path::new(name)).map_err(|source| InjectError::Unknown {
-            name: name.to_owned(),
-            source,
-        })?;
-        Self::parse(name, &text)
     }
 
     /// From the text of a file called `path`.

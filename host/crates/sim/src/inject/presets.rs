@@ -1,9 +1,11 @@
 //! One plan for each fault, at the moment where it matters most.
 
+use std::path::Path;
+
 use spherecal_shared::protocol::host::{Fault, Phase};
 
 use super::fault::{InjectedFault, Status};
-use super::plan::{Plan, When};
+use super::plan::{InjectError, Plan, When};
 use crate::lossy::Lossy;
 
 /// A plan with a name.
@@ -306,6 +308,23 @@ pub const PRESETS: &[Preset] = &[
 /// The preset of that name.
 pub fn preset(name: &str) -> Option<&'static Preset> {
     PRESETS.iter().find(|p| p.name == name)
+}
+
+impl Plan {
+    /// A preset by its name, or a file.
+    ///
+    /// # Errors
+    /// Neither of the two, or a file that is not one.
+    pub fn load(name: &str) -> Result<Self, InjectError> {
+        if let Some(preset) = preset(name) {
+            return Ok(preset.plan());
+        }
+        let text = std::fs::read_to_string(Path::new(name)).map_err(|source| InjectError::Unknown {
+            name: name.to_owned(),
+            source,
+        })?;
+        Self::parse(name, &text)
+    }
 }
 
 /// The second table of `docs/recovery.md`: what each fault ends in, a line of Markdown each.

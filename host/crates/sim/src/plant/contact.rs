@@ -22,7 +22,7 @@
 //! forces: impact peaks depend on the step.
 
 use nalgebra::Vector3;
-use spherecal_shared::robot::Frame;
+use spherecal_shared::robot::Pose;
 
 use super::config::{NestConfig, PlateConfig};
 
@@ -129,8 +129,8 @@ impl Nest {
 
     /// Pole of the magnet, force on the tool (N), potential (J) and gap (m), all in F0.
     #[inline]
-    pub(super) fn pull(&self, tcp: &Frame<f64>, sphere: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>, f64, f64) {
-        let pole = tcp.origin - tcp.z() * POLE_M;
+    pub(super) fn pull(&self, tcp: &Pose<f64>, sphere: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>, f64, f64) {
+        let pole = tcp.position - tcp.z() * POLE_M;
         let line = sphere - pole;
         let distance = line.norm();
         let gap = distance - POLE_M;
@@ -143,12 +143,12 @@ impl Nest {
     #[inline]
     pub(super) fn touch_sphere(
         &self,
-        tcp: &Frame<f64>,
+        tcp: &Pose<f64>,
         sphere: &Vector3<f64>,
         seat: &Vector3<f64>,
         touches: &mut Touches,
     ) {
-        let centre = tcp.rotation.tr_mul(&(sphere - tcp.origin)) - seat;
+        let centre = tcp.rotation.tr_mul(&(sphere - tcp.position)) - seat;
         let inside = centre.xy().norm_squared() <= self.config.body_radius_m.powi(2);
         for (i, (u, e)) in self.pads.iter().zip(&self.radial).enumerate() {
             let along = e.dot(&centre);
@@ -174,7 +174,7 @@ impl Nest {
     /// `body_radius_m` beyond the plane's edge, from the rim downwards.
     fn touch_body(
         &self,
-        tcp: &Frame<f64>,
+        tcp: &Pose<f64>,
         sphere: &Vector3<f64>,
         centre: &Vector3<f64>,
         e: &Vector3<f64>,
@@ -229,15 +229,15 @@ impl Nest {
     /// `below` under the plane of the plate's frame.
     pub(super) fn touch_plate(
         &self,
-        tcp: &Frame<f64>,
-        plate: &Frame<f64>,
+        tcp: &Pose<f64>,
+        plate: &Pose<f64>,
         centroid: &Vector3<f64>,
         below: f64,
         touches: &mut Touches,
     ) {
         let up = plate.z();
-        let rim = tcp.origin + tcp.z() * self.config.rim_height_m;
-        let height = up.dot(&(rim - plate.origin)) + below;
+        let rim = tcp.position + tcp.z() * self.config.rim_height_m;
+        let height = up.dot(&(rim - plate.position)) + below;
         if height > self.config.body_radius_m || (rim - centroid).norm() > PLATE_RADIUS_M {
             return;
         }
@@ -245,7 +245,7 @@ impl Nest {
             let (s, c) = libm::sincos(core::f64::consts::FRAC_PI_2 * f64::from(k));
             let out = Vector3::new(c, s, 0.0) * self.config.body_radius_m;
             let point = rim + tcp.rotation * out;
-            let depth = -(up.dot(&(point - plate.origin)) + below);
+            let depth = -(up.dot(&(point - plate.position)) + below);
             if depth > -AHEAD_M {
                 self.push(touches, point, up, depth, TouchKind::Plate);
             }

@@ -11,7 +11,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use spherecal_shared::robot::Frame;
+use spherecal_shared::robot::Pose;
 
 use super::config::{NestConfig, PlantConfig};
 use super::sensors::TICK_S;
@@ -75,8 +75,8 @@ impl Coupling {
     /// Where the seated centre stands in the nest's frame now, in m.
     pub(super) fn seat(
         &mut self,
-        tcp: &Frame<f64>,
-        plate: &Frame<f64>,
+        tcp: &Pose<f64>,
+        plate: &Pose<f64>,
         sphere: &Vector3<f64>,
         config: &PlantConfig,
     ) -> Vector3<f64> {
@@ -84,7 +84,7 @@ impl Coupling {
         if !nest.seating_error {
             return Vector3::zeros();
         }
-        let near = (sphere - tcp.origin).norm_squared() < NEAR_M * NEAR_M;
+        let near = (sphere - tcp.position).norm_squared() < NEAR_M * NEAR_M;
         if near && !self.near {
             self.couple(nest, &tcp.rotation);
         }
@@ -192,8 +192,8 @@ mod tests {
     fn the_sphere_slides_to_another_seat() {
         let config = nest(1.0, 5.0);
         let mut coupling = Coupling::new(&config);
-        let (plate, sphere) = (Frame::identity(), Vector3::zeros());
-        let mut tcp = Frame::identity();
+        let (plate, sphere) = (Pose::identity(), Vector3::zeros());
+        let mut tcp = Pose::identity();
         let mut last = coupling.seat(&tcp, &plate, &sphere, &config);
         let mut travel = 0.0;
         for tick in 0..20_000 {
@@ -214,7 +214,10 @@ mod tests {
         let mut changes = [0, 0];
         for (steps, count) in [(1, 0), (25, 1)] {
             for k in 0..2000 {
-                let mut coupling = Coupling::new(&PlantConfig { seed: k, ..config.clone() });
+                let mut coupling = Coupling::new(&PlantConfig {
+                    seed: k,
+                    ..config.clone()
+                });
                 coupling.couple(&config.nest, &Matrix3::identity());
                 let first = coupling.seat;
                 for step in 1..=steps {

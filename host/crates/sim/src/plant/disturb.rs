@@ -116,7 +116,7 @@ impl<const N: usize> Plant<N> {
     /// TCP (F0, m) and its velocity (m/s).
     fn tcp_motion(&self) -> (Vector3<f64>, Vector3<f64>) {
         let frames = self.world.arm.frames(&self.motion.q.data.0[0]);
-        let tcp = self.world.arm.tcp_frame(&frames).origin;
+        let tcp = self.world.arm.tcp_frame(&frames).position;
         let twist = self.world.arm.jacobian(&frames, &tcp) * self.motion.v;
         (tcp + self.bend, Vector3::new(twist[0], twist[1], twist[2]))
     }
@@ -133,7 +133,7 @@ impl<const N: usize> Plant<N> {
             let (None, Some(place)) = (&slot, home) else {
                 continue;
             };
-            let to = place - (tool.origin + self.bend);
+            let to = place - (tool.position + self.bend);
             if to.dot(&tool.z()) > CLEAR_BEHIND_M || to.norm() > CLEAR_BESIDE_M {
                 *slot = *home;
             } else {
@@ -193,7 +193,7 @@ impl<const N: usize> Plant<N> {
             return false;
         };
         let mut plate = *plate;
-        plate.origin += self.drifted;
+        plate.position += self.drifted;
         self.world.plate = plate;
         self.world.spheres = draw_spheres(&self.config, &plate);
         self.sphere_homes.clone_from(&self.world.spheres);

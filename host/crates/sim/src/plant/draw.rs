@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Rotation3, Vector3};
 use rand::RngExt;
-use spherecal_shared::robot::{Arm, Frame, Inertia, Robot, Tool};
+use spherecal_shared::robot::{Arm, Inertia, Pose, Robot, Tool};
 
 use super::config::{PlacementConfig, PlantConfig};
 use super::error::PlantError;
@@ -105,8 +105,8 @@ pub(super) fn scale_to_overall_mean<const N: usize>(
         let sum: f64 = configurations
             .iter()
             .map(|q| {
-                let real = cell.tcp(&cell.link_angles_at_rest(q)).origin;
-                (real - ideal.tcp_frame(&ideal.frames(q)).origin).norm()
+                let real = cell.tcp(&cell.link_angles_at_rest(q)).position;
+                (real - ideal.tcp_frame(&ideal.frames(q)).position).norm()
             })
             .sum();
         if sum / configurations.len() as f64 <= mean_m {
@@ -149,8 +149,10 @@ fn workspace<const N: usize>(nominal: &Robot) -> impl Iterator<Item = [f64; N]> 
 
 /// Mean distance of two arms' TCPs over [`workspace`], in m.
 fn mean_difference<const N: usize>(nominal: &Robot, one: &Arm<f64, N>, other: &Arm<f64, N>) -> f64 {
-    let at = |arm: &Arm<f64, N>, q: &[f64; N]| arm.tcp_frame(&arm.frames(q)).origin;
-    let sum: f64 = workspace::<N>(nominal).map(|q| (at(one, &q) - at(other, &q)).norm()).sum();
+    let at = |arm: &Arm<f64, N>, q: &[f64; N]| arm.tcp_frame(&arm.frames(q)).position;
+    let sum: f64 = workspace::<N>(nominal)
+        .map(|q| (at(one, &q) - at(other, &q)).norm())
+        .sum();
     sum / 500.0
 }
 
@@ -178,7 +180,7 @@ pub(super) fn draw_masses(robot: &mut Robot, tool: &mut Tool, config: &PlantConf
 }
 
 /// True pose of the plate in F0 in each of its placements.
-pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Frame<f64>> {
+pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Pose<f64>> {
     let p = &config.plate;
     let mut rng = stream(config.seed, Stream::Placement);
     let place = |nominal: &PlacementConfig| {
@@ -188,14 +190,14 @@ pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Frame<f64>> {
             origin += normal3(&mut rng) * p.placement_sigma_m;
             rotation = Rotation3::new(normal3(&mut rng) * p.placement_sigma_rad).into_inner() * rotation;
         }
-        Frame { rotation, origin }
+        Pose::new(rotation, origin)
     };
     p.placements().iter().map(place).collect()
 }
 
 pub(super) fn draw_spheres(
     config: &PlantConfig,
-    plate: &Frame<f64>,
+    plate: &Pose<f64>,
 ) -> heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES> {
     let p = &config.plate;
     let sigma = if p.certificate_error {

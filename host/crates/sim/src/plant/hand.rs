@@ -8,7 +8,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Unit, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
-use spherecal_shared::robot::Frame;
+use spherecal_shared::robot::Pose;
 
 use super::config::PlantConfig;
 use super::simulation::Plant;
@@ -42,7 +42,7 @@ pub struct Hand {
     legs: Vec<Vector3<f64>>,
     at: Vector3<f64>,
     facing: Matrix3<f64>,
-    last: Option<Frame<f64>>,
+    last: Option<Pose<f64>>,
     still: u32,
 }
 
@@ -71,8 +71,8 @@ impl Hand {
         let aim = normal3(&mut self.rng) * AIM_SIGMA_M;
         let goal = centre + up * height_m + aim;
         let over = |p: &Vector3<f64>| p + up * (CLEARANCE_M - up.dot(&(p - centre))).max(0.0);
-        self.at = truth.tcp.origin;
-        self.legs = vec![goal, over(&goal), over(&truth.tcp.origin)];
+        self.at = truth.tcp.position;
+        self.legs = vec![goal, over(&goal), over(&truth.tcp.position)];
         // The shortest turn that points the tool at the plate, a little askew.
         let tool = truth.tcp.z();
         let across = tool.cross(&-up);
@@ -115,16 +115,16 @@ impl Hand {
                 }
             }
         }
-        let speed = (tcp.origin - last.origin) / period_s;
+        let speed = (tcp.position - last.position) / period_s;
         let spin = turn(&(tcp.rotation * last.rotation.transpose())) / period_s;
-        let pull = (self.at - tcp.origin) * GRIP.0 - speed * GRIP.1;
+        let pull = (self.at - tcp.position) * GRIP.0 - speed * GRIP.1;
         let twist = turn(&(self.facing * tcp.rotation.transpose())) * TWIST.0 - spin * TWIST.1;
         plant.set_hand_wrench(at_most(pull, FORCE_N).into(), at_most(twist, MOMENT_NM).into());
         self.last = Some(tcp);
         let arrived = self
             .legs
             .first()
-            .is_some_and(|goal| *goal == self.at && (goal - tcp.origin).norm() < NEAR_M && speed.norm() < STILL.0);
+            .is_some_and(|goal| *goal == self.at && (goal - tcp.position).norm() < NEAR_M && speed.norm() < STILL.0);
         self.still = if arrived { self.still.saturating_add(1) } else { 0 };
     }
 }

@@ -21,7 +21,7 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use spherecal_shared::linalg::Cholesky;
-use spherecal_shared::robot::{Arm, Bodies, Dynamics, Frame};
+use spherecal_shared::robot::{Arm, Bodies, Dynamics, Pose};
 
 use super::contact::{Touch, Touches};
 
@@ -115,12 +115,12 @@ impl<const N: usize> Motion<N> {
     pub(super) fn step_free(
         &mut self,
         arm: &Arm<f64, N>,
-        start: &[Frame<f64>; N],
+        start: &[Pose<f64>; N],
         joints: &Joints<N>,
         tau: &SVector<f64, N>,
         h: f64,
     ) -> Option<SVector<f64, N>> {
-        let rate = |frames: &[Frame<f64>; N], v: &SVector<f64, N>| -> Option<SVector<f64, N>> {
+        let rate = |frames: &[Pose<f64>; N], v: &SVector<f64, N>| -> Option<SVector<f64, N>> {
             let bodies = arm.bodies(frames);
             let mut mass = bodies.mass_matrix();
             for i in 0..N {
@@ -157,7 +157,7 @@ impl<const N: usize> Motion<N> {
     /// definite. Returns the torque that the sensors see.
     pub(super) fn step_stiff(
         &mut self,
-        frames: &[Frame<f64>; N],
+        frames: &[Pose<f64>; N],
         bodies: &Bodies<f64, N>,
         joints: &Joints<N>,
         load: &Load<'_, N>,
@@ -176,7 +176,7 @@ impl<const N: usize> Motion<N> {
         let mut impulse = (load.extra - middle) * h;
         for (point, force) in load.pulls {
             for i in 0..N {
-                impulse[i] += h * frames[i].z().dot(&(point - frames[i].origin).cross(force));
+                impulse[i] += h * frames[i].z().dot(&(point - frames[i].position).cross(force));
             }
         }
         if load.moment != Vector3::zeros() {
@@ -380,13 +380,13 @@ fn settle_modes<const N: usize>(coulomb: &[f64; N], modes: &mut [f64; N], v: &SV
 #[inline]
 fn add_touch<const N: usize>(
     touch: &Touch,
-    frames: &[Frame<f64>; N],
+    frames: &[Pose<f64>; N],
     v: &SVector<f64, N>,
     h: f64,
     system: &mut SMatrix<f64, N, N>,
     impulse: &mut SVector<f64, N>,
 ) -> bool {
-    let columns: [Vector3<f64>; N] = core::array::from_fn(|i| frames[i].z().cross(&(touch.point - frames[i].origin)));
+    let columns: [Vector3<f64>; N] = core::array::from_fn(|i| frames[i].z().cross(&(touch.point - frames[i].position)));
     let mut velocity = Vector3::zeros();
     for i in 0..N {
         velocity += columns[i] * v[i];

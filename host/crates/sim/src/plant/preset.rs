@@ -11,17 +11,7 @@ use super::config::{
 use super::error::PlantError;
 
 /// Names of the presets.
-pub const PRESETS: &[&str] = &[
-    "ideal",
-    "typical",
-    "harsh",
-    "as_measured",
-    "w0",
-    "w1",
-    "w2",
-    "w3",
-    "w4",
-];
+pub const PRESETS: &[&str] = &["ideal", "typical", "harsh", "as_measured", "w0", "w1", "w2", "w3", "w4"];
 
 impl Default for PlateConfig {
     fn default() -> Self {

@@ -3,7 +3,7 @@
 use nalgebra::{SVector, Vector3};
 use rand_chacha::ChaCha8Rng;
 use spherecal_shared::linalg::Cholesky;
-use spherecal_shared::robot::{Arm, Dynamics, Frame, Robot, Tool};
+use spherecal_shared::robot::{Arm, Dynamics, Pose, Robot, Tool};
 
 use super::config::{EncoderSide, PlantConfig};
 use super::contact::{Nest, Touch, TouchKind, Touches};
@@ -277,15 +277,9 @@ impl<const N: usize> Plant<N> {
         let drift = self.world.warming.plate(self.time_s());
         let step = drift - self.drifted;
         self.drifted = drift;
-        self.world.plate.origin += step;
+        self.world.plate.position += step;
         self.centroid += step;
-        for centre in self
-            .world
-            .spheres
-            .iter_mut()
-            .chain(&mut self.sphere_homes)
-            .flatten()
-        {
+        for centre in self.world.spheres.iter_mut().chain(&mut self.sphere_homes).flatten() {
             *centre += step;
         }
     }
@@ -328,8 +322,8 @@ impl<const N: usize> Plant<N> {
             }
             let bodies = self.world.arm.bodies(&frames);
             let mut tcp = self.world.arm.tcp_frame(&frames);
-            tcp.origin += self.bend;
-            let mut pulls = [(tcp.origin, self.hand_force); 2];
+            tcp.position += self.bend;
+            let mut pulls = [(tcp.position, self.hand_force); 2];
             let mut pulled = usize::from(self.hand_force != Vector3::zeros());
             self.touches_at(&tcp, nearest.as_ref(), &mut touches);
             if let (Some(sphere), true) = (&nearest, self.magnet_on) {
@@ -354,7 +348,7 @@ impl<const N: usize> Plant<N> {
 
     /// Whether this tick meets nothing stiff: no contact within reach, no dry
     /// friction, no end stop, no push.
-    fn is_smooth(&self, tcp: &Frame<f64>) -> bool {
+    fn is_smooth(&self, tcp: &Pose<f64>) -> bool {
         let inside = |i: usize| {
             let (low, high) = self.joints.stops[i];
             self.motion.q[i] > low + 0.02 && self.motion.q[i] < high - 0.02
@@ -371,7 +365,7 @@ impl<const N: usize> Plant<N> {
     }
 
     /// The sphere within reach of the nest, if contact is on.
-    pub(super) fn nearest(&self, tcp: &Frame<f64>) -> Option<Vector3<f64>> {
+    pub(super) fn nearest(&self, tcp: &Pose<f64>) -> Option<Vector3<f64>> {
         if !self.config.contact {
             return None;
         }
@@ -379,7 +373,7 @@ impl<const N: usize> Plant<N> {
         let mut nearest = None;
         let mut least = reach * reach;
         for centre in self.world.spheres.iter().flatten() {
-            let square = (centre - tcp.origin).norm_squared();
+            let square = (centre - tcp.position).norm_squared();
             if square < least {
                 least = square;
                 nearest = Some(*centre);
@@ -389,14 +383,14 @@ impl<const N: usize> Plant<N> {
     }
 
     /// Whether the nest is low over the plate.
-    fn near_plate(&self, tcp: &Frame<f64>) -> bool {
+    fn near_plate(&self, tcp: &Pose<f64>) -> bool {
         let plate = &self.world.plate;
-        plate.z().dot(&(tcp.origin - plate.origin)) + self.config.plate.surface_below_m
+        plate.z().dot(&(tcp.position - plate.position)) + self.config.plate.surface_below_m
             < self.config.nest.body_radius_m + 0.02
     }
 
     /// All touches with the nest at `tcp` and a sphere within reach.
-    pub(super) fn touches_at(&self, tcp: &Frame<f64>, sphere: Option<&Vector3<f64>>, touches: &mut Touches) {
+    pub(super) fn touches_at(&self, tcp: &Pose<f64>, sphere: Option<&Vector3<f64>>, touches: &mut Touches) {
         touches.clear();
         if let Some(sphere) = sphere {
             self.nest.touch_sphere(tcp, sphere, &self.seat, touches);
@@ -408,11 +402,11 @@ impl<const N: usize> Plant<N> {
         }
         if let Some(obstacle) = &self.obstacle {
             let normal = Vector3::from(obstacle.normal).normalize();
-            let depth = normal.dot(&(Vector3::from(obstacle.point_m) - tcp.origin));
+            let depth = normal.dot(&(Vector3::from(obstacle.point_m) - tcp.position));
             if depth > 0.0 {
                 // There is room: a sphere and the plate make at most nine touches.
                 let _ = touches.push(Touch {
-                    point: tcp.origin,
+                    point: tcp.position,
                     normal,
                     depth,
                     stiffness: obstacle.stiffness_n_m,
@@ -426,12 +420,12 @@ impl<const N: usize> Plant<N> {
     }
 
     /// The TCP at the given frames; the displacement by bending is renewed.
-    fn shifted_tcp(&mut self, frames: &[Frame<f64>; N]) -> Frame<f64> {
+    fn shifted_tcp(&mut self, frames: &[Pose<f64>; N]) -> Pose<f64> {
         let mut tcp = self.world.arm.tcp_frame(frames);
         if self.world.bends() {
-            self.bend = self.world.bending(frames, &tcp.origin);
+            self.bend = self.world.bending(frames, &tcp.position);
         }
-        tcp.origin += self.bend;
+        tcp.position += self.bend;
         tcp
     }
 

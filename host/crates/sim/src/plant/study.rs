@@ -9,7 +9,7 @@ use nalgebra::{SMatrix, SVector, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use spherecal_shared::linalg::Cholesky;
-use spherecal_shared::robot::{Arm, Dynamics, Frame};
+use spherecal_shared::robot::{Arm, Dynamics, Pose};
 
 use super::config::{PlantConfig, ReadingConfig};
 use super::coupling::Coupling;
@@ -23,7 +23,7 @@ pub struct Rest<const N: usize> {
     /// Measured joint torques, in N m.
     pub tau: [f64; N],
     /// True TCP in F0. For tests and figures only.
-    pub tcp: Frame<f64>,
+    pub tcp: Pose<f64>,
 }
 
 /// How a contact is made.
@@ -79,7 +79,7 @@ impl<const N: usize> Standing<N> {
     }
 
     /// True link angles and TCP where the encoders stand at `q`.
-    pub(super) fn tcp(&self, cell: &TrueCell<N>, q: &[f64; N]) -> ([f64; N], Frame<f64>) {
+    pub(super) fn tcp(&self, cell: &TrueCell<N>, q: &[f64; N]) -> ([f64; N], Pose<f64>) {
         let link = cell.link_angles(&self.arm, q, Some(&self.slow));
         (link, cell.tcp_of(&self.arm, &link))
     }
@@ -176,7 +176,7 @@ impl<'a, const N: usize> StillArm<'a, N> {
     fn encoder_angles_at(&self, guess: &[f64; N], centre: &Vector3<f64>) -> Option<[f64; N]> {
         let nest = &self.config.nest;
         let plate = self.cell.plate.rotation;
-        let target = |tcp: &Frame<f64>| {
+        let target = |tcp: &Pose<f64>| {
             if !nest.seating_error {
                 return *centre;
             }
@@ -190,11 +190,11 @@ impl<'a, const N: usize> StillArm<'a, N> {
         let mut q = *guess;
         for _ in 0..20 {
             let (link, tcp) = self.standing.tcp(self.cell, &q);
-            let wrong = target(&tcp) - tcp.origin;
+            let wrong = target(&tcp) - tcp.position;
             if wrong.norm() < 1e-9 {
                 break;
             }
-            let full = arm.jacobian(&arm.frames(&link), &tcp.origin);
+            let full = arm.jacobian(&arm.frames(&link), &tcp.position);
             let j: SMatrix<f64, 3, N> = full.fixed_rows::<3>(0).into();
             let square = j * j.transpose() + SMatrix::<f64, 3, 3>::identity() * 1e-9;
             let step: SVector<f64, N> = j.transpose() * Cholesky::new(&square)?.solve(&wrong);
@@ -203,7 +203,7 @@ impl<'a, const N: usize> StillArm<'a, N> {
             }
         }
         let (_, reached) = self.standing.tcp(self.cell, &q);
-        ((reached.origin - target(&reached)).norm() < 1e-7).then_some(q)
+        ((reached.position - target(&reached)).norm() < 1e-7).then_some(q)
     }
 
     /// Reads the arm at encoder angles `q`, where it came by the move `by`.

@@ -11,7 +11,7 @@
 
 use nalgebra::Vector3;
 use spherecal_model::TrackerSession;
-use spherecal_shared::robot::Frame;
+use spherecal_shared::robot::Pose;
 
 use super::simulation::Plant;
 use super::study::Standing;
@@ -56,14 +56,14 @@ impl<const N: usize> Plant<N> {
             .unwrap_or_default()
             * c.remount_m;
         let restation = normal3(&mut sessions).try_normalize(1e-9).unwrap_or_default() * c.restation_m;
-        let mut point = flange.origin;
+        let mut point = flange.position;
         match self.session {
             TrackerSession::BaseArcs => point += restation,
             TrackerSession::ToolArcs => point += flange.rotation * remount,
             TrackerSession::Measurement => {}
         }
         let tracker = self.tracker_frame();
-        let mut seen = tracker.rotation.tr_mul(&(point - tracker.origin));
+        let mut seen = tracker.rotation.tr_mul(&(point - tracker.position));
         if c.noise {
             let rng = &mut self.tracker_rng;
             seen += normal3(rng) * c.sigma_m;
@@ -79,10 +79,10 @@ impl<const N: usize> Plant<N> {
     }
 
     /// True pose of the tracker's frame in F0. For tests and figures only.
-    pub fn tracker_frame(&self) -> Frame<f64> {
-        Frame {
+    pub fn tracker_frame(&self) -> Pose<f64> {
+        Pose {
             rotation: rpy(self.config.tracker.rpy_rad),
-            origin: Vector3::from(self.config.tracker.position_m),
+            position: Vector3::from(self.config.tracker.position_m),
         }
     }
 }

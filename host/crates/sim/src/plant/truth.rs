@@ -1,7 +1,7 @@
 //! What is really so, behind the sensors: for tests and figures only.
 
 use nalgebra::Vector3;
-use spherecal_shared::robot::{Dynamics, Frame};
+use spherecal_shared::robot::{Dynamics, Pose};
 
 use super::contact::{TouchKind, Touches};
 use super::simulation::Plant;
@@ -16,7 +16,7 @@ pub struct Truth<const N: usize> {
     /// Link velocities, in rad/s.
     pub dq: [f64; N],
     /// TCP frame in F0 (m), bending included.
-    pub tcp: Frame<f64>,
+    pub tcp: Pose<f64>,
     /// Distance of the TCP from each sphere's centre, in m; infinite for one that was taken away.
     pub gap_m: heapless::Vec<f64, MAX_SPHERES>,
     /// Sphere (from 0) on which the nest sits with all three pads.
@@ -44,7 +44,7 @@ impl<const N: usize> Plant<N> {
         let frames = self.world.arm.frames(&q);
         let bodies = self.world.arm.bodies(&frames);
         let mut tcp = self.world.arm.tcp_frame(&frames);
-        tcp.origin += self.bend;
+        tcp.position += self.bend;
         let mut mass = bodies.mass_matrix();
         for i in 0..N {
             mass[(i, i)] += self.joints.rotor[i];
@@ -56,7 +56,7 @@ impl<const N: usize> Plant<N> {
                 .world
                 .spheres
                 .iter()
-                .map(|s| s.map_or(f64::INFINITY, |s| (s - tcp.origin).norm()))
+                .map(|s| s.map_or(f64::INFINITY, |s| (s - tcp.position).norm()))
                 .collect(),
             tcp,
             seated: None,
@@ -109,7 +109,7 @@ impl<const N: usize> Plant<N> {
 }
 
 /// Potential energy of gravity, in J, zero with all masses at the height of F0.
-fn bodies_potential<const N: usize>(world: &TrueCell<N>, frames: &[Frame<f64>; N], payload_kg: f64) -> f64 {
+fn bodies_potential<const N: usize>(world: &TrueCell<N>, frames: &[Pose<f64>; N], payload_kg: f64) -> f64 {
     let g = spherecal_shared::robot::GRAVITY_M_S2;
     let mut sum = 0.0;
     for (joint, frame) in world.robot.joints.iter().zip(frames) {

@@ -19,12 +19,12 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
-use spherecal_shared::robot::{Arm, Dynamics, Frame, Robot, Tool};
+use spherecal_shared::robot::{Arm, Dynamics, Pose, Robot, Tool};
 
 use super::config::{EncoderSide, PlantConfig};
 use super::draw::{
-    draw_bending, draw_compliance, draw_geometry, draw_joint_errors, draw_joint_functions, draw_masses, draw_memory, draw_offsets,
-    draw_plates, draw_spheres, scale_to_overall_mean,
+    draw_bending, draw_compliance, draw_geometry, draw_joint_errors, draw_joint_functions, draw_masses, draw_memory,
+    draw_offsets, draw_plates, draw_spheres, scale_to_overall_mean,
 };
 use super::error::PlantError;
 use super::joint::{Deflection, JointError, Memory, Trace};
@@ -135,7 +135,7 @@ pub struct TrueCell<const N: usize> {
     /// The true tool.
     pub tool: Tool,
     /// True plate pose in F0.
-    pub plate: Frame<f64>,
+    pub plate: Pose<f64>,
     /// True sphere centres in F0, in m; `None` for a sphere that was taken away.
     pub spheres: heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES>,
     /// Joint compliance, in rad/(N m), whether it is quasi-static or a state.
@@ -149,7 +149,7 @@ pub struct TrueCell<const N: usize> {
     /// Bias of the torque sensors, in N m.
     pub torque_bias: [f64; N],
     /// True plate pose in F0 in each of its placements.
-    pub(super) plates: Vec<Frame<f64>>,
+    pub(super) plates: Vec<Pose<f64>>,
     pub(super) errors: [JointError; N],
     pub(super) deflections: [Deflection; N],
     pub(super) memory: [Memory; N],
@@ -208,7 +208,7 @@ impl<const N: usize> TrueCell<N> {
         });
         let arm = Arm::new(&robot, &tool)?;
         let plates = draw_plates(config);
-        let plate = plates.first().copied().unwrap_or_else(Frame::identity);
+        let plate = plates.first().copied().unwrap_or_else(Pose::identity);
         let compliance = draw_compliance(config);
         let c = &config.compliance;
         let switch = |value: f64| if c.enabled { value } else { 0.0 };
@@ -327,12 +327,7 @@ impl<const N: usize> TrueCell<N> {
     }
 
     /// The same with the geometry `arm` of the moment and the slow state of the joints.
-    pub(super) fn link_angles(
-        &self,
-        arm: &Arm<f64, N>,
-        encoder: &[f64; N],
-        slow: Option<&SlowState<N>>,
-    ) -> [f64; N] {
+    pub(super) fn link_angles(&self, arm: &Arm<f64, N>, encoder: &[f64; N], slow: Option<&SlowState<N>>) -> [f64; N] {
         let mut motor = self.motor_angles(encoder);
         if let Some(slow) = slow {
             for i in 0..N {
@@ -354,7 +349,7 @@ impl<const N: usize> TrueCell<N> {
 
     /// Displacement of the point `p` (m, F0) by bending of links and base under
     /// the weight of all that they carry, in m.
-    pub(super) fn bending(&self, frames: &[Frame<f64>; N], p: &Vector3<f64>) -> Vector3<f64> {
+    pub(super) fn bending(&self, frames: &[Pose<f64>; N], p: &Vector3<f64>) -> Vector3<f64> {
         let mut shift = Vector3::zeros();
         let (mut mass, mut moment) = (0.0, Vector3::zeros());
         let weight = |mass: f64, moment: &Vector3<f64>, about: &Vector3<f64>| {
@@ -369,7 +364,7 @@ impl<const N: usize> TrueCell<N> {
             };
             mass += body.mass_kg;
             moment += frames[i].point(&body.com()) * body.mass_kg;
-            let origin = frames[i].origin;
+            let origin = frames[i].position;
             let local = frames[i].rotation.tr_mul(&weight(mass, &moment, &origin));
             let [x, y] = self.bending[i];
             let turn = frames[i].rotation * Vector3::new(x * local.x, y * local.y, 0.0);
@@ -381,16 +376,16 @@ impl<const N: usize> TrueCell<N> {
     }
 
     /// True TCP in F0 at true link angles, bending included, at the start of the run.
-    pub fn tcp(&self, link: &[f64; N]) -> Frame<f64> {
+    pub fn tcp(&self, link: &[f64; N]) -> Pose<f64> {
         self.tcp_of(&self.arm, link)
     }
 
     /// The same with the geometry `arm` of the moment.
-    pub(super) fn tcp_of(&self, arm: &Arm<f64, N>, link: &[f64; N]) -> Frame<f64> {
+    pub(super) fn tcp_of(&self, arm: &Arm<f64, N>, link: &[f64; N]) -> Pose<f64> {
         let frames = arm.frames(link);
         let mut tcp = arm.tcp_frame(&frames);
         if self.bends() {
-            tcp.origin += self.bending(&frames, &tcp.origin);
+            tcp.position += self.bending(&frames, &tcp.position);
         }
         tcp
     }

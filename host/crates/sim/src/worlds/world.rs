@@ -28,15 +28,7 @@ pub enum World {
 
 impl World {
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 7] = [
-        Self::W0,
-        Self::W1,
-        Self::W2,
-        Self::W3,
-        Self::W4,
-        Self::W4Bad,
-        Self::W5,
-    ];
+    pub const ALL: [Self; 7] = [Self::W0, Self::W1, Self::W2, Self::W3, Self::W4, Self::W4Bad, Self::W5];
 
     /// Name in tables and on the command line.
     pub const fn name(self) -> &'static str {

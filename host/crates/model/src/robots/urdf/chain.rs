@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use spherecal_shared::robot::Frame;
+use spherecal_shared::robot::Pose;
 
 use super::{Motion, Urdf, value_error};
 use crate::robots::error::RobotFileError;
@@ -19,7 +19,20 @@ pub struct UrdfChain {
     pub path: Vec<usize>,
     /// What hangs rigidly beyond the tip, as the tip's frame sees its end: a
     /// tool that the file knows.
-    pub beyond: Option<(String, Frame<f64>)>,
+    pub beyond: Option<(String, Pose<f64>)>,
+}
+
+/// Most names that a message lists.
+const LISTED: usize = 20;
+
+/// Names for a message.
+fn listed<'a>(names: impl Iterator<Item = &'a str> + Clone) -> String {
+    let more = names.clone().count().saturating_sub(LISTED);
+    let mut words = names.take(LISTED).collect::<Vec<_>>().join(", ");
+    if more > 0 {
+        words += &format!(" and {more} more");
+    }
+    words
 }
 
 impl Urdf {
@@ -49,7 +62,10 @@ impl Urdf {
                 return Err(error(
                     "tip link",
                     tip,
-                    format!("name one of the file's links: {}", self.links.join(", ")),
+                    format!(
+                        "name one of the file's links: {}",
+                        listed(self.links.iter().map(String::as_str))
+                    ),
                 ));
             }
             None => self.guess_tip(&into)?,
@@ -139,7 +155,7 @@ impl Urdf {
                     "name the tip as {}#LINK{}{}",
                     self.path,
                     if tips.is_empty() { "" } else { ", for example one of " },
-                    tips.join(", ")
+                    listed(tips.iter().copied())
                 ),
             ));
         };
@@ -176,8 +192,8 @@ impl Urdf {
     }
 
     /// What hangs rigidly beyond a link in one unbranched line.
-    fn beyond(&self, tip: &str) -> Option<(String, Frame<f64>)> {
-        let mut frame = Frame::identity();
+    fn beyond(&self, tip: &str) -> Option<(String, Pose<f64>)> {
+        let mut frame = Pose::identity();
         let mut link = tip;
         for _ in 0..self.joints.len() {
             let mut next = self.joints.iter().filter(|j| j.parent == link);

@@ -1,0 +1,93 @@
+//! The smallest board: two UARTs, two interrupt executors, the controller.
+#![no_std]
+#![no_main]
+
+use defmt_rtt as _;
+use embassy_executor::{Executor, InterruptExecutor};
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::peripherals::{USART2, USART3};
+use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
+use embassy_stm32::{bind_interrupts, interrupt as vector};
+use spherecal_board::{ControlSide, ControlState};
+use spherecal_firmware::app::{TickerClock, run};
+use spherecal_m7 as _; // Only on a Cortex-M7: faster memory copies.
+use static_cell::{ConstStaticCell, StaticCell};
+
+// 1. The controller: number of joints, types of the links' byte streams.
+spherecal_board::controller! {
+    joints: 7,
+    drive: (BufferedUartRx<'static>, BufferedUartTx<'static>),
+    host: (BufferedUartRx<'static>, BufferedUartTx<'static>),
+    tick_bytes: 8192,
+}
+
+// 2. Two executors: control above the links. Any two unused interrupts will do.
+static CONTROL: InterruptExecutor = InterruptExecutor::new();
+static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
+static THREAD: StaticCell<Executor> = StaticCell::new();
+static BUFFERS: [ConstStaticCell<[u8; 2048]>; 4] = [const { ConstStaticCell::new([0; 2048]) }; 4];
+
+bind_interrupts!(struct Interrupts {
+    USART2 => BufferedInterruptHandler<USART2>;
+    USART3 => BufferedInterruptHandler<USART3>;
+});
+
+#[vector]
+unsafe fn UART7() {
+    // SAFETY: `CONTROL.start` was given this interrupt.
+    unsafe { CONTROL.on_interrupt() }
+}
+
+#[vector]
+unsafe fn UART8() {
+    // SAFETY: `LINK_TASKS.start` was given this interrupt.
+    unsafe { LINK_TASKS.on_interrupt() }
+}
+
+// 3. The control task. A real board feeds its watchdog in a clock of its own.
+#[embassy_executor::task]
+async fn control(state: &'static mut ControlState<7>, mut host: ControlSide) {
+    let ended = run(state, &mut TickerClock::new(), &mut &LINKS, &mut host).await;
+    defmt::error!("control ended: {}", ended);
+}
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    // 4. Clocks, UARTs and priorities of your board.
+    let p = embassy_stm32::init(embassy_stm32::Config::default());
+    let config = |baudrate| {
+        let mut config = Config::default();
+        config.baudrate = baudrate;
+        config
+    };
+    let [a, b, c, d] = BUFFERS.each_ref().map(|buffer| buffer.take().as_mut_slice());
+    let drive = BufferedUart::new(p.USART2, p.PD6, p.PD5, a, b, Interrupts, config(3_000_000));
+    let host = BufferedUart::new(p.USART3, p.PD9, p.PD8, c, d, Interrupts, config(921_600));
+    let (Ok(drive), Ok(host)) = (drive, host) else {
+        defmt::panic!("the clocks cannot give the baud rates");
+    };
+    let ((drive_tx, drive_rx), (host_tx, host_rx)) = (drive.split(), host.split());
+    interrupt::UART7.set_priority(Priority::P2);
+    interrupt::USART2.set_priority(Priority::P4);
+    interrupt::USART3.set_priority(Priority::P5);
+    interrupt::UART8.set_priority(Priority::P6);
+
+    // 5. Start.
+    let (control_side, link_side) = mailbox();
+    let links = LINK_TASKS.start(interrupt::UART8);
+    let link = host_link(|link| link);
+    let (Ok(token), Ok(())) = (
+        control(control_state(), control_side),
+        spawn_links(&links, link, link_side, (drive_rx, drive_tx), (host_rx, host_tx)),
+    ) else {
+        defmt::panic!("a task is spawned twice");
+    };
+    CONTROL.start(interrupt::UART7).spawn(token);
+    THREAD.init(Executor::new()).run(|_| {})
+}
+
+#[panic_handler]
+fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
+    defmt::error!("{}", defmt::Display2Format(info));
+    cortex_m::peripheral::SCB::sys_reset()
+}

@@ -1,0 +1,219 @@
+//! The queues between the control task and the host link.
+//!
+//! ```text
+//!   HostLink ─▶ commands ──────────────────▶ ControlSide ─▶ Controller
+//!   HostLink ◀─ outcomes, events, samples, statistics ◀─┘
+//! ```
+//!
+//! The control task handles typed values. The link tasks encode and decode them
+//! at lower priority. Each queue has one writer and one reader and no lock, so
+//! neither side delays the other. A value that does not fit stays with its owner
+//! or is counted.
+
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::Instant;
+use heapless::spsc::{Consumer, Producer, Queue};
+use spherecal_shared::protocol::host::{Command, Event, Sample, Statistics};
+
+use super::ports::HostPort;
+use crate::link::{CommandOutcome, CommandPort};
+
+// A queue of n places holds n - 1 values.
+/// Places for commands that wait for a tick.
+const COMMANDS: usize = 5;
+/// Places for outcomes of commands that wait for the link.
+const OUTCOMES: usize = 9;
+/// Places for events that wait for the link.
+const EVENTS: usize = 9;
+/// Places for telemetry samples that wait for the link.
+const SAMPLES: usize = 33;
+
+/// What the control task reports at the end of a tick.
+#[derive(Clone, Copy, Debug)]
+struct TickReport {
+    /// Device time that the control path was given.
+    now: Instant,
+    /// Counters of the control path.
+    statistics: Statistics,
+}
+
+/// The queues between control task and host link.
+#[derive(Debug, Default)]
+pub struct Mailbox {
+    commands: Queue<(u32, u64, Command), COMMANDS>,
+    outcomes: Queue<CommandOutcome, OUTCOMES>,
+    events: Queue<Event, EVENTS>,
+    samples: Queue<Sample, SAMPLES>,
+}
+
+/// What both sides of a [`Mailbox`] share besides the queues.
+pub struct MailboxSignal<M: RawMutex> {
+    heard: AtomicBool,
+    dropped: AtomicU32,
+    ticked: Signal<M, TickReport>,
+}
+
+impl<M: RawMutex> Default for MailboxSignal<M> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<M: RawMutex> MailboxSignal<M> {
+    /// The state before the first tick and the first byte of the host.
+    pub const fn new() -> Self {
+        Self {
+            heard: AtomicBool::new(false),
+            dropped: AtomicU32::new(0),
+            ticked: Signal::new(),
+        }
+    }
+
+    /// Outcomes of commands that found no room.
+    pub fn dropped(&self) -> u32 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+impl Mailbox {
+    /// Empty queues.
+    pub const fn new() -> Self {
+        Self {
+            commands: Queue::new(),
+            outcomes: Queue::new(),
+            events: Queue::new(),
+            samples: Queue::new(),
+        }
+    }
+
+    /// The control task's side and the host link's side.
+    pub fn split<'a, M: RawMutex>(&'a mut self, signal: &'a MailboxSignal<M>) -> (ControlSide<'a, M>, LinkSide<'a, M>) {
+        let (command_in, command_out) = self.commands.split();
+        let (outcome_in, outcome_out) = self.outcomes.split();
+        let (event_in, event_out) = self.events.split();
+        let (sample_in, sample_out) = self.samples.split();
+        let control = ControlSide {
+            commands: command_out,
+            outcomes: outcome_in,
+            events: event_in,
+            samples: sample_in,
+            signal,
+        };
+        let link = LinkSide {
+            commands: command_in,
+            outcomes: outcome_out,
+            events: event_out,
+            samples: sample_out,
+            signal,
+            report: None,
+        };
+        (control, link)
+    }
+}
+
+/// The control task's side of a [`Mailbox`].
+pub struct ControlSide<'a, M: RawMutex> {
+    commands: Consumer<'a, (u32, u64, Command)>,
+    outcomes: Producer<'a, CommandOutcome>,
+    events: Producer<'a, Event>,
+    samples: Producer<'a, Sample>,
+    signal: &'a MailboxSignal<M>,
+}
+
+impl<M: RawMutex> HostPort for ControlSide<'_, M> {
+    fn was_heard(&mut self) -> bool {
+        self.signal.heard.swap(false, Ordering::Relaxed)
+    }
+
+    fn with_next_command(&mut self, take: &mut impl FnMut(u32, u64, &Command)) -> bool {
+        let Some((sequence, start_us, command)) = self.commands.peek() else {
+            return false;
+        };
+        take(*sequence, *start_us, command);
+        self.commands.dequeue();
+        true
+    }
+
+    fn report_outcome(&mut self, outcome: CommandOutcome) {
+        if self.outcomes.enqueue(outcome).is_err() {
+            // The host gets no answer and repeats the command.
+            self.signal.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    fn send_events(&mut self, next: &mut impl FnMut() -> Option<Event>) {
+        while self.events.ready()
+            && let Some(event) = next()
+        {
+            // There is room: only this side fills the queue.
+            let _ = self.events.enqueue(event);
+        }
+    }
+
+    fn send_samples(&mut self, next: &mut impl FnMut() -> Option<Sample>) {
+        while self.samples.ready()
+            && let Some(sample) = next()
+        {
+            let _ = self.samples.enqueue(sample);
+        }
+    }
+
+    fn finish_tick(&mut self, now: Instant, statistics: Statistics) {
+        self.signal.ticked.signal(TickReport { now, statistics });
+    }
+}
+
+/// The host link's side of a [`Mailbox`].
+pub struct LinkSide<'a, M: RawMutex> {
+    commands: Producer<'a, (u32, u64, Command)>,
+    outcomes: Consumer<'a, CommandOutcome>,
+    events: Consumer<'a, Event>,
+    samples: Consumer<'a, Sample>,
+    signal: &'a MailboxSignal<M>,
+    report: Option<TickReport>,
+}
+
+impl<M: RawMutex> LinkSide<'_, M> {
+    /// Waits for the end of a tick; returns the device time that the control
+    /// path was given.
+    pub async fn tick_finished(&mut self) -> Instant {
+        let report = self.signal.ticked.wait().await;
+        self.report = Some(report);
+        report.now
+    }
+}
+
+impl<M: RawMutex> CommandPort for LinkSide<'_, M> {
+    fn host_heard(&mut self) {
+        self.signal.heard.store(true, Ordering::Relaxed);
+    }
+
+    fn queue_command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool {
+        self.commands.enqueue((sequence, start_us, command)).is_ok()
+    }
+
+    fn command_outcome(&mut self) -> Option<CommandOutcome> {
+        self.outcomes.dequeue()
+    }
+
+    fn next_event(&mut self) -> Option<Event> {
+        self.events.dequeue()
+    }
+
+    fn samples_waiting(&self) -> usize {
+        self.samples.len()
+    }
+
+    fn next_sample(&mut self) -> Option<Sample> {
+        self.samples.dequeue()
+    }
+
+    fn statistics(&self) -> Statistics {
+        let mut statistics = self.report.map(|report| report.statistics).unwrap_or_default();
+        statistics.link.overflow = statistics.link.overflow.saturating_add(self.signal.dropped());
+        statistics
+    }
+}

@@ -1,0 +1,230 @@
+//! The control law of one tick, and what replaces it while a state is unusable.
+
+use nalgebra::SVector;
+use spherecal_shared::Joints;
+use spherecal_shared::protocol::drive::DriveCommand;
+use spherecal_shared::protocol::host::Fault;
+
+use super::{BLIND_TICKS, Controller, STILL_FILTER};
+use crate::law::{JointSetpoint, Snapshot, guide_torque, joint_torque};
+use crate::phases::{Activity, Env, Next};
+use crate::safety::{JointState, Violation};
+
+impl<const N: usize> Controller<N> {
+    /// A command that asks for the brakes.
+    pub(super) fn disabled(&mut self, tick: u64) -> DriveCommand {
+        let mut tau = Joints::new();
+        for _ in 0..N {
+            // N joints fit: a robot has at most MAX_JOINTS.
+            let _ = tau.push(0.0);
+        }
+        self.last = None;
+        DriveCommand {
+            tick,
+            tau,
+            enable: false,
+        }
+    }
+
+    /// The last torque once more, for an unusable state; brakes after too many.
+    pub(super) fn bridge(&mut self, tick: u64) -> DriveCommand {
+        self.blind_ticks = self.blind_ticks.saturating_add(1);
+        let most = self.procedure.limits.missed_ticks.saturating_add(BLIND_TICKS);
+        match &self.last {
+            Some(last) if self.blind_ticks <= most => DriveCommand { tick, ..last.clone() },
+            _ => self.disabled(tick),
+        }
+    }
+
+    /// Starts control after closed brakes: forgets all earlier states, so that the
+    /// torque does not jump.
+    fn release(&mut self) {
+        self.holding = false;
+        self.observer.reset();
+        self.shaper.reset();
+        self.torque_loop.reset();
+    }
+
+    pub(super) fn control(&mut self, tick: u64, state: &JointState<N>) -> DriveCommand {
+        self.tick = tick;
+        self.latest_q = state.q;
+        if self.last.is_none() {
+            self.release();
+        }
+        self.blind_ticks = 0;
+        let Some(configured) = &self.configured else {
+            return self.disabled(tick);
+        };
+        let Some(snapshot) = Snapshot::new(&configured.arm, &state.q, &state.dq) else {
+            self.fail(Violation::new(Fault::Internal, 0.0, 0.0));
+            return self.bridge(tick);
+        };
+        let torque_limits = configured.torque_limits;
+        let speeds = configured.speeds;
+        self.measured = state.tau;
+        self.wrench = self
+            .observer
+            .update(&snapshot, &state.tau, self.procedure.law.observer_rad_s, self.period_s);
+        let share = (STILL_FILTER * self.period_s).min(1.0);
+        let mut joint_speed = 0.0f64;
+        for i in 0..N {
+            self.filtered_dq[i] += share * (state.dq[i] - self.filtered_dq[i]);
+            joint_speed = joint_speed.max(self.filtered_dq[i].abs());
+        }
+        if !self.holding {
+            self.holding = true;
+            self.hold = JointSetpoint {
+                q: state.q,
+                dq: [0.0; N],
+            };
+        }
+        let leaves = matches!(self.activity, Activity::Decoupling(_));
+        if let Some(violation) = self.safety.joint_state(state, &self.procedure.limits, leaves) {
+            self.fail(violation);
+        }
+        let force = if self.activity.is_cartesian() {
+            self.contact_force()
+        } else {
+            snapshot.point_force(self.observer.residual())
+        };
+        self.advance(&snapshot, &speeds, joint_speed, force.norm());
+
+        let mut wanted = self.torque(&snapshot);
+        let law = &self.procedure.law;
+        let (gain, corner, bound) = (law.torque_loop_gain, law.torque_loop_rad_s, law.torque_loop_nm);
+        let delivered = self.delivered(&snapshot, &state.tau);
+        let limits = &self.procedure.limits;
+        let (joints, envelope) = self.safety.parts();
+        let violation = envelope
+            .tcp(&snapshot.tcp.position, &snapshot.velocity, limits, self.period_s)
+            .or_else(|| {
+                let sent = &self.last.as_ref()?.tau;
+                envelope.torque(sent, &delivered, joints, limits, self.period_s)
+            });
+        if let Some(violation) = violation {
+            self.fail(violation);
+        }
+        let correction = self
+            .torque_loop
+            .correction(&delivered, gain, corner, bound, self.period_s);
+        for i in 0..N {
+            wanted[i] += correction[i];
+        }
+        let limits = self.effective_limits(&snapshot, &torque_limits);
+        let step = self.procedure.law.torque_rate_nm_s * self.period_s;
+        let (tau, shaped) = self.shaper.shape(&wanted, &delivered, &limits, step);
+        self.torque_loop.sent(&tau);
+        let violation = self
+            .safety
+            .watch(&force, &shaped, &self.procedure.limits, self.period_s);
+        if let Some(violation) = violation {
+            self.fail(violation);
+        }
+        self.watch_host();
+        self.publish(state, &snapshot, &tau, shaped);
+        self.snapshot = Some(snapshot);
+        if self.keep_brakes {
+            return self.disabled(tick);
+        }
+        let mut joints = Joints::new();
+        for value in tau {
+            let _ = joints.push(value);
+        }
+        let command = DriveCommand {
+            tick,
+            tau: joints,
+            enable: true,
+        };
+        self.last = Some(command.clone());
+        command
+    }
+
+    /// Measured torque less the drive's own gravity torque, in N m, to compare with
+    /// the torque that was sent.
+    fn delivered(&self, snapshot: &Snapshot<N>, measured: &[f64; N]) -> [f64; N] {
+        if !self.gravity_by_drive {
+            return *measured;
+        }
+        core::array::from_fn(|i| measured[i] - snapshot.gravity[i])
+    }
+
+    /// Limits of the torque that is sent to the drive, in N m.
+    fn effective_limits(&self, snapshot: &Snapshot<N>, limits: &[f64; N]) -> [f64; N] {
+        if !self.gravity_by_drive {
+            return *limits;
+        }
+        core::array::from_fn(|i| (limits[i] - snapshot.gravity[i].abs()).max(0.0))
+    }
+
+    /// Advances the setpoint and the phase by one tick.
+    fn advance(&mut self, snapshot: &Snapshot<N>, speeds: &[f64; N], joint_speed: f64, force_n: f64) {
+        let env = Env {
+            snapshot,
+            wrench: self.wrench,
+            tau: &self.measured,
+            joint_speed,
+            force_n,
+            procedure: &self.procedure,
+            speeds,
+            joints: self.safety.limits(),
+            period_s: self.period_s,
+            elapsed_s: f64::from(self.phase_ticks) * self.period_s,
+            time_us: self.now_us,
+            tick: self.tick,
+        };
+        if self.activity.is_seated() {
+            let seating = &env.procedure.seating;
+            let tcp = &snapshot.tcp.position;
+            if let Some(distance) = self
+                .cartesian
+                .watch
+                .push(tcp, snapshot.tcp_speed(), seating, env.period_s)
+            {
+                let limit = seating.window_m;
+                self.fail(Violation::new(Fault::ContactLost, distance, limit));
+                return;
+            }
+        }
+        match self.activity.step(&env, &mut self.hold, &mut self.cartesian) {
+            Next::Stay => {}
+            Next::Enter(activity, event) => {
+                if let Some(event) = event {
+                    self.queue_event(event);
+                }
+                // After a completed decoupling the nest is off the sphere.
+                if matches!((&self.activity, &activity), (Activity::Decoupling(_), Activity::Idle)) {
+                    self.may_be_on_sphere = false;
+                }
+                self.enter(activity);
+            }
+            Next::Fail(violation) => self.fail(violation),
+        }
+    }
+
+    /// Torque of the present phase's law, in N m. It includes gravity unless the
+    /// drive adds it.
+    fn torque(&mut self, snapshot: &Snapshot<N>) -> SVector<f64, N> {
+        let law = &self.procedure.law;
+        let mut torque = if self.activity.is_cartesian() {
+            let force = self
+                .cartesian
+                .impedance
+                .force(snapshot, &self.cartesian.setpoint, law.damping_ratio);
+            let null = self
+                .cartesian
+                .null_space
+                .torque(snapshot, law.elbow_nm_rad, law.elbow_damping_ratio);
+            snapshot.joint_torque(&force) + null
+        } else if matches!(self.activity, Activity::HandGuiding) {
+            let margin = self.procedure.limits.position_margin_rad;
+            guide_torque(snapshot, &mut self.hold, self.safety.limits(), margin)
+        } else {
+            joint_torque(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0)
+        };
+        torque += snapshot.coriolis;
+        if !self.gravity_by_drive {
+            torque += snapshot.gravity;
+        }
+        torque
+    }
+}

@@ -1,0 +1,104 @@
+//! State that the Cartesian phases share.
+
+use nalgebra::{Matrix3, Vector3, Vector6};
+use spherecal_shared::robot::elbow::elbow;
+
+use super::Env;
+use crate::contact::SeatingWatch;
+use crate::law::{CartesianSetpoint, Impedance, NullSpace, Snapshot, Stiffness, Wrench, rotation_error};
+
+/// State that the Cartesian phases pass to each other.
+#[derive(Clone, Debug)]
+pub(crate) struct CartesianState<const N: usize> {
+    /// Id of the sphere.
+    pub(crate) sphere: u32,
+    /// Direction of the approach in F0, a unit vector.
+    pub(crate) direction: Vector3<f64>,
+    /// The tare, F0: a wrench that is model error. The law compensates it, too.
+    pub(crate) tare: Wrench,
+    /// Computed TCP at contact, in m.
+    pub(crate) contact: Vector3<f64>,
+    /// The watch over the seated nest.
+    pub(crate) watch: SeatingWatch,
+    /// The spring.
+    pub(crate) impedance: Impedance,
+    /// Setpoint of the spring.
+    pub(crate) setpoint: CartesianSetpoint,
+    /// Setpoint of the null space.
+    pub(crate) null_space: NullSpace<N>,
+}
+
+impl<const N: usize> Default for CartesianState<N> {
+    fn default() -> Self {
+        Self {
+            sphere: 0,
+            direction: Vector3::zeros(),
+            tare: Wrench::default(),
+            contact: Vector3::zeros(),
+            watch: SeatingWatch::new(Vector3::zeros()),
+            impedance: Impedance::new(Stiffness::isotropic(0.0, 0.0)),
+            setpoint: CartesianSetpoint::at(Vector3::zeros(), Matrix3::identity()),
+            null_space: NullSpace::Free,
+        }
+    }
+}
+
+impl<const N: usize> CartesianState<N> {
+    /// Takes over from the joint law without a jump. The setpoints of the spring and
+    /// of the elbow are where the arm is. The tare is compensated: a soft spring
+    /// would give way to it by centimetres.
+    pub(crate) fn engage(&mut self, snapshot: &Snapshot<N>, stiffness: Stiffness) {
+        self.setpoint = CartesianSetpoint::at(snapshot.tcp.position, snapshot.tcp.rotation);
+        self.setpoint.feed_forward = self.compensation(Vector3::zeros());
+        self.impedance = Impedance::new(stiffness);
+        self.null_space = match elbow(&snapshot.frames) {
+            Some(now) => NullSpace::Elbow {
+                angle: now.angle,
+                rate: 0.0,
+            },
+            None if N > 6 => NullSpace::Posture(snapshot.q),
+            None => NullSpace::Free,
+        };
+    }
+
+    /// Sets the setpoint to where the arm is, with the orientation `rotation`.
+    pub(crate) fn relatch(&mut self, snapshot: &Snapshot<N>, rotation: Matrix3<f64>) {
+        self.setpoint = CartesianSetpoint::at(snapshot.tcp.position, rotation);
+        self.setpoint.feed_forward = self.compensation(Vector3::zeros());
+    }
+
+    /// Force and torque added to the spring's: the compensation of the tare, and
+    /// `pull` (F0, in N).
+    pub(crate) fn compensation(&self, pull: Vector3<f64>) -> Vector6<f64> {
+        let (f, t) = (pull - self.tare.force, -self.tare.torque);
+        Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z)
+    }
+
+    /// Starts the ramp to the same translational stiffness along all axes.
+    pub(crate) fn soften(&mut self, env: &Env<'_, N>, stiffness_n_m: f64) {
+        let law = &env.procedure.law;
+        let to = Stiffness::isotropic(stiffness_n_m, law.rotation_nm_rad);
+        self.impedance.ramp_to(to, law.stiffness_ramp_s, env.period_s);
+    }
+
+    /// Tared force of the environment against the approach, in N: positive when
+    /// the arm pushes on the sphere.
+    pub(crate) fn contact_force(&self, env: &Env<'_, N>) -> f64 {
+        -self.direction.dot(&(env.wrench.force - self.tare.force))
+    }
+
+    /// Whether the orientation error is certainly less than `angle` (rad, at most
+    /// half a turn). `false` means unknown. It needs no arc tangent.
+    pub(crate) fn surely_within(&self, snapshot: &Snapshot<N>, angle: f64) -> bool {
+        let trace = self.setpoint.rotation.dot(&snapshot.tcp.rotation);
+        // 3 - trace equals 2 (1 - cos error), which grows with the error, and
+        // 2 (1 - cos x) is never less than x² - x⁴/12.
+        let square = angle * angle;
+        3.0 - trace < square - square * square / 12.0
+    }
+
+    /// Orientation error of the arm, in rad.
+    pub(crate) fn orientation_error(&self, snapshot: &Snapshot<N>) -> f64 {
+        rotation_error(&self.setpoint.rotation, &snapshot.tcp.rotation).norm()
+    }
+}

@@ -1,0 +1,30 @@
+//! A test pull on the nest.
+
+use nalgebra::Vector3;
+
+/// A pull that rises to its full force and falls again, and the displacement of
+/// the TCP under it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pull {
+    start: Vector3<f64>,
+    moved: f64,
+}
+
+impl Pull {
+    /// Starts at a computed TCP (F0, in m).
+    pub(super) fn new(start: Vector3<f64>) -> Self {
+        Self { start, moved: 0.0 }
+    }
+
+    /// Takes one tick's computed TCP; returns the largest displacement so far, in m.
+    pub(super) fn push(&mut self, tcp: &Vector3<f64>) -> f64 {
+        self.moved = self.moved.max((tcp - self.start).norm());
+        self.moved
+    }
+
+    /// Force after `elapsed_s` of a pull of `most_n` that lasts `time_s`, in N.
+    pub(super) fn size(elapsed_s: f64, time_s: f64, most_n: f64) -> f64 {
+        let share = libm::sin(core::f64::consts::PI * elapsed_s / time_s);
+        most_n * share * share
+    }
+}

@@ -1,0 +1,256 @@
+//! Plausibility: checks whether the arm can be in a drive state, given the states
+//! before.
+//!
+//! A drive that hangs may count ticks and repeat its last values. An encoder that
+//! loses its reference jumps from one state to the next. An encoder that sticks
+//! shows the same angle although its joint is driven. A single state shows none of
+//! these.
+
+use spherecal_shared::procedure::Limits;
+use spherecal_shared::protocol::host::Fault;
+use spherecal_shared::robot::JointLimits;
+
+use super::violation::{JointState, Violation};
+
+/// Factor on the joint's speed limit, or on its last speed, that bounds the motion
+/// between two states.
+const SPEED_FACTOR: f64 = 1.5;
+/// Most ticks of identical states that count as "not seen": the drive may have
+/// been frozen while the arm moved.
+const MOST_UNSEEN: u64 = 500;
+/// Joint speed above which a state says that the arm moves, in rad/s.
+const MOVES_RAD_S: f64 = 1e-3;
+/// Change of the sent torques (sum over the joints, in N m) that must change at
+/// least one value of the state. A drive without noise that stands still under the
+/// same torque is not frozen.
+const TORQUE_CHANGE_NM: f64 = 0.05;
+/// The same for one joint whose angle alone stays the same: at least this many
+/// N m, and this share of its torque limit. It exceeds the range of its stiction.
+const STUCK_NM: f64 = 10.0;
+const STUCK_SHARE: f64 = 0.05;
+
+/// State of the plausibility checks.
+#[derive(Clone, Debug)]
+pub(crate) struct Plausibility<const N: usize> {
+    last: Option<JointState<N>>,
+    /// Tick of the last state that was checked, good or not.
+    tick: u64,
+    /// Ticks since the last good state in which the arm was not seen. It may have
+    /// moved during them.
+    unseen: u64,
+    same: u32,
+    /// Torques that were sent when the state first repeated, in N m.
+    sent: [f64; N],
+    /// For each joint: ticks for which the angle has been the same, and the torque
+    /// sent at the first of them, in N m.
+    stuck: [(u32, f64); N],
+}
+
+impl<const N: usize> Default for Plausibility<N> {
+    fn default() -> Self {
+        Self {
+            last: None,
+            tick: 0,
+            unseen: 0,
+            same: 0,
+            sent: [0.0; N],
+            stuck: [(0, 0.0); N],
+        }
+    }
+}
+
+impl<const N: usize> Plausibility<N> {
+    /// Forgets earlier states: for another robot.
+    pub(crate) fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Checks the state of `tick`. `sent` are the torques (N m) sent before it
+    /// (empty while the brakes are closed). An implausible state is not kept: the
+    /// next one is compared with the last good one.
+    #[inline]
+    pub(crate) fn check(
+        &mut self,
+        tick: u64,
+        state: &JointState<N>,
+        sent: &[f64],
+        joints: &[JointLimits; N],
+        limits: &Limits,
+        period_s: f64,
+    ) -> Option<Violation> {
+        let gap = tick.saturating_sub(self.tick);
+        self.tick = tick;
+        let Some(last) = &self.last else {
+            self.last = Some(*state);
+            return None;
+        };
+        self.unseen = self.unseen.saturating_add(gap.saturating_sub(1));
+        let elapsed_s = self.unseen.saturating_add(1) as f64 * period_s;
+        let mut change = 0.0;
+        let mut fastest = 0.0f64;
+        let (mut stuck_joint, mut others) = (None, false);
+        for i in 0..N {
+            let moved = (state.q[i] - last.q[i]).abs();
+            // By the earlier speed: the later one may be computed from the jump.
+            let speed = joints[i].velocity_rad_s.max(last.dq[i].abs());
+            let most = speed * SPEED_FACTOR * elapsed_s + limits.jump_rad;
+            if moved > most {
+                return Some(Violation {
+                    fault: Fault::PositionJump,
+                    joint: i as u8 + 1,
+                    value: moved,
+                    limit: most,
+                });
+            }
+            others |= moved > 0.0;
+            stuck_joint = stuck_joint.or(stuck_encoder(&mut self.stuck[i], i, moved, sent, &joints[i], limits));
+            change += moved + (state.dq[i] - last.dq[i]).abs() + (state.tau[i] - last.tau[i]).abs();
+            fastest = fastest.max(state.dq[i].abs());
+        }
+        self.last = Some(*state);
+        if change > 0.0 {
+            self.same = 0;
+            self.unseen = 0;
+            // All joints of a blocked arm stand still.
+            return stuck_joint.filter(|_| others);
+        }
+        if self.same == 0 {
+            for (kept, sent) in self.sent.iter_mut().zip(sent) {
+                *kept = *sent;
+            }
+        }
+        self.same = self.same.saturating_add(1);
+        let allowed = limits.frozen_ticks;
+        let mut torque_change = 0.0;
+        for (kept, sent) in self.sent.iter().zip(sent) {
+            torque_change += (sent - kept).abs();
+        }
+        let alive = torque_change > TORQUE_CHANGE_NM || fastest > MOVES_RAD_S;
+        // The drive may be frozen while the arm moves.
+        self.unseen = if alive {
+            u64::from(self.same).min(MOST_UNSEEN)
+        } else {
+            0
+        };
+        (allowed > 0 && self.same > allowed && alive)
+            .then(|| Violation::new(Fault::StaleState, f64::from(self.same), f64::from(allowed)))
+    }
+}
+
+/// Whether the encoder of joint `i` sticks: its angle stays the same although the
+/// torque sent to it changes. `stuck` holds the ticks for which the angle has been
+/// the same and the torque sent at the first of them, in N m.
+#[inline]
+fn stuck_encoder(
+    stuck: &mut (u32, f64),
+    i: usize,
+    moved: f64,
+    sent: &[f64],
+    joint: &JointLimits,
+    limits: &Limits,
+) -> Option<Violation> {
+    let (count, first) = stuck;
+    let Some(sent) = sent.get(i).filter(|_| moved == 0.0) else {
+        *count = 0;
+        return None;
+    };
+    if *count == 0 {
+        *first = *sent;
+    }
+    *count = count.saturating_add(1);
+    let change = (sent - *first).abs();
+    let most = STUCK_NM.max(STUCK_SHARE * joint.torque_nm);
+    let long = limits.frozen_ticks > 0 && *count > limits.frozen_ticks;
+    (long && change > most).then_some(Violation {
+        fault: Fault::StaleState,
+        joint: i as u8 + 1,
+        value: change,
+        limit: most,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spherecal_shared::robot::iiwa7;
+
+    fn joints() -> [JointLimits; 7] {
+        core::array::from_fn(|i| iiwa7().joints[i].limits)
+    }
+
+    fn at(q: f64, tau: f64) -> JointState<7> {
+        JointState {
+            q: [q; 7],
+            dq: [0.0; 7],
+            tau: [tau; 7],
+        }
+    }
+
+    // Fails if a motion counts as a jump or a jump as motion, or if an implausible
+    // state replaces the last good one.
+    #[test]
+    fn an_angle_cannot_jump() {
+        let limits = Limits::default();
+        let mut watch = Plausibility::default();
+        let mut look = |tick, q, tau| watch.check(tick, &at(q, tau), &[0.0; 7], &joints(), &limits, 1e-3);
+        assert_eq!(look(1, 0.0, 1.0), None);
+        assert_eq!(look(2, 0.003, 1.1), None);
+        let jump = look(3, 0.1, 1.0).expect("a jump");
+        assert_eq!((jump.fault, jump.joint), (Fault::PositionJump, 1));
+        assert!((jump.value - 0.097).abs() < 1e-12);
+        assert_eq!(look(4, 0.006, 1.0), None, "back where it was");
+        // After 100 ms without a state the arm may be elsewhere.
+        assert_eq!(look(104, 0.1, 1.0), None);
+        // While it is seen it cannot be.
+        assert!((105..1000).all(|tick| look(tick, 0.2, 1.0).is_some()));
+    }
+
+    // Fails if a frozen drive is not found in time, or if a simulator without
+    // noise that stands under the same torque is taken for one.
+    #[test]
+    fn a_frozen_drive_is_noticed_and_a_still_one_is_not() {
+        let limits = Limits::default();
+        let run = |torque: &dyn Fn(u64) -> f64, dq: f64| {
+            let mut watch = Plausibility::default();
+            (1..1000).find(|tick| {
+                let mut state = at(1e-5 * (*tick).min(10) as f64, 1.0);
+                state.dq = [dq; 7];
+                watch
+                    .check(*tick, &state, &[torque(*tick); 7], &joints(), &limits, 1e-3)
+                    .is_some()
+            })
+        };
+        let noticed = Some(11 + u64::from(limits.frozen_ticks));
+        assert_eq!(run(&|tick| 0.001 * tick as f64, 0.0), noticed, "the torque changes");
+        assert_eq!(run(&|_| 3.0, 0.1), noticed, "it says that it moves");
+        assert_eq!(run(&|_| 3.0, 0.0), None, "it stands");
+    }
+
+    // Fails if an encoder that sticks while its joint is driven is not found, if a
+    // joint that stands under friction is taken for one, or if the ticks of an
+    // earlier standstill count.
+    #[test]
+    fn an_encoder_that_sticks_is_noticed() {
+        let limits = Limits::default();
+        let run = |torque: &dyn Fn(u64) -> f64, stands: &dyn Fn(u64) -> bool| {
+            let mut watch = Plausibility::default();
+            let mut q4 = 0.0;
+            (1..1000).find_map(|tick| {
+                let mut state = at(1e-5 * tick as f64, 1.0);
+                q4 = if stands(tick) { q4 } else { state.q[3] };
+                state.q[3] = q4;
+                let mut sent = [0.0; 7];
+                sent[3] = torque(tick);
+                let found = watch.check(tick, &state, &sent, &joints(), &limits, 1e-3)?;
+                assert_eq!((found.fault, found.joint), (Fault::StaleState, 4));
+                Some(tick)
+            })
+        };
+        let most = STUCK_NM.max(STUCK_SHARE * iiwa7().joints[3].limits.torque_nm);
+        let ramp = |tick: u64| 0.5 * tick as f64;
+        let noticed = run(&ramp, &|tick| tick >= 100).expect("noticed");
+        assert_eq!(noticed, 100 + (most / 0.5).floor() as u64 + 1);
+        assert_eq!(run(&|tick| 0.9 * most * (tick % 2) as f64, &|tick| tick >= 100), None);
+        assert_eq!(run(&ramp, &|tick| tick % 20 > 0), None, "it moves now and then");
+    }
+}

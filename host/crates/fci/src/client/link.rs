@@ -1,0 +1,250 @@
+//! Both channels of a connection: what [`Client`](super::Client) and [`Observer`](super::Observer) share.
+
+use std::io::ErrorKind;
+use std::net::{SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::time::{Duration, Instant};
+
+use super::tcp::{Answer, Tcp, io};
+use super::{ClientError, Config};
+use crate::wire::{
+    Command, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotState, Status, Version,
+};
+
+/// What went over the wire since the connection was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Statistics {
+    /// States received in order.
+    pub states: u64,
+    /// States that never came, by the gaps of `message_id`.
+    pub missed: u64,
+    /// States that came, but only together with a newer one: they were not answered.
+    pub superseded: u64,
+    /// The longest gap: missed states in a row.
+    pub longest_gap: u64,
+    /// States skipped because a newer one had come: late, repeated or out of order.
+    pub stale: u64,
+    /// Datagrams from another host.
+    pub foreign: u64,
+    /// Commands sent.
+    pub commands: u64,
+    /// Commands of which a torque changed too fast and was clamped.
+    pub rate_limited: u64,
+    /// Commands of which a torque exceeded its limit and was clamped.
+    pub torque_limited: u64,
+    /// The lowest success rate that the robot reported during a motion, after its first 100 commands; 1 before.
+    pub lowest_success_rate: f64,
+}
+
+pub(super) struct Link {
+    pub(super) tcp: Tcp,
+    pub(super) version: Version,
+    pub(super) statistics: Statistics,
+    pub(super) newest: RobotState,
+    udp: UdpSocket,
+    /// Where the newest state came from: the address that commands go to.
+    robot: Option<SocketAddr>,
+    last_id: Option<u64>,
+    received: [u8; MAX_STATE_SIZE + 1],
+    response_timeout: Duration,
+    state_timeout: Duration,
+    spin: Duration,
+}
+
+impl Link {
+    /// Connects and agrees on a version: the robot's own if the configuration permits it.
+    pub(super) fn connect(config: &Config) -> Result<Self, ClientError> {
+        let host = |source| ClientError::Host {
+            host: config.host.clone(),
+            source,
+        };
+        let none = || std::io::Error::new(ErrorKind::NotFound, "no address");
+        let address = (config.host.as_str(), config.port)
+            .to_socket_addrs()
+            .map_err(host)?
+            .next()
+            .ok_or_else(|| host(none()))?;
+        let udp = UdpSocket::bind((config.local, 0)).map_err(io("open a UDP port"))?;
+        let port = udp.local_addr().map_err(io("open a UDP port"))?.port();
+        udp.set_read_timeout(Some(config.state_timeout.max(Duration::from_micros(1))))
+            .map_err(io("set a timeout"))?;
+        busy_poll(&udp, config)?;
+
+        let mut untried: Vec<Version> = config.versions.clone();
+        let mut robot = 0;
+        while !untried.is_empty() {
+            let version = untried.remove(0);
+            let (tcp, payload) = Tcp::connect(address, version, port, config.connect_timeout, config.response_timeout)?;
+            let answer = ConnectAnswer::decode(&payload)?;
+            if answer.status == Status::Success {
+                return Self::agreed(config, tcp, udp, version);
+            }
+            tcp.shut_down();
+            robot = answer.version;
+            // The robot names its version: if it is permitted, the others need no trial.
+            if untried.iter().any(|v| v.number() == robot) {
+                untried.retain(|v| v.number() == robot);
+            }
+        }
+        Err(ClientError::Version {
+            robot,
+            permitted: config.versions.iter().map(|v| v.number()).collect(),
+        })
+    }
+
+    fn agreed(config: &Config, tcp: Tcp, udp: UdpSocket, version: Version) -> Result<Self, ClientError> {
+        let mut link = Self {
+            tcp,
+            version,
+            statistics: Statistics {
+                lowest_success_rate: 1.0,
+                ..Statistics::default()
+            },
+            newest: RobotState::default(),
+            udp,
+            robot: None,
+            last_id: None,
+            received: [0; MAX_STATE_SIZE + 1],
+            response_timeout: config.response_timeout,
+            state_timeout: config.state_timeout,
+            spin: config.spin,
+        };
+        // The first state may take longer than the period: the robot has to start its transmission.
+        let deadline = Instant::now() + config.connect_timeout;
+        loop {
+            match link.receive() {
+                Err(ClientError::Silent { .. }) if Instant::now() < deadline => {}
+                Err(error) => return Err(error),
+                Ok(_) => return Ok(link),
+            }
+        }
+    }
+
+    /// Waits for a state that is newer than the last one and takes the newest that has come, into `self.newest`.
+    /// Returns how many periods went by between the two. Allocates nothing.
+    pub(super) fn receive(&mut self) -> Result<u64, ClientError> {
+        let before = self.last_id;
+        let states_before = self.statistics.states;
+        let start = Instant::now();
+        let spin_end = start + self.spin;
+        let mut taken = false;
+        // Without waiting: everything that has come already.
+        self.udp.set_nonblocking(true).map_err(io("use the UDP port"))?;
+        loop {
+            match self.udp.recv_from(&mut self.received) {
+                Ok((size, from)) => taken |= self.take(size, from)?,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    if taken || Instant::now() >= spin_end {
+                        break;
+                    }
+                    std::hint::spin_loop();
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(io("receive a state")(error)),
+            }
+        }
+        if !taken {
+            self.udp.set_nonblocking(false).map_err(io("use the UDP port"))?;
+            while !taken {
+                match self.udp.recv_from(&mut self.received) {
+                    Ok((size, from)) => taken = self.take(size, from)?,
+                    Err(error) => match error.kind() {
+                        ErrorKind::WouldBlock | ErrorKind::TimedOut => return Err(self.silent(start)),
+                        ErrorKind::Interrupted => {}
+                        _ => return Err(io("receive a state")(error)),
+                    },
+                }
+                // Old or foreign datagrams must not keep the client waiting for ever.
+                if !taken && start.elapsed() > self.state_timeout {
+                    return Err(self.silent(start));
+                }
+            }
+        }
+        let (Some(before), Some(now)) = (before, self.last_id) else {
+            return Ok(0);
+        };
+        self.statistics.superseded += self.statistics.states - states_before - 1;
+        Ok(now.saturating_sub(before).saturating_sub(1))
+    }
+
+    fn silent(&self, since: Instant) -> ClientError {
+        if self.tcp.is_closed() {
+            ClientError::Closed
+        } else {
+            ClientError::Silent { after: since.elapsed() }
+        }
+    }
+
+    /// Takes a datagram if it is a state newer than the last one.
+    fn take(&mut self, size: usize, from: SocketAddr) -> Result<bool, ClientError> {
+        if self.tcp.peer() != from.ip() {
+            self.statistics.foreign += 1;
+            return Ok(false);
+        }
+        let state = RobotState::decode(self.version, &self.received[..size])?;
+        if self.last_id.is_some_and(|last| state.message_id <= last) {
+            self.statistics.stale += 1;
+            return Ok(false);
+        }
+        let gap = self.last_id.map_or(0, |last| state.message_id - last - 1);
+        self.statistics.states += 1;
+        self.statistics.missed += gap;
+        self.statistics.longest_gap = self.statistics.longest_gap.max(gap);
+        self.last_id = Some(state.message_id);
+        self.robot = Some(from);
+        self.newest = state;
+        Ok(true)
+    }
+
+    /// Sends a command to the address that the newest state came from. Allocates nothing.
+    pub(super) fn send(&mut self, command: &RobotCommand) -> Result<(), ClientError> {
+        let Some(robot) = self.robot else {
+            return Err(ClientError::NothingToAnswer);
+        };
+        let mut bytes = [0; MAX_COMMAND_SIZE];
+        let size = command.encode(self.version, &mut bytes);
+        self.udp.send_to(&bytes[..size], robot).map_err(io("send a command"))?;
+        self.statistics.commands += 1;
+        Ok(())
+    }
+
+    /// Sends a request and takes any status but success for an error.
+    pub(super) fn request(&mut self, request: &Request) -> Result<Answer, ClientError> {
+        let answer = self.tcp.request(request, self.response_timeout)?;
+        match answer.status {
+            Status::Success | Status::MotionStarted => Ok(answer),
+            status => Err(ClientError::Refused {
+                command: request.command(),
+                status,
+                mode: self.newest.robot_mode,
+            }),
+        }
+    }
+
+    /// The robot model in URDF. `None` where the version has no such request.
+    pub(super) fn robot_model(&mut self) -> Result<Option<String>, ClientError> {
+        if Command::GetRobotModel.number(self.version).is_err() {
+            return Ok(None);
+        }
+        let answer = self.request(&Request::GetRobotModel)?;
+        let text = String::from_utf8(answer.body).map_err(|_| crate::wire::WireError::NotText)?;
+        Ok(Some(text))
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn busy_poll(udp: &UdpSocket, config: &Config) -> Result<(), ClientError> {
+    if let Some(us) = config.busy_poll_us {
+        socket2::SockRef::from(udp)
+            .set_busy_poll(us)
+            .map_err(io("set SO_BUSY_POLL; it may need the right CAP_NET_ADMIN"))?;
+    }
+    Ok(())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn busy_poll(_udp: &UdpSocket, config: &Config) -> Result<(), ClientError> {
+    match config.busy_poll_us {
+        None => Ok(()),
+        Some(_) => Err(io("set SO_BUSY_POLL")(std::io::Error::from(ErrorKind::Unsupported))),
+    }
+}

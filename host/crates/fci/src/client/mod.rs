@@ -1,0 +1,59 @@
+//! The client: drives a real robot, or only watches it.
+//!
+//! - [`Client`] moves the robot: load, thresholds, a torque motion, stop, error recovery.
+//! - [`Observer`] only reads states. It has no method that could move the robot. Use it while a person guides the arm.
+//!
+//! # Life of a motion
+//! ```text
+//! connect -> Idle -- start_torque_motion --> Moving -- finish or stop --------> Idle
+//!                                              |
+//!                                              +-- reflex, user stop, ... --> Stopped -- recover --> Idle
+//! ```
+//! While it moves, call [`Client::exchange`] in a loop: it waits for the robot's newest state, calls the control law and
+//! answers. The loop allocates no memory. Each state is answered at most once, and only if it shows that the motion
+//! still runs; so no command leaves after a stop.
+//!
+//! # What the client guarantees before it sends a torque
+//! - it is finite, or the call fails and nothing is sent;
+//! - it stays within the torque limits ([`Limits::torque`]);
+//! - it changes by at most [`Limits::torque_rate`] per millisecond, against the robot's last desired torque and against
+//!   the last command sent.
+//!
+//! A command that had to be clamped is sent clamped and counted in [`Statistics`].
+
+mod config;
+mod error;
+mod limits;
+mod link;
+mod motion;
+mod observer;
+mod tcp;
+
+pub use config::Config;
+pub use error::{ClientError, EndCause, MotionEnd};
+pub use limits::Limits;
+pub use link::Statistics;
+pub use motion::{Client, Cycle};
+pub use observer::{Observer, Reading};
+
+/// How the torques of an interface relate to the arm. What a drive must know before it uses them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TorqueTraits {
+    /// The robot adds gravity (of arm, end effector and load) to the commanded torque.
+    pub compensates_gravity: bool,
+    /// The robot compensates the friction of its joints.
+    pub compensates_friction: bool,
+    /// The measured torque includes gravity.
+    pub measures_gravity: bool,
+    /// At rest the measured torque equals `+gravity(q)`: the torque that holds the arm, in the direction of positive
+    /// joint motion.
+    pub measured_sign_positive: bool,
+}
+
+/// The torques of this interface, as the maker documents them.
+pub const TORQUE_TRAITS: TorqueTraits = TorqueTraits {
+    compensates_gravity: true,
+    compensates_friction: true,
+    measures_gravity: true,
+    measured_sign_positive: true,
+};

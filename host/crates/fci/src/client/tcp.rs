@@ -1,0 +1,195 @@
+//! The TCP channel of the client: one request at a time, responses by id.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{IpAddr, SocketAddr, TcpStream};
+use std::time::{Duration, Instant};
+
+use super::ClientError;
+use crate::wire::{Command, HEADER_SIZE, Header, MAX_RESPONSE, Request, Response, Status, Version};
+
+/// A response with its body, copied out of the receive buffer.
+pub(super) struct Answer {
+    pub(super) status: Status,
+    pub(super) body: Vec<u8>,
+}
+
+/// The TCP connection after the version is agreed.
+pub(super) struct Tcp {
+    stream: TcpStream,
+    peer: IpAddr,
+    version: Version,
+    next_id: u32,
+    received: Vec<u8>,
+    /// The id of the Move request whose end has not been reported yet.
+    move_id: Option<u32>,
+    /// How the last motion ended, as soon as the robot said so.
+    move_end: Option<Status>,
+}
+
+impl Tcp {
+    /// Opens the connection and sends Connect. Returns the robot's payload: status and version.
+    pub(super) fn connect(
+        address: SocketAddr,
+        version: Version,
+        udp_port: u16,
+        connect_timeout: Duration,
+        response_timeout: Duration,
+    ) -> Result<(Self, Vec<u8>), ClientError> {
+        let stream = TcpStream::connect_timeout(&address, connect_timeout)
+            .map_err(|source| ClientError::Connect { address, source })?;
+        stream.set_nodelay(true).map_err(io("set TCP_NODELAY"))?;
+        let mut tcp = Self {
+            stream,
+            peer: address.ip(),
+            version,
+            next_id: 0,
+            received: Vec::new(),
+            move_id: None,
+            move_end: None,
+        };
+        let request = Request::Connect {
+            version: version.number(),
+            udp_port,
+        };
+        let id = tcp.send(&request)?;
+        let deadline = Instant::now() + response_timeout;
+        loop {
+            let Some((header, payload)) = tcp.frame(deadline)? else {
+                return Err(ClientError::NoResponse {
+                    command: Command::Connect,
+                    after: response_timeout,
+                });
+            };
+            if header.command == 0 && header.id == id {
+                return Ok((tcp, payload));
+            }
+        }
+    }
+
+    /// The robot's address.
+    pub(super) fn peer(&self) -> IpAddr {
+        self.peer
+    }
+
+    /// Sends a request; returns its id.
+    fn send(&mut self, request: &Request) -> Result<u32, ClientError> {
+        let id = self.next_id;
+        self.next_id = id.wrapping_add(1);
+        let mut bytes = Vec::with_capacity(512);
+        request.encode(self.version, id, &mut bytes)?;
+        self.stream.write_all(&bytes).map_err(|error| match error.kind() {
+            ErrorKind::BrokenPipe | ErrorKind::ConnectionReset => ClientError::Closed,
+            _ => io("send a request")(error),
+        })?;
+        Ok(id)
+    }
+
+    /// Sends a request and waits for its response.
+    pub(super) fn request(&mut self, request: &Request, timeout: Duration) -> Result<Answer, ClientError> {
+        if matches!(request, Request::Move(_)) {
+            self.move_end = None;
+        }
+        let id = self.send(request)?;
+        if matches!(request, Request::Move(_)) {
+            self.move_id = Some(id);
+        }
+        let deadline = Instant::now() + timeout;
+        while let Some((header, payload)) = self.frame(deadline)? {
+            let response = Response::decode(self.version, header, &payload)?;
+            if response.id == id && response.command == request.command() {
+                if response.command == Command::Move && response.status != Status::MotionStarted {
+                    self.move_id = None;
+                }
+                return Ok(Answer {
+                    status: response.status,
+                    body: response.body.to_vec(),
+                });
+            }
+            self.keep_move_end(&response);
+        }
+        Err(ClientError::NoResponse {
+            command: request.command(),
+            after: timeout,
+        })
+    }
+
+    /// Sends a request without waiting for its response.
+    pub(super) fn post(&mut self, request: &Request) -> Result<(), ClientError> {
+        self.send(request).map(|_| ())
+    }
+
+    /// Waits for the response that says how the motion ended. `None` if it does not come in time.
+    pub(super) fn motion_end(&mut self, timeout: Duration) -> Result<Option<Status>, ClientError> {
+        let deadline = Instant::now() + timeout;
+        while self.move_end.is_none() && self.move_id.is_some() {
+            let Some((header, payload)) = self.frame(deadline)? else {
+                break;
+            };
+            let response = Response::decode(self.version, header, &payload)?;
+            self.keep_move_end(&response);
+        }
+        Ok(self.move_end.take())
+    }
+
+    fn keep_move_end(&mut self, response: &Response<'_>) {
+        let ours = response.command == Command::Move && Some(response.id) == self.move_id;
+        if ours && response.status != Status::MotionStarted {
+            self.move_id = None;
+            self.move_end = Some(response.status);
+        }
+    }
+
+    /// Whether the robot has closed the connection. Does not wait.
+    pub(super) fn is_closed(&self) -> bool {
+        if self.stream.set_nonblocking(true).is_err() {
+            return true;
+        }
+        let closed = match self.stream.peek(&mut [0]) {
+            Ok(0) => true,
+            Ok(_) => false,
+            Err(error) => error.kind() != ErrorKind::WouldBlock,
+        };
+        closed || self.stream.set_nonblocking(false).is_err()
+    }
+
+    /// The next message: header and payload. `None` at the deadline.
+    fn frame(&mut self, deadline: Instant) -> Result<Option<(Header, Vec<u8>)>, ClientError> {
+        loop {
+            if self.received.len() >= HEADER_SIZE {
+                let header = Header::decode(&self.received, MAX_RESPONSE)?;
+                let size = header.size as usize;
+                if self.received.len() >= size {
+                    let payload = self.received[HEADER_SIZE..size].to_vec();
+                    self.received.drain(..size);
+                    return Ok(Some((header, payload)));
+                }
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Ok(None);
+            }
+            self.stream.set_read_timeout(Some(left)).map_err(io("set a timeout"))?;
+            let mut part = [0; 4096];
+            match self.stream.read(&mut part) {
+                Ok(0) => return Err(ClientError::Closed),
+                Ok(count) => self.received.extend_from_slice(&part[..count]),
+                Err(error) => match error.kind() {
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut => return Ok(None),
+                    ErrorKind::Interrupted => {}
+                    ErrorKind::ConnectionReset | ErrorKind::BrokenPipe => return Err(ClientError::Closed),
+                    _ => return Err(io("read a response")(error)),
+                },
+            }
+        }
+    }
+
+    pub(super) fn shut_down(&self) {
+        // The connection may be gone already; there is nobody to tell.
+        let _ = self.stream.shutdown(std::net::Shutdown::Both);
+    }
+}
+
+/// Names what failed.
+pub(super) fn io(action: &'static str) -> impl Fn(std::io::Error) -> ClientError {
+    move |source| ClientError::Io { action, source }
+}

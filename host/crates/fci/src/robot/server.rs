@@ -1,0 +1,357 @@
+//! The robot side on the network: TCP, UDP and the 1 kHz clock, on a thread of its own.
+
+use std::io::ErrorKind;
+use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::arm::Arm;
+use super::config::RobotConfig;
+use super::session::{Incoming, Session};
+use super::supervisor::Supervisor;
+use crate::wire::{
+    Command, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotMode, RobotState, Status,
+    WireError,
+};
+
+const PERIOD: Duration = Duration::from_millis(1);
+
+/// What the robot side counted since its start.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RobotStatistics {
+    /// Periods of 1 ms that the robot lived through.
+    pub periods: u64,
+    /// Periods by which the robot's clock fell behind the wall clock, because the thread was late or waited.
+    pub slipped: u64,
+    /// Commands that answered their state in time.
+    pub commands: u64,
+    /// States of a motion without an answer in time.
+    pub missing: u64,
+    /// Commands that came too late: they answer an older state.
+    pub late: u64,
+    /// Datagrams that are no command of this version.
+    pub malformed: u64,
+    /// Commands that answer a state in which no motion ran any more. A client must never send one.
+    pub commands_after_stop: u64,
+    /// The most torque that a command asked for, N m.
+    pub largest_torque: f64,
+    /// The robot's mode now; `None` before the first period.
+    pub mode: Option<RobotMode>,
+    /// The load that the client has set, kg.
+    pub load_kg: f64,
+}
+
+/// What a person at the robot does. Every change acts within a period.
+#[derive(Debug, Default)]
+pub struct Controls {
+    /// The user stop is pressed.
+    pub user_stop: AtomicBool,
+    /// A safety function is active.
+    pub safety_stop: AtomicBool,
+    /// A person guides the arm by hand.
+    pub guiding: AtomicBool,
+}
+
+/// A running robot side. It ends when it is dropped.
+pub struct RobotSide {
+    address: SocketAddr,
+    controls: Arc<Controls>,
+    statistics: Arc<Mutex<RobotStatistics>>,
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl RobotSide {
+    /// Listens and starts the robot's clock.
+    ///
+    /// # Errors
+    /// What the system says if the address cannot be used.
+    pub fn start(config: RobotConfig, arm: Box<dyn Arm>) -> std::io::Result<Self> {
+        let listener = TcpListener::bind(config.address)?;
+        listener.set_nonblocking(true)?;
+        let address = listener.local_addr()?;
+        let udp = UdpSocket::bind((address.ip(), 0))?;
+        let controls = Arc::new(Controls::default());
+        let statistics = Arc::new(Mutex::new(RobotStatistics::default()));
+        let end = Arc::new(AtomicBool::new(false));
+        let server = Server {
+            supervisor: Supervisor::new(config.clone(), arm.state()),
+            model: config.model.clone().unwrap_or_else(|| super::FR3_URDF.to_owned()),
+            config,
+            listener,
+            udp,
+            arm,
+            session: None,
+            state: RobotState::default(),
+            message_id: 0,
+            stopped_at: None,
+            count: RobotStatistics::default(),
+            next: Instant::now(),
+            controls: Arc::clone(&controls),
+            statistics: Arc::clone(&statistics),
+            end: Arc::clone(&end),
+        };
+        let thread = std::thread::Builder::new()
+            .name("fci-robot".into())
+            .spawn(|| server.run())?;
+        Ok(Self {
+            address,
+            controls,
+            statistics,
+            end,
+            thread: Some(thread),
+        })
+    }
+
+    /// Where the robot listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// What a person at the robot does.
+    pub fn controls(&self) -> &Controls {
+        &self.controls
+    }
+
+    /// What the robot counted so far.
+    pub fn statistics(&self) -> RobotStatistics {
+        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Switches the robot off and waits for its thread.
+    pub fn shut_down(mut self) -> RobotStatistics {
+        self.join();
+        self.statistics()
+    }
+
+    fn join(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread has been printed already.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for RobotSide {
+    fn drop(&mut self) {
+        self.join();
+    }
+}
+
+struct Server {
+    config: RobotConfig,
+    supervisor: Supervisor,
+    model: String,
+    listener: TcpListener,
+    udp: UdpSocket,
+    arm: Box<dyn Arm>,
+    session: Option<Session>,
+    state: RobotState,
+    message_id: u64,
+    /// The first state that showed the end of the last motion.
+    stopped_at: Option<u64>,
+    count: RobotStatistics,
+    next: Instant,
+    controls: Arc<Controls>,
+    statistics: Arc<Mutex<RobotStatistics>>,
+    end: Arc<AtomicBool>,
+}
+
+impl Server {
+    fn run(mut self) {
+        self.next = Instant::now() + PERIOD;
+        while !self.end.load(Ordering::Relaxed) {
+            self.period();
+        }
+    }
+
+    fn period(&mut self) {
+        let on = |flag: &AtomicBool| flag.load(Ordering::Relaxed);
+        let (user_stop, safety_stop, guiding) = (
+            on(&self.controls.user_stop),
+            on(&self.controls.safety_stop),
+            on(&self.controls.guiding),
+        );
+        self.supervisor.set_person(user_stop, safety_stop, guiding);
+        let answer = self.wait_for_answer();
+        self.serve();
+        let was_moving = self.supervisor.is_moving();
+        if was_moving && answer.is_none() {
+            self.count.missing += 1;
+        }
+        let command = self.supervisor.decide(answer.as_ref());
+        let measured = self.arm.step(command);
+        self.supervisor.observe(&measured);
+        self.message_id += 1;
+        self.supervisor.fill(self.message_id, &mut self.state);
+        if self.supervisor.is_moving() {
+            self.stopped_at = None;
+        } else if self.stopped_at.is_none() {
+            self.stopped_at = Some(self.message_id);
+        }
+        for finished in self.supervisor.take_finished() {
+            if let Some(session) = &mut self.session {
+                session.respond(finished.command, finished.id, finished.status, &[]);
+            }
+        }
+        self.send_state();
+        self.count.periods += 1;
+        self.count.mode = Some(self.state.robot_mode);
+        self.count.load_kg = self.supervisor.load().mass;
+        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.count;
+    }
+
+    fn send_state(&mut self) {
+        let Some(session) = &mut self.session else { return };
+        // A response that is due leaves before the state.
+        let alive = session.poll();
+        if let Some(to) = session.states_to {
+            let mut bytes = [0; MAX_STATE_SIZE];
+            let size = self.state.encode(self.config.version, &mut bytes);
+            // A network that refuses a datagram loses it.
+            let _ = self.udp.send_to(&bytes[..size], to);
+        }
+        if !alive {
+            self.session = None;
+            self.supervisor.client_gone();
+        }
+    }
+
+    /// Waits for the end of the period, and in a motion as long as the robot is patient, for the answer to the newest
+    /// state. Clients' requests are served meanwhile.
+    fn wait_for_answer(&mut self) -> Option<RobotCommand> {
+        let mut answer = None;
+        if let Some(left) = self.next.checked_duration_since(Instant::now()) {
+            std::thread::sleep(left);
+        }
+        self.take_commands(&mut answer);
+        let until = self.next + self.config.tolerance.patience;
+        while answer.is_none() && self.supervisor.is_moving() && Instant::now() < until {
+            std::thread::sleep(Duration::from_micros(100));
+            self.serve();
+            self.take_commands(&mut answer);
+        }
+        self.next += PERIOD;
+        let late = Instant::now().saturating_duration_since(self.next);
+        if late > PERIOD {
+            self.count.slipped += late.as_millis() as u64;
+            self.next = Instant::now() + PERIOD;
+        }
+        answer
+    }
+
+    /// Takes every command that has come. The answer to the newest state counts.
+    fn take_commands(&mut self, answer: &mut Option<RobotCommand>) {
+        let mut bytes = [0; MAX_COMMAND_SIZE + 1];
+        if self.udp.set_nonblocking(true).is_err() {
+            return;
+        }
+        loop {
+            let (size, from) = match self.udp.recv_from(&mut bytes) {
+                Ok(received) => received,
+                Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+                // Nothing more, or the last state met a closed port.
+                Err(_) => return,
+            };
+            if self.session.as_ref().is_none_or(|s| s.peer() != from.ip()) {
+                continue;
+            }
+            match RobotCommand::decode(self.config.version, &bytes[..size]) {
+                Ok(command) => self.take_command(command, answer),
+                Err(WireError::NotFinite { .. }) => {
+                    self.count.malformed += 1;
+                    self.supervisor.invalid_command();
+                }
+                Err(_) => self.count.malformed += 1,
+            }
+        }
+    }
+
+    fn take_command(&mut self, command: RobotCommand, answer: &mut Option<RobotCommand>) {
+        if self.stopped_at.is_some_and(|stopped| command.message_id >= stopped) {
+            self.count.commands_after_stop += 1;
+        }
+        if command.message_id == self.message_id {
+            self.count.commands += u64::from(answer.is_none());
+            let most = command.tau_J_d.iter().fold(0.0_f64, |most, t| most.max(t.abs()));
+            self.count.largest_torque = self.count.largest_torque.max(most);
+            *answer = Some(command);
+        } else {
+            self.count.late += 1;
+        }
+    }
+
+    /// Accepts a client and answers its requests.
+    fn serve(&mut self) {
+        if let Ok((stream, peer)) = self.listener.accept() {
+            match &self.session {
+                // One client at a time: a second one is turned away.
+                Some(_) => drop(stream),
+                None => self.session = Session::new(stream, peer, self.config.version).ok(),
+            }
+        }
+        let Some(mut session) = self.session.take() else { return };
+        let mut alive = session.poll();
+        loop {
+            match session.next() {
+                Ok(Some(Incoming::Request(id, request))) => self.answer_request(&mut session, id, &request),
+                Ok(Some(Incoming::Invalid(id, command))) => {
+                    session.respond(command, id, Status::InvalidArgument, &[]);
+                }
+                Ok(None) => break,
+                Err(_) => {
+                    alive = false;
+                    break;
+                }
+            }
+        }
+        alive &= session.poll();
+        if alive {
+            self.session = Some(session);
+        } else {
+            self.supervisor.client_gone();
+        }
+    }
+
+    fn answer_request(&mut self, session: &mut Session, id: u32, request: &Request) {
+        if let Request::Connect { version, udp_port } = request {
+            let ours = self.config.version.number();
+            let accepted = *version == ours;
+            let status = if accepted {
+                Status::Success
+            } else {
+                Status::IncompatibleVersion
+            };
+            let answer = ConnectAnswer { status, version: ours };
+            session.respond(Command::Connect, id, status, &answer.body());
+            if accepted {
+                session.states_to = Some(SocketAddr::new(session.peer(), *udp_port));
+            } else {
+                session.close();
+            }
+            return;
+        }
+        if session.states_to.is_none() {
+            // No request before Connect.
+            session.close();
+            return;
+        }
+        let Some(status) = self.supervisor.request(id, request) else {
+            return;
+        };
+        if let (Request::SetLoad(load), Status::Success) = (request, status) {
+            self.arm.set_load(load);
+        }
+        // Of a Cartesian limit: two corners, a frame, inactive.
+        const NO_LIMIT: [u8; 8 * 22 + 1] = [0; 8 * 22 + 1];
+        let body: &[u8] = match request {
+            Request::GetRobotModel => self.model.as_bytes(),
+            Request::GetCartesianLimit { .. } => &NO_LIMIT,
+            _ => &[],
+        };
+        session.respond(request.command(), id, status, body);
+    }
+}

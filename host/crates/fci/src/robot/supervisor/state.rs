@@ -1,0 +1,70 @@
+//! What the robot's state shows.
+
+use super::super::kinematics::{flange, product};
+use super::{Motion, Supervisor};
+use crate::wire::{ControllerMode, MotionGeneratorMode, RobotState};
+use crate::{JOINTS, PERIOD_S};
+
+/// What the base's acceleration sensor shows of a robot that stands upright, m/s^2.
+const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
+
+impl Supervisor {
+    /// Writes the robot's state.
+    pub fn fill(&self, message_id: u64, state: &mut RobotState) {
+        let arm = &self.arm;
+        let flags = |values: &[f64], limits: &[f64], out: &mut [f64]| {
+            for ((out, value), limit) in out.iter_mut().zip(values).zip(limits) {
+                *out = f64::from(u8::from(value.abs() > *limit));
+            }
+        };
+        state.message_id = message_id;
+        state.NE_T_EE = self.ee_in_ne;
+        state.F_T_EE = product(&state.F_T_NE, &state.NE_T_EE);
+        state.EE_T_K = self.k_in_ee;
+        state.O_T_EE = product(&flange(&arm.q), &state.F_T_EE);
+        state.O_T_EE_d = state.O_T_EE;
+        state.m_ee = self.config.end_effector_mass;
+        state.m_load = self.load.mass;
+        state.F_x_Cload = self.load.centre_of_mass;
+        state.I_load = self.load.inertia;
+        state.elbow = [arm.q[2], if arm.q[3] < 0.0 { -1.0 } else { 1.0 }];
+        state.elbow_d = state.elbow;
+        for joint in 0..JOINTS {
+            state.dtau_J[joint] = (arm.tau[joint] - state.tau_J[joint]) / PERIOD_S;
+        }
+        state.tau_J = arm.tau;
+        state.tau_J_d = self.torque;
+        (state.q, state.q_d, state.theta) = (arm.q, arm.q, arm.q);
+        (state.dq, state.dtheta) = (arm.dq, arm.dq);
+        state.tau_ext_hat_filtered = arm.tau_external;
+        state.O_F_ext_hat_K = arm.wrench_external;
+        state.O_ddP_O = GRAVITY;
+        flags(
+            &arm.tau_external,
+            &self.thresholds.lower_torque_nominal,
+            &mut state.joint_contact,
+        );
+        flags(
+            &arm.tau_external,
+            &self.thresholds.upper_torque_nominal,
+            &mut state.joint_collision,
+        );
+        flags(
+            &arm.wrench_external,
+            &self.thresholds.lower_force_nominal,
+            &mut state.cartesian_contact,
+        );
+        flags(
+            &arm.wrench_external,
+            &self.thresholds.upper_force_nominal,
+            &mut state.cartesian_collision,
+        );
+        let motion = self.motion.as_ref();
+        state.motion_generator_mode = motion.map_or(MotionGeneratorMode::Idle, |m| m.request.generator.in_state());
+        state.controller_mode = motion.map_or(ControllerMode::Other, |m| m.request.controller.in_state());
+        state.errors = self.errors;
+        state.reflex_reason = self.reflex_reason;
+        state.robot_mode = self.mode;
+        state.control_command_success_rate = motion.map_or(0.0, Motion::success_rate);
+    }
+}

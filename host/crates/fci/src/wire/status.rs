@@ -1,0 +1,234 @@
+//! What a response says: its status. The numbers depend on command and version.
+
+use super::command::{Command, HEADER_SIZE, Header};
+use super::{Version, WireError};
+
+/// The status of a response.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Status {
+    /// Done. For a Move: the motion ended as the client wished.
+    Success,
+    /// Connect: the robot speaks another version.
+    IncompatibleVersion,
+    /// Move: the motion began. A second response follows when it ends.
+    MotionStarted,
+    /// Move: ended by a StopMove or by another motion.
+    Preempted,
+    /// Move: ended by a safety function.
+    PreemptedBySafetyFunction,
+    /// Refused while a safety function is active.
+    RejectedBySafetyFunction,
+    /// Refused in the robot's present mode.
+    NotPossible,
+    /// Move: refused at a singular pose.
+    StartAtSingularPose,
+    /// Refused because an argument is out of range.
+    InvalidArgument,
+    /// AutomaticErrorRecovery: a person must move the arm first.
+    ManualRecoveryRequired,
+    /// Ended by a reflex.
+    ReflexAborted,
+    /// Ended by the user stop.
+    EmergencyAborted,
+    /// Move: ended by an invalid command.
+    InputErrorAborted,
+    /// Ended for another reason.
+    Aborted,
+    /// LoadModelLibrary: there is no library for the client's machine.
+    Failed,
+}
+
+use Status as S;
+
+impl Status {
+    /// The statuses that a response to this command can have, in the order of their numbers.
+    pub fn all(command: Command, version: Version) -> &'static [Self] {
+        let panda = version.is_panda();
+        match command {
+            Command::Connect => &[S::Success, S::IncompatibleVersion],
+            Command::Move if panda => &[
+                S::Success,
+                S::MotionStarted,
+                S::Preempted,
+                S::NotPossible,
+                S::StartAtSingularPose,
+                S::InvalidArgument,
+                S::ReflexAborted,
+                S::EmergencyAborted,
+                S::InputErrorAborted,
+                S::Aborted,
+            ],
+            Command::Move => &[
+                S::Success,
+                S::MotionStarted,
+                S::Preempted,
+                S::PreemptedBySafetyFunction,
+                S::RejectedBySafetyFunction,
+                S::NotPossible,
+                S::StartAtSingularPose,
+                S::InvalidArgument,
+                S::ReflexAborted,
+                S::EmergencyAborted,
+                S::InputErrorAborted,
+                S::Aborted,
+            ],
+            Command::StopMove if panda => &[
+                S::Success,
+                S::NotPossible,
+                S::EmergencyAborted,
+                S::ReflexAborted,
+                S::Aborted,
+            ],
+            Command::StopMove => &[
+                S::Success,
+                S::NotPossible,
+                S::RejectedBySafetyFunction,
+                S::EmergencyAborted,
+                S::ReflexAborted,
+                S::Aborted,
+            ],
+            Command::AutomaticErrorRecovery if panda => &[
+                S::Success,
+                S::NotPossible,
+                S::ManualRecoveryRequired,
+                S::ReflexAborted,
+                S::EmergencyAborted,
+                S::Aborted,
+            ],
+            Command::AutomaticErrorRecovery => &[
+                S::Success,
+                S::NotPossible,
+                S::RejectedBySafetyFunction,
+                S::ManualRecoveryRequired,
+                S::ReflexAborted,
+                S::EmergencyAborted,
+                S::Aborted,
+            ],
+            Command::LoadModelLibrary => &[S::Success, S::Failed],
+            Command::GetRobotModel => &[S::Success, S::NotPossible, S::RejectedBySafetyFunction],
+            _ if panda => &[S::Success, S::NotPossible, S::InvalidArgument],
+            _ => &[
+                S::Success,
+                S::NotPossible,
+                S::InvalidArgument,
+                S::RejectedBySafetyFunction,
+            ],
+        }
+    }
+
+    /// The status with this number.
+    ///
+    /// # Errors
+    /// [`WireError::UnknownValue`] for a number without meaning.
+    pub fn from_number(number: u8, command: Command, version: Version) -> Result<Self, WireError> {
+        let status = Self::all(command, version).get(usize::from(number));
+        status.copied().ok_or(WireError::UnknownValue {
+            field: "status",
+            value: number.into(),
+        })
+    }
+
+    /// The number of this status in a response to `command`. A status that the command does not have in this version
+    /// becomes the next more general one.
+    pub fn number(self, command: Command, version: Version) -> u8 {
+        let all = Self::all(command, version);
+        let place = |status| all.iter().position(|s| *s == status);
+        let general = match self {
+            Self::PreemptedBySafetyFunction => Self::Preempted,
+            _ => Self::NotPossible,
+        };
+        place(self).or_else(|| place(general)).unwrap_or(1) as u8
+    }
+
+    /// What the status says, in words.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Success => "success",
+            Self::IncompatibleVersion => "incompatible version",
+            Self::MotionStarted => "motion started",
+            Self::Preempted => "preempted",
+            Self::PreemptedBySafetyFunction => "preempted by a safety function",
+            Self::RejectedBySafetyFunction => "rejected: a safety function is active",
+            Self::NotPossible => "rejected: not possible in the robot's present mode",
+            Self::StartAtSingularPose => "rejected: the pose is singular",
+            Self::InvalidArgument => "rejected: an argument is out of range",
+            Self::ManualRecoveryRequired => "rejected: a person must move the arm first",
+            Self::ReflexAborted => "aborted by a reflex",
+            Self::EmergencyAborted => "aborted by the user stop",
+            Self::InputErrorAborted => "aborted: invalid command",
+            Self::Aborted => "aborted",
+            Self::Failed => "failed",
+        }
+    }
+}
+
+impl std::fmt::Display for Status {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.words())
+    }
+}
+
+/// A response of the TCP channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Response<'a> {
+    /// The command that it answers.
+    pub command: Command,
+    /// The id of the request.
+    pub id: u32,
+    /// What became of the request.
+    pub status: Status,
+    /// What follows the status: the robot model, for example.
+    pub body: &'a [u8],
+}
+
+impl<'a> Response<'a> {
+    /// Decodes a response from its header and its payload.
+    ///
+    /// # Errors
+    /// A [`WireError`] if the payload has not the announced size, or command or status have no meaning.
+    pub fn decode(version: Version, header: Header, payload: &'a [u8]) -> Result<Self, WireError> {
+        if payload.len() != header.payload() {
+            return Err(WireError::Length {
+                message: "response",
+                expected: header.size as usize,
+                got: payload.len() + HEADER_SIZE,
+            });
+        }
+        let command = Command::from_number(header.command, version)?;
+        let (status, body) = payload.split_first().ok_or(WireError::Short {
+            message: "response",
+            field: "status",
+            got: 0,
+        })?;
+        Ok(Self {
+            command,
+            id: header.id,
+            status: Status::from_number(*status, command, version)?,
+            body,
+        })
+    }
+
+    /// Appends the response to `out`.
+    ///
+    /// # Errors
+    /// [`WireError::NotInVersion`] if the version does not have the command.
+    pub fn encode(&self, version: Version, out: &mut Vec<u8>) -> Result<(), WireError> {
+        let header = Header {
+            command: self.command.number(version)?,
+            id: self.id,
+            size: (HEADER_SIZE + 1 + self.body.len()) as u32,
+        };
+        out.extend_from_slice(&header.encode());
+        out.push(self.status.number(self.command, version));
+        out.extend_from_slice(self.body);
+        Ok(())
+    }
+
+    /// The robot model of a response to `GetRobotModel`: URDF.
+    ///
+    /// # Errors
+    /// [`WireError::NotText`] if the body is not UTF-8.
+    pub fn robot_model(&self) -> Result<&'a str, WireError> {
+        std::str::from_utf8(self.body).map_err(|_| WireError::NotText)
+    }
+}

@@ -1,0 +1,82 @@
+//! The versions of the interface and what each changes.
+
+use super::WireError;
+
+/// A version of the interface. Client and robot must use the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Version {
+    /// Panda with the system versions 4.x.
+    V5,
+    /// FR3 with the system versions 5.2 to 5.5.
+    V7,
+    /// FR3 with a newer system; adds the command `GetRobotModel`.
+    V8,
+    /// FR3 with the newest system; the state has 32-bit numbers.
+    V10,
+}
+
+impl Version {
+    /// All versions, newest first: the order in which a client tries them.
+    pub const ALL: [Self; 4] = [Self::V10, Self::V8, Self::V7, Self::V5];
+
+    /// The number on the wire.
+    pub const fn number(self) -> u16 {
+        match self {
+            Self::V5 => 5,
+            Self::V7 => 7,
+            Self::V8 => 8,
+            Self::V10 => 10,
+        }
+    }
+
+    /// The version with this number.
+    ///
+    /// # Errors
+    /// [`WireError::UnknownVersion`] for a number that this crate does not speak.
+    pub const fn from_number(number: u16) -> Result<Self, WireError> {
+        match number {
+            5 => Ok(Self::V5),
+            7 => Ok(Self::V7),
+            8 => Ok(Self::V8),
+            10 => Ok(Self::V10),
+            other => Err(WireError::UnknownVersion(other)),
+        }
+    }
+
+    /// Size of a state, bytes.
+    pub const fn state_size(self) -> usize {
+        match self {
+            Self::V10 => 1377,
+            _ => 2373,
+        }
+    }
+
+    /// Size of a UDP command, bytes.
+    pub const fn command_size(self) -> usize {
+        match self {
+            Self::V5 => 370,
+            _ => 371,
+        }
+    }
+
+    /// Whether the state's numbers are 32-bit floats. A joint angle of 3 rad then has a step of 2.4e-7 rad.
+    pub const fn single_precision(self) -> bool {
+        matches!(self, Self::V10)
+    }
+
+    /// Whether the command has the flag `torque_command_finished`.
+    pub const fn has_torque_finished(self) -> bool {
+        !matches!(self, Self::V5)
+    }
+
+    /// Whether the robot is a Panda. The other versions belong to the FR3.
+    pub const fn is_panda(self) -> bool {
+        matches!(self, Self::V5)
+    }
+}
+
+impl std::fmt::Display for Version {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.number())
+    }
+}

@@ -1,0 +1,67 @@
+//! Where the client listens and what it may command.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::time::Duration;
+
+use crate::{JOINTS, UDP_PORT};
+
+/// Limits of the torques that the client sends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Largest overlay of each joint, N m.
+    pub torque: [f64; JOINTS],
+    /// Largest change of a joint's overlay, N m/s. The maker states no limit; the default is that of other arms.
+    pub torque_rate: f64,
+}
+
+impl Limits {
+    /// LBR iiwa 7 R800: the joints' torque limits.
+    pub const IIWA_7: Self = Self {
+        torque: [176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0],
+        torque_rate: 1000.0,
+    };
+    /// LBR iiwa 14 R820: the joints' torque limits.
+    pub const IIWA_14: Self = Self {
+        torque: [320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0],
+        torque_rate: 1000.0,
+    };
+}
+
+/// Settings of a session.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// Where the client listens: the network card of the cabinet and the port that the application names.
+    pub address: SocketAddr,
+    /// The cabinet's address. `None` takes the first sender; datagrams from others are then ignored.
+    pub cabinet: Option<IpAddr>,
+    /// How long to wait for a message before the cabinet counts as silent.
+    pub timeout: Duration,
+    /// Cut-off frequency of the velocity filter, Hz. See [`VelocityFilter`](super::VelocityFilter).
+    pub velocity_cutoff_hz: f64,
+    /// Limits of the torques that the client sends.
+    pub limits: Limits,
+    /// Appends length and checksum to each command. Off: the public facts do not say which bytes they cover, and a
+    /// cabinet's message without them was accepted by the maker's client.
+    pub checksum: bool,
+    /// Lets the kernel poll the network card for this many microseconds before it sleeps (`SO_BUSY_POLL`, Linux only).
+    pub busy_poll_us: Option<u32>,
+    /// Polls the socket in a loop for this long before the thread sleeps. It costs a processor core and saves the
+    /// wake-up.
+    pub spin: Duration,
+}
+
+impl Config {
+    /// The defaults for an arm with these limits: port 30200 on every network card.
+    pub const fn new(limits: Limits) -> Self {
+        Self {
+            address: SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), UDP_PORT),
+            cabinet: None,
+            timeout: Duration::from_millis(100),
+            velocity_cutoff_hz: 100.0,
+            limits,
+            checksum: false,
+            busy_poll_us: None,
+            spin: Duration::ZERO,
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! The client: drives a real robot, or only watches it.
+//!
+//! - [`Client`] answers the cabinet and, once [enabled](Client::enable), commands a torque overlay.
+//! - [`Observer`] only watches. It has no method that could command. Use it while a person guides the arm.
+//!
+//! # Life of a session
+//! The cabinet leads; the client only answers.
+//! ```text
+//! session              what the client answers
+//! IDLE                 nothing
+//! MONITORING_WAIT      mirrors commandedJointPosition
+//! MONITORING_READY     mirrors commandedJointPosition
+//! COMMANDING_WAIT      if enabled: mirrors ipoData.jointPosition, torques zero; otherwise nothing
+//! COMMANDING_ACTIVE    if enabled: mirrors ipoData.jointPosition, torques of the control law; otherwise nothing
+//! ```
+//! An unanswered motion makes the cabinet rate the connection down and end the motion with its brakes. That is how this
+//! client stops: an overlay of zero would not hold the arm, because the cabinet's stiffness is 0.
+//!
+//! A safety stop, drives that are off, a session that falls back and a restarted cabinet are typed errors. Each disables
+//! the client, so no torque leaves until [`Client::enable`] is called again.
+//!
+//! # What the client guarantees before it sends a torque
+//! It is finite; it stays within [`Limits::torque`]; it changes by at most [`Limits::torque_rate`] against the last one.
+//! A torque that had to be clamped is sent clamped and counted in [`Statistics`].
+
+mod config;
+mod error;
+mod link;
+mod observer;
+mod overlay;
+mod sign;
+mod state;
+mod velocity;
+
+pub use config::{Config, Limits};
+pub use error::{ClientError, EndCause, SessionEnd};
+pub use link::Statistics;
+pub use observer::Observer;
+pub use overlay::{Client, Cycle};
+pub use sign::{MeasuredSign, measured_sign};
+pub use state::State;
+pub use velocity::VelocityFilter;
+
+/// How the torques of an interface relate to the arm. What a drive must know before it uses them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TorqueTraits {
+    /// The cabinet adds gravity (of arm and declared load) to the overlay.
+    pub compensates_gravity: bool,
+    /// The measured torque includes gravity.
+    pub measures_gravity: bool,
+    /// The sign of the measured torque; `None` where it has to be found at the robot. See [`measured_sign`].
+    pub measured_sign: Option<MeasuredSign>,
+}
+
+/// The torques of this interface. The sign of the measured ones differs between software versions.
+pub const TORQUE_TRAITS: TorqueTraits = TorqueTraits {
+    compensates_gravity: true,
+    measures_gravity: true,
+    measured_sign: None,
+};

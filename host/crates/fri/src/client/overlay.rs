@@ -1,0 +1,207 @@
+//! The client that commands a torque overlay.
+
+use std::net::SocketAddr;
+
+use super::link::Link;
+use super::{ClientError, Config, EndCause, Limits, SessionEnd, State, Statistics};
+use crate::JOINTS;
+use crate::wire::{ClientCommandMode, DriveState, SafetyState, SessionState};
+
+/// What one exchange did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Cycle {
+    /// Periods before this one that went by without an answer.
+    pub missed: u64,
+    /// An answer was sent.
+    pub answered: bool,
+    /// The answer carried the torques of the control law.
+    pub commanded: bool,
+    /// A torque changed too fast and was clamped.
+    pub rate_limited: bool,
+    /// A torque exceeded its limit and was clamped.
+    pub torque_limited: bool,
+}
+
+/// A session that can command.
+pub struct Client {
+    link: Link,
+    limits: Limits,
+    enabled: bool,
+    /// The session's state while the client was enabled, to tell a fall from a rise.
+    before: SessionState,
+    sent: [f64; JOINTS],
+}
+
+impl Client {
+    /// Listens for the cabinet. Nothing is commanded until [`enable`](Self::enable).
+    ///
+    /// # Errors
+    /// [`ClientError::Listen`] if the port cannot be opened.
+    pub fn listen(config: &Config) -> Result<Self, ClientError> {
+        Ok(Self {
+            link: Link::open(config)?,
+            limits: config.limits,
+            enabled: false,
+            before: SessionState::Idle,
+            sent: [0.0; JOINTS],
+        })
+    }
+
+    /// Where it listens.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn address(&self) -> Result<SocketAddr, ClientError> {
+        self.link.address()
+    }
+
+    /// What went over the wire so far.
+    pub fn statistics(&self) -> Statistics {
+        self.link.statistics
+    }
+
+    /// Whether the client answers commanding states.
+    pub fn is_enabled(&self) -> bool {
+        self.enabled
+    }
+
+    /// Permits commands from the next message on. Call it after a first [`exchange`](Self::exchange).
+    ///
+    /// # Errors
+    /// [`ClientError::NotReady`] if the newest message shows a safety stop or does not tell.
+    pub fn enable(&mut self) -> Result<(), ClientError> {
+        match self.link.state.safety {
+            Some(SafetyState::NormalOperation) => {}
+            Some(stop) => return Err(ClientError::NotReady(EndCause::SafetyStop(stop))),
+            None => return Err(ClientError::NotReady(EndCause::SafetyUnknown)),
+        }
+        self.enabled = true;
+        self.before = self.link.state.session;
+        self.sent = [0.0; JOINTS];
+        Ok(())
+    }
+
+    /// Forbids commands from now on. A running motion is not answered any more: the cabinet ends it with its brakes.
+    pub fn disable(&mut self) {
+        self.enabled = false;
+        self.sent = [0.0; JOINTS];
+    }
+
+    /// One period: waits for the newest message and answers it by the rules of the session. `law` is called only where
+    /// its torques are sent: enabled, in COMMANDING_ACTIVE, when an answer is due. Allocates nothing.
+    ///
+    /// # Errors
+    /// - [`ClientError::Ended`] if the client was enabled and the robot may not be commanded any more;
+    /// - [`ClientError::Silent`] if no message comes; the client stays enabled, and the next message decides;
+    /// - [`ClientError::Wire`] if the cabinet sends an invalid message;
+    /// - [`ClientError::TorqueNotFinite`] if the law computes no number: nothing is sent.
+    pub fn exchange(
+        &mut self,
+        state: &mut State,
+        law: impl FnOnce(&State) -> [f64; JOINTS],
+    ) -> Result<Cycle, ClientError> {
+        let received = self.link.receive()?;
+        state.clone_from(&self.link.state);
+        let mut cycle = Cycle {
+            missed: received.missed,
+            ..Cycle::default()
+        };
+        if self.enabled
+            && let Some(cause) = self.end_cause(received.restarted)
+        {
+            self.disable();
+            // The connection goes on: the monitoring states are answered as ever.
+            self.link.mirror_monitoring()?;
+            return Err(SessionEnd {
+                cause,
+                session: state.session,
+                quality: state.quality,
+            }
+            .into());
+        }
+        self.before = state.session;
+        if state.is_commanding() {
+            if self.enabled && self.link.answer_is_due() {
+                self.command(state, law, &mut cycle)?;
+            }
+        } else {
+            self.sent = [0.0; JOINTS];
+            cycle.answered = self.link.mirror_monitoring()?;
+        }
+        Ok(cycle)
+    }
+
+    /// Why the robot may not be commanded any more.
+    fn end_cause(&self, restarted: bool) -> Option<EndCause> {
+        let state = &self.link.state;
+        if restarted {
+            return Some(EndCause::Restarted);
+        }
+        match state.safety {
+            Some(SafetyState::NormalOperation) => {}
+            Some(stop) => return Some(EndCause::SafetyStop(stop)),
+            None => return Some(EndCause::SafetyUnknown),
+        }
+        let rank = |session: SessionState| match session {
+            SessionState::Idle | SessionState::MonitoringWait | SessionState::MonitoringReady => 0,
+            SessionState::CommandingWait => 1,
+            SessionState::CommandingActive => 2,
+        };
+        if rank(state.session) < rank(self.before) {
+            return Some(EndCause::SessionFell {
+                from: self.before,
+                to: state.session,
+            });
+        }
+        if state.session == SessionState::CommandingActive {
+            if state.drives.is_some_and(|drives| drives.contains(&DriveState::Off)) {
+                return Some(EndCause::DrivesOff);
+            }
+            if let Some(mode) = state.command_mode
+                && mode != ClientCommandMode::Torque
+            {
+                return Some(EndCause::CommandMode(mode));
+            }
+        }
+        None
+    }
+
+    fn command(
+        &mut self,
+        state: &State,
+        law: impl FnOnce(&State) -> [f64; JOINTS],
+        cycle: &mut Cycle,
+    ) -> Result<(), ClientError> {
+        // The interpolated position must be mirrored, or the session falls back.
+        let position = state.interpolated_position.unwrap_or(state.q);
+        if state.session == SessionState::CommandingWait {
+            self.sent = [0.0; JOINTS];
+        } else {
+            let wanted = law(state);
+            if let Some(joint) = wanted.iter().position(|t| !t.is_finite()) {
+                return Err(ClientError::TorqueNotFinite { joint: joint + 1 });
+            }
+            self.clamp(&wanted, state, cycle);
+            cycle.commanded = true;
+        }
+        self.link.send(position, Some(self.sent))?;
+        cycle.answered = true;
+        Ok(())
+    }
+
+    /// Brings the torques within the limits and keeps them as the last ones sent.
+    fn clamp(&mut self, wanted: &[f64; JOINTS], state: &State, cycle: &mut Cycle) {
+        let answers_apart = f64::from(state.receive_multiplier.unwrap_or(1).max(1));
+        let step = self.limits.torque_rate * state.period_s() * answers_apart;
+        for joint in 0..JOINTS {
+            let limit = self.limits.torque[joint];
+            let within = wanted[joint].max(-limit).min(limit);
+            let next = within.max(self.sent[joint] - step).min(self.sent[joint] + step);
+            cycle.torque_limited |= within != wanted[joint];
+            cycle.rate_limited |= next != within;
+            self.sent[joint] = next;
+        }
+        self.link.statistics.rate_limited += u64::from(cycle.rate_limited);
+        self.link.statistics.torque_limited += u64::from(cycle.torque_limited);
+    }
+}

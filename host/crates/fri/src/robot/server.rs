@@ -1,0 +1,238 @@
+//! The cabinet's side on the network: UDP and the clock, on a thread of its own.
+
+use std::io::ErrorKind;
+use std::net::UdpSocket;
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::arm::Arm;
+use super::cabinet::Cabinet;
+use super::config::CabinetConfig;
+use crate::wire::{CommandMessage, MAX_MESSAGE_SIZE, Quality, SafetyState, SessionState};
+
+/// What the cabinet counted since its start.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CabinetStatistics {
+    /// Periods that the cabinet lived through.
+    pub periods: u64,
+    /// Periods by which its clock fell behind the wall clock, because the thread was late or waited.
+    pub slipped: u64,
+    /// Messages answered in time.
+    pub answered: u64,
+    /// Periods of COMMANDING_WAIT and COMMANDING_ACTIVE without an answer in time, where one was due.
+    pub missing: u64,
+    /// Answers that came too late: they answer an older message.
+    pub late: u64,
+    /// Datagrams that are no command message.
+    pub malformed: u64,
+    /// Answers with a torque other than zero to a message outside COMMANDING_ACTIVE. A client must never send one.
+    pub torques_after_stop: u64,
+    /// The largest overlay, N m.
+    pub largest_torque: f64,
+    /// The session's state now; `None` before the first period.
+    pub session: Option<SessionState>,
+    /// The connection's quality now.
+    pub quality: Option<Quality>,
+}
+
+/// What application, persons and safety functions do. Every change acts within a period.
+#[derive(Debug, Default)]
+pub struct Controls {
+    /// The application wants its motion. After a motion has ended, off and on again starts the next.
+    pub command: AtomicBool,
+    /// The safety stop's level plus one, as in `safetyState`: 0 is normal operation.
+    pub safety: AtomicU8,
+    /// A person guides the arm by hand.
+    pub guiding: AtomicBool,
+}
+
+/// A running cabinet. It ends when it is dropped.
+pub struct CabinetSide {
+    controls: Arc<Controls>,
+    statistics: Arc<Mutex<CabinetStatistics>>,
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl CabinetSide {
+    /// Opens the session and starts the clock.
+    ///
+    /// # Errors
+    /// What the system says if no port can be opened.
+    pub fn start(config: CabinetConfig, arm: Box<dyn Arm>) -> std::io::Result<Self> {
+        let local = if config.client.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+        let udp = UdpSocket::bind(local)?;
+        udp.set_nonblocking(true)?;
+        let controls = Arc::new(Controls::default());
+        let statistics = Arc::new(Mutex::new(CabinetStatistics::default()));
+        let end = Arc::new(AtomicBool::new(false));
+        let server = Server {
+            cabinet: Cabinet::new(config.clone(), arm.state()),
+            period: Duration::from_millis(config.send_period_ms.max(1).into()),
+            config,
+            udp,
+            arm,
+            sent: SessionState::Idle,
+            count: CabinetStatistics::default(),
+            next: Instant::now(),
+            controls: Arc::clone(&controls),
+            statistics: Arc::clone(&statistics),
+            end: Arc::clone(&end),
+        };
+        let thread = std::thread::Builder::new()
+            .name("fri-cabinet".into())
+            .spawn(|| server.run())?;
+        Ok(Self {
+            controls,
+            statistics,
+            end,
+            thread: Some(thread),
+        })
+    }
+
+    /// What application, persons and safety functions do.
+    pub fn controls(&self) -> &Controls {
+        &self.controls
+    }
+
+    /// What the cabinet counted so far.
+    pub fn statistics(&self) -> CabinetStatistics {
+        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Switches the cabinet off and waits for its thread.
+    pub fn shut_down(mut self) -> CabinetStatistics {
+        self.join();
+        self.statistics()
+    }
+
+    fn join(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread has been printed already.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for CabinetSide {
+    fn drop(&mut self) {
+        self.join();
+    }
+}
+
+struct Server {
+    config: CabinetConfig,
+    cabinet: Cabinet,
+    period: Duration,
+    udp: UdpSocket,
+    arm: Box<dyn Arm>,
+    /// The session's state in the newest message.
+    sent: SessionState,
+    count: CabinetStatistics,
+    next: Instant,
+    controls: Arc<Controls>,
+    statistics: Arc<Mutex<CabinetStatistics>>,
+    end: Arc<AtomicBool>,
+}
+
+impl Server {
+    fn run(mut self) {
+        self.send();
+        self.next = Instant::now() + self.period;
+        while !self.end.load(Ordering::Relaxed) {
+            self.run_period();
+        }
+    }
+
+    fn run_period(&mut self) {
+        let safety = SafetyState::from_number(self.controls.safety.load(Ordering::Relaxed).into());
+        self.cabinet.set_controls(
+            self.controls.command.load(Ordering::Relaxed),
+            // A level that does not exist is taken for the strictest stop.
+            safety.unwrap_or(SafetyState::StopLevel0),
+            self.controls.guiding.load(Ordering::Relaxed),
+        );
+        let answer = self.wait_for_answer();
+        let due = self.cabinet.answer_is_due();
+        if answer.is_some() {
+            self.count.answered += 1;
+        } else if due && self.cabinet.is_commanding() {
+            self.count.missing += 1;
+        }
+        let command = self.cabinet.decide(answer.as_ref());
+        self.arm.step(command, self.period.as_secs_f64());
+        self.send();
+        self.count.periods += 1;
+        self.count.session = Some(self.cabinet.session());
+        self.count.quality = Some(self.cabinet.quality());
+        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.count;
+    }
+
+    fn send(&mut self) {
+        let message = self.cabinet.message(&self.arm.state());
+        self.sent = message.connection.session;
+        let mut bytes = [0; MAX_MESSAGE_SIZE];
+        if let Ok(size) = message.encode(&mut bytes, self.config.checksum) {
+            // A network that refuses a datagram loses it.
+            let _ = self.udp.send_to(&bytes[..size], self.config.client);
+        }
+    }
+
+    /// Waits for the end of the period, and while commanding as long as the cabinet is patient, for the answer to the
+    /// newest message.
+    fn wait_for_answer(&mut self) -> Option<CommandMessage> {
+        let mut answer = None;
+        if let Some(left) = self.next.checked_duration_since(Instant::now()) {
+            std::thread::sleep(left);
+        }
+        self.take_commands(&mut answer);
+        let until = self.next + self.config.tolerance.patience;
+        let waits = self.cabinet.is_commanding() && self.cabinet.answer_is_due();
+        while answer.is_none() && waits && Instant::now() < until && !self.end.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_micros(100));
+            self.take_commands(&mut answer);
+        }
+        self.next += self.period;
+        let late = Instant::now().saturating_duration_since(self.next);
+        if late > self.period {
+            self.count.slipped += (late.as_nanos() / self.period.as_nanos().max(1)) as u64;
+            self.next = Instant::now() + self.period;
+        }
+        answer
+    }
+
+    /// Takes every command that has come. The answer to the newest message counts.
+    fn take_commands(&mut self, answer: &mut Option<CommandMessage>) {
+        let mut bytes = [0; MAX_MESSAGE_SIZE + 1];
+        loop {
+            let (size, from) = match self.udp.recv_from(&mut bytes) {
+                Ok(received) => received,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return,
+                // A signal, or the last message met a closed port.
+                Err(error) if matches!(error.kind(), ErrorKind::Interrupted | ErrorKind::ConnectionRefused) => continue,
+                Err(_) => return,
+            };
+            if from.ip() != self.config.client.ip() {
+                continue;
+            }
+            let Ok(command) = CommandMessage::decode(&bytes[..size]) else {
+                self.count.malformed += 1;
+                continue;
+            };
+            if command.reflected_sequence != self.cabinet.sequence() {
+                self.count.late += 1;
+                continue;
+            }
+            let torque = command.joint_torque.unwrap_or_default();
+            let most = torque.iter().fold(0.0_f64, |most, t| most.max(t.abs()));
+            if most > 0.0 && self.sent != SessionState::CommandingActive {
+                self.count.torques_after_stop += 1;
+            }
+            self.count.largest_torque = self.count.largest_torque.max(most);
+            *answer = Some(command);
+        }
+    }
+}

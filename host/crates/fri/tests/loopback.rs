@@ -1,0 +1,282 @@
+//! Our client against our cabinet, on this machine. Nothing here asserts wall-clock time.
+
+mod common;
+
+use std::sync::atomic::Ordering;
+
+use common::{cabinet, cabinet_with, commanding, config, deviation, eventually, hold, rise, until};
+use spherecal_fri::client::{Client, ClientError, EndCause, Limits, Observer, SessionEnd, State, measured_sign};
+use spherecal_fri::robot::{CabinetConfig, START, Tolerance};
+use spherecal_fri::wire::{ClientCommandMode, Quality, SafetyState, SessionState};
+
+fn ended(result: Result<impl std::fmt::Debug, ClientError>) -> SessionEnd {
+    match result {
+        Err(ClientError::Ended(end)) => end,
+        other => panic!("commanding should have ended: {other:?}"),
+    }
+}
+
+/// Exchanges until commanding ends; fails after many messages.
+fn until_the_end(client: &mut Client, state: &mut State) -> SessionEnd {
+    let law = hold(START);
+    for _ in 0..20_000 {
+        let result = client.exchange(state, &law);
+        if result.is_err() {
+            assert!(!client.is_enabled());
+            return ended(result);
+        }
+    }
+    panic!("commanding did not end");
+}
+
+// Fails if the session does not rise through all its states in order, or if the overlay does not hold the arm within
+// 1 mrad against the error of its gravity compensation.
+#[test]
+fn the_session_rises_and_the_overlay_holds_the_arm() {
+    let mut client = Client::listen(&config()).expect("a client");
+    let (side, _arm) = cabinet(client.address().expect("an address"));
+    let mut state = State::default();
+    let mut seen: Vec<SessionState> = Vec::new();
+    let law = hold(START);
+    let mut called_outside = false;
+    for _ in 0..2000 {
+        let cycle = client
+            .exchange(&mut state, |s| {
+                called_outside |= s.session != SessionState::CommandingActive;
+                law(s)
+            })
+            .expect("a cycle");
+        assert_eq!(cycle.commanded, state.session == SessionState::CommandingActive);
+        if seen.last() != Some(&state.session) {
+            seen.push(state.session);
+        }
+        if state.session == SessionState::MonitoringReady && !client.is_enabled() {
+            client.enable().expect("a robot that may move");
+            side.controls().command.store(true, Ordering::Relaxed);
+        }
+    }
+    assert!(!called_outside);
+    assert_eq!(
+        seen,
+        [
+            SessionState::MonitoringWait,
+            SessionState::MonitoringReady,
+            SessionState::CommandingWait,
+            SessionState::CommandingActive
+        ]
+    );
+    assert_eq!(state.command_mode, Some(ClientCommandMode::Torque));
+    assert!(state.quality >= Quality::Good);
+    let mut worst: f64 = 0.0;
+    for _ in 0..2000 {
+        client.exchange(&mut state, &law).expect("a cycle");
+        worst = worst.max(deviation(&state, &START));
+    }
+    // The arm did move: without the overlay it would fall away.
+    assert!(worst > 1e-4 && worst < 1e-3, "{worst}");
+    client.disable();
+    let end = (0..20_000).find(|_| {
+        client.exchange(&mut state, &law).expect("a message");
+        !state.is_commanding()
+    });
+    // The client does not answer any more: the cabinet ends the motion.
+    assert!(end.is_some());
+    let statistics = side.shut_down();
+    assert_eq!((statistics.malformed, statistics.torques_after_stop), (0, 0));
+}
+
+// Fails if the velocities are not those of the motion, late by the documented delay.
+#[test]
+fn velocities_are_differentiated() {
+    let (mut client, _side, arm) = commanding(&config());
+    let mut state = State::default();
+    let mut worst: f64 = 0.0;
+    let mut fastest: f64 = 0.0;
+    arm.lock().expect("the arm").external[0] = 5.0;
+    let mut last: Option<(u32, f64)> = None;
+    for _ in 0..600 {
+        client.exchange(&mut state, hold(START)).expect("a cycle");
+        let here = (state.sequence, state.q[0]);
+        if let Some((sequence, q)) = last
+            && here.0 == sequence + 1
+        {
+            let difference = (here.1 - q) / 1e-3;
+            fastest = fastest.max(difference.abs());
+            worst = worst.max((state.dq[0] - difference).abs());
+        }
+        last = Some(here);
+    }
+    // 3.3 rad/s^2 at most, late by less than 2 ms.
+    assert!(fastest > 0.02 && worst < 0.01, "{fastest} {worst}");
+}
+
+// Fails if a safety stop, an application that ends and drives that fall are not told apart, or a torque leaves after
+// one of them.
+#[test]
+fn every_end_has_its_cause() {
+    let (mut client, side, _arm) = commanding(&config());
+    let mut state = State::default();
+    side.controls().safety.store(2, Ordering::Relaxed);
+    let end = until_the_end(&mut client, &mut state);
+    assert_eq!(end.cause, EndCause::SafetyStop(SafetyState::StopLevel1));
+    assert!(end.to_string().contains("SAFETY_STOP_LEVEL_1"));
+    assert!(matches!(
+        client.enable(),
+        Err(ClientError::NotReady(EndCause::SafetyStop(_)))
+    ));
+    // The connection stays up, and nothing is commanded.
+    for _ in 0..200 {
+        let cycle = client.exchange(&mut state, |_| [1.0; 7]).expect("a message");
+        assert!(!cycle.commanded);
+    }
+    side.controls().safety.store(0, Ordering::Relaxed);
+    side.controls().command.store(false, Ordering::Relaxed);
+    rise(&mut client, &side);
+    side.controls().command.store(false, Ordering::Relaxed);
+    let end = until_the_end(&mut client, &mut state);
+    let fell = EndCause::SessionFell {
+        from: SessionState::CommandingActive,
+        to: SessionState::MonitoringReady,
+    };
+    assert_eq!(end.cause, fell);
+    let statistics = side.shut_down();
+    assert_eq!(statistics.torques_after_stop, 0);
+}
+
+// Fails if a client that is not enabled lets a motion begin.
+#[test]
+fn a_client_that_is_not_enabled_commands_nothing() {
+    let mut client = Client::listen(&config()).expect("a client");
+    let (side, _arm) = cabinet(client.address().expect("an address"));
+    let mut state = State::default();
+    until(&mut client, SessionState::MonitoringReady, &mut state).expect("a good connection");
+    side.controls().command.store(true, Ordering::Relaxed);
+    until(&mut client, SessionState::CommandingWait, &mut state).expect("the application's motion");
+    until(&mut client, SessionState::MonitoringWait, &mut state).expect("no motion without answers");
+    // Position control held the arm meanwhile.
+    assert!(deviation(&state, &START) < 1e-3);
+    assert_eq!(side.shut_down().largest_torque, 0.0);
+}
+
+// Fails if a torque that is no number is sent, or limits are not kept and counted.
+#[test]
+fn torques_are_checked_before_they_are_sent() {
+    let mut settings = config();
+    settings.limits = Limits {
+        torque: [8.0; 7],
+        torque_rate: 1000.0,
+    };
+    let (mut client, side, _arm) = commanding(&settings);
+    let mut state = State::default();
+    let mut torque = [0.0; 7];
+    torque[2] = f64::INFINITY;
+    let refused = client.exchange(&mut state, |_| torque);
+    assert!(
+        matches!(refused, Err(ClientError::TorqueNotFinite { joint: 3 })),
+        "{refused:?}"
+    );
+    assert!(client.is_enabled());
+    let (mut limited, mut clamped) = (0, 0);
+    for k in 0..40 {
+        let wanted = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, if k % 20 < 10 { 9.0 } else { -9.0 }];
+        let cycle = client.exchange(&mut state, |_| wanted).expect("a cycle");
+        limited += u64::from(cycle.rate_limited);
+        clamped += u64::from(cycle.torque_limited);
+    }
+    assert_eq!(
+        (client.statistics().rate_limited, client.statistics().torque_limited),
+        (limited, clamped)
+    );
+    assert!(limited >= 30 && clamped >= 38, "{limited} {clamped}");
+    assert!(side.shut_down().largest_torque <= 8.0);
+}
+
+// Fails if the client answers every message where the cabinet expects each fifth, or counts the others as missed.
+#[test]
+fn each_nth_message_is_answered() {
+    let mut client = Client::listen(&config()).expect("a client");
+    let settings = CabinetConfig {
+        client: client.address().expect("an address"),
+        tolerance: Tolerance::tolerant(),
+        receive_multiplier: 5,
+        checksum: true,
+        ..CabinetConfig::new()
+    };
+    let (side, _arm) = cabinet_with(settings);
+    rise(&mut client, &side);
+    let mut state = State::default();
+    let before = client.statistics();
+    for _ in 0..500 {
+        client.exchange(&mut state, hold(START)).expect("a cycle");
+        assert!(deviation(&state, &START) < 1e-3);
+    }
+    let after = client.statistics();
+    let (messages, commands) = (after.messages - before.messages, after.commands - before.commands);
+    assert!(
+        commands * 5 <= messages + 5 && commands * 7 >= messages,
+        "{commands} of {messages}"
+    );
+    assert_eq!(after.checksum_differs, 0);
+    assert_eq!(side.shut_down().torques_after_stop, 0);
+}
+
+// Fails if the read-only mode commands, lets a motion begin, or misses a hand-guided motion.
+#[test]
+fn the_observer_watches_and_never_commands() {
+    let mut observer = Observer::listen(&config()).expect("an observer");
+    let (side, arm) = cabinet(observer.address().expect("an address"));
+    let mut state = State::default();
+    side.controls().guiding.store(true, Ordering::Relaxed);
+    arm.lock().expect("the arm").external[1] = 1.0;
+    let moved = (0..5000).any(|_| {
+        observer.receive(&mut state).expect("a message");
+        (state.q[1] - START[1]).abs() > 0.02
+    });
+    assert!(moved);
+    arm.lock().expect("the arm").external[1] = 0.0;
+    side.controls().guiding.store(false, Ordering::Relaxed);
+    side.controls().command.store(true, Ordering::Relaxed);
+    let begun = (0..3000).any(|_| {
+        observer.receive(&mut state).expect("a message");
+        state.session == SessionState::CommandingActive
+    });
+    assert!(!begun);
+    assert_eq!(side.shut_down().largest_torque, 0.0);
+}
+
+// Fails if the sign of the measured torques is not found, in either convention.
+#[test]
+fn the_sign_of_the_measured_torques_is_found_at_rest() {
+    for sign in [1.0, -1.0] {
+        let mut observer = Observer::listen(&config()).expect("an observer");
+        let client = observer.address().expect("an address");
+        let settings = CabinetConfig {
+            client,
+            measured_sign: sign,
+            ..CabinetConfig::new()
+        };
+        let (_side, arm) = cabinet_with(settings);
+        let mut state = State::default();
+        observer.receive(&mut state).expect("a message");
+        let gravity = arm.lock().expect("the arm").gravity;
+        let gravity = std::array::from_fn(|j| gravity[j] * state.q[j].sin());
+        let found = measured_sign(&state.measured_torque, &gravity).expect("plain enough");
+        assert_eq!(found as i32, i32::from(sign < 0.0));
+    }
+}
+
+// Fails if two clients can listen at one port, or the error does not say so.
+#[test]
+fn a_taken_port_is_an_error() {
+    let first = Client::listen(&config()).expect("a client");
+    let mut settings = config();
+    settings.address = first.address().expect("an address");
+    let error = Client::listen(&settings).err().expect("refused");
+    assert!(matches!(&error, ClientError::Listen { .. }), "{error}");
+    let mut quiet = config();
+    quiet.timeout = std::time::Duration::from_millis(20);
+    let mut observer = Observer::listen(&quiet).expect("an observer");
+    let silent = observer.receive(&mut State::default());
+    assert!(matches!(silent, Err(ClientError::Silent { .. })));
+    assert!(eventually(|| true));
+}

@@ -1,0 +1,50 @@
+//! What the host link counted, as the database keeps it.
+
+use serde::{Deserialize, Serialize};
+use spherecal_shared::protocol::frame::LinkCounters;
+use spherecal_sim::Injected;
+
+/// What the two ends of the host link counted in a session.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LinkRecord {
+    /// What the host received, and what the controller did.
+    pub ends: [LinkCounters; 2],
+    /// What was done to frames on purpose.
+    #[serde(default)]
+    pub injected: Injected,
+    /// Commands that came after their start.
+    #[serde(default)]
+    pub late: u32,
+}
+
+impl LinkRecord {
+    /// As it stands in the database; a session that was killed has told nothing.
+    pub(super) fn stored(text: &str) -> Self {
+        serde_json::from_str(text)
+            .or_else(|_| {
+                // The counters alone, as the first versions wrote them.
+                serde_json::from_str(text).map(|ends| Self {
+                    ends,
+                    ..Self::default()
+                })
+            })
+            .unwrap_or_default()
+    }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        for (sum, part) in self.ends.iter_mut().zip(&other.ends) {
+            add(sum, part);
+        }
+        self.injected = self.injected.plus(other.injected);
+        self.late = self.late.saturating_add(other.late);
+    }
+}
+
+fn add(sum: &mut LinkCounters, part: &LinkCounters) {
+    sum.frames = sum.frames.saturating_add(part.frames);
+    sum.crc_errors = sum.crc_errors.saturating_add(part.crc_errors);
+    sum.lost = sum.lost.saturating_add(part.lost);
+    sum.duplicates = sum.duplicates.saturating_add(part.duplicates);
+    sum.resent = sum.resent.saturating_add(part.resent);
+    sum.overflow = sum.overflow.saturating_add(part.overflow);
+}

@@ -1,0 +1,76 @@
+//! Progress of `identify` on stderr: a bar on a terminal, a line now and then elsewhere.
+
+use std::io::IsTerminal as _;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use spherecal_identify::study::Step;
+
+use super::out::errln;
+
+/// How often a line is written where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_secs(5);
+/// Rows from which on the fit takes long enough to be announced.
+const MANY: usize = 10_000;
+
+/// Shows how far a calibration from files has come.
+pub(super) struct StudyProgress {
+    bar: ProgressBar,
+    terminal: bool,
+    last_line: Instant,
+}
+
+impl StudyProgress {
+    /// A view that has shown nothing yet.
+    pub(super) fn new() -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let target = if terminal {
+            ProgressDrawTarget::stderr_with_hz(10)
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        let bar = ProgressBar::with_draw_target(None, target);
+        // The template is a constant that is known to parse.
+        if let Ok(style) = ProgressStyle::with_template("{spinner:.cyan} {msg}  {elapsed}") {
+            bar.set_style(style);
+        }
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Self {
+            bar,
+            terminal,
+            last_line: Instant::now(),
+        }
+    }
+
+    /// Shows a step.
+    pub(super) fn show(&mut self, step: Step) {
+        let (words, now) = match step {
+            Step::Reading(p) => {
+                let share = match p.total_bytes {
+                    0 => String::new(),
+                    total => format!(", {:.0} %", 100.0 * p.bytes as f64 / total as f64),
+                };
+                (format!("reading: {} rows{share}", p.rows), false)
+            }
+            Step::Fitting { rows } => (format!("fitting {rows} rows"), rows >= MANY),
+            Step::Judging { fits, rows } => {
+                let fits = if fits == 1 {
+                    "the fit".to_owned()
+                } else {
+                    format!("{fits} fits")
+                };
+                (format!("judging {fits} by {rows} rows"), rows >= MANY)
+            }
+        };
+        if !self.terminal && (now || self.last_line.elapsed() >= LINE_EVERY) {
+            errln!("{words}");
+            self.last_line = Instant::now();
+        }
+        self.bar.set_message(words);
+    }
+
+    /// Takes the bar away.
+    pub(super) fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}

@@ -1,0 +1,28 @@
+#!/bin/sh
+# The official client libraries of the Franka Control Interface, against our robot side.
+#
+#   scripts/official-clients.sh install   install panda-python and pylibfranka under target/ (PyPI)
+#   scripts/official-clients.sh test      install, then run the conformance tests
+set -eu
+cd "$(dirname "$0")/.."
+
+venv=target/official-clients
+modules='import panda_py, pylibfranka'
+
+install() {
+    if ! $venv/bin/python -c "$modules" 2>/dev/null; then
+        rm -rf $venv
+        python3 -m venv $venv
+        $venv/bin/pip install --quiet panda-python==1.1.1 pylibfranka==0.21.3
+        $venv/bin/python -c "$modules"
+    fi
+}
+
+case "${1:-}" in
+    install) install ;;
+    test)
+        install
+        SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal-fci --test official_clients
+        ;;
+    *) sed -n '2,/^set -eu/p' "$0" | sed -n 's/^# \{0,1\}//p' >&2; exit 2 ;;
+esac

@@ -1,0 +1,217 @@
+//! The phases of contact: approach, coupling, turning, recording, decoupling.
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// The approach: stiffness 50/50/100 N/m, 25 mm/s, until the force is 7.5 N.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Approach {
+    /// Translational stiffness across the approach (two axes) and along it, in N/m.
+    pub stiffness_n_m: [f64; 3],
+    /// Speed of the setpoint, in m/s.
+    pub speed_m_s: f64,
+    /// Acceleration of the setpoint, in m/s². A step to 25 mm/s makes the arm
+    /// drift sideways.
+    pub acceleration_m_s2: f64,
+    /// Force against the approach at which contact is declared, in N.
+    pub trigger_n: f64,
+    /// Time for which the force must last, in s. Without it the impact triggers
+    /// contact before the nest is seated.
+    pub dwell_s: f64,
+    /// Time at rest before the descent over which the wrench is averaged for the
+    /// tare, in s.
+    pub tare_s: f64,
+    /// Largest tare force that is accepted, in N. A tool of 1.5 kg that was not
+    /// declared reads as 15 N.
+    pub tare_limit_n: f64,
+    /// Speed of the TCP below which contact may be declared, in m/s: an arm that
+    /// rests on a sphere stands still.
+    pub contact_speed_m_s: f64,
+    /// Distance that the arm may descend without contact, in m; then the sphere
+    /// counts as missed.
+    pub travel_m: f64,
+    /// Integral gain, in N/(m s), of the force that keeps the arm on its line
+    /// against joint friction until it feels a force; 0 turns it off. The spring of
+    /// 50 N/m alone may be held 30 mm beside the line.
+    pub line_n_m_s: f64,
+}
+
+impl Default for Approach {
+    fn default() -> Self {
+        Self {
+            stiffness_n_m: [50.0, 50.0, 100.0],
+            speed_m_s: 0.025,
+            acceleration_m_s2: 0.1,
+            trigger_n: 7.5,
+            dwell_s: 0.020,
+            tare_s: 0.5,
+            tare_limit_n: 12.0,
+            contact_speed_m_s: 0.010,
+            travel_m: 0.080,
+            line_n_m_s: 100.0,
+        }
+    }
+}
+
+/// Coupling: a soft hold after contact while the magnet seats the nest.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Couple {
+    /// Translational stiffness, in N/m.
+    pub stiffness_n_m: f64,
+    /// Duration of the hold, in s.
+    pub hold_s: f64,
+    /// Number of searches after the test pull has found the nest loose.
+    pub searches: u32,
+    /// Push along the approach during a search, in N. The planes of the nest turn
+    /// it into a force towards the sphere's centre.
+    pub search_n: f64,
+    /// Largest value of the force that circles across the approach during a
+    /// search, in N. It overcomes joint friction.
+    pub search_across_n: f64,
+    /// Duration of a search, in s.
+    pub search_s: f64,
+}
+
+impl Default for Couple {
+    fn default() -> Self {
+        Self {
+            stiffness_n_m: 5.0,
+            hold_s: 5.0,
+            searches: 2,
+            search_n: 12.0,
+            search_across_n: 5.0,
+            search_s: 3.0,
+        }
+    }
+}
+
+/// Turning to the next pose about the sphere.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Turn {
+    /// Translational stiffness, in N/m.
+    pub stiffness_n_m: f64,
+    /// Largest speed of orientation and elbow, in rad/s.
+    pub speed_rad_s: f64,
+    /// Largest acceleration of orientation and elbow, in rad/s².
+    pub acceleration_rad_s2: f64,
+    /// Orientation error below which the pose is reached, in rad.
+    pub tolerance_rad: f64,
+    /// Elbow error below which the pose is reached, in rad. It need not be small:
+    /// the recording uses the elbow angle as it is.
+    pub elbow_tolerance_rad: f64,
+    /// Speed of every joint below which the arm counts as still, in rad/s.
+    pub still_rad_s: f64,
+    /// Time that a turn may take to settle after its planned end, in s.
+    pub settle_s: f64,
+}
+
+impl Default for Turn {
+    fn default() -> Self {
+        Self {
+            stiffness_n_m: 20.0,
+            speed_rad_s: 0.5,
+            acceleration_rad_s2: 1.5,
+            tolerance_rad: 0.02,
+            elbow_tolerance_rad: 0.10,
+            still_rad_s: 0.002,
+            settle_s: 4.0,
+        }
+    }
+}
+
+/// Recording at a pose.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Record {
+    /// Translational stiffness, in N/m.
+    pub stiffness_n_m: f64,
+    /// Samples averaged, one per tick: 1,000 are the paper's 1 s at 1,000 Hz.
+    pub samples: u32,
+}
+
+impl Default for Record {
+    fn default() -> Self {
+        Self {
+            stiffness_n_m: 5.0,
+            samples: 1000,
+        }
+    }
+}
+
+/// The seating watch. While the nest is coupled, the TCP is tied to the sphere:
+/// its computed position moves only by the errors of the kinematic model.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Seating {
+    /// Largest distance of the computed TCP from where it was when the nest
+    /// seated, in m. Model errors reach 2.4 mm (Table 5 of the paper); a nest that
+    /// has left is centimetres away or moves fast.
+    pub window_m: f64,
+    /// Largest speed of the computed TCP, in m/s: a nest that leaves jumps.
+    pub speed_m_s: f64,
+    /// Time for which one of the two must last, in s.
+    pub dwell_s: f64,
+    /// Test pull after coupling, in N, well below the magnet's 26.5 N.
+    pub test_n: f64,
+    /// Duration of the test pull, in s.
+    pub test_s: f64,
+    /// Largest computed TCP displacement under the test pull, in m.
+    pub test_m: f64,
+    /// Pull at the end of each recording, in N. It must exceed the joints'
+    /// friction, which can hold a loose nest, and stay well below the magnet's
+    /// 26.5 N. A recording counts only if the nest stays seated under it.
+    pub check_n: f64,
+    /// Duration of that pull, in s; 0 turns it off.
+    pub check_s: f64,
+    /// Largest computed TCP displacement under that pull, in m. A seated nest on an
+    /// arm of 10 N/mm moves by as much.
+    pub check_m: f64,
+}
+
+impl Default for Seating {
+    fn default() -> Self {
+        Self {
+            window_m: 0.005,
+            speed_m_s: 0.015,
+            dwell_s: 0.010,
+            test_n: 5.0,
+            test_s: 0.6,
+            test_m: 0.0015,
+            check_n: 10.0,
+            check_s: 0.15,
+            check_m: 0.001,
+        }
+    }
+}
+
+/// Leaving the sphere against the magnet's holding force of 26.5 N.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Decouple {
+    /// Translational stiffness, in N/m. With 200 the nest never lets go; with
+    /// 2,000 it leaves after 12.7 mm of setpoint.
+    pub stiffness_n_m: f64,
+    /// Speed of the setpoint, in m/s.
+    pub speed_m_s: f64,
+    /// Distance that the setpoint moves back along the approach, in m.
+    pub retreat_m: f64,
+    /// Distance that the TCP must have moved back for the nest to count as free, in m.
+    pub free_m: f64,
+    /// Time allowed after the setpoint has arrived, in s.
+    pub settle_s: f64,
+}
+
+impl Default for Decouple {
+    fn default() -> Self {
+        Self {
+            stiffness_n_m: 2000.0,
+            speed_m_s: 0.025,
+            retreat_m: 0.050,
+            free_m: 0.030,
+            settle_s: 3.0,
+        }
+    }
+}
