@@ -131,7 +131,7 @@ fn static_relations_invert() {
         config.tracker.noise = false;
         config.nest.seating_error = false;
         let q = [0.3, 0.6, -0.2, -1.2, 0.4, 0.9, 0.1];
-        let mut plant = Plant::<7>::new(&iiwa7(), &iiwa7_tool(), &config, &q).expect("a plant");
+        let plant = Plant::<7>::new(&iiwa7(), &iiwa7_tool(), &config, &q).expect("a plant");
         for i in 0..7 {
             let noise = 6.0 * (config.sensors.angle_white_rad + config.sensors.angle_correlated_rad) + 2e-6;
             assert!((plant.sensed().q[i] - q[i]).abs() < noise, "{name}, joint {i}");

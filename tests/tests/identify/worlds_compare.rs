@@ -80,7 +80,7 @@ fn inside(world: World, seed: u64) -> f64 {
     let within = points.filter(|(measured, real)| {
         let in_base = trial.base().inverse_point(&Vector3::from(**real));
         let plate = &trial.truth.plate;
-        let in_plate = plate.rotation.tr_mul(&(in_base - plate.origin));
+        let in_plate = plate.rotation.tr_mul(&(in_base - plate.position));
         let error = calibration.tcp_world_m(&measured.q, None) - in_plate;
         let covariance = calibration.tcp_covariance(&measured.q);
         let solved = covariance.cholesky().expect("positive definite").solve(&error);

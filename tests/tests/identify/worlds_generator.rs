@@ -54,7 +54,7 @@ fn contacts_lie_on_their_spheres() {
         let centre = good.truth.spheres[sphere as usize - 1].expect("a sphere");
         let real = |q: &[f64]| {
             let q = q.try_into().expect("seven joints");
-            good.truth.tcp(&good.truth.link_angles_at_rest(&q)).origin
+            good.truth.tcp(&good.truth.link_angles_at_rest(&q)).position
         };
         let miss = (real(&a.q) - centre).norm();
         // White joint errors of 5e-5 rad at most some 0.25 mm away.
@@ -79,7 +79,7 @@ fn seeds_and_scale_are_kept() {
         assert!(w0.spheres == again.spheres && w0.frames == again.frames && w0.validation == again.validation);
         let real = |q: &[f64]| {
             let q = q.try_into().expect("seven joints");
-            w0.truth.tcp(&w0.truth.link_angles_at_rest(&q)).origin
+            w0.truth.tcp(&w0.truth.link_angles_at_rest(&q)).position
         };
         let nominal = |q: &[f64]| tcp(&w0.spheres.robot, &w0.truth.tool, q);
         let planned = spherecal::plan::laser::plan(&w0.spheres.robot, &w0.spheres.tool, seed).expect("reachable");
