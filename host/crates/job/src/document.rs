@@ -211,13 +211,13 @@ mod tests {
     // wants quoted is not.
     #[test]
     fn what_was_set_is_printed() {
-        let text = "seed = 9\ntool_mm = [1.0, 2.0, 3.0]\n[plan]\npatience = 0.5\n\
+        let text = "seed = 9\n[cell.tool]\ntcp_mm = [1.0, 2.0, 3.0]\n[plan]\npatience = 0.5\n\
                     [identify.parameters.\"odd name\"]\nprior_sigma = 5e-5\n[plant]\npreset = \"ideal\"\nseed = 4\n";
         let config: Config = toml::from_str(text).expect("parses");
         let printed = config.to_documented_toml().expect("encodes");
         let read: Config = toml::from_str(&printed).expect("reads");
         assert_eq!(read.plant().expect("plant"), config.plant().expect("plant"));
-        assert_eq!((read.seed, read.tool_mm, &read.plan), (9, config.tool_mm, &config.plan));
+        assert_eq!((read.seed, &read.cell, &read.plan), (9, &config.cell, &config.plan));
         assert_eq!(read.identify, config.identify);
     }
 }

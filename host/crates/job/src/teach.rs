@@ -136,7 +136,7 @@ impl Waypoints {
                         "the waypoint of sphere {sphere} is {:.0} mm from where the plan has it",
                         away * 1e3
                     ),
-                    "teach it over its own sphere, or give the plate's place in [plant.plate] of the configuration",
+                    "teach it over its own sphere, or give the plate's place in [[cell.placements]] of the configuration",
                 ));
             }
             visit.approach.position_m = pose.position.into();

@@ -20,9 +20,11 @@ impl PlantConfig {
         };
         step("substep_s", self.substep_s)?;
         step("free_step_s", self.free_step_s)?;
-        self.check_plate()?;
+        self.cell.check()?;
         self.check_nest()?;
         let sizes = [
+            ("plate.placement_sigma_m", self.plate.placement_sigma_m, 0.1),
+            ("plate.placement_sigma_rad", self.plate.placement_sigma_rad, 0.5),
             ("geometry.length_sigma_m", self.geometry.length_sigma_m, 0.01),
             ("geometry.alpha_sigma_rad", self.geometry.alpha_sigma_rad, 0.1),
             ("geometry.theta_sigma_rad", self.geometry.theta_sigma_rad, 0.1),
@@ -211,58 +213,6 @@ impl PlantConfig {
                      compliance.joint_rad_per_nm and compliance.spread",
                 )?;
             }
-        }
-        Ok(())
-    }
-
-    fn check_plate(&self) -> Result<(), PlantError> {
-        let p = &self.plate;
-        let count = p.spheres_m.len();
-        require(
-            "plate.spheres_m",
-            count as f64,
-            (1..=super::world::MAX_SPHERES).contains(&count),
-            "one to eight spheres",
-        )?;
-        let placements = p.placements();
-        for value in placements
-            .iter()
-            .flat_map(|m| &m.origin_m)
-            .chain(p.spheres_m.iter().flatten())
-        {
-            require(
-                "plate.origin_m/spheres_m",
-                *value,
-                value.abs() <= 5.0,
-                "in m, within 5 m",
-            )?;
-        }
-        for value in placements.iter().flat_map(|m| m.rpy_rad) {
-            require("plate.rpy_rad", value, value.abs() <= 7.0, "angles are in rad")?;
-        }
-        require(
-            "plate.sphere_radius_m",
-            p.sphere_radius_m,
-            (1e-3..=0.1).contains(&p.sphere_radius_m),
-            "in m, 0.001 to 0.1",
-        )?;
-        require(
-            "plate.surface_below_m",
-            p.surface_below_m,
-            p.surface_below_m >= p.sphere_radius_m,
-            "at least the sphere's radius",
-        )?;
-        for (field, value, most) in [
-            ("plate.certificate_sigma_m", p.certificate_sigma_m, 0.01),
-            ("plate.placement_sigma_m", p.placement_sigma_m, 0.1),
-            ("plate.placement_sigma_rad", p.placement_sigma_rad, 0.5),
-        ] {
-            require(
-                field,
-                value,
-                (0.0..=most).contains(&value),
-                "zero or positive, in SI units, and of a plausible size",
-            )?;
         }
         Ok(())
     }

@@ -1,11 +1,13 @@
 //! The plant's configuration: every error source with its physical parameter,
 //! its unit, a switch, and where the default comes from.
 //!
+//! Only errors stand here. What a real cell has, too, is in [`NominalCell`].
 //! `#[serde(default)]` throughout, so that a TOML file states only what differs
 //! from the `typical` preset. "The paper" is Nadeau, Bonev and Joubair 2019;
 //! "iiwa7.json" is `tests/data/iiwa7.json` with its sources inside.
 
 use serde::{Deserialize, Serialize};
+use spherecal_model::NominalCell;
 
 use super::error::PlantError;
 pub use super::slow_config::{DriveConfig, EncoderSide, LostMotionConfig, ReadingConfig, ThermalConfig};
@@ -26,7 +28,11 @@ pub struct PlantConfig {
     pub substep_s: f64,
     /// Sub-step in free space (explicit Runge-Kutta 4), in s.
     pub free_step_s: f64,
-    /// The plate and its spheres.
+    /// What is known of the cell in which the simulated arm stands. It comes from `[cell]` of the
+    /// configuration, not from `[plant]`; the default is the paper's plate.
+    #[serde(skip)]
+    pub cell: NominalCell,
+    /// Errors of the plate and its spheres.
     pub plate: PlateConfig,
     /// The nest at the TCP.
     pub nest: NestConfig,
@@ -58,58 +64,19 @@ pub struct PlantConfig {
     pub tracker: TrackerConfig,
 }
 
-/// Calibration plate.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Errors of the plate: how far it is from its certificate and its nominal placement, both of which `[cell]` states.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlateConfig {
-    /// Nominal origin (sphere 1) in F0, in m. Default: the centroid of the
-    /// spheres at (470, 0, 320) mm, from the reach study of `plant.md`.
-    pub origin_m: [f64; 3],
-    /// Nominal roll, pitch, yaw (about x, then y, then z, fixed axes), in rad.
-    /// Default: yaw 150 degrees, the same study.
-    pub rpy_rad: [f64; 3],
-    /// Certified sphere centres in the plate's frame, in m. Default: Table 1 of the paper.
-    pub spheres_m: Vec<[f64; 3]>,
-    /// Sphere radius, in m. Default: 50.8 mm spheres, Section 2.2.
-    pub sphere_radius_m: f64,
-    /// Depth of the plate's surface under the sphere centres, in m (spheres stand on posts).
-    /// Default 60 mm: from the photographs of the plate (Figure 2), no drawing is published.
-    pub surface_below_m: f64,
-    /// Whether the spheres deviate from their certificate.
+    /// Whether the spheres deviate from their certificate, by `cell.plate.certificate_sigma_m`.
     pub certificate_error: bool,
-    /// Standard deviation of each certified coordinate, in m. Default: ±2.7 µm at 95 % (Section 2.2).
-    pub certificate_sigma_m: f64,
     /// Whether the plate stands elsewhere than nominally.
     pub placement_error: bool,
-    /// Standard deviation of the placement, each axis, in m. Default: a plate
-    /// put down by hand against a drawing, 2 mm.
+    /// Standard deviation of each placement, each axis, in m. Default 2 mm: a plate that is put down by hand
+    /// according to a drawing.
     pub placement_sigma_m: f64,
-    /// Standard deviation of the placement's rotation, each axis, in rad. Default: 5 mrad, the same.
+    /// Standard deviation of each placement's rotation, each axis, in rad. Default 5 mrad, for the same reason.
     pub placement_sigma_rad: f64,
-    /// Where the plate is moved to afterwards, one placement after the other;
-    /// nowhere by default, as in the paper.
-    pub moved: Vec<PlacementConfig>,
-}
-
-/// Nominal pose of the plate, once moved.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PlacementConfig {
-    /// Nominal origin (sphere 1) in F0, in m.
-    pub origin_m: [f64; 3],
-    /// Nominal roll, pitch, yaw (about x, then y, then z, fixed axes), in rad.
-    pub rpy_rad: [f64; 3],
-}
-
-impl PlateConfig {
-    /// Nominal pose in F0 of every placement, the first one first.
-    pub fn placements(&self) -> Vec<PlacementConfig> {
-        let first = PlacementConfig {
-            origin_m: self.origin_m,
-            rpy_rad: self.rpy_rad,
-        };
-        std::iter::once(first).chain(self.moved.iter().copied()).collect()
-    }
 }
 
 /// Trihedral nest with a magnet (Section 2.2: a cube corner of three planes).

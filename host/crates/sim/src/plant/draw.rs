@@ -4,9 +4,10 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Rotation3, Vector3};
 use rand::RngExt;
+use spherecal_model::Placement;
 use spherecal_shared::robot::{Arm, Inertia, Pose, Robot, Tool};
 
-use super::config::{PlacementConfig, PlantConfig};
+use super::config::PlantConfig;
 use super::error::PlantError;
 use super::joint::{JointError, Memory, Tone};
 use super::world::{MAX_SPHERES, Stream, TrueCell, between, normal, normal3, rpy, stream};
@@ -183,7 +184,7 @@ pub(super) fn draw_masses(robot: &mut Robot, tool: &mut Tool, config: &PlantConf
 pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Pose<f64>> {
     let p = &config.plate;
     let mut rng = stream(config.seed, Stream::Placement);
-    let place = |nominal: &PlacementConfig| {
+    let place = |nominal: &Placement| {
         let mut rotation = rpy(nominal.rpy_rad);
         let mut origin = Vector3::from(nominal.origin_m);
         if p.placement_error {
@@ -192,21 +193,22 @@ pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Pose<f64>> {
         }
         Pose::new(rotation, origin)
     };
-    p.placements().iter().map(place).collect()
+    config.cell.placements.iter().map(place).collect()
 }
 
 pub(super) fn draw_spheres(
     config: &PlantConfig,
     plate: &Pose<f64>,
 ) -> heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES> {
-    let p = &config.plate;
-    let sigma = if p.certificate_error {
-        p.certificate_sigma_m
+    let plate_in_cell = &config.cell.plate;
+    let sigma = if config.plate.certificate_error {
+        plate_in_cell.certificate_sigma_m
     } else {
         0.0
     };
     let mut rng = stream(config.seed, Stream::Certificate);
-    p.spheres_m
+    plate_in_cell
+        .spheres_m
         .iter()
         .map(|certified| Some(plate.point(&(Vector3::from(*certified) + normal3(&mut rng) * sigma))))
         .take(MAX_SPHERES)

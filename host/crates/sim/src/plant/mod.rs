@@ -47,7 +47,7 @@ pub mod tracker;
 mod truth;
 pub mod world;
 
-pub use config::{PlacementConfig, PlantConfig};
+pub use config::PlantConfig;
 pub use disturb::{Disturbance, Obstacle, TorqueSensorFault};
 pub use error::PlantError;
 pub use hand::Hand;

@@ -3,6 +3,8 @@
 
 use core::f64::consts::PI;
 
+use spherecal_model::NominalCell;
+
 use super::config::{
     ComplianceConfig, DriveConfig, ElasticityConfig, EncoderConfig, EncoderSide, FrictionConfig, GeometryConfig,
     InertiaConfig, LostMotionConfig, NestConfig, PlantConfig, PlateConfig, ReadingConfig, SensorConfig, ThermalConfig,
@@ -15,23 +17,11 @@ pub const PRESETS: &[&str] = &["ideal", "typical", "harsh", "as_measured", "w0",
 
 impl Default for PlateConfig {
     fn default() -> Self {
-        let yaw = 150.0_f64.to_radians();
-        let spheres_m = vec![[0.0, 0.0, 0.0], [0.300_009, 0.0, 0.0], [0.150_049, 0.260_051, 0.0]];
-        // The centroid stands at (470, 0, 320) mm.
-        let (cx, cy) = ((0.300_009 + 0.150_049) / 3.0, 0.260_051 / 3.0);
-        let (s, c) = (libm::sin(yaw), libm::cos(yaw));
         Self {
-            origin_m: [0.470 - (c * cx - s * cy), -(s * cx + c * cy), 0.320],
-            rpy_rad: [0.0, 0.0, yaw],
-            spheres_m,
-            sphere_radius_m: 0.0254,
-            surface_below_m: 0.060,
             certificate_error: true,
-            certificate_sigma_m: 2.7e-6 / 1.96,
             placement_error: true,
             placement_sigma_m: 2e-3,
             placement_sigma_rad: 5e-3,
-            moved: Vec::new(),
         }
     }
 }
@@ -214,6 +204,7 @@ impl PlantConfig {
             contact: true,
             substep_s: 2.5e-4,
             free_step_s: 1e-3,
+            cell: NominalCell::default(),
             plate: PlateConfig::default(),
             nest: NestConfig::default(),
             geometry: GeometryConfig::default(),

@@ -137,7 +137,7 @@ impl<const N: usize> Plant<N> {
         let centroid = centroid_of(&spheres);
         let settle = config.compliance.settling_s;
         let mut plant = Self {
-            nest: Nest::new(&config.nest, &config.plate),
+            nest: Nest::new(&config.nest, config.cell.plate.sphere_radius_m),
             sphere_homes: spheres,
             joints,
             motion,
@@ -385,7 +385,7 @@ impl<const N: usize> Plant<N> {
     /// Whether the nest is low over the plate.
     fn near_plate(&self, tcp: &Pose<f64>) -> bool {
         let plate = &self.world.plate;
-        plate.z().dot(&(tcp.position - plate.position)) + self.config.plate.surface_below_m
+        plate.z().dot(&(tcp.position - plate.position)) + self.config.cell.plate.surface_below_m
             < self.config.nest.body_radius_m + 0.02
     }
 
@@ -396,7 +396,7 @@ impl<const N: usize> Plant<N> {
             self.nest.touch_sphere(tcp, sphere, &self.seat, touches);
         }
         if self.config.contact {
-            let below = self.config.plate.surface_below_m;
+            let below = self.config.cell.plate.surface_below_m;
             self.nest
                 .touch_plate(tcp, &self.world.plate, &self.centroid, below, touches);
         }

@@ -19,6 +19,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
+pub use spherecal_model::MAX_SPHERES;
 use spherecal_shared::robot::{Arm, Dynamics, Pose, Robot, Tool};
 
 use super::config::{EncoderSide, PlantConfig};
@@ -29,9 +30,6 @@ use super::draw::{
 use super::error::PlantError;
 use super::joint::{Deflection, JointError, Memory, Trace};
 use super::thermal::Warming;
-
-/// Most spheres of a plate.
-pub const MAX_SPHERES: usize = 8;
 
 /// Random streams of the error sources.
 #[derive(Clone, Copy)]
