@@ -4,6 +4,7 @@
 
 use std::path::Path;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::procedure::Procedure;
 
@@ -25,7 +26,7 @@ pub use sections::{CampaignSection, Choice, LaserSection, PlanSection};
 const MOST_BYTES: u64 = 1 << 20;
 
 /// The whole configuration.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
     /// Seed of everything that is drawn.
@@ -45,6 +46,8 @@ pub struct Config {
     pub procedure: Procedure,
     /// What is simulated, where the arm is: the name of a `preset`, and the errors that differ from it. It has no
     /// meaning for a real arm.
+    #[serde(skip_serializing_if = "toml::Table::is_empty")]
+    #[schemars(with = "PlantConfig")]
     pub plant: toml::Table,
     /// The laser tracker's reference.
     pub laser: LaserSection,

@@ -16,6 +16,7 @@ const MAX_PLACEMENTS: usize = 32;
 
 /// Calibration plate: what its certificate and its drawing say.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct CalibrationPlate {
     /// Certified sphere centres in the plate's frame, in m; sphere 1 comes first. Default: Table 1 of the paper.
@@ -54,6 +55,7 @@ impl CalibrationPlate {
 
 /// Nominal pose of the plate in one placement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Placement {
     /// Position of sphere 1 in F0, in m.

@@ -9,10 +9,13 @@ use crate::{CalibrationPlate, DataError};
 
 /// A frame seen from another: rotation and origin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Pose {
     /// Rotation: columns are the frame's axes in the other frame.
+    #[cfg_attr(feature = "schema", schemars(with = "[[f64; 3]; 3]"))]
     pub rotation: Matrix3<f64>,
     /// Origin in the other frame, in m.
+    #[cfg_attr(feature = "schema", schemars(with = "[f64; 3]"))]
     pub translation_m: Vector3<f64>,
 }
 

@@ -1,5 +1,6 @@
 //! Section `[cell]`: what is real, whether the arm is simulated or not.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use spherecal_model::robots::RobotModel;
@@ -9,7 +10,7 @@ use spherecal_shared::robot::Inertia;
 use crate::TaughtWaypoint;
 
 /// What is known of the real cell: tool, plate, where the plate stands, and where the descents begin.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CellSection {
     /// The tool with the nest.
@@ -36,7 +37,7 @@ impl Default for CellSection {
 }
 
 /// What differs from the tool in the robot's file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ToolSection {
     /// Nominal TCP (centre of a seated sphere) in the flange frame, in mm. Left out: the robot file's.

@@ -1,5 +1,6 @@
 //! The sections of the configuration that say what a run does: plan, campaign, tracker.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use spherecal_campaign as campaign;
@@ -7,7 +8,7 @@ use spherecal_identify as identify;
 use spherecal_plan::{CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, design_for, plan};
 
 /// How the poses are chosen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
     /// By the TCP error that they leave over the workspace.
@@ -18,7 +19,7 @@ pub enum Choice {
 }
 
 /// Which poses are visited.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlanSection {
     /// Poses over all spheres; 0 for every reachable one of the grid.
@@ -115,7 +116,7 @@ impl PlanSection {
 }
 
 /// How the campaign behaves.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CampaignSection {
     /// Attempts in vain after which a sphere is given up.
@@ -158,7 +159,7 @@ impl CampaignSection {
 }
 
 /// The laser tracker's reference.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LaserSection {
     /// Whether it is measured (in simulation).

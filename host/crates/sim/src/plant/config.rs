@@ -6,6 +6,7 @@
 //! from the `typical` preset. "The paper" is Nadeau, Bonev and Joubair 2019;
 //! "iiwa7.json" is `tests/data/iiwa7.json` with its sources inside.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use spherecal_model::NominalCell;
 
@@ -15,7 +16,7 @@ pub use super::slow_config::{DriveConfig, EncoderSide, LostMotionConfig, Reading
 /// Everything that makes a simulated plant, with its seed.
 ///
 /// The default is [`PlantConfig::typical`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlantConfig {
     /// Seed of every draw; each source has its own stream of it, so switching
@@ -65,7 +66,7 @@ pub struct PlantConfig {
 }
 
 /// Errors of the plate: how far it is from its certificate and its nominal placement, both of which `[cell]` states.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlateConfig {
     /// Whether the spheres deviate from their certificate, by `cell.plate.certificate_sigma_m`.
@@ -80,7 +81,7 @@ pub struct PlateConfig {
 }
 
 /// Trihedral nest with a magnet (Section 2.2: a cube corner of three planes).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct NestConfig {
     /// Normal stiffness of a pad, in N/m. Default 1e6 (`plant.md`: 1e7 needs a 0.1 ms step).
@@ -126,7 +127,7 @@ pub struct NestConfig {
 
 /// Geometry errors: the 24 MDH parameters of joints 2..n. The first row is the
 /// base frame's own and stays nominal (Section 3.1 of the paper).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GeometryConfig {
     /// Switch.
@@ -153,7 +154,7 @@ pub struct GeometryConfig {
 }
 
 /// Tool errors.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ToolConfig {
     /// Switch.
@@ -164,7 +165,7 @@ pub struct ToolConfig {
 
 /// Compliance: quasi-static, seen through the encoders (joints) or not at all
 /// (links and base).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ComplianceConfig {
     /// Switch.
@@ -201,7 +202,7 @@ pub struct ComplianceConfig {
 
 /// Errors between the encoder's angle `e` and the gear's output angle: `gear = e + h(e) + scatter`, with `h` the sum of
 /// harmonics, gear, smooth and cross-joint errors. The link lags the gear by deflection and lost motion.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EncoderConfig {
     /// Where the encoder sits. On the motor (default) it does not see the joint deflect; on the link it does.
@@ -236,7 +237,7 @@ pub struct EncoderConfig {
 }
 
 /// Joint sensors as the drive link shows them.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SensorConfig {
     /// Switch of noise and quantisation (bias and filters have their own fields).
@@ -267,7 +268,7 @@ pub struct SensorConfig {
 }
 
 /// Joint friction.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FrictionConfig {
     /// Switch.
@@ -284,7 +285,7 @@ pub struct FrictionConfig {
 }
 
 /// Masses and rotors.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct InertiaConfig {
     /// Switch of the mass errors.
@@ -307,7 +308,7 @@ pub struct InertiaConfig {
 
 /// Joint elasticity as a state: motor and link side, a spring between them, the
 /// encoder on the motor. Replaces the quasi-static joint compliance.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ElasticityConfig {
     /// Switch.
@@ -323,7 +324,7 @@ pub struct ElasticityConfig {
 }
 
 /// Laser tracker.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackerConfig {
     /// Switch of the noise.

@@ -3,10 +3,11 @@
 //!
 //! All of them are off by default, and off in the presets `ideal`, `typical`, `harsh` and `w0` to `w4`.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Which side of the joint's elasticity an encoder sits on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EncoderSide {
     /// On the motor: deflection and lost motion stand between the reading and the link.
@@ -20,7 +21,7 @@ pub enum EncoderSide {
 ///
 /// The link lags the motor by up to `half_width_rad`, on the side of the last motion. After a reversal the other side
 /// is approached exponentially over `travel_rad` (Dahl's model of pre-sliding friction, rate-independent).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LostMotionConfig {
     /// Switch.
@@ -42,7 +43,7 @@ impl Default for LostMotionConfig {
 }
 
 /// Drift of links and plate while the cell warms up: `1 − exp(−t/T)`, zero at the start of the run.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ThermalConfig {
     /// Switch.
@@ -75,7 +76,7 @@ impl Default for ThermalConfig {
 ///
 /// At the time of reading a joint still brakes: it has `½ a t²` to go, along its last move. The joint that moves
 /// farthest brakes with `deceleration_rad_s2`, the others in proportion to their moves.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReadingConfig {
     /// Share of the rows that are read early, 0 to 1. Default 0.
@@ -100,7 +101,7 @@ impl Default for ReadingConfig {
 ///
 /// The controller sees the newest state that has arrived; the drive holds a command until the next one arrives
 /// ([`super::delay`] says how a part of a tick counts).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DriveConfig {
     /// Delay of the state, in s, 0 to 0.02. Default 0.
