@@ -88,7 +88,8 @@ pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
     let stops = spheres
         .iter()
         .map(|&k| {
-            let centre = Vector3::from(config.cell.first().origin_m) + plate * Vector3::from(config.cell.plate.spheres_m[k]);
+            let centre =
+                Vector3::from(config.cell.first().origin_m) + plate * Vector3::from(config.cell.plate.spheres_m[k]);
             let approach = solve(&arm, centre - down * 0.03, facing, seed);
             let poses = turns
                 .iter()

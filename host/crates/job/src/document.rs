@@ -114,7 +114,11 @@ impl<'a> Node<'a> {
 
     /// What the field is, in the words of its doc comment, and the names that it may have where it is a choice.
     fn words(self) -> String {
-        let words = self.schema.get("description").and_then(Value::as_str).unwrap_or_default();
+        let words = self
+            .schema
+            .get("description")
+            .and_then(Value::as_str)
+            .unwrap_or_default();
         let mut words = words.replace("[`", "`").replace("`]", "`").replace("`Self::", "`");
         let resolved = self.resolved().schema;
         let one = |v: &Value| v.get("const").and_then(Value::as_str).map(|name| format!("\"{name}\""));

@@ -6,12 +6,12 @@ use spherecal_identify::validate::{Alignment, ValidationTable};
 use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
 use spherecal_report::{
     ContactTrace, ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint,
-    SimpleTable, WorkspacePoint,
+    WorkspacePoint,
 };
 
 mod tables;
 
-use tables::{contacts, health, provenance, seating, strings};
+use tables::{contacts, health, provenance, seating};
 
 /// The report of a run; `traces` are the forces of its contacts, `created` says
 /// when it was measured.

@@ -156,10 +156,20 @@ impl NominalCell {
         )?;
         for placement in &self.placements {
             for value in placement.origin_m {
-                require("placements.origin_m", value, value.abs() <= 5.0, "give metres, within 5 m")?;
+                require(
+                    "placements.origin_m",
+                    value,
+                    value.abs() <= 5.0,
+                    "give metres, within 5 m",
+                )?;
             }
             for value in placement.rpy_rad {
-                require("placements.rpy_rad", value, value.abs() <= 7.0, "give angles in rad, within 7")?;
+                require(
+                    "placements.rpy_rad",
+                    value,
+                    value.abs() <= 7.0,
+                    "give angles in rad, within 7",
+                )?;
             }
         }
         Ok(())
@@ -187,11 +197,15 @@ mod tests {
             ("cell.plate.spheres_m is 0", |c| c.plate.spheres_m.clear()),
             ("cell.plate.spheres_m is 9", |c| c.plate.spheres_m = vec![[0.0; 3]; 9]),
             ("cell.plate.spheres_m is NaN", |c| c.plate.spheres_m[1][2] = f64::NAN),
-            ("cell.plate.certificate_sigma_m is -1", |c| c.plate.certificate_sigma_m = -1.0),
+            ("cell.plate.certificate_sigma_m is -1", |c| {
+                c.plate.certificate_sigma_m = -1.0
+            }),
             ("cell.plate.sphere_radius_m is 25.4", |c| c.plate.sphere_radius_m = 25.4),
             ("cell.plate.surface_below_m is 0.02", |c| c.plate.surface_below_m = 0.02),
             ("cell.placements is 0", |c| c.placements.clear()),
-            ("cell.placements.origin_m is 470", |c| c.placements[0].origin_m[0] = 470.0),
+            ("cell.placements.origin_m is 470", |c| {
+                c.placements[0].origin_m[0] = 470.0
+            }),
             ("cell.placements.rpy_rad is 150", |c| c.placements[0].rpy_rad[2] = 150.0),
         ];
         for (words, change) in cases {

@@ -61,12 +61,20 @@ impl ToolSection {
         let refuse = |field, value, remedy| Err(CellError { field, value, remedy });
         for value in self.tcp_mm.iter().flatten() {
             if !(value.abs() <= 2000.0) {
-                return refuse("tool.tcp_mm", *value, "give the TCP in the flange frame in mm, within 2000");
+                return refuse(
+                    "tool.tcp_mm",
+                    *value,
+                    "give the TCP in the flange frame in mm, within 2000",
+                );
             }
         }
         for value in self.com_mm.iter().flatten() {
             if !(value.abs() <= 2000.0) {
-                return refuse("tool.com_mm", *value, "give the centre of mass in the flange frame in mm, within 2000");
+                return refuse(
+                    "tool.com_mm",
+                    *value,
+                    "give the centre of mass in the flange frame in mm, within 2000",
+                );
             }
             if self.mass_kg.is_none() {
                 return refuse("tool.com_mm", *value, "give tool.mass_kg with it, or leave it out");

@@ -29,7 +29,10 @@ pub(super) fn bring_forward(config: &mut Table) -> Vec<String> {
     let mut cell = Table::new();
     if let Some(tcp_mm) = config.remove("tool_mm") {
         moved.push("tool_mm".to_owned());
-        cell.insert("tool".to_owned(), Table::from_iter([("tcp_mm".to_owned(), tcp_mm)]).into());
+        cell.insert(
+            "tool".to_owned(),
+            Table::from_iter([("tcp_mm".to_owned(), tcp_mm)]).into(),
+        );
     }
     if let Some(Value::Table(plant)) = config.get_mut("plant") {
         if let Some(Value::Table(old)) = plant.get_mut("plate") {
@@ -75,7 +78,10 @@ fn take_plate(old: &mut Table, cell: &mut Table, moved: &mut Vec<String>) {
     let default = Placement::default();
     let floats = |values: [f64; 3]| Value::from(values.to_vec());
     let first = Table::from_iter([
-        ("origin_m".to_owned(), origin_m.unwrap_or_else(|| floats(default.origin_m))),
+        (
+            "origin_m".to_owned(),
+            origin_m.unwrap_or_else(|| floats(default.origin_m)),
+        ),
         ("rpy_rad".to_owned(), rpy_rad.unwrap_or_else(|| floats(default.rpy_rad))),
     ]);
     let mut placements = vec![Value::from(first)];
@@ -123,13 +129,24 @@ mod tests {
         assert_eq!(config.cell.tool.tcp_mm, Some([10.0, 0.0, 120.0]));
         assert_eq!(config.cell.plate.sphere_radius_m, 0.02);
         assert_eq!(config.cell.plate.spheres_m.len(), 3);
-        let [first, second] = config.cell.placements[..] else { panic!("two placements") };
+        let [first, second] = config.cell.placements[..] else {
+            panic!("two placements")
+        };
         // The yaw was left out: it keeps the default of 150 degrees.
-        assert_eq!((first.origin_m, first.rpy_rad), ([0.5, -0.1, 0.3], Placement::default().rpy_rad));
+        assert_eq!(
+            (first.origin_m, first.rpy_rad),
+            ([0.5, -0.1, 0.3], Placement::default().rpy_rad)
+        );
         assert_eq!((second.origin_m, second.rpy_rad), ([0.5, 0.1, 0.4], [0.0, 0.0, 1.0]));
         let plant = config.plant().expect("possible");
-        assert_eq!((plant.plate.placement_sigma_m, plant.plate.placement_sigma_rad), (0.001, 0.01));
-        assert_eq!((plant.cell, config.seed, config.plan.poses), (config.cell.nominal(), 3, 12));
+        assert_eq!(
+            (plant.plate.placement_sigma_m, plant.plate.placement_sigma_rad),
+            (0.001, 0.01)
+        );
+        assert_eq!(
+            (plant.cell, config.seed, config.plan.poses),
+            (config.cell.nominal(), 3, 12)
+        );
     }
 
     // Fails if a user's older file is read in silence, if the refusal does not name each field to remove, or if
@@ -137,18 +154,27 @@ mod tests {
     #[test]
     fn the_lines_to_paste_make_the_same_configuration() {
         let refusal = Config::parse("cell.toml", OLD).expect_err("an older file");
-        let ConfigError::OldLayout { fields, lines, .. } = &refusal else { panic!("{refusal}") };
+        let ConfigError::OldLayout { fields, lines, .. } = &refusal else {
+            panic!("{refusal}")
+        };
         assert_eq!(
             fields,
             "tool_mm, plant.plate.sphere_radius_m, plant.plate.origin_m, plant.plate.moved"
         );
-        assert!(refusal.to_string().contains("[cell.tool]\ntcp_mm = [10.0, 0.0, 120.0]\n"), "{refusal}");
+        assert!(
+            refusal
+                .to_string()
+                .contains("[cell.tool]\ntcp_mm = [10.0, 0.0, 120.0]\n"),
+            "{refusal}"
+        );
         // Done by hand: the named fields go, the lines come.
         let mut edited: Table = toml::from_str(OLD).expect("TOML");
         for field in fields.split(", ") {
             let mut names = field.split('.').rev();
             let last = names.next().expect("a name");
-            let table = names.rev().fold(&mut edited, |t, n| t[n].as_table_mut().expect("a table"));
+            let table = names
+                .rev()
+                .fold(&mut edited, |t, n| t[n].as_table_mut().expect("a table"));
             assert!(table.remove(last).is_some(), "{field}");
         }
         let text = format!("{}\n{lines}", toml::to_string(&edited).expect("TOML"));
@@ -176,7 +202,10 @@ mod tests {
         assert_eq!(cell.placements.len(), 2);
         assert_eq!(cell.placements[0].rpy_rad, Placement::default().rpy_rad);
         assert_eq!(cell.placements[1].origin_m, [0.643, 0.12, 0.42]);
-        assert_eq!(measured.config.plant().expect("possible").plate.placement_sigma_m, 0.0015);
+        assert_eq!(
+            measured.config.plant().expect("possible").plate.placement_sigma_m,
+            0.0015
+        );
         // `--resume` and `report` prepare the run anew.
         let prepared = crate::prepare(&measured.config).expect("prepares");
         assert_eq!(prepared.plan, measured.plan);

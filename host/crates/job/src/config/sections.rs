@@ -5,7 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use spherecal_campaign as campaign;
 use spherecal_identify as identify;
-use spherecal_plan::{CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, design_for, plan};
+use spherecal_plan::{
+    CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, design_for, plan,
+};
 
 /// How the poses are chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

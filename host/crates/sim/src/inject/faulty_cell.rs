@@ -17,7 +17,7 @@ use super::host_killed::{HostKilled, end_process};
 use super::listener::Listener;
 use super::plan::{InjectError, Plan};
 use super::scheduler::Scheduler;
-use spherecal_link::{Controller, Device, Drive, LinkError, check_hello};
+use spherecal_link::{Controller, Device, LinkError, check_hello};
 
 use crate::lossy::{InjectedCounter, Lossy, LossyLink};
 use crate::plant::{Disturbance, TorqueSensorFault};

@@ -55,7 +55,7 @@ impl<const N: usize> Motion<N> {
 
 /// Slope (N m s/rad) and torque at the present speed `v` of dry friction in a mode.
 #[inline]
-fn friction_terms(coulomb: f64, mode: f64, v: f64) -> (f64, f64) {
+pub(super) fn friction_terms(coulomb: f64, mode: f64, v: f64) -> (f64, f64) {
     if coulomb == 0.0 {
         (0.0, 0.0)
     } else if mode == 0.0 {
@@ -69,7 +69,7 @@ fn friction_terms(coulomb: f64, mode: f64, v: f64) -> (f64, f64) {
 /// Corrects the modes by the velocities at the end of the step; true where
 /// nothing had to be corrected.
 #[inline]
-fn settle_modes<const N: usize>(coulomb: &[f64; N], modes: &mut [f64; N], v: &SVector<f64, N>) -> bool {
+pub(super) fn settle_modes<const N: usize>(coulomb: &[f64; N], modes: &mut [f64; N], v: &SVector<f64, N>) -> bool {
     let mut settled = true;
     for i in 0..N {
         if coulomb[i] == 0.0 {

@@ -24,6 +24,7 @@ use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Arm, Bodies, Dynamics, Pose};
 
 use super::contact::{Touch, Touches};
+use super::dry_friction::{friction_terms, settle_modes};
 
 /// Stiffness and damping of the mechanical end stops, N m/rad and N m s/rad.
 const STOP: (f64, f64) = (2e4, 200.0);
@@ -43,7 +44,7 @@ pub(super) struct Motion<const N: usize> {
     /// Motor velocities, in rad/s.
     pub(super) motor_v: SVector<f64, N>,
     /// Direction in which each joint slips, 0 where it sticks.
-    slip: [f64; N],
+    pub(super) slip: [f64; N],
     /// Mass matrix and bias of the sub-step before, where it was a stiff one.
     before: Option<(SMatrix<f64, N, N>, SVector<f64, N>)>,
 }

@@ -3,7 +3,7 @@
 use nalgebra::{SVector, Vector3};
 use rand_chacha::ChaCha8Rng;
 use spherecal_shared::linalg::Cholesky;
-use spherecal_shared::robot::{Arm, Dynamics, Pose, Robot, Tool};
+use spherecal_shared::robot::{Arm, Dynamics, Robot, Tool};
 
 use super::config::{EncoderSide, PlantConfig};
 use super::contact::Nest;
@@ -28,11 +28,11 @@ pub struct Plant<const N: usize> {
     pub(super) motion: Motion<N>,
     pub(super) sensors: Sensors<N>,
     limits: [f64; N],
-    substeps: u32,
-    free_steps: u32,
+    pub(super) substeps: u32,
+    pub(super) free_steps: u32,
     settle_share: f64,
     tick: u64,
-    last_tau: SVector<f64, N>,
+    pub(super) last_tau: SVector<f64, N>,
     last: Sensed<N>,
     /// Mean transmitted torque of the last tick, in N m.
     transmitted: SVector<f64, N>,
@@ -53,7 +53,7 @@ pub struct Plant<const N: usize> {
     /// Displacement of the TCP by bending, and of the seated centre, in m.
     pub(super) bend: Vector3<f64>,
     pub(super) seat: Vector3<f64>,
-    coupling: Coupling,
+    pub(super) coupling: Coupling,
     pub(super) centroid: Vector3<f64>,
     pub(super) hand_force: Vector3<f64>,
     pub(super) hand_moment: Vector3<f64>,
