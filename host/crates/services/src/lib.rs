@@ -22,6 +22,7 @@ mod error;
 #[cfg(feature = "grpc")]
 pub mod grpc;
 mod guard;
+mod listen;
 pub mod live;
 mod offer;
 mod server;

@@ -10,6 +10,8 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 use super::guard::listen_address;
+#[cfg(not(feature = "grpc"))]
+use super::listen::Listener;
 use super::live::{Hub, Message, WAITING};
 use super::offer::Offer;
 use super::{Guard, GuardFiles, ServiceError, SharedStore};
@@ -130,18 +132,15 @@ async fn serve(
     offer: Offer,
     stopped: oneshot::Receiver<()>,
 ) -> Result<JoinHandle<()>, ServiceError> {
-    use axum::serve::ListenerExt as _;
-
     let router = offer
         .page
         .map(|(page, _)| super::web::router(page, guard))
         .unwrap_or_default();
-    let listener = listener.tap_io(|stream| {
-        // Without it small messages wait for more; they come all the same.
-        let _ = stream.set_nodelay(true);
-    });
+    let router = router
+        .layer(axum::middleware::from_fn(crate::listen::note_request))
+        .into_make_service_with_connect_info::<crate::listen::Proof>();
     Ok(tokio::spawn(async move {
-        let ended = axum::serve(listener, router)
+        let ended = axum::serve(Listener::new(listener), router)
             .with_graceful_shutdown(async {
                 let _ = stopped.await;
             })

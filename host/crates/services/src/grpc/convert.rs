@@ -29,9 +29,29 @@ fn named<T: DeserializeOwned>(field: &str, name: String) -> Result<T, Malformed>
 }
 
 fn list<const N: usize>(field: &str, values: &[f64]) -> Result<[f64; N], Malformed> {
+    finite(field, values)?;
     values
         .try_into()
         .map_err(|_| format!("{field} has {} numbers, not {N}", values.len()))
+}
+
+/// A store that took a number that is not finite could not be read again.
+fn finite(field: &str, values: &[f64]) -> Result<(), Malformed> {
+    match values.iter().find(|value| !value.is_finite()) {
+        Some(value) => Err(format!("{field} has the number {value}, which is not finite")),
+        None => Ok(()),
+    }
+}
+
+/// A run's state from the wire.
+pub(super) fn state_of_run(state: &str) -> Result<(), Malformed> {
+    if ["running", "measured", "complete"].contains(&state) {
+        Ok(())
+    } else {
+        Err(format!(
+            "state is {state:?}: give \"running\", \"measured\" or \"complete\""
+        ))
+    }
 }
 
 /// An event for the wire, with its number and the time when it was sent, where
@@ -186,6 +206,7 @@ pub(super) fn recording(m: proto::Recording) -> Result<Recording, Malformed> {
                 min: s.min.unwrap_or_default(),
                 max: s.max.unwrap_or_default(),
             };
+            finite(field, &[signal.mean, signal.std, signal.min, signal.max])?;
             out.push(signal)
                 .map_err(|_| format!("{field} has {} joints", signals.len()))?;
         }
@@ -237,7 +258,10 @@ pub(super) fn spheres(messages: &[proto::Sphere]) -> Result<Vec<Sphere>, Malform
             Ok(Sphere {
                 id: m.id,
                 position_m: list("position_m", &m.position_m)?,
-                sigma_m: m.sigma_m,
+                sigma_m: {
+                    finite("sigma_m", &[m.sigma_m])?;
+                    m.sigma_m
+                },
             })
         })
         .collect()
@@ -274,7 +298,10 @@ pub(super) fn new_run(m: proto::NewRun) -> Result<NewRun, Malformed> {
         Ok(PlannedPose {
             sphere: p.sphere,
             pose: p.pose,
-            orientation: list("orientation", &p.orientation)?,
+            orientation: {
+                finite("elbow_rad", &[p.elbow_rad])?;
+                list("orientation", &p.orientation)?
+            },
             elbow_rad: p.elbow_rad,
         })
     });
@@ -332,6 +359,7 @@ pub(super) fn laser(messages: Vec<proto::LaserShot>) -> Result<Vec<LaserShot>, M
     messages
         .into_iter()
         .map(|m| {
+            finite("q_rad", &m.q_rad)?;
             Ok(LaserShot {
                 point_m: list("point_m", &m.point_m)?,
                 purpose: m.purpose,
@@ -420,5 +448,31 @@ mod tests {
             ..proto::Recording::default()
         };
         assert!(refused(proto::event::Body::Recording(recording)).contains("q has 9 joints"));
+        let recording = proto::Recording {
+            tau: vec![proto::Signal {
+                std: Some(f64::NAN),
+                ..proto::Signal::default()
+            }],
+            force_n: vec![0.0; 3],
+            ..proto::Recording::default()
+        };
+        assert!(refused(proto::event::Body::Recording(recording)).contains("tau has the number NaN"));
+    }
+
+    // Fails if a store takes a laser measurement that it could not give back, or a
+    // state that no run has.
+    #[test]
+    fn numbers_that_are_not_finite_and_unknown_states_are_refused() {
+        let shot = |q: f64, x: f64| proto::LaserShot {
+            purpose: "validation".to_owned(),
+            q_rad: vec![0.0, q],
+            point_m: vec![x, 0.0, 0.0],
+        };
+        assert!(laser(vec![shot(0.1, 0.2)]).is_ok());
+        assert!(laser(vec![shot(f64::NAN, 0.0)]).expect_err("refused").contains("q_rad"));
+        let refusal = laser(vec![shot(0.0, f64::INFINITY)]).expect_err("refused");
+        assert!(refusal.contains("point_m has the number inf"), "{refusal}");
+        assert!(state_of_run("measured").is_ok());
+        assert!(state_of_run("").is_err() && state_of_run("done\u{1b}[2J").is_err());
     }
 }

@@ -199,6 +199,7 @@ impl CalibrationStore for StoreService {
 
     async fn set_state(&self, request: Request<RunState>) -> Result<Response<Done>, Status> {
         let m = request.into_inner();
+        convert::state_of_run(&m.state).map_err(malformed)?;
         self.with(move |store| store.set_state(m.run, &m.state).map(|()| Done {}))
             .await
     }

@@ -35,10 +35,19 @@ pub(super) async fn own_name(State(site): State<Arc<Site>>, request: Request, ne
 /// Whether `HOST[:PORT]` is this machine by a name that nobody else can point here.
 fn is_own(name: &str) -> bool {
     let host = match name.strip_prefix('[') {
-        Some(rest) => rest.split(']').next().unwrap_or_default(),
+        Some(rest) => match rest.split_once(']') {
+            Some((host, after)) if after.is_empty() || is_port(after) => host,
+            _ => return false,
+        },
         None => name.rsplit_once(':').map_or(name, |(host, _)| host),
     };
     host.eq_ignore_ascii_case("localhost") || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+}
+
+/// Whether text is `:` and digits.
+fn is_port(text: &str) -> bool {
+    text.strip_prefix(':')
+        .is_some_and(|digits| !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit()))
 }
 
 /// Only who has shown the token goes on; others are asked for it.
@@ -113,6 +122,11 @@ mod tests {
             "10.0.0.7:7403",
             "localhost.evil",
             "[::2]:1",
+            "[::1].evil.com",
+            "[::1].evil.com:7403",
+            "[::1]:",
+            "[::1]:7403.evil.com",
+            "[::1",
         ] {
             assert!(!is_own(other), "{other}");
         }
