@@ -1,4 +1,5 @@
-//! A drive in thirty lines: seven joints, each a point inertia without gravity.
+//! A drive: seven joints, each a point inertia without gravity. What a drive must do are the thirty lines of `Arm` and
+//! its `impl Drive`; the rest describes this arm.
 //!
 //! ```console
 //! $ cargo run -p spherecal-link --example drive -- 7401
