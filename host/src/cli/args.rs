@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::exit::CliError;
 use spherecal_job::{self as job, Config, JobError, Link, Prepared, Waypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation};
@@ -156,29 +155,6 @@ impl RunArgs {
     /// The database.
     pub fn database(&self) -> StoreLocation {
         database(self.store.as_ref(), &self.out)
-    }
-
-    /// Refuses what this program was built without, before anything is done.
-    ///
-    /// # Errors
-    /// The first option that needs a feature which is not there.
-    pub(super) fn check_features(&self) -> Result<(), CliError> {
-        if self.dashboard && cfg!(not(feature = "dashboard")) {
-            return Err(CliError::feature("--dashboard", "dashboard"));
-        }
-        if cfg!(feature = "services") {
-            return Ok(());
-        }
-        let asked = [
-            ("--link grpc:", matches!(self.link, Link::Grpc(_))),
-            ("--tracker", self.tracker.is_some()),
-            ("--store grpc:", matches!(self.store, Some(StoreLocation::Service(_)))),
-            ("--publish", self.publish.is_some()),
-        ];
-        match asked.into_iter().find(|(_, asked)| *asked) {
-            Some((what, _)) => Err(CliError::feature(what, "services")),
-            None => Ok(()),
-        }
     }
 
     /// The server whose page shows the run.

@@ -16,6 +16,7 @@ mod doctor;
 mod exit;
 mod export;
 mod faults;
+mod features;
 mod history;
 mod identify;
 mod interrupt;

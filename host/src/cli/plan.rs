@@ -2,12 +2,14 @@
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::features;
 use super::out::{out, outln};
 use super::text;
 use spherecal_job::JobError;
 
 /// Plans, says what the plan is, and writes it.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
+    features::check_run(args)?;
     let prepared = args.prepare()?;
     let json = serde_json::to_string_pretty(&prepared.plan).map_err(CliError::job)?;
     if args.json {

@@ -7,6 +7,7 @@ use super::args::RunArgs;
 #[cfg(feature = "dashboard")]
 use super::dashboard::Dashboard;
 use super::exit::{CliError, Exit};
+use super::features;
 use super::interrupt::interrupt;
 use super::live_output::LiveOutput;
 use super::out::{err, out, outln};
@@ -147,7 +148,7 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
 /// Plans and measures, or goes on with the last run. Those who see it from
 /// outside still do.
 pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
-    args.check_features()?;
+    features::check_run(args)?;
     let interrupt = interrupt()?;
     let inject = args.inject.as_deref().map(inject::Plan::load).transpose()?;
     let (mut store, prepared, resume) = if args.resume {

@@ -14,6 +14,7 @@ use clap::{Args, ValueEnum};
 
 use super::args::ProtectionArgs;
 use super::exit::{CliError, Exit};
+use super::features;
 use super::interrupt::interrupt;
 use super::out::errln;
 use super::reports::stored_reports;
@@ -79,6 +80,9 @@ impl ServeArgs {
 
 /// `spherecal serve`
 pub(super) fn run(args: &ServeArgs) -> Result<Exit, CliError> {
+    features::check_link(&args.link)?;
+    features::check_store(args.store.as_ref())?;
+    features::check_protection(&args.protection)?;
     let interrupted = interrupt()?;
     if matches!(args.link, Link::Grpc(_)) {
         return Err(CliError::input(

@@ -7,6 +7,7 @@ use clap::Args;
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::features;
 use super::interrupt::interrupt;
 use super::out::{out, outln};
 use super::progress::ProgressView;
@@ -42,6 +43,7 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
     if run.resume {
         return Err(CliError::input("stability begins anew: leave out --resume"));
     }
+    features::check_run(run)?;
     let interrupt = interrupt()?;
     let prepared = run.prepare()?;
     std::fs::create_dir_all(&run.out).map_err(|source| JobError::Write {

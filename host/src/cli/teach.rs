@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::features;
 use super::interrupt::interrupt;
 use super::out::{errln, outln};
 use super::progress::ProgressView;
@@ -35,6 +36,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     if args.resume {
         return Err(CliError::input("teach begins anew: leave out --resume"));
     }
+    features::check_run(args)?;
     let interrupt = interrupt()?;
     let prepared = args.prepare()?;
     let path = args.out.join("waypoints.toml");
