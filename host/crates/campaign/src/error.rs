@@ -165,7 +165,7 @@ pub enum CampaignError {
     /// The plate must be moved, and nobody is here to do it.
     #[error(
         "the plate is to be moved to placement {} of the plan, and nobody at this terminal can say that it was: \
-         run without --json at a terminal, or plan one placement (leave out plant.plate.moved)", place + 1
+         run without --json at a terminal, or plan one placement (give one of [[cell.placements]])", place + 1
     )]
     Plate {
         /// Placement, from 0.

@@ -113,6 +113,7 @@ pub struct Parameter {
 /// What the user sets of one parameter, or of a group by its letters alone
 /// (`alpha`, `compliance`, `harmonic`, `sphere` ...).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Override {
     /// Nominal value, in the parameter's SI unit.
@@ -129,6 +130,7 @@ pub struct Override {
 /// Overrides by name: in TOML a table, as in
 /// `[parameters.compliance]` / `prior_sigma = 5e-5`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(transparent)]
 pub struct Overrides(pub BTreeMap<String, Override>);
 

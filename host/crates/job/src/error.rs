@@ -44,7 +44,7 @@ pub enum JobError {
     /// The plate stands where the arm cannot work, and a place where it can.
     #[error(
         "{source}. At this place the arm reaches all of it; write into the configuration (--config):\n\n\
-         [plant.plate]\norigin_m = {origin_m:?}\nrpy_rad = {rpy_rad:?}\n"
+         [[cell.placements]]\norigin_m = {origin_m:?}\nrpy_rad = {rpy_rad:?}\n"
     )]
     PlateOutOfReach {
         /// What is out of reach.

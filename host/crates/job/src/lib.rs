@@ -31,7 +31,8 @@ mod teach;
 mod tracker;
 mod write;
 
-pub use config::{CampaignSection, Choice, Config, ConfigError, LaserSection, PlanSection};
+pub use bound::bound_options;
+pub use config::{CampaignSection, CellSection, Choice, Config, ConfigError, LaserSection, PlanSection, ToolSection};
 pub use error::JobError;
 pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};
 pub use host_faults::file_lock;

@@ -204,10 +204,7 @@ pub fn read(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<Measurem
             message: format!("{e}; it was written by another version"),
         }
     };
-    let config: Config = toml::from_str(&info.config_toml).map_err(|e| JobError::Encode {
-        what: "the stored configuration",
-        message: format!("{e}; it was written by another version"),
-    })?;
+    let config = Config::stored(&info.config_toml)?;
     let plan: Plan = serde_json::from_str(&info.plan_json).map_err(undecodable("the stored plan"))?;
     let stored = store.read_run(info.run)?;
     let mut link = LinkRecord::default();

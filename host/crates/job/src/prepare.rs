@@ -4,14 +4,15 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::{Config, JobError};
+use super::{Config, JobError, Waypoints};
 use spherecal_campaign::{Stop, Tour, TourPose};
 use spherecal_identify::Sphere;
 use spherecal_link::Drive;
 use spherecal_model::chain::Chain;
 use spherecal_model::robots::{self, RobotModel};
+use spherecal_model::{NominalCell, Placement};
 use spherecal_plan::{self as plan, Plan, PlanError, PlatePose};
-use spherecal_sim::plant::{PlacementConfig, PlantConfig};
+use spherecal_sim::plant::PlantConfig;
 use spherecal_sim::simulated_arm;
 
 /// Everything that is known before the first motion.
@@ -50,8 +51,11 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         return Err(JobError::NoPose { planned: plan.planned });
     }
     let chain = Chain::new(&model.robot, &tool)?;
-    plan::teach(&mut plan, &chain, config.campaign.taught_error_m, config.seed);
-    Ok(Prepared {
+    let taught = &config.cell.waypoints;
+    if taught.is_empty() {
+        plan::teach(&mut plan, &chain, config.campaign.taught_error_m, config.seed);
+    }
+    let mut prepared = Prepared {
         config: config.clone(),
         robot: model.robot.clone(),
         model,
@@ -59,7 +63,15 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         spheres: cell.spheres,
         plan,
         plant,
-    })
+    };
+    if !taught.is_empty() {
+        let waypoints = Waypoints {
+            robot: prepared.robot.name.to_string(),
+            waypoint: taught.clone(),
+        };
+        waypoints.apply(&mut prepared)?;
+    }
+    Ok(prepared)
 }
 
 /// A plate that is out of reach, with a place where it would not be.
@@ -117,16 +129,14 @@ struct Known {
 fn known(config: &Config) -> Result<Known, JobError> {
     config.check()?;
     let mut model = robots::load(&config.robot)?;
-    if let Some(tool_mm) = config.tool_mm {
-        model.tool.tcp_m = tool_mm.map(|mm| mm * 1e-3);
-    }
+    config.cell.tool.apply(&mut model);
     let tool = model.tool_in_table();
     let plant = config.plant()?;
     let mut cell = plan::Cell {
         robot: model.robot.clone(),
         tool,
-        spheres: certificate(&plant),
-        plates: plate_poses(&plant),
+        spheres: config.cell.plate.certificate(),
+        plates: plate_poses(&plant.cell),
         approach_height_m: config.plan.approach_height_m,
         ..plan::Cell::iiwa7()
     };
@@ -159,28 +169,13 @@ pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
     Ok(simulated_arm(&model.robot, &tool, &plant, &home.joints)?)
 }
 
-/// The spheres as the certificate states them, numbered from 1.
-fn certificate(plant: &PlantConfig) -> Vec<Sphere> {
-    plant
-        .plate
-        .spheres_m
-        .iter()
-        .zip(1..)
-        .map(|(position_m, id)| Sphere {
-            id,
-            position_m: *position_m,
-            sigma_m: plant.plate.certificate_sigma_m,
-        })
-        .collect()
-}
-
 /// Where the plate is meant to stand, in each placement; where it does stand is
 /// the plant's affair.
-fn plate_poses(plant: &PlantConfig) -> Vec<PlatePose> {
-    let spheres = &plant.plate.spheres_m;
+fn plate_poses(cell: &NominalCell) -> Vec<PlatePose> {
+    let spheres = &cell.plate.spheres_m;
     let sum: Vector3<f64> = spheres.iter().map(|s| Vector3::from(*s)).sum();
     let centroid = sum / spheres.len().max(1) as f64;
-    let pose = |placement: &PlacementConfig| {
+    let pose = |placement: &Placement| {
         let [roll, pitch, yaw] = placement.rpy_rad;
         let rotation = Rotation3::from_euler_angles(roll, pitch, yaw);
         let q = UnitQuaternion::from_rotation_matrix(&rotation);
@@ -189,7 +184,7 @@ fn plate_poses(plant: &PlantConfig) -> Vec<PlatePose> {
             orientation: [q.w, q.i, q.j, q.k],
         }
     };
-    plant.plate.placements().iter().map(pose).collect()
+    cell.placements.iter().map(pose).collect()
 }
 
 /// The plan as the campaign takes it.

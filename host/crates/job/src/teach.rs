@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::link::{controller, distant};
@@ -31,7 +32,7 @@ pub struct Waypoints {
 }
 
 /// Where the descent to one sphere begins.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TaughtWaypoint {
     /// Id of the sphere.
@@ -136,7 +137,7 @@ impl Waypoints {
                         "the waypoint of sphere {sphere} is {:.0} mm from where the plan has it",
                         away * 1e3
                     ),
-                    "teach it over its own sphere, or give the plate's place in [plant.plate] of the configuration",
+                    "teach it over its own sphere, or give the plate's place in [[cell.placements]] of the configuration",
                 ));
             }
             visit.approach.position_m = pose.position.into();

@@ -16,6 +16,7 @@ use spherecal_model::halton::halton;
 
 /// How wide candidates may lie.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Range {
     /// Largest tilt about the tool's x and y, each, in rad.

@@ -33,7 +33,7 @@ pub enum PlanError {
     /// No number of poses comes to the accuracy that was asked for.
     #[error(
         "a mean TCP error of {wanted_mm} mm is not to be expected of {poses} poses or fewer ({best_mm:.3} mm is): \
-         ask for less, move the plate to a second placement (plant.plate.moved), or allow wider poses (plan.range)"
+         ask for less, move the plate to a second placement ([[cell.placements]]), or allow wider poses (plan.range)"
     )]
     Accuracy {
         /// Mean error that was asked for, in mm.

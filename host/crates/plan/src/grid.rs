@@ -9,6 +9,7 @@ use spherecal_model::chain::{Chain, TcpPose};
 
 /// The angles of a grid about the neutral pose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Grid {
     /// Angles about x, y and z of the tool, in rad.
     pub orientation_rad: Vec<f64>,

@@ -58,6 +58,7 @@ impl Obstacle {
 
 /// What a configuration and a move must keep.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Rules {
     /// Distance to every joint limit, in rad.

@@ -11,6 +11,7 @@
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,7 +27,7 @@ const FRAGMENT_MOST: usize = 1 << 14;
 
 /// How bad a host link is: what happens to a frame, in either direction, each
 /// with a probability of its own. All zero is a good link.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Lossy {
     /// Probability that a frame is lost.

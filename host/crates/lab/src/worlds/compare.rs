@@ -196,9 +196,8 @@ pub fn compare(options: &CompareOptions) -> Result<Comparison, WorldError> {
     let judged: Vec<_> = jobs
         .par_iter()
         .map(|(world, seed)| {
-            let recipe = world.recipe();
-            let trial = record_poses(*world, &recipe, *seed, poses)?;
-            let judged = judge(&trial, &recipe, &options.estimators);
+            let trial = record_poses(*world, *seed, poses)?;
+            let judged = judge(&trial, &options.estimators);
             bar.inc(1);
             judged
         })

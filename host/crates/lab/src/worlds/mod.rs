@@ -1,9 +1,9 @@
 //! Synthetic static experiments: robots whose errors are known, on which
 //! estimators are compared.
 //!
-//! Vocabulary. A *world* is a kind of error ([`World`]); a *truth* is one robot
-//! drawn from it ([`Truth`]): geometry, tool, and what no geometric model has.
-//! A *trial* is what that robot would have recorded ([`Trial`]): contacts on the
+//! Vocabulary. A *world* is a kind of error ([`World`]), a robot drawn from it a
+//! [`TrueCell`](spherecal_sim::plant::TrueCell), the same that the dynamic plant
+//! stands on. A *trial* is what that robot would have recorded ([`Trial`]): contacts on the
 //! paper's grid of 1,843 reachable poses, laser points, arcs, and validation
 //! points, as plain data for [`identify`](spherecal_identify), with the truth kept
 //! apart for the judge.
@@ -13,7 +13,7 @@
 //! possible ([`compare`]).
 //!
 //! ```text
-//! World ─ draw ─▶ Truth ─ record ─▶ Trial ─ estimators ─▶ ValidationTable ─ medians ─▶ Comparison
+//! World ─ draw ─▶ TrueCell ─ record ─▶ Trial ─ estimators ─▶ ValidationTable ─ medians ─▶ Comparison
 //! ```
 
 mod compare;
@@ -22,7 +22,9 @@ mod plans;
 mod record;
 
 pub use compare::{Cell, CompareOptions, Comparison, Errors, compare};
-pub use estimators::{Estimator, bound_options, judge};
+pub use estimators::{Estimator, judge};
 pub use plans::{Chosen, PlanOptions, PlanRow, PlanTable, compare_plans};
-pub use record::{GRID_SPHERES, PlannedPose, Trial, WorldError, paper_poses, record, record_poses};
-pub use spherecal_sim::worlds::{Recipe, Truth, UnknownWorld, World};
+pub use record::{
+    CONTACT_S, GRID_SPHERES, PlannedPose, Trial, WorldError, paper_poses, planned_poses, record, record_poses,
+};
+pub use spherecal_sim::worlds::{UnknownWorld, World};

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::compare::{Cell, CompareOptions, compare};
 use super::estimators::Estimator;
-use super::record::{PlannedPose, WorldError};
+use super::record::{WorldError, planned_poses};
 use spherecal_identify::validate::Alignment;
 use spherecal_plan::{self as plan, DesignRequest, Plan, PlanError};
 use spherecal_sim::worlds::World;
@@ -162,18 +162,11 @@ pub fn compare_plans(options: &PlanOptions) -> Result<PlanTable, WorldError> {
     let mut rows = Vec::new();
     for chosen in &options.plans {
         let plan = chosen.plan().map_err(|e| WorldError::Grid(e.to_string()))?;
-        let visits = plan.spheres.iter().flat_map(|visit| {
-            let recorded = visit.poses.iter().filter(|p| !p.via);
-            recorded.map(|p| PlannedPose {
-                sphere: visit.sphere_id,
-                q: p.joints.clone(),
-            })
-        });
         let compared = compare(&CompareOptions {
             worlds: options.worlds.clone(),
             estimators: vec![Estimator::Map],
             seeds: options.seeds.clone(),
-            poses: Some(visits.collect()),
+            poses: Some(planned_poses(&plan)),
             progress: options.progress,
         })?;
         rows.push(PlanRow {

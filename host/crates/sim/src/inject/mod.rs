@@ -19,14 +19,19 @@
 
 mod fault;
 mod faulty_cell;
+mod faulty_drive;
+mod faulty_states;
 mod host_faults;
+mod host_killed;
 mod listener;
 mod plan;
 mod presets;
 mod scheduler;
 
 pub use fault::{InjectedFault, Status};
-pub use faulty_cell::{FaultyCell, FaultyCellError, FaultyDrive, Happened, HostKilled, Restart};
+pub use faulty_cell::{FaultyCell, FaultyCellError, Happened, Restart};
+pub use faulty_drive::FaultyDrive;
 pub use host_faults::{FileLock, HostFaultJournal, HostFaults};
+pub use host_killed::HostKilled;
 pub use plan::{Entry, InjectError, Plan, When};
 pub use presets::{PRESETS, Preset, preset, table};
