@@ -72,7 +72,10 @@ fn a_link_to_nowhere_is_refused() {
             assert!(said.contains(word), "{arguments:?} does not say \"{word}\": {said}");
         }
     };
-    let nowhere = ["tcp:127.0.0.1:1 cannot be reached", "start the program that listens there first"];
+    let nowhere = [
+        "tcp:127.0.0.1:1 cannot be reached",
+        "start the program that listens there first",
+    ];
     refused(&["measure", "--poses", "3", "--link", "tcp:127.0.0.1:1"], 1, &nowhere);
     refused(
         &["measure", "--poses", "3", "--link", "controller:127.0.0.1:1"],

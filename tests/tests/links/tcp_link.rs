@@ -231,7 +231,10 @@ fn a_drive_that_does_not_fit_is_refused_with_a_remedy() {
         }),
         &["6 joints", "the robot 7", "choose the robot"],
     );
-    expect(changed(&|h| h.period_us = 20_000), &["20000 µs", "between 100 and 10000"]);
+    expect(
+        changed(&|h| h.period_us = 20_000),
+        &["20000 µs", "between 100 and 10000"],
+    );
     expect(
         changed(&|h| h.limits[3].torque_nm = 50.0),
         &["joint 4", "largest torque in N m of 50", "110", "robot convert"],
