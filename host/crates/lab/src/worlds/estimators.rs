@@ -21,15 +21,15 @@ pub enum Estimator {
     GaussNewton,
     /// Spheres: geometry with priors.
     Geometry,
-    /// Spheres: geometry, compliance and two harmonics: the right model in W0.
+    /// Spheres: geometry, compliance and two harmonics: the true model in W0.
     TwoHarmonics,
     /// Spheres: robust and structured, the default.
     Map,
-    /// Laser: Gauss-Newton with arc-measured base and tool, as the paper's.
+    /// Laser: Gauss-Newton with arc-measured base and tool, as in the paper.
     LaserGeometry,
     /// Laser: the structured estimator.
     LaserMap,
-    /// Spheres: least squares with the very priors that the world draws from.
+    /// Spheres: least squares with the same priors from which the world is drawn.
     Bound,
 }
 
@@ -69,8 +69,8 @@ impl std::fmt::Display for Estimator {
     }
 }
 
-/// Options of the oracle: the model, priors and noise that the world was drawn
-/// from. `None` for W4, which no such model describes.
+/// Options of the oracle: the model, priors and noise from which the world was drawn. `None` for
+/// W4, which no such model describes.
 pub fn bound_options(world: World, recipe: &Recipe, geometry_scale: f64) -> Option<Options> {
     if matches!(world, World::W4 | World::W4Bad) {
         return None;
@@ -137,11 +137,11 @@ pub fn bound_options(world: World, recipe: &Recipe, geometry_scale: f64) -> Opti
     Some(options)
 }
 
-/// Runs the estimators on a trial and judges them on its validation
-/// measurements. Those without a meaning in the trial's world are left out.
+/// Runs the estimators on a trial and judges them on its validation measurements. Leaves out
+/// estimators that are not defined in the trial's world.
 ///
 /// # Errors
-/// An estimator that fails on this data.
+/// An estimator fails on this data.
 pub fn judge(trial: &Trial, recipe: &Recipe, estimators: &[Estimator]) -> Result<ValidationTable, WorldError> {
     let failed = |estimator: Estimator, reason: String| WorldError::Estimator {
         world: trial.world,
@@ -245,8 +245,8 @@ fn predict(trial: &Trial, recipe: &Recipe, estimator: Estimator) -> Result<Optio
     Ok(Some(prediction(trial, estimator.name(), &calibration, laser)))
 }
 
-/// Predictions of a calibration; its own base is that in the tracker frame, for
-/// sphere data through the plate as the tracker sees it.
+/// Predictions of a calibration. Its own base is that in the tracker frame; for sphere data the
+/// plate, as the tracker measures it, gives the base.
 fn prediction(trial: &Trial, name: &str, calibration: &Calibration, laser: bool) -> Prediction {
     let points = trial
         .validation

@@ -1,4 +1,4 @@
-//! What a drawn robot records: contacts, laser points, arcs, validation.
+//! What a drawn robot records: contacts, laser points, arcs and validation points.
 
 use std::sync::OnceLock;
 
@@ -40,7 +40,7 @@ pub enum WorldError {
     #[error("the poses could not be planned: {0}")]
     Grid(String),
     /// A pose is out of the drawn robot's reach.
-    #[error("pose {index} on sphere {sphere} is out of the drawn robot's reach: leave it out of the plan")]
+    #[error("pose {index} on sphere {sphere} is out of the drawn robot's reach: remove it from the plan")]
     Reach {
         /// Index of the pose.
         index: usize,
@@ -61,7 +61,7 @@ pub enum WorldError {
     },
 }
 
-/// Everything that one drawn robot records, and the truth apart.
+/// All recordings of one drawn robot, and its truth apart.
 #[derive(Clone, Debug)]
 pub struct Trial {
     /// The world.
@@ -70,7 +70,7 @@ pub struct Trial {
     pub seed: u64,
     /// Contacts on the spheres; nominal robot and tool.
     pub spheres: Experiment,
-    /// Laser points to calibrate by; nominal robot and tool.
+    /// Laser points for the calibration; nominal robot and tool.
     pub laser: Experiment,
     /// Arcs of joints 1 and 2.
     pub base_arcs: Vec<MeasuredArc>,
@@ -78,7 +78,7 @@ pub struct Trial {
     pub tool_arcs: Vec<MeasuredArc>,
     /// Base and tool as the paper measures them, with the world's offsets.
     pub frames: MeasuredFrames,
-    /// The plate in the tracker frame, from its spheres as the tracker sees them.
+    /// The plate in the tracker frame, from its spheres as the tracker measures them.
     pub plate: Pose,
     /// Validation measurements.
     pub validation: Vec<Measured>,
@@ -93,7 +93,7 @@ pub struct Trial {
 /// The reachable poses of the paper's grid (Section 4.2), planned once.
 ///
 /// # Errors
-/// A planner that refuses its own nominal cell.
+/// The planner refuses its own nominal cell.
 pub fn paper_poses() -> Result<&'static [PlannedPose], WorldError> {
     static POSES: OnceLock<Result<Vec<PlannedPose>, WorldError>> = OnceLock::new();
     let poses = POSES.get_or_init(|| {
@@ -115,8 +115,8 @@ fn laser_plan(seed: u64) -> Result<LaserPlan, WorldError> {
     Ok(laser::plan(&iiwa7(), &iiwa7_tool(), seed)?)
 }
 
-/// Draws the robot of `seed` in `world` and records everything, contacts on the
-/// paper's whole grid.
+/// Draws the robot of `seed` in `world` and simulates all recordings, with contacts on the paper's
+/// whole grid.
 ///
 /// # Errors
 /// See [`WorldError`]; none occurs with the built-in worlds.
@@ -124,7 +124,7 @@ pub fn record(world: World, seed: u64) -> Result<Trial, WorldError> {
     record_poses(world, &world.recipe(), seed, paper_poses()?)
 }
 
-/// Where the plate of the nominal cell stands in F0.
+/// Pose of the plate of the nominal cell in F0.
 fn plate_in_base() -> Pose {
     let spheres = paper_plate();
     let cell = plan::Cell::iiwa7();
@@ -141,7 +141,7 @@ fn plate_in_base() -> Pose {
     }
 }
 
-/// Noise of one stream of measurements, independent of the others.
+/// Noise of one stream of measurements, independent of the other streams.
 struct Noise(ChaCha8Rng);
 
 impl Noise {
@@ -169,7 +169,7 @@ impl Noise {
     }
 }
 
-/// The same with any recipe and contacts at any poses.
+/// Like [`record`], with any recipe and with contacts at any poses.
 ///
 /// # Errors
 /// See [`WorldError`].
@@ -256,7 +256,7 @@ fn contacts(
     poses: &[PlannedPose],
 ) -> Result<(Experiment, Vec<usize>), WorldError> {
     let mut noise = Noise::new(seed, 1);
-    // Apart, so that W4's other contacts are the same with and without bad ones.
+    // A separate stream, so that W4's other contacts are the same with and without bad ones.
     let mut chance = Noise::new(seed, 4);
     let mut bad = Vec::new();
     let mut observations = Vec::with_capacity(poses.len());
