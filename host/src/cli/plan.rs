@@ -29,7 +29,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
         );
     }
     outln!(
-        "\nFiles:\n  {}\n\nNext: spherecal measure, or spherecal run for the whole job.",
+        "\nFiles:\n  {}\n\nNext: spherecal run with the same arguments, or spherecal measure to measure only.",
         path.display()
     );
     Ok(Exit::Done)

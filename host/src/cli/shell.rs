@@ -1,5 +1,5 @@
-//! `spherecal completions` and `spherecal man`: what shells and readers of
-//! manuals expect, made from the same description as the command line itself.
+//! `spherecal completions` and `spherecal man`: shell completions and manual pages, generated from
+//! the description of the command line.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};

@@ -1,10 +1,10 @@
-//! The person at this terminal, who leads the arm or moves the plate and says
-//! so by the Enter key.
+//! The operator at this terminal, who leads the arm or moves the plate and confirms with the Enter
+//! key.
 
 use std::sync::mpsc::{Receiver, channel};
 
-/// A person at this terminal. The keyboard is read in a thread of its own, so
-/// that the arm's time never waits for it.
+/// The operator at this terminal. A separate thread reads the keyboard, so that the control of the
+/// arm never waits for it.
 #[derive(Default)]
 pub(super) struct TerminalOperator {
     lines: Option<Receiver<()>>,
