@@ -188,5 +188,5 @@ fn over_a_link_a_person_leads_the_arm() {
     );
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("from where the plan has it"), "{said}");
+    assert!(said.contains("from its planned position"), "{said}");
 }

@@ -1,11 +1,11 @@
-//! How good any estimator could be on the same recordings: one that is told the
-//! laws that the simulated arm's errors were drawn from (never the errors).
+//! The bound: the result of an estimator that knows the laws from which the simulated arm's errors
+//! were drawn. It never knows the errors themselves.
 
 use spherecal_identify::{Method, Model, Noise, Options, Override};
 use spherecal_sim::plant::PlantConfig;
 
-/// Options of an estimator whose model, priors and noise are the plant's own
-/// laws, for an arm with `joints` joints.
+/// Options of an estimator with the plant's own laws as model, priors and noise, for an arm with
+/// `joints` joints.
 pub(super) fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
     let on = |enabled: bool, value: f64| if enabled { value } else { 0.0 };
     let encoder = &plant.encoder;

@@ -1,14 +1,13 @@
-//! The configuration as a document: every field with what it is.
+//! Prints the configuration with the description of every field.
 //!
-//! The words are the fields' own doc comments, read from the sources that
-//! define them as they were compiled, so that they cannot say another thing
-//! than the program's documentation. A field without a comment fails a test.
+//! The descriptions are the fields' own doc comments. They are read from the compiled sources, so
+//! they always agree with the program's documentation. A field without a comment fails a test.
 
 use std::collections::BTreeMap;
 
 use super::{Config, ConfigError};
 
-/// The sources in which the configuration's structs stand.
+/// The sources that define the configuration's structs.
 const SOURCES: [&str; 12] = [
     include_str!("config.rs"),
     include_str!("../../../../shared/src/procedure.rs"),
@@ -40,26 +39,26 @@ struct Field {
 type Structs = BTreeMap<String, Vec<Field>>;
 
 impl Config {
-    /// The whole tree as TOML, every field stated, each under its description.
-    /// What is left out by default stands as a comment.
+    /// The whole tree as TOML, with every field and its description. Fields that are left out by
+    /// default appear as comments.
     ///
     /// # Errors
-    /// A plant that is not possible.
+    /// An impossible plant.
     pub fn to_documented_toml(&self) -> Result<String, ConfigError> {
         let encode = |message: String| ConfigError::Syntax {
             path: "configuration".to_owned(),
             message,
         };
         let mut whole = toml::Table::try_from(self).map_err(|e| encode(e.to_string()))?;
-        // The plant's section, too, with every field; its seed is the run's.
+        // The plant's section also shows every field. Its seed is the run's.
         let mut plant = toml::Table::try_from(self.plant()?).map_err(|e| encode(e.to_string()))?;
         if !self.plant.contains_key("seed") {
             plant.remove("seed");
         }
         whole.insert("plant".to_owned(), toml::Value::Table(plant));
         let mut out = String::from(
-            "# Configuration of spherecal. Every field may be left out: then it has the value of\n\
-             # `spherecal config --print`. SI units unless the name says otherwise.\n\n",
+            "# Configuration of spherecal. A field that is left out has the value that\n\
+             # `spherecal config --print` shows. SI units unless the name says otherwise.\n\n",
         );
         section(&mut out, "", "Config", &whole, &structs());
         Ok(out)
@@ -78,7 +77,7 @@ fn section(out: &mut String, path: &str, kind: &str, table: &toml::Table, struct
             None => out.push_str(&format!("# {} = (left out)\n", field.name)),
         }
     }
-    // A free table (overrides of parameters, by name) has no fields of its own.
+    // A free table (overrides of parameters, by name) has no fixed fields.
     for (name, value) in table.iter().filter(|(name, _)| fields.iter().all(|f| f.name != **name)) {
         if !value.is_table() {
             out.push_str(&format!("{} = {value}\n", key(name)));
@@ -95,7 +94,7 @@ fn section(out: &mut String, path: &str, kind: &str, table: &toml::Table, struct
         out.push('\n');
         comment(out, field.map_or("", |f| f.words.as_str()));
         out.push_str(&format!("[{path}]\n"));
-        // The plant is free in the file and a struct in the program.
+        // The plant is a free table in the file and a struct in the program.
         let kind = match field.map(|f| f.kind.as_str()) {
             Some("Table") => "PlantConfig",
             Some(kind) => kind,
@@ -132,8 +131,8 @@ fn comment(out: &mut String, words: &str) {
     }
 }
 
-/// Reads the public structs of all sources. They are our own and formatted by
-/// rustfmt, so lines are enough: a doc comment, attributes, `pub name: Type,`.
+/// Reads the public structs of all sources. The sources are our own and formatted by rustfmt, so
+/// reading line by line is enough: a doc comment, attributes, `pub name: Type,`.
 fn structs() -> Structs {
     let mut structs = Structs::new();
     for source in SOURCES {
@@ -183,8 +182,8 @@ fn plain(words: &str) -> String {
 mod tests {
     use super::*;
 
-    // Fails if a field is printed without a word about it, is lost, or gets
-    // another value when what was printed is read.
+    // Fails if a field is printed without a description, is lost, or gets another value when the
+    // printed text is read.
     #[test]
     fn every_field_is_described_and_reads_back() {
         let config = Config::default();
@@ -207,8 +206,8 @@ mod tests {
         assert_eq!(read, config);
     }
 
-    // Fails if what a user set is printed as the default, or a name that TOML
-    // wants quoted is not.
+    // Fails if a user's value is printed as the default, or if a name that TOML requires to be
+    // quoted is not.
     #[test]
     fn what_was_set_is_printed() {
         let text = "seed = 9\ntool_mm = [1.0, 2.0, 3.0]\n[plan]\npatience = 0.5\n\

@@ -1,4 +1,4 @@
-//! A report of a run: sphere contacts measured, laser measurements judging.
+//! The report of a run: calibrated from sphere contacts, judged by laser measurements.
 
 use crate::{Evaluation, Link, Measurements, Summary};
 use spherecal_campaign::telemetry::Trace;
@@ -14,8 +14,8 @@ fn strings(words: &[&str]) -> Vec<String> {
     words.iter().map(|w| (*w).to_owned()).collect()
 }
 
-/// The report of a run; `traces` are the forces of its contacts, `created` says
-/// when it was measured.
+/// The report of a run. `traces` are the forces of its contacts; `created` is the date of the
+/// measurement.
 pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace], created: &str) -> ReportInput {
     ReportInput {
         title: format!("{}: calibration report", s.robot),
@@ -99,7 +99,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
                 )
             } else {
                 format!(
-                    "The calibrated {} is no better than the nominal one: mean position error {:.3} mm, nominally {:.3} mm.",
+                    "The calibrated {} is not better than the nominal one: mean position error {:.3} mm, with the nominal model {:.3} mm.",
                     s.robot, c.mean_mm, n.mean_mm
                 )
             }
@@ -136,8 +136,8 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
     }
 }
 
-/// How the spheres do against a laser tracker, modelled as the paper does and
-/// modelled as well as they are: which is ahead, and by how much.
+/// Compares the spheres with a laser tracker, once with the paper's model and once with the same
+/// full model: which has the smaller error, and by how much.
 fn against_the_laser(s: &Summary) -> String {
     let mean = |name: &str| s.validation.models.get(name).map(|m| m.arcs.mean_mm);
     let Some(sphere) = mean("sphere") else {
@@ -153,16 +153,12 @@ fn against_the_laser(s: &Summary) -> String {
     };
     let paper = mean("laser").map(|laser| {
         format!(
-            " A laser calibration of the geometry alone, as the paper's, {} in the mean.",
+            " A laser calibration of the geometry alone, as in the paper, {} in the mean.",
             ahead(laser)
         )
     });
-    let equal = mean("laser_structured").map(|laser| {
-        format!(
-            " One that models the robot as fully as the spheres do {}.",
-            ahead(laser)
-        )
-    });
+    let equal =
+        mean("laser_structured").map(|laser| format!(" A laser calibration with the full model {}.", ahead(laser)));
     [paper, equal].into_iter().flatten().collect()
 }
 
@@ -181,8 +177,8 @@ fn error_tables(table: &ValidationTable) -> Vec<ErrorTable> {
                 Alignment::Arcs => {
                     "Base and tool frames were measured by arcs for all models, as in the paper.".to_owned()
                 }
-                Alignment::BestFit => "What is left when only the arm's shape counts.".to_owned(),
-                Alignment::Own => "Where each model itself says that its base stands.".to_owned(),
+                Alignment::BestFit => "Errors of the arm's shape alone.".to_owned(),
+                Alignment::Own => "Errors with each model's own base.".to_owned(),
             },
             rows: table
                 .models
@@ -230,7 +226,7 @@ fn workspace(e: &Evaluation, table: &ValidationTable) -> Vec<WorkspacePoint> {
         .collect()
 }
 
-/// Predicted errors against those found with the base aligned.
+/// Predicted errors against actual errors, with the base aligned.
 fn prediction(e: &Evaluation, table: &ValidationTable) -> Prediction {
     let found = table
         .models
@@ -269,7 +265,7 @@ fn residuals(m: &Measurements, e: &Evaluation) -> Vec<ResidualPoint> {
         .collect()
 }
 
-/// Latency and overshoot of the trigger; nothing for a run without contact.
+/// Latency and overshoot of the trigger; empty for a run without contact.
 fn triggers(m: &Measurements) -> Vec<Histogram> {
     if m.contacts.is_empty() {
         return Vec::new();
@@ -286,8 +282,8 @@ fn triggers(m: &Measurements) -> Vec<Histogram> {
         histogram(
             "latency of the trigger (ms)",
             format!(
-                "Latency of the trigger: control periods from the crossing of {:.1} N that lasted to the declaration; \
-                 {dwell_ms:.0} ms are asked for.",
+                "Latency of the trigger: control periods from the lasting crossing of {:.1} N to the declaration; \
+                 the threshold must be exceeded for {dwell_ms:.0} ms.",
                 approach.trigger_n
             ),
             m.contacts.iter().map(|c| f64::from(c.latency_ticks)).collect(),
@@ -295,8 +291,8 @@ fn triggers(m: &Measurements) -> Vec<Histogram> {
         histogram(
             "overshoot of the trigger (N)",
             format!(
-                "Overshoot: how far the estimated force had risen above {:.1} N by the declaration, impacts that did \
-                 not last included.",
+                "Overshoot: how far the estimated force was above {:.1} N until the declaration, short impacts \
+                 included.",
                 approach.trigger_n
             ),
             m.contacts.iter().map(|c| c.peak_n - approach.trigger_n).collect(),
@@ -307,7 +303,7 @@ fn triggers(m: &Measurements) -> Vec<Histogram> {
 fn contacts(m: &Measurements) -> SimpleTable {
     SimpleTable {
         title: "Contacts and triggers".to_owned(),
-        caption: "Latency runs from the crossing of the threshold that lasted to the declaration.".to_owned(),
+        caption: "Latency counts from the lasting crossing of the threshold to the declaration.".to_owned(),
         columns: strings(&[
             "sphere",
             "trigger (N)",
@@ -357,7 +353,7 @@ fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
     let samples: u64 = m.recordings.iter().map(|r| u64::from(r.count)).sum();
     let mut tables = vec![SimpleTable {
         title: "Link and recorder".to_owned(),
-        caption: "Both directions together; what was lost was sent again.".to_owned(),
+        caption: "Both directions together; lost frames were sent again.".to_owned(),
         columns: strings(&[
             "frames",
             "bad checksums",
@@ -382,8 +378,8 @@ fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
     let injected = &s.link.injected;
     if injected.frames > 0 {
         tables.push(SimpleTable {
-            title: "What was done to the host link on purpose".to_owned(),
-            caption: "Frames of both directions, by [host_link] of the configuration.".to_owned(),
+            title: "Injected faults of the host link".to_owned(),
+            caption: "Frames of both directions, by [host_link] in the configuration.".to_owned(),
             columns: strings(&["frames", "lost", "sent twice", "held back", "with a flipped bit"]),
             rows: vec![
                 [
@@ -405,7 +401,7 @@ fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
             0,
             SimpleTable {
                 title: "Faults".to_owned(),
-                caption: "All were recovered from; poses that were given up are not used.".to_owned(),
+                caption: "The run recovered from all of them; poses that were given up are not used.".to_owned(),
                 columns: strings(&["fault", "phase", "time (s)", "joint", "value", "limit"]),
                 rows: s
                     .faults

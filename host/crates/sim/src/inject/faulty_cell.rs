@@ -1,4 +1,4 @@
-//! Controller and drive in lock-step, with faults between them.
+//! Controller and drive in lock-step, with injected faults between them.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -23,13 +23,13 @@ use crate::lossy::{InjectedCounter, Lossy, LossyLink};
 use crate::plant::{Disturbance, TorqueSensorFault};
 use crate::simulated::Disturb;
 
-/// Periods without a new command after which a drive shuts its brakes, as
-/// docs/drive-link.md has it: nobody watches what the last torque does.
+/// Periods without a new command after which a drive closes its brakes, as docs/drive-link.md says:
+/// nobody monitors the effect of the last torque.
 const PATIENCE: u32 = 10;
 /// Bytes of the host that wait while the controller is not ticked.
 const WAITING: usize = 4 * MAX_FRAME;
 
-/// Makes a controller that knows nothing, for one that is reset.
+/// Creates a fresh controller, to replace one that is reset.
 pub type Restart = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError> + Send>;
 
 /// A fault that has begun or ended.
@@ -45,9 +45,9 @@ pub struct Happened {
     pub begins: bool,
 }
 
-/// The host's program was killed on purpose, at a moment that a fault plan chose.
+/// The host's program was killed by a fault plan.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
-#[error("the host was killed, as --inject asked for: go on with --resume")]
+#[error("the host was killed by --inject: continue with --resume")]
 pub struct HostKilled;
 
 impl HostKilled {
@@ -61,7 +61,7 @@ impl HostKilled {
 pub enum FaultyDrive {
     /// The simulated arm, which can suffer every fault.
     Simulated(Box<dyn Disturb>),
-    /// Any other drive: only what passes between it and the controller can be faulty.
+    /// Any other drive: faults can only be injected between it and the controller.
     Other(Box<dyn Drive>),
 }
 
@@ -81,14 +81,14 @@ impl FaultyDrive {
     }
 
     fn disturb(&mut self, what: &Disturbance) {
-        // A plan that wants the arm to suffer is refused where it cannot.
+        // A plan with faults of the arm itself is refused if the arm is not simulated.
         if let Self::Simulated(arm) = self {
             arm.disturb(what);
         }
     }
 }
 
-/// Controller and drive, stepped one control period at a time, with faults as planned.
+/// A controller and a drive, stepped one control period at a time, with the planned faults.
 pub struct FaultyCell {
     controller: Box<dyn Controller>,
     drive: FaultyDrive,
@@ -99,7 +99,7 @@ pub struct FaultyCell {
     rng: ChaCha8Rng,
     active: Vec<InjectedFault>,
     resets: bool,
-    /// What the drive said last, and what the controller was told last.
+    /// The last state of the drive, and the last state that the controller received.
     state: DriveState,
     told: Option<DriveState>,
     queue: VecDeque<DriveState>,
@@ -116,9 +116,9 @@ pub struct FaultyCell {
     /// The host link, once it was bad.
     link: Option<LossyLink>,
     down: Vec<u8>,
-    /// For how many periods there is to be no host, once it is to be killed.
+    /// Number of periods without a host, once the host is to be killed.
     killed: Option<u64>,
-    /// Whether this process is ended when the host is to be killed.
+    /// Whether this process ends when the host is to be killed.
     ends_process: bool,
     injected: InjectedCounter,
     host_faults: HostFaults,
@@ -129,8 +129,8 @@ impl FaultyCell {
     /// Joins a controller and a drive for a robot with `joints` joints.
     ///
     /// # Errors
-    /// A drive that [`Cell`](spherecal_link::Cell) would refuse, a plan with a
-    /// number out of range, or one that wants the simulated arm where there is none.
+    /// A drive that [`Cell`](spherecal_link::Cell) would refuse, a plan with a number out of range,
+    /// or a plan that needs the simulated arm where there is none.
     pub fn new(
         mut controller: Box<dyn Controller>,
         drive: FaultyDrive,
@@ -145,7 +145,7 @@ impl FaultyCell {
                 return Err(InjectError::NotHere {
                     number,
                     name: entry.what.name(),
-                    why: "only the simulated arm can suffer this: use --link sim or --link qemu",
+                    why: "this fault needs the simulated arm: use --link sim or --link qemu",
                 }
                 .into());
             }
@@ -185,29 +185,29 @@ impl FaultyCell {
         })
     }
 
-    /// Every fault that has begun or ended so far; the handle stays good.
+    /// Every fault that has begun or ended so far. The handle stays valid.
     pub fn happened(&self) -> Arc<Mutex<Vec<Happened>>> {
         Arc::clone(&self.happened)
     }
 
-    /// What was done to frames of the host link; the handle stays good.
+    /// Counts of the changed frames of the host link. The handle stays valid.
     pub fn injected(&self) -> InjectedCounter {
         self.injected.clone()
     }
 
-    /// Has this process ended, as by `kill -9`, when the host is to be killed;
-    /// else the period fails with [`HostKilled`].
+    /// Makes this process end, as by `kill -9`, when the host is to be killed; otherwise the period
+    /// fails with [`HostKilled`].
     pub fn ending_process(mut self) -> Self {
         self.ends_process = true;
         self
     }
 
-    /// What the host's own computer suffers, for whoever writes to its disk.
+    /// The faults of the host's own computer, for the journal that writes to its disk.
     pub fn host_faults(&self) -> HostFaults {
         self.host_faults.clone()
     }
 
-    /// What was received on the drive link, where frames were made of it.
+    /// Counters of the drive link, if its states were sent as frames.
     pub fn drive_counters(&self) -> LinkCounters {
         self.receiver.counters()
     }
@@ -242,7 +242,7 @@ impl FaultyCell {
                 return;
             }
             InjectedFault::DiskFull => return self.host_faults.fill(true),
-            // A duration that is none was refused with the plan.
+            // The plan was checked, so the duration is valid.
             InjectedFault::DatabaseLocked { wall_s } => {
                 return self
                     .host_faults
@@ -311,7 +311,7 @@ impl FaultyCell {
         }
     }
 
-    /// The command as it reaches the motors; none while the brakes are closed.
+    /// The command that reaches the motors; none while the brakes are closed.
     fn delivered(&self) -> Option<DriveCommand> {
         if self.unanswered > PATIENCE {
             return None;
@@ -331,7 +331,7 @@ impl FaultyCell {
         Some(command)
     }
 
-    /// The drive's state as the controller hears it; `None` when it does not.
+    /// The drive's state that the controller receives; `None` if it receives none.
     fn heard(&mut self) -> Option<DriveState> {
         let mut state = self.state.clone();
         let mut arrives = true;
@@ -386,7 +386,7 @@ impl FaultyCell {
         arrives.then_some(state)
     }
 
-    /// A state as a frame, with so many bits flipped, and what a receiver makes of it.
+    /// A state as a frame with a number of flipped bits, and what a receiver decodes from it.
     fn over_the_wire(&mut self, state: &DriveState, bits: u32) -> Option<DriveState> {
         let mut bytes = [0; MAX_FRAME];
         let length = encode(state, self.frames, 0, &mut bytes).ok()?;
@@ -443,8 +443,7 @@ impl FaultyCell {
             self.waiting.extend_from_slice(down);
         }
         let Some(state) = self.heard() else {
-            // The controller is not asked; the drive goes on under the last torque
-            // for a while.
+            // The controller is not ticked; the drive continues with the last torque for a while.
             self.unanswered = self.unanswered.saturating_add(1);
             return Ok(());
         };
@@ -489,7 +488,7 @@ impl Device for FaultyCell {
         let Some(away) = self.killed.take() else {
             return Ok(());
         };
-        // Nobody hears what was said in this period or in those without a host.
+        // Nobody receives what was said in this period or in those without a host.
         for _ in 0..away {
             up.clear();
             self.period(&[], up)?;
@@ -502,10 +501,10 @@ impl Device for FaultyCell {
     }
 }
 
-/// Ends this process as `kill -9` does: nothing is closed, flushed or told.
+/// Ends this process as `kill -9` does: nothing is closed, flushed or reported.
 fn end_process() {
     #[cfg(unix)]
-    // It cannot be refused to a process that kills itself.
+    // A process may always kill itself.
     let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
     #[cfg(not(unix))]
     std::process::abort();

@@ -1,4 +1,4 @@
-//! Hears the controller's phases on the host link, as any listener may.
+//! Reads the controller's phases from the host link, as any listener may.
 
 use std::collections::HashMap;
 
@@ -15,8 +15,8 @@ pub(super) struct Listener {
 }
 
 impl Listener {
-    /// Takes the controller's bytes; phases entered go to `entered`, with the
-    /// number of times that each was.
+    /// Takes the controller's bytes. Calls `entered` with each phase that begins and with its
+    /// count.
     pub(super) fn hear(&mut self, bytes: &[u8], mut entered: impl FnMut(Phase, u32)) {
         let Self {
             accumulator,
@@ -46,7 +46,7 @@ impl Listener {
         }
     }
 
-    /// A controller that starts anew counts its events from 1 again.
+    /// A controller that restarts counts its events from 1 again.
     pub(super) fn restarted(&mut self) {
         self.last_event = 0;
         self.phase = Phase::Idle;
