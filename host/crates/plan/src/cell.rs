@@ -12,8 +12,8 @@ use spherecal_model::chain::{Chain, TcpPose, rotation_of};
 
 /// Nominal pose of the plate in F0, for one placement.
 ///
-/// `centre_m` is the centroid of the sphere centres (`plant.md` calls it the plate origin centre).
-/// `orientation` turns the plate's frame into F0.
+/// `centre_m` is the centroid of the sphere centres (`docs/design/plant.md` calls it the plate origin
+/// centre). `orientation` turns the plate's frame into F0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlatePose {
     /// Centroid of the sphere centres in F0, in m.
