@@ -80,7 +80,7 @@ pub enum Command {
     /// Identify the last run of --out, and print its validation table.
     #[command(after_help = "Example: spherecal validate --out cell-4")]
     Validate(StoredArgs),
-    /// Write all files of the last run of --out anew.
+    /// Identify the last run of --out again, and write all of its files.
     #[command(after_help = "Example: spherecal report --out cell-4")]
     Report(StoredArgs),
     /// Write a run as tables: Parquet or CSV.

@@ -179,7 +179,7 @@ pub(super) struct Dashboard {
 }
 
 impl Dashboard {
-    /// Takes the terminal; `None` where stderr is none.
+    /// Takes the terminal; `None` if stderr is not a terminal.
     pub(super) fn start(robot: &Robot, tool: &Tool, trigger_n: f64) -> Option<Self> {
         if !stderr().is_terminal() {
             return None;
@@ -212,7 +212,7 @@ impl Dashboard {
         self.screen.wall_s = self.begun.elapsed().as_secs_f64();
         if let Some(terminal) = &mut self.terminal {
             let screen = &self.screen;
-            // A terminal that has gone does not stop a robot.
+            // A lost terminal does not stop a robot.
             let _ = terminal.draw(|frame| frame.render_widget(screen, frame.area()));
         }
     }

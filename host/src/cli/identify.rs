@@ -71,7 +71,8 @@ pub struct IdentifyArgs {
     /// ends in _deg).
     #[arg(long, value_name = "A,B,C", value_delimiter = ',')]
     pub joint_columns: Vec<String>,
-    /// Columns that are left out, whatever they hold.
+    /// Columns that are left out, whatever their content.
+    ///
     #[arg(long, value_name = "X,Y", value_delimiter = ',')]
     pub ignore_columns: Vec<String>,
     /// Options as TOML: noise, priors and fixed parameters, harmonics.

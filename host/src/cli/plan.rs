@@ -6,7 +6,7 @@ use super::out::{out, outln};
 use super::text;
 use spherecal_job::JobError;
 
-/// Plans, says what the plan is, and writes it.
+/// Makes the plan, prints its summary, and writes it.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     let prepared = args.prepare()?;
     let json = serde_json::to_string_pretty(&prepared.plan).map_err(CliError::job)?;

@@ -17,7 +17,7 @@ impl TerminalOperator {
             let (told, lines) = channel();
             std::thread::spawn(move || {
                 let mut line = String::new();
-                // A closed stdin is no word of the operator.
+                // A closed stdin is not a confirmation.
                 while std::io::stdin().read_line(&mut line).is_ok_and(|count| count > 0) {
                     if told.send(()).is_err() {
                         break;

@@ -63,7 +63,7 @@ pub enum CampaignError {
         /// Joints of the robot.
         robot: usize,
     },
-    /// The controller says what cannot be.
+    /// The controller sent an impossible value.
     #[error(
         "the controller sent an impossible value ({0}); it was not stored: check that controller, drive and program are of \
          the same version, then continue with --resume"
@@ -135,7 +135,7 @@ pub enum CampaignError {
          host link; then continue with --resume"
     )]
     Lost {
-        /// For how long it was not heard, in s.
+        /// How long it was silent, in s.
         silent_s: f64,
     },
     /// A sphere is not where it was.
@@ -189,7 +189,7 @@ fn describe(report: &FaultReport) -> String {
     )
 }
 
-/// What a person does about a fault.
+/// The operator's remedy for a fault.
 pub fn remedy(fault: Fault) -> &'static str {
     match fault {
         Fault::JointPosition => "a pose is too close to a joint limit: plan with a larger margin",

@@ -39,7 +39,7 @@ pub struct Progress {
     pub stage: Stage,
     /// Phase of the controller.
     pub phase: Phase,
-    /// Id of the sphere at hand; 0 for none.
+    /// Id of the current sphere; 0 for none.
     pub sphere: u32,
     /// Spheres in the tour.
     pub spheres: usize,
@@ -60,7 +60,7 @@ pub struct Progress {
 /// Whether the plate was moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moved {
-    /// It stands where it should.
+    /// The plate is in its placement.
     Yes,
     /// Not yet.
     NotYet,

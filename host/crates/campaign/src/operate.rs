@@ -106,7 +106,7 @@ pub fn operate(
     }
     port.session.drain(20)?;
     match result {
-        // The client has gone; the arm was stopped.
+        // The client disconnected; the arm was stopped.
         Err(CampaignError::Interrupted) => Ok(()),
         other => other,
     }

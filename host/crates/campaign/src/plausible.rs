@@ -17,11 +17,11 @@ pub struct Implausible {
 
 /// Largest plausible joint angle, in rad; multi-turn encoders are included.
 const ANGLE_MOST: f64 = 1e3;
-/// Largest torque that is believed, in N m.
+/// Largest plausible torque, in N m.
 const TORQUE_MOST: f64 = 1e5;
-/// Largest length that is believed, in m.
+/// Largest plausible length, in m.
 const LENGTH_MOST: f64 = 100.0;
-/// Largest force that is believed, in N.
+/// Largest plausible force, in N.
 const FORCE_MOST: f64 = 1e5;
 /// Largest number of samples of a recording, as the procedure limits them.
 const SAMPLES_MOST: u32 = 120_000;

@@ -39,7 +39,7 @@ impl Trace {
     }
 }
 
-/// Waypoints, corrected by what contact has told.
+/// Waypoints, corrected by earlier contacts.
 #[derive(Clone, Debug, Default)]
 pub struct Waypoints {
     chain: Option<Chain>,

@@ -40,7 +40,7 @@ pub struct Session<'a> {
     down: Vec<u8>,
     up: Vec<u8>,
     arrived: Vec<Arrival>,
-    /// What has arrived and was not heard yet.
+    /// Events that have arrived and were not handled yet.
     inbox: VecDeque<Arrival>,
     /// Joints of the robot.
     joints: usize,

@@ -22,7 +22,7 @@ pub struct Identifiability {
     pub singular_values: Vec<f64>,
     /// Condition number of the same.
     pub condition: f64,
-    /// Parameters that others stand for.
+    /// Parameters whose effect others have too.
     pub redundant: Vec<String>,
     /// Why each is redundant, in words.
     pub dependencies: Vec<String>,

@@ -94,7 +94,7 @@ pub enum Reference {
 pub struct Parameter {
     /// Name, unique in the model.
     pub name: String,
-    /// What it stands for.
+    /// Its quantity.
     pub kind: Kind,
     /// Unit of all its values.
     pub unit: Unit,

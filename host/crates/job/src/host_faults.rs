@@ -32,7 +32,7 @@ fn lock(path: PathBuf, time: Duration) -> Result<(), JournalError> {
         std::thread::sleep(time);
         unlock(&runtime, connection);
     });
-    // A thread that ended without a word holds nothing.
+    // A thread that ended without a message holds no lock.
     held.recv().unwrap_or(Ok(()))
 }
 

@@ -149,7 +149,7 @@ impl Journal for StoreJournal<'_> {
     }
 }
 
-/// What the store says, as the journal says it.
+/// Converts an error of the store to one of the journal.
 pub fn store_error(error: StoreError) -> JournalError {
     JournalError::store(error)
 }

@@ -65,7 +65,7 @@ impl LinkSummary {
     }
 }
 
-/// What the data can tell.
+/// What the data can determine.
 #[derive(Clone, Debug, Serialize)]
 pub struct IdentifiabilitySummary {
     /// Columns analysed.
@@ -74,7 +74,7 @@ pub struct IdentifiabilitySummary {
     pub rank: usize,
     /// Condition number of what is left.
     pub condition: Option<f64>,
-    /// Parameters that others stand for.
+    /// Parameters whose effect others have too.
     pub redundant: Vec<String>,
     /// Why, in words.
     pub dependencies: Vec<String>,
@@ -136,7 +136,7 @@ pub struct ContactSummary {
 pub struct Verdict {
     /// Exit code 0 instead of 3.
     pub trusted: bool,
-    /// Share of the nominal mean error that is gone.
+    /// Removed share of the nominal mean error.
     pub improvement: Option<f64>,
     /// Why not, or what to keep in mind; the most important first.
     pub reasons: Vec<String>,
@@ -165,7 +165,7 @@ pub struct Summary {
     pub wall_s: f64,
     /// Device time per time on the wall.
     pub real_time_factor: f64,
-    /// What the data can tell.
+    /// What the data can determine.
     pub identifiability: IdentifiabilitySummary,
     /// Every parameter of the sphere-calibrated model.
     pub parameters: Vec<ParameterEstimate>,

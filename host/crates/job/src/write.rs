@@ -77,7 +77,7 @@ pub fn write(
     Ok(files)
 }
 
-/// What a calibrated file says of its origin.
+/// The origin stated in a calibrated file.
 fn notes(m: &Measurements, summary: &Summary) -> Vec<String> {
     let mut notes = vec![format!(
         "{}, calibrated by spherecal {} from {} recordings on {} spheres (seed {}, link {})",

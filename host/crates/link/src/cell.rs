@@ -39,7 +39,7 @@ impl Cell {
         })
     }
 
-    /// What the drive says of itself.
+    /// The drive's hello.
     pub fn hello(&self) -> &DriveHello {
         &self.hello
     }

@@ -49,7 +49,7 @@ pub struct Arrival {
     pub event: u32,
     /// The sender's time when the frame was made, in µs.
     pub sent_us: u64,
-    /// What it says.
+    /// The event itself.
     pub body: Event,
 }
 

@@ -142,8 +142,7 @@ pub enum LinkError {
 }
 
 impl LinkError {
-    /// The failure of a device, drive or controller that is defined outside of
-    /// this crate.
+    /// Wraps the error of a device, drive or controller defined outside this crate.
     pub fn device(source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self::Device {
             source: source.into(),
@@ -151,7 +150,7 @@ impl LinkError {
         }
     }
 
-    /// Whether the user's input is at fault (exit code 2), not the link.
+    /// Whether the user's input is the cause (exit code 2), not the link.
     pub fn is_input(&self) -> bool {
         match self {
             Self::Joints { .. } | Self::Serial { .. } | Self::Baud { .. } => true,
@@ -161,9 +160,8 @@ impl LinkError {
     }
 }
 
-/// Controller and drive together, as the host sees them: something that keeps
-/// the device's time and trades bytes of the host link, one control period
-/// after the other.
+/// Controller and drive together, as the host sees them. A device keeps the device's time and
+/// exchanges bytes of the host link, one control period after the other.
 pub trait Device: Send {
     /// Device time, in µs since the first period.
     fn now_us(&self) -> u64;
@@ -178,8 +176,8 @@ pub trait Device: Send {
     /// When controller, drive or a link between them fails for good.
     fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError>;
 
-    /// Moves the plate to one of its placements, from 0. Returns whether
-    /// something here can: of a real cell a person moves it.
+    /// Moves the plate to one of its placements, from 0. Returns whether it could; in a real cell
+    /// an operator moves the plate.
     fn move_plate(&mut self, _place: u32) -> bool {
         false
     }
@@ -205,20 +203,19 @@ impl<D: Device + ?Sized> Device for Box<D> {
 
 /// The controller, wherever it runs: one control period at a time.
 pub trait Controller: Send {
-    /// Tells the controller what the drive says of itself, once, before the
-    /// first period.
+    /// Passes the drive's hello to the controller, once, before the first period.
     ///
     /// # Errors
     /// When the controller cannot work with such a drive.
     fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError>;
 
-    /// Notes that so many control periods went by without a tick before this
-    /// one. A controller that keeps its own beat counts them itself.
+    /// Reports control periods that passed without a tick before this one. A controller with its
+    /// own clock counts them itself.
     fn missed(&mut self, _periods: u32) {}
 
-    /// Hands over the joint state of this period and the host's bytes; takes
-    /// the torque command, and appends the controller's bytes for the host to
-    /// `up`. `now_us` is the device's time, in µs.
+    /// Passes the joint state of this period and the host's bytes to the controller. Returns the
+    /// torque command, and appends the controller's bytes for the host to `up`. `now_us` is the
+    /// device's time, in µs.
     ///
     /// # Errors
     /// When the transport to the controller fails for good.
@@ -255,19 +252,19 @@ impl<D: Drive + ?Sized> Drive for Box<D> {
 
 /// The drive, wherever it is: one control period at a time.
 pub trait Drive: Send {
-    /// What the drive says of itself.
+    /// The drive's hello.
     fn hello(&self) -> &DriveHello;
 
-    /// Carries out `command` for one control period and writes the state at its
-    /// end. At the very first call there is none, and the state is the present
-    /// one; at a later call without one the brakes are closed for this period.
+    /// Carries out `command` for one control period and writes the state at its end. The first call
+    /// has no command and writes the present state. In a later call without a command the brakes
+    /// are closed for this period.
     ///
     /// # Errors
     /// When the drive or the transport to it fails for good.
     fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError>;
 
-    /// Control periods that went by without an exchange before the last one:
-    /// none where drive and controller wait for each other.
+    /// Control periods that passed without an exchange before the last one; zero if drive and
+    /// controller wait for each other.
     fn missed(&self) -> u32 {
         0
     }
@@ -277,7 +274,7 @@ pub trait Drive: Send {
         false
     }
 
-    /// What was received from the drive, where it is behind a wire.
+    /// What was received from the drive, if it is behind a wire.
     fn counters(&self) -> LinkCounters {
         LinkCounters::new()
     }

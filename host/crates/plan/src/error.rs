@@ -40,7 +40,7 @@ pub enum PlanError {
         wanted_mm: f64,
         /// The most poses that were considered.
         poses: usize,
-        /// What they promise, in mm.
+        /// Their predicted mean error, in mm.
         best_mm: f64,
     },
     /// The arm cannot come to a sphere at all.
@@ -56,7 +56,7 @@ pub enum PlanError {
         y_mm: f64,
         /// Its place in F0, in mm.
         z_mm: f64,
-        /// What stands in the way.
+        /// The obstacle.
         obstacle: Obstacle,
     },
 }

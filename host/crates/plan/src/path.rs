@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use spherecal_model::chain::{Chain, TcpPose, rotation_vector, turn_between, wrapped};
 
-/// What stands in the way of a pose or a move.
+/// The obstacle to a pose or a move.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum Obstacle {

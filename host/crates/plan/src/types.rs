@@ -78,7 +78,7 @@ pub struct Rejection {
     pub id: u32,
     /// Its sphere.
     pub sphere_id: u32,
-    /// What stands in the way.
+    /// The obstacle.
     pub obstacle: Obstacle,
 }
 

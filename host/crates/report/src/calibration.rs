@@ -54,7 +54,7 @@ pub fn correlation(calibration: &Calibration) -> Option<Correlation> {
     })
 }
 
-/// What the data could tell, in sentences.
+/// What the data could determine, in sentences.
 pub fn identifiability_words(calibration: &Calibration) -> Vec<String> {
     let i = &calibration.identifiability;
     let mut words = vec![format!(

@@ -190,7 +190,7 @@ pub struct ReportInput {
     pub stillness_tables: Vec<SimpleTable>,
     /// Parameters.
     pub parameters: Vec<ParameterRow>,
-    /// What the data could tell, in sentences.
+    /// What the data could determine, in sentences.
     pub identifiability: Vec<String>,
     /// Residuals of the calibration, in the order in which they were recorded.
     pub residuals: Vec<ResidualPoint>,

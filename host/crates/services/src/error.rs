@@ -6,7 +6,7 @@ use tonic::Code;
 /// What can go wrong with services.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
-    /// An address that is none.
+    /// A text that is not an address.
     #[error("\"{address}\" is not an address: give HOST:PORT, or a port alone for this machine only")]
     Address {
         /// As given.
@@ -60,7 +60,7 @@ pub enum ServiceError {
         /// What it said.
         message: String,
     },
-    /// The other side said what cannot be.
+    /// The other side sent an impossible value.
     #[error("{peer}: {what}: use programs of the same version")]
     Nonsense {
         /// The other side.

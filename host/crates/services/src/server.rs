@@ -100,7 +100,7 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         if let Some(runtime) = &self.runtime {
-            // What was said to the page reaches it first.
+            // Messages that were already sent reach the page first.
             for show in self.shows.drain(..) {
                 let _ = runtime.block_on(async { tokio::time::timeout(LAST, show).await });
             }

@@ -183,6 +183,6 @@ mod tests {
         assert_eq!(arm.plant().truth().kinetic_j, 0.0);
         assert!(seen.windows(2).all(|w| w[0] != w[1]), "encoders have noise");
         run(&mut arm, true, 1);
-        assert!(arm.plant().truth().kinetic_j < 1e-3, "it falls anew");
+        assert!(arm.plant().truth().kinetic_j < 1e-3, "it falls again");
     }
 }

@@ -20,7 +20,7 @@ impl SqlStore {
         row.try_get(column).map_err(|source| StoreError::of(&self.path, source))
     }
 
-    /// A number that is none below zero, and fits.
+    /// A number that is not negative and fits the type.
     pub(super) fn count(&self, row: &AnyRow, column: &'static str) -> Result<u32, StoreError> {
         let value = self.get::<i64>(row, column)?;
         u32::try_from(value).map_err(|_| StoreError::Damaged {

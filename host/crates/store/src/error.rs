@@ -101,7 +101,7 @@ pub enum StoreError {
         /// What the database said.
         what: String,
     },
-    /// A file stands where a new one is to be written.
+    /// A file exists where a new one is to be written.
     #[error("{path} exists already: name a file that does not exist; nothing was changed", path = path.display())]
     Exists {
         /// File.
@@ -120,7 +120,7 @@ pub enum StoreError {
     Server {
         /// URL, without the password.
         url: String,
-        /// What the server or the way to it said.
+        /// The error of the server or of the connection.
         source: sqlx::Error,
     },
     /// A store defined outside this crate (a service) refused or failed.

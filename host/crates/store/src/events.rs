@@ -28,7 +28,7 @@ pub struct Placed<'a> {
 enum Known {
     /// It stays as it is.
     Stays,
-    /// It is written anew.
+    /// It is replaced.
     IsReplaced,
 }
 

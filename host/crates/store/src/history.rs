@@ -168,7 +168,7 @@ pub struct Step {
     pub sigma_mm: f64,
 }
 
-/// What the calibrations of one arm say together.
+/// Trend of the calibrations of one arm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Trend {
     /// Kind of robot.
@@ -219,7 +219,7 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
     let (product, square) = steps.iter().fold((0.0, 0.0), |(p, s), step| {
         (p + step.days * step.moved_mm, s + step.days * step.days)
     });
-    // Runs of one day say nothing of a speed.
+    // Runs of one day do not determine a speed.
     let per_day = (last.days >= 1.0).then(|| product / square);
     let until = match per_day {
         // The last calibration has corrected all movement until then.

@@ -51,7 +51,7 @@ impl Session<'_> {
         self.inbox.clear();
         self.banner = None;
         self.pending_fault = None;
-        // Its clock may begin anew.
+        // Its clock may have restarted.
         self.phase = Phase::Idle;
         self.changed_us = 0;
         self.in_handshake = true;

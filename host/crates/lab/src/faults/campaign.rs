@@ -40,13 +40,13 @@ pub struct CampaignTable {
     pub injected: usize,
     /// Times that a host was begun again.
     pub resumed: usize,
-    /// Faults that controllers told.
+    /// Faults that controllers reported.
     pub told: usize,
     /// Runs that ended with every pose recorded or given up.
     pub calibrated: usize,
     /// Poses given up in them.
     pub rejected: usize,
-    /// Stops, by what they say first.
+    /// Stops, by the beginning of their message.
     pub stopped: BTreeMap<String, usize>,
     /// Error after calibration over the undisturbed one of the same arm: median and worst.
     pub ratio: [f64; 2],

@@ -38,7 +38,7 @@ pub struct Case {
 pub enum Ended {
     /// All poses recorded or given up.
     Finished,
-    /// A typed stop that says what a person should do.
+    /// A typed stop with a remedy.
     Stopped(String),
     /// A stop that nothing documents.
     Unexplained(String),
@@ -219,7 +219,7 @@ impl Case {
                 Ok(()) => break Ended::Finished,
                 Err(CampaignError::Link(error)) if resumed < HOSTS && HostKilled::is_cause_of(&error) => {}
                 Err(CampaignError::Journal(JournalError::Store(_))) if resumed < HOSTS => {
-                    // The arm stands by until a person has made room.
+                    // The arm waits until an operator has freed space.
                     let mut unheard = Vec::new();
                     for _ in 0..ROOM_TICKS {
                         device.step(&[], &mut unheard).map_err(JobError::from)?;
@@ -297,7 +297,7 @@ fn add(sum: &mut Outcome, more: Outcome) {
     }
 }
 
-/// Whether a stop says what a person should do.
+/// Whether a stop states a remedy.
 fn stop(error: &CampaignError) -> Ended {
     let text = error.to_string();
     match error {

@@ -18,7 +18,7 @@ const EDGE_TICKS: u64 = 500;
 /// What is to be injected how often.
 #[derive(Clone, Debug)]
 pub struct MatrixOptions {
-    /// Names of the faults; all where there are none.
+    /// Names of the faults; all if the list is empty.
     pub only: Vec<String>,
     /// Random instants for each fault and arm.
     pub instants: u32,
@@ -50,13 +50,13 @@ pub struct Row {
     pub borne: usize,
     /// Runs whose faults are the documented ones, within the documented time.
     pub documented: usize,
-    /// Faults told, with their counts.
+    /// Reported faults, with their counts.
     pub told: std::collections::BTreeMap<String, usize>,
     /// Longest time from the injected fault to its first report, in ms.
     pub slowest_ms: u64,
     /// Runs that recorded or gave up every pose.
     pub finished: usize,
-    /// Runs that ended with a stop that says why.
+    /// Runs that ended with a stop that states the reason.
     pub stopped: usize,
     /// Runs that ended otherwise.
     pub unexplained: usize,

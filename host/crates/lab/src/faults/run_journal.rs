@@ -15,7 +15,7 @@ use spherecal_store::{CalibrationStore as _, SqlStore};
 
 /// The recordings of a run. They outlive the hosts that make them.
 pub(super) enum RunJournal {
-    /// Memory that tells recordings stored twice.
+    /// Memory that counts recordings stored twice.
     Memory(Memory),
     /// A database in a folder of its own.
     File {

@@ -101,7 +101,7 @@ pub struct Reproduction {
     pub simplex_over_optimum: f64,
     /// The fitness at the end of the simplex with steps of prior size, divided by the optimum.
     pub scaled_over_optimum: f64,
-    /// What follows, in words.
+    /// Conclusions, in words.
     pub findings: Vec<String>,
     /// TCPs of the laser calibration and of the validation in F0, in m (Figure 10).
     pub points_m: [Vec<[f64; 3]>; 2],

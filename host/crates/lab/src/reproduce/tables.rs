@@ -286,7 +286,7 @@ pub(super) fn calibrated(simplex: &Calibration, map: &Calibration) -> Table {
     }
 }
 
-/// What the study shows, in words.
+/// Conclusions of the study, in words.
 pub(super) fn findings(r: &Reproduction) -> Vec<String> {
     let zeros = r.simplex.zeros().len();
     let mean = |name| {

@@ -25,7 +25,7 @@ pub fn hold(
     interrupt: &AtomicBool,
 ) -> Result<(Vec<Hold>, Outcome), JobError> {
     let mut tour = tour(&prepared.plan);
-    // Nobody moves the plate for it.
+    // The plate is not moved for it.
     tour.stops.retain(|stop| stop.place == 0);
     let recorded = tour.poses();
     let chosen: BTreeSet<usize> = (0..places)

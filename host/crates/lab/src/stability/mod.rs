@@ -30,7 +30,7 @@ const PARTS: usize = 4;
 /// by chance.
 const SIGMAS: f64 = 4.0;
 
-/// One hold, as it was heard.
+/// One hold, as its samples arrived.
 #[derive(Clone, Debug, Default)]
 pub struct Hold {
     /// Id of the sphere.
@@ -182,7 +182,7 @@ pub struct TooShort {
     pub pose: u32,
     /// Whole windows.
     pub windows: usize,
-    /// Samples heard.
+    /// Samples that arrived.
     pub heard: usize,
     /// Samples averaged by the controller.
     pub count: u32,

@@ -43,7 +43,7 @@ pub enum QemuError {
     Silent {
         /// How long it was waited for.
         seconds: u64,
-        /// Where more is said.
+        /// File with more details.
         log: PathBuf,
     },
     /// The image ended.
@@ -51,11 +51,11 @@ pub enum QemuError {
     Ended {
         /// How QEMU exited.
         status: String,
-        /// What that says of the image.
+        /// Meaning of that status.
         meaning: &'static str,
-        /// Where more is said.
+        /// File with more details.
         log: PathBuf,
-        /// QEMU's own last words.
+        /// The last lines of QEMU's output.
         said: String,
     },
     /// The image refused the drive.
@@ -76,7 +76,7 @@ pub enum QemuError {
     },
 }
 
-/// What an exit code of the image says.
+/// Meaning of an exit code of the image.
 pub(super) fn meaning(code: Option<i32>) -> &'static str {
     match code {
         Some(0) => "it was told to end",

@@ -323,7 +323,7 @@ impl Controller for Qemu {
 
 impl Drop for Qemu {
     fn drop(&mut self) {
-        // Nobody is left to tell.
+        // There is nobody left to notify.
         let _ = self.finish();
     }
 }

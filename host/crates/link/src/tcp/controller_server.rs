@@ -51,7 +51,7 @@ impl Turns {
     }
 }
 
-/// Serves one host after the other; with `once` it returns when the first has gone.
+/// Serves one host after the other; with `once` it returns when the first has disconnected.
 ///
 /// In lock-step nothing moves while no host is connected. In real time the controller keeps running
 /// every tick and holds the arm.

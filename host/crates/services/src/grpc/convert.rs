@@ -96,7 +96,7 @@ pub(super) fn arrival(event: proto::Event) -> Result<Arrival, Malformed> {
         Body::Passed(pose) => Event::Passed { pose },
     };
     Ok(Arrival {
-        // Where it belongs is said beside it (PlacedEvent).
+        // Its place is sent beside it (PlacedEvent).
         session: SessionId::default(),
         event: event.event,
         sent_us: event.sent_us,

@@ -30,7 +30,7 @@ pub struct RemoteRobot {
     ticks: u64,
 }
 
-/// What the service said, as the link says it.
+/// Converts an error of the service to one of the link.
 fn failed(error: ServiceError) -> LinkError {
     LinkError::Device {
         input: error.is_input(),

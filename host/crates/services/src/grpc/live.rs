@@ -83,7 +83,7 @@ impl Publisher {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         std::thread::Builder::new().name("publish".to_owned()).spawn(move || {
             runtime.block_on(publish(&peer, messages));
-            // Whoever waited may have given up.
+            // The caller may no longer be waiting.
             let _ = finished.send(());
         })?;
         Ok((out, Self { done }))

@@ -18,7 +18,7 @@ pub(super) enum Next {
     Order(proto::Order),
     /// Nothing for a millisecond.
     Nothing,
-    /// It has gone.
+    /// The client has disconnected.
     Gone,
 }
 

@@ -40,7 +40,7 @@ impl RobotService {
         }
     }
 
-    /// Takes hold of the robot, if nobody has it.
+    /// Takes control of the robot, if it is free.
     async fn hold(&self) -> Result<OwnedMutexGuard<Held>, Status> {
         let mut held = Arc::clone(&self.device)
             .try_lock_owned()

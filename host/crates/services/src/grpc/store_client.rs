@@ -237,7 +237,7 @@ impl RemoteStore {
     }
 }
 
-/// What the service said, as the store says it.
+/// Converts an error of the service to one of the store.
 fn remote(error: ServiceError) -> StoreError {
     StoreError::Remote {
         input: error.is_input(),

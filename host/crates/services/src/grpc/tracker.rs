@@ -119,7 +119,7 @@ impl RemoteTracker {
     }
 }
 
-/// What the service said, as a tracker says it.
+/// Converts an error of the service to one of a tracker.
 fn failed(error: ServiceError) -> TrackerError {
     TrackerError::Device {
         input: error.is_input(),

@@ -119,7 +119,7 @@ impl Hub {
             *next - 1
         };
         let mut runs = lock(&self.runs);
-        // The same arm begins anew: its last run gives way.
+        // The same arm starts a new run: its last run is removed.
         let same =
             |kept: &Kept| kept.end.is_some() && (&kept.scene.robot, &kept.scene.arm) == (&scene.robot, &scene.arm);
         runs.retain(|_, kept| !same(kept));
@@ -190,7 +190,7 @@ impl Hub {
         Some((known, news))
     }
 
-    /// Ends all listening, after what was said already.
+    /// Ends all connections, after the messages already sent.
     pub fn close(&self) {
         *lock(&self.news) = None;
     }

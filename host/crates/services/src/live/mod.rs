@@ -26,7 +26,7 @@ pub use scatter::Scatter;
 pub use scene::{Joint, Scene, Site};
 pub use watch::{Watch, eta_s};
 
-/// Messages that wait for whoever shows them.
+/// Messages that may wait in the channel.
 pub const WAITING: usize = 32;
 
 /// A message to the viewers of a run; as JSON `{"frame": {…}}`, by its kind.
@@ -55,7 +55,7 @@ pub struct Frame {
     pub stage: Stage,
     /// Phase of the controller.
     pub phase: Phase,
-    /// Id of the sphere at hand; 0 for none.
+    /// Id of the current sphere; 0 for none.
     pub sphere: u32,
     /// Poses recorded or given up.
     pub done: usize,
@@ -69,7 +69,7 @@ pub struct Frame {
     pub device_s: f64,
     /// Time since this session began, in s.
     pub wall_s: f64,
-    /// Time to go, in s; `None` until it can be told.
+    /// Remaining time, in s; `None` until it is known.
     pub eta_s: Option<f64>,
     /// How far the nominal model's TCP scatters on each visit, in mm (root mean square), although
     /// the real TCP stood still; `None` until two recordings of a visit exist.

@@ -38,7 +38,7 @@ use spherecal_store::{CalibrationStore, StoreError};
 
 pub use report::{ReportError, ReportReader, ReportWriter};
 
-/// Events under way to one browser.
+/// Events that wait for one browser.
 const UNDER_WAY: usize = 4;
 
 /// What a page shows.
@@ -118,7 +118,7 @@ async fn icon() -> Response {
     file("image/svg+xml", include_str!("icon.svg"))
 }
 
-/// A refusal in words.
+/// A refusal as text.
 fn refused(status: StatusCode, words: impl Into<String>) -> Response {
     (status, headers("text/plain; charset=utf-8"), words.into()).into_response()
 }

@@ -60,7 +60,7 @@ pub(super) async fn report(State(site): State<Arc<Site>>, Path(run): Path<String
     let written = tokio::task::spawn_blocking(move || material.and_then(|write| write())).await;
     match written {
         Ok(Ok(page)) => {
-            // A run that goes on has another report later.
+            // A run in progress will have another report later.
             if complete {
                 kept.push_back((run, page.clone()));
                 if kept.len() > KEPT {

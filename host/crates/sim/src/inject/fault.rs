@@ -65,7 +65,7 @@ pub enum InjectedFault {
         /// Most torque, in N m.
         nm: f64,
     },
-    /// A mass hangs at the TCP that nobody declared.
+    /// An undeclared mass at the TCP.
     Payload {
         /// Mass, in kg.
         kg: f64,
@@ -93,7 +93,7 @@ pub enum InjectedFault {
         /// Force, F0, in N.
         force_n: [f64; 3],
     },
-    /// The controller starts anew and knows nothing.
+    /// The controller restarts without its state.
     ControllerReset,
     /// Nothing passes on the host link, either way.
     HostSilent,

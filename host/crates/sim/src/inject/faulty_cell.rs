@@ -37,7 +37,7 @@ pub type Restart = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError> + S
 pub struct Happened {
     /// Control period, from 1.
     pub tick: u64,
-    /// Phase that the controller had told by then.
+    /// Phase that the controller had reported by then.
     pub phase: Phase,
     /// The fault.
     pub what: InjectedFault,
@@ -59,7 +59,7 @@ impl HostKilled {
 
 /// The drive of a [`FaultyCell`].
 pub enum FaultyDrive {
-    /// The simulated arm, which can suffer every fault.
+    /// The simulated arm, in which every fault can be injected.
     Simulated(Box<dyn Disturb>),
     /// Any other drive: faults can only be injected between it and the controller.
     Other(Box<dyn Drive>),

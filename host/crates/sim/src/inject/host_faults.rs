@@ -12,7 +12,7 @@ use std::time::Duration;
 use spherecal_link::{Arrival, Journal, JournalError};
 use spherecal_shared::protocol::host::SessionId;
 
-/// What is amiss with the disk or the file on it.
+/// Faults of the disk or of the file on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct State {
     /// The disk has no room for more than is on it.
@@ -26,7 +26,7 @@ struct State {
 pub struct HostFaults(Arc<Mutex<State>>);
 
 impl HostFaults {
-    /// What is amiss now; a lock is told of once.
+    /// Present faults; a lock is reported once.
     fn now(&self) -> State {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         State {
@@ -35,7 +35,7 @@ impl HostFaults {
         }
     }
 
-    /// The disk fills up, or somebody makes room.
+    /// The disk becomes full, or space is freed.
     pub fn fill(&self, full: bool) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).full = full;
     }

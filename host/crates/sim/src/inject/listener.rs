@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use spherecal_shared::protocol::frame::{self, Accumulator};
 use spherecal_shared::protocol::host::{Event, Phase, Uplink};
 
-/// The phases that the controller has told.
+/// The phases that the controller has reported.
 #[derive(Default)]
 pub(super) struct Listener {
     accumulator: Accumulator,
@@ -29,7 +29,7 @@ impl Listener {
                 let Ok((_, Uplink { event, body, .. })) = frame.and_then(frame::decode::<Uplink>) else {
                     return;
                 };
-                // What is sent again was heard.
+                // A repeated event was already handled.
                 if event != 0 && event.wrapping_sub(*last_event) >= 1 << 31 || event == *last_event {
                     return;
                 }
@@ -52,7 +52,7 @@ impl Listener {
         self.phase = Phase::Idle;
     }
 
-    /// The phase that was heard last.
+    /// The last reported phase.
     pub(super) fn phase(&self) -> Phase {
         self.phase
     }

@@ -80,7 +80,7 @@ pub struct Entry {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
-    /// Seed of whatever is left to chance.
+    /// Seed of the random choices.
     #[serde(default)]
     pub seed: u64,
     /// Disturbances of the host link's frames in the whole run, as in the configuration's

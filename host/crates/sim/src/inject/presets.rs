@@ -19,7 +19,7 @@ pub struct Preset {
     pub what: InjectedFault,
     /// Its moment.
     pub when: When,
-    /// Faults that the controller may tell first.
+    /// Faults that the controller may report first.
     pub faults: &'static [Fault],
     /// Time limit from its start, in ms; `None` if it depends on when the arm next moves, touches
     /// or tares.
