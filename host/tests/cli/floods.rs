@@ -31,7 +31,9 @@ fn ask(server: &Server) {
     )
     .expect("an honest client asks");
     let mut answer = String::new();
-    socket.read_to_string(&mut answer).expect("an honest client is answered");
+    socket
+        .read_to_string(&mut answer)
+        .expect("an honest client is answered");
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
     assert!(begin.elapsed() < HONEST, "answered after {:?}", begin.elapsed());
 }
@@ -120,7 +122,9 @@ fn a_flood_of_streams_is_bounded() {
     let server = Server::start_in(folder.path(), &["serve", "--grpc", "0", "--out", "o"]);
     for reset in [false, true] {
         let mut flood = TcpStream::connect(&server.address).expect("connects");
-        flood.set_write_timeout(Some(Duration::from_millis(200))).expect("a time limit");
+        flood
+            .set_write_timeout(Some(Duration::from_millis(200)))
+            .expect("a time limit");
         flood.write_all(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n").expect("sent");
         flood.write_all(&frame(4, 0, 0, &[])).expect("sent");
         let begin = Instant::now();

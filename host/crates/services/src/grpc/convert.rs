@@ -1,5 +1,5 @@
-//! Between the house's types and the messages, bit by bit: numbers are neither
-//! rounded nor scaled on the way, so that what comes back equals what went.
+//! Converts between the project's types and the messages, bit by bit. Numbers are neither rounded
+//! nor scaled, so a round trip gives an equal value.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -12,8 +12,7 @@ use spherecal_link::Arrival;
 use spherecal_model::{LaserShot, Sphere};
 use spherecal_store::{NewRun, PlannedPose, SessionEnd};
 
-/// Text that a message carries and no type of ours matches, or a list of the
-/// wrong length; in words.
+/// A text in a message that matches no type, or a list of the wrong length; in words.
 pub(super) type Malformed = String;
 
 /// A variant's name as files have it (`joint_position`).
@@ -117,7 +116,7 @@ pub(super) fn arrival(event: proto::Event) -> Result<Arrival, Malformed> {
         Body::Passed(pose) => Event::Passed { pose },
     };
     Ok(Arrival {
-        // Where it belongs is said beside it (PlacedEvent).
+        // Its place is sent beside it (PlacedEvent).
         session: SessionId::default(),
         event: event.event,
         sent_us: event.sent_us,
@@ -386,7 +385,7 @@ mod tests {
     }
 
     fn bits(event: &Event) -> String {
-        // Debug prints the shortest digits that read back, and tells -0 from 0.
+        // Debug prints the shortest digits that read back, and distinguishes -0 from 0.
         format!("{event:?}")
     }
 
@@ -420,7 +419,7 @@ mod tests {
         }
     }
 
-    // Fails if a malformed message is taken, or refused without the field's name.
+    // Fails if a malformed message is accepted, or refused without the field's name.
     #[test]
     fn malformed_messages_are_refused_by_field() {
         let contact = proto::Contact {

@@ -75,7 +75,8 @@ pub(crate) async fn serve(
     }))
 }
 
-/// All paths: the services', guarded by the token, and the page's, by its own gate.
+/// All paths: those of the services, guarded by the token, and those of the page, guarded by its
+/// own gate.
 async fn routes(offer: Offer, guard: Guard) -> Result<Routes, ServiceError> {
     let (health_reporter, health) = tonic_health::server::health_reporter();
     let reflection = tonic_reflection::server::Builder::configure()
@@ -112,7 +113,7 @@ async fn routes(offer: Offer, guard: Guard) -> Result<Routes, ServiceError> {
         health_reporter.set_serving::<LiveViewServer<LiveService>>().await;
         services.add_service(service.max_decoding_message_size(MAX_LIVE));
     }
-    // Whoever may not use the services need not know what they are.
+    // Reflection is guarded too: a client without access does not learn what the services are.
     let services = services
         .routes()
         .into_axum_router()
@@ -125,8 +126,8 @@ async fn routes(offer: Offer, guard: Guard) -> Result<Routes, ServiceError> {
     Ok(router.layer(middleware::from_fn(listen::note_request)).into())
 }
 
-/// Services are spoken to in HTTP/2, and by no page of any site: a browser that
-/// a strange page sends here speaks HTTP/1.1, or has no token.
+/// Refuses requests from web pages of other sites. The services use HTTP/2; a browser that a
+/// foreign page sends here uses HTTP/1.1 or has no token.
 async fn no_browser(request: Request, next: Next) -> Response {
     if request.version() == Version::HTTP_2 {
         next.run(request).await

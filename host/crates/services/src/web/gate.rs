@@ -11,10 +11,10 @@ use axum::response::{IntoResponse, Response};
 
 use super::{Site, file, refused};
 
-/// Name of the cookie of those who have shown the token.
+/// Name of the cookie of browsers that have shown the token.
 const PASS: &str = "spherecal_pass";
 
-/// Without a token, only names of this machine's own are answered to.
+/// Without a token the server answers only requests for a name of this machine itself.
 pub(super) async fn own_name(State(site): State<Arc<Site>>, request: Request, next: Next) -> Response {
     let name = request
         .uri()
@@ -27,12 +27,14 @@ pub(super) async fn own_name(State(site): State<Arc<Site>>, request: Request, ne
     } else {
         refused(
             StatusCode::MISDIRECTED_REQUEST,
-            format!("\"{name}\" is no name of this machine's own: use 127.0.0.1, or start the server with a token\n"),
+            format!(
+                "\"{name}\" is not a local name of this machine: use 127.0.0.1, or start the server with a token\n"
+            ),
         )
     }
 }
 
-/// Whether `HOST[:PORT]` is this machine by a name that nobody else can point here.
+/// Whether `HOST[:PORT]` is a name of this machine that no other site can point here.
 fn is_own(name: &str) -> bool {
     let host = match name.strip_prefix('[') {
         Some(rest) => match rest.split_once(']') {
@@ -81,9 +83,9 @@ fn has_token(site: &Site, headers: &HeaderMap) -> bool {
         .is_some_and(|token| site.guard.takes_token(token))
 }
 
-/// Trades the token for a cookie that scripts do not see and other sites do not send.
+/// Exchanges the token for a cookie that scripts cannot read and other sites cannot send.
 pub(super) async fn login(State(site): State<Arc<Site>>, headers: HeaderMap) -> Response {
-    // The token is in a header, where pages of other sites cannot put one.
+    // The token is in a header, where pages of other sites cannot put it.
     if headers.get(CONTENT_LENGTH).is_some_and(|length| length != "0") {
         return refused(StatusCode::PAYLOAD_TOO_LARGE, "the token goes into the header\n");
     }
@@ -101,8 +103,8 @@ pub(super) async fn login(State(site): State<Arc<Site>>, headers: HeaderMap) -> 
 mod tests {
     use super::is_own;
 
-    // Fails if a name that another site can point at this machine is taken for
-    // its own, or one of its own is not.
+    // Fails if a name that another site can point at this machine is accepted, or if a local name
+    // is refused.
     #[test]
     fn names_of_this_machine() {
         for own in [
