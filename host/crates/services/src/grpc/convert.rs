@@ -298,7 +298,7 @@ pub(super) fn new_run(m: proto::NewRun) -> Result<NewRun, Malformed> {
             sphere: p.sphere,
             pose: p.pose,
             orientation: {
-                finite("elbow_rad", &[p.elbow_rad])?;
+                finite("elbow_rad", p.elbow_rad.as_slice())?;
                 list("orientation", &p.orientation)?
             },
             elbow_rad: p.elbow_rad,
