@@ -127,7 +127,7 @@ fn bad_input_is_refused_by_name() {
     );
     config("[plant]\npreset = \"gentle\"\n", &["gentle", "typical"]);
     refused(folder, &["robot", "show", "iiwa99"], &["iiwa99", "give one of"]);
-    refused(folder, &["run", "--poses", "0"], &["--poses is 0", "at least one"]);
+    refused(folder, &["run", "--poses", "0"], &["--poses is 0", "at least 1"]);
     refused(
         folder,
         &["run", "--link", "carrier-pigeon"],

@@ -1,8 +1,7 @@
-//! The configuration as a document: every field under a description of it.
+//! Prints the configuration with the description of every field.
 //!
-//! The descriptions are the fields' doc comments. `#[derive(JsonSchema)]` puts them into a schema of the types, so
-//! they cannot differ from the program's documentation. This module writes the configuration as TOML and puts each
-//! field's description above it. A field without a doc comment fails a test.
+//! The descriptions are the fields' own doc comments. They are read from the compiled sources, so
+//! they always agree with the program's documentation. A field without a comment fails a test.
 
 use serde::Serialize;
 use serde_json::Value;
@@ -21,12 +20,11 @@ struct WholePlant {
 }
 
 impl Config {
-    /// The whole configuration as TOML, every field stated, each under its description.
-    ///
-    /// A field that is left out by default stands there as a comment.
+    /// The whole tree as TOML, with every field and its description. Fields that are left out by
+    /// default appear as comments.
     ///
     /// # Errors
-    /// A plant that is not possible.
+    /// An impossible plant.
     pub fn to_documented_toml(&self) -> Result<String, ConfigError> {
         let encode = |message: String| ConfigError::Syntax {
             path: "configuration".to_owned(),
@@ -49,8 +47,8 @@ impl Config {
         let table: Table = toml::from_str(&text).map_err(|e| encode(e.to_string()))?;
         let schema = schemars::schema_for!(Self).to_value();
         let mut out = String::from(
-            "# Configuration of spherecal. Every field may be left out: then it has the value of\n\
-             # `spherecal config --print`. SI units unless the name says otherwise.\n\n",
+            "# Configuration of spherecal. A field that is left out has the value that\n\
+             # `spherecal config --print` shows. SI units unless the name says otherwise.\n\n",
         );
         let root = Node {
             schema: &schema,
@@ -218,8 +216,8 @@ fn comment(out: &mut String, words: &str) {
 mod tests {
     use super::*;
 
-    // Fails if a field is printed without a word about it, is lost, or gets
-    // another value when what was printed is read.
+    // Fails if a field is printed without a description, is lost, or gets another value when the
+    // printed text is read.
     #[test]
     fn every_field_is_described_and_reads_back() {
         let config = Config::default();

@@ -15,7 +15,7 @@ use spherecal_plan::{self as plan, Plan, PlanError, PlatePose};
 use spherecal_sim::plant::PlantConfig;
 use spherecal_sim::simulated_arm;
 
-/// Everything that is known before the first motion.
+/// All data that are known before the first motion.
 #[derive(Clone, Debug)]
 pub struct Prepared {
     /// Configuration.
@@ -34,10 +34,11 @@ pub struct Prepared {
     pub plant: PlantConfig,
 }
 
-/// Checks the configuration, loads the robot, plans, and teaches the waypoints.
+/// Checks the configuration, loads the robot, makes the plan, and adds the error of the taught
+/// waypoints.
 ///
 /// # Errors
-/// Whatever is wrong with the input.
+/// Any error in the input.
 pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
     let Known {
         model,
@@ -74,7 +75,7 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
     Ok(prepared)
 }
 
-/// A plate that is out of reach, with a place where it would not be.
+/// Adds a reachable placement to the error of a plate that is out of reach.
 fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobError {
     if !matches!(source, PlanError::SphereOutOfReach { .. }) {
         return source.into();
@@ -86,7 +87,7 @@ fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobErr
         return source.into();
     };
     let [roll, pitch, yaw] = plate.rotation().euler_angles().into();
-    // The configuration speaks of sphere 1, the plan of the centroid.
+    // The configuration refers to sphere 1, the plan to the centroid.
     let first = cell.spheres.first();
     let origin = first.map_or(plate.centre_m.into(), |sphere| cell.sphere_in_base(&plate, sphere));
     let short = |value: f64| (value * 1e3).round() / 1e3;
@@ -99,10 +100,10 @@ fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobErr
 }
 
 impl Prepared {
-    /// The procedure, its limits narrowed to the room that the plan takes up.
+    /// The procedure, with its limits narrowed to the space that the plan needs.
     ///
     /// # Errors
-    /// A robot that no plan can be made for.
+    /// No plan can be made for the robot.
     pub fn procedure(&self) -> Result<Procedure, JobError> {
         let mut procedure = self.config.procedure;
         let chain = Chain::new(&self.robot, &self.tool)?;
@@ -151,11 +152,10 @@ fn known(config: &Config) -> Result<Known, JobError> {
     })
 }
 
-/// The simulated arm that a run with this configuration calibrates, at rest at
-/// its home frame.
+/// The simulated arm that a run with this configuration calibrates, at rest at its home frame.
 ///
 /// # Errors
-/// Whatever is wrong with the input.
+/// Any error in the input.
 pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
     let Known {
         model,

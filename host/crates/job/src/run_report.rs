@@ -1,4 +1,4 @@
-//! A report of a run: sphere contacts measured, laser measurements judging.
+//! The report of a run: calibrated from sphere contacts, judged by laser measurements.
 
 use crate::{Evaluation, Measurements, Summary};
 use spherecal_campaign::telemetry::Trace;
@@ -13,8 +13,8 @@ mod tables;
 
 use tables::{contacts, health, provenance, seating};
 
-/// The report of a run; `traces` are the forces of its contacts, `created` says
-/// when it was measured.
+/// The report of a run. `traces` are the forces of its contacts; `created` is the date of the
+/// measurement.
 pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace], created: &str) -> ReportInput {
     ReportInput {
         title: format!("{}: calibration report", s.robot),
@@ -98,7 +98,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
                 )
             } else {
                 format!(
-                    "The calibrated {} is no better than the nominal one: mean position error {:.3} mm, nominally {:.3} mm.",
+                    "The calibrated {} is not better than the nominal one: mean position error {:.3} mm, with the nominal model {:.3} mm.",
                     s.robot, c.mean_mm, n.mean_mm
                 )
             }
@@ -135,8 +135,8 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
     }
 }
 
-/// How the spheres do against a laser tracker, modelled as the paper does and
-/// modelled as well as they are: which is ahead, and by how much.
+/// Compares the spheres with a laser tracker, once with the paper's model and once with the same
+/// full model: which has the smaller error, and by how much.
 fn against_the_laser(s: &Summary) -> String {
     let mean = |name: &str| s.validation.models.get(name).map(|m| m.arcs.mean_mm);
     let Some(sphere) = mean("sphere") else {
@@ -152,16 +152,12 @@ fn against_the_laser(s: &Summary) -> String {
     };
     let paper = mean("laser").map(|laser| {
         format!(
-            " A laser calibration of the geometry alone, as the paper's, {} in the mean.",
+            " A laser calibration of the geometry alone, as in the paper, {} in the mean.",
             ahead(laser)
         )
     });
-    let equal = mean("laser_structured").map(|laser| {
-        format!(
-            " One that models the robot as fully as the spheres do {}.",
-            ahead(laser)
-        )
-    });
+    let equal =
+        mean("laser_structured").map(|laser| format!(" A laser calibration with the full model {}.", ahead(laser)));
     [paper, equal].into_iter().flatten().collect()
 }
 
@@ -180,8 +176,8 @@ fn error_tables(table: &ValidationTable) -> Vec<ErrorTable> {
                 Alignment::Arcs => {
                     "Base and tool frames were measured by arcs for all models, as in the paper.".to_owned()
                 }
-                Alignment::BestFit => "What is left when only the arm's shape counts.".to_owned(),
-                Alignment::Own => "Where each model itself says that its base stands.".to_owned(),
+                Alignment::BestFit => "Errors of the arm's shape alone.".to_owned(),
+                Alignment::Own => "Errors with each model's own base.".to_owned(),
             },
             rows: table
                 .models
@@ -229,7 +225,7 @@ fn workspace(e: &Evaluation, table: &ValidationTable) -> Vec<WorkspacePoint> {
         .collect()
 }
 
-/// Predicted errors against those found with the base aligned.
+/// Predicted errors against actual errors, with the base aligned.
 fn prediction(e: &Evaluation, table: &ValidationTable) -> Prediction {
     let found = table
         .models
@@ -268,7 +264,7 @@ fn residuals(m: &Measurements, e: &Evaluation) -> Vec<ResidualPoint> {
         .collect()
 }
 
-/// Latency and overshoot of the trigger; nothing for a run without contact.
+/// Latency and overshoot of the trigger; empty for a run without contact.
 fn triggers(m: &Measurements) -> Vec<Histogram> {
     if m.contacts.is_empty() {
         return Vec::new();
@@ -285,8 +281,8 @@ fn triggers(m: &Measurements) -> Vec<Histogram> {
         histogram(
             "latency of the trigger (ms)",
             format!(
-                "Latency of the trigger: control periods from the crossing of {:.1} N that lasted to the declaration; \
-                 {dwell_ms:.0} ms are asked for.",
+                "Latency of the trigger: control periods from the lasting crossing of {:.1} N to the declaration; \
+                 the threshold must be exceeded for {dwell_ms:.0} ms.",
                 approach.trigger_n
             ),
             m.contacts.iter().map(|c| f64::from(c.latency_ticks)).collect(),
@@ -294,8 +290,8 @@ fn triggers(m: &Measurements) -> Vec<Histogram> {
         histogram(
             "overshoot of the trigger (N)",
             format!(
-                "Overshoot: how far the estimated force had risen above {:.1} N by the declaration, impacts that did \
-                 not last included.",
+                "Overshoot: how far the estimated force was above {:.1} N until the declaration, short impacts \
+                 included.",
                 approach.trigger_n
             ),
             m.contacts.iter().map(|c| c.peak_n - approach.trigger_n).collect(),

@@ -21,15 +21,15 @@ pub enum Estimator {
     GaussNewton,
     /// Spheres: geometry with priors.
     Geometry,
-    /// Spheres: geometry, compliance and two harmonics: the right model in W0.
+    /// Spheres: geometry, compliance and two harmonics: the true model in W0.
     TwoHarmonics,
     /// Spheres: robust and structured, the default.
     Map,
-    /// Laser: Gauss-Newton with arc-measured base and tool, as the paper's.
+    /// Laser: Gauss-Newton with arc-measured base and tool, as in the paper.
     LaserGeometry,
     /// Laser: the structured estimator.
     LaserMap,
-    /// Spheres: least squares with the very priors that the world draws from.
+    /// Spheres: least squares with the same priors from which the world is drawn.
     Bound,
 }
 
@@ -83,8 +83,8 @@ fn bound_options(trial: &Trial) -> Option<Options> {
     Some(spherecal_job::bound_options(&plant, iiwa7().dof()))
 }
 
-/// Runs the estimators on a trial and judges them on its validation
-/// measurements. Those without a meaning in the trial's world are left out.
+/// Runs the estimators on a trial and judges them on its validation measurements. Leaves out
+/// estimators that are not defined in the trial's world.
 ///
 /// # Errors
 /// An estimator that fails on this data.
@@ -191,8 +191,8 @@ fn predict(trial: &Trial, estimator: Estimator) -> Result<Option<Prediction>, Id
     Ok(Some(prediction(trial, estimator.name(), &calibration, laser)))
 }
 
-/// Predictions of a calibration; its own base is that in the tracker frame, for
-/// sphere data through the plate as the tracker sees it.
+/// Predictions of a calibration. Its own base is that in the tracker frame; for sphere data the
+/// plate, as the tracker measures it, gives the base.
 fn prediction(trial: &Trial, name: &str, calibration: &Calibration, laser: bool) -> Prediction {
     let points = trial
         .validation

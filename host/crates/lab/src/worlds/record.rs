@@ -1,4 +1,4 @@
-//! What a drawn robot records: contacts, laser points, arcs, validation.
+//! What a drawn robot records: contacts, laser points, arcs and validation points.
 
 use std::sync::OnceLock;
 
@@ -48,7 +48,7 @@ pub enum WorldError {
     #[error("the poses could not be planned: {0}")]
     Grid(String),
     /// A pose is out of the drawn robot's reach.
-    #[error("pose {index} on sphere {sphere} is out of the drawn robot's reach: leave it out of the plan")]
+    #[error("pose {index} on sphere {sphere} is out of the drawn robot's reach: remove it from the plan")]
     Reach {
         /// Index of the pose.
         index: usize,
@@ -69,7 +69,7 @@ pub enum WorldError {
     },
 }
 
-/// Everything that one drawn robot records, and the truth apart.
+/// All recordings of one drawn robot, and its truth apart.
 #[derive(Clone, Debug)]
 pub struct Trial {
     /// The world.
@@ -78,7 +78,7 @@ pub struct Trial {
     pub seed: u64,
     /// Contacts on the spheres; nominal robot and tool.
     pub spheres: Experiment,
-    /// Laser points to calibrate by; nominal robot and tool.
+    /// Laser points for the calibration; nominal robot and tool.
     pub laser: Experiment,
     /// Arcs of joints 1 and 2.
     pub base_arcs: Vec<MeasuredArc>,
@@ -86,7 +86,7 @@ pub struct Trial {
     pub tool_arcs: Vec<MeasuredArc>,
     /// Base and tool as the paper measures them, with the world's offsets.
     pub frames: MeasuredFrames,
-    /// The plate in the tracker frame, from its spheres as the tracker sees them.
+    /// The plate in the tracker frame, from its spheres as the tracker measures them.
     pub plate: Pose,
     /// Validation measurements.
     pub validation: Vec<Measured>,
@@ -103,7 +103,7 @@ pub struct Trial {
 /// The reachable poses of the paper's grid (Section 4.2), planned once.
 ///
 /// # Errors
-/// A planner that refuses its own nominal cell.
+/// The planner refuses its own nominal cell.
 pub fn paper_poses() -> Result<&'static [PlannedPose], WorldError> {
     static POSES: OnceLock<Result<Vec<PlannedPose>, WorldError>> = OnceLock::new();
     let poses = POSES.get_or_init(|| {
@@ -131,8 +131,8 @@ fn laser_plan(seed: u64) -> Result<LaserPlan, WorldError> {
     Ok(laser::plan(&iiwa7(), &iiwa7_tool(), seed)?)
 }
 
-/// Draws the robot of `seed` in `world` and records everything, contacts on the
-/// paper's whole grid.
+/// Draws the robot of `seed` in `world` and simulates all recordings, with contacts on the paper's
+/// whole grid.
 ///
 /// # Errors
 /// See [`WorldError`]; none occurs with the built-in worlds.
@@ -140,7 +140,7 @@ pub fn record(world: World, seed: u64) -> Result<Trial, WorldError> {
     record_poses(world, seed, paper_poses()?)
 }
 
-/// Noise of one stream of measurements, independent of the others.
+/// Noise of one stream of measurements, independent of the other streams.
 struct Noise(ChaCha8Rng);
 
 impl Noise {
@@ -164,7 +164,7 @@ impl Noise {
     }
 }
 
-/// The same with contacts at any poses.
+/// Like [`record`], with any recipe and with contacts at any poses.
 ///
 /// # Errors
 /// See [`WorldError`].

@@ -1,4 +1,4 @@
-//! Controller and drive in lock-step, with faults between them.
+//! Controller and drive in lock-step, with injected faults between them.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -28,7 +28,7 @@ pub(super) const PATIENCE: u32 = 10;
 /// Bytes of the host that wait while the controller is not ticked.
 const WAITING: usize = 4 * MAX_FRAME;
 
-/// Makes a controller that knows nothing, for one that is reset.
+/// Creates a fresh controller, to replace one that is reset.
 pub type Restart = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError> + Send>;
 
 /// A fault that has begun or ended.
@@ -36,7 +36,7 @@ pub type Restart = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError> + S
 pub struct Happened {
     /// Control period, from 1.
     pub tick: u64,
-    /// Phase that the controller had told by then.
+    /// Phase that the controller had reported by then.
     pub phase: Phase,
     /// The fault.
     pub what: InjectedFault,
@@ -72,9 +72,9 @@ pub struct FaultyCell {
     /// The host link, once it was bad.
     link: Option<LossyLink>,
     down: Vec<u8>,
-    /// For how many periods there is to be no host, once it is to be killed.
+    /// Number of periods without a host, once the host is to be killed.
     killed: Option<u64>,
-    /// Whether this process is ended when the host is to be killed.
+    /// Whether this process ends when the host is to be killed.
     ends_process: bool,
     injected: InjectedCounter,
     host_faults: HostFaults,
@@ -85,8 +85,8 @@ impl FaultyCell {
     /// Joins a controller and a drive for a robot with `joints` joints.
     ///
     /// # Errors
-    /// A drive that [`Cell`](spherecal_link::Cell) would refuse, a plan with a
-    /// number out of range, or one that wants the simulated arm where there is none.
+    /// A drive that [`Cell`](spherecal_link::Cell) would refuse, a plan with a number out of range,
+    /// or a plan that needs the simulated arm where there is none.
     pub fn new(
         mut controller: Box<dyn Controller>,
         drive: FaultyDrive,
@@ -101,7 +101,7 @@ impl FaultyCell {
                 return Err(InjectError::NotHere {
                     number,
                     name: entry.what.name(),
-                    why: "only the simulated arm can suffer this: use --link sim or --link qemu",
+                    why: "this fault needs the simulated arm: use --link sim or --link qemu",
                 }
                 .into());
             }
@@ -141,29 +141,29 @@ impl FaultyCell {
         })
     }
 
-    /// Every fault that has begun or ended so far; the handle stays good.
+    /// Every fault that has begun or ended so far. The handle stays valid.
     pub fn happened(&self) -> Arc<Mutex<Vec<Happened>>> {
         Arc::clone(&self.happened)
     }
 
-    /// What was done to frames of the host link; the handle stays good.
+    /// Counts of the changed frames of the host link. The handle stays valid.
     pub fn injected(&self) -> InjectedCounter {
         self.injected.clone()
     }
 
-    /// Has this process ended, as by `kill -9`, when the host is to be killed;
-    /// else the period fails with [`HostKilled`].
+    /// Makes this process end, as by `kill -9`, when the host is to be killed; otherwise the period
+    /// fails with [`HostKilled`].
     pub fn ending_process(mut self) -> Self {
         self.ends_process = true;
         self
     }
 
-    /// What the host's own computer suffers, for whoever writes to its disk.
+    /// The faults of the host's own computer, for the journal that writes to its disk.
     pub fn host_faults(&self) -> HostFaults {
         self.host_faults.clone()
     }
 
-    /// What was received on the drive link, where frames were made of it.
+    /// Counters of the drive link, if its states were sent as frames.
     pub fn drive_counters(&self) -> LinkCounters {
         self.receiver.counters()
     }
@@ -198,7 +198,7 @@ impl FaultyCell {
                 return;
             }
             InjectedFault::DiskFull => return self.host_faults.fill(true),
-            // A duration that is none was refused with the plan.
+            // The plan was checked, so the duration is valid.
             InjectedFault::DatabaseLocked { wall_s } => {
                 return self
                     .host_faults
@@ -305,8 +305,7 @@ impl FaultyCell {
             self.waiting.extend_from_slice(down);
         }
         let Some(state) = self.heard() else {
-            // The controller is not asked; the drive goes on under the last torque
-            // for a while.
+            // The controller is not ticked; the drive continues with the last torque for a while.
             self.unanswered = self.unanswered.saturating_add(1);
             return Ok(());
         };
@@ -351,7 +350,7 @@ impl Device for FaultyCell {
         let Some(away) = self.killed.take() else {
             return Ok(());
         };
-        // Nobody hears what was said in this period or in those without a host.
+        // Nobody receives what was said in this period or in those without a host.
         for _ in 0..away {
             up.clear();
             self.period(&[], up)?;
