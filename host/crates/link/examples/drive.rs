@@ -16,13 +16,13 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, To
 use spherecal_shared::robot::JointLimits;
 
 /// Inertia of each joint, in kg m².
-pub const INERTIA: [f64; 7] = [2.0, 2.0, 1.0, 1.0, 0.3, 0.3, 0.1];
+pub(crate) const INERTIA: [f64; 7] = [2.0, 2.0, 1.0, 1.0, 0.3, 0.3, 0.1];
 /// Viscous friction of each joint, in N m s/rad.
 const DAMPING: f64 = 0.5;
 /// Control period, in s.
 const PERIOD_S: f64 = 1e-3;
 /// Range in rad, speed in rad/s and torque in N m of each joint.
-pub const LIMITS: JointLimits = JointLimits {
+pub(crate) const LIMITS: JointLimits = JointLimits {
     min_rad: -2.9,
     max_rad: 2.9,
     velocity_rad_s: 2.0,
@@ -30,14 +30,14 @@ pub const LIMITS: JointLimits = JointLimits {
 };
 
 /// The arm: what it says of itself, and its state.
-pub struct Arm {
+pub(crate) struct Arm {
     hello: DriveHello,
     now: DriveState,
 }
 
 impl Arm {
     /// An arm at rest that waits for each command.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             hello: DriveHello {
                 protocol: PROTOCOL_VERSION,
