@@ -166,8 +166,8 @@ pub struct ToolConfig {
     pub tcp_sigma_m: f64,
 }
 
-/// Compliance: quasi-static. The encoders see that of the joints only in part, and that of links
-/// and base not at all.
+/// Compliance: quasi-static deflection of the joints (between encoder and link), the links and the
+/// base.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ComplianceConfig {
