@@ -151,7 +151,7 @@ mod tests {
         faults.fill(true);
         let refused = journal.append(&[]).expect_err("no room").to_string();
         assert!(
-            refused.starts_with("run.db: cannot be written") && refused.contains("--resume"),
+            refused.starts_with("run.db cannot be written") && refused.contains("--resume"),
             "{refused}"
         );
         assert!(journal.reject(1, 2, "").is_err() && journal.handshake(SessionId::default()).is_err());
