@@ -12,7 +12,7 @@ use super::live_output::LiveOutput;
 use super::out::{err, out, outln};
 use super::progress::ProgressView;
 use super::text;
-use spherecal_campaign::telemetry::{TelemetryRecorder, Trace};
+use spherecal_campaign::telemetry::{ContactTrace, TelemetryRecorder};
 use spherecal_campaign::{Moved, Observer, Progress};
 use spherecal_job::open_store;
 use spherecal_job::{self as job, JobError, Link, Measurements, Prepared, Site, Summary};
@@ -206,11 +206,11 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
 
 /// Stores the force traces of a session's contacts, also of one that was
 /// stopped: the run may go on with --resume.
-fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<Trace>) -> Result<(), CliError> {
+fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<ContactTrace>) -> Result<(), CliError> {
     if let Some(info) = store.last_run()? {
         let mut all = job::contact_traces(store, info.run)?;
         // A run that was repeated from its start has all of them again.
-        let again = |old: &Trace| {
+        let again = |old: &ContactTrace| {
             traces
                 .iter()
                 .any(|new| (new.sphere, new.trigger_s) == (old.sphere, old.trigger_s))

@@ -4,7 +4,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
-use spherecal::campaign::{Stop, Trace, Waypoints};
+use spherecal::campaign::{DescentEnd, Stop, Waypoints};
 use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Event, Fault, Phase};
@@ -90,7 +90,7 @@ fn retreat(rig: &mut Rig, waypoints: &Waypoints, stop: &Stop, missed: &mut u32) 
     let contact = latest.find_map(|e| if let Event::Contact(c) = e { Some(c) } else { None });
     let arm = nominal();
     let tcp = arm.tcp_frame(&arm.frames(&rig.plant.sensed().q)).position;
-    let last = Trace::new(contact, Some([tcp.x as f32, tcp.y as f32, tcp.z as f32]));
+    let last = DescentEnd::new(contact, Some([tcp.x as f32, tcp.y as f32, tcp.z as f32]));
     let mut from = stop.approach.clone();
     if fault.is_some_and(Waypoints::helps) {
         *missed += 1;

@@ -50,7 +50,7 @@ pub use operate::{Answer, CommandPort, Order, operate};
 pub use outcome::{Outcome, Rejected};
 pub use plausible::{Implausible, plausible};
 pub use procedure::run;
-pub use retry::{Trace, Waypoints};
+pub use retry::{DescentEnd, Waypoints};
 pub use session::Session;
 pub use teach::{Nowhere, Operator, Taught, teach};
 pub use tracker::{LaserMeasurementError, Tracker, TrackerError, measure_laser};

@@ -10,7 +10,7 @@ use super::observe::{Observer, Stage};
 use super::outcome::{Outcome, Rejected};
 use super::places::Places;
 use super::recovery::policy;
-use super::retry::{Trace, Waypoints};
+use super::retry::{DescentEnd, Waypoints};
 use super::session::{Session, Waited};
 use super::{Assignment, CampaignError, Stop, TourPose};
 use spherecal_link::Device;
@@ -249,7 +249,7 @@ impl<'a> Campaign<'a> {
             if Waypoints::helps(report.fault) {
                 missed += 1;
                 let contact = session.contacts.get(contacts..).and_then(<[_]>::last);
-                let last = Trace::new(contact, session.sample.map(|s| s.tcp_m));
+                let last = DescentEnd::new(contact, session.sample.map(|s| s.tcp_m));
                 approach = self.waypoints.retry(stop, missed, &last);
             }
             session.note(&format!(

@@ -23,14 +23,14 @@ const TOLD_M: f64 = 0.001;
 
 /// What one descent left to learn from.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Trace {
+pub struct DescentEnd {
     /// Computed TCP where contact was declared, in m, if it was.
     pub contact_m: Option<[f64; 3]>,
     /// Computed TCP where the descent ended, in m, if it is known.
     pub end_m: Option<[f64; 3]>,
 }
 
-impl Trace {
+impl DescentEnd {
     /// Of a descent's contact (`None` without) and of the last TCP heard of (m).
     pub fn new(contact: Option<&Contact>, end_m: Option<[f32; 3]>) -> Self {
         Self {
@@ -90,11 +90,11 @@ impl Waypoints {
     /// Joint angles (rad) from which descent number `retry` (from 1) to a stop
     /// begins; `last` is what the one before left. Those of the stop where the
     /// shifted place cannot be reached.
-    pub fn retry(&self, stop: &Stop, retry: u32, last: &Trace) -> Vec<f64> {
+    pub fn retry(&self, stop: &Stop, retry: u32, last: &DescentEnd) -> Vec<f64> {
         self.shifted(stop, retry, last).unwrap_or_else(|| stop.approach.clone())
     }
 
-    fn shifted(&self, stop: &Stop, retry: u32, last: &Trace) -> Option<Vec<f64>> {
+    fn shifted(&self, stop: &Stop, retry: u32, last: &DescentEnd) -> Option<Vec<f64>> {
         let chain = self.chain.as_ref()?;
         let pose = chain.pose(&stop.approach);
         let direction = Vector3::from(stop.direction);
@@ -146,7 +146,7 @@ fn across(vector: &Vector3<f64>, direction: &[f64; 3]) -> Vector3<f64> {
 /// Where the sphere must be against the descent from `start`, across the
 /// approach: a nest that is gone from it slid off on its far side; one that
 /// was pushed aside until contact was declared was pushed towards it.
-fn told(start: &Vector3<f64>, stop: &Stop, last: &Trace) -> Option<Vector3<f64>> {
+fn told(start: &Vector3<f64>, stop: &Stop, last: &DescentEnd) -> Option<Vector3<f64>> {
     let contact = Vector3::from(last.contact_m?);
     if let Some(end) = last.end_m {
         let slid = across(&(Vector3::from(end) - contact), &stop.direction);
@@ -175,7 +175,7 @@ mod tests {
         }
     }
 
-    fn shift(waypoints: &Waypoints, stop: &Stop, retry: u32, last: &Trace) -> Vector3<f64> {
+    fn shift(waypoints: &Waypoints, stop: &Stop, retry: u32, last: &DescentEnd) -> Vector3<f64> {
         let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
         let (from, to) = (
             chain.pose(&stop.approach),
@@ -195,7 +195,7 @@ mod tests {
     fn nothing_known_is_searched_around_the_waypoint() {
         let waypoints = Waypoints::new(&iiwa7(), &iiwa7_tool());
         let stop = stop(1);
-        let slid = Trace {
+        let slid = DescentEnd {
             contact_m: Some([0.5, 0.0, 0.3]),
             end_m: Some([0.5, 0.010, 0.29]),
         };
@@ -208,7 +208,7 @@ mod tests {
         assert!((places[0] + places[1] + places[2]).norm() < 1e-9);
         assert!(places.iter().all(|p| (p.norm() - RING_M).abs() < 1e-9));
         // Without any contact there is still another place.
-        assert!((shift(&waypoints, &stop, 1, &Trace::default()).norm() - RING_M).abs() < 1e-9);
+        assert!((shift(&waypoints, &stop, 1, &DescentEnd::default()).norm() - RING_M).abs() < 1e-9);
     }
 
     // Fails if a retry does not go where this sphere, or else the others, were
@@ -225,7 +225,7 @@ mod tests {
             shift_m: 0.0,
             test_m: 0.0,
         };
-        let none = Trace::default();
+        let none = DescentEnd::default();
         waypoints.seated(&stop(1), &coupled(0.006));
         let wanted = Vector3::new(0.006, 0.004, 0.0);
         for sphere in [1, 2] {

@@ -1,13 +1,13 @@
 //! A report of a run: sphere contacts measured, laser measurements judging.
 
 use crate::{Evaluation, Link, Measurements, Summary};
-use spherecal_campaign::telemetry::Trace;
+use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::validate::{Alignment, ValidationTable};
 use spherecal_link::qemu::LOG_FILE;
 use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
 use spherecal_report::{
-    ContactTrace, ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint,
-    SimpleTable, WorkspacePoint,
+    ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint, SimpleTable,
+    WorkspacePoint,
 };
 
 fn strings(words: &[&str]) -> Vec<String> {
@@ -16,7 +16,13 @@ fn strings(words: &[&str]) -> Vec<String> {
 
 /// The report of a run; `traces` are the forces of its contacts, `created` says
 /// when it was measured.
-pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace], created: &str) -> ReportInput {
+pub fn run_report(
+    m: &Measurements,
+    e: &Evaluation,
+    s: &Summary,
+    traces: &[ContactTrace],
+    created: &str,
+) -> ReportInput {
     ReportInput {
         title: format!("{}: calibration report", s.robot),
         subtitle: format!(
@@ -30,15 +36,8 @@ pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace
         error_tables: e.table.as_ref().map(error_tables).unwrap_or_default(),
         errors: e.table.as_ref().map(errors).unwrap_or_default(),
         workspace: e.table.as_ref().map(|t| workspace(e, t)).unwrap_or_default(),
-        contacts: traces
-            .iter()
-            .map(|t| ContactTrace {
-                title: format!("Sphere {}", t.sphere),
-                samples: t.samples.clone(),
-                trigger_s: Some(t.trigger_s),
-                threshold_n: m.config.procedure.approach.trigger_n,
-            })
-            .collect(),
+        contacts: traces.to_vec(),
+        contact_threshold_n: m.config.procedure.approach.trigger_n,
         triggers: triggers(m),
         stillness: Vec::new(),
         stillness_tables: Vec::new(),

@@ -9,7 +9,7 @@ use rand_distr::{Distribution, StandardNormal};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 use spherecal_identify::arcs::{LaserError, Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
-use spherecal_identify::{Experiment, Observation, Pose, Set, Target, paper_plate};
+use spherecal_identify::{Experiment, Observation, Pose, Set, Target, fit_pose, paper_plate};
 use spherecal_plan as plan;
 use spherecal_plan::laser::{self, Arc, LaserPlan, LaserPlanError};
 use spherecal_sim::worlds::{Evaluator, Truth};
@@ -137,7 +137,7 @@ fn plate_in_base() -> Pose {
     let rotation = *placed.rotation().matrix();
     Pose {
         rotation,
-        translation_m: Vector3::from(placed.centre_m) - rotation * centroid,
+        position: Vector3::from(placed.centre_m) - rotation * centroid,
     }
 }
 
@@ -206,7 +206,7 @@ pub fn record_poses(world: World, recipe: &Recipe, seed: u64, poses: &[PlannedPo
     let sideways = off.0.random_range(0.0..std::f64::consts::TAU);
     frames.tool_m[0] += recipe.tool_off_m * sideways.cos();
     frames.tool_m[1] += recipe.tool_off_m * sideways.sin();
-    frames.base.translation_m += off.direction() * recipe.base_off_m;
+    frames.base.position += off.direction() * recipe.base_off_m;
 
     // The tracker sees each sphere's centre ten times.
     let centres: Vec<_> = truth.spheres_m.iter().map(|s| Vector3::from(*s)).collect();
@@ -215,7 +215,7 @@ pub fn record_poses(world: World, recipe: &Recipe, seed: u64, poses: &[PlannedPo
         .map(|s| truth.base.point(&truth.plate.point(s)) + off.vector(recipe.tracker_m / 10f64.sqrt()))
         .collect();
     let certified: Vec<_> = paper_plate().iter().map(|s| Vector3::from(s.position_m)).collect();
-    let plate = Pose::fit(&certified, &seen).unwrap_or_default();
+    let plate = fit_pose(&certified, &seen).unwrap_or_default();
 
     let laser = Experiment {
         robot: iiwa7(),

@@ -233,7 +233,7 @@ fn drawn(recipe: &Recipe, plate: &Pose, rng: &mut ChaCha8Rng) -> Truth {
     let base = Pose {
         rotation: *Rotation3::from_euler_angles(normal(rng, 0.01), normal(rng, 0.01), rng.random_range(-3.0..3.0))
             .matrix(),
-        translation_m: Vector3::new(
+        position: Vector3::new(
             rng.random_range(1.5..2.5),
             rng.random_range(-1.0..1.0),
             rng.random_range(-1.0..0.0),

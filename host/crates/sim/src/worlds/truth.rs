@@ -10,9 +10,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use spherecal_shared::robot::kinematics::next_frame;
-use spherecal_shared::robot::{GRAVITY_M_S2, LinkTransform, Pose as Frame, Robot, Tool};
-
-use spherecal_model::Pose;
+use spherecal_shared::robot::{GRAVITY_M_S2, LinkTransform, Pose, Robot, Tool};
 
 /// Torque over which hysteresis changes sides, in N m.
 const HYSTERESIS_NM: f64 = 0.5;
@@ -117,7 +115,7 @@ impl Evaluator<'_> {
     /// Moments that hold the arm, from the frames of undeflected links at `q`.
     fn holding(&self, q: &[f64]) -> Holding {
         let mut frames = Vec::with_capacity(q.len());
-        let mut frame = Frame::identity();
+        let mut frame = Pose::identity();
         for (link, angle) in self.links.iter().zip(q) {
             frame = next_frame(&frame, link, *angle);
             frames.push(frame);
@@ -161,12 +159,12 @@ impl Evaluator<'_> {
 
     /// TCP in F0 (m) at encoder angles `q` with white joint errors `white` (rad),
     /// and the frames of the joints there.
-    pub fn tcp_and_frames(&self, q: &[f64], white: &[f64]) -> (Vector3<f64>, Vec<Frame<f64>>) {
+    pub fn tcp_and_frames(&self, q: &[f64], white: &[f64]) -> (Vector3<f64>, Vec<Pose<f64>>) {
         let holding = self.holding(q);
         let errors = self.errors(q, &holding);
         let [x, y] = self.truth.tilt;
         let tilt = Vector3::new(-x * holding.base.x, -y * holding.base.y, 0.0);
-        let mut frame = Frame {
+        let mut frame = Pose {
             rotation: *Rotation3::new(tilt).matrix(),
             position: Vector3::zeros(),
         };
