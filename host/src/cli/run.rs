@@ -149,7 +149,7 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
 pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
     args.check_features()?;
     let interrupt = interrupt()?;
-    let inject = args.inject.as_deref().map(inject::Plan::load).transpose()?;
+    let inject = args.inject.as_deref().map(inject::FaultPlan::load).transpose()?;
     let (mut store, prepared, resume) = if args.resume {
         resumed(args)?
     } else {

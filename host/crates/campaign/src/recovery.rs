@@ -58,8 +58,8 @@ pub const FAULTS: [Fault; 21] = [
 /// After this long without a word the controller counts as lost, in s: it was
 /// reset, or the link is down. Statistics come every second.
 pub const LOST_S: f64 = 3.0;
-/// How long the host then greets in vain before it gives up, in s.
-pub const GREET_S: f64 = 30.0;
+/// How long the host then repeats the handshake before it gives up, in s.
+pub const HANDSHAKE_S: f64 = 30.0;
 
 const HOLDS: &str = "holds";
 const BRAKES: &str = "keeps the last torque for 23 ms at most, then brakes; holds when states come again";

@@ -69,9 +69,9 @@ pub struct HostEndpoint {
     watch: SequenceWatch,
     counters: LinkCounters,
     foreign: u32,
-    /// The session is this number and the count of greetings.
+    /// The session is this number and the count of handshakes.
     nonce: u32,
-    greetings: u32,
+    handshakes: u32,
     lost_session: bool,
     /// Newest time that the controller has stated, in µs.
     device_us: u64,
@@ -100,18 +100,18 @@ impl HostEndpoint {
         }
     }
 
-    /// The session of the last greeting.
+    /// The session of the last handshake.
     pub fn session(&self) -> SessionId {
-        self.session_of(self.greetings)
+        self.session_of(self.handshakes)
     }
 
-    fn session_of(&self, greetings: u32) -> SessionId {
-        self.nonce.wrapping_add(greetings).to_le_bytes()
+    fn session_of(&self, handshakes: u32) -> SessionId {
+        self.nonce.wrapping_add(handshakes).to_le_bytes()
     }
 
-    /// The session of the next greeting.
+    /// The session of the next handshake.
     pub fn next_session(&self) -> SessionId {
-        self.session_of(self.greetings.wrapping_add(1))
+        self.session_of(self.handshakes.wrapping_add(1))
     }
 
     /// Whether the controller has said that it knows nothing of this session:
@@ -145,7 +145,7 @@ impl HostEndpoint {
             self.pending = None;
             self.next_event = None;
             self.early.clear();
-            self.greetings = self.greetings.wrapping_add(1);
+            self.handshakes = self.handshakes.wrapping_add(1);
             self.lost_session = false;
             1
         } else {
@@ -263,9 +263,9 @@ impl HostEndpoint {
                     self.next_event.get_or_insert(banner.first_event);
                 }
                 Event::Banner(_) => {
-                    // A late one of a greeting of ours says nothing new; before
+                    // A late one of a handshake of ours says nothing new; before
                     // the first it may be all that a foreign controller says.
-                    let late = (0..self.greetings).any(|k| self.session_of(k) == message.session);
+                    let late = (0..self.handshakes).any(|k| self.session_of(k) == message.session);
                     self.lost_session |= self.next_event.is_some() && !late;
                     if late {
                         return;

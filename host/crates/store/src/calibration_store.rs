@@ -30,8 +30,8 @@ pub struct StoredRun {
     /// Laser shots, in the order in which they were written.
     pub laser: Vec<LaserShot>,
     /// Under which numbers (nonces) the sessions have greeted the controller:
-    /// session and greeting of each.
-    pub greetings: BTreeMap<u32, (i64, i64)>,
+    /// session and handshake of each.
+    pub handshakes: BTreeMap<u32, (i64, i64)>,
 }
 
 impl StoredRun {
@@ -107,11 +107,11 @@ pub trait CalibrationStore: Send {
     fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError>;
 
     /// Notes under which number (`nonce`) a session greets the controller, as
-    /// its greeting number `greeting`.
+    /// its handshake number `handshake`.
     ///
     /// # Errors
     /// When the store fails.
-    fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError>;
+    fn put_handshake(&mut self, run: i64, session: i64, handshake: i64, nonce: u32) -> Result<(), StoreError>;
 
     /// Writes a batch of events in one transaction. A recording that is already
     /// there is not written again.

@@ -84,8 +84,8 @@ impl SqlStore {
     }
 
     /// Under which numbers (nonces) the sessions of a run have greeted the
-    /// controller: session and greeting of each.
-    pub(super) fn greetings(&mut self, run: i64) -> Result<BTreeMap<u32, (i64, i64)>, StoreError> {
+    /// controller: session and handshake of each.
+    pub(super) fn handshakes(&mut self, run: i64) -> Result<BTreeMap<u32, (i64, i64)>, StoreError> {
         let rows = self.rows("SELECT * FROM greetings WHERE run = $1", run)?;
         rows.iter()
             .map(|row| {

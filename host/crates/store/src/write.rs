@@ -175,8 +175,14 @@ impl SqlStore {
     }
 
     /// Notes under which number (`nonce`) a session greets the controller, as
-    /// its greeting number `greeting`.
-    pub(super) fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError> {
+    /// its handshake number `handshake`.
+    pub(super) fn put_handshake(
+        &mut self,
+        run: i64,
+        session: i64,
+        handshake: i64,
+        nonce: u32,
+    ) -> Result<(), StoreError> {
         self.set_durable(true)?;
         self.block(async |connection| {
             sqlx::query(
@@ -185,7 +191,7 @@ impl SqlStore {
             )
             .bind(run)
             .bind(session)
-            .bind(greeting)
+            .bind(handshake)
             .bind(i64::from(nonce))
             .execute(connection)
             .await

@@ -140,6 +140,8 @@ mod tests {
             tare_n: [0.0; 3],
             tcp_m: [0.0; 3],
             travel_m: 0.05,
+            latency_ticks: 20,
+            early_crossings: 0,
         }
     }
 

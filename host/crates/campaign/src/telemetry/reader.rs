@@ -104,6 +104,7 @@ impl Iterator for TelemetryReader<'_> {
 mod tests {
     use std::collections::BTreeMap;
 
+    use spherecal_shared::MAX_JOINTS;
     use spherecal_shared::protocol::host::{Phase, Sample};
 
     use super::super::TelemetryWriter;
@@ -126,8 +127,8 @@ mod tests {
     fn samples_read_back_bit_by_bit() {
         let sample = Sample {
             phase: Phase::HandGuiding,
-            q: [0.1, -1.0 / 3.0, f32::MIN_POSITIVE, 1e-7, 2.5, -0.0, 9.0],
-            tau: [f32::NAN; 7],
+            q: [0.1, -1.0 / 3.0, f32::MIN_POSITIVE, 1e-7, 2.5, -0.0, 9.0, 9.0],
+            tau: [f32::NAN; MAX_JOINTS],
             force_n: [0.1, f32::INFINITY, -7.3],
             setpoint_m: [0.3, 0.2, 0.1],
             flags: 5,

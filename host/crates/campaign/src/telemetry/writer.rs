@@ -160,7 +160,7 @@ mod tests {
         let mut writer = TelemetryWriter::new(&mut bytes, &names, &BTreeMap::new()).unwrap();
         for k in 0..500u16 {
             let sample = Sample {
-                q: [0.1; 7],
+                q: [0.1; spherecal_shared::MAX_JOINTS],
                 force_n: [0.0, 0.0, f32::from(k)],
                 ..Sample::default()
             };

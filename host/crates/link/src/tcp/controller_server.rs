@@ -12,7 +12,7 @@ use std::time::Duration;
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 
 use super::TcpError;
-use crate::{Cell, Device, LinkError};
+use crate::{Device, LinkError, LocalDevice};
 
 /// Bytes that may wait for a host in real time; one that reads no more is let go.
 const BACKLOG: usize = 1 << 20;
@@ -59,7 +59,7 @@ impl Turns {
 ///
 /// # Errors
 /// When the cell fails or no host can be waited for. That a host goes is no error.
-pub fn serve_hosts(cell: &mut Cell, listener: &TcpListener, once: bool) -> Result<(), LinkError> {
+pub fn serve_hosts(cell: &mut LocalDevice, listener: &TcpListener, once: bool) -> Result<(), LinkError> {
     if cell.hello().lock_step {
         loop {
             let (stream, _) = listener.accept().map_err(|e| TcpError::of("the host link", e))?;
@@ -76,7 +76,7 @@ pub fn serve_hosts(cell: &mut Cell, listener: &TcpListener, once: bool) -> Resul
     loop {
         if host.is_none() {
             match listener.accept() {
-                Ok((stream, _)) => host = Host::greet(cell, stream).ok(),
+                Ok((stream, _)) => host = Host::handshake(cell, stream).ok(),
                 Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
                 Err(e) => return Err(TcpError::of("the host link", e).into()),
             }
@@ -98,7 +98,7 @@ pub fn serve_hosts(cell: &mut Cell, listener: &TcpListener, once: bool) -> Resul
 }
 
 /// The drive's hello, framed for the host.
-fn hello_frame(cell: &Cell) -> std::io::Result<Vec<u8>> {
+fn hello_frame(cell: &LocalDevice) -> std::io::Result<Vec<u8>> {
     let mut bytes = vec![0; MAX_FRAME];
     let length = frame::encode(cell.hello(), 0, cell.now_us(), &mut bytes).map_err(std::io::Error::other)?;
     bytes.truncate(length);
@@ -107,12 +107,12 @@ fn hello_frame(cell: &Cell) -> std::io::Result<Vec<u8>> {
 
 /// Lock-step: the host's turn, one period, the controller's turn; until the
 /// host goes, for whatever reason.
-fn turn_by_turn(cell: &mut Cell, mut stream: TcpStream) -> Result<(), LinkError> {
-    let greeted = stream
+fn turn_by_turn(cell: &mut LocalDevice, mut stream: TcpStream) -> Result<(), LinkError> {
+    let sent = stream
         .set_nonblocking(false)
         .and_then(|()| stream.set_nodelay(true))
         .and_then(|()| stream.write_all(&hello_frame(cell)?));
-    if greeted.is_err() {
+    if sent.is_err() {
         return Ok(());
     }
     let (mut turns, mut up, mut buffer) = (Turns::default(), Vec::new(), vec![0; 4 * MAX_FRAME]);
@@ -141,7 +141,7 @@ struct Host {
 }
 
 impl Host {
-    fn greet(cell: &Cell, mut stream: TcpStream) -> std::io::Result<Self> {
+    fn handshake(cell: &LocalDevice, mut stream: TcpStream) -> std::io::Result<Self> {
         stream.set_nonblocking(false)?;
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(Duration::from_millis(1)))?;

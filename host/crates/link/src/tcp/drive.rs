@@ -27,24 +27,24 @@ const LOOK: Duration = Duration::from_micros(40);
 /// In real time an [`exchange`](Drive::exchange) ends when a new state has
 /// come: the drive is the clock, so that two clocks never drift across each
 /// other. Half a period after one was due it ends without, and the controller
-/// sees the last state again, which it tells by its number; beats that this
+/// sees the last state again, which it tells by its number; ticks that this
 /// side itself missed are counted as on a board.
 pub struct TcpDrive {
     wire: Wire,
     hello: DriveHello,
-    pace: Option<Pace>,
+    schedule: Option<Schedule>,
     heard: bool,
     missed: u32,
 }
 
-/// The beat of a real-time drive's controller.
-struct Pace {
+/// The schedule of a real-time drive's controller.
+struct Schedule {
     start: std::time::Instant,
     period_us: u64,
     watch: PeriodWatch,
 }
 
-impl Pace {
+impl Schedule {
     fn new(period_us: u32) -> Self {
         let period_us = u64::from(period_us);
         Self {
@@ -69,8 +69,8 @@ impl Pace {
         self.now_us() >= self.watch.due_us().saturating_add(self.period_us / 2)
     }
 
-    /// Notes a beat; returns the periods that went by without one.
-    fn beat(&mut self) -> u32 {
+    /// Notes a tick; returns the periods that went by without one.
+    fn tick(&mut self) -> u32 {
         let now_us = self.now_us();
         let missed = self.watch.record(now_us);
         self.watch = PeriodWatch::new(self.period_us, now_us);
@@ -89,16 +89,16 @@ impl TcpDrive {
             TcpError::Silent { peer, seconds, .. } => TcpError::NotADrive { peer, seconds },
             other => other,
         })?;
-        let pace = if hello.lock_step {
+        let schedule = if hello.lock_step {
             wire.patience(Some(ANSWER))?;
             None
         } else {
-            Some(Pace::new(hello.period_us))
+            Some(Schedule::new(hello.period_us))
         };
         Ok(Self {
             wire,
             hello,
-            pace,
+            schedule,
             heard: false,
             missed: 0,
         })
@@ -113,24 +113,26 @@ impl TcpDrive {
             *state = self.state()?;
             self.heard = true;
             self.wire.never_wait()?;
-            // The beats begin with the first state.
-            self.pace = Some(Pace::new(self.hello.period_us));
+            // The ticks begin with the first state.
+            self.schedule = Some(Schedule::new(self.hello.period_us));
             return Ok(());
         }
-        let Some(pace) = &mut self.pace else { return Ok(()) };
-        std::thread::sleep(pace.until_early());
+        let Some(schedule) = &mut self.schedule else {
+            return Ok(());
+        };
+        std::thread::sleep(schedule.until_early());
         let mut fresh = false;
         loop {
             while let Some((_, newer)) = self.wire.expect("a drive state")? {
                 *state = newer;
                 fresh = true;
             }
-            if fresh || pace.is_late() {
+            if fresh || schedule.is_late() {
                 break;
             }
             std::thread::sleep(LOOK);
         }
-        self.missed = pace.beat();
+        self.missed = schedule.tick();
         Ok(())
     }
 }
@@ -145,7 +147,7 @@ impl Drive for TcpDrive {
             let time_us = command.tick.wrapping_mul(u64::from(self.hello.period_us));
             self.wire.send(command, time_us)?;
         }
-        if self.pace.is_some() {
+        if self.schedule.is_some() {
             self.newest(state)?;
         } else {
             *state = self

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   spherecal run ──[host link]──▶ controller_server ──[drive link]──▶ serve_drive (plant, simulator, gateway)
-//!        Remote                     TcpDrive ─ Cell
+//!        Remote                     TcpDrive ─ LocalDevice
 //! ```
 //!
 //! The side that is listened at is the one nearer to the arm. The drive link

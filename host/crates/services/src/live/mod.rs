@@ -62,7 +62,7 @@ pub struct Frame {
     pub sphere: u32,
     /// Poses recorded or given up.
     pub done: usize,
-    /// Poses of the tour.
+    /// Poses that the plan records.
     pub poses: usize,
     /// Contacts so far.
     pub contacts: usize,

@@ -2,7 +2,7 @@
 //!
 //! Vocabulary: an [`InjectedFault`] is one thing that goes wrong; a [`When`] says when
 //! it begins, by tick, by phase or by chance; an [`Entry`] is both with a
-//! duration; a [`Plan`] is the list of a TOML file, with the seed of whatever is
+//! duration; a [`FaultPlan`] is the list of a TOML file, with the seed of whatever is
 //! drawn. [`PRESETS`] has one plan for each fault.
 //!
 //! ```text
@@ -12,7 +12,7 @@
 //!                 └─ HostFaults ────────▶ journal            the host's own computer
 //! ```
 //!
-//! The device stands where [`Cell`](spherecal_link::Cell) stands and does the same
+//! The device stands where [`LocalDevice`](spherecal_link::LocalDevice) stands and does the same
 //! when nothing is due. It knows the controller's phase from the host link's
 //! bytes, as any listener may, so the same plan works in-process, in QEMU and
 //! with a drive behind a socket; faults of the arm itself want the simulated one.
@@ -28,5 +28,5 @@ mod scheduler;
 pub use fault::{InjectedFault, Status};
 pub use faulty_cell::{FaultyCell, FaultyCellError, FaultyDrive, Happened, HostKilled, Restart};
 pub use host_faults::{FileLock, HostFaultJournal, HostFaults};
-pub use plan::{Entry, InjectError, Plan, When};
+pub use plan::{Entry, FaultPlan, InjectError, When};
 pub use presets::{PRESETS, Preset, preset, table};
