@@ -209,7 +209,7 @@ impl Accumulator {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::protocol::drive::{DriveCommand, DriveState, DriveStatus};
+    use crate::protocol::drive::{DriveState, DriveStatus};
     use crate::protocol::host::Command;
     use crate::protocol::host::Downlink;
     use proptest::prelude::*;

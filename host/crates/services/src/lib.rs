@@ -24,6 +24,8 @@ pub mod grpc;
 mod guard;
 pub mod live;
 mod offer;
+#[cfg(feature = "grpc")]
+mod serve;
 mod server;
 pub mod web;
 

@@ -153,4 +153,4 @@ async fn serve(
 }
 
 #[cfg(feature = "grpc")]
-use super::grpc::serve;
+use super::serve::serve;

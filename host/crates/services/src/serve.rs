@@ -13,15 +13,11 @@ use tonic::service::{InterceptorLayer, Routes, RoutesBuilder};
 use tonic::transport::server::TcpIncoming;
 use tonic::transport::{Identity, ServerTlsConfig};
 
-use super::live::{LiveService, MAX_LIVE};
-use super::proto::calibration_store_server::CalibrationStoreServer;
-use super::proto::laser_tracker_server::LaserTrackerServer;
-use super::proto::live_view_server::LiveViewServer;
-use super::proto::robot_controller_server::RobotControllerServer;
-use super::robot::RobotService;
-use super::store_server::StoreService;
-use super::tracker::TrackerService;
-use super::{DESCRIPTORS, MAX_MESSAGE};
+use crate::grpc::proto::calibration_store_server::CalibrationStoreServer;
+use crate::grpc::proto::laser_tracker_server::LaserTrackerServer;
+use crate::grpc::proto::live_view_server::LiveViewServer;
+use crate::grpc::proto::robot_controller_server::RobotControllerServer;
+use crate::grpc::{DESCRIPTORS, LiveService, MAX_LIVE, MAX_MESSAGE, RobotService, StoreService, TrackerService};
 use crate::offer::Offer;
 use crate::{Guard, ServiceError, web};
 
