@@ -27,12 +27,16 @@ const ORTHONORMAL: f64 = 1e-6;
 /// assert_eq!(pose.compose(&pose.inverse()), Pose::identity());
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(try_from = "Fields<T>", into = "Fields<T>")]
+#[cfg_attr(feature = "schema", schemars(bound = "T: Real + schemars::JsonSchema"))]
 #[serde(bound(serialize = "T: Real + Serialize", deserialize = "T: Real + Deserialize<'de>"))]
 pub struct Pose<T: Real = f64> {
     /// Rotation: its columns are the axes of frame B in frame A.
+    #[cfg_attr(feature = "schema", schemars(with = "[[f64; 3]; 3]"))]
     pub rotation: Matrix3<T>,
     /// Origin of frame B in frame A, in m.
+    #[cfg_attr(feature = "schema", schemars(with = "[f64; 3]"))]
     pub position: Vector3<T>,
 }
 
@@ -113,6 +117,7 @@ impl<T: Real> Default for Pose<T> {
 
 /// A pose as files have it.
 #[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 struct Fields<T> {
     rotation: [[T; 3]; 3],

@@ -1,6 +1,6 @@
-//! `summary.json`: the one document that other programs read, and the verdict.
+//! `summary.json`, the document for other programs, and the verdict.
 //!
-//! For one seed it is the same in every run but for the wall times.
+//! For one seed it is the same in every run, except the wall-clock times.
 
 use std::collections::BTreeMap;
 
@@ -36,14 +36,14 @@ pub struct LinkSummary {
     pub frames: u64,
     /// Frames whose checksum or shape was wrong.
     pub crc_errors: u64,
-    /// Frames missing by their numbers, the damaged among them.
+    /// Missing numbers of frames; damaged frames are included.
     pub lost: u64,
     /// Messages sent again.
     pub resent: u64,
     /// Messages that came again.
     pub duplicates: u64,
-    /// Commands that came after the time at which they were to start: none
-    /// means that the link changed no tick of what the arm did.
+    /// Commands that arrived after their start time. Zero means that the link changed no tick of
+    /// the arm.
     pub late: u64,
     /// What was done to frames on purpose.
     pub injected: Injected,
@@ -65,7 +65,7 @@ impl LinkSummary {
     }
 }
 
-/// What the data can tell.
+/// What the data can determine.
 #[derive(Clone, Debug, Serialize)]
 pub struct IdentifiabilitySummary {
     /// Columns analysed.
@@ -74,7 +74,7 @@ pub struct IdentifiabilitySummary {
     pub rank: usize,
     /// Condition number of what is left.
     pub condition: Option<f64>,
-    /// Parameters that others stand for.
+    /// Parameters whose effect others have too.
     pub redundant: Vec<String>,
     /// Why, in words.
     pub dependencies: Vec<String>,
@@ -93,7 +93,7 @@ pub struct ResidualSummary {
     pub outliers: usize,
 }
 
-/// One model's errors under the paper's protocol, and under the two others.
+/// One model's errors under the paper's alignment, and under the two others.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct ModelSummary {
     /// Base measured by arcs, as in the paper.
@@ -136,9 +136,9 @@ pub struct ContactSummary {
 pub struct Verdict {
     /// Exit code 0 instead of 3.
     pub trusted: bool,
-    /// Share of the nominal mean error that is gone.
+    /// Removed share of the nominal mean error.
     pub improvement: Option<f64>,
-    /// Why not, or what to keep in mind; most important first.
+    /// Why not, or what to keep in mind; the most important first.
     pub reasons: Vec<String>,
     /// What to do next.
     pub next: String,
@@ -165,7 +165,7 @@ pub struct Summary {
     pub wall_s: f64,
     /// Device time per time on the wall.
     pub real_time_factor: f64,
-    /// What the data can tell.
+    /// What the data can determine.
     pub identifiability: IdentifiabilitySummary,
     /// Every parameter of the sphere-calibrated model.
     pub parameters: Vec<ParameterEstimate>,
@@ -187,7 +187,7 @@ pub struct Summary {
     pub remarks: Vec<String>,
 }
 
-/// Sums up a run.
+/// Summarises a run.
 ///
 /// # Errors
 /// When a recording cannot be encoded for the hash.
@@ -264,8 +264,8 @@ pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> 
     })
 }
 
-/// SHA-256 over the recordings as they travel on the wire, in order: every bit
-/// of every statistic counts.
+/// SHA-256 over the recordings as they travel on the wire, in order. Every bit of every statistic
+/// counts.
 fn hash(recordings: &[Recording]) -> Result<String, JobError> {
     let mut hash = Sha256::new();
     for recording in recordings {
@@ -278,7 +278,7 @@ fn hash(recordings: &[Recording]) -> Result<String, JobError> {
     Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
 }
 
-/// A nest whose seat moved further than this under the test pull is doubtful, in m.
+/// A nest that moved farther than this under the test pull is not reliably seated, in m.
 const DOUBTFUL_SEAT_M: f64 = 1e-3;
 
 fn verdict(m: &Measurements, e: &Evaluation, validation: &ValidationSummary) -> Verdict {
@@ -298,12 +298,12 @@ fn verdict(m: &Measurements, e: &Evaluation, validation: &ValidationSummary) -> 
                 ));
             } else if s.max_mm >= n.max_mm {
                 against.push(format!(
-                    "the worst point is {:.3} mm off, {:.3} mm nominally",
+                    "the largest error is {:.3} mm, with the nominal model {:.3} mm",
                     s.max_mm, n.max_mm
                 ));
             }
         }
-        _ => mind.push("no laser tracker judged the result: only the fit itself speaks for it".to_owned()),
+        _ => mind.push("no laser tracker judged the result: only the residuals of the fit support it".to_owned()),
     }
     let lost = m.plan.recorded().saturating_sub(m.recordings.len());
     if lost > 0 {
@@ -312,7 +312,7 @@ fn verdict(m: &Measurements, e: &Evaluation, validation: &ValidationSummary) -> 
     let worst = m.couplings.iter().fold(0.0f64, |w, c| w.max(c.test_m));
     if worst > DOUBTFUL_SEAT_M {
         mind.push(format!(
-            "a nest moved by {:.2} mm under the test pull: look at its seat",
+            "a nest moved by {:.2} mm under the test pull: check its seat",
             worst * 1e3
         ));
     }
@@ -336,13 +336,16 @@ fn verdict(m: &Measurements, e: &Evaluation, validation: &ValidationSummary) -> 
         mind.push(format!("the data say nothing about {}", blind.join(", ")));
     }
     if !m.faults.is_empty() {
-        mind.push(format!("{} faults on the way, all recovered from", m.faults.len()));
+        mind.push(format!(
+            "{} faults during the run; it recovered from all of them",
+            m.faults.len()
+        ));
     }
     let trusted = against.is_empty();
     let next = if trusted {
-        "Load calibrated.urdf or calibrated.toml into your controller or planner; report.html says how good it is where."
+        "Load calibrated.urdf or calibrated.toml into your controller or planner; report.html shows its accuracy over the workspace."
     } else {
-        "Do not load this model: look at the residuals and faults in report.html, and measure again."
+        "Do not load this model: check the residuals and faults in report.html, and measure again."
     };
     against.append(&mut mind);
     Verdict {

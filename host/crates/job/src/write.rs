@@ -16,7 +16,7 @@ pub struct Files {
 }
 
 impl Files {
-    /// Writes one file and notes it.
+    /// Writes one file and adds it to the list.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -31,9 +31,9 @@ impl Files {
     }
 }
 
-/// Writes `summary.json`, `calibrated.toml`, `calibrated.urdf`, `kinematics.yaml`
-/// and `report.html` into `folder`; `traces` are the forces of the contacts,
-/// `created` says when the run was measured.
+/// Writes `summary.json`, `calibrated.toml`, `calibrated.urdf`, `kinematics.yaml` and `report.html`
+/// into `folder`. `traces` are the forces of the contacts; `created` is the date of the
+/// measurement.
 ///
 /// # Errors
 /// A folder or file that cannot be written.
@@ -77,7 +77,7 @@ pub fn write(
     Ok(files)
 }
 
-/// What a calibrated file says of its origin.
+/// The origin stated in a calibrated file.
 fn notes(m: &Measurements, summary: &Summary) -> Vec<String> {
     let mut notes = vec![format!(
         "{}, calibrated by spherecal {} from {} recordings on {} spheres (seed {}, link {})",
@@ -93,7 +93,7 @@ fn notes(m: &Measurements, summary: &Summary) -> Vec<String> {
         summary.validation.models.get("sphere"),
     ) {
         notes.push(format!(
-            "mean error {:.3} mm, nominally {:.3} mm, on {} laser measurements; {}",
+            "mean error {:.3} mm, with the nominal model {:.3} mm, on {} laser measurements; {}",
             sphere.arcs.mean_mm,
             nominal.arcs.mean_mm,
             summary.validation.n,

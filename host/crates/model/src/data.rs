@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::{Pose, Robot, Tool};
 
-use crate::DataError;
+use crate::{CalibrationPlate, DataError};
 
 /// What an observation may be used for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -217,14 +217,5 @@ fn check_sphere(sphere: &Sphere) -> Result<(), DataError> {
 
 /// Table 1 of the paper: three 50.8 mm spheres, ±2.7 µm at 95 %.
 pub fn paper_plate() -> Vec<Sphere> {
-    let sigma_m = 2.7e-6 / 1.96;
-    [[0.0, 0.0, 0.0], [0.300_009, 0.0, 0.0], [0.150_049, 0.260_051, 0.0]]
-        .into_iter()
-        .zip(1..)
-        .map(|(position_m, id)| Sphere {
-            id,
-            position_m,
-            sigma_m,
-        })
-        .collect()
+    CalibrationPlate::default().certificate()
 }

@@ -1,4 +1,4 @@
-//! The handshake: checks who is at the other end.
+//! Handshakes: first contact with the controller, and repeats.
 
 use spherecal_shared::protocol::host::{Banner, Command, Phase};
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
@@ -16,14 +16,14 @@ impl Session<'_> {
         let session = self.endpoint.next_session();
         self.journal.handshake(session)?;
         if let Err(error) = self.order("answer the handshake", Command::Hello) {
-            // A controller that does not understand the handshake may still say why.
+            // A controller that does not understand the handshake may still state why.
             return match (self.check_identity(joints), error) {
                 (Err(why), CampaignError::Timeout { .. }) => Err(why),
                 (_, error) => Err(error),
             };
         }
         let Waited::Got(banner) = self.wait("send its banner", ANSWER_S, |s| s.banner.clone())? else {
-            // A controller that was left in a fault says so before its banner.
+            // A controller that was left in a fault reports the fault before its banner.
             return self.check_identity(joints);
         };
         check_banner(&banner, joints)
@@ -44,14 +44,14 @@ impl Session<'_> {
         }
     }
 
-    /// Repeats the handshake with a controller that fell silent or was reset, until it
-    /// answers or [`HANDSHAKE_S`] have passed.
+    /// Repeats the handshake with a controller that fell silent or was reset, for as long as the
+    /// limit allows.
     pub(crate) fn repeat_handshake(&mut self, joints: usize) -> Result<(), CampaignError> {
         let start = self.now_us();
         self.inbox.clear();
         self.banner = None;
         self.pending_fault = None;
-        // Its clock may begin anew.
+        // Its clock may have restarted.
         self.phase = Phase::Idle;
         self.changed_us = 0;
         self.in_handshake = true;

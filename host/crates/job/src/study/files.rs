@@ -28,7 +28,7 @@ fn notes(study: &Study) -> Vec<String> {
             study.calibration.model
         ),
         format!(
-            "mean error {:.3} mm, nominally {:.3} mm, over {} samples ({}); {}",
+            "mean error {:.3} mm, with the nominal model {:.3} mm, over {} samples ({}); {}",
             calibrated.mean_mm,
             nominal.mean_mm,
             calibrated.n,
@@ -47,7 +47,7 @@ fn notes(study: &Study) -> Vec<String> {
     ]
 }
 
-/// The effects that a bare table cannot hold, for the TOML.
+/// The effects that a table alone cannot contain, for the TOML file.
 fn effects_toml(study: &Study) -> String {
     let c = &study.calibration;
     let list = |values: &[f64]| {
@@ -59,7 +59,7 @@ fn effects_toml(study: &Study) -> String {
         format!("[{}]", words.join(", "))
     };
     let mut out = String::from(
-        "\n# What the table alone cannot hold: q_joint = q - compliance tau + sum cos/sin harmonics.\n[calibration]\n",
+        "\n# Effects outside the table: q_joint = q - compliance tau + sum cos/sin harmonics.\n[calibration]\n",
     );
     let _ = writeln!(out, "method = \"{}\"", c.method);
     let _ = writeln!(out, "model = \"{}\"", c.model);
@@ -80,8 +80,8 @@ fn calibrated(study: &Study) -> RobotModel {
     model
 }
 
-/// Writes a result into a directory, which is made where it does not exist;
-/// `report` is the HTML of the report.
+/// Writes a result into a directory, which is created if it is missing. `report` is the HTML of the
+/// report.
 ///
 /// # Errors
 /// A directory or file that cannot be written.

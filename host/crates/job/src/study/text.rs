@@ -58,7 +58,7 @@ pub fn summary_text(study: &Study) -> String {
     let v = &study.verdict;
     let _ = writeln!(
         out,
-        "{}: mean error {:.3} mm, nominally {:.3} mm ({} {:.0} %). {}",
+        "{}: mean error {:.3} mm, with the nominal model {:.3} mm ({} {:.0} %). {}",
         study.loaded.model.robot.name,
         calibrated.mean_mm,
         nominal.mean_mm,

@@ -1,10 +1,9 @@
-//! The paper's study anew, on one robot's recordings: Tables 1 to 6 and Figures
-//! 5 and 10 to 12 beside the published numbers, its redundancy analysis, the
-//! frozen simplex of its Table 6, and what better estimators make of the very
-//! same recordings.
+//! Repeats the paper's study on one robot's recordings: Tables 1 to 6 and Figures 5 and 10 to 12
+//! beside the published numbers, its redundancy analysis, the frozen simplex of its Table 6, and
+//! the results of better estimators on the same recordings.
 //!
-//! Works on plain data ([`Recordings`]): they may come from a stored campaign or from
-//! a synthetic world ([`Trial`]).
+//! Works on plain data ([`Recordings`]) from a stored campaign or from a synthetic world
+//! ([`Trial`]).
 //!
 //! ```text
 //! Recordings ─ reproduce ─▶ Reproduction ─ write ─▶ reproduce.txt · reproduce.json · figure_*.svg
@@ -42,7 +41,7 @@ pub const SPHERE_OPTIMUM: &str = "sphere, optimum";
 pub const LASER_OPTIMUM: &str = "laser, optimum";
 /// The structured estimator on the same contacts.
 pub const SPHERE_MAP: &str = "sphere, map";
-/// The structured estimator on the same laser points.
+/// The full model on the same laser points.
 pub const LASER_MAP: &str = "laser, map";
 
 /// What one robot recorded; SI units.
@@ -50,19 +49,19 @@ pub const LASER_MAP: &str = "laser, map";
 pub struct Recordings {
     /// Contacts: nominal robot and tool, certificate, observations.
     pub spheres: Experiment,
-    /// Laser points to calibrate by: nominal robot and tool.
+    /// Laser points for the calibration: nominal robot and tool.
     pub laser: Experiment,
     /// Arcs of joints 1 and 2.
     pub base_arcs: Vec<MeasuredArc>,
     /// Arcs of the last three joints.
     pub tool_arcs: Vec<MeasuredArc>,
-    /// Base and tool where they were measured otherwise; from the arcs if none.
+    /// Base and tool if they were measured in another way; otherwise they come from the arcs.
     pub frames: Option<MeasuredFrames>,
     /// Validation measurements.
     pub validation: Vec<Measured>,
     /// Force on the tool during one contact (Figure 5): time in s, force in N.
     pub contact_force: Vec<(f64, f64)>,
-    /// Seed of what is drawn: the 300 poses, the mini-batches.
+    /// Seed of the random choices: the 300 poses, the mini-batches.
     pub seed: u64,
 }
 
@@ -96,15 +95,15 @@ pub struct Reproduction {
     pub redundancy: Redundancy,
     /// The paper's run on the spheres.
     pub simplex: Run,
-    /// How many of the parameters that start at zero show Table 6's frozen value.
+    /// How many of the parameters that start at zero end at Table 6's frozen value.
     pub frozen: usize,
-    /// The fitness at the simplex's end, over its optimum.
+    /// The fitness at the simplex's end, divided by the optimum.
     pub simplex_over_optimum: f64,
-    /// The fitness at the end of the simplex with steps of prior size, over its optimum.
+    /// The fitness at the end of the simplex with steps of prior size, divided by the optimum.
     pub scaled_over_optimum: f64,
-    /// What follows, in words.
+    /// Conclusions, in words.
     pub findings: Vec<String>,
-    /// TCPs of the laser calibration and validation in F0, in m (Figure 10).
+    /// TCPs of the laser calibration and of the validation in F0, in m (Figure 10).
     pub points_m: [Vec<[f64; 3]>; 2],
     /// Force during a contact (Figure 5): s, N.
     pub contact_force: Vec<(f64, f64)>,
@@ -137,7 +136,7 @@ pub enum ReproduceError {
     },
 }
 
-/// Makes the paper's study from recordings.
+/// Repeats the paper's study on recordings.
 ///
 /// # Errors
 /// Data that an estimator, the arcs or the validation refuse.
@@ -161,7 +160,7 @@ pub fn reproduce(recordings: &Recordings) -> Result<Reproduction, ReproduceError
         ..Options::default()
     };
 
-    // The paper's two calibrations, and the optima of their fitness.
+    // The paper's two calibrations, and the optimum of the fitness of each.
     let procedure = Procedure::default();
     let simplex_options = Options {
         method: Method::NelderMead,
@@ -256,8 +255,8 @@ fn predict(calibration: &Calibration, measured: &[Measured]) -> Vec<[f64; 3]> {
 }
 
 impl Reproduction {
-    /// Writes text, JSON and figures into a folder, which is made if it is not
-    /// there; returns the files.
+    /// Writes text, JSON and figures into a folder, which is created if it is missing. Returns the
+    /// files.
     ///
     /// # Errors
     /// A folder or file that cannot be written.

@@ -6,8 +6,8 @@ use spherecal_shared::robot::{Tool, iiwa7};
 
 use super::record::{Trial, WorldError};
 use spherecal_identify::validate::{Prediction, ValidationTable, validate};
-use spherecal_identify::{Calibration, IdentifyError, Method, Model, Noise, Options, Override, Pose, identify, paper};
-use spherecal_sim::worlds::{Recipe, World};
+use spherecal_identify::{Calibration, IdentifyError, Method, Options, Override, Pose, identify, paper};
+use spherecal_sim::worlds::World;
 
 /// An estimator on one kind of data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -21,15 +21,15 @@ pub enum Estimator {
     GaussNewton,
     /// Spheres: geometry with priors.
     Geometry,
-    /// Spheres: geometry, compliance and two harmonics: the right model in W0.
+    /// Spheres: geometry, compliance and two harmonics: the true model in W0.
     TwoHarmonics,
     /// Spheres: robust and structured, the default.
     Map,
-    /// Laser: Gauss-Newton with arc-measured base and tool, as the paper's.
+    /// Laser: Gauss-Newton with arc-measured base and tool, as in the paper.
     LaserGeometry,
     /// Laser: the structured estimator.
     LaserMap,
-    /// Spheres: least squares with the very priors that the world draws from.
+    /// Spheres: least squares with the same priors from which the world is drawn.
     Bound,
 }
 
@@ -69,80 +69,26 @@ impl std::fmt::Display for Estimator {
     }
 }
 
-/// Options of the oracle: the model, priors and noise that the world was drawn
-/// from. `None` for W4, which no such model describes.
-pub fn bound_options(world: World, recipe: &Recipe, geometry_scale: f64) -> Option<Options> {
-    if matches!(world, World::W4 | World::W4Bad) {
+/// Options of the bound: the model, priors and noise that the trial's robot was drawn from. `None` for W4, which no
+/// such model describes.
+fn bound_options(trial: &Trial) -> Option<Options> {
+    if matches!(trial.world, World::W4 | World::W4Bad) {
         return None;
     }
-    let mut options = Options {
-        method: Method::Map,
-        model: Model::Full,
-        harmonics: if recipe.higher_harmonics_rad > 0.0 { 8 } else { 2 },
-        student_t: 0.0,
-        noise: Noise {
-            joint_rad: recipe.white_rad.hypot(recipe.encoder_rad),
-            seating_m: recipe.seating_m,
-            point_m: recipe.tracker_m,
-            estimate: false,
-            inflation: 1.0,
-        },
-        ..Options::default()
-    };
-    let parameters = &mut options.parameters.0;
-    let mut prior = |name: String, nominal: Option<f64>, sigma: f64| {
-        let set = Override {
-            nominal,
-            prior_sigma: Some(sigma),
-            free: None,
-        };
-        parameters.insert(name, set);
-    };
-    prior("a".into(), None, recipe.length_m * geometry_scale);
-    prior("d".into(), None, recipe.length_m * geometry_scale);
-    prior("alpha".into(), None, recipe.alpha_rad * geometry_scale);
-    prior("theta".into(), None, recipe.theta_rad * geometry_scale);
-    prior(
-        "tool".into(),
-        None,
-        recipe.tool_m.hypot(recipe.length_m * geometry_scale),
-    );
-    // U(0.7, 1.3) about its mean.
-    let spread = 0.3 / 3f64.sqrt();
-    prior("compliance".into(), Some(recipe.compliance), recipe.compliance * spread);
-    if recipe.bending > 0.0 {
-        prior("bending".into(), None, recipe.bending);
-        prior("tilt".into(), None, recipe.tilt);
-    }
-    for joint in 1..=iiwa7().dof() {
-        for order in 1..=options.harmonics {
-            let sigma = match recipe.harmonics_rad.get(order - 1) {
-                Some(h) => h / 2f64.sqrt(),
-                None => recipe.higher_harmonics_rad / 6f64.sqrt(),
-            };
-            for part in ["cos", "sin"] {
-                prior(format!("harmonic{joint}_{part}{order}"), None, sigma);
-            }
-        }
-    }
-    if recipe.bending == 0.0 {
-        for name in ["bending", "tilt"] {
-            let fixed = Override {
-                free: Some(false),
-                ..Override::default()
-            };
-            options.parameters.0.insert(name.to_owned(), fixed);
-        }
-    }
-    Some(options)
+    let mut plant = trial.plant.clone();
+    // The drawn geometry was rescaled, so its law was.
+    plant.geometry.length_sigma_m *= trial.truth.geometry_scale;
+    plant.geometry.alpha_sigma_rad *= trial.truth.geometry_scale;
+    plant.geometry.theta_sigma_rad *= trial.truth.geometry_scale;
+    Some(spherecal_job::bound_options(&plant, iiwa7().dof()))
 }
 
-/// Runs the estimators on a trial and judges them on its validation
-/// measurements. Those without a meaning in the trial's world are left out.
+/// Runs the estimators on a trial and judges them on its validation measurements. Leaves out
+/// estimators that are not defined in the trial's world.
 ///
 /// # Errors
 /// An estimator that fails on this data.
-pub fn judge(trial: &Trial, recipe: &Recipe, estimators: &[Estimator]) -> Result<ValidationTable, WorldError> {
+pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable, WorldError> {
     let failed = |estimator: Estimator, reason: String| WorldError::Estimator {
         world: trial.world,
         seed: trial.seed,
@@ -151,7 +97,7 @@ pub fn judge(trial: &Trial, recipe: &Recipe, estimators: &[Estimator]) -> Result
     };
     let mut models = Vec::new();
     for &estimator in estimators {
-        let prediction = predict(trial, recipe, estimator).map_err(|e| failed(estimator, e.to_string()))?;
+        let prediction = predict(trial, estimator).map_err(|e| failed(estimator, e.to_string()))?;
         models.extend(prediction);
     }
     let measured: Vec<_> = trial.validation.iter().map(|m| m.point_m).collect();
@@ -160,7 +106,7 @@ pub fn judge(trial: &Trial, recipe: &Recipe, estimators: &[Estimator]) -> Result
 }
 
 /// What an estimator predicts for the validation configurations.
-fn predict(trial: &Trial, recipe: &Recipe, estimator: Estimator) -> Result<Option<Prediction>, IdentifyError> {
+fn predict(trial: &Trial, estimator: Estimator) -> Result<Option<Prediction>, IdentifyError> {
     let measured_tool = Tool {
         tcp_m: trial.frames.tool_m,
         ..trial.spheres.tool
@@ -237,7 +183,7 @@ fn predict(trial: &Trial, recipe: &Recipe, estimator: Estimator) -> Result<Optio
             (identify(&experiment, &options)?, true)
         }
         Estimator::LaserMap => (identify(&trial.laser, &plain)?, true),
-        Estimator::Bound => match bound_options(trial.world, recipe, trial.truth.geometry_scale) {
+        Estimator::Bound => match bound_options(trial) {
             Some(options) => (identify(&trial.spheres, &options)?, false),
             None => return Ok(None),
         },
@@ -245,8 +191,8 @@ fn predict(trial: &Trial, recipe: &Recipe, estimator: Estimator) -> Result<Optio
     Ok(Some(prediction(trial, estimator.name(), &calibration, laser)))
 }
 
-/// Predictions of a calibration; its own base is that in the tracker frame, for
-/// sphere data through the plate as the tracker sees it.
+/// Predictions of a calibration. Its own base is that in the tracker frame; for sphere data the
+/// plate, as the tracker measures it, gives the base.
 fn prediction(trial: &Trial, name: &str, calibration: &Calibration, laser: bool) -> Prediction {
     let points = trial
         .validation

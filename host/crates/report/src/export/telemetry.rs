@@ -11,7 +11,7 @@ use super::{ExportError, Format, Table, TableFile};
 /// Rows held in memory: one row group of the file.
 const ROWS: usize = 1 << 16;
 
-/// Writes the table; `None` where the file has no samples.
+/// Writes the table; returns `None` if the file has no samples.
 pub(super) fn export(path: &Path, format: Format, folder: &Path) -> Result<Option<PathBuf>, ExportError> {
     let unreadable = |what: String| ExportError::Telemetry {
         path: path.display().to_string(),
