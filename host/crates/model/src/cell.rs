@@ -65,7 +65,8 @@ pub struct Placement {
 }
 
 impl Default for Placement {
-    /// The centroid of the default plate's spheres at (470, 0, 320) mm, yaw 150 degrees (reach study of `plant.md`).
+    /// The centroid of the default plate's spheres at (470, 0, 320) mm, yaw 150 degrees (reach study of
+    /// `docs/design/plant.md`).
     fn default() -> Self {
         let yaw = 150.0_f64.to_radians();
         let (cx, cy) = ((0.300_009 + 0.150_049) / 3.0, 0.260_051 / 3.0);

@@ -84,20 +84,20 @@ pub struct PlateConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct NestConfig {
-    /// Normal stiffness of a pad, in N/m. Default 1e6 (`plant.md`: 1e7 needs a 0.1 ms step).
+    /// Normal stiffness of a pad, in N/m. Default 1e6 (`docs/design/plant.md`: 1e7 needs a 0.1 ms step).
     pub stiffness_n_m: f64,
-    /// Normal damping of a pad, in N s/m. Default 1e3 (`plant.md`).
+    /// Normal damping of a pad, in N s/m. Default 1e3 (`docs/design/plant.md`).
     pub damping_n_s_m: f64,
-    /// Friction coefficient, steel on steel with oil. Default 0.15 (`plant.md`).
+    /// Friction coefficient, steel on steel with oil. Default 0.15 (`docs/design/plant.md`).
     pub friction: f64,
     /// Speed under which friction is viscous, in m/s: it creeps under load.
-    /// Default 1 mm/s (`plant.md`).
+    /// Default 1 mm/s (`docs/design/plant.md`).
     pub friction_speed_m_s: f64,
     /// Whether there is a magnet.
     pub magnet: bool,
     /// Pull of the magnet on a seated sphere, in N. Default 26.5: 2.7 kg (Section 2.2).
     pub magnet_n: f64,
-    /// Gap at which the pull is a quarter, in m: `F = F0 / (1 + gap/scale)²`. Default 1 mm (`plant.md`).
+    /// Gap at which the pull is a quarter, in m: `F = F0 / (1 + gap/scale)²`. Default 1 mm (`docs/design/plant.md`).
     pub magnet_scale_m: f64,
     /// Gap beyond which there is no pull, in m. Default 50 mm, where 0.01 N is left.
     pub magnet_range_m: f64,
@@ -109,7 +109,7 @@ pub struct NestConfig {
     /// Whether the sphere seats differently each time.
     pub seating_error: bool,
     /// Standard deviation of the seat of each coupling, each axis, in m.
-    /// Default 1.5 µm (`plant.md`: 1-3 µm).
+    /// Default 1.5 µm (`docs/design/plant.md`: 1-3 µm).
     pub seating_sigma_m: f64,
     /// Share of the couplings that are bad: dirt between ball and pads, a ball that is not pressed home, a stand that
     /// gives. Default 0.
@@ -132,7 +132,7 @@ pub struct NestConfig {
 pub struct GeometryConfig {
     /// Switch.
     pub enabled: bool,
-    /// Standard deviation of `a` and `d`, in m. Default 0.20 mm (`identification.md`, worlds).
+    /// Standard deviation of `a` and `d`, in m. Default 0.20 mm (`docs/design/identification.md`, worlds).
     pub length_sigma_m: f64,
     /// Standard deviation of `alpha`, in rad. Default 0.5 mrad (the same).
     pub alpha_sigma_rad: f64,
@@ -159,7 +159,7 @@ pub struct GeometryConfig {
 pub struct ToolConfig {
     /// Switch.
     pub enabled: bool,
-    /// Standard deviation of each TCP coordinate, in m. Default 1 mm (`identification.md`, worlds).
+    /// Standard deviation of each TCP coordinate, in m. Default 1 mm (`docs/design/identification.md`, worlds).
     pub tcp_sigma_m: f64,
 }
 
@@ -172,7 +172,7 @@ pub struct ComplianceConfig {
     pub enabled: bool,
     /// Joint compliance between encoder and link, in rad/(N m): the link is
     /// behind the encoder by `c tau`. Default 3e-6: world W0. (A real iiwa 7 showed 6e-5 where the encoder is on the motor
-    /// side; `identification.md`.)
+    /// side; `docs/design/identification.md`.)
     pub joint_rad_per_nm: f64,
     /// Spread between joints: each is drawn from `joint · U(1−s, 1+s)`. Default 0.3 (W0).
     pub spread: f64,
@@ -242,11 +242,11 @@ pub struct EncoderConfig {
 pub struct SensorConfig {
     /// Switch of noise and quantisation (bias and filters have their own fields).
     pub noise: bool,
-    /// White noise of an angle sample, in rad. Default 1e-5: averages to 3e-7 over 1 s (`control.md`).
+    /// White noise of an angle sample, in rad. Default 1e-5: averages to 3e-7 over 1 s (`docs/design/control.md`).
     pub angle_white_rad: f64,
     /// Correlated noise of the angle, standard deviation, in rad. Default 4e-6: averages to about 1.3e-6.
     pub angle_correlated_rad: f64,
-    /// Correlation time of that noise, in s. Default 50 ms (`control.md`).
+    /// Correlation time of that noise, in s. Default 50 ms (`docs/design/control.md`).
     pub angle_correlation_s: f64,
     /// Step of the angle, in rad; 0: none. Default 2π/2^22: a 22 bit encoder, assumed.
     pub angle_step_rad: f64,
@@ -263,7 +263,7 @@ pub struct SensorConfig {
     /// Step of the torque, in N m; 0: none. Default 0.005: 16 bits over that range.
     pub torque_step_nm: f64,
     /// Standard deviation of the torque sensors' bias as a share of the joint's
-    /// torque limit. Default 0.0005; 0.005 is the "0.5 % of range" of `control.md`.
+    /// torque limit. Default 0.0005; 0.005 is the "0.5 % of range" of `docs/design/control.md`.
     pub torque_bias_share: f64,
 }
 
@@ -314,7 +314,7 @@ pub struct ElasticityConfig {
     /// Switch.
     pub enabled: bool,
     /// Stiffness of every joint, in N m/rad. Default 16,000 (6e-5 rad/(N m), the real iiwa 7 of
-    /// `identification.md`). 0: the inverse of each joint's own compliance.
+    /// `docs/design/identification.md`). 0: the inverse of each joint's own compliance.
     pub stiffness_nm_rad: f64,
     /// Damping of the spring, in N m s/rad. Default 20: 8 % of critical with 1 kg m² behind it.
     pub damping_nm_s: f64,

@@ -1,5 +1,5 @@
 //! Presets of the error sources: `ideal`, `typical`, `harsh`, `as_measured` (world W5), and the worlds
-//! `w0` to `w4` of `identification.md` (their static errors on an otherwise ideal arm).
+//! `w0` to `w4` of `docs/design/identification.md` (their static errors on an otherwise ideal arm).
 
 use core::f64::consts::PI;
 

@@ -7,7 +7,7 @@
 //! Between the sessions of Section 4.3 of the paper people touch things: the
 //! reflector is put back into its holder, the tracker is stationed anew. That
 //! is what leaves the paper's laser-calibrated model its floor
-//! (`identification.md`, world W1), so it is an error source of its own.
+//! (`docs/design/identification.md`, world W1), so it is an error source of its own.
 
 use nalgebra::Vector3;
 use spherecal_model::TrackerSession;
