@@ -13,7 +13,7 @@ use super::live_output::LiveOutput;
 use super::out::{err, out, outln};
 use super::progress::ProgressView;
 use super::text;
-use spherecal_campaign::telemetry::{TelemetryRecorder, Trace};
+use spherecal_campaign::telemetry::{ContactTrace, TelemetryRecorder};
 use spherecal_campaign::{Moved, Observer, Progress};
 use spherecal_job::open_store;
 use spherecal_job::{self as job, JobError, Link, Measurements, Prepared, Site, Summary};
@@ -151,7 +151,7 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
 pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
     features::check_run(args)?;
     let interrupt = interrupt()?;
-    let inject = args.inject.as_deref().map(inject::Plan::load).transpose()?;
+    let inject = args.inject.as_deref().map(inject::FaultPlan::load).transpose()?;
     let (mut store, prepared, resume) = if args.resume {
         resumed(args)?
     } else {
@@ -208,11 +208,11 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
 
 /// Stores the force traces of a session's contacts, also after an interruption, because --resume
 /// may continue the run.
-fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<Trace>) -> Result<(), CliError> {
+fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<ContactTrace>) -> Result<(), CliError> {
     if let Some(info) = store.last_run()? {
         let mut all = job::contact_traces(store, info.run)?;
         // A run that was repeated from its start delivers all traces again.
-        let again = |old: &Trace| {
+        let again = |old: &ContactTrace| {
             traces
                 .iter()
                 .any(|new| (new.sphere, new.trigger_s) == (old.sphere, old.trigger_s))

@@ -248,7 +248,7 @@ impl DistanceProblem {
     fn error(&self, tcp_mm: &Vector3<f64>, observation: &Prepared) -> Vector3<f64> {
         let turned = self.base.rotation * tcp_mm - observation.target * MM;
         if self.absolute {
-            turned + self.base.translation_m * MM
+            turned + self.base.position * MM
         } else {
             turned
         }

@@ -44,7 +44,7 @@ pub use identifiability::{Identifiability, Observability};
 pub use options::{Method, Model, Noise, Options, Pairs, Torque, UnknownName};
 pub use parameters::{Kind, Override, Overrides, Reference, Unit};
 pub use rows::DesignModel;
-pub use spherecal_model::{DataError, Experiment, Observation, Pose, Set, Sphere, Target, paper_plate};
+pub use spherecal_model::{DataError, Experiment, Observation, Pose, Set, Sphere, Target, fit_pose, paper_plate};
 
 /// Identifies a robot from an experiment's calibration set.
 ///

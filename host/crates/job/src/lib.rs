@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   Config ─▶ prepare ─▶ measure ───────────────▶ evaluate ─▶ write
-//!            plan, tour  campaign, laser shots    identify,    summary.json,
+//!            plan        campaign, laser shots    identify,    summary.json,
 //!                        (into the store)         validate     calibrated.*, …
 //! ```
 //!
@@ -40,7 +40,7 @@ pub use link::{Link, UnknownLink, device};
 pub use link_record::LinkRecord;
 pub use measure::{Measured, Site, create_run, measure, read};
 pub use open::open_store;
-pub use prepare::{Prepared, prepare, simulated_drive, tour};
+pub use prepare::{Prepared, prepare, simulated_drive};
 pub use run_report::run_report;
 pub use stored::{StoredReport, contact_traces, put_contact_traces, stored_report};
 pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, Verdict, summarise};

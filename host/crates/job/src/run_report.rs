@@ -1,12 +1,11 @@
 //! The report of a run: calibrated from sphere contacts, judged by laser measurements.
 
 use crate::{Evaluation, Measurements, Summary};
-use spherecal_campaign::telemetry::Trace;
+use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::validate::{Alignment, ValidationTable};
 use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
 use spherecal_report::{
-    ContactTrace, ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint,
-    WorkspacePoint,
+    ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
 };
 
 mod tables;
@@ -15,7 +14,13 @@ use tables::{contacts, health, provenance, seating};
 
 /// The report of a run. `traces` are the forces of its contacts; `created` is the date of the
 /// measurement.
-pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace], created: &str) -> ReportInput {
+pub fn run_report(
+    m: &Measurements,
+    e: &Evaluation,
+    s: &Summary,
+    traces: &[ContactTrace],
+    created: &str,
+) -> ReportInput {
     ReportInput {
         title: format!("{}: calibration report", s.robot),
         subtitle: format!(
@@ -29,15 +34,8 @@ pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace
         error_tables: e.table.as_ref().map(error_tables).unwrap_or_default(),
         errors: e.table.as_ref().map(errors).unwrap_or_default(),
         workspace: e.table.as_ref().map(|t| workspace(e, t)).unwrap_or_default(),
-        contacts: traces
-            .iter()
-            .map(|t| ContactTrace {
-                title: format!("Sphere {}", t.sphere),
-                samples: t.samples.clone(),
-                trigger_s: Some(t.trigger_s),
-                threshold_n: m.config.procedure.approach.trigger_n,
-            })
-            .collect(),
+        contacts: traces.to_vec(),
+        contact_threshold_n: m.config.procedure.approach.trigger_n,
         triggers: triggers(m),
         stillness: Vec::new(),
         stillness_tables: Vec::new(),

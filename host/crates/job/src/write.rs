@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
-use spherecal_campaign::telemetry::Trace;
+use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_model::robots::{self, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf};
 use spherecal_report::render;
 
@@ -42,7 +42,7 @@ pub fn write(
     m: &Measurements,
     e: &Evaluation,
     summary: &Summary,
-    traces: &[Trace],
+    traces: &[ContactTrace],
     created: &str,
 ) -> Result<Files, JobError> {
     std::fs::create_dir_all(folder).map_err(|source| JobError::Write {

@@ -197,6 +197,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         errors,
         workspace: workspace(&study.validation),
         contacts: Vec::new(),
+        contact_threshold_n: 0.0,
         triggers: Vec::new(),
         stillness: Vec::new(),
         stillness_tables: Vec::new(),

@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Robot;
 
-use spherecal_model::Pose;
+use spherecal_model::fit_pose;
 use spherecal_model::halton::halton;
 
 use crate::time::{days, utc};
@@ -80,7 +80,7 @@ impl Fingerprint {
         }
         let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vector3::from(*p)).collect::<Vec<_>>();
         let (from, to) = (vectors(&self.points_m), vectors(&other.points_m));
-        let pose = Pose::fit(&from, &to)?;
+        let pose = fit_pose(&from, &to)?;
         let sum: f64 = from.iter().zip(&to).map(|(a, b)| (pose.point(a) - b).norm()).sum();
         Some(sum / from.len() as f64 * 1e3)
     }

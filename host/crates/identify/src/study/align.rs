@@ -17,9 +17,10 @@ use rand::RngExt as _;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use spherecal_model::fit_pose;
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{LinkTransform, Pose as Frame, Robot};
+use spherecal_shared::robot::{LinkTransform, Robot};
 
 use crate::{Experiment, Observation, Pose, Reference, Set, Sphere, Target};
 
@@ -74,11 +75,11 @@ impl Flange {
     }
 
     /// At joint angles `q` (rad).
-    pub(super) fn at(&self, q: &[f64]) -> Frame<f64> {
-        let mut frames = [Frame::identity(); MAX_JOINTS];
+    pub(super) fn at(&self, q: &[f64]) -> Pose<f64> {
+        let mut frames = [Pose::identity(); MAX_JOINTS];
         let count = self.0.len().min(q.len()).min(MAX_JOINTS);
         frames_into(&self.0, q, &mut frames[..count]);
-        count.checked_sub(1).map_or_else(Frame::identity, |last| frames[last])
+        count.checked_sub(1).map_or_else(Pose::identity, |last| frames[last])
     }
 }
 
@@ -139,7 +140,7 @@ impl Problem {
                 .collect();
             median(&mut d)
         };
-        let mut best = Pose::fit(&from, &onto).unwrap_or_default();
+        let mut best = fit_pose(&from, &onto).unwrap_or_default();
         let mut least = middle(&best);
         if own.len() >= 4 {
             for _ in 0..TRIPLETS {
@@ -147,7 +148,7 @@ impl Problem {
                 if pick[0] == pick[1] || pick[1] == pick[2] || pick[0] == pick[2] {
                     continue;
                 }
-                let Some(pose) = Pose::fit(&pick.map(|k| from[k]), &pick.map(|k| onto[k])) else {
+                let Some(pose) = fit_pose(&pick.map(|k| from[k]), &pick.map(|k| onto[k])) else {
                     continue;
                 };
                 let now = middle(&pose);
@@ -210,7 +211,7 @@ impl Problem {
                 let mut next = guess.clone();
                 for (f, pose) in next.frames.iter_mut().enumerate() {
                     let turn = Vector3::new(step[6 * f + 3], step[6 * f + 4], step[6 * f + 5]);
-                    pose.translation_m += Vector3::new(step[6 * f], step[6 * f + 1], step[6 * f + 2]);
+                    pose.position += Vector3::new(step[6 * f], step[6 * f + 1], step[6 * f + 2]);
                     pose.rotation = Rotation3::new(turn) * pose.rotation;
                 }
                 if self.free_tool {
@@ -249,7 +250,7 @@ pub(super) fn target_of(target: &Target, spheres: &[Sphere]) -> Vector3<f64> {
             let known = spheres.iter().find(|s| s.id == *sphere);
             known.map_or_else(Vector3::zeros, |s| Vector3::from(s.position_m))
         }
-        Target::Frame(pose) => pose.translation_m,
+        Target::Frame(pose) => pose.position,
         Target::Points(points) => points
             .iter()
             .flatten()

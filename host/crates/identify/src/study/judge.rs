@@ -14,6 +14,8 @@ use serde::Serialize;
 
 use super::align::target_of;
 use super::load::frame_of;
+use spherecal_model::fit_pose;
+
 use crate::{Observation, Pose, Reference, Sphere, Target};
 
 /// Statistics of distances, in mm.
@@ -147,7 +149,7 @@ impl Judged {
             }
             let from: Vec<_> = pairs.iter().map(|p| p.1).collect();
             let onto: Vec<_> = pairs.iter().map(|p| p.2).collect();
-            let Some(pose) = Pose::fit(&from, &onto) else { continue };
+            let Some(pose) = fit_pose(&from, &onto) else { continue };
             for (k, tcp, truth) in pairs {
                 if let Some(slot) = model.samples.get_mut(k) {
                     *slot = error(slot.index, &tcp, &(pose.point(&tcp) - truth));
@@ -243,7 +245,7 @@ fn judge_one(model: &Predictor<'_>, judges: &[Judge<'_>], spheres: &[Sphere], cl
         // A frame of its own: the best rigid fit of the rows themselves.
         let from: Vec<_> = own.iter().map(|l| l.1).collect();
         let onto: Vec<_> = own.iter().map(|l| l.2).collect();
-        let pose = Pose::fit(&from, &onto).unwrap_or_default();
+        let pose = fit_pose(&from, &onto).unwrap_or_default();
         for (index, tcp, truth) in own {
             out.samples.push(error(*index, tcp, &(pose.point(tcp) - truth)));
         }

@@ -99,7 +99,7 @@ pub fn summary_json(study: &Study) -> Value {
         .map(|f| {
             json!({
                 "frame": f.reference,
-                "base_xyz_m": f.base.translation_m.as_slice(),
+                "base_xyz_m": f.base.position.as_slice(),
                 "base_rpy_rad": spherecal_model::robots::frames::to_rpy(&f.base.rotation),
             })
         })

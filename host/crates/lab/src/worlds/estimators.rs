@@ -202,10 +202,10 @@ fn prediction(trial: &Trial, name: &str, calibration: &Calibration, laser: bool)
     let own = if laser {
         base
     } else {
-        let translation: Vector3<f64> = trial.plate.point(&base.translation_m);
+        let translation: Vector3<f64> = trial.plate.point(&base.position);
         Pose {
             rotation: trial.plate.rotation * base.rotation,
-            translation_m: translation,
+            position: translation,
         }
     };
     Prediction {
