@@ -257,6 +257,20 @@ impl Calibration {
         columns
     }
 
+    /// How the TCP in F0 depends on the free parameters at the configurations (three
+    /// rows each), and the covariance of those parameters: of all on which it depends.
+    pub(crate) fn spread_in_base(&self, configurations: &[Vec<f64>]) -> (DMatrix<f64>, DMatrix<f64>) {
+        let free = &self.inner.columns;
+        let mut columns = DMatrix::zeros(3 * configurations.len(), free.len());
+        for (k, q) in configurations.iter().enumerate() {
+            let own = self.prediction_columns(q, false).select_columns(free);
+            columns.rows_mut(3 * k, 3).copy_from(&own);
+        }
+        let moving: Vec<usize> = (0..free.len()).filter(|&c| columns.column(c).amax() > 0.0).collect();
+        let covariance = self.covariance.select_rows(&moving).select_columns(&moving);
+        (columns.select_columns(&moving), covariance)
+    }
+
     /// Names of the free parameters, in the order of [`Self::covariance`].
     pub fn free_names(&self) -> Vec<&str> {
         self.parameters

@@ -1,9 +1,13 @@
 //! Identification of a robot from plain data: joint angles, and where the TCP was.
 //!
-//! Knows no plant, no link and no database, so that it serves any robot's CSV.
-//! Data in: [`Experiment`]. Result out: [`Calibration`], by [`identify`].
+//! Knows no plant, no link and no database, so that it serves any robot's data.
+//! [`identify()`] fits one model to an [`Experiment`]. [`evaluate()`] does everything
+//! around it: alignment, gross errors, choice of the model, comparison, validation,
+//! and the verdict whether the result may be used.
 //!
 //! ```text
+//! files ─ study::load ─▶ Recordings ─ evaluate ─▶ Evaluation {Calibration, Verdict}
+//!
 //! Experiment ─ check ─ register ─ geometry ─ structured effects ─ Calibration
 //!              (data)  (chain)   (map · normal · solve)          (calibration)
 //! ```
@@ -19,6 +23,7 @@ mod choice;
 mod distance;
 mod effects;
 mod error;
+pub mod evaluate;
 mod holdout;
 pub mod identifiability;
 mod map;
@@ -28,23 +33,29 @@ mod options;
 pub mod paper;
 pub mod parameters;
 pub mod priors;
+mod recordings;
 mod rows;
 mod search;
 pub mod simplex;
 mod solve;
 pub mod study;
 pub mod validate;
+pub mod verdict;
 
 pub use calibration::{Calibration, FramePose, GroupFit, Outlier, ParameterEstimate, Residual, ResidualRow};
 pub use choice::{Refusal, choose_model};
 pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;
+pub use evaluate::{Estimator, EvaluateError, EvaluateOptions, Evaluation, evaluate};
 pub use holdout::{Holdout, Part, Split, holdout, possible_splits};
 pub use identifiability::{Identifiability, Observability};
 pub use options::{Method, Model, Noise, Options, Pairs, Torque, UnknownName};
 pub use parameters::{Kind, Override, Overrides, Reference, Unit};
+pub use recordings::{CampaignRecord, Recordings, Rows, Sample, Tracker};
 pub use rows::DesignModel;
 pub use spherecal_model::{DataError, Experiment, Observation, Pose, Set, Sphere, Target, paper_plate};
+pub use spherecal_shared::robot::{Robot, Tool};
+pub use verdict::{Check, ExpectedError, Verdict};
 
 /// Identifies a robot from an experiment's calibration set.
 ///
@@ -55,7 +66,7 @@ pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibratio
     experiment.check()?;
     options.check()?;
     match options.method {
-        Method::Map => {
+        Method::Full => {
             let fit = map::fit(experiment, options, options.model, |_| true)?;
             Ok(calibration::finish(experiment, options, options.model, fit))
         }

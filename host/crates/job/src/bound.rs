@@ -23,7 +23,7 @@ pub(super) fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
     ];
     let nest = &plant.nest;
     let mut options = Options {
-        method: Method::Map,
+        method: Method::Full,
         model: Model::Full,
         harmonics: orders.max(1),
         student_t: 0.0,

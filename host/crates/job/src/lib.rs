@@ -33,7 +33,7 @@ mod write;
 
 pub use config::{CampaignSection, Choice, Config, ConfigError, LaserSection, PlanSection};
 pub use error::JobError;
-pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};
+pub use evaluate::{Measurements, evaluate};
 pub use host_faults::file_lock;
 pub use journal::{StoreJournal, store_error};
 pub use link::{Link, UnknownLink, device};
@@ -43,7 +43,8 @@ pub use open::open_store;
 pub use prepare::{Prepared, prepare, simulated_drive, tour};
 pub use run_report::run_report;
 pub use stored::{StoredReport, contact_traces, put_contact_traces, stored_report};
-pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, Verdict, summarise};
+pub use spherecal_identify::{Evaluation, Verdict};
+pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, expected_words, summarise};
 pub use teach::{TaughtWaypoint, Waypoints, teach};
 pub use tracker::simulated_tracker;
 pub use write::{Files, write};
