@@ -120,7 +120,10 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
         text,
     };
     live.end(&match &finished {
-        Ok(finished) => end(Some(finished.summary.verdict.may_be_used), text::verdict(&finished.summary)),
+        Ok(finished) => end(
+            Some(finished.summary.verdict.may_be_used),
+            text::verdict(&finished.summary),
+        ),
         Err(error) => end(None, error.to_string()),
     });
     drop(store);

@@ -6,8 +6,8 @@ use clap::Args;
 
 use super::exit::{CliError, Exit};
 use super::out::{errln, out, outln};
-use spherecal_job as job;
 use spherecal_identify::Recordings;
+use spherecal_job as job;
 use spherecal_lab::reproduce::reproduce as study;
 use spherecal_lab::worlds::{CompareOptions, PlanOptions, World, compare, compare_plans, record};
 use spherecal_store::{CalibrationStore as _, SqlStore};

@@ -12,6 +12,35 @@
 //!              (data)  (chain)   (map · normal · solve)          (calibration)
 //! ```
 //!
+//! ```
+//! use spherecal_identify::{Experiment, EvaluateOptions, Observation, Recordings, Set, Target};
+//! use spherecal_identify::{evaluate, halton_configurations};
+//! use spherecal_model::chain::Chain;
+//! use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+//!
+//! // An arm whose third link is 1 mm longer than its data sheet says, seen by a tracker.
+//! let mut real = iiwa7();
+//! real.joints[2].mdh.d += 1e-3;
+//! let chain = Chain::unchecked(&real, &iiwa7_tool());
+//! let observations = halton_configurations(&real, 60).into_iter().map(|q| Observation {
+//!     target: Target::Point(chain.tcp_of(&chain.frames(&q)).into()),
+//!     q,
+//!     tau: None,
+//!     set: Set::Calibrate,
+//! });
+//! let recordings = Recordings::new(Experiment {
+//!     robot: iiwa7(),
+//!     tool: iiwa7_tool(),
+//!     spheres: Vec::new(),
+//!     observations: observations.collect(),
+//! });
+//! let found = evaluate(&recordings, &EvaluateOptions::default(), &mut |_| {})?;
+//! assert!(found.verdict.may_be_used);
+//! let d3 = found.calibration.parameters.iter().find(|p| p.name == "d3").unwrap();
+//! assert!((d3.estimate - d3.nominal - 1e-3).abs() < 1e-4);
+//! # Ok::<(), spherecal_identify::EvaluateError>(())
+//! ```
+//!
 //! [`parameters`] is the one table of names, [`priors`] and reasons; [`algorithm1`]
 //! and [`identifiability`] say what the data can tell.
 
@@ -58,6 +87,20 @@ pub use spherecal_shared::robot::{Robot, Tool};
 pub use verdict::{Check, ExpectedError, Verdict};
 
 /// Identifies a robot from an experiment's calibration set.
+///
+/// ```
+/// use spherecal_identify::{Experiment, IdentifyError, Options, identify};
+/// use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+///
+/// let nothing = Experiment {
+///     robot: iiwa7(),
+///     tool: iiwa7_tool(),
+///     spheres: Vec::new(),
+///     observations: Vec::new(),
+/// };
+/// let refused = identify(&nothing, &Options::default());
+/// assert!(matches!(refused, Err(IdentifyError::TooFewObservations { .. })));
+/// ```
 ///
 /// # Errors
 /// Data or options that cannot be used, with row, field, value and remedy; or

@@ -137,11 +137,7 @@ impl Measurements {
 /// # Errors
 /// Data that cannot be identified or judged.
 pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
-    let bound = m
-        .config
-        .plant()
-        .ok()
-        .map(|plant| bound_options(&plant, m.robot.dof()));
+    let bound = m.config.plant().ok().map(|plant| bound_options(&plant, m.robot.dof()));
     let options = EvaluateOptions {
         identify: Options {
             seed: m.seed,

@@ -10,8 +10,8 @@ use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
 use super::{Evaluation, JobError, LinkRecord, Measurements};
-use spherecal_identify::{ExpectedError, ParameterEstimate, Verdict};
 use spherecal_identify::validate::{Alignment, Statistics};
+use spherecal_identify::{ExpectedError, ParameterEstimate, Verdict};
 use spherecal_sim::Injected;
 
 /// Poses, counted.
@@ -266,9 +266,6 @@ fn hash(recordings: &[Recording]) -> Result<String, JobError> {
     }
     Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
 }
-
-/// A nest whose seat moved further than this under the test pull is doubtful, in m.
-const DOUBTFUL_SEAT_M: f64 = 1e-3;
 
 /// The expected error in words.
 pub fn expected_words(e: &ExpectedError) -> String {

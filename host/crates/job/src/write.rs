@@ -6,9 +6,7 @@ use std::path::{Path, PathBuf};
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
 use spherecal_campaign::telemetry::Trace;
-use spherecal_model::robots::{
-    self, RobotModel, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf,
-};
+use spherecal_model::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf};
 use spherecal_report::render;
 
 /// Paths of what was written.

@@ -140,7 +140,12 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
     let residuals = rows_drawn
         .iter()
         .filter_map(|r| {
-            let group = match recordings.experiment.observations.get(*evaluation.used.get(r.index)?)?.target {
+            let group = match recordings
+                .experiment
+                .observations
+                .get(*evaluation.used.get(r.index)?)?
+                .target
+            {
                 Target::Sphere { sphere, place: p } => match place(p) {
                     name if name.is_empty() => format!("sphere {sphere}"),
                     name => format!("sphere {sphere}, {name}"),
@@ -187,7 +192,11 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         title: format!("{name}: calibration report"),
         subtitle: format!(
             "{created} · {} data, {} recordings · {} joints",
-            if recordings.closed_loop() { "closed-loop" } else { "absolute" },
+            if recordings.closed_loop() {
+                "closed-loop"
+            } else {
+                "absolute"
+            },
             recordings.samples.len(),
             study.model.robot.dof()
         ),
@@ -278,7 +287,10 @@ fn provenance(study: &Study, created: &str) -> Vec<(String, String)> {
         ("judged by".to_owned(), judged_by.to_owned()),
         (
             "estimator".to_owned(),
-            format!("{}, {} model", evaluation.calibration.method, evaluation.calibration.model),
+            format!(
+                "{}, {} model",
+                evaluation.calibration.method, evaluation.calibration.model
+            ),
         ),
         (
             "noise found".to_owned(),

@@ -353,7 +353,9 @@ fn cross_validation(
             | IdentifyError::NoVariety
             | IdentifyError::Singular { .. }),
         )) => {
-            notes.push(format!("no cross-validation: with a part of the rows left out, {error}"));
+            notes.push(format!(
+                "no cross-validation: with a part of the rows left out, {error}"
+            ));
             Ok(None)
         }
         Err(error) => Err(error),
@@ -370,7 +372,11 @@ fn judged_aside(recordings: &Recordings, fit: &Fit, judges: &[Judge<'_>], notes:
         notes.push(format!(
             "the validation points are not in the {} frame: they are {off:.0} mm off as a whole, and fit within a \
              rigid motion, which was taken out for every model",
-            if recordings.closed_loop() { "plate's" } else { "calibration data's" }
+            if recordings.closed_loop() {
+                "plate's"
+            } else {
+                "calibration data's"
+            }
         ));
     }
     own

@@ -202,10 +202,9 @@ fn model(
             identify(contacts, &options)
         }
         // The paper holds base and tool at what the arcs gave.
-        Estimator::LaserNelderMead => identify(
-            &with_tool(&tracker.experiment(contacts)),
-            &absolute(Method::NelderMead),
-        ),
+        Estimator::LaserNelderMead => {
+            identify(&with_tool(&tracker.experiment(contacts)), &absolute(Method::NelderMead))
+        }
         Estimator::Laser => identify(
             &with_tool(&tracker.experiment(contacts)),
             &absolute(Method::GaussNewton),
@@ -244,8 +243,8 @@ fn table(
             translation_m: plate.point(&calibration.base.translation_m),
         })
     };
-    let all = std::iter::once((Estimator::Sphere, calibration))
-        .chain(models.iter().map(|m| (m.estimator, &m.calibration)));
+    let all =
+        std::iter::once((Estimator::Sphere, calibration)).chain(models.iter().map(|m| (m.estimator, &m.calibration)));
     for (estimator, calibration) in all {
         predictions.push(prediction(tracker, estimator, own(estimator, calibration), |q| {
             calibration.tcp_m(q, None)

@@ -11,7 +11,7 @@ const WORST_ROW: f64 = 1.5;
 /// Most of the rows that may be outliers.
 const MOST_OUTLIERS: f64 = 0.2;
 /// A seated nest that moves further under the test pull is doubtful, in mm.
-const DOUBTFUL_SEAT_MM: f64 = 0.5;
+const DOUBTFUL_SEAT_MM: f64 = 1.0;
 
 /// All checks, the most important first.
 pub fn checks(evidence: &Evidence<'_>) -> Vec<Check> {
@@ -126,7 +126,10 @@ fn parameters(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
     let words = match (blind.is_empty(), has_priors) {
         (true, _) => "every estimated parameter is determined by the data or by its prior".to_owned(),
         (false, true) => format!("the data say nothing about {}", blind.join(", ")),
-        (false, false) => format!("these parameters were never identified but are used: {}", blind.join(", ")),
+        (false, false) => format!(
+            "these parameters were never identified but are used: {}",
+            blind.join(", ")
+        ),
     };
     let check = Check::new(
         "parameters_determined",
@@ -191,7 +194,9 @@ fn rows(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
 
 /// What the campaign noted.
 fn campaign(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
-    let Some(campaign) = evidence.recordings.campaign else { return };
+    let Some(campaign) = evidence.recordings.campaign else {
+        return;
+    };
     if campaign.simulated {
         let words = "SIMULATED: the arm was a simulation; the result says nothing of a real robot".to_owned();
         checks.insert(0, Check::new("real_arm", None, None, false, words).qualifying());

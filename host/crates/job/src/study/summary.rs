@@ -60,7 +60,9 @@ pub fn summary_json(study: &Study) -> Value {
     let calibration = &evaluation.calibration;
     let closed_loop = recordings.closed_loop();
     let identifiability = &calibration.identifiability;
-    let given = evaluation.given_tcp_m.unwrap_or_else(|| recordings.experiment.tool.tcp());
+    let given = evaluation
+        .given_tcp_m
+        .unwrap_or_else(|| recordings.experiment.tool.tcp());
     let parameters: Vec<Value> = calibration
         .parameters
         .iter()

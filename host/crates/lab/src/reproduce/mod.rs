@@ -23,8 +23,8 @@ use spherecal_shared::robot::Tool;
 use spherecal_identify::paper::{self, Procedure, Run};
 use spherecal_identify::validate::ValidationTable;
 use spherecal_identify::{
-    Estimator, EvaluateError, EvaluateOptions, Experiment, IdentifyError, Method, Options, Recordings,
-    Verdict, evaluate,
+    Estimator, EvaluateError, EvaluateOptions, Experiment, IdentifyError, Method, Options, Recordings, Verdict,
+    evaluate,
 };
 
 pub use tables::{Redundancy, Side, Table};

@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Tool;
 
-use super::published::{TABLE_1_MM, TABLE_2_REDUNDANT, TABLE_3_MM, TABLE_4_MM, TABLE_5_MM, TABLE_6};
 use super::Reproduction;
+use super::published::{TABLE_1_MM, TABLE_2_REDUNDANT, TABLE_3_MM, TABLE_4_MM, TABLE_5_MM, TABLE_6};
 use spherecal_identify::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use spherecal_identify::validate::{Alignment, ValidationTable};
 use spherecal_identify::{Calibration, Estimator, Experiment, Target, halton_configurations};

@@ -23,7 +23,7 @@ mod record;
 
 pub use compare::{Cell, CompareOptions, Comparison, Errors, compare};
 pub use estimators::{bound_options, judge};
-pub use spherecal_identify::Estimator;
 pub use plans::{Chosen, PlanOptions, PlanRow, PlanTable, compare_plans};
 pub use record::{GRID_SPHERES, PlannedPose, Trial, WorldError, paper_poses, record, record_poses};
+pub use spherecal_identify::Estimator;
 pub use spherecal_sim::worlds::{Recipe, Truth, UnknownWorld, World};
