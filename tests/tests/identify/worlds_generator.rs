@@ -9,7 +9,7 @@ use spherecal::sim::worlds::World;
 use spherecal_shared::robot::{Arm, Robot, Tool};
 use spherecal_tests::worlds::World as Stored;
 
-// Fails if the planner's grid is not the one of `identification.md`.
+// Fails if the planner's grid is not the one of `docs/design/identification.md`.
 #[test]
 fn the_grid_has_1843_reachable_poses() {
     let poses = paper_poses().expect("the nominal cell");

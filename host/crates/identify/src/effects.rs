@@ -3,7 +3,7 @@
 //!
 //! Between the search of [`map`](super::map) and its covariance. Both are choices
 //! among few: learning every variance from the data goes astray where the model
-//! is wrong (`identification.md`).
+//! is wrong (`docs/design/identification.md`).
 
 use super::error::IdentifyError;
 use super::normal::{Normal, Root, likelihoods};

@@ -12,7 +12,7 @@ use spherecal_model::chain::{Chain, TcpPose, rotation_of};
 
 /// Nominal pose of the plate in F0, for one placement.
 ///
-/// `centre_m` is where the centroid of the sphere centres lies (what `plant.md`
+/// `centre_m` is where the centroid of the sphere centres lies (what `docs/design/plant.md`
 /// calls the plate origin centre), `orientation` turns the plate's frame into F0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlatePose {
