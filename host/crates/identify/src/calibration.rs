@@ -5,6 +5,8 @@ use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, Nominal, State};
+use super::error::IdentifyError;
+use super::geometry_only::{GeometryOnly, geometry_only};
 use super::identifiability::Identifiability;
 use super::map::Fit;
 use super::normal::Root;
@@ -269,6 +271,14 @@ impl Calibration {
         let moving: Vec<usize> = (0..free.len()).filter(|&c| columns.column(c).amax() > 0.0).collect();
         let covariance = self.covariance.select_rows(&moving).select_columns(&moving);
         (columns.select_columns(&moving), covariance)
+    }
+
+    /// The best table, tool and base without any effect, for files that hold geometry alone.
+    ///
+    /// # Errors
+    /// No convergence.
+    pub fn geometry_only(&self) -> Result<GeometryOnly, IdentifyError> {
+        geometry_only(self)
     }
 
     /// Names of the free parameters, in the order of [`Self::covariance`].

@@ -3,6 +3,9 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use spherecal_identify::{EvaluateError, GeometryOnly};
+use spherecal_shared::robot::MdhRow;
+
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
 use spherecal_campaign::telemetry::Trace;
@@ -61,11 +64,12 @@ pub(crate) fn write_results(folder: &Path, results: &Results<'_>) -> Result<File
     } = results;
     let mut files = Files::default();
     files.put(folder, "summary.json", &format!("{:#}\n", results.summary))?;
+    let alone = evaluation.calibration.geometry_only().map_err(EvaluateError::from)?;
     let mut model = RobotModel::clone(nominal);
-    model.robot = evaluation.calibration.robot.clone();
-    model.tool.tcp_m = model.tcp_in_flange(evaluation.calibration.tool.tcp_m);
+    model.robot = alone.robot.clone();
+    model.tool.tcp_m = model.tcp_in_flange(alone.tool.tcp_m);
     let rows = model.rows();
-    let notes = notes(results, &model);
+    let notes = notes(results, &model, &alone);
     let toml = toml_file::write(&model, &notes) + &effects_toml(evaluation);
     files.put(folder, "calibrated.toml", &toml)?;
     files.put(folder, "calibrated.urdf", &write_urdf(nominal, &rows, &notes))?;
@@ -82,7 +86,7 @@ pub(crate) fn write_results(folder: &Path, results: &Results<'_>) -> Result<File
 }
 
 /// What a calibrated file says of its origin.
-fn notes(results: &Results<'_>, model: &RobotModel) -> Vec<String> {
+fn notes(results: &Results<'_>, model: &RobotModel, alone: &GeometryOnly) -> Vec<String> {
     let evaluation = results.evaluation;
     let verdict = &evaluation.verdict;
     let mut notes = vec![results.origin.clone()];
@@ -102,6 +106,17 @@ fn notes(results: &Results<'_>, model: &RobotModel) -> Vec<String> {
             calibrated.mean_mm, nominal.mean_mm, calibrated.n, judged.by
         ));
     }
+    notes.push(match alone.expected_error_mm {
+        Some(e) => format!(
+            "this file holds geometry alone: expected error {:.3} mm in the mean over the workspace (95 % interval {:.3} \
+             to {:.3} mm), {:.3} mm of it against the full model",
+            e.mean, e.interval[0], e.interval[1], alone.apart_mm
+        ),
+        None => format!(
+            "this file holds geometry alone: {:.3} mm in the mean from the full model over the workspace",
+            alone.apart_mm
+        ),
+    });
     notes.push(
         if verdict.may_be_used {
             "may be used"
@@ -130,8 +145,17 @@ fn effects_toml(evaluation: &Evaluation) -> String {
         format!("[{}]", words.join(", "))
     };
     let mut out = String::from(
-        "\n# What the table alone cannot hold: q_joint = q - compliance tau + sum cos/sin harmonics.\n[calibration]\n",
+        "\n# The full model: its own table of links (the tables above are the best geometry alone), and what a table cannot\n\
+         # hold. Angle of a joint: theta + q - compliance tau + sum over k of (cos_k cos(k q) + sin_k sin(k q)).\n\
+         [calibration]\n",
     );
+    let links = |f: &dyn Fn(&MdhRow<f64>) -> f64| list(&c.robot.joints.iter().map(|j| f(&j.mdh)).collect::<Vec<f64>>());
+    let _ = writeln!(out, "alpha_rad = {}", links(&|r| r.alpha));
+    let _ = writeln!(out, "a_m = {}", links(&|r| r.a));
+    let _ = writeln!(out, "theta_rad = {}", links(&|r| r.theta));
+    let _ = writeln!(out, "d_m = {}", links(&|r| r.d));
+    let _ = writeln!(out, "beta_rad = {}", links(&|r| r.beta));
+    let _ = writeln!(out, "tcp_m = {}", list(&c.tool.tcp_m));
     let _ = writeln!(out, "method = \"{}\"", c.method);
     let _ = writeln!(out, "model = \"{}\"", c.model);
     let _ = writeln!(out, "may_be_used = {}", evaluation.verdict.may_be_used);

@@ -17,6 +17,7 @@
 //! anything is identified; to *judge* is to predict samples that the fit has not seen.
 
 mod align;
+mod error;
 mod fit;
 mod folds;
 mod judge;
@@ -28,15 +29,15 @@ mod tune;
 use nalgebra::Vector3;
 
 pub use align::{NominalFrames, align};
+pub use error::EvaluateError;
 pub use folds::{Fold, HeldOut};
 pub use judge::{Errors, Judge, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
 pub use reference::{Estimator, Reference, ReferenceModel};
 
 pub(crate) use align::Flange;
 
-use crate::arcs::LaserError;
 use crate::recordings::Recordings;
-use crate::validate::{ValidateError, ValidationTable};
+use crate::validate::ValidationTable;
 use crate::verdict::{Evidence, Verdict, verdict};
 use crate::{Calibration, IdentifyError, Options};
 use fit::{Fit, fit};
@@ -98,61 +99,6 @@ pub enum Step {
         fits: usize,
         /// Rows that judge them.
         rows: usize,
-    },
-}
-
-/// Why recordings could not be evaluated.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum EvaluateError {
-    /// The calibration failed.
-    #[error(transparent)]
-    Identify(#[from] IdentifyError),
-    /// Another model failed.
-    #[error("{estimator}: {source}")]
-    Model {
-        /// Which.
-        estimator: Estimator,
-        /// Why.
-        source: IdentifyError,
-    },
-    /// The arcs gave no frames.
-    #[error(transparent)]
-    Arcs(#[from] LaserError),
-    /// The models could not be validated.
-    #[error(transparent)]
-    Validate(#[from] ValidateError),
-    /// No calibration of this robot explains the data.
-    #[error("{field} is {median_mm:.1} mm: {remedy}")]
-    NotThisRobot {
-        /// What is wrong.
-        field: &'static str,
-        /// Median distance of the TCP from its targets after alignment, in mm.
-        median_mm: f64,
-        /// What to check.
-        remedy: String,
-    },
-    /// Rows that are to judge the result are rows that it is made from.
-    #[error(
-        "{copies} of {judges} validation rows are copies of calibration rows (the first: {first}): they judge nothing; \
-         give rows that were measured apart"
-    )]
-    Seen {
-        /// How many.
-        copies: usize,
-        /// Validation rows in all.
-        judges: usize,
-        /// The first of them.
-        first: String,
-    },
-    /// The hold-out cannot be made.
-    #[error("hold-out by {column}: {what}: {remedy}")]
-    Holdout {
-        /// The column.
-        column: String,
-        /// Why not.
-        what: String,
-        /// What to do.
-        remedy: String,
     },
 }
 

@@ -5,13 +5,13 @@
 //! the calibration puts it. The figures hold where the model is right: an error that
 //! no parameter describes is not in them.
 
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use super::Evidence;
-use crate::halton_configurations;
+use crate::{Calibration, halton_configurations};
 
 /// Configurations of the workspace.
 const CONFIGURATIONS: usize = 100;
@@ -33,36 +33,55 @@ pub struct ExpectedError {
 pub fn expected_error(evidence: &Evidence<'_>) -> Option<ExpectedError> {
     let calibration = evidence.calibration;
     let configurations = halton_configurations(&calibration.robot, CONFIGURATIONS);
-    let (columns, covariance) = calibration.spread_in_base(&configurations);
-    if covariance.is_empty() || covariance.iter().any(|c| !c.is_finite()) {
-        return None;
+    ExpectedError::of(calibration, &configurations, None)
+}
+
+impl ExpectedError {
+    /// Over `configurations`; `off` is a known displacement (m) at each of them, which
+    /// adds to what is not known.
+    pub(crate) fn of(
+        calibration: &Calibration,
+        configurations: &[Vec<f64>],
+        off: Option<&[Vector3<f64>]>,
+    ) -> Option<Self> {
+        let (columns, covariance) = calibration.spread_in_base(configurations);
+        if covariance.is_empty() || covariance.iter().any(|c| !c.is_finite()) {
+            return None;
+        }
+        let eigen = SymmetricEigen::new(covariance);
+        let scale = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
+        if scale.max() <= 0.0 {
+            return None;
+        }
+        // The columns have the axes of the first reference frame.
+        let rotation = calibration.base.rotation;
+        let spread = columns * (eigen.eigenvectors * DMatrix::from_diagonal(&scale));
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut means = Vec::with_capacity(DRAWS);
+        let mut all = Vec::with_capacity(DRAWS * configurations.len());
+        for _ in 0..DRAWS {
+            let draw = DVector::from_fn(spread.ncols(), |_, _| normal(&mut random));
+            let displaced = &spread * draw;
+            let errors: Vec<f64> = displaced
+                .as_slice()
+                .chunks_exact(3)
+                .enumerate()
+                .map(|(k, e)| {
+                    let known = off
+                        .and_then(|off| off.get(k))
+                        .map_or_else(Vector3::zeros, |off| rotation * off);
+                    (Vector3::new(e[0], e[1], e[2]) + known).norm() * 1e3
+                })
+                .collect();
+            means.push(errors.iter().sum::<f64>() / errors.len().max(1) as f64);
+            all.extend(errors);
+        }
+        Some(Self {
+            mean: means.iter().sum::<f64>() / DRAWS as f64,
+            p95: quantile(&mut all, 0.95),
+            interval: [quantile(&mut means, 0.025), quantile(&mut means, 0.975)],
+        })
     }
-    let eigen = SymmetricEigen::new(covariance);
-    let scale = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
-    if scale.max() <= 0.0 {
-        return None;
-    }
-    let root = eigen.eigenvectors * DMatrix::from_diagonal(&scale);
-    let spread = columns * root;
-    let mut random = ChaCha8Rng::seed_from_u64(1);
-    let mut means = Vec::with_capacity(DRAWS);
-    let mut all = Vec::with_capacity(DRAWS * CONFIGURATIONS);
-    for _ in 0..DRAWS {
-        let draw = DVector::from_fn(spread.ncols(), |_, _| normal(&mut random));
-        let displaced = &spread * draw;
-        let errors: Vec<f64> = displaced
-            .as_slice()
-            .chunks_exact(3)
-            .map(|e| e.iter().map(|x| x * x).sum::<f64>().sqrt() * 1e3)
-            .collect();
-        means.push(errors.iter().sum::<f64>() / errors.len().max(1) as f64);
-        all.extend(errors);
-    }
-    Some(ExpectedError {
-        mean: means.iter().sum::<f64>() / DRAWS as f64,
-        p95: quantile(&mut all, 0.95),
-        interval: [quantile(&mut means, 0.025), quantile(&mut means, 0.975)],
-    })
 }
 
 /// A standard normal number, by Box and Muller.
