@@ -64,6 +64,7 @@ pub mod paper;
 pub mod parameters;
 pub mod priors;
 mod recordings;
+mod residuals;
 mod rows;
 mod search;
 pub mod simplex;
