@@ -1,5 +1,5 @@
 #!/bin/sh
-# What the tests hold the program's files and services against: readers of MCAP,
+# Programs that check spherecal's files and services in the tests: readers of MCAP,
 # Parquet and URDF, a gRPC client, a headless browser, and PostgreSQL.
 #
 #   scripts/field.sh install     install what is missing (apt as root or by sudo, PyPI)

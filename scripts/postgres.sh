@@ -1,5 +1,5 @@
 #!/bin/sh
-# A PostgreSQL server of one's own, in a folder, reached by a socket in it alone.
+# A private PostgreSQL server in a folder, reachable only by a socket in that folder.
 #
 #   scripts/postgres.sh install       install PostgreSQL where it is missing (apt, as root or by sudo)
 #   scripts/postgres.sh start DIR     make and start a server in the empty folder DIR; prints its URL
@@ -15,7 +15,7 @@ bin() {
     echo "postgres: no server is installed: run scripts/postgres.sh install" >&2
     exit 3
 }
-# A server refuses to be root's: then it is the user postgres's.
+# A server refuses to run as root: it then runs as the user postgres.
 as_user() {
     if [ "$(id -u)" = 0 ]; then (cd / && runuser -u postgres -- "$@"); else "$@"; fi
 }

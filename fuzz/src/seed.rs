@@ -200,7 +200,7 @@ fn host() {
 
     let config = Config::default();
     write("config", "all", config.to_toml().expect("it can be written").as_bytes());
-    write("config", "cell", b"seed = 7\n[plan]\nposes = 30\nchoice = \"grid\"\n[plant]\npreset = \"typical\"\n[plant.plate]\nplacement_sigma_m = 0.0015\n[host_link]\nloss = 0.2\n");
+    write("config", "cell", b"seed = 7\n[plan]\nposes = 30\nchoice = \"grid\"\n[plant]\npreset = \"typical\"\n[plant.plate]\nplacement_sigma_m = 0.0015\n[cell.tool]\ntcp_mm = [50.0, 0.0, 100.0]\n[host_link]\nloss = 0.2\n");
 
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data");
     for name in ["ur5e.urdf", "irb120.urdf"] {

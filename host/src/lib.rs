@@ -1,17 +1,17 @@
 //! spherecal: a robot calibrates itself by touching precision spheres.
 //!
-//! The program `spherecal` ([`cli`]), and the host's crates under one name:
+//! The program `spherecal` ([`cli`]), and all crates of the host under one name:
 //!
 //! ```text
 //! plan ─▶ campaign ─▶ link ─▶ controller (firmware) ─▶ sim, or a real arm
 //! report ◀─ identify ◀─ store ◀─ campaign
 //! ```
 //!
-//! Each crate is one room; a crate sees only those below it:
+//! A crate depends only on those below it in this table:
 //!
 //! | crate | what it is for |
 //! |---|---|
-//! | [`lab`] | experiments: worlds, the paper reproduced, faults, soak, stability |
+//! | [`lab`] | experiments: worlds, the paper's study, faults, soak, stability |
 //! | [`job`] | the main job: configuration, prepare, measure, evaluate, write |
 //! | [`services`] | web page, live view, gRPC |
 //! | [`report`] | the page, its charts, exports |
@@ -19,7 +19,8 @@
 //! | [`store`] | the database of calibrations |
 //! | [`sim`] | the simulated cell; fault injection |
 //! | [`link`] | the links to controller and drive |
-//! | [`plan`] | where to touch, and in which poses |
+//! | [`plan`] | selects spheres and poses |
+//!
 //! | [`identify`] | calibration from plain data |
 //! | [`model`] | robots, kinematics, measured data |
 

@@ -23,6 +23,7 @@ const MAX_STIFFNESS_NM_RAD: f64 = 300.0;
 
 /// The whole procedure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Procedure {
     /// The control law; holds in every phase.
@@ -49,6 +50,7 @@ pub struct Procedure {
 
 /// The control law.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Law {
     /// Lehr's damping ratio of all Cartesian modes (the paper: 0.7).
@@ -101,6 +103,7 @@ impl Default for Law {
 
 /// Motion in free space between home and the approach frames.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Motion {
     /// Largest joint speed, in rad/s.
@@ -130,6 +133,7 @@ impl Default for Motion {
 
 /// Telemetry: one sample every so many ticks; 0 turns it off.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Telemetry {
     /// Ticks between samples while taring, approaching, coupling, testing the seat

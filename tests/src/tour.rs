@@ -79,7 +79,7 @@ pub fn solve(arm: &Arm<f64, 7>, position: Vector3<f64>, rotation: Matrix3<f64>, 
 /// When a pose is out of reach.
 pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
     let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("an arm");
-    let [roll, pitch, yaw] = config.plate.rpy_rad;
+    let [roll, pitch, yaw] = config.cell.first().rpy_rad;
     let plate = Rotation3::from_euler_angles(roll, pitch, yaw);
     let down = -(plate * Vector3::z());
     let x = (plate * Vector3::x() - down * down.dot(&(plate * Vector3::x()))).normalize();
@@ -88,7 +88,8 @@ pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
     let stops = spheres
         .iter()
         .map(|&k| {
-            let centre = Vector3::from(config.plate.origin_m) + plate * Vector3::from(config.plate.spheres_m[k]);
+            let centre =
+                Vector3::from(config.cell.first().origin_m) + plate * Vector3::from(config.cell.plate.spheres_m[k]);
             let approach = solve(&arm, centre - down * 0.03, facing, seed);
             let poses = turns
                 .iter()
@@ -117,7 +118,7 @@ pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
             }
         })
         .collect();
-    let above = Vector3::from(config.plate.origin_m) - down * 0.15;
+    let above = Vector3::from(config.cell.first().origin_m) - down * 0.15;
     Tour {
         home: solve(&arm, above, facing, seed).to_vec(),
         stops,

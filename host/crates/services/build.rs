@@ -5,7 +5,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     #[cfg(feature = "grpc")]
     {
         let descriptors = protox::compile(["spherecal/v1/spherecal.proto"], ["proto"])?;
-        // For reflection: what the services are is told by themselves.
+        // For reflection: the services describe themselves.
         let out = std::path::PathBuf::from(std::env::var_os("OUT_DIR").ok_or("no OUT_DIR")?);
         std::fs::write(out.join("spherecal.bin"), prost::Message::encode_to_vec(&descriptors))?;
         tonic_prost_build::configure().compile_fds(descriptors)?;

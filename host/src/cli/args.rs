@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::exit::CliError;
 use spherecal_job::{self as job, Config, JobError, Link, Prepared, Waypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation};
@@ -12,78 +11,82 @@ use spherecal_store::{Peer, StoreLocation};
 /// Arguments of everything that plans or measures.
 #[derive(Args, Clone, Debug)]
 pub struct RunArgs {
-    /// Seed of everything that is drawn: the arm's errors, noise, taught waypoints.
-    #[arg(long, value_name = "N")]
+    /// Seed of all random draws: the arm's errors, the noise, the taught waypoints.
+    #[arg(long, help_heading = "Plan", value_name = "N")]
     pub seed: Option<u64>,
     /// Poses over all spheres.
-    #[arg(long, value_name = "N", conflicts_with = "paper")]
+    #[arg(long, help_heading = "Plan", value_name = "N", conflicts_with = "paper")]
     pub poses: Option<usize>,
-    /// As few poses as promise this mean error of the TCP, in mm.
-    #[arg(long, value_name = "MM", conflicts_with_all = ["poses", "paper"])]
+    /// Plan as few poses as are predicted to reach this mean error of the TCP, in mm.
+    #[arg(long, help_heading = "Plan", value_name = "MM", conflicts_with_all = ["poses", "paper"])]
     pub accuracy_mm: Option<f64>,
-    /// The paper's whole grid: 625 poses a sphere, as far as the arm reaches.
-    #[arg(long)]
+    /// Use the paper's whole grid: 625 poses per sphere, as far as the arm reaches.
+    #[arg(long, help_heading = "Plan")]
     pub paper: bool,
-    /// How controller and arm are reached: sim, qemu, serial:DEVICE or serial:DEVICE@BAUD
-    /// (a controller board), tcp:HOST:PORT
-    /// (a drive: simulator or gateway), controller:HOST:PORT (`spherecal controller`),
-    /// grpc:HOST:PORT or grpcs:HOST:PORT (`spherecal serve`).
-    #[arg(long, value_name = "LINK", default_value_t = Link::Sim)]
+    /// Connection to controller and arm. sim: both simulated in this program. qemu: controller on
+    /// an emulated board. serial:DEVICE or serial:DEVICE@BAUD: a controller board. tcp:HOST:PORT: a
+    /// drive (simulator or gateway). controller:HOST:PORT: `spherecal controller`. grpc:HOST:PORT
+    /// or grpcs:HOST:PORT: `spherecal serve`.
+    #[arg(long, help_heading = "Connection", value_name = "LINK", default_value_t = Link::Sim)]
     pub link: Link,
     /// Folder of the database and of all results.
-    #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
+    #[arg(long, help_heading = "Results", value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
-    /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT;
-    /// calibration.db in --out if none is given.
-    #[arg(long, value_name = "STORE")]
+    /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT. Default: calibration.db
+    /// in --out.
+    #[arg(long, help_heading = "Results", value_name = "STORE")]
     pub store: Option<StoreLocation>,
-    /// Laser tracker behind gRPC: grpc:HOST:PORT or grpcs:HOST:PORT.
-    #[arg(long, value_name = "PEER", value_parser = peer)]
+    /// Laser tracker behind gRPC: grpc:HOST:PORT or grpcs:HOST:PORT. Default: a simulated one.
+    #[arg(long, help_heading = "Connection", value_name = "PEER", value_parser = peer)]
     pub tracker: Option<Peer>,
-    /// Which arm this is (serial number), for history and trend.
-    #[arg(long, value_name = "NAME")]
+    /// Name of this arm (its serial number), for history and trend.
+    #[arg(long, help_heading = "Results", value_name = "NAME")]
     pub arm: Option<String>,
-    /// Configuration; it names only what differs from the defaults (`spherecal config --print` has them all).
-    #[arg(long, value_name = "FILE.toml")]
+    /// Configuration file. It needs only the fields that differ from the defaults (`spherecal
+    /// config --print` shows all).
+    #[arg(long, help_heading = "Plan", value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
-    /// Begin the descents where `spherecal teach` found the spheres.
-    #[arg(long, value_name = "FILE.toml")]
+    /// Start the descents at the waypoints that `spherecal teach` wrote.
+    #[arg(long, help_heading = "Plan", value_name = "FILE.toml")]
     pub waypoints: Option<PathBuf>,
-    /// Let things go wrong: a preset (`spherecal faults --list`) or a file (`spherecal faults --show PRESET`).
-    #[arg(long, value_name = "FILE.toml|PRESET")]
+    /// Inject faults: a preset (`spherecal faults --list`) or a file (`spherecal faults --show
+    /// PRESET`).
+    #[arg(long, help_heading = "Connection", value_name = "FILE.toml|PRESET")]
     pub inject: Option<String>,
-    /// Go on with the last run of --out, at the pose where it was.
-    #[arg(long, conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "seed", "waypoints"])]
+    /// Continue the last run in --out at the pose where it stopped.
+    #[arg(long, help_heading = "Results", conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "seed", "waypoints"])]
     pub resume: bool,
-    /// Show the run on the whole terminal: phase, force, joints, what is found so far.
-    #[arg(long)]
+    /// Show the run on the whole terminal: phase, force, joints, residual so far.
+    #[arg(long, help_heading = "Viewers")]
     pub dashboard: bool,
-    /// Show the run on a web page here, as long as it goes on; a port alone is on this machine only, 0 takes any.
-    #[arg(long, value_name = "[HOST:]PORT")]
+    /// Show the run on a web page while it lasts. A port alone serves this machine only; port 0
+    /// takes any free port.
+    #[arg(long, help_heading = "Viewers", value_name = "[HOST:]PORT")]
     pub serve: Option<String>,
     /// Protection of --serve.
     #[command(flatten)]
     pub protection: ProtectionArgs,
-    /// Show the run on the page of `spherecal serve` there: grpc:HOST:PORT or grpcs:HOST:PORT.
-    /// It is shown without this where --store or --link is such a server.
-    #[arg(long, value_name = "PEER", value_parser = peer)]
+    /// Show the run on the page of a `spherecal serve`: grpc:HOST:PORT or grpcs:HOST:PORT. Not
+    /// needed if --store or --link is that server.
+    #[arg(long, help_heading = "Viewers", value_name = "PEER", value_parser = peer)]
     pub publish: Option<Peer>,
     /// Print one JSON document on stdout and nothing else.
-    #[arg(long)]
+    #[arg(long, help_heading = "Results")]
     pub json: bool,
 }
 
-/// Files that protect what listens beyond this machine.
+/// Files that protect a server that other machines can reach.
 #[derive(Args, Clone, Debug, Default)]
 pub struct ProtectionArgs {
     /// Certificate chain, PEM: clients then use grpcs, and browsers https.
-    #[arg(long, value_name = "FILE.pem")]
+    #[arg(long, help_heading = "Protection of a server", value_name = "FILE.pem")]
     pub tls_cert: Option<PathBuf>,
     /// Private key of the certificate, PEM.
-    #[arg(long, value_name = "FILE.pem")]
+    #[arg(long, help_heading = "Protection of a server", value_name = "FILE.pem")]
     pub tls_key: Option<PathBuf>,
-    /// File with the token that clients must show (theirs is in SPHERECAL_TOKEN; the page asks for it).
-    #[arg(long, value_name = "FILE")]
+    /// File with the token that clients must show. A client reads its token from SPHERECAL_TOKEN;
+    /// the page asks for it.
+    #[arg(long, help_heading = "Protection of a server", value_name = "FILE")]
     pub token_file: Option<PathBuf>,
 }
 
@@ -98,7 +101,7 @@ impl ProtectionArgs {
     }
 }
 
-/// The configuration of a file, or the defaults, with a seed of its own.
+/// The configuration from a file, or the defaults; `seed` replaces the seed.
 pub(super) fn base(file: Option<&Path>, seed: Option<u64>) -> Result<Config, JobError> {
     let mut config = file.map(Config::read).transpose()?.unwrap_or_default();
     if let Some(seed) = seed {
@@ -108,7 +111,7 @@ pub(super) fn base(file: Option<&Path>, seed: Option<u64>) -> Result<Config, Job
 }
 
 impl RunArgs {
-    /// The configuration that the arguments make, checked.
+    /// The configuration from the arguments, checked.
     ///
     /// # Errors
     /// A file or a value that cannot be used.
@@ -119,7 +122,7 @@ impl RunArgs {
                 return Err(spherecal_job::ConfigError::Range {
                     field: "--poses",
                     value: 0.0,
-                    remedy: "ask for at least one pose, or for --paper",
+                    remedy: "give at least 1, or use --paper",
                 }
                 .into());
             }
@@ -141,10 +144,10 @@ impl RunArgs {
         Ok(config)
     }
 
-    /// The plan of that configuration, with the waypoints that were taught.
+    /// The plan of that configuration, with the taught waypoints.
     ///
     /// # Errors
-    /// Whatever is wrong with the input.
+    /// Any error in the input.
     pub fn prepare(&self) -> Result<Prepared, JobError> {
         let mut prepared = job::prepare(&self.configuration()?)?;
         if let Some(path) = &self.waypoints {
@@ -156,29 +159,6 @@ impl RunArgs {
     /// The database.
     pub fn database(&self) -> StoreLocation {
         database(self.store.as_ref(), &self.out)
-    }
-
-    /// Refuses what this program was built without, before anything is done.
-    ///
-    /// # Errors
-    /// The first option that needs a feature which is not there.
-    pub(super) fn check_features(&self) -> Result<(), CliError> {
-        if self.dashboard && cfg!(not(feature = "dashboard")) {
-            return Err(CliError::feature("--dashboard", "dashboard"));
-        }
-        if cfg!(feature = "services") {
-            return Ok(());
-        }
-        let asked = [
-            ("--link grpc:", matches!(self.link, Link::Grpc(_))),
-            ("--tracker", self.tracker.is_some()),
-            ("--store grpc:", matches!(self.store, Some(StoreLocation::Service(_)))),
-            ("--publish", self.publish.is_some()),
-        ];
-        match asked.into_iter().find(|(_, asked)| *asked) {
-            Some((what, _)) => Err(CliError::feature(what, "services")),
-            None => Ok(()),
-        }
     }
 
     /// The server whose page shows the run.
@@ -195,7 +175,7 @@ impl RunArgs {
     }
 }
 
-/// The store that was given, or the file in the folder of results.
+/// The given store, or the file in the output folder.
 fn database(store: Option<&StoreLocation>, out: &std::path::Path) -> StoreLocation {
     store
         .cloned()
@@ -207,7 +187,7 @@ fn peer(text: &str) -> Result<Peer, BadValue> {
     Peer::parse(text).ok_or(BadValue("give grpc:HOST:PORT or grpcs:HOST:PORT"))
 }
 
-/// An argument's value that cannot be used: what to give instead.
+/// Says what to give instead of an argument's unusable value.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 #[error("{0}")]
 pub(super) struct BadValue(pub(super) &'static str);
@@ -218,11 +198,11 @@ pub struct StoredArgs {
     /// Folder of the database and of all results.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
-    /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT;
-    /// calibration.db in --out if none is given.
+    /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT. Default: calibration.db
+    /// in --out.
     #[arg(long, value_name = "STORE")]
     pub store: Option<StoreLocation>,
-    /// Whose last run, in a database that several robots share.
+    /// Arm whose last run is meant. Required in a database that several robots share.
     #[arg(long, value_name = "NAME", default_value = "")]
     pub arm: String,
     /// Print one JSON document on stdout and nothing else.

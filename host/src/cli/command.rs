@@ -20,32 +20,32 @@ use super::studies::{ReproduceArgs, WorldsArgs};
 
 const EXAMPLES: &str = "\
 Examples:
-  spherecal                              calibrate a simulated iiwa 7 and show how good it is
+  spherecal                              calibrate a simulated iiwa 7 and show the remaining error
   spherecal run --seed 3 --poses 60      another arm, fewer poses
   spherecal run --paper                  the paper's whole pose grid
-  spherecal run --resume                 go on where a run was stopped
+  spherecal run --resume                 continue a run that was stopped
   spherecal run --json | jq .validation  one JSON document, for programs
   spherecal identify --robot ur5e --data poses.csv   calibrate any robot from a table
-  spherecal robot show iiwa7             what is known of a robot
+  spherecal robot show iiwa7             table, limits and masses of a robot
 
 Exit codes: 0 done; 1 the job failed; 2 wrong usage or input;
 3 finished, but the result is not to be trusted.";
 
 /// A robot arm calibrates itself by touching three precision spheres.
 ///
-/// Without a command it runs the whole job with its defaults: plan, measure with
-/// the real controller on a simulated arm, identify, validate against a laser
-/// tracker, report.
+/// Without a command, spherecal runs the whole job with its defaults: plan the poses, measure them
+/// with the real controller on a simulated arm, identify the robot, validate the result against a
+/// simulated laser tracker, write a report.
 #[derive(Debug, Parser)]
 #[command(name = "spherecal", version, about, after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
 pub struct Cli {
-    /// What to do; the whole job if nothing is said.
+    /// Command; without one, the whole job.
     #[command(subcommand)]
     pub command: Option<Command>,
     /// Arguments of the whole job.
     #[command(flatten)]
     pub run: RunArgs,
-    /// Log more (-v, -vv); the variable SPHERECAL_LOG takes a filter.
+    /// Log more (-v, -vv). The environment variable SPHERECAL_LOG takes a filter.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub verbose: u8,
 }
@@ -53,26 +53,26 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// The whole job: plan, measure, identify, validate, report.
+    /// Run the whole job: plan, measure, identify, validate, report.
     #[command(
         after_help = "Examples: spherecal run --seed 2 --poses 60 --out second-arm\n          \
                             spherecal run --serve 7404      and look at http://127.0.0.1:7404/ meanwhile"
     )]
     Run(RunArgs),
-    /// Plan the poses and say what they cost; writes plan.json.
+    /// Plan the poses and print their cost; writes plan.json.
     #[command(
         after_help = "Examples: spherecal plan --poses 60 --out small\n          spherecal plan --accuracy-mm 0.2"
     )]
     Plan(RunArgs),
-    /// Plan and measure into the database; nothing is identified.
+    /// Plan, and measure into the database; identifies nothing.
     #[command(after_help = "Example: spherecal measure --out cell-4 && spherecal validate --out cell-4")]
     Measure(RunArgs),
-    /// Lead the arm over each sphere by hand and keep where it stood; writes waypoints.toml.
+    /// Lead the arm over each sphere by hand and store its position; writes waypoints.toml.
     #[command(after_help = "Example: spherecal teach --out cell-4 && \
                             spherecal run --waypoints cell-4/waypoints.toml --out cell-4")]
     Teach(RunArgs),
-    /// Hold long at some of the poses and tell whether one second would have done;
-    /// writes stability.html and stability.json.
+    /// Hold still for long at some poses, and check whether recordings of one second are long
+    /// enough; writes stability.html and stability.json.
     #[command(after_help = "Example: spherecal stability --hold-s 30 --places 4 --out cell-4")]
     Stability(StabilityArgs),
     /// Identify any robot from a table of poses (CSV).
@@ -80,7 +80,7 @@ pub enum Command {
     /// Identify the last run of --out, and print its validation table.
     #[command(after_help = "Example: spherecal validate --out cell-4")]
     Validate(StoredArgs),
-    /// Write all files of the last run of --out anew.
+    /// Identify the last run of --out again, and write all of its files.
     #[command(after_help = "Example: spherecal report --out cell-4")]
     Report(StoredArgs),
     /// Write a run as tables: Parquet or CSV.
@@ -88,47 +88,51 @@ pub enum Command {
                             spherecal identify --robot iiwa7 --data cell-4/tables/poses.csv --plate paper")]
     Export(ExportArgs),
     /// List, show or convert robots.
+    #[command(
+        after_help = "Examples: spherecal robot list\n          spherecal robot show ur5e\n          \
+                            spherecal robot convert arm.urdf arm.toml"
+    )]
     Robot(RobotArgs),
-    /// Offer the simulated arm to any controller over the drive link (docs/drive-link.md).
+    /// Serve the simulated arm to any controller over the drive link (docs/drive-link.md).
     #[command(after_help = "Example: spherecal plant --listen 7401 --seed 2\n         \
                             spherecal run --link tcp:127.0.0.1:7401 --seed 2")]
     Plant(PlantArgs),
-    /// Run the controller as a process of its own, between a drive and a host.
+    /// Run the controller as a separate process, between a drive and a host.
     #[command(
         after_help = "Example: spherecal controller --drive tcp:127.0.0.1:7401 --host-link tcp:127.0.0.1:7402\n         \
                             spherecal run --link controller:127.0.0.1:7402"
     )]
     Controller(ControllerArgs),
-    /// Offer robot, laser tracker and database as network services (gRPC, Figure 4 of the paper),
-    /// and a web page with the runs that go on and those of the past.
+    /// Serve robot, laser tracker and database as network services (gRPC, Figure 4 of the paper),
+    /// and a web page with current runs and past calibrations.
     #[command(after_help = "Example: spherecal serve --grpc 7403 --seed 2\n         \
                             spherecal run --link grpc:127.0.0.1:7403 --tracker grpc:127.0.0.1:7403 --store grpc:127.0.0.1:7403")]
     Serve(Box<ServeArgs>),
     /// List past calibrations.
     #[command(after_help = "Example: spherecal history --store postgres://robots@db/fleet --arm A-17")]
     History(HistoryArgs),
-    /// Say whether an arm is drifting, and when its next calibration is due.
+    /// Check whether an arm drifts, and when its next calibration is due.
     #[command(after_help = "Example: spherecal trend --arm A-17 --limit-mm 0.3")]
     Trend(TrendArgs),
-    /// The paper's study on the last run of --out, or on a synthetic robot:
-    /// tables and figures beside the published numbers.
+    /// Repeat the paper's study on the last run of --out, or on a synthetic robot: tables and
+    /// figures beside the published numbers.
     #[command(after_help = "Example: spherecal reproduce --world W1 --seed 3 --out study")]
     Reproduce(ReproduceArgs),
-    /// Compare the estimators, or the plans, over the synthetic worlds W0 to W4.
+    /// Compare the estimators, or the plans, on the synthetic worlds W0 to W4.
     #[command(
         after_help = "Examples: spherecal worlds --world W0 --world W3 --seeds 4\n          spherecal worlds --plan"
     )]
     Worlds(WorldsArgs),
-    /// Inject every fault there is, at random instants, and say what becomes of it.
+    /// Inject every fault at random instants, and check how each run ends.
     #[command(after_help = "Examples: spherecal faults --list\n          \
                             spherecal faults --show human_push > push.toml && spherecal run --inject push.toml\n          \
                             spherecal faults --instants 20 --seeds 3\n          \
                             spherecal faults --campaign 1000")]
     Faults(FaultsArgs),
-    /// Print the configuration: every field, what it is, and its value.
+    /// Print or check the configuration: every field with its meaning and value.
     #[command(after_help = "Example: spherecal config --print > cell.toml && spherecal run --config cell.toml")]
     Config(ConfigArgs),
-    /// Say what this machine has and lacks, and what to do about it.
+    /// Check what this machine has and lacks, and name the remedies.
     #[command(after_help = "Example: spherecal doctor --json | jq .checks")]
     Doctor(DoctorArgs),
     /// Print the completions of a shell.
@@ -139,9 +143,13 @@ pub enum Command {
     /// Print the manual page, or write one for each command.
     #[command(after_help = "Example: spherecal man --out ~/.local/share/man/man1")]
     Man(ManArgs),
-    /// Check a database, or save what can be read of a damaged one.
+    /// Check a database, or save the readable data of a damaged one.
+    #[command(
+        after_help = "Examples: spherecal store check spherecal-out/calibration.db\n          \
+                            spherecal store recover spherecal-out/calibration.db saved/calibration.db"
+    )]
     Store(StoreArgs),
-    /// Run the same simulated cell for hours of robot time: what grows or drifts is told.
+    /// Run the same simulated cell for hours of robot time, and report growth and drift.
     #[command(after_help = "Example: spherecal soak --hours 24 --out soak")]
     Soak(SoakArgs),
 }

@@ -1,4 +1,4 @@
-//! `spherecal run --dashboard`: the run on a whole terminal, ten times a second.
+//! `spherecal run --dashboard`: shows the run on the whole terminal, ten times per second.
 //!
 //! ```text
 //!   ┌ iiwa7 · record · recording ──────────────────────────────┐
@@ -9,8 +9,8 @@
 //!   ├ so far ──────────────────────────────────────────────────┤
 //! ```
 //!
-//! It draws on stderr's other screen and leaves the terminal as it was; keys
-//! are the terminal's own, so that Ctrl-C stops the run as ever.
+//! It draws on the alternate screen of stderr and restores the terminal at the end. Keys keep their
+//! usual meaning, so Ctrl-C stops the run.
 
 use std::collections::VecDeque;
 use std::io::{IsTerminal as _, Stderr, stderr};
@@ -64,7 +64,7 @@ impl Screen {
         }
     }
 
-    /// One line for a joint: angle, where in its range, speed, torque.
+    /// One line per joint: angle, position in its range, speed, torque.
     fn joint(&self, number: usize, sample: &Sample) -> Line<'static> {
         let at = |values: &[f32]| values.get(number).map_or(0.0, |v| f64::from(*v));
         let (q, dq, tau) = (at(&sample.q), at(&sample.dq), at(&sample.tau));
@@ -82,7 +82,7 @@ impl Screen {
     }
 }
 
-/// A share as a gauge takes it, whatever it is computed from.
+/// A ratio within the range that a gauge accepts.
 fn ratio(part: f64, whole: f64) -> f64 {
     let ratio = part / whole;
     if ratio.is_finite() {
@@ -153,7 +153,7 @@ impl Widget for &Screen {
             .residual_mm()
             .map_or_else(|| "-".to_owned(), |mm| format!("{mm:.3} mm"));
         let mut lines = vec![Line::from(format!(
-            " {} contacts, {} faults; the nominal model misses the spheres by {residual} (rms); {:.0} s of robot time, {:.0}x",
+            " {} contacts, {} faults; residual of the nominal model {residual} (rms); {:.0} s of robot time, {:.0}x",
             self.scatter.contacts(),
             p.faults,
             p.device_s,
@@ -179,7 +179,7 @@ pub(super) struct Dashboard {
 }
 
 impl Dashboard {
-    /// Takes the terminal; `None` where stderr is none.
+    /// Takes the terminal; `None` if stderr is not a terminal.
     pub(super) fn start(robot: &Robot, tool: &Tool, trigger_n: f64) -> Option<Self> {
         if !stderr().is_terminal() {
             return None;
@@ -187,7 +187,7 @@ impl Dashboard {
         execute!(stderr(), EnterAlternateScreen, Hide).ok()?;
         let mut terminal = Terminal::new(CrosstermBackend::new(stderr())).ok();
         if let Some(terminal) = &mut terminal {
-            // A terminal without another screen still shows what was there.
+            // A terminal without an alternate screen still shows the earlier text.
             let _ = terminal.clear();
         }
         Some(Self {
@@ -212,7 +212,7 @@ impl Dashboard {
         self.screen.wall_s = self.begun.elapsed().as_secs_f64();
         if let Some(terminal) = &mut self.terminal {
             let screen = &self.screen;
-            // A terminal that has gone does not stop a robot.
+            // A lost terminal does not stop a robot.
             let _ = terminal.draw(|frame| frame.render_widget(screen, frame.area()));
         }
     }
@@ -308,8 +308,7 @@ mod tests {
         screen
     }
 
-    // Fails if phase, poses, time to go, force, a joint, or a remark is not on
-    // the screen.
+    // Fails if phase, poses, remaining time, force, a joint, or a remark is missing on the screen.
     #[test]
     fn everything_is_on_the_screen() {
         let text = shown(&busy(), 100, 30);

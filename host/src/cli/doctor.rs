@@ -1,8 +1,8 @@
-//! `spherecal doctor`: what this machine has, and what to do about what it lacks.
+//! `spherecal doctor`: what this machine has and lacks, with the remedies.
 //!
-//! Three kinds of answer: *ok*; *missing*, of something that only some uses
-//! need (QEMU, a serial port, real-time scheduling); *fault*, of something
-//! without which the main job does not run. Only a fault fails the command.
+//! A check has one of three results: *ok*; *missing*, if only some uses need it (QEMU, a serial
+//! port, real-time scheduling); *fault*, if the main job cannot run without it. Only a fault fails
+//! the command.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -16,8 +16,8 @@ use spherecal_link::qemu::find_image;
 
 /// The Cortex-M7's Rust target.
 const TARGET: &str = "thumbv7em-none-eabihf";
-/// Free space under which a long run may not fit, in bytes: a whole grid's
-/// telemetry is about 1 GB.
+/// Free space below which a long run may not fit, in bytes: the telemetry of a whole grid is about
+/// 1 GB.
 const ROOM: u64 = 2 << 30;
 
 /// Arguments of `doctor`.

@@ -19,11 +19,11 @@ pub struct ExportArgs {
     /// Write CSV.
     #[arg(long)]
     pub csv: bool,
-    /// Folder of the run; the tables come into `tables` in it.
+    /// Folder of the run. The tables are written to `tables` in it.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
-    /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT;
-    /// calibration.db in --out if none is given.
+    /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT. Default: calibration.db
+    /// in --out.
     #[arg(long, value_name = "STORE")]
     pub store: Option<StoreLocation>,
     /// Number of the run; the last if none is given.
@@ -42,12 +42,12 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     let run = args.run.unwrap_or(last);
     if !store.runs()?.iter().any(|info| info.run == run) {
         return Err(CliError::input(format!(
-            "{}: has no run {run}: give one from 1 to {last}",
+            "{} has no run {run}: give a number from 1 to {last}",
             store.path().display()
         )));
     }
     let format = if args.csv { Format::Csv } else { Format::Parquet };
-    // The telemetry in the folder is that of the last run.
+    // The telemetry in the folder belongs to the last run.
     let telemetry = args.out.join("telemetry.mcap");
     let telemetry = (run == last && telemetry.exists()).then_some(telemetry);
     let files = export(

@@ -24,10 +24,10 @@ pub struct FaultsArgs {
     /// Arms, each with its own errors.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
-    /// So many runs with one to four random faults each, instead.
+    /// Instead, run N runs with one to four random faults each.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub campaign: Option<u64>,
-    /// Only the run of this number of the campaign, from 0: to look at it again.
+    /// Only the run with this number of the campaign, from 0, to inspect it again.
     #[arg(long, value_name = "N", requires = "campaign")]
     pub run: Option<u64>,
     /// Print one JSON document on stdout and nothing else.
@@ -80,7 +80,7 @@ pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
         Ok(Exit::Done)
     } else {
         Err(CliError::job(
-            "something did not end as docs/recovery.md says: see above",
+            "a run did not end as docs/recovery.md says: see the lines above",
         ))
     }
 }

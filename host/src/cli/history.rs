@@ -14,7 +14,7 @@ use spherecal_store::history::{self, Past, Trend};
 /// Arguments of `history`.
 #[derive(Args, Clone, Debug)]
 pub struct HistoryArgs {
-    /// Folder with calibration.db, where no --store is given.
+    /// Folder with calibration.db. Used if --store is not given.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT.
@@ -33,7 +33,7 @@ pub struct HistoryArgs {
 pub struct TrendArgs {
     #[command(flatten)]
     history: HistoryArgs,
-    /// How far an arm may move, in mm, before it is to be calibrated again.
+    /// How far an arm may move, in mm, before it must be calibrated again.
     #[arg(long, value_name = "MM", default_value_t = history::LIMIT_MM, value_parser = positive)]
     limit_mm: f64,
 }
@@ -131,14 +131,14 @@ fn text(trend: &Trend) -> String {
     out.push_str(if trend.drifting {
         "  It is drifting"
     } else {
-        "  No drift beyond what the calibrations do not know"
+        "  No drift beyond the uncertainty of the calibrations"
     });
     if let (true, Some(speed)) = (trend.drifting, trend.mm_per_year) {
         out.push_str(&format!(", {speed:.2} mm a year"));
     }
     if let Some(due) = &trend.due_utc {
         out.push_str(&format!(
-            ". Next calibration due {} (limit {} mm, a year at most).\n",
+            ". Next calibration due {} (limit {} mm, after one year at most).\n",
             due.split('T').next().unwrap_or(due),
             trend.limit_mm
         ));

@@ -17,20 +17,19 @@ use spherecal_model::input::{InputError, triple};
 use spherecal_report::{render, study_report};
 use spherecal_store::time::now_utc;
 
-/// Identify a robot from a table of poses, or the last run of --out anew.
+/// Identify a robot from a table of poses, or identify the last run of --out again.
 ///
-/// Without --data it works on the database of --out. With --data it needs
-/// neither simulation nor database.
+/// With --data it reads a table and needs neither simulation nor database. Without --data it reads
+/// the database of --out.
 ///
-/// The table (CSV with a header) has joint columns q1..qn in rad (or q1_deg..,
-/// or the robot's joint names), optionally tau1..taun in N m, and either measured
-/// points x_mm,y_mm,z_mm (or x_m..) in any tracker frame, or the sphere that the
-/// tool sat on: sphere, and place where the plate was moved. Optional: set =
-/// calibrate | validate. Other columns are refused; leave them out with
-/// --ignore-columns.
+/// The table is a CSV file with a header row. Joint columns: q1..qn in rad, q1_deg..qn_deg, or the
+/// robot's joint names; optionally tau1..taun in N m. Each row also has either a measured point
+/// (x_mm,y_mm,z_mm or x_m,y_m,z_m, in any tracker frame), or the sphere on which the tool sat
+/// (sphere, and place if the plate was moved). Optional column: set = calibrate | validate. Other
+/// columns are refused; exclude them with --ignore-columns.
 ///
-/// Read as spreadsheets write it: commas, semicolons or tabs, decimal points or
-/// commas, UTF-8 or UTF-16; up to 5 million rows and 2 GiB.
+/// Accepted formats: commas, semicolons or tabs; decimal points or commas; UTF-8 or UTF-16; up to 5
+/// million rows and 2 GiB.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Examples:\n  \
     spherecal identify --robot ur5e --data tracker.csv --tool-mm 0,0,120 --validate check.csv\n  \
@@ -68,10 +67,12 @@ pub struct IdentifyArgs {
     /// Hold each value of this column out in turn: place, a column of your own, or sphere where the plate has four or more.
     #[arg(long, value_name = "COLUMN")]
     pub holdout: Option<String>,
-    /// Columns that hold the joint angles, base to flange, in place of q1..qn (rad; degrees where the name ends in _deg).
+    /// Columns with the joint angles, base to flange, instead of q1..qn (rad; degrees if the name
+    /// ends in _deg).
     #[arg(long, value_name = "A,B,C", value_delimiter = ',')]
     pub joint_columns: Vec<String>,
-    /// Columns that are left out, whatever they hold.
+    /// Columns that are left out, whatever their content.
+    ///
     #[arg(long, value_name = "X,Y", value_delimiter = ',')]
     pub ignore_columns: Vec<String>,
     /// Options as TOML: noise, priors and fixed parameters, harmonics.
@@ -91,7 +92,7 @@ pub struct IdentifyArgs {
 /// Largest file of options, in bytes.
 const MOST_CONFIG_BYTES: u64 = 1 << 20;
 
-/// The request that the arguments make.
+/// The request that the arguments describe.
 ///
 /// # Errors
 /// Numbers or a configuration that cannot be used.

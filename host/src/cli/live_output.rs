@@ -1,5 +1,5 @@
-//! Who sees a run from outside: browsers at a page of its own (`--serve`), and
-//! those at the page of a server (`--publish`).
+//! Shows a run to viewers outside the terminal: browsers at its own page (`--serve`) and at the
+//! page of a server (`--publish`).
 
 use super::args::RunArgs;
 use super::exit::CliError;
@@ -18,10 +18,10 @@ use spherecal_services::{Offer, Server};
 use spherecal_store::StoreLocation;
 use spherecal_store::time::now_utc;
 
-/// A run as it is seen from outside; by nobody, unless it was asked for.
+/// The outside views of a run; none unless requested.
 #[derive(Default)]
 pub(super) struct LiveOutput {
-    /// Each with whether its page has the database that the run is stored in.
+    /// Each view, and whether its page has the database in which the run is stored.
     watches: Vec<(Watch, bool)>,
     server: Option<Server>,
     #[cfg(feature = "services")]
@@ -29,12 +29,12 @@ pub(super) struct LiveOutput {
 }
 
 impl LiveOutput {
-    /// Opens the page, and greets the server of another.
+    /// Opens the run's own page, and connects to another server's page.
     pub(super) fn start(args: &RunArgs, prepared: &Prepared) -> Result<Self, CliError> {
         let mut live = Self::default();
         let mut outs = Vec::new();
         if let Some(address) = &args.serve {
-            // Of its own, beside the one that the run writes through.
+            // A separate connection, beside the one through which the run writes.
             let store = open_store(&args.database(), true)?;
             let page = Page {
                 store: Some(std::sync::Arc::new(std::sync::Mutex::new(store))),

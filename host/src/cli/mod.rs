@@ -4,9 +4,8 @@
 //!   arguments ─▶ Config ─▶ job (prepare ─ measure ─ evaluate ─ write) ─▶ tables, files, exit code
 //! ```
 //!
-//! Results go to stdout, everything else (progress, logs, errors) to stderr.
-//! Exit codes: 0 done; 1 the job failed; 2 wrong usage or input; 3 finished,
-//! but the result is not to be trusted.
+//! Results go to stdout; progress, logs and errors go to stderr. Exit codes: 0 done; 1 the job
+//! failed; 2 wrong usage or input; 3 finished, but the result is not to be trusted.
 
 mod args;
 mod command;
@@ -16,6 +15,7 @@ mod doctor;
 mod exit;
 mod export;
 mod faults;
+mod features;
 mod history;
 mod identify;
 mod interrupt;
@@ -104,16 +104,16 @@ fn console_name() -> &'static str {
     "spherecal"
 }
 
-/// Whether stderr is coloured: on a terminal, unless `NO_COLOR` is set or it is a dumb one.
+/// Whether stderr is coloured: on a terminal, unless `NO_COLOR` is set or the terminal is dumb.
 fn colour() -> bool {
     let set = |name| std::env::var_os(name).is_some_and(|value: std::ffi::OsString| !value.is_empty());
     std::io::stderr().is_terminal() && !set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
 }
 
-/// Logs go to stderr; `SPHERECAL_LOG` or `-v` says how much.
+/// Logs go to stderr; `SPHERECAL_LOG` or `-v` sets the level.
 fn log_to_stderr(verbose: u8) {
     let level = match verbose {
-        // The driver's word on a slow disk is nothing that its user can act on.
+        // The user cannot act on the database driver's warning about a slow disk.
         0 => "warn,sqlx=error",
         1 => "spherecal=info",
         2 => "spherecal=debug",
@@ -128,6 +128,6 @@ fn log_to_stderr(verbose: u8) {
         .with_writer(std::io::stderr)
         .with_ansi(colour())
         .with_target(false);
-    // A second subscriber is refused; the first then stays, which is what is wanted.
+    // A second subscriber is refused; the first one stays, as intended.
     let _ = tracing_subscriber::registry().with(filter).with(lines).try_init();
 }

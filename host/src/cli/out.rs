@@ -1,12 +1,11 @@
-//! Words on stdout and stderr, for whoever still listens.
+//! Text on stdout and stderr.
 //!
-//! A reader that has seen enough (`spherecal run --json | head -1`) closes the
-//! pipe. Then the rest goes nowhere and the command does what it has to do, and
-//! ends with its own exit code; nothing of it is said. Any other failure of
-//! stdout (a full disk) makes the command fail, at its end.
+//! A reader that has read enough (`spherecal run --json | head -1`) closes the pipe. The remaining
+//! text is then dropped silently, and the command finishes with its own exit code. Any other
+//! failure of stdout (a full disk) makes the command fail at its end.
 //!
-//! Names and messages of files, databases and other machines may hold escape
-//! sequences. They are shown as text ([`printable_lines`]), whoever printed them.
+//! Names and messages from files, databases and other machines may contain escape sequences. They
+//! are always shown as text ([`printable_lines`]).
 
 use std::fmt::Arguments;
 use std::io::{Error, ErrorKind, Write as _};
@@ -37,7 +36,7 @@ pub(super) fn write_error(words: Arguments<'_>) {
     let _ = std::io::stderr().lock().write_all(printable_lines(&text).as_bytes());
 }
 
-/// Why what was printed is not where it should be; a reader that has gone is no reason.
+/// Why the output is incomplete. A reader that closed the pipe does not count.
 pub(super) fn failure() -> Option<&'static Error> {
     CLOSED.get().filter(|error| error.kind() != ErrorKind::BrokenPipe)
 }

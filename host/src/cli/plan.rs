@@ -2,12 +2,14 @@
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::features;
 use super::out::{out, outln};
 use super::text;
 use spherecal_job::JobError;
 
-/// Plans, says what the plan is, and writes it.
+/// Makes the plan, prints its summary, and writes it.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
+    features::check_run(args)?;
     let prepared = args.prepare()?;
     let json = serde_json::to_string_pretty(&prepared.plan).map_err(CliError::job)?;
     if args.json {
@@ -29,7 +31,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
         );
     }
     outln!(
-        "\nFiles:\n  {}\n\nNext: spherecal measure, or spherecal run for the whole job.",
+        "\nFiles:\n  {}\n\nNext: spherecal run with the same arguments, or spherecal measure to measure only.",
         path.display()
     );
     Ok(Exit::Done)

@@ -1,4 +1,4 @@
-//! Live progress on stderr: a bar on a terminal, a line now and then elsewhere.
+//! Live progress on stderr: a bar on a terminal, otherwise a line at intervals.
 
 use std::io::IsTerminal as _;
 use std::time::{Duration, Instant};
@@ -11,7 +11,7 @@ use super::terminal_operator::TerminalOperator;
 use spherecal_campaign::{Moved, Observer, Progress, Stage};
 use spherecal_services::live::eta_s;
 
-/// How often a line is written where there is no terminal.
+/// Interval of the lines if there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
 /// Shows a campaign's progress.
@@ -22,7 +22,7 @@ pub(super) struct ProgressView {
     last_line: Instant,
     last_draw: Option<Instant>,
     device_s: f64,
-    /// Who can move the plate; nobody where nobody sits at a terminal.
+    /// The operator who can move the plate, if someone is at the terminal.
     person: Option<TerminalOperator>,
     /// The placement that was asked for.
     asked: Option<u32>,
@@ -166,7 +166,7 @@ impl Observer for ProgressView {
             while person.entered() {}
             self.bar.suspend(|| {
                 errln!(
-                    "The arm holds at home. Put the plate down in placement {} and press Enter.",
+                    "The arm holds at home. Move the plate to placement {} and press Enter.",
                     place + 1
                 );
             });

@@ -38,11 +38,11 @@ pub enum RobotAction {
         #[arg(long)]
         json: bool,
     },
-    /// Convert a robot; the extension of TO says to what: .toml, .urdf or .yaml.
+    /// Convert a robot to the format that the extension of TO names: .toml, .urdf or .yaml.
     ///
-    /// .yaml holds the joint origins with the keys of the vendor's ROS description:
-    /// Universal Robots (kinematics_params of ur_description), Franka
-    /// (kinematics.yaml of franka_description), or the joints' names.
+    /// .yaml contains the joint origins with the keys of the vendor's ROS description: Universal
+    /// Robots (kinematics_params of ur_description), Franka (kinematics.yaml of
+    /// franka_description), or else the joints' names.
     #[command(
         after_help = "Examples:\n  spherecal robot convert arm.urdf arm.toml\n  spherecal robot convert spherecal-out/calibrated.toml my_ur5e_calibration.yaml"
     )]
@@ -85,7 +85,7 @@ fn list(json: bool) {
     }
 }
 
-/// A robot for programs: SI units, in the fields' names.
+/// A robot as JSON: SI units, named in the fields.
 fn document(model: &RobotModel) -> serde_json::Value {
     serde_json::json!({
         "name": model.robot.name.as_str(),
@@ -149,7 +149,7 @@ fn convert(model: &RobotModel, to: &Path) -> Result<(), CliError> {
         "yaml" | "yml" => write_kinematics_yaml(model, &model.rows(), &notes),
         _ => {
             return Err(CliError::input(format!(
-                "{}: the extension does not say what to write: end the name in .toml, .urdf or .yaml",
+                "{}: the extension names no known format: end the name in .toml, .urdf or .yaml",
                 to.display()
             )));
         }

@@ -7,6 +7,7 @@ use super::args::RunArgs;
 #[cfg(feature = "dashboard")]
 use super::dashboard::Dashboard;
 use super::exit::{CliError, Exit};
+use super::features;
 use super::interrupt::interrupt;
 use super::live_output::LiveOutput;
 use super::out::{err, out, outln};
@@ -29,7 +30,7 @@ pub(super) struct Finished {
     pub(super) files: Vec<PathBuf>,
 }
 
-/// How progress is shown to whoever started the run.
+/// How progress is shown on the terminal.
 enum Face {
     /// A bar or lines.
     Plain(ProgressView),
@@ -53,7 +54,9 @@ impl Face {
         Dashboard::start(&prepared.robot, &prepared.tool, trigger_n)
             .map(|dashboard| Self::Whole(Box::new(dashboard)))
             .ok_or_else(|| {
-                CliError::input("--dashboard: stderr is no terminal: leave it out, or do not redirect stderr")
+                CliError::input(
+                    "--dashboard: stderr is not a terminal: leave the option out, or do not redirect stderr",
+                )
             })
     }
 
@@ -79,7 +82,7 @@ impl Face {
     }
 }
 
-/// All who watch a run: here, and from outside.
+/// All views of a run: the terminal, and viewers outside.
 struct View {
     face: Face,
     live: LiveOutput,
@@ -109,7 +112,7 @@ impl Observer for View {
 /// Runs the whole job.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     let (mut store, info, mut live) = measure(args)?;
-    live.remark("measured to its end: now the robot is identified");
+    live.remark("measurement complete; identifying the robot");
     let finished = evaluate(&args.out, store.as_mut(), &info).and_then(|finished| {
         store.set_state(info.run, "complete")?;
         Ok(finished)
@@ -147,10 +150,9 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
     })
 }
 
-/// Plans and measures, or goes on with the last run. Those who see it from
-/// outside still do.
+/// Plans and measures, or continues the last run. The outside views stay open.
 pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
-    args.check_features()?;
+    features::check_run(args)?;
     let interrupt = interrupt()?;
     let inject = args.inject.as_deref().map(inject::Plan::load).transpose()?;
     let (mut store, prepared, resume) = if args.resume {
@@ -207,12 +209,12 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
     Ok((store, info, live))
 }
 
-/// Stores the force traces of a session's contacts, also of one that was
-/// stopped: the run may go on with --resume.
+/// Stores the force traces of a session's contacts, also after an interruption, because --resume
+/// may continue the run.
 fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<Trace>) -> Result<(), CliError> {
     if let Some(info) = store.last_run()? {
         let mut all = job::contact_traces(store, info.run)?;
-        // A run that was repeated from its start has all of them again.
+        // A run that was repeated from its start delivers all traces again.
         let again = |old: &Trace| {
             traces
                 .iter()
@@ -230,21 +232,18 @@ fn resumed(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, Prepared, Optio
     let info = store.require_run_of(args.arm.as_deref().unwrap_or_default())?;
     if info.link != args.link.to_string() {
         return Err(JobError::Resume {
-            what: format!(
-                "the last run was measured over \"{}\", not over \"{}\"",
-                info.link, args.link
-            ),
+            what: format!("the last run used --link {}, not --link {}", info.link, args.link),
             remedy: "give the same --link, or begin a new run without --resume",
         }
         .into());
     }
     let mut prepared = job::prepare(&job::read(store.as_mut(), &info)?.config)?;
-    // What was planned and taught then holds, whatever the planner would say now.
+    // Use the stored plan and waypoints, even if the planner would now choose others.
     prepared.plan = job::read(store.as_mut(), &info)?.plan;
     Ok((store, prepared, Some(info)))
 }
 
-/// Identifies, validates and writes everything about a stored run.
+/// Identifies and validates a stored run, and writes all files.
 pub(super) fn evaluate(
     out: &std::path::Path,
     store: &mut dyn CalibrationStore,

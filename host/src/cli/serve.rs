@@ -1,8 +1,7 @@
-//! `spherecal serve`: robot, laser tracker and database as network services, and
-//! the web page.
+//! `spherecal serve`: robot, laser tracker and database as network services, and the web page.
 //!
-//! It prints one line on stdout as soon as it listens, with the address, so
-//! that a script can wait for it; everything else goes to stderr. Ctrl-C ends it.
+//! As soon as it listens, it prints one line with the address on stdout, so that a script can wait
+//! for it. Everything else goes to stderr. Ctrl-C ends it.
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -14,6 +13,7 @@ use clap::{Args, ValueEnum};
 
 use super::args::ProtectionArgs;
 use super::exit::{CliError, Exit};
+use super::features;
 use super::interrupt::interrupt;
 use super::out::errln;
 use super::reports::stored_reports;
@@ -31,30 +31,30 @@ pub enum Service {
     Tracker,
     /// `CalibrationStore`.
     Store,
-    /// The web page, and `LiveView`; past calibrations are on it where the store is served.
+    /// The web page, and `LiveView`. The page shows past calibrations if the store is served.
     Page,
 }
 
 /// Arguments of `serve`.
 #[derive(Args, Clone, Debug)]
 pub struct ServeArgs {
-    /// Where clients connect; a port alone is on this machine only, 0 takes any.
+    /// Address for clients. A port alone serves this machine only; port 0 takes any free port.
     #[arg(long, value_name = "[HOST:]PORT", default_value = "7403")]
     pub grpc: String,
-    /// What is served: robot, tracker, store, page; all of them if nothing is said.
+    /// What to serve: robot, tracker, store, page. Default: all of them.
     #[arg(long, value_name = "SERVICE", value_delimiter = ',')]
     pub service: Vec<Service>,
-    /// What stands behind the robot: sim, qemu, tcp:HOST:PORT or controller:HOST:PORT.
+    /// Connection to the robot: sim, qemu, tcp:HOST:PORT or controller:HOST:PORT.
     #[arg(long, value_name = "LINK", default_value_t = Link::Sim)]
     pub link: Link,
-    /// Database that is served: a file or postgres://USER@HOST/DATABASE;
-    /// calibration.db in --out if none is given.
+    /// Database to serve: a file or postgres://USER@HOST/DATABASE. Default: calibration.db in
+    /// --out.
     #[arg(long, value_name = "STORE")]
     pub store: Option<StoreLocation>,
     /// Folder of the database.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
-    /// Seed of the simulated arm's errors and noise: that of the run, for the same arm.
+    /// Seed of the simulated arm's errors and noise. Use the run's seed for the same arm.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// Configuration of the run, for the same arm and plate.
@@ -79,10 +79,13 @@ impl ServeArgs {
 
 /// `spherecal serve`
 pub(super) fn run(args: &ServeArgs) -> Result<Exit, CliError> {
+    features::check_link(&args.link)?;
+    features::check_store(args.store.as_ref())?;
+    features::check_protection(&args.protection)?;
     let interrupted = interrupt()?;
     if matches!(args.link, Link::Grpc(_)) {
         return Err(CliError::input(
-            "a service behind a service is not served: give clients the address of the first",
+            "--link or --store names another service, which cannot be served again: give clients its own address",
         ));
     }
     let mut offer = Offer::default();
@@ -105,7 +108,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<Exit, CliError> {
     let server = Server::start(&args.grpc, &args.protection.files(), offer)?;
     let scheme = if server.is_encrypted() { "grpcs" } else { "grpc" };
     let mut out = std::io::stdout().lock();
-    // A reader that has gone does not matter to a server.
+    // A reader that closed the pipe does not matter to a server.
     let _ = writeln!(out, "services on {scheme}:{}", server.address()).and_then(|()| out.flush());
     drop(out);
     if args.serves(Service::Page) {
@@ -118,7 +121,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-/// Adds robot and tracker, where they are asked for.
+/// Adds robot and tracker, if requested.
 #[cfg(not(feature = "services"))]
 fn services(args: &ServeArgs, _offer: &mut Offer) -> Result<(), CliError> {
     if args.service.iter().any(|service| *service != Service::Page) {
@@ -128,7 +131,7 @@ fn services(args: &ServeArgs, _offer: &mut Offer) -> Result<(), CliError> {
         ));
     }
     if args.service.is_empty() {
-        errln!("only the page is served: robot, tracker and store need the feature `services`");
+        errln!("serving only the page: robot, tracker and store need the feature `services`");
     }
     Ok(())
 }
@@ -148,7 +151,7 @@ mod services {
 
     use super::{CliError, ServeArgs, Service};
 
-    /// Adds robot and tracker, where they are asked for.
+    /// Adds robot and tracker, if requested.
     pub(super) fn services(args: &ServeArgs, offer: &mut Offer) -> Result<(), CliError> {
         if args.serves(Service::Robot) || args.serves(Service::Tracker) {
             let prepared = Arc::new(prepared(args)?);
@@ -178,7 +181,7 @@ mod services {
         if let Some(seed) = args.seed {
             config.seed = seed;
         }
-        // The plan is the client's affair; a small one tells where home is.
+        // The client makes the plan; a small one here gives the home position.
         config.plan = PlanSection {
             poses: 6,
             paper: false,

@@ -1,9 +1,8 @@
-//! `spherecal plant` and `spherecal controller`: the two halves of a cell as
-//! processes of their own.
+//! `spherecal plant` and `spherecal controller`: the two halves of a cell as separate processes.
 //!
-//! Both print one line on stdout as soon as they listen, with the address, so
-//! that a script can wait for it; everything else goes to stderr. Ctrl-C ends
-//! them: the other side sees the connection close.
+//! As soon as either listens, it prints one line with the address on stdout, so that a script can
+//! wait for it. Everything else goes to stderr. Ctrl-C ends it; the other side sees the connection
+//! close.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -20,25 +19,25 @@ use spherecal_link::{Cell, Drive, LinkError, controller_in_process};
 /// Arguments of `plant`.
 #[derive(Args, Clone, Debug)]
 pub struct PlantArgs {
-    /// Where controllers connect; a port alone is on this machine only, 0 takes any.
+    /// Address for controllers. A port alone serves this machine only; port 0 takes any free port.
     #[arg(long, value_name = "[HOST:]PORT", default_value = "7401")]
     pub listen: String,
-    /// Seed of the arm's errors and noise: that of the run, for the same arm.
+    /// Seed of the arm's errors and noise. Use the run's seed for the same arm.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// Configuration of the run, for the same arm and plate.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
-    /// Move by the clock, 1 kHz, and do not wait for commands.
+    /// Run in real time at 1 kHz, and do not wait for commands.
     #[arg(long)]
     pub real_time: bool,
-    /// End when the first controller has gone.
+    /// End when the first controller has disconnected.
     #[arg(long)]
     pub once: bool,
 }
 
 impl PlantArgs {
-    /// The configuration that the arguments make, checked.
+    /// The configuration from the arguments, checked.
     ///
     /// # Errors
     /// A file or a value that cannot be used.
@@ -52,13 +51,13 @@ impl PlantArgs {
 /// Arguments of `controller`.
 #[derive(Args, Clone, Debug)]
 pub struct ControllerArgs {
-    /// The drive: tcp:HOST:PORT of a simulator, a gateway or `spherecal plant`.
+    /// Drive: tcp:HOST:PORT of a simulator, a gateway or `spherecal plant`.
     #[arg(long, value_name = "tcp:HOST:PORT", value_parser = tcp_address)]
     pub drive: String,
-    /// Where hosts connect (`spherecal run --link controller:HOST:PORT`).
+    /// Address for hosts (`spherecal run --link controller:HOST:PORT`).
     #[arg(long, value_name = "tcp:[HOST:]PORT", value_parser = tcp_address, default_value = "tcp:7402")]
     pub host_link: String,
-    /// End when the first host has gone.
+    /// End when the first host has disconnected.
     #[arg(long)]
     pub once: bool,
 }
@@ -71,10 +70,10 @@ fn tcp_address(text: &str) -> Result<String, BadValue> {
     }
 }
 
-/// Tells whoever started this process where it listens.
+/// Prints the address for the process that started this one.
 fn announce(line: &str) {
     let mut out = std::io::stdout().lock();
-    // A reader that has gone does not matter to a server.
+    // A reader that closed the pipe does not matter to a server.
     let _ = writeln!(out, "{line}").and_then(|()| out.flush());
 }
 
@@ -88,13 +87,13 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
     loop {
         match server.serve(&listener) {
             Ok(service) => errln!(
-                "a controller has gone after {} commands ({} missing, {} late, {} damaged frames)",
+                "a controller disconnected after {} commands ({} missing, {} late, {} damaged frames)",
                 service.commands,
                 service.missing,
                 service.late,
                 service.link.crc_errors
             ),
-            // One bad controller does not end the service of a drive that works.
+            // One faulty controller does not end the service of a working drive.
             Err(LinkError::Tcp(error)) if !args.once => errln!("spherecal plant: {error}"),
             Err(error) => return Err(error.into()),
         }

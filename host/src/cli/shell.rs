@@ -1,5 +1,5 @@
-//! `spherecal completions` and `spherecal man`: what shells and readers of
-//! manuals expect, made from the same description as the command line itself.
+//! `spherecal completions` and `spherecal man`: shell completions and manual pages, generated from
+//! the description of the command line.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -51,7 +51,7 @@ pub(super) fn man(args: &ManArgs, command: Command) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-/// A reader that has gone (`| head`) is no failure.
+/// A reader that closed the pipe (`| head`) is not an error.
 fn print_bytes(bytes: &[u8]) -> Result<Exit, CliError> {
     match std::io::stdout().lock().write_all(bytes) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(CliError::job(error)),

@@ -21,10 +21,10 @@ pub struct SoakArgs {
     /// Poses of a lap.
     #[arg(long, value_name = "N")]
     pub poses: Option<usize>,
-    /// Seed of everything that is drawn.
+    /// Seed of all random draws.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Configuration; it names only what differs from the defaults.
+    /// Configuration file. It needs only the fields that differ from the defaults.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
     /// Folder of the database (soak.db).
@@ -39,7 +39,7 @@ pub struct SoakArgs {
 pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
     if !(args.hours > 0.0 && args.hours <= 10_000.0) {
         return Err(CliError::input(format!(
-            "--hours is {}: give hours of robot time, more than 0 and at most 10000",
+            "--hours is {}: give the hours of robot time, above 0 and at most 10000",
             args.hours
         )));
     }
@@ -107,7 +107,7 @@ fn table(soak: &Soak) -> String {
     }
     out.push('\n');
     if soak.complaints.is_empty() {
-        out.push_str("Nothing has changed from the first hour to the last.\n");
+        out.push_str("No growth or drift from the first hour to the last.\n");
     }
     for complaint in &soak.complaints {
         out += &format!("  - {complaint}\n");

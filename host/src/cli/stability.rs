@@ -1,5 +1,4 @@
-//! `spherecal stability`: how still the seated arm holds, as the paper's
-//! stability analysis asked.
+//! `spherecal stability`: how still the seated arm holds; the paper's stability analysis.
 
 use std::path::Path;
 
@@ -7,6 +6,7 @@ use clap::Args;
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::features;
 use super::interrupt::interrupt;
 use super::out::{out, outln};
 use super::progress::ProgressView;
@@ -20,7 +20,7 @@ use spherecal_store::time::now_utc;
 /// Arguments of `stability`.
 #[derive(Args, Clone, Debug)]
 pub struct StabilityArgs {
-    /// The cell, and the plan that the places are taken from.
+    /// The cell, and the plan from which the places are taken.
     #[command(flatten)]
     pub run: RunArgs,
     /// Length of each hold, in s.
@@ -31,17 +31,20 @@ pub struct StabilityArgs {
     pub places: u8,
 }
 
-/// Time over which a recording averages, in s: the paper's second.
+/// Averaging time of a recording, in s, as in the paper.
 const WINDOW_S: f64 = 1.0;
-/// Control period of the drives that there are, in s.
+/// Control period of the supported drives, in s.
 const PERIOD_S: f64 = 1e-3;
 
 /// Holds, judges, and writes the report.
 pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
     let run = &args.run;
     if run.resume {
-        return Err(CliError::input("stability begins anew: leave out --resume"));
+        return Err(CliError::input(
+            "--resume: `spherecal stability` always starts a new measurement: leave the option out",
+        ));
     }
+    features::check_run(run)?;
     let interrupt = interrupt()?;
     let prepared = run.prepare()?;
     std::fs::create_dir_all(&run.out).map_err(|source| JobError::Write {
@@ -61,7 +64,9 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
         .collect::<Result<_, _>>()
         .map_err(CliError::job)?;
     if holds.is_empty() {
-        return Err(CliError::job("no hold was recorded: see the faults, and run it again"));
+        return Err(CliError::job(
+            "no hold was recorded: remedy the faults above and run the command again",
+        ));
     }
     let within = holds.iter().all(|h| h.within_noise);
     let document = serde_json::json!({
@@ -102,7 +107,8 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
     Ok(if within { Exit::Done } else { Exit::NotTrusted })
 }
 
-/// The model that tells the TCP: the one that a run left in `out`, else the nominal one.
+/// The model from which the TCP is computed: the one that a run left in `out`, else the nominal
+/// one.
 fn model(prepared: &Prepared, out: &Path) -> Result<(String, Chain), CliError> {
     let path = out.join("calibrated.toml");
     if path.exists() {

@@ -1,4 +1,4 @@
-//! The stages of the job one at a time, on what is stored.
+//! Single stages of the job, on stored data.
 
 use std::path::PathBuf;
 
@@ -61,7 +61,7 @@ pub(super) fn validate(args: &StoredArgs) -> Result<Exit, CliError> {
     let table = text::table(&finished.summary);
     if table.is_empty() {
         return Err(CliError::input(format!(
-            "run {} has no laser measurements to validate by: measure with [laser] enabled = true",
+            "run {} has no laser measurements for the validation: measure with [laser] enabled = true",
             info.run
         )));
     }
@@ -90,7 +90,7 @@ pub(super) fn config(args: &ConfigArgs) -> Result<Exit, CliError> {
     if args.print {
         out!("{}", config.to_documented_toml()?);
     } else {
-        outln!("The configuration is good; --print shows it.");
+        outln!("The configuration is valid; --print shows it.");
     }
     Ok(Exit::Done)
 }
@@ -100,7 +100,7 @@ fn stored(args: &StoredArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo), Cli
     let info = store.require_run_of(&args.arm)?;
     if info.state == "running" {
         return Err(CliError::input(format!(
-            "run {} is not measured to its end: go on with `spherecal run --resume --out {}`",
+            "the measurement of run {} is incomplete: continue with `spherecal run --resume --out {}`",
             info.run,
             args.out.display()
         )));

@@ -1,4 +1,4 @@
-//! `spherecal store`: is a database whole, and what can be saved of one that is not.
+//! `spherecal store`: checks a database, and saves the readable data of a damaged one.
 
 use std::path::PathBuf;
 
@@ -20,14 +20,14 @@ pub struct StoreArgs {
 /// What `store` does.
 #[derive(Clone, Debug, Subcommand)]
 pub enum StoreAction {
-    /// Read everything in a database, and hold it against its digests.
+    /// Read everything in a database, and compare it with its digests.
     #[command(after_help = "Example: spherecal store check spherecal-out/calibration.db")]
     Check {
         /// The database.
         #[arg(value_name = "DATABASE")]
         database: PathBuf,
     },
-    /// Save what can be read of a damaged database in a new file; the old one stays as it is.
+    /// Save the readable data of a damaged database in a new file; the old file stays unchanged.
     #[command(after_help = "Example: spherecal store recover spherecal-out/calibration.db saved/calibration.db")]
     Recover {
         /// The damaged database.
@@ -48,7 +48,7 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
         StoreAction::Check { database } => {
             let mut store = SqlStore::open(database)?;
             for info in store.runs()? {
-                // Reads everything, and holds it against its digests.
+                // Reads everything, and compares it with its digests.
                 let measured = job::read(&mut store, &info)?;
                 outln!(
                     "run {}: {}, {} of {} poses recorded",
@@ -71,10 +71,10 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
                     outln!("  {table:18} {:8} rows saved {:8} lost", saved.read, saved.lost);
                 }
                 for (run, sphere, pose) in &recovered.recordings_left_out {
-                    outln!("  left out, for it is not what was written: run {run}, sphere {sphere}, pose {pose}");
+                    outln!("  left out because its digest differs: run {run}, sphere {sphere}, pose {pose}");
                 }
                 outln!(
-                    "{}: {} recordings; {} is as it was. What is missing is recorded by `spherecal run --resume` on a \
+                    "{}: {} recordings; {} is unchanged. To record what is missing, use `spherecal run --resume` on a \
                      folder with the new file as calibration.db",
                     new.display(),
                     recordings

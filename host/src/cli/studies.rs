@@ -18,7 +18,7 @@ pub struct ReproduceArgs {
     /// Folder of the run, and of what is written.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
-    /// A synthetic robot of this world in place of the run: W0 to W4, W4-bad.
+    /// Use a synthetic robot of this world instead of the run: W0 to W4, W4-bad.
     #[arg(long, value_name = "WORLD")]
     pub world: Option<World>,
     /// Seed of the synthetic robot.
@@ -35,7 +35,7 @@ pub struct WorldsArgs {
     /// A world to compare in; all if none is named.
     #[arg(long, value_name = "WORLD")]
     pub world: Vec<World>,
-    /// Compare plans instead: error and robot time against the number of poses.
+    /// Compare plans instead: error and robot time for several numbers of poses.
     #[arg(long)]
     pub plan: bool,
     /// Robots drawn in each world.
@@ -51,7 +51,7 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
     let database = args.out.join("calibration.db");
     let world = match args.world {
         None if database.exists() => None,
-        // No run to look at: the world whose laser floor is that of the paper.
+        // There is no run: use the world whose laser error is that of the paper.
         None => Some(World::W1),
         given => given,
     };
@@ -77,7 +77,7 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
     };
     if recordings.tracker.as_ref().is_none_or(|t| t.validation.is_empty()) {
         return Err(CliError::input(
-            "the run has no laser measurements to validate by: measure with [laser] enabled = true, or use --world W1",
+            "the run has no laser measurements for the validation: measure with [laser] enabled = true, or use --world W1",
         ));
     }
     let done = study(&recordings, seed, &contact_force).map_err(CliError::job)?;

@@ -1,4 +1,4 @@
-//! Progress of `identify` on stderr: a bar on a terminal, a line now and then elsewhere.
+//! Progress of `identify` on stderr: a bar on a terminal, otherwise a line at intervals.
 
 use std::io::IsTerminal as _;
 use std::time::{Duration, Instant};
@@ -9,9 +9,9 @@ use spherecal_identify::study::Step;
 
 use super::out::errln;
 
-/// How often a line is written where there is no terminal.
+/// Interval of the lines if there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// Rows from which on the fit takes long enough to be announced.
+/// Number of rows above which the fit takes long enough to be announced.
 const MANY: usize = 10_000;
 
 /// Shows how far a calibration from files has come.

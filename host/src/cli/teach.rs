@@ -1,12 +1,13 @@
-//! `spherecal teach`: waypoints by hand.
+//! `spherecal teach`: stores waypoints by hand-guiding.
 //!
-//! Where the arm is simulated in this process, a simulated hand leads it; over
-//! every other link a person does, and says so by the Enter key.
+//! If the arm is simulated in this process, a simulated hand leads it. Over every other link an
+//! operator does, and confirms with the Enter key.
 
 use std::collections::BTreeMap;
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit};
+use super::features;
 use super::interrupt::interrupt;
 use super::out::{errln, outln};
 use super::progress::ProgressView;
@@ -18,7 +19,7 @@ use spherecal_model::chain::Chain;
 impl Operator for TerminalOperator {
     fn lead(&mut self, sphere: u32) {
         while self.entered() {}
-        errln!("Lead the nest to some 50 mm over sphere {sphere}, opening downwards, and press Enter.");
+        errln!("Lead the nest to about 50 mm above sphere {sphere}, with its opening downwards, and press Enter.");
     }
 
     fn is_there(&mut self) -> bool {
@@ -33,8 +34,11 @@ impl Operator for TerminalOperator {
 /// Teaches, and writes the file.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     if args.resume {
-        return Err(CliError::input("teach begins anew: leave out --resume"));
+        return Err(CliError::input(
+            "--resume: `spherecal teach` always starts a new measurement: leave the option out",
+        ));
     }
+    features::check_run(args)?;
     let interrupt = interrupt()?;
     let prepared = args.prepare()?;
     let path = args.out.join("waypoints.toml");

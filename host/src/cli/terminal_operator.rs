@@ -1,10 +1,10 @@
-//! The person at this terminal, who leads the arm or moves the plate and says
-//! so by the Enter key.
+//! The operator at this terminal, who leads the arm or moves the plate and confirms with the Enter
+//! key.
 
 use std::sync::mpsc::{Receiver, channel};
 
-/// A person at this terminal. The keyboard is read in a thread of its own, so
-/// that the arm's time never waits for it.
+/// The operator at this terminal. A separate thread reads the keyboard, so that the control of the
+/// arm never waits for it.
 #[derive(Default)]
 pub(super) struct TerminalOperator {
     lines: Option<Receiver<()>>,
@@ -17,7 +17,7 @@ impl TerminalOperator {
             let (told, lines) = channel();
             std::thread::spawn(move || {
                 let mut line = String::new();
-                // A closed stdin is no word of the operator.
+                // A closed stdin is not a confirmation.
                 while std::io::stdin().read_line(&mut line).is_ok_and(|count| count > 0) {
                     if told.send(()).is_err() {
                         break;

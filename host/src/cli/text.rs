@@ -1,4 +1,4 @@
-//! What is printed for people.
+//! Formats results for people.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use spherecal_job::{ModelSummary, Summary, expected_words};
 use spherecal_plan::Plan;
 
-/// What the models of the validation table are called for people, in order.
+/// Names of the models in the printed validation table, in order.
 const MODELS: [(&str, &str); 6] = [
     ("nominal", "nominal"),
     ("sphere", "spheres (this calibration)"),
@@ -115,7 +115,7 @@ pub(super) fn verdict(summary: &Summary) -> String {
             "The calibration may be used: {:.0} % of the mean error is gone.\n",
             share * 100.0
         ),
-        (true, None) => "The calibration may be used as far as its own residuals can tell.\n".to_owned(),
+        (true, None) => "The calibration may be used, judged by its own residuals alone.\n".to_owned(),
         (false, _) => "The calibration is NOT to be trusted.\n".to_owned(),
     };
     if summary.simulated {

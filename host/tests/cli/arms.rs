@@ -20,7 +20,7 @@ fn slow_every_built_in_arm_runs_the_whole_procedure() {
         let plan = spherecal(folder.path(), &["plan", "--config", "cell.toml", "--poses", "6"]);
         if !plan.status.success() {
             let refusal = text(&plan.stderr);
-            let place = refusal.find("[plant.plate]").map(|at| &refusal[at..]);
+            let place = refusal.find("[[cell.placements]]").map(|at| &refusal[at..]);
             cell.push_str(place.unwrap_or_else(|| panic!("{name}: no place is named: {refusal}")));
             std::fs::write(&file, &cell).expect("written");
         }

@@ -11,12 +11,19 @@ pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
+/// Pages for users and for developers, at the root and in the book.
 fn pages() -> Vec<PathBuf> {
-    let mut pages = vec![root().join("README.md")];
-    for entry in std::fs::read_dir(root().join("docs")).expect("docs") {
-        let path = entry.expect("an entry").path();
-        if path.extension().is_some_and(|e| e == "md") {
-            pages.push(path);
+    let at_root = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"];
+    let mut pages: Vec<_> = at_root.iter().map(|name| root().join(name)).collect();
+    let mut folders = vec![root().join("docs")];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).expect("a folder of the book") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "md") {
+                pages.push(path);
+            }
         }
     }
     pages.sort();
@@ -110,12 +117,10 @@ fn every_link_leads_somewhere() {
     }
     assert!(checked >= 15, "{checked} links");
     assert!(wrong.is_empty(), "{wrong:#?}");
-    let contents = read(&root().join("docs/SUMMARY.md")).0;
-    for page in pages()
-        .iter()
-        .filter(|p| p.parent().is_some_and(|f| f.ends_with("docs")))
-    {
-        let name = page.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let book = root().join("docs");
+    let contents = read(&book.join("SUMMARY.md")).0;
+    for name in pages().iter().filter_map(|page| page.strip_prefix(&book).ok()) {
+        let name = name.display().to_string();
         assert!(
             name == "SUMMARY.md" || contents.contains(&name),
             "{name} is not in SUMMARY.md"

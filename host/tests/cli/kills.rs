@@ -199,7 +199,7 @@ fn a_full_disk_stops_with_its_reason_and_the_run_goes_on() {
             break;
         }
         assert_eq!(output.status.code(), Some(1), "{said}");
-        refused |= said.contains("make room") && said.contains("--resume");
+        refused |= said.contains("free space") && said.contains("--resume");
         println!("{blocks} blocks: {}", said.lines().last().unwrap_or_default());
     }
     assert!(refused, "no limit was met, or none was told");

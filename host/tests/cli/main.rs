@@ -10,6 +10,8 @@ mod everyday;
 mod field;
 #[cfg(all(feature = "services", feature = "postgres"))]
 mod fleet;
+#[cfg(target_os = "linux")]
+mod floods;
 mod kills;
 mod left_out;
 mod main_job;

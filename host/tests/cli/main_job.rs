@@ -113,14 +113,21 @@ fn bad_input_is_refused_by_name() {
         "[procedure.couple]\nhold = 4\n",
         &["unknown field `hold`", "config --print"],
     );
-    config("[plant.plate]\nspheres_m = []\n", &["sphere"]);
+    config("[cell.plate]\nspheres_m = []\n", &["cell.plate.spheres_m is 0"]);
     config(
-        "[plant.plate]\norigin_m = [2.5, 0.0, 0.3]\n",
+        "[[cell.placements]]\norigin_m = [2.5, 0.0, 0.3]\nrpy_rad = [0.0, 0.0, 0.0]\n",
         &["sphere", "out of reach", "move the plate"],
+    );
+    config(
+        "[plant.plate]\norigin_m = [0.5, 0.0, 0.3]\n",
+        &[
+            "remove plant.plate.origin_m",
+            "[[cell.placements]]\norigin_m = [0.5, 0.0, 0.3]",
+        ],
     );
     config("[plant]\npreset = \"gentle\"\n", &["gentle", "typical"]);
     refused(folder, &["robot", "show", "iiwa99"], &["iiwa99", "give one of"]);
-    refused(folder, &["run", "--poses", "0"], &["--poses is 0", "at least one"]);
+    refused(folder, &["run", "--poses", "0"], &["--poses is 0", "at least 1"]);
     refused(
         folder,
         &["run", "--link", "carrier-pigeon"],

@@ -72,7 +72,10 @@ fn a_link_to_nowhere_is_refused() {
             assert!(said.contains(word), "{arguments:?} does not say \"{word}\": {said}");
         }
     };
-    let nowhere = ["tcp:127.0.0.1:1 cannot be reached", "start what listens there first"];
+    let nowhere = [
+        "tcp:127.0.0.1:1 cannot be reached",
+        "start the program that listens there first",
+    ];
     refused(&["measure", "--poses", "3", "--link", "tcp:127.0.0.1:1"], 1, &nowhere);
     refused(
         &["measure", "--poses", "3", "--link", "controller:127.0.0.1:1"],
@@ -84,7 +87,7 @@ fn a_link_to_nowhere_is_refused() {
     refused(
         &["plant", "--listen", "not.a.host.invalid:7"],
         1,
-        &["cannot be listened at", "HOST:PORT"],
+        &["cannot listen at", "HOST:PORT"],
     );
 }
 
@@ -185,5 +188,5 @@ fn over_a_link_a_person_leads_the_arm() {
     );
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("from where the plan has it"), "{said}");
+    assert!(said.contains("from its planned position"), "{said}");
 }

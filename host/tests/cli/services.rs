@@ -82,10 +82,11 @@ fn a_run_over_services_is_the_run_in_one_process() {
 fn the_plate_is_moved_over_services() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let plate = spherecal::job::Config::default().plant().expect("the preset").plate;
-    let ([x, y, z], [roll, pitch, yaw]) = (plate.origin_m, plate.rpy_rad);
+    let place = spherecal::job::Config::default().cell.placements[0];
+    let ([x, y, z], [roll, pitch, yaw]) = (place.origin_m, place.rpy_rad);
     let cell = format!(
-        "[plan]\nposes = 24\n[plan.range]\ncandidates = 700\n[[plant.plate.moved]]\norigin_m = [{x}, {}, {}]\n\
+        "[plan]\nposes = 24\n[plan.range]\ncandidates = 700\n[[cell.placements]]\norigin_m = [{x}, {y}, {z}]\n\
+         rpy_rad = [{roll}, {pitch}, {yaw}]\n[[cell.placements]]\norigin_m = [{x}, {}, {}]\n\
          rpy_rad = [{roll}, {pitch}, {}]\n",
         y + 0.12,
         z + 0.10,

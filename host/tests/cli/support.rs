@@ -67,6 +67,19 @@ impl Server {
         Self { child, address, peer }
     }
 
+    /// Resident memory, MiB; Linux only.
+    #[cfg(target_os = "linux")]
+    pub(crate) fn memory_mib(&self) -> f64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).expect("it runs");
+        let line = status.lines().find(|l| l.starts_with("VmRSS")).expect("memory is told");
+        let kib: f64 = line
+            .split_whitespace()
+            .nth(1)
+            .and_then(|n| n.parse().ok())
+            .expect("a number");
+        kib / 1024.0
+    }
+
     pub(crate) fn ended_well(mut self) {
         assert!(self.child.wait().expect("it ends").success());
     }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// The approach: stiffness 50/50/100 N/m, 25 mm/s, until the force is 7.5 N.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Approach {
     /// Translational stiffness across the approach (two axes) and along it, in N/m.
@@ -56,6 +57,7 @@ impl Default for Approach {
 
 /// Coupling: a soft hold after contact while the magnet seats the nest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Couple {
     /// Translational stiffness, in N/m.
@@ -89,6 +91,7 @@ impl Default for Couple {
 
 /// Turning to the next pose about the sphere.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Turn {
     /// Translational stiffness, in N/m.
@@ -124,6 +127,7 @@ impl Default for Turn {
 
 /// Recording at a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Record {
     /// Translational stiffness, in N/m.
@@ -144,6 +148,7 @@ impl Default for Record {
 /// The seating watch. While the nest is coupled, the TCP is tied to the sphere:
 /// its computed position moves only by the errors of the kinematic model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Seating {
     /// Largest distance of the computed TCP from where it was when the nest
@@ -189,6 +194,7 @@ impl Default for Seating {
 
 /// Leaving the sphere against the magnet's holding force of 26.5 N.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Decouple {
     /// Translational stiffness, in N/m. With 200 the nest never lets go; with

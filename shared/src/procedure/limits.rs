@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// Limits whose violation is a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Limits {
     /// Margin to the joints' position limits, in rad.

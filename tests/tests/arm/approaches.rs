@@ -119,7 +119,8 @@ fn approach(k: u64) -> Outcome {
         Vector3::new(about.cos(), about.sin(), 0.0) * rng.random_range(0.0..5f64.to_radians()),
     );
     let direction = tilt * Vector3::new(0.0, 0.0, -1.0);
-    let start = Vector3::from(config.plate.origin_m) + Vector3::new(beside * around.cos(), beside * around.sin(), 0.0)
+    let start = Vector3::from(config.cell.first().origin_m)
+        + Vector3::new(beside * around.cos(), beside * around.sin(), 0.0)
         - direction * 0.040;
     let rotation = tilt.to_rotation_matrix().into_inner() * down(YAW);
     let q = solve(&nominal(), &start, &rotation, &SEED);
@@ -133,7 +134,7 @@ fn approach(k: u64) -> Outcome {
     let stop = Stop {
         sphere: 1,
         place: 0,
-        centre_m: config.plate.origin_m,
+        centre_m: config.cell.first().origin_m,
         over_home: true,
         approach: q.to_vec(),
         direction: direction.into(),

@@ -18,7 +18,7 @@ fn plant() -> PlantConfig {
 
 /// A rig whose TCP stands `offset` (m) beside sphere 1's true place.
 fn beside(config: &PlantConfig, offset: Vector3<f64>) -> Rig {
-    let centre = Vector3::from(config.plate.origin_m);
+    let centre = Vector3::from(config.cell.first().origin_m);
     let q = solve(&nominal(), &(centre + offset), &down(YAW), &SEED);
     let mut rig = Rig::new(config, Procedure::default(), &q);
     rig.run(300);

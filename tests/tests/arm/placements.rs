@@ -13,18 +13,11 @@ fn two_places() -> Prepared {
     let mut config = Config::default();
     config.plan.poses = 60;
     config.plan.range.candidates = 700;
-    let first = config.plant().expect("the preset").plate;
-    let [x, y, z] = first.origin_m;
-    let [roll, pitch, yaw] = first.rpy_rad;
-    let moved = toml::toml! {
-        [[moved]]
-        origin_m = [0.0, 0.0, 0.0]
-        rpy_rad = [0.0, 0.0, 0.0]
-    };
-    let mut plate = moved;
-    plate["moved"][0]["origin_m"] = vec![x, y + 0.12, z + 0.10].into();
-    plate["moved"][0]["rpy_rad"] = vec![roll, pitch, yaw + 0.3].into();
-    config.plant.insert("plate".to_owned(), plate.into());
+    let mut second = config.cell.placements[0];
+    second.origin_m[1] += 0.12;
+    second.origin_m[2] += 0.10;
+    second.rpy_rad[2] += 0.3;
+    config.cell.placements.push(second);
     prepare(&config).expect("a plan")
 }
 

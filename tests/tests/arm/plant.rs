@@ -188,8 +188,8 @@ fn a_bad_configuration_is_refused_by_name() {
     assert!(refuse("substep_s = 0.0003").contains("substep_s is 0.0003"));
     assert!(refuse("[nest]\nstiffness_n_m = -1.0").contains("nest.stiffness_n_m is -1"));
     assert!(refuse("[sensors]\nangle_white_rad = nan").contains("sensors.angle_white_rad is NaN"));
-    assert!(refuse("[plate]\nspheres_m = []").contains("plate.spheres_m is 0"));
-    assert!(refuse("[plate]\nsphere_radius_mm = 25.4").contains("sphere_radius_mm"));
+    assert!(refuse("[plate]\nplacement_sigma_m = -1").contains("plate.placement_sigma_m is -1"));
+    assert!(refuse("[plate]\nspheres_m = []").contains("spheres_m"));
     assert!(matches!(PlantConfig::preset("perfect"), Err(PlantError::Preset { .. })));
     let typical = PlantConfig::typical();
     let round = PlantConfig::from_toml(&typical.to_toml().expect("TOML")).expect("its own text");

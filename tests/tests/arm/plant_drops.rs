@@ -32,9 +32,9 @@ fn drop_once(rng: &mut ChaCha8Rng, substep_s: f64) -> (f64, f64, bool) {
     config.substep_s = substep_s;
     let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("a robot");
     let mut between = |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
-    let sphere = Vector3::from(config.plate.origin_m)
-        + nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), config.plate.rpy_rad[2])
-            * Vector3::from(config.plate.spheres_m[(between(0.0, 2.999)) as usize]);
+    let sphere = Vector3::from(config.cell.first().origin_m)
+        + nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), config.cell.first().rpy_rad[2])
+            * Vector3::from(config.cell.plate.spheres_m[(between(0.0, 2.999)) as usize]);
     let tilt = nalgebra::Rotation3::new(Vector3::new(between(-0.2, 0.2), between(-0.2, 0.2), between(-0.4, 0.4)));
     let down = Matrix3::new(-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0);
     let target = Pose {

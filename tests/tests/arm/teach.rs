@@ -160,7 +160,7 @@ fn waypoints_that_cannot_be_meant_are_refused() {
     );
     refused(
         &|w| w.waypoint[0].joints_rad = prepared.plan.home.joints.clone(),
-        &["sphere 1 is 2", "mm from where the plan has it", "over its own sphere"],
+        &["sphere 1 is 2", "mm from its planned position", "above its own sphere"],
     );
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("waypoints.toml");

@@ -78,8 +78,10 @@ fn inside(world: World, seed: u64) -> f64 {
     let calibration = identify(&trial.spheres, &Options::default()).expect("good data");
     let points = trial.validation.iter().zip(&trial.validation_truth_m);
     let within = points.filter(|(measured, real)| {
-        let in_base = trial.truth.base.inverse_point(&Vector3::from(**real));
-        let error = calibration.tcp_world_m(&measured.q, None) - trial.truth.plate.inverse_point(&in_base);
+        let in_base = trial.base().inverse_point(&Vector3::from(**real));
+        let plate = &trial.truth.plate;
+        let in_plate = plate.rotation.tr_mul(&(in_base - plate.position));
+        let error = calibration.tcp_world_m(&measured.q, None) - in_plate;
         let covariance = calibration.tcp_covariance(&measured.q);
         let solved = covariance.cholesky().expect("positive definite").solve(&error);
         error.dot(&solved) < CHI_SQUARE_95

@@ -38,8 +38,8 @@ fn contacts_lie_on_their_spheres() {
         .step_by(9)
         .cloned()
         .collect();
-    let good = record_poses(World::W4, &World::W4.recipe(), 5, &poses).expect("reachable");
-    let bad = record_poses(World::W4Bad, &World::W4Bad.recipe(), 5, &poses).expect("reachable");
+    let good = record_poses(World::W4, 5, &poses).expect("reachable");
+    let bad = record_poses(World::W4Bad, 5, &poses).expect("reachable");
     assert!((3..30).contains(&bad.bad.len()) && good.bad.is_empty());
     for (i, (a, b)) in good
         .spheres
@@ -51,13 +51,16 @@ fn contacts_lie_on_their_spheres() {
         let Target::Sphere { sphere, .. } = a.target else {
             panic!("a contact has a sphere");
         };
-        let centre = Vector3::from(good.truth.spheres_m[sphere as usize - 1]);
-        let centre = good.truth.plate.point(&centre);
-        let miss = (good.truth.evaluator().tcp(&a.q, &[]) - centre).norm();
+        let centre = good.truth.spheres[sphere as usize - 1].expect("a sphere");
+        let real = |q: &[f64]| {
+            let q = q.try_into().expect("seven joints");
+            good.truth.tcp(&good.truth.link_angles_at_rest(&q)).position
+        };
+        let miss = (real(&a.q) - centre).norm();
         // White joint errors of 5e-5 rad at most some 0.25 mm away.
         assert!(miss < 0.25e-3, "contact {i}: {miss}");
         if bad.bad.contains(&i) {
-            let off = (good.truth.evaluator().tcp(&b.q, &[]) - centre).norm();
+            let off = (real(&b.q) - centre).norm();
             assert!((2.7e-3..6.3e-3).contains(&off), "bad coupling {i}: {off}");
         } else {
             assert_eq!(a, b);
@@ -71,19 +74,18 @@ fn contacts_lie_on_their_spheres() {
 fn seeds_and_scale_are_kept() {
     let poses = &paper_poses().expect("the nominal cell")[..40];
     for seed in [0, 7] {
-        let w0 = record_poses(World::W0, &World::W0.recipe(), seed, poses).expect("reachable");
-        let again = record_poses(World::W0, &World::W0.recipe(), seed, poses).expect("reachable");
+        let w0 = record_poses(World::W0, seed, poses).expect("reachable");
+        let again = record_poses(World::W0, seed, poses).expect("reachable");
         assert!(w0.spheres == again.spheres && w0.frames == again.frames && w0.validation == again.validation);
-        let truth = w0.truth.evaluator();
+        let real = |q: &[f64]| {
+            let q = q.try_into().expect("seven joints");
+            w0.truth.tcp(&w0.truth.link_angles_at_rest(&q)).position
+        };
         let nominal = |q: &[f64]| tcp(&w0.spheres.robot, &w0.truth.tool, q);
         let planned = spherecal::plan::laser::plan(&w0.spheres.robot, &w0.spheres.tool, seed).expect("reachable");
-        let sum: f64 = planned
-            .validation
-            .iter()
-            .map(|q| (truth.tcp(q, &[]) - nominal(q)).norm())
-            .sum();
+        let sum: f64 = planned.validation.iter().map(|q| (real(q) - nominal(q)).norm()).sum();
         assert!((sum / 125.0 - 1.403e-3).abs() < 1e-9, "{}", sum / 125.0);
-        let w1 = record_poses(World::W1, &World::W1.recipe(), seed, poses).expect("reachable");
+        let w1 = record_poses(World::W1, seed, poses).expect("reachable");
         assert!(w0.spheres == w1.spheres && w0.validation == w1.validation);
         let tool = (Vector3::from(w0.frames.tool_m) - Vector3::from(w1.frames.tool_m)).norm();
         let base = (w0.frames.base.translation_m - w1.frames.base.translation_m).norm();
@@ -102,9 +104,9 @@ fn unmodelled_errors_have_the_size_of_the_stored_worlds() {
         let poses = &paper_poses().expect("the nominal cell")[..10];
         let ours: Vec<f64> = (0..8)
             .map(|seed| {
-                let t = record_poses(world, &world.recipe(), seed, poses).expect("reachable");
+                let t = record_poses(world, seed, poses).expect("reachable");
                 rms(t.validation.iter().map(|m| {
-                    let predicted = t.truth.base.point(&tcp(&t.truth.robot, &t.truth.tool, &m.q));
+                    let predicted = t.base().point(&tcp(&t.truth.robot, &t.truth.tool, &m.q));
                     (Vector3::from(m.point_m) - predicted).norm()
                 }))
             })
@@ -139,7 +141,7 @@ fn unmodelled_errors_have_the_size_of_the_stored_worlds() {
 #[test]
 fn laser_points_are_spread_as_tables_3_and_4() {
     let trial = record(World::W0, 3).expect("reachable");
-    let back = |p: [f64; 3]| trial.truth.base.inverse_point(&Vector3::from(p));
+    let back = |p: [f64; 3]| trial.base().inverse_point(&Vector3::from(p));
     let laser: Vec<_> = trial
         .laser
         .observations

@@ -315,7 +315,7 @@ fn the_python_drive_is_moved_by_the_controller() {
     line.clear();
     said.read_line(&mut line).expect("its last words");
     assert!(
-        line.contains("a controller has gone") && line.contains("0 damaged"),
+        line.contains("a controller disconnected") && line.contains("0 damaged"),
         "{line}"
     );
     assert!(script.0.wait().expect("it ends").success());

@@ -223,7 +223,7 @@ fn a_drive_that_does_not_fit_is_refused_with_a_remedy() {
     expect(framed(&hello(), 0), &["taken"]);
     expect(
         changed(&|h| h.protocol = PROTOCOL_VERSION + 1),
-        &["protocol", "belong together"],
+        &["protocol", "use matching versions"],
     );
     expect(
         changed(&|h| {
@@ -231,7 +231,10 @@ fn a_drive_that_does_not_fit_is_refused_with_a_remedy() {
         }),
         &["6 joints", "the robot 7", "choose the robot"],
     );
-    expect(changed(&|h| h.period_us = 20_000), &["20000 µs", "from 100 to 10000"]);
+    expect(
+        changed(&|h| h.period_us = 20_000),
+        &["20000 µs", "between 100 and 10000"],
+    );
     expect(
         changed(&|h| h.limits[3].torque_nm = 50.0),
         &["joint 4", "largest torque in N m of 50", "110", "robot convert"],
@@ -257,7 +260,7 @@ fn nobody_there_is_said_so() {
     let error = TcpDrive::connect(&address.to_string()).err().expect("nobody is there");
     let said = error.to_string();
     assert!(
-        said.contains("cannot be reached") && said.contains("start what listens there"),
+        said.contains("cannot be reached") && said.contains("start the program that listens there"),
         "{said}"
     );
 }

@@ -52,6 +52,27 @@ pub async fn report_drops(links: &Links) -> ! {
     }
 }
 
+/// Defines an interrupt executor and the handler of the interrupt that runs it.
+///
+/// `interrupt_executor! { #[interrupt] CONTROL, UART7 }` defines the static `CONTROL` and the handler of `UART7`;
+/// `#[interrupt]` is the attribute of the board's HAL. Use an interrupt that nothing else needs. Start the executor
+/// once, with this interrupt: `CONTROL.start(interrupt::UART7)`. Enable the interrupt in no other way, because the
+/// handler relies on the executor having been started.
+///
+/// The board's crate depends on `embassy-executor` directly.
+#[macro_export]
+macro_rules! interrupt_executor {
+    ($(#[$attribute:meta])+ $executor:ident, $interrupt:ident) => {
+        static $executor: embassy_executor::InterruptExecutor = embassy_executor::InterruptExecutor::new();
+
+        $(#[$attribute])+
+        unsafe fn $interrupt() {
+            // SAFETY: the interrupt is enabled by `start` alone, which has this executor ready.
+            unsafe { $executor.on_interrupt() }
+        }
+    };
+}
+
 /// Defines the controller's memory and link tasks in the board's crate.
 ///
 /// - `joints`: number of joints of the arm.

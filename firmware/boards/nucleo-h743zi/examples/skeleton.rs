@@ -3,15 +3,14 @@
 #![no_main]
 
 use defmt_rtt as _;
-use embassy_executor::{Executor, InterruptExecutor};
+use embassy_executor::Executor;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::peripherals::{USART2, USART3};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
 use embassy_stm32::{bind_interrupts, interrupt as vector};
-use spherecal_board::{ControlSide, ControlState};
+use spherecal_board::{ConstStaticCell, ControlSide, ControlState, StaticCell, interrupt_executor};
 use spherecal_firmware::app::{TickerClock, run};
 use spherecal_m7 as _; // Only on a Cortex-M7: faster memory copies.
-use static_cell::{ConstStaticCell, StaticCell};
 
 // 1. The controller: number of joints, types of the links' byte streams.
 spherecal_board::controller! {
@@ -22,8 +21,8 @@ spherecal_board::controller! {
 }
 
 // 2. Two executors: control above the links. Any two unused interrupts will do.
-static CONTROL: InterruptExecutor = InterruptExecutor::new();
-static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
+interrupt_executor! { #[vector] CONTROL, UART7 }
+interrupt_executor! { #[vector] LINK_TASKS, UART8 }
 static THREAD: StaticCell<Executor> = StaticCell::new();
 static BUFFERS: [ConstStaticCell<[u8; 2048]>; 4] = [const { ConstStaticCell::new([0; 2048]) }; 4];
 
@@ -31,18 +30,6 @@ bind_interrupts!(struct Interrupts {
     USART2 => BufferedInterruptHandler<USART2>;
     USART3 => BufferedInterruptHandler<USART3>;
 });
-
-#[vector]
-unsafe fn UART7() {
-    // SAFETY: `CONTROL.start` was given this interrupt.
-    unsafe { CONTROL.on_interrupt() }
-}
-
-#[vector]
-unsafe fn UART8() {
-    // SAFETY: `LINK_TASKS.start` was given this interrupt.
-    unsafe { LINK_TASKS.on_interrupt() }
-}
 
 // 3. The control task. A real board feeds its watchdog in a clock of its own.
 #[embassy_executor::task]

@@ -22,14 +22,14 @@ use spherecal_m7 as _;
 
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use defmt_rtt as _;
-use embassy_executor::{Executor, InterruptExecutor};
+use embassy_executor::Executor;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::peripherals::{IWDG1, USART2, USART3};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUartRx, BufferedUartTx};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, interrupt as vector};
 use embassy_time::{Duration, Instant};
-use spherecal_board::{ControlSide, ControlState};
+use spherecal_board::{ControlSide, ControlState, interrupt_executor};
 use spherecal_firmware::app::ports::{Clock, Tick};
 use spherecal_firmware::app::{TickerClock, run};
 use static_cell::StaticCell;
@@ -57,22 +57,10 @@ bind_interrupts!(struct Interrupts {
     USART3 => BufferedInterruptHandler<USART3>;
 });
 
-static CONTROL: InterruptExecutor = InterruptExecutor::new();
-static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
-static THREAD: StaticCell<Executor> = StaticCell::new();
-
 // The interrupts of two unused peripherals run the two interrupt executors.
-#[vector]
-unsafe fn UART7() {
-    // SAFETY: `CONTROL.start` was given this interrupt.
-    unsafe { CONTROL.on_interrupt() }
-}
-
-#[vector]
-unsafe fn UART8() {
-    // SAFETY: `LINK_TASKS.start` was given this interrupt.
-    unsafe { LINK_TASKS.on_interrupt() }
-}
+interrupt_executor! { #[vector] CONTROL, UART7 }
+interrupt_executor! { #[vector] LINK_TASKS, UART8 }
+static THREAD: StaticCell<Executor> = StaticCell::new();
 
 /// A ticker that feeds the watchdog and checks the supply on every tick.
 struct WatchedClock {

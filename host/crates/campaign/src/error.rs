@@ -13,12 +13,12 @@ pub enum CampaignError {
     /// The link failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The journal failed; what was not stored was not acknowledged.
+    /// The journal failed. Events that were not stored were not acknowledged.
     #[error("{0}")]
     Journal(#[from] JournalError),
     /// The controller speaks another protocol.
     #[error(
-        "the controller ({version}) speaks protocol {found}, this program {expected}: \
+        "the controller ({version}) speaks protocol {found}, but this program speaks {expected}: \
          use a firmware and a program of the same version"
     )]
     Protocol {
@@ -31,7 +31,7 @@ pub enum CampaignError {
     },
     /// The controller is of another version.
     #[error(
-        "the controller's firmware is version {found} (build {build}), this program {expected}: \
+        "the controller's firmware is version {found} (build {build}), but this program is version {expected}: \
          use a firmware and a program of the same version"
     )]
     Version {
@@ -42,20 +42,20 @@ pub enum CampaignError {
         /// Version of this program.
         expected: &'static str,
     },
-    /// The messages of controller and program have another layout.
+    /// The controller's messages have another layout than this program's.
     #[error(
-        "the controller's messages are laid out otherwise than this program's (schema {found}, here {expected:016x}): \
+        "the controller's messages have another layout than this program's (schema {found}, expected {expected:016x}): \
          build firmware and program from the same sources (`scripts/cross.sh build`), and load the firmware again"
     )]
     Schema {
-        /// Key and build of the firmware, as far as they could be read.
+        /// Schema key and build of the firmware, as far as they could be read.
         found: String,
         /// Key of this program.
         expected: u64,
     },
     /// The controller was built for another arm.
     #[error(
-        "the controller was built for {controller} joints, the robot has {robot}: use the controller for this robot"
+        "the controller was built for {controller} joints, but the robot has {robot}: use the controller for this robot"
     )]
     Joints {
         /// Joints of the controller.
@@ -63,15 +63,15 @@ pub enum CampaignError {
         /// Joints of the robot.
         robot: usize,
     },
-    /// The controller says what cannot be.
+    /// The controller sent an impossible value.
     #[error(
-        "the controller sent what cannot be ({0}); it was not stored: check that controller, drive and program are of \
+        "the controller sent an impossible value ({0}); it was not stored: check that controller, drive and program are of \
          the same version, then continue with --resume"
     )]
     Implausible(#[from] Implausible),
-    /// The controller knows nothing of this session any more.
+    /// The controller no longer knows this session.
     #[error(
-        "the controller was restarted, or another host has taken it over: see that nobody else uses it and that the \
+        "the controller was restarted, or another host has taken it over: make sure that nobody else uses it and that the \
          arm is safe; then continue with --resume"
     )]
     Restarted,
@@ -131,22 +131,22 @@ pub enum CampaignError {
     },
     /// The controller was lost.
     #[error(
-        "the controller was not heard for {silent_s:.0} s and does not answer greetings: check its power and the \
+        "the controller was silent for {silent_s:.0} s and does not answer the handshake: check its power and the \
          host link; then continue with --resume"
     )]
     Lost {
-        /// For how long it was not heard, in s.
+        /// How long it was silent, in s.
         silent_s: f64,
     },
     /// A sphere is not where it was.
     #[error(
-        "sphere {sphere} is {by_mm:.0} mm from where it should be by sphere {other}: the plate or a sphere was \
-         moved; fix them and begin a new run, for what was recorded before does not fit what would come"
+        "sphere {sphere} is {by_mm:.0} mm from its expected position relative to sphere {other}: the plate or a sphere was \
+         moved; fix them and begin a new run, because earlier recordings would not fit later ones"
     )]
     Moved {
         /// The sphere.
         sphere: u32,
-        /// The sphere that it was held against; itself where it was found before.
+        /// The sphere it was compared with; the same sphere where it was found before.
         other: u32,
         /// By how much, in mm.
         by_mm: f64,
@@ -162,10 +162,10 @@ pub enum CampaignError {
         /// Poses planned.
         planned: usize,
     },
-    /// The plate must be moved, and nobody is here to do it.
+    /// The plate must be moved, and no operator can be asked.
     #[error(
         "the plate is to be moved to placement {} of the plan, and nobody at this terminal can say that it was: \
-         run without --json at a terminal, or plan one placement (leave out plant.plate.moved)", place + 1
+         run without --json at a terminal, or plan one placement (give one of [[cell.placements]])", place + 1
     )]
     Plate {
         /// Placement, from 0.
@@ -189,15 +189,15 @@ fn describe(report: &FaultReport) -> String {
     )
 }
 
-/// What a person does about a fault.
+/// The operator's remedy for a fault.
 pub fn remedy(fault: Fault) -> &'static str {
     match fault {
-        Fault::JointPosition => "a pose lies too close to a joint limit: plan with a larger margin",
+        Fault::JointPosition => "a pose is too close to a joint limit: plan with a larger margin",
         Fault::JointVelocity => "lower procedure.turn.speed_rad_s or procedure.motion.speed_rad_s",
         Fault::JointTorque => "check tool mass and centre of mass, and that nothing blocks the arm",
-        Fault::Force => "something was hit or the nest jams: clear the way",
-        Fault::PathDeviation => "something holds the arm: clear the way",
-        Fault::MotionTimeout => "the arm does not settle: check friction and payload, or allow more settle_s",
+        Fault::Force => "the arm hit something or the nest is jammed: clear the path",
+        Fault::PathDeviation => "something blocks the arm: clear the path",
+        Fault::MotionTimeout => "the arm does not settle: check friction and payload, or raise settle_s",
         Fault::Tare => "the declared tool mass or centre of mass is wrong, or a torque sensor is off: check the tool",
         Fault::NoContact => "check that the sphere is in place and that its waypoint is within 10 mm",
         Fault::NotSeated => "clean nest and sphere, and teach the waypoint closer",
@@ -206,16 +206,16 @@ pub fn remedy(fault: Fault) -> &'static str {
         Fault::StaleState => {
             "the drive does not keep its period: check the drive link; where a joint is named, check its encoder"
         }
-        Fault::NotFinite => "the drive sends numbers that are none: check the drive or its gateway",
+        Fault::NotFinite => "the drive sends values that are not numbers: check the drive or its gateway",
         Fault::Drive => "release the emergency stop and enable the drives",
-        Fault::Overrun => "the controller misses its period: take load off it",
+        Fault::Overrun => "the controller misses its period: reduce its load",
         Fault::HostSilence => "the host link was silent: check the network and the load of this computer",
-        Fault::PositionJump => "an encoder has lost its place: reference the joint and start the controller again",
+        Fault::PositionJump => "an encoder lost its position: reference the joint and restart the controller",
         Fault::TorqueSensor => {
-            "a torque sensor or a motor fails: let the drive check itself, and have the joint looked at"
+            "a torque sensor or a motor fails: run the drive's self-test, and have the joint inspected"
         }
-        Fault::TcpSpeed => "lower procedure.motion.speed_rad_s, and look for what drives the arm",
-        Fault::Workspace => "the way leads out of procedure.limits.workspace or to the plate: check plate and plan",
-        Fault::Internal => "this is a defect of the controller: please report it with the database",
+        Fault::TcpSpeed => "lower procedure.motion.speed_rad_s, and find out what pushes the arm",
+        Fault::Workspace => "the path leaves procedure.limits.workspace or reaches the plate: check plate and plan",
+        Fault::Internal => "this is a defect of the controller: report it with the database",
     }
 }

@@ -1,9 +1,9 @@
-//! The external controller of the paper: sends poses one by one, hears
-//! recordings, has them stored, and deals with what goes wrong.
+//! The external controller of the paper. It sends poses one by one, receives recordings, has them
+//! stored, and handles faults.
 //!
-//! Vocabulary: the *tour* is what is to be visited ([`Tour`]): home, and one
-//! [`Stop`] a sphere with its poses; an *attempt* is one approach to a sphere;
-//! the *journal* is where events go before they are acknowledged.
+//! Vocabulary: the *tour* ([`Tour`]) lists what the arm visits: home, and one [`Stop`] per sphere
+//! with its poses. An *attempt* is one approach to a sphere. The *journal* stores events before
+//! they are acknowledged.
 //!
 //! ```text
 //!   Tour ─▶ Campaign ─ commands ─▶ HostEndpoint ─bytes─▶ Device (controller + drive)
@@ -12,15 +12,14 @@
 //!           Journal: stored, then acknowledged
 //! ```
 //!
-//! Algorithm 2: greet, configure, home; for each sphere: approach frame,
-//! approach, couple; poses, each only when the recording of the last is stored;
-//! decouple, home. After a fault, Section 6: clear it, decouple, move away,
-//! couple again, from beside the waypoint where the nest did not find its seat
-//! ([`Waypoints`]), and go on at the pose where it was; after so many attempts in
-//! vain, stop with a typed reason ([`recovery`]). A controller that falls silent
-//! or was reset is greeted and configured again, and retreats from the sphere.
-//! The campaign sees only the host link: no
-//! plant, no truth.
+//! Algorithm 2: handshake, configure, home. For each sphere: approach frame, approach, couple; then
+//! the poses, each only after the recording of the previous one is stored; then decouple, home.
+//! After a fault (Section 6): clear it, decouple, retreat, couple again, and continue at the
+//! interrupted pose. If the nest did not seat, the next attempt starts beside the waypoint
+//! ([`Waypoints`]). After a fixed number of failed attempts, the campaign stops with a typed reason
+//! ([`recovery`]). A controller that falls silent or was reset gets a new handshake and its
+//! configuration, and retreats from the sphere. The campaign sees only the host link: neither the
+//! plant nor its truth.
 
 mod error;
 mod observe;
@@ -69,12 +68,12 @@ pub struct Tour {
 pub struct Stop {
     /// Id of the sphere.
     pub sphere: u32,
-    /// Placement of the plate, from 0, that it is visited in.
+    /// Placement of the plate in which the stop is visited, from 0.
     pub place: u32,
     /// Its nominal centre in F0, in m.
     pub centre_m: [f64; 3],
-    /// Whether the way to the approach frame leads over home; else it comes
-    /// straight from the stop before, if nothing went wrong there.
+    /// Whether the path to the approach frame leads over home. Otherwise it leads straight from the
+    /// previous stop, if that stop ended without a fault.
     pub over_home: bool,
     /// Joint angles of the approach frame, in rad.
     pub approach: Vec<f64>,
@@ -118,14 +117,14 @@ impl Tour {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Options {
-    /// Attempts in vain (without a new recording) after which a sphere is given up.
+    /// Failed attempts (without a new recording) after which a sphere is given up.
     pub attempts: u32,
-    /// Failures after which a single pose is given up and the next one tried.
+    /// Failures after which a single pose is given up and the campaign tries the next one.
     pub pose_attempts: u32,
     /// Poses given up, in percent of those planned, after which the campaign stops.
     pub rejected_percent: u32,
-    /// How long after its cause a command starts, in ms: time for a lossy link
-    /// to get both through, without a tick of the arm depending on it.
+    /// Delay from a command's cause to its start, in ms. A lossy link can deliver both within this
+    /// time, so that no tick of the arm depends on the link.
     pub lead_ms: u32,
 }
 
@@ -151,9 +150,9 @@ pub struct Assignment<'a> {
     pub procedure: &'a Procedure,
     /// What to visit.
     pub tour: &'a Tour,
-    /// Poses that need not be visited: recorded or given up before (sphere, pose).
+    /// Poses to skip: recorded or given up before (sphere, pose).
     pub done: &'a BTreeSet<(u32, u32)>,
-    /// Where the spheres were found in earlier sessions of the same run, in that order.
+    /// Where earlier sessions of the same run found the spheres, in that order.
     pub seated: &'a [Coupled],
     /// Behaviour.
     pub options: Options,

@@ -1,4 +1,4 @@
-//! Who watches a campaign, and what there is to see.
+//! Observers of a campaign, and what they are shown.
 
 use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::{Event, Phase, Sample};
@@ -39,7 +39,7 @@ pub struct Progress {
     pub stage: Stage,
     /// Phase of the controller.
     pub phase: Phase,
-    /// Id of the sphere at hand; 0 for none.
+    /// Id of the current sphere; 0 for none.
     pub sphere: u32,
     /// Spheres in the tour.
     pub spheres: usize,
@@ -60,7 +60,7 @@ pub struct Progress {
 /// Whether the plate was moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moved {
-    /// It stands where it should.
+    /// The plate is in its placement.
     Yes,
     /// Not yet.
     NotYet,
@@ -68,20 +68,19 @@ pub enum Moved {
     Nobody,
 }
 
-/// Someone who watches; every method does nothing unless it is overridden.
+/// An observer of a campaign. Every method does nothing unless it is overridden.
 pub trait Observer {
-    /// Something came from the controller (telemetry included); it is stored already.
+    /// An event came from the controller (telemetry included). It is already stored.
     fn event(&mut self, _now_us: u64, _arrival: &Arrival) {}
 
-    /// Progress: on every event, and at least every 100 ms of device time.
+    /// Progress: called on every event, and at least every 100 ms of device time.
     fn progress(&mut self, _progress: &Progress) {}
 
     /// A remark for people.
     fn note(&mut self, _text: &str) {}
 
-    /// Asks for the plate to be put down in a placement, from 0, the arm being
-    /// at home; called again and again until it is. Without a person to ask, it
-    /// never will be.
+    /// Asks for the plate to be moved to a placement, from 0, while the arm is at home. The
+    /// campaign calls it again until the plate is there. Without an operator to ask, it never is.
     fn plate(&mut self, _place: u32) -> Moved {
         Moved::Nobody
     }

@@ -1,5 +1,5 @@
-//! Orders one at a time: the steps of Algorithm 2 for whoever wants to decide
-//! between them, on the session that a campaign has.
+//! Single orders: the steps of Algorithm 2 for a client that decides between the steps, on a
+//! campaign's session.
 
 use std::sync::atomic::AtomicBool;
 
@@ -25,7 +25,7 @@ pub enum Order {
     Move(Joints),
     /// From the approach frame: tare, descend, touch, couple.
     Approach(ApproachCommand),
-    /// Turn about the coupled sphere, and record there if asked.
+    /// Turn about the coupled sphere, and record there if requested.
     Pose(PoseCommand),
     /// Leave the sphere.
     Decouple,
@@ -69,11 +69,11 @@ pub struct CommandPort<'a> {
     tray: Tray,
 }
 
-/// Greets and configures the controller, and lets `work` give orders. However
-/// it ends, the arm is told to stop.
+/// Performs the handshake, configures the controller, and lets `work` give orders. In every case
+/// the arm is told to stop at the end.
 ///
 /// # Errors
-/// When the link fails or the controller is not this program's; what `work` reports.
+/// The link fails, the controller does not match this program, or `work` reports an error.
 pub fn operate(
     device: &mut dyn Device,
     robot: &Robot,
@@ -106,7 +106,7 @@ pub fn operate(
     }
     port.session.drain(20)?;
     match result {
-        // The client has gone; the arm was stopped.
+        // The client disconnected; the arm was stopped.
         Err(CampaignError::Interrupted) => Ok(()),
         other => other,
     }
@@ -116,10 +116,10 @@ impl CommandPort<'_> {
     /// Carries out one order and waits for its end.
     ///
     /// # Errors
-    /// When the link fails or the user interrupts; a refusal or a fault is an answer.
+    /// The link fails or the user interrupts. A refusal or a fault is an answer, not an error.
     pub fn carry_out(&mut self, order: &Order) -> Result<Answer, CampaignError> {
         let refused = self.attempt(order)?;
-        // Acknowledgements go out before the client decides what is next.
+        // Send the acknowledgements before the client decides on the next step.
         self.session.drain(2)?;
         let events = self.tray.0.lock().map(|mut t| std::mem::take(&mut *t));
         Ok(Answer {
@@ -129,8 +129,7 @@ impl CommandPort<'_> {
         })
     }
 
-    /// One control period in which nothing is ordered: the controller hears
-    /// that its host lives.
+    /// One control period without an order: the controller receives a sign of life from its host.
     ///
     /// # Errors
     /// When the link fails.

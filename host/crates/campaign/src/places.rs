@@ -1,10 +1,10 @@
-//! Whether the spheres are still where they were.
+//! Checks whether the spheres are still where they were.
 //!
-//! Every coupling tells the centre of its sphere, by the nominal model: some
-//! millimetres off, and by other millimetres with the arm bent otherwise. A
-//! sphere that is found farther away than that from where it was, or at another
-//! distance from the others than the plate's certificate says, was displaced,
-//! and recordings on both sides of that would not fit together.
+//! Every coupling gives the centre of its sphere by the nominal model. That centre is some
+//! millimetres off, and the error changes with the arm's posture. The plate or a sphere was moved
+//! if the centre is farther than that from its earlier position, or if its distance to the other
+//! spheres contradicts the plate's certificate. Recordings from before and after the move would not
+//! fit together.
 
 use nalgebra::Vector3;
 
@@ -12,8 +12,8 @@ use spherecal_shared::protocol::host::Coupled;
 
 use super::{CampaignError, Stop, Tour};
 
-/// Farthest that two couplings of a sphere may lie apart, in m: model errors
-/// reach 3 mm (Table 5), either way, with room.
+/// Largest distance between two couplings of a sphere, in m. Model errors reach 3 mm (Table 5) in
+/// either direction; the rest is margin.
 const MOVED_M: f64 = 0.012;
 
 struct Place {
@@ -28,15 +28,14 @@ struct Place {
 pub(super) struct Places(Vec<Place>);
 
 impl Places {
-    /// What earlier sessions of the run found, in that order. A sphere that was
-    /// found elsewhere than it should be stopped its session then, and is no
-    /// reference now.
+    /// Recalls what earlier sessions of the run found, in that order. A sphere that was found
+    /// displaced stopped its session and is not used as a reference.
     pub(super) fn recall(tour: &Tour, seated: &[Coupled]) -> Self {
         let mut places = Self::default();
         for coupled in seated {
             let away = |stop: &&Stop| (Vector3::from(stop.centre_m) - Vector3::from(coupled.centre_m)).norm();
             let of_sphere = tour.stops.iter().filter(|stop| stop.sphere == coupled.sphere);
-            // The plate may have stood in several places; none is near another.
+            // The plate may have had several placements; they are far from each other.
             if let Some(stop) = of_sphere.min_by(|a, b| away(a).total_cmp(&away(b))) {
                 let _ = places.check(stop, &coupled.centre_m);
             }
@@ -44,7 +43,7 @@ impl Places {
         places
     }
 
-    /// Holds a coupling at `centre_m` (F0) against those before.
+    /// Compares a coupling at `centre_m` (F0) with earlier ones.
     pub(super) fn check(&mut self, stop: &Stop, centre_m: &[f64; 3]) -> Result<(), CampaignError> {
         let (nominal, measured) = (Vector3::from(stop.centre_m), Vector3::from(*centre_m));
         let mut known = false;
@@ -87,8 +86,8 @@ mod tests {
         }
     }
 
-    // Fails if an earlier session's find is forgotten, or if one that stopped
-    // that session, since its sphere was displaced, is held against the next.
+    // Fails if a sphere found by an earlier session is forgotten, or if a displaced sphere that
+    // stopped its session is used as a reference for the next.
     #[test]
     fn what_earlier_sessions_found_counts() {
         let found = |sphere, x, y| Coupled {
@@ -113,8 +112,8 @@ mod tests {
             .expect("put right since");
     }
 
-    // Fails if model errors or a plate that stands elsewhere are taken for a
-    // sphere that was moved, or a sphere moved by 20 mm is not noticed.
+    // Fails if model errors or another placement of the plate are taken for a moved sphere, or if a
+    // sphere moved by 20 mm is not noticed.
     #[test]
     fn a_sphere_that_was_moved_is_noticed() {
         let mut places = Places::default();

@@ -1,5 +1,5 @@
-//! What a controller says is looked at before it is stored: a frame whose
-//! checksum fits may still come from a controller that is broken or is none.
+//! Checks what a controller sends before it is stored. A frame with a correct checksum may still
+//! come from a controller that is broken, or from another device.
 
 use spherecal_shared::protocol::host::{Event, Recording, SignalStatistics};
 
@@ -15,21 +15,21 @@ pub struct Implausible {
     pub value: f64,
 }
 
-/// Largest joint angle that is believed, in rad: multi-turn encoders included.
+/// Largest plausible joint angle, in rad; multi-turn encoders are included.
 const ANGLE_MOST: f64 = 1e3;
-/// Largest torque that is believed, in N m.
+/// Largest plausible torque, in N m.
 const TORQUE_MOST: f64 = 1e5;
-/// Largest length that is believed, in m.
+/// Largest plausible length, in m.
 const LENGTH_MOST: f64 = 100.0;
-/// Largest force that is believed, in N.
+/// Largest plausible force, in N.
 const FORCE_MOST: f64 = 1e5;
-/// Most samples of a recording, as the procedure bounds them.
+/// Largest number of samples of a recording, as the procedure limits them.
 const SAMPLES_MOST: u32 = 120_000;
 
-/// Whether an event of a controller for `joints` joints can be true.
+/// Checks whether an event of a controller for `joints` joints can be true.
 ///
 /// # Errors
-/// The first number that cannot.
+/// The first number that cannot be true.
 pub fn plausible(event: &Event, joints: usize) -> Result<(), Implausible> {
     match event {
         Event::Recording(recording) => check_recording(recording, joints),
@@ -147,7 +147,7 @@ mod tests {
     }
 
     proptest! {
-        // Fails if a number that is none, or absurd, passes in any field of any joint.
+        // Fails if a NaN or an absurd number passes in any field of any joint.
         #[test]
         fn no_field_may_be_absurd(
             place in 0usize..60,

@@ -1,4 +1,4 @@
-//! Algorithm 2 from the host's side, and Section 6 when it goes wrong.
+//! Algorithm 2 from the host's side, and Section 6 after a fault.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::AtomicBool;
@@ -24,7 +24,7 @@ enum AtSphere {
     Fault(FaultReport, Option<u32>),
 }
 
-/// Runs a campaign to its end or to a typed stop; the outcome is told in either case.
+/// Runs a campaign to its end or to a typed stop. Returns the outcome in both cases.
 pub fn run(
     assignment: &Assignment<'_>,
     cell: &mut dyn Device,
@@ -39,7 +39,7 @@ pub fn run(
     session.progress.done_before = campaign.done.len();
     let mut result = campaign.all(&mut session);
     if matches!(result, Err(CampaignError::Interrupted)) {
-        // Leave the arm holding, damped; a refusal changes nothing about that.
+        // Leave the arm holding and damped. A refusal here does not change the outcome.
         if let Err(error) = session.stop_at_once().and_then(|()| session.drain(20)) {
             result = Err(error);
         }
@@ -88,7 +88,7 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// Greets the controller and tells it robot, tool and procedure.
+    /// Performs the handshake and sends the controller robot, tool and procedure.
     pub(super) fn begin(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
         session.stage(Stage::Connect, 0, self.assignment.tour);
         session.handshake(self.assignment.robot.dof())?;
@@ -109,9 +109,9 @@ impl<'a> Campaign<'a> {
         session.order("take the procedure", self.configuration())
     }
 
-    /// Brings a controller that an earlier host has left in the middle of
-    /// something to rest in free space: a robot that hangs on a sphere must not be
-    /// told that it does not.
+    /// Brings a controller that an earlier host left in the middle of a step to rest in free space.
+    /// The configuration that follows says that the nest is free, so an arm that is still on a
+    /// sphere must leave it first.
     pub(super) fn take_over(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
         for _ in 0..self.assignment.options.attempts.max(1) {
             match session.ask("stop", Command::Stop)? {
@@ -125,7 +125,7 @@ impl<'a> Campaign<'a> {
             }
             match self.leave(session) {
                 Ok(None) => {
-                    session.note("the controller had been left on a sphere");
+                    session.note("an earlier host left the arm on a sphere");
                     return Ok(());
                 }
                 Ok(Some(_)) => {
@@ -145,11 +145,10 @@ impl<'a> Campaign<'a> {
     fn all(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
         let tour = self.assignment.tour;
         self.with_reconnect(session, None, |campaign, session, again| {
-            // One that was found again has been told everything.
+            // After a reconnection the controller has already been configured.
             if again { Ok(()) } else { campaign.begin(session) }
         })?;
-        // Whether the arm is anywhere but at home, and the stop that it has just
-        // left as planned.
+        // Whether the arm is away from home, and the stop that it has just left as planned.
         let (mut away, mut left) = (false, None);
         let mut stands = (!tour.several_places()).then_some(0);
         for (number, stop) in tour.stops.iter().enumerate() {
@@ -183,8 +182,8 @@ impl<'a> Campaign<'a> {
         Ok(())
     }
 
-    /// Has the plate moved to `place` unless it `stands` there, the arm at home.
-    /// Returns whether that took it home.
+    /// Has the plate moved to `place` unless it `stands` there, with the arm at home. Returns
+    /// whether the arm moved home for that.
     pub(super) fn have_plate(
         &self,
         session: &mut Session<'_>,
@@ -203,9 +202,8 @@ impl<'a> Campaign<'a> {
         Ok(true)
     }
 
-    /// Poses of a stop that are neither recorded nor given up, those to pass
-    /// through on the way to them, and those after the last: they lead to where
-    /// the nest leaves the sphere.
+    /// Poses of a stop that are neither recorded nor given up, the poses to pass through on the
+    /// way, and those after the last: they lead to where the nest leaves the sphere.
     fn pending<'s>(&self, stop: &'s Stop) -> Vec<&'s TourPose> {
         let mut pending = Vec::new();
         let mut passed = Vec::new();
@@ -225,7 +223,7 @@ impl<'a> Campaign<'a> {
         pending
     }
 
-    /// All poses of one sphere, with as many attempts as it takes and is allowed.
+    /// All poses of one sphere, with as many attempts as are needed and allowed.
     fn sphere(&mut self, session: &mut Session<'_>, stop: &Stop) -> Result<(), CampaignError> {
         let tour = self.assignment.tour;
         let mut in_vain = 0;
@@ -371,7 +369,7 @@ impl<'a> Campaign<'a> {
         Ok(AtSphere::Finished)
     }
 
-    /// Counts the recording that was heard of last, if it is new.
+    /// Counts the latest recording, if it is new.
     pub(super) fn count(&mut self, session: &mut Session<'_>) {
         let Some(recording) = session.recorded.take() else {
             return;
@@ -418,8 +416,8 @@ impl<'a> Campaign<'a> {
     }
 }
 
-/// Joint values as they travel; more than the protocol carries are cut, and
-/// the controller refuses what is left.
+/// Joint values in the link's type. Values beyond the protocol's maximum are cut, and the
+/// controller then refuses the rest.
 pub(super) fn joints(values: &[f64]) -> Joints {
     values.iter().copied().take(spherecal_shared::MAX_JOINTS).collect()
 }

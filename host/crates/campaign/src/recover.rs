@@ -1,5 +1,5 @@
-//! What a campaign does after a fault, and when the controller is lost: Section 6
-//! of the paper. How long and how often is in [`recovery`](super::recovery).
+//! What a campaign does after a fault, and after the controller was lost: Section 6 of the paper.
+//! How long it waits and how often it tries is in [`recovery`](super::recovery).
 
 use spherecal_shared::protocol::host::{Command, FaultReport, Refusal};
 
@@ -9,18 +9,18 @@ use super::recovery::policy;
 use super::session::Session;
 use super::{CampaignError, Stop, retreat};
 
-/// Time for a free motion, in s of device time: an arm turns half around in 8 s.
+/// Time limit of a free motion, in s of device time: half a turn takes an arm 8 s.
 const MOTION_S: f64 = 60.0;
 
-/// Time before a fault is cleared, in s, at the `attempt`-th attempt from 0.
+/// Delay before a fault is cleared, in s, at attempt number `attempt` from 0.
 fn pause_s(report: &FaultReport, attempt: u32) -> f64 {
     policy(report.fault).pause_s * f64::from(1u32 << attempt.min(8))
 }
 
 impl Campaign<'_> {
-    /// Carries out `work`, and again after the controller was lost and found:
-    /// as often as new recordings come of it, and so many times in vain. Says
-    /// whether it was lost; `work` is told whether this is another time.
+    /// Carries out `work`, and repeats it after the controller was lost and found again: without
+    /// limit while new recordings arrive, otherwise for a limited number of failed attempts.
+    /// Returns whether the controller was lost. `work` is told whether this is a repetition.
     pub(super) fn with_reconnect(
         &mut self,
         session: &mut Session<'_>,
@@ -50,7 +50,7 @@ impl Campaign<'_> {
         }
     }
 
-    /// Pulls the nest off the sphere; the fault, if one came.
+    /// Decouples from the sphere. Returns the fault, if one came.
     pub(super) fn leave(&self, session: &mut Session<'_>) -> Result<Option<FaultReport>, CampaignError> {
         session.carry_to_rest("leave the sphere", Command::Decouple, self.decouple_limit())
     }
@@ -60,9 +60,8 @@ impl Campaign<'_> {
         p.retreat_m / p.speed_m_s + p.settle_s + 20.0
     }
 
-    /// Pulls the nest off the sphere of `stop` after a fault, by a way that the
-    /// arm has room for; the fault, if one came. Nothing is done where nothing
-    /// was touched.
+    /// Decouples from the sphere of `stop` after a fault, in a direction that leaves the joints
+    /// room. Returns the fault, if one came. Does nothing if there was no contact.
     fn pull_off(&self, session: &mut Session<'_>, stop: &Stop) -> Result<Option<FaultReport>, CampaignError> {
         let n = self.assignment.robot.dof();
         let way = match (self.waypoints.chain(), session.sample) {
@@ -74,7 +73,11 @@ impl Campaign<'_> {
         };
         if way != stop.direction {
             let retreat = Command::Retreat { direction: way };
-            return session.carry_to_rest("leave the sphere beside its approach", retreat, self.decouple_limit());
+            return session.carry_to_rest(
+                "retreat from the sphere beside its approach direction",
+                retreat,
+                self.decouple_limit(),
+            );
         }
         match self.leave(session) {
             Err(CampaignError::Refused {
@@ -85,8 +88,8 @@ impl Campaign<'_> {
         }
     }
 
-    /// Clears the fault, pulls the nest off if it is on, and leaves the arm
-    /// holding in free space; waits before, the longer the oftener it comes back.
+    /// Clears the fault, decouples the nest if it is coupled, and leaves the arm holding in free
+    /// space. Waits first, and longer each time the fault returns.
     pub(super) fn let_go(
         &self,
         session: &mut Session<'_>,
@@ -113,18 +116,18 @@ impl Campaign<'_> {
         })
     }
 
-    /// Greets a controller that was lost, configures it again, and retreats
-    /// along the approach of `stop` if the nest may be on a sphere: a controller
-    /// that was reset does not know. A link that was down and a controller that
-    /// was reset look the same from here, and need the same.
+    /// Repeats the handshake with a controller that was lost, configures it again, and retreats
+    /// along the approach of `stop` if the nest may be on a sphere, because a controller that was
+    /// reset does not know that. From here a link that was down looks the same as a controller that
+    /// was reset, and needs the same steps.
     fn reconnect(&mut self, session: &mut Session<'_>, stop: Option<&Stop>) -> Result<(), CampaignError> {
-        session.note("the controller was reset, or not heard for a while: greeting it again");
+        session.note("the controller was reset or silent: repeating the handshake");
         session.stage(Stage::Recover, stop.map_or(0, |s| s.sphere), self.assignment.tour);
         session.repeat_handshake(self.assignment.robot.dof())?;
         session.clear_fault()?;
         self.take_over(session)?;
         self.configure(session)?;
-        // Its last recording may have been on the way when it was lost.
+        // Its last recording may have been in transit when it was lost.
         self.count(session);
         let Some(stop) = stop.filter(|_| self.touching) else {
             return Ok(());

@@ -1,14 +1,14 @@
-//! What becomes of each fault: detected how and when, what arm and host do, how
-//! often, and what a person does after that.
+//! The reaction to each fault: how and when it is detected, what arm and host do, how often, and
+//! what an operator does after that.
 //!
-//! One [`Policy`] for each [`Fault`] and for a controller that is lost ([`LOST_S`]);
-//! `docs/recovery.md` is made from it, and a test holds the page against it.
+//! There is one [`Policy`] for each [`Fault`], and one rule for a controller that is lost
+//! ([`LOST_S`]). `docs/recovery.md` contains the table that this module prints; a test compares the
+//! two.
 //!
-//! Whatever the fault, the path is that of the paper's Section 6: the arm holds,
-//! damped, where it was; the host clears the fault, pulls the nest off the
-//! sphere if it is on, moves to the approach frame, couples again and goes on
-//! at the pose where it was. No homing. What differs is how long it waits
-//! before, and whether the pose is to blame.
+//! Every fault takes the path of the paper's Section 6. The arm holds, damped, where it was. The
+//! host clears the fault, decouples the nest if it is coupled, moves to the approach frame, couples
+//! again and continues at the interrupted pose. It does not home. The faults differ in how long the
+//! host waits first and in whether the pose is the cause.
 
 use spherecal_link::fault_name;
 use spherecal_shared::protocol::host::Fault;
@@ -18,15 +18,15 @@ use spherecal_shared::protocol::host::Fault;
 pub struct Policy {
     /// What is detected.
     pub detected: &'static str,
-    /// Time from what is detected to the fault, in ms, with the procedure's defaults.
+    /// Time from the detected condition to the fault, in ms, with the procedure's defaults.
     pub within_ms: u32,
     /// What the arm does besides holding.
     pub arm: &'static str,
-    /// Time before the fault is first cleared, in s; twice as long each time
-    /// that it comes back at once.
+    /// Delay before the fault is first cleared, in s. The delay doubles each time the fault returns
+    /// at once.
     pub pause_s: f64,
-    /// Whether the pose that was turned to or recorded is to blame: given up
-    /// after [`pose_attempts`](super::Options::pose_attempts).
+    /// Whether the pose being turned to or recorded is the cause. Such a pose is given up after
+    /// [`pose_attempts`](super::Options::pose_attempts).
     pub blames_pose: bool,
 }
 
@@ -55,20 +55,20 @@ pub const FAULTS: [Fault; 21] = [
     Fault::Workspace,
 ];
 
-/// After this long without a word the controller counts as lost, in s: it was
-/// reset, or the link is down. Statistics come every second.
+/// After this long without a frame the controller counts as lost, in s: it was reset, or the link
+/// is down. In normal operation statistics arrive every second.
 pub const LOST_S: f64 = 3.0;
-/// How long the host then greets in vain before it gives up, in s.
+/// How long the host then repeats the handshake before it gives up, in s.
 pub const GREET_S: f64 = 30.0;
 
 const HOLDS: &str = "holds";
-const BRAKES: &str = "keeps the last torque for 23 ms at most, then brakes; holds when states come again";
+const BRAKES: &str = "keeps the last torque for 23 ms at most, then brakes; holds when states arrive again";
 
 /// What is done about `fault`.
 pub fn policy(fault: Fault) -> Policy {
     let (detected, within_ms, arm, pause_s, blames_pose) = match fault {
         Fault::JointPosition => (
-            "a joint leaves its range less the margin (half of it while leaving a sphere)",
+            "a joint is closer to its limit than the margin (half the margin while leaving a sphere)",
             1,
             HOLDS,
             0.5,
@@ -76,7 +76,7 @@ pub fn policy(fault: Fault) -> Policy {
         ),
         Fault::JointVelocity => ("a joint exceeds its share of the speed limit", 1, HOLDS, 0.5, true),
         Fault::JointTorque => ("a torque saturated for 50 ms", 51, HOLDS, 0.5, true),
-        Fault::Force => ("more than 100 N at the TCP for 10 ms", 60, HOLDS, 2.0, true),
+        Fault::Force => ("a force of more than 100 N at the TCP for 10 ms", 60, HOLDS, 2.0, true),
         Fault::PathDeviation => (
             "the arm is 0.1 rad, 150 mm or, turning, 0.3 rad off its path",
             1,
@@ -91,31 +91,43 @@ pub fn policy(fault: Fault) -> Policy {
             0.5,
             true,
         ),
-        Fault::Tare => ("more than 12 N at rest in free space", 800, HOLDS, 2.0, false),
+        Fault::Tare => (
+            "a force of more than 12 N at rest in free space",
+            800,
+            HOLDS,
+            2.0,
+            false,
+        ),
         Fault::NoContact => (
-            "80 mm travelled, or the plate's bound reached, without contact",
+            "no contact after 80 mm, or before the bound at the plate",
             1,
             HOLDS,
             0.5,
             false,
         ),
         Fault::NotSeated => (
-            "the nest gives way while coupling or under the test pull",
+            "the nest moves while coupling or under the test pull",
             600,
             HOLDS,
             0.5,
             false,
         ),
         Fault::ContactLost => (
-            "the TCP 5 mm away or faster than 15 mm/s for 10 ms; 1 mm away under the pull that ends a recording",
+            "the TCP is 5 mm away or faster than 15 mm/s for 10 ms, or 1 mm away under the pull that ends a recording",
             10,
             HOLDS,
             0.5,
             true,
         ),
-        Fault::StillCoupled => ("30 mm not reached 3 s past the retreat's end", 1, HOLDS, 0.5, false),
+        Fault::StillCoupled => (
+            "the nest is less than 30 mm away 3 s after the end of the retreat",
+            1,
+            HOLDS,
+            0.5,
+            false,
+        ),
         Fault::StaleState => (
-            "4 states missing, repeated or late in a row, or 21 frozen; one angle 21 times the same while its torque changes by 5 % of its limit, 10 N m at least: brakes then until the fault is cleared",
+            "4 states missing, repeated or late in a row, or 21 frozen; one angle repeated 21 times while its torque changes by 5 % of its limit, at least 10 N m: then the arm brakes until the fault is cleared",
             21,
             BRAKES,
             1.0,
@@ -139,21 +151,21 @@ pub fn policy(fault: Fault) -> Policy {
         ),
         Fault::Internal => ("the mass matrix is not positive definite", 1, BRAKES, 0.5, false),
         Fault::PositionJump => (
-            "an angle jumps farther than its joint can run, 4 states in a row",
+            "an angle jumps farther than its joint can move, in 4 states in a row",
             4,
-            "keeps the last torque for 3 ms, then brakes; holds when the angle is back",
+            "keeps the last torque for 3 ms, then brakes; holds when the angle is plausible again",
             2.0,
             false,
         ),
         Fault::TorqueSensor => (
-            "a torque differs by 15 % of its limit, 10 N m at least, to one side for 20 ms",
+            "a torque deviates to one side by 15 % of its limit, at least 10 N m, for 20 ms",
             21,
             "brakes until the fault is cleared",
             2.0,
             false,
         ),
-        Fault::TcpSpeed => ("the TCP faster than 1.3 m/s for 5 ms", 6, HOLDS, 0.5, true),
-        Fault::Workspace => ("the TCP leaves the workspace for 5 ms", 6, HOLDS, 0.5, true),
+        Fault::TcpSpeed => ("the TCP is faster than 1.3 m/s for 5 ms", 6, HOLDS, 0.5, true),
+        Fault::Workspace => ("the TCP is outside the workspace for 5 ms", 6, HOLDS, 0.5, true),
     };
     Policy {
         detected,
@@ -164,10 +176,10 @@ pub fn policy(fault: Fault) -> Policy {
     }
 }
 
-/// The table of `docs/recovery.md`: one line of Markdown for each fault.
+/// The table of `docs/recovery.md`: one line of Markdown per fault.
 pub fn table() -> String {
     let mut text = String::from(
-        "| fault | what is detected | within, ms | the arm | waits, s | the pose is to blame | when it gives up, a person |\n\
+        "| fault | what is detected | within, ms | the arm | host waits, s | the pose is the cause | what to do if it gives up |\n\
          |---|---|---:|---|---:|---|---|\n",
     );
     for fault in FAULTS {

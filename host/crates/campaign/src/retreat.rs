@@ -1,9 +1,9 @@
-//! The way off a sphere: along the approach where the arm has room for it, else
-//! beside it.
+//! Direction of the retreat from a sphere: along the approach direction if the joints have room for
+//! it, otherwise beside it.
 //!
-//! Poses are planned for the sphere, not for leaving it: turned far, an arm may
-//! stand so that the straight way back ends at a joint's limit, or beyond its
-//! reach. What a nest is pulled off by is the distance, hardly the direction.
+//! Poses are planned for the contact with the sphere, not for leaving it. In a strongly turned pose
+//! the straight retreat may end at a joint limit or out of reach. The nest comes off by distance;
+//! the direction matters little.
 
 use core::f64::consts::{FRAC_PI_4, TAU};
 
@@ -12,20 +12,20 @@ use spherecal_shared::procedure::Procedure;
 
 use spherecal_model::chain::{Chain, TcpPose};
 
-/// Room that a joint should keep to the bound at which it faults, in rad: what
-/// the nominal arm is off, and what it overshoots.
+/// Distance that a joint keeps to the limit at which it faults, in rad: the error of the nominal
+/// model, and the overshoot.
 const ROOM_RAD: f64 = 0.03;
 /// Parts of the way that are looked at.
 const PARTS: u32 = 5;
-/// Angles to the approach that are tried, in rad; the plate is a right angle off.
+/// Angles to the approach direction that are tried, in rad. The plate is at a right angle to it.
 const TILTS: [f64; 3] = [FRAC_PI_4 / 2.0, FRAC_PI_4, 1.4 * FRAC_PI_4];
 /// Directions tried at each angle.
 const AROUND: u32 = 8;
 
-/// The direction (towards the sphere, F0, a unit vector) against which an arm
-/// that stands at `q` (rad) retreats best: `approach` while all joints keep
-/// their room on the way, else the least tilted that lets them, else the
-/// roomiest of all. The tool keeps its orientation.
+/// The direction (towards the sphere, F0, a unit vector) opposite to the best retreat of an arm
+/// that stands at `q` (rad). It is `approach` if all joints keep their room on the way; else the
+/// least tilted direction that lets them; else the direction with the most room. The tool keeps its
+/// orientation.
 pub(super) fn retreat(chain: &Chain, procedure: &Procedure, q: &[f64], approach: [f64; 3]) -> [f64; 3] {
     let straight = Unit::new_normalize(Vector3::from(approach));
     let enough = procedure.limits.position_margin_rad + ROOM_RAD;
@@ -51,8 +51,8 @@ pub(super) fn retreat(chain: &Chain, procedure: &Procedure, q: &[f64], approach:
     best.1.into_inner().into()
 }
 
-/// The least distance of a joint to the end of its range on the way, in rad;
-/// minus infinity where the arm does not reach.
+/// The smallest distance of a joint to the end of its range on the way, in rad; minus infinity
+/// where the arm does not reach.
 fn room(chain: &Chain, procedure: &Procedure, q: &[f64], direction: &Unit<Vector3<f64>>) -> f64 {
     let start = chain.pose(q);
     let mut joints = q.to_vec();
@@ -80,15 +80,15 @@ mod tests {
 
     const DOWN: [f64; 3] = [0.0, 0.0, -1.0];
 
-    // Fails if an arm with room does not go straight back, or one whose straight
-    // way ends at a joint's limit goes there all the same, or into the plate.
+    // Fails if an arm with room does not retreat straight, or if an arm whose straight retreat ends
+    // at a joint limit goes there anyway, or into the plate.
     #[test]
     fn the_way_back_keeps_clear_of_the_limits() {
         let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
         let procedure = Procedure::default();
         let bent = [0.0, 0.6, 0.0, -1.5, 0.0, 1.0, 0.0];
         assert_eq!(retreat(&chain, &procedure, &bent, DOWN), DOWN);
-        // The arm of the paper's grid at which joint 6 ran into its limit.
+        // A posture from the paper's grid in which joint 6 ran into its limit.
         let stretched = [0.075, 1.165, 0.012, -0.386, -0.299, 1.963, 0.145];
         let straight = Unit::new_normalize(Vector3::from(DOWN));
         let enough = procedure.limits.position_margin_rad + ROOM_RAD;

@@ -1,11 +1,10 @@
-//! Where to try again when a nest did not find its seat.
+//! Where to try again when the nest did not seat.
 //!
-//! The same descent ends as it did before: the arm's friction and the sphere's
-//! place are what they were. So a retry begins beside the waypoint, by what
-//! contact has told: where this sphere, or else the others, turned out to be
-//! against their waypoints; and where nothing has seated yet, around the
-//! waypoint, first towards where the sphere must be by the way in which the
-//! nest was pushed.
+//! The same descent would end in the same way, because friction and the position of the sphere have
+//! not changed. So a retry starts beside the waypoint. It uses what earlier contacts showed: the
+//! offset of this sphere, or else of the others, from their waypoints. If nothing has seated yet,
+//! the retries start around the waypoint. The first goes to the side where the sphere must be,
+//! judged by the direction in which the nest was pushed.
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Contact, Coupled, Fault};
@@ -14,11 +13,11 @@ use spherecal_shared::robot::{Robot, Tool};
 use super::Stop;
 use spherecal_model::chain::{Chain, TcpPose};
 
-/// Radius of the circle on which retries begin, in m.
+/// Radius of the circle on which retries start, in m.
 const RING_M: f64 = 0.008;
-/// Largest correction of a waypoint that is believed, in m.
+/// Largest plausible correction of a waypoint, in m.
 const FAR_M: f64 = 0.040;
-/// Motion of the nest, in m, from which a direction is read.
+/// Smallest motion of the nest that indicates a direction, in m.
 const TOLD_M: f64 = 0.001;
 
 /// What one descent left to learn from.
@@ -31,7 +30,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Of a descent's contact (`None` without) and of the last TCP heard of (m).
+    /// From a descent's contact (`None` without one) and the last reported TCP (m).
     pub fn new(contact: Option<&Contact>, end_m: Option<[f32; 3]>) -> Self {
         Self {
             contact_m: contact.map(|c| c.tcp_m),
@@ -40,20 +39,20 @@ impl Trace {
     }
 }
 
-/// Waypoints, corrected by what contact has told.
+/// Waypoints, corrected by earlier contacts.
 #[derive(Clone, Debug, Default)]
 pub struct Waypoints {
     chain: Option<Chain>,
-    /// Placement of the plate that the seats are of: a plate that is put down
-    /// anew is off in another way.
+    /// Placement of the plate in which the seats were found. A plate that was put down again has
+    /// another offset.
     place: u32,
-    /// Sphere, and where its seat was found against its waypoint's line, in m.
+    /// Sphere, and the offset of its seat from its waypoint's line, in m.
     seats: Vec<(u32, Vector3<f64>)>,
 }
 
 impl Waypoints {
-    /// Of a robot with its tool; one that the planner cannot compute with
-    /// keeps to the waypoints as they are.
+    /// For a robot with its tool. If the planner cannot compute with the robot, the waypoints stay
+    /// as they are.
     pub fn new(robot: &Robot, tool: &Tool) -> Self {
         Self {
             chain: Chain::new(robot, tool).ok(),
@@ -62,7 +61,7 @@ impl Waypoints {
         }
     }
 
-    /// The arm that the waypoints are of, if the planner can compute with it.
+    /// The arm that the waypoints belong to, if the planner can compute with it.
     pub(super) fn chain(&self) -> Option<&Chain> {
         self.chain.as_ref()
     }
@@ -87,9 +86,9 @@ impl Waypoints {
         }
     }
 
-    /// Joint angles (rad) from which descent number `retry` (from 1) to a stop
-    /// begins; `last` is what the one before left. Those of the stop where the
-    /// shifted place cannot be reached.
+    /// Joint angles (rad) from which descent number `retry` (from 1) to a stop starts. `last` is
+    /// the trace of the previous descent. Returns the stop's own angles if the shifted start cannot
+    /// be reached.
     pub fn retry(&self, stop: &Stop, retry: u32, last: &Trace) -> Vec<f64> {
         self.shifted(stop, retry, last).unwrap_or_else(|| stop.approach.clone())
     }
@@ -123,8 +122,7 @@ impl Waypoints {
         (chain.limit_margin(&joints) >= 0.0).then_some(joints)
     }
 
-    /// Where a sphere was found against its waypoint's line, or the others in
-    /// the mean, in m.
+    /// Offset of a sphere from its waypoint's line, in m; else the mean offset of the others.
     fn known(&self, stop: &Stop) -> Option<Vector3<f64>> {
         if stop.place != self.place {
             return None;
@@ -143,9 +141,9 @@ fn across(vector: &Vector3<f64>, direction: &[f64; 3]) -> Vector3<f64> {
     vector - direction * direction.dot(vector)
 }
 
-/// Where the sphere must be against the descent from `start`, across the
-/// approach: a nest that is gone from it slid off on its far side; one that
-/// was pushed aside until contact was declared was pushed towards it.
+/// Direction of the sphere from the descent that began at `start`, across the approach. A nest that
+/// moved away after contact slid off on the far side of the sphere. A nest that was pushed aside
+/// before contact was pushed towards it.
 fn told(start: &Vector3<f64>, stop: &Stop, last: &Trace) -> Option<Vector3<f64>> {
     let contact = Vector3::from(last.contact_m?);
     if let Some(end) = last.end_m {
@@ -188,9 +186,8 @@ mod tests {
         to.position - from.position
     }
 
-    // Fails if a retry begins where the first try did, if the three around a
-    // waypoint are not on a circle about it, or if the first does not go
-    // against the slide.
+    // Fails if a retry starts where the first attempt did, if the three around a waypoint are not
+    // on a circle about it, or if the first does not go against the slide.
     #[test]
     fn nothing_known_is_searched_around_the_waypoint() {
         let waypoints = Waypoints::new(&iiwa7(), &iiwa7_tool());
@@ -211,8 +208,8 @@ mod tests {
         assert!((shift(&waypoints, &stop, 1, &Trace::default()).norm() - RING_M).abs() < 1e-9);
     }
 
-    // Fails if a retry does not go where this sphere, or else the others, were
-    // found, or if the one after that goes there again.
+    // Fails if a retry does not go to the offset found for this sphere, or else for the others, or
+    // if the retry after it goes there again.
     #[test]
     fn what_is_known_comes_first() {
         let mut waypoints = Waypoints::new(&iiwa7(), &iiwa7_tool());

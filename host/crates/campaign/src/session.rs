@@ -1,12 +1,11 @@
-//! One connection to one cell: steps time, stores and acknowledges, and turns
-//! commands and waits into plain calls.
+//! One connection to one cell. It steps time, stores and acknowledges events, and offers commands
+//! and waits as plain calls.
 //!
-//! What the campaign does depends on what it hears, and when it does it is
-//! counted from the controller's own times: every command is to start a fixed
-//! lead after the event that led to it. What arrives is heard one event at a
-//! time. So a link that loses and repeats frames, or a host that is slow,
-//! changes no tick of what the arm does, as long as a frame gets through within
-//! the lead; a command that does not starts when it comes, and is counted late.
+//! What the campaign does depends on the events that it receives, and their times are the
+//! controller's own. Every command starts a fixed lead after the event that caused it. Events that
+//! arrive are handled one at a time. So a link that loses and repeats frames, or a slow host,
+//! changes no tick of the arm, as long as a frame gets through within the lead. A command that
+//! arrives later starts on arrival and is counted as late.
 
 mod handshake;
 mod order;
@@ -26,10 +25,10 @@ use spherecal_link::{Arrival, Device, HostEndpoint, Timing};
 
 pub(super) use order::Waited;
 
-/// How often an observer hears of progress at least, in µs of device time.
+/// Longest interval between two progress reports to an observer, in µs of device time.
 const PROGRESS_US: u64 = 100_000;
-/// The first command after a greeting starts when the controller's clock shows
-/// a multiple of this, in µs: so that what a lost greeting costs is not seen.
+/// The first command after a handshake starts when the controller's clock shows a multiple of this,
+/// in µs. So the time that a lost handshake costs has no effect.
 const ROUND_US: u64 = 500_000;
 /// One connection to one cell.
 pub struct Session<'a> {
@@ -41,25 +40,25 @@ pub struct Session<'a> {
     down: Vec<u8>,
     up: Vec<u8>,
     arrived: Vec<Arrival>,
-    /// What has arrived and was not heard yet.
+    /// Events that have arrived and were not handled yet.
     inbox: VecDeque<Arrival>,
     /// Joints of the robot.
     joints: usize,
-    /// How long after its cause a command starts, in µs.
+    /// Delay from a command's cause to its start, in µs.
     lead_us: u64,
-    /// Whether the controller was greeted and has not answered yet.
+    /// Whether a handshake was sent and not yet answered.
     in_handshake: bool,
-    /// When, by the controller's clock, what was heard last happened, in µs.
+    /// Time of the event handled last, on the controller's clock, in µs.
     heard_us: u64,
     last_progress_us: u64,
-    /// Time of the cell at which a frame of the controller last came, in µs.
+    /// Cell time at which the last frame of the controller arrived, in µs.
     alive_us: u64,
     pub(super) progress: Progress,
     pub(super) banner: Option<Banner>,
     pub(super) phase: Phase,
-    /// When the phase changed last, by the controller's clock, in µs.
+    /// Time of the last change of phase, on the controller's clock, in µs.
     changed_us: u64,
-    /// When the last command was to start, by the same clock, in µs.
+    /// Planned start of the last command, on the same clock, in µs.
     start_us: u64,
     pub(super) reply: Option<(u32, Result<(), Refusal>)>,
     pub(super) pending_fault: Option<FaultReport>,
@@ -75,8 +74,8 @@ pub struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// A session that has not spoken yet; its commands start `lead_us` after
-    /// what led to them, and it stops when `interrupt` is set.
+    /// A session that has sent nothing yet. Its commands start `lead_us` after their cause. It
+    /// stops when `interrupt` is set.
     pub fn new(
         cell: &'a mut dyn Device,
         journal: &'a mut dyn Journal,
@@ -158,7 +157,7 @@ impl<'a> Session<'a> {
         self.observer.progress(&self.progress);
     }
 
-    /// Hears the next thing that has arrived, after a control period if nothing has.
+    /// Handles the next event that has arrived; if none has, one control period passes first.
     pub(super) fn step(&mut self) -> Result<(), CampaignError> {
         if self.inbox.is_empty() {
             self.exchange()?;
@@ -208,8 +207,8 @@ impl<'a> Session<'a> {
         match &arrival.body {
             Event::Banner(banner) => {
                 self.banner = Some(banner.clone());
-                // The next command starts at a round time; what a late repeat of
-                // the banner says changes nothing about those after it.
+                // The next command starts at a round time. A late repeat of the banner does not
+                // affect the commands after it.
                 if std::mem::take(&mut self.in_handshake) {
                     let earliest = arrival.sent_us.saturating_add(self.lead_us).saturating_add(1);
                     self.heard_us = earliest.next_multiple_of(ROUND_US).saturating_sub(self.lead_us);
@@ -250,8 +249,8 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Has the plate moved to a placement, by the simulation or by a person,
-    /// for whom it waits as long as it takes.
+    /// Has the plate moved to a placement, by the simulation or by an operator. Waits for the
+    /// operator without a time limit.
     pub(super) fn plate(&mut self, place: u32) -> Result<(), CampaignError> {
         if self.cell.move_plate(place) {
             return Ok(());

@@ -1,8 +1,8 @@
-//! Teaching: the arm is led by hand over each sphere, and where it then stands
-//! is the waypoint, as the paper's operator did it (Section 4.2).
+//! Teaching: the operator leads the arm by hand over each sphere. Where the arm then stands is the
+//! waypoint, as in Section 4.2 of the paper.
 //!
-//! The campaign sees what it always sees: the waypoint is what the encoders
-//! show, through the nominal model, with the operator's aim in it.
+//! The campaign sees what it always sees. The waypoint is computed from the encoders by the nominal
+//! model, and includes the operator's aiming error.
 
 use std::sync::atomic::AtomicBool;
 
@@ -15,14 +15,14 @@ use super::{Assignment, CampaignError};
 use spherecal_link::{Arrival, Device};
 use spherecal_link::{Journal, JournalError};
 
-/// Time for an operator to lead the arm to a sphere, in s of device time.
+/// Time limit for an operator to lead the arm to a sphere, in s of device time.
 const LED_S: f64 = 600.0;
-/// Control periods after which an arm that was let go is at rest.
+/// Control periods after which a released arm is at rest.
 const REST_TICKS: u32 = 1500;
 
 /// Who leads the arm.
 pub trait Operator {
-    /// The arm is soft: lead it over the sphere with this id.
+    /// The arm is compliant now: lead it over the sphere with this id.
     fn lead(&mut self, sphere: u32);
 
     /// Whether it is there.
@@ -43,7 +43,7 @@ pub struct Taught {
     pub joints: Vec<f64>,
 }
 
-/// A journal of what need not be kept: teaching, and studies that listen.
+/// A journal that discards everything, for teaching and for studies that only listen.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Nowhere;
 
@@ -57,12 +57,11 @@ impl Journal for Nowhere {
     }
 }
 
-/// Has the arm led over every sphere of the tour, once in each placement of the
-/// plate, from home.
+/// Has the arm led over every sphere of the tour from home, once per placement of the plate.
 ///
 /// # Errors
-/// Whatever stops it; a fault while the arm is led is cleared and tried again,
-/// as often as the options allow.
+/// Any error that stops teaching. A fault while the arm is led is cleared and the step repeated, as
+/// often as the options allow.
 pub fn teach(
     assignment: &Assignment<'_>,
     device: &mut dyn Device,
@@ -128,7 +127,10 @@ fn lead(
         };
         operator.let_go();
         if let Some(report) = report {
-            session.note(&format!("sphere {sphere}: {:?} while being led; again", report.fault));
+            session.note(&format!(
+                "sphere {sphere}: {:?} while being led; trying again",
+                report.fault
+            ));
         }
         last = report.or(last);
         session.clear_fault()?;

@@ -1,5 +1,5 @@
-//! The laser tracker, wherever it is, measures what Section 4.3 of the paper
-//! measured: 284 configurations to calibrate from, 125 to validate, and the arcs.
+//! The laser tracker measures what Section 4.3 of the paper measured: 284 configurations to
+//! calibrate from, 125 to validate, and the arcs.
 
 use spherecal_link::LinkError;
 use spherecal_model::{LaserShot, TrackerSession};
@@ -12,7 +12,7 @@ pub enum TrackerError {
     /// The robot that shows the reflector failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// A tracker that is defined outside of this crate failed.
+    /// A tracker defined outside this crate failed.
     #[error("{source}")]
     Device {
         /// What failed, in its own words.
@@ -45,20 +45,19 @@ pub enum LaserMeasurementError {
 
 /// A laser tracker, and the robot that shows it its reflector.
 pub trait Tracker {
-    /// The robot stands at `q` (rad) and the tracker, stationed for `session`,
-    /// measures: the joint angles as the encoders show them, in rad, and the
-    /// point in the tracker's frame, in m.
+    /// The robot stands at `q` (rad) and the tracker, set up for `session`, measures. Returns the
+    /// joint angles that the encoders show, in rad, and the point in the tracker's frame, in m.
     ///
     /// # Errors
     /// When robot or tracker fail.
     fn shot(&mut self, session: TrackerSession, q: &[f64]) -> Result<(Vec<f64>, [f64; 3]), TrackerError>;
 }
 
-/// Measures the whole laser plan of a robot with its nominal tool; `seed` is
-/// that of the plan.
+/// Measures the whole laser plan of a robot with its nominal tool; `seed` is the seed of the plan.
 ///
 /// # Errors
-/// No plan, or a tracker that fails.
+/// There is no plan, or the tracker fails.
+///
 pub fn measure_laser(
     robot: &Robot,
     tool: &Tool,

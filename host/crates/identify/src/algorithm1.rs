@@ -1,12 +1,11 @@
-//! Algorithm 1 of the paper: which parameters are redundant, by removing
-//! columns of the position Jacobian; as printed, and made good.
+//! Algorithm 1 of the paper: finds redundant parameters by removing columns of the position
+//! Jacobian; as printed, and corrected.
 //!
-//! As printed it compares condition numbers of singular matrices (round-off)
-//! and never resets its minimum, so what it removes depends on chance and it
-//! can stick. Made good: the rank comes from the column-normalised matrix with
-//! a stated tolerance, candidates are compared by the condition number that the
-//! matrix will have (`σ₁/σ_rank`), near ties go to lengths before angles and to
-//! the distal side first.
+//! As printed, it compares condition numbers of singular matrices, which are round-off, and never
+//! resets its minimum. So its result depends on chance, and it can get stuck. The corrected form
+//! takes the rank from the column-normalised matrix with a stated tolerance. It compares candidates
+//! by the condition number of the remaining matrix (`σ₁/σ_rank`). Among near ties it removes
+//! lengths before angles, and distal parameters first.
 
 use nalgebra::{DMatrix, Vector3};
 use serde::{Deserialize, Serialize};
@@ -49,15 +48,15 @@ pub struct Jacobian {
 pub struct Reduction {
     /// Columns at the start.
     pub columns: usize,
-    /// Rank, which is also the number of columns left (unless it stuck).
+    /// Rank, which is also the number of columns left (unless the algorithm got stuck).
     pub rank: usize,
     /// Names taken out, in order.
     pub removed: Vec<String>,
     /// Names left.
     pub kept: Vec<String>,
-    /// Condition number of what is left, in the units asked for.
+    /// Condition number of the remaining matrix, in the requested units.
     pub condition: f64,
-    /// Whether the printed algorithm stuck (its minimum never improved).
+    /// Whether the printed algorithm got stuck (its minimum never improved).
     pub stuck: bool,
 }
 
@@ -84,7 +83,7 @@ pub fn position_jacobian(robot: &Robot, tool: &Tool, q: &[Vec<f64>], columns: Co
         spheres: Vec::new(),
     };
     let state = State::nominal(robot, tool, &layout);
-    // By rows, as the paper's table: alpha, a, theta, d (or beta).
+    // By rows, as in the paper's table: alpha, a, theta, d (or beta).
     let mut kinds = Vec::new();
     for i in usize::from(!columns.first_row)..n {
         let third = if layout.hayati[i] { Kind::Beta(i) } else { Kind::D(i) };
@@ -200,7 +199,7 @@ fn finish(jacobian: &Jacobian, matrix: &DMatrix<f64>, kept: &[usize], removed: &
     }
 }
 
-/// Algorithm 1, made good: the same answer for every draw of configurations.
+/// Algorithm 1, corrected: the same answer for every draw of configurations.
 pub fn reduce(jacobian: &Jacobian, scaling: Scaling) -> Reduction {
     let matrix = scaled(jacobian, scaling);
     let mut kept: Vec<usize> = (0..matrix.ncols()).collect();
@@ -232,8 +231,8 @@ pub fn reduce(jacobian: &Jacobian, scaling: Scaling) -> Reduction {
     finish(jacobian, &matrix, &kept, &removed, full)
 }
 
-/// Algorithm 1 exactly as printed, its round-off and its stuck minimum included:
-/// for comparison only.
+/// Algorithm 1 exactly as printed, with its round-off and its minimum that is never reset: for
+/// comparison only.
 pub fn reduce_as_printed(jacobian: &Jacobian, scaling: Scaling) -> Reduction {
     let matrix = scaled(jacobian, scaling);
     // The usual numerical rank: σ > max(rows, columns) ε σ₁.

@@ -1,9 +1,7 @@
-//! Kinematics and gravity load of a robot whose number of joints is known only
-//! at run time.
+//! Kinematics and gravity load of a robot whose number of joints is known only at run time.
 //!
-//! One observation's constants are prepared once ([`Prepared`]); a model state
-//! ([`State`]) then gives the TCP, and the columns from which the estimators
-//! build their Jacobians ([`Kinematics`]).
+//! The constants of an observation are prepared once ([`Prepared`]). A model state ([`State`]) then
+//! gives the TCP, and the columns from which the estimators build their Jacobians ([`Kinematics`]).
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -18,7 +16,7 @@ use spherecal_model::Pose;
 /// Largest number of joints, as a length of arrays.
 pub(crate) const N: usize = MAX_JOINTS;
 
-/// Moments that hold the robot against gravity, by the nominal model.
+/// Moments that hold the robot against gravity, computed with the nominal model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Load {
     /// At the origin of each joint's frame, in the frame's axes, in N m; the z
@@ -28,20 +26,19 @@ pub(crate) struct Load {
     pub(crate) base: [f64; 2],
 }
 
-/// The nominal robot as slices: what loads are computed from.
+/// The nominal robot as slices, the input of the loads.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Nominal {
     links: Vec<LinkTransform<f64>>,
     bodies: Vec<(f64, Vector3<f64>)>,
-    /// The description has no masses; [`ASSUMED_LINK_KG`] stands in.
+    /// The description has no masses; [`ASSUMED_LINK_KG`] is used instead.
     assumed: bool,
 }
 
-/// Mass of each link of a robot whose description has none, half way to the next
-/// joint. Only the way in which the load changes from pose to pose matters: the
-/// compliance that is fitted to it absorbs its size. On the real arm of
-/// `mukca_iiwa14.csv`, whose URDF has no masses, it does nearly as well as the
-/// arm's own masses.
+/// Assumed mass of each link of a robot whose description has none, half way to the next joint.
+/// Only the change of the load from pose to pose matters, because the fitted compliance absorbs its
+/// size. On the real arm of `mukca_iiwa14.csv`, whose URDF has no masses, it gives nearly the same
+/// result as the arm's own masses.
 const ASSUMED_LINK_KG: f64 = 3.0;
 
 impl Nominal {
@@ -68,7 +65,7 @@ impl Nominal {
         Self { links, bodies, assumed }
     }
 
-    /// Whether the masses are assumed, for want of any in the description.
+    /// Whether the masses are assumed, because the description has none.
     pub(crate) fn assumed(&self) -> bool {
         self.assumed
     }
@@ -112,10 +109,10 @@ pub(crate) fn trig(q: &[f64; N]) -> Trig {
     })
 }
 
-/// Angles up to this are turned by their series, in rad: 1e-17 of it is left out.
+/// Angles up to this value are rotated by a series, in rad. The truncation error is 1e-17.
 const SMALL_RAD: f64 = 0.05;
 
-/// Cosine and sine of an angle, quickly if it is small.
+/// Cosine and sine of an angle, computed fast if it is small.
 #[inline]
 fn small(angle: f64) -> (f64, f64) {
     if angle.abs() < SMALL_RAD {
@@ -140,7 +137,7 @@ pub(crate) struct Prepared {
     /// Index into the experiment's observations.
     pub(crate) index: usize,
     pub(crate) q: [f64; N],
-    /// Cosine and sine of `q`: evaluations are many, angles stay.
+    /// Cosine and sine of `q`, stored because an observation is evaluated many times.
     pub(crate) trig: Trig,
     pub(crate) load: Load,
     /// Target in its reference frame, in m (a sphere's certified centre).
@@ -158,8 +155,8 @@ pub(crate) struct State {
     pub(crate) tcp: Vector3<f64>,
     /// F0 in each reference frame.
     pub(crate) bases: Vec<Pose>,
-    /// Points of each reference frame about which steps turn the base, in m: the
-    /// middle of the targets, so that turns and shifts hardly mix.
+    /// Points of each reference frame about which steps rotate the base, in m: the mean of the
+    /// targets, so that rotations and shifts are nearly uncorrelated.
     pub(crate) pivots: Vec<Vector3<f64>>,
     /// Compliance per joint, rad/(N m).
     pub(crate) compliance: Vec<f64>,
@@ -178,7 +175,7 @@ pub(crate) struct State {
     offsets: Vec<(f64, f64)>,
 }
 
-/// What one evaluation leaves behind for the Jacobian.
+/// Intermediate results of an evaluation, for the Jacobian.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kinematics {
     pub(crate) frames: [Frame<f64>; N],
@@ -247,8 +244,8 @@ impl State {
         value.unwrap_or_default()
     }
 
-    /// Adds `step` to a parameter; base rotations turn about the reference frame's
-    /// axes through the pivot.
+    /// Adds `step` to a parameter. A base rotation turns about the reference frame's axes through
+    /// the pivot.
     pub(crate) fn add(&mut self, kind: Kind, step: f64) {
         let slot = match kind {
             Kind::Alpha(i) => self.rows.get_mut(i).map(|r| &mut r.alpha),
@@ -281,7 +278,7 @@ impl State {
         }
     }
 
-    /// What compliance and harmonics add to an encoder angle, in rad.
+    /// Correction of an encoder angle by compliance and harmonics, in rad.
     #[inline]
     fn deviation(&self, joint: usize, (c, s): (f64, f64), load: &Load) -> f64 {
         let mut deviation = -self.compliance[joint] * load.joint[joint][2];
@@ -401,7 +398,7 @@ fn order(harmonics: &mut [Vec<[f64; 2]>], joint: usize, k: usize) -> Option<&mut
     harmonics.get_mut(joint).and_then(|h| h.get_mut(k.wrapping_sub(1)))
 }
 
-/// Rotation of a link by bending, in F0, in rad: it gives way to the load, so
+/// Rotation of a link by bending, in F0, in rad. The link yields to the load, so the rotation is
 /// against the moment that holds it.
 #[inline]
 fn bend(frame: &Frame<f64>, moment: &[f64; 3], x: f64, y: f64) -> Vector3<f64> {

@@ -1,14 +1,12 @@
-//! The paper's fitness (Equations 9 to 13) as one problem that any optimiser can
-//! work on: 21 link parameters in mm and rad, tool and base as measured.
+//! The paper's fitness (Equations 9 to 13) as a problem for any optimiser: 21 link parameters in mm
+//! and rad, with tool and base as measured.
 //!
-//! For contacts the residuals are differences of distances between poses. With
-//! `e_i = R P(q_i) − S_i` the sum over all pairs of `|e_i − e_j|²` is
-//! `N Σ |e_i − ē|²`, exactly: the collapsed form, linear in the poses, where the
-//! paper sums 44,850 terms. [`Pairs::Vector`] is that, with the base rotation
-//! held at its nominal value. [`Pairs::Norm`] compares lengths,
-//! `|P_i − P_j| − |S_i − S_j|`, and so needs no base: pairs on one sphere collapse
-//! in the same way (their certified distance is zero), pairs between spheres are
-//! summed one by one.
+//! For contacts the residuals are differences of distances between poses. With `e_i = R P(q_i) −
+//! S_i`, the sum of `|e_i − e_j|²` over all pairs is exactly `N Σ |e_i − ē|²`. This collapsed form
+//! is linear in the poses, while the paper sums 44,850 terms. [`Pairs::Vector`] uses it, with the
+//! base rotation at its nominal value. [`Pairs::Norm`] compares lengths, `|P_i − P_j| − |S_i −
+//! S_j|`, and so needs no base. Its pairs on one sphere collapse in the same way, because their
+//! certified distance is zero; pairs between spheres are summed one by one.
 //!
 //! For absolute points the residuals are `R P(q_i) + t − p_i` (Equation 13).
 
@@ -39,8 +37,8 @@ const MM: f64 = 1000.0;
 pub struct DistanceProblem {
     layout: Layout,
     table: Vec<Parameter>,
-    /// Columns of the layout that are optimised, in the order of the table of
-    /// the paper: alpha, a, theta, d, row by row.
+    /// Optimised columns of the layout, in the order of the paper's table: alpha, a, theta, d, row
+    /// by row.
     columns: Vec<usize>,
     start: State,
     nominal: Nominal,
@@ -51,8 +49,8 @@ pub struct DistanceProblem {
     base: Pose,
 }
 
-/// `count` unscrambled Halton configurations over the joint limits, the first at
-/// the lower limits' corner shifted to index 1.
+/// `count` unscrambled Halton configurations over the joint limits. The first item of the sequence,
+/// the corner of the lower limits, is left out.
 pub fn halton_configurations(robot: &spherecal_shared::robot::Robot, count: usize) -> Vec<Vec<f64>> {
     (1..=count)
         .map(|index| {
@@ -73,7 +71,7 @@ impl DistanceProblem {
     /// The problem of an experiment's calibration set.
     ///
     /// # Errors
-    /// Data that cannot be used, too few of them, or sphere contacts mixed with points.
+    /// The data cannot be used, are too few, or mix sphere contacts with points.
     pub fn new(experiment: &Experiment, options: &Options) -> Result<Self, IdentifyError> {
         experiment.check()?;
         let layout = Layout::new(experiment, 0, false);
@@ -92,13 +90,14 @@ impl DistanceProblem {
         if layout.references.len() != 1 {
             return Err(IdentifyError::Method {
                 method: options.method.name(),
-                reason: "the paper's fitness knows one placement of the plate, or absolute points alone: \
-                         use map or geometry"
+                reason: "the paper's fitness supports one placement of the plate, or only absolute points: \
+                         use full or geometry"
                     .to_owned(),
             });
         }
         let mut table = table(experiment, &layout, options)?;
-        // What Algorithm 1 leaves for a TCP on the flange axis, as in the paper's Table 2.
+        // The columns that Algorithm 1 keeps for a TCP on the flange axis, as in the paper's Table
+        // 2.
         let flange = Tool {
             tcp_m: [0.0; 3],
             ..experiment.tool
@@ -160,7 +159,7 @@ impl DistanceProblem {
         self.poses() * (self.poses() - 1) / 2
     }
 
-    /// Base rotation in the plate's (or tracker's) frame: what the vector form holds.
+    /// Base rotation in the plate's (or tracker's) frame, constant in the vector form.
     pub fn base_rotation(&self) -> Matrix3<f64> {
         self.base.rotation
     }
@@ -184,7 +183,7 @@ impl DistanceProblem {
         self.columns.iter().map(value).collect()
     }
 
-    /// Standard deviations of the priors, in mm and rad: the natural first steps.
+    /// Standard deviations of the priors, in mm and rad; useful first steps.
     pub fn prior_sigmas(&self) -> Vec<f64> {
         let value = |c: &usize| self.table[*c].prior_sigma * self.unit(*c);
         self.columns.iter().map(value).collect()
@@ -228,9 +227,9 @@ impl DistanceProblem {
         sum
     }
 
-    /// The fitness over some pairs of poses only (a mini-batch), in mm².
+    /// The fitness over a subset of the pairs (a mini-batch), in mm².
     ///
-    /// Indices that are out of range count nothing.
+    /// Indices out of range are ignored.
     pub fn batch_mm2(&self, x: &[f64], pairs: &[(usize, usize)]) -> f64 {
         let state = self.state(x);
         let tcp = |i: usize| self.prepared.get(i).map(|p| state.at(p).tcp * MM);
@@ -245,7 +244,7 @@ impl DistanceProblem {
         pairs.iter().map(term).sum()
     }
 
-    /// `R P + t − S` (contacts: without `t`, which pairs do not see), in mm.
+    /// `R P + t − S` in mm. For contacts `t` is left out, because it cancels in pairs.
     fn error(&self, tcp_mm: &Vector3<f64>, observation: &Prepared) -> Vector3<f64> {
         let turned = self.base.rotation * tcp_mm - observation.target * MM;
         if self.absolute {
@@ -259,18 +258,19 @@ impl DistanceProblem {
         (a - b).norm() - (self.prepared[i].target - self.prepared[j].target).norm() * MM
     }
 
-    /// The result at parameters `x` (mm and rad), however they were found.
+    /// The result at parameters `x` (mm and rad), from any optimiser.
     pub fn calibration(&self, experiment: &Experiment, options: &Options, x: &[f64]) -> Calibration {
         let mut state = self.state(x);
         if !self.absolute {
-            // The distances know no base: it is registered to the calibrated model.
+            // The distances do not contain the base, so the base is registered to the calibrated
+            // model.
             register(&mut state, &self.prepared, None);
         }
         let equations = self.equations(x);
         let m = self.columns.len();
         let count = self.poses() as f64;
         let freedom = (3.0 * count - m as f64 - 3.0).max(1.0);
-        // Pairs repeat every pose: back to one residual per pose.
+        // Every pose occurs in many pairs: convert to one residual per pose.
         let per_pose = if self.absolute { 1.0 } else { count };
         let variance = equations.objective / per_pose / freedom;
         let inverse = equations.matrix.try_inverse().unwrap_or_else(|| DMatrix::zeros(m, m));

@@ -1,9 +1,9 @@
-//! What the data are let decide about the model: how strong and how rough the
-//! robot's effects are, and how much its noise repeats.
+//! Lets the data decide some properties of the model: how strong and how rough the robot's effects
+//! are, and how much of its noise repeats.
 //!
-//! Between the search of [`map`](super::map) and its covariance. Both are choices
-//! among few: learning every variance from the data goes astray where the model
-//! is wrong (`docs/design/identification.md`).
+//! This step runs between the search of [`map`](super::map) and its covariance. It only chooses
+//! among a few alternatives. Learning every variance from the data fails if the model is wrong
+//! (`docs/design/identification.md`).
 
 use super::error::IdentifyError;
 use super::normal::{Normal, Root, likelihoods};
@@ -11,38 +11,38 @@ use super::parameters::Kind;
 use super::search::Search;
 use super::solve::{Posterior, Unknowns};
 
-/// Factors on compliance and bending that a robot may have over the priors: a
-/// real iiwa 7 has compliances of 6e-5 rad/(N m) by its gravity model.
+/// Factors that multiply the priors of compliance and bending: a real iiwa 7 has compliances of
+/// 6e-5 rad/(N m) by its gravity model.
 const STIFFNESS: [f64; 2] = [1.0, 8.0];
 
-/// What the priors of the harmonics may look like: a factor on all, and the
-/// highest order that the encoders are believed to have.
+/// Alternatives for the priors of the harmonics: a factor on all, and the highest order that the
+/// encoders are assumed to have.
 const HARMONICS: [(f64, usize); 5] = [(1.0, usize::MAX), (3.0, usize::MAX), (1.0, 2), (0.7, 2), (3.0, 2)];
 
-/// What is left of the prior of an order that is believed absent.
+/// Factor on the prior of an order that is assumed absent.
 const ABSENT: f64 = 1e-3;
 
-/// Gain in log evidence that other priors than the first must show.
+/// Gain in log evidence that is needed to replace the first priors.
 const GAIN: f64 = 3.0;
 
-/// Degrees of freedom of the Student-t weights where no residual is gross: the
-/// heavy tails that gross errors need cost a tenth of what clean data tell.
+/// Degrees of freedom of the Student-t weights without gross errors. The heavy tails that gross
+/// errors need cost a tenth of the information of clean data.
 const LIGHT_TAILS: f64 = 30.0;
 
-/// Gain in log likelihood that light tails must show.
+/// Gain in log likelihood that is needed to choose light tails.
 const TAILS_GAIN: f64 = 3.0;
 
-/// Repeating noise from which inflation sets in, and how much more of it brings
-/// it to the full.
+/// Share of repeating noise at which inflation begins, and the further increase at which it is
+/// complete.
 const REPEATING: (f64, f64) = (0.025, 0.05);
 
-/// `ln` of the factor that makes Student's t in three dimensions a density, up to
-/// what does not depend on `nu`.
+/// `ln` of the normalising factor of Student's t density in three dimensions, up to terms that do
+/// not depend on `nu`.
 fn normaliser(nu: f64) -> f64 {
     libm::lgamma(0.5 * (nu + 3.0)) - libm::lgamma(0.5 * nu) - 1.5 * nu.ln()
 }
 
-/// Priors of the effects that the evidence chose, as factors on the table's.
+/// Priors of the effects that the evidence chose, as factors on the table's priors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Choice {
     /// Factor on compliance, bending and tilt.
@@ -84,8 +84,8 @@ impl Search<'_> {
         unknowns
     }
 
-    /// Takes the priors with the best evidence at inflated noise: first the
-    /// stiffness, then the harmonics.
+    /// Chooses the priors with the best evidence at inflated noise: first the stiffness, then the
+    /// harmonics.
     pub(super) fn choose_priors(&mut self, normal: &Normal, inflation: f64) -> Result<Choice, IdentifyError> {
         let s2 = self.s2 * inflation.powi(2);
         let first = Choice::default();
@@ -109,7 +109,7 @@ impl Search<'_> {
         Ok(best.0)
     }
 
-    /// Takes light tails where the residuals speak for them.
+    /// Chooses light tails if the residuals support them.
     pub(super) fn choose_tails(&mut self) -> Result<(), IdentifyError> {
         let heavy = self.nu;
         if heavy <= 0.0 || heavy >= LIGHT_TAILS || !self.options.noise.estimate {
@@ -127,12 +127,12 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// How much of the noise repeats: the mean over the joints of the correlation
-    /// of the residuals of poses that are neighbours in that joint's angle, along
-    /// that joint's motion; and its standard deviation where nothing repeats.
+    /// How much of the noise repeats. Poses that are neighbours in one joint's angle are compared
+    /// along that joint's motion; the correlation of their residuals is averaged over the joints.
+    /// Also returns the standard deviation for noise that does not repeat.
     ///
-    /// Gear errors that the model has no term for are functions of a joint's angle.
-    /// They look like noise, but two poses with one joint alike share them.
+    /// Gear errors outside the model are functions of a joint's angle. They look like noise, but
+    /// two poses with the same angle of one joint share them.
     pub(super) fn repeating(&self) -> (f64, f64) {
         let n = self.layout.n;
         let m = self.prepared.len();
@@ -162,8 +162,8 @@ impl Search<'_> {
         (sum / count, 1.0 / (count * m.max(1) as f64).sqrt())
     }
 
-    /// Factor on the noise in the covariance and the mode: from 1, where the noise
-    /// surely does not repeat, to the option's, where it may.
+    /// Factor on the noise in the covariance and the mode: 1 if the noise clearly does not repeat,
+    /// up to the option's value if it may.
     pub(super) fn inflation(&self) -> f64 {
         let most = self.options.noise.inflation;
         if most <= 1.0 || !self.options.noise.estimate {

@@ -1,8 +1,8 @@
-//! Why data were refused, or why no model could be fitted to them.
+//! Why data were refused, or why no model fits them.
 
 use spherecal_model::DataError;
 
-/// Refusal of an identification: what is wrong, where, and the remedy.
+/// An identification that was refused: the cause, its place, and the remedy.
 ///
 /// Rows count the observations from 1, as the lines of a CSV under its header.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -12,7 +12,7 @@ pub enum IdentifyError {
     Data(#[from] DataError),
     /// Too few observations to fit anything.
     #[error(
-        "{found} usable observations in the calibration set, at least {needed} are needed: measure more poses, \
+        "the calibration set has {found} usable observations, but at least {needed} are needed: measure more poses, \
          or mark fewer as `validate`"
     )]
     TooFewObservations {
@@ -56,7 +56,9 @@ pub enum IdentifyError {
         reason: String,
     },
     /// The normal equations have no unique solution.
-    #[error("the data do not determine the model ({free} unknowns): give priors to what is free, or more varied poses")]
+    #[error(
+        "the data do not determine the model ({free} unknowns): give priors to the free parameters, or add more varied poses"
+    )]
     Singular {
         /// Unknowns of the model.
         free: usize,
@@ -64,10 +66,10 @@ pub enum IdentifyError {
     /// The iteration ran away.
     #[error("the fit did not converge (residual {rms_mm} mm): check joint units and signs, robot, tool and sphere ids")]
     Diverged {
-        /// Root mean square of the residual where it stopped, in mm.
+        /// Root mean square of the residual at the last step, in mm.
         rms_mm: f64,
     },
-    /// Nothing moves the residual: no pose differs from another.
+    /// The residual does not depend on the poses: all poses are equal.
     #[error("all poses are the same configuration: vary the joints")]
     NoVariety,
 }

@@ -1,11 +1,10 @@
-//! Cross-validation: what a model says about contacts that it has not seen.
+//! Cross-validation: how well a model predicts contacts outside its fit.
 //!
-//! Observations are split by sphere, by place of the plate, by region of the
-//! joint space, or by any label of the data; each part in turn is left out of
-//! the fit and then predicted. Where the left-out part has a base of its own
-//! (a place that the fit never saw), or no base can be compared, the scatter
-//! about each sphere's mean and the distances between those means are what can
-//! be judged; otherwise the error itself is judged too.
+//! Observations are split by sphere, by placement of the plate, by region of the joint space, or by
+//! any label of the data. Each part in turn is left out of the fit and then predicted. If the
+//! left-out part has its own base (a placement that is not in the fit), or if no base can be
+//! compared, only the scatter about each sphere's mean and the distances between those means are
+//! judged. Otherwise the error itself is judged too.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -41,8 +40,8 @@ pub struct Part {
     pub name: String,
     /// Observations left out.
     pub count: usize,
-    /// Mean distance of the prediction from the target, in mm, where the fit
-    /// knows the frame of the target and, of a plate, the sphere.
+    /// Mean distance of the prediction from the target, in mm, if the fit contains the frame of the
+    /// target and, for a plate, the sphere.
     pub error_mm: Option<f64>,
     /// Mean distance of the predictions from their mean at each sphere, in mm
     /// (contacts only).
@@ -67,8 +66,7 @@ pub struct Holdout {
 }
 
 impl Holdout {
-    /// The figure that models are compared by: the error where it is known,
-    /// else the scatter.
+    /// The figure for comparing models: the error if it is known, else the scatter.
     pub fn figure_mm(&self) -> Option<f64> {
         self.error_mm.or(self.scatter_mm)
     }
@@ -123,8 +121,8 @@ fn parts(experiment: &Experiment, split: &Split) -> Result<(Vec<usize>, Vec<Stri
     Ok((of, names))
 }
 
-/// Regions of near equal size, by position along the direction in which the
-/// joint angles vary most.
+/// Regions of nearly equal size, by position along the direction in which the joint angles vary
+/// most.
 fn regions(experiment: &Experiment, count: usize) -> Vec<usize> {
     let n = experiment.robot.dof();
     let total = experiment.observations.len().max(1);
@@ -152,10 +150,10 @@ fn regions(experiment: &Experiment, count: usize) -> Vec<usize> {
     of
 }
 
-/// Fits without each part in turn and predicts it.
+/// Leaves out each part in turn, fits the rest and predicts the part.
 ///
 /// # Errors
-/// What [`super::identify`] refuses; a split with fewer than two parts.
+/// Everything that [`super::identify`] refuses, and a split with fewer than two parts.
 pub fn holdout(experiment: &Experiment, options: &Options, split: &Split) -> Result<Holdout, IdentifyError> {
     experiment.check()?;
     options.check()?;
@@ -172,7 +170,7 @@ pub fn holdout(experiment: &Experiment, options: &Options, split: &Split) -> Res
     if used.len() < 2 {
         return Err(IdentifyError::Method {
             method: "holdout",
-            reason: format!("{} part(s) to leave out: at least two are needed", used.len()),
+            reason: format!("the split has {} part(s), but at least two are needed", used.len()),
         });
     }
     let mut sums = Sums::default();
@@ -226,8 +224,8 @@ fn predict(
     let calibrate = |i: usize| wanted(i) && experiment.observations[i].set == Set::Calibrate;
     let prepared = prepare(experiment, &layout, &nominal, options.torque, calibrate)?;
     let seen: BTreeSet<_> = fitted.prepared.iter().map(|p| (p.reference, p.sphere)).collect();
-    // A sphere that the fit never touched is where the plate says, if three
-    // others say where the plate is: about the line through two it may turn.
+    // The plate gives the position of a sphere outside the fit if three other spheres determine the
+    // plate. With two, it may rotate about the line through them.
     let known = |reference: usize, sphere: Option<usize>| {
         seen.contains(&(reference, sphere)) || seen.iter().filter(|s| s.0 == reference && s.1.is_some()).count() >= 3
     };
@@ -264,7 +262,7 @@ fn predict(
     Ok(())
 }
 
-/// The splits that the data allow, best first: places, then spheres, then regions.
+/// The splits that the data allow, the best first: placements, then spheres, then regions.
 pub fn possible_splits(experiment: &Experiment) -> Vec<Split> {
     let calibrate = || experiment.observations.iter().filter(|o| o.set == Set::Calibrate);
     let places: std::collections::BTreeSet<_> = calibrate().map(|o| reference_of(&o.target)).collect();

@@ -1,5 +1,5 @@
-//! What the data at hand can tell: the singular values of their whitened
-//! Jacobian, which parameters move the TCP alike, and how noise is amplified.
+//! What the data can determine: the singular values of their whitened Jacobian, parameters with the
+//! same effect on the TCP, and the amplification of noise.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -18,19 +18,19 @@ pub struct Identifiability {
     pub columns: usize,
     /// Their rank.
     pub rank: usize,
-    /// Singular values of the columns left after the redundant ones are taken out.
+    /// Singular values of the columns that remain without the redundant ones.
     pub singular_values: Vec<f64>,
     /// Condition number of the same.
     pub condition: f64,
-    /// Parameters that others stand for.
+    /// Parameters whose effect others have too.
     pub redundant: Vec<String>,
     /// Why each is redundant, in words.
     pub dependencies: Vec<String>,
     /// Observability indices O1 to O5 of what is left.
     pub observability: Observability,
-    /// How much of a change of all lengths together the base cannot take up, as a
-    /// part of what it does: near zero where the data do not carry the metre (one
-    /// sphere, or spheres at unknown distances).
+    /// The part of a common change of all lengths that the base cannot compensate, relative to its
+    /// size. It is near zero if the data do not contain the scale (one sphere, or spheres at
+    /// unknown distances).
     pub scale_observability: f64,
     /// Largest factor by which the noise of one coordinate enters a parameter:
     /// `1/σ_min`, in mm or mrad per unit of whitened noise.
@@ -70,14 +70,14 @@ impl Observability {
     }
 }
 
-/// A column that the ones before it explain to within this part of its length is
-/// redundant. Squared it must stay above the round-off of a sum of squares, and
-/// 1e-6 is far below what any data determine (condition numbers of 1e2 to 1e4).
+/// A column is redundant if the previous columns explain it to within this part of its length. The
+/// square must stay above the round-off of a sum of squares. 1e-6 is far below what any data
+/// determine (condition numbers of 1e2 to 1e4).
 const RESOLUTION: f64 = 1e-6;
 
-/// Analyses the data by their normal equations at the nominal state, all poses
-/// with weight one. `table` has the geometry in the order of the equations; its
-/// fixed parameters are the first to be named redundant where a choice is free.
+/// Analyses the data by their normal equations at the nominal state, with weight one for all poses.
+/// `table` has the geometry in the order of the equations. If several columns could be named
+/// redundant, fixed parameters are named first.
 pub(crate) fn analyse(design: &Normal, table: &[Parameter], poses: usize) -> Identifiability {
     let geometric = |kind: &Kind| match *kind {
         Kind::Alpha(i) | Kind::A(i) | Kind::D(i) | Kind::Beta(i) | Kind::Theta(i) => i > 0,
@@ -86,8 +86,8 @@ pub(crate) fn analyse(design: &Normal, table: &[Parameter], poses: usize) -> Ide
     };
     let mut order: Vec<usize> = (0..table.len()).filter(|c| geometric(&table[*c].kind)).collect();
     let names: Vec<String> = order.iter().map(|c| table[*c].name.clone()).collect();
-    // Who comes last is explained by the others: what is fixed, then the distal
-    // side, lengths after angles.
+    // The last column is explained by the others: fixed ones last, then the distal side, and
+    // lengths after angles.
     let last = |c: usize| (!table[c].free, table[c].unit == Unit::Metre, c);
     let base = |c: usize| matches!(table[c].kind, Kind::Base(..));
     order.sort_by_key(|&c| (!base(c), last(c)));
@@ -125,7 +125,7 @@ pub(crate) fn analyse(design: &Normal, table: &[Parameter], poses: usize) -> Ide
         })
         .collect();
     if scale_observability < SCALE_SEEN {
-        dependencies.push("the scale, all lengths together, is not seen by these data: it stays nominal".to_owned());
+        dependencies.push("these data do not determine the scale (all lengths together): it stays nominal".to_owned());
     }
     let m = kept.len();
     // Per mm and mrad: a thousandth of per m and rad.
@@ -147,8 +147,8 @@ pub(crate) fn analyse(design: &Normal, table: &[Parameter], poses: usize) -> Ide
     }
 }
 
-/// Below this the metre is not in the data: contacts on one sphere leave about
-/// 0.003, by the nominal errors; spheres 300 mm apart 0.2.
+/// Below this value the data do not contain the scale. Contacts on one sphere give about 0.003,
+/// because of the nominal errors; spheres 300 mm apart give 0.2.
 const SCALE_SEEN: f64 = 0.02;
 
 /// See [`Identifiability::scale_observability`].
@@ -165,7 +165,8 @@ fn scale(design: &Normal, table: &[Parameter]) -> f64 {
         .collect();
     let gram = design.matrix.select_rows(&base).select_columns(&base);
     let along = image.select_rows(&base);
-    // One sphere leaves turns of the base open: the least-squares share is unique all the same.
+    // With one sphere, rotations of the base are undetermined, but the least-squares share is still
+    // unique.
     let Ok(inverse) = gram.pseudo_inverse(1e-9) else {
         return 0.0;
     };
@@ -212,16 +213,15 @@ impl LowerRows {
     }
 }
 
-/// Terms whose contribution (`sizes`, as parts of the column) is above round-off,
-/// largest first.
+/// Terms whose contribution (`sizes`, as parts of the column) exceeds round-off, the largest first.
 fn significant(terms: Vec<(usize, f64)>, sizes: &[f64]) -> Vec<(usize, f64)> {
     let mut ranked: Vec<_> = terms.into_iter().zip(sizes).filter(|(_, s)| **s > 1e-5).collect();
     ranked.sort_by(|a, b| b.1.total_cmp(a.1));
     ranked.into_iter().map(|(term, _)| term).collect()
 }
 
-/// How a column follows from others, in words. Factors are in SI units: one of
-/// the parameter moves the TCP as so much of each other.
+/// Says in words how a column follows from others. Factors are in SI units: one unit of the
+/// parameter moves the TCP like the stated amount of each other.
 pub(crate) fn in_words(name: (&str, Unit), terms: &[((&str, Unit), f64)]) -> String {
     let (name, unit) = name;
     let own = if unit == Unit::Radian { "1 rad" } else { "1 mm" };

@@ -1,14 +1,13 @@
-//! The structured maximum a posteriori estimator, and geometry alone.
+//! The full model's maximum a posteriori estimator, and geometry alone.
 //!
 //! 1. Every reference frame is registered to the nominal robot.
-//! 2. Geometry with its priors is fitted by Gauss-Newton, analytic Jacobian,
-//!    Student-t weights: gross errors are down-weighted from here on.
-//! 3. Compliance, bending and harmonics join as random effects; the noise scale is
-//!    re-estimated from the residuals, counting the parameters that the data
-//!    really determine; [`effects`](super::effects) chooses among a few priors and
-//!    tails by evidence.
-//! 4. The noise is inflated as far as it repeats ([`Noise::inflation`](super::options::Noise))
-//!    and the mode and covariance taken there.
+//! 2. Gauss-Newton fits the geometry with its priors, with an analytic Jacobian and Student-t
+//!    weights. Gross errors are down-weighted from here on.
+//! 3. Compliance, bending and harmonics are added as random effects. The noise scale is
+//!    re-estimated from the residuals, with the number of parameters that the data really
+//!    determine. [`effects`](super::effects) chooses among a few priors and tails by evidence.
+//! 4. The noise is inflated by the part that repeats ([`Noise::inflation`](super::options::Noise));
+//!    mode and covariance are computed with it.
 
 use nalgebra::{DMatrix, Vector3};
 
@@ -23,18 +22,18 @@ use super::search::{SETTLED, Search, joined};
 use super::solve::{Posterior, Unknowns};
 use spherecal_model::{DataError, Experiment, Pose, Set, Target};
 
-/// Fewest observations: their three numbers must exceed the six of the base.
+/// Fewest observations: their three numbers each must exceed the six of the base.
 pub(crate) const FEWEST: usize = 3;
 /// Most Gauss-Newton steps of geometry alone.
 const STEPS: usize = 10;
-/// Most of them where the effects join afterwards: enough to find gross errors.
+/// Most steps if the effects are added afterwards: enough to find gross errors.
 const FIRST_STEPS: usize = 4;
-/// Most steps with the effects, besides the last under inflated noise.
+/// Most steps with the effects, besides the last step with inflated noise.
 const STRUCTURED_STEPS: usize = 4;
-/// With so few poses the structured equations are made anew at every step: the
-/// robust weights of few poses still change much, and it costs little.
+/// With at most this many poses the equations of the full model are rebuilt at every step. The
+/// robust weights of few poses still change much, and rebuilding is cheap.
 const FEW: usize = 600;
-/// A fitted model with all that its result is written from.
+/// A fitted model with all data for its result.
 pub(crate) struct Fit {
     pub(crate) layout: Layout,
     pub(crate) table: Vec<Parameter>,
@@ -195,7 +194,7 @@ pub(crate) fn fit(
     let full_table = table(experiment, &layout, options)?;
     let start = start_state(experiment, &layout, &full_table, &prepared, options.base.as_ref());
 
-    // The geometry, with the effects where their nominal values put them.
+    // The geometry, with the effects at their nominal values.
     let plain_table: Vec<Parameter> = plain
         .kinds()
         .into_iter()
@@ -302,8 +301,8 @@ pub(crate) fn fit(
     })
 }
 
-/// Turns the covariance of each base from shifts at the pivot into shifts of the
-/// base's origin: `δt = δ + ω × (t − c)`.
+/// Converts the covariance of each base from shifts at the pivot to shifts of the base's origin:
+/// `δt = δ + ω × (t − c)`.
 fn about_base(covariance: &mut DMatrix<f64>, unknowns: &Unknowns, layout: &Layout, state: &State) {
     let m = unknowns.len();
     let at = |column: usize| unknowns.columns.iter().position(|c| *c == column);

@@ -1,4 +1,4 @@
-//! Scale of the noise and robust weights, from squared distances.
+//! Noise scale and robust weights, from squared distances.
 
 /// Student-t weights for three-dimensional residuals; 1 where `nu` is 0.
 pub(crate) fn weights(d2: &[f64], s2: f64, nu: f64) -> Vec<f64> {
@@ -8,7 +8,7 @@ pub(crate) fn weights(d2: &[f64], s2: f64, nu: f64) -> Vec<f64> {
     d2.iter().map(|d| (nu + 3.0) / (nu + d / s2)).collect()
 }
 
-/// Noise variance by the Student-t likelihood, `effective` parameters taken off.
+/// Noise variance by the Student-t likelihood, with `effective` parameters subtracted.
 pub(crate) fn scale(d2: &[f64], effective: f64, nu: f64, start: f64) -> f64 {
     let freedom = (3.0 * d2.len() as f64 - effective).max(1.0);
     let mut s2 = start;
@@ -19,7 +19,7 @@ pub(crate) fn scale(d2: &[f64], effective: f64, nu: f64, start: f64) -> f64 {
     s2
 }
 
-/// Start value of the noise variance that gross errors cannot move.
+/// Start value of the noise variance that is robust against gross errors.
 pub(crate) fn median_scale(d2: &[f64]) -> f64 {
     let mut sorted = d2.to_vec();
     let middle = sorted.len() / 2;

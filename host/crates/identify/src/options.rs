@@ -11,6 +11,7 @@ use spherecal_model::Pose;
 
 /// How the model is fitted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// The full model: robust maximum a posteriori with geometry, compliance and
@@ -57,6 +58,7 @@ impl Method {
 
 /// Which errors of the robot are modelled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
     /// Links, tool and base.
@@ -129,6 +131,7 @@ named!(Model);
 
 /// Where the torque that bends the joints comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Torque {
     /// From the inertial model where the robot has masses, else measured.
@@ -144,6 +147,7 @@ pub enum Torque {
 ///
 /// Only the ratio of the two parts matters where the scale is estimated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Noise {
     /// Unmodelled joint error of each joint (1 sigma), in rad: gear noise and
@@ -177,6 +181,7 @@ impl Default for Noise {
 
 /// Which pairs' fitness the paper's estimators minimise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Pairs {
     /// Differences of distances, as the authors' library computes: free of the
@@ -190,6 +195,7 @@ pub enum Pairs {
 
 /// Everything that may be asked.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Options {
     /// How the model is fitted.

@@ -1,19 +1,19 @@
-//! The paper's procedure, faithfully: Sections 3.2, 4.2 and 4.3.
+//! The paper's procedure, implemented faithfully: Sections 3.2, 4.2 and 4.3.
 //!
-//! 21 parameters in mm and rad, started at nominal; the squared differences of
-//! vectors between pairs of contacts (Equations 9 to 11); 100 random poses a
-//! sphere, hence 44,850 pairs, in random order in mini-batches of 32, each
-//! minimised by Nelder-Mead from where the last one ended. Laser data: squared
-//! position errors of all configurations at once (Equation 13).
+//! 21 parameters in mm and rad start at their nominal values. The objective is the squared
+//! difference of vectors between pairs of contacts (Equations 9 to 11). 100 random poses per sphere
+//! give 44,850 pairs. They are processed in random order in mini-batches of 32. Nelder-Mead
+//! minimises each batch from the end of the previous one. For laser data the objective is the
+//! squared position error of all configurations at once (Equation 13).
 //!
-//! What the paper does not say: how long each mini-batch runs. Its Table 6
-//! does: eleven of the twelve parameters with nominal value zero moved by the
-//! same 6.1e-5, in mm and in rad alike, which is a quarter of the simplex's
-//! first step for zeros after some 50 iterations. [`Procedure::default`] stops
-//! there; [`Procedure::to_the_end`] lets `fminsearch` decide instead.
+//! The paper does not say how long each mini-batch runs, but its Table 6 shows it. Eleven of the
+//! twelve parameters with nominal value zero moved by the same 6.1e-5, in mm and in rad alike. That
+//! is a quarter of the simplex's first step for zeros, after some 50 iterations.
+//! [`Procedure::default`] stops there; [`Procedure::to_the_end`] uses the stopping rules of
+//! `fminsearch` instead.
 //!
-//! [`scaled`] is the same simplex with first steps of prior size: it reaches
-//! the optimum, so that the method and not the objective is at fault.
+//! [`scaled`] is the same simplex with first steps of prior size. It reaches the optimum, so the
+//! cause is the method and not the objective.
 
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -27,8 +27,8 @@ use super::options::{Method, Options, Pairs};
 use super::simplex::{Limits, Minimum, Stopping, minimise, stepped_simplex, usual_simplex};
 use spherecal_model::{Experiment, Set, Target};
 
-/// What Table 6 shows for parameters that were never identified: a value (mm or
-/// rad) and how far around it they lie.
+/// The value in Table 6 of parameters that were never identified (mm or rad), and the tolerance
+/// about it.
 pub const FROZEN: (f64, f64) = (6.1e-5, 0.3e-5);
 
 /// How the paper's procedure runs.
@@ -42,7 +42,7 @@ pub struct Procedure {
     pub batches: usize,
     /// When the search in one mini-batch ends.
     pub limits: Limits,
-    /// When the search over all laser configurations ends.
+    /// Stopping rule of the search over all laser configurations.
     pub laser: Limits,
 }
 
@@ -104,7 +104,7 @@ impl Run {
             .collect()
     }
 
-    /// How many of them show the frozen value of Table 6 (see [`FROZEN`]).
+    /// Number of these with the frozen value of Table 6 (see [`FROZEN`]).
     pub fn frozen(&self) -> usize {
         let (value, width) = FROZEN;
         self.zeros().iter().filter(|(_, x)| (x - value).abs() <= width).count()
@@ -136,7 +136,7 @@ pub fn whole(problem: &DistanceProblem, limits: &Limits) -> Run {
     run(problem, &found.x, vec![(found.evaluations, found.iterations)])
 }
 
-/// Mini-batches of pairs in random order, each started where the last one ended.
+/// Mini-batches of pairs in random order, each started at the end of the previous one.
 pub fn mini_batches(problem: &DistanceProblem, procedure: &Procedure, seed: u64) -> Run {
     let n = problem.poses();
     let mut pairs: Vec<(usize, usize)> = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))).collect();
@@ -152,11 +152,11 @@ pub fn mini_batches(problem: &DistanceProblem, procedure: &Procedure, seed: u64)
     run(problem, &x, searches)
 }
 
-/// Nelder-Mead over the whole objective, with first steps of prior size, started
-/// again with a fresh simplex until that gains less than one part in a thousand.
+/// Nelder-Mead over the whole objective, with first steps of prior size. It restarts with a fresh
+/// simplex until a restart gains less than one part in a thousand.
 pub fn scaled(problem: &DistanceProblem) -> Run {
     let steps = problem.prior_sigmas();
-    // Searches end by their evaluations, or where neither changes any more.
+    // A search ends by its number of evaluations, or when neither changes any more.
     let limits = Limits {
         evaluations: Some(200 * steps.len()),
         x_tolerance: 1e-9,
@@ -177,7 +177,7 @@ pub fn scaled(problem: &DistanceProblem) -> Run {
         if gained <= 1e-3 * value.abs() {
             break;
         }
-        // The first search has come within the priors; the next ones refine.
+        // The first search has come within the priors; the following ones refine.
         size = 0.2;
     }
     run(problem, &x, searches)
@@ -193,8 +193,8 @@ fn run(problem: &DistanceProblem, x: &[f64], searches: Vec<(usize, usize)>) -> R
     }
 }
 
-/// The paper's problem of an experiment: its subset of the contacts where the
-/// options name none, and for the faithful simplex the vectors of Equation 9.
+/// The paper's problem for an experiment: its subset of the contacts if the options name none, and
+/// for the faithful simplex the vectors of Equation 9.
 ///
 /// # Errors
 /// What [`DistanceProblem::new`] refuses.

@@ -1,13 +1,13 @@
-//! The one table of parameters: name, unit, nominal value, prior and its
-//! reason, free or fixed; and where each has its column.
+//! The table of parameters: name, unit, nominal value, prior with its reason, free or fixed; and
+//! the column of each.
 //!
-//! Names follow the paper: row i of the modified DH table holds `alpha{i-1}`,
-//! `a{i-1}`, `theta{i}`, `d{i}`; a joint whose axis is near parallel to the one
-//! before has Hayati's `beta{i-1}` in place of `d{i}`.
+//! Names follow the paper: row i of the modified DH table has `alpha{i-1}`, `a{i-1}`, `theta{i}`,
+//! `d{i}`. A joint whose axis is nearly parallel to the previous one has Hayati's `beta{i-1}`
+//! instead of `d{i}`.
 //!
-//! Left out by default, because others move the TCP alike: row 1's four (the
-//! base does), the last `theta` and `d` (the tool does). A 7-axis robot has 22
-//! link parameters, 3 of the tool and 6 of the base left: 31.
+//! Some parameters are fixed by default, because others have the same effect on the TCP: the four
+//! of row 1 (the base), the last `theta` and `d` (the tool). A 7-axis robot keeps 22 link
+//! parameters, 3 of the tool and 6 of the base: 31.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,7 +19,7 @@ use super::options::Options;
 use super::priors::default_of;
 use spherecal_model::{Experiment, Target};
 
-/// Axes closer to parallel than this take Hayati's beta, in rad.
+/// Axes closer to parallel than this use Hayati's beta, in rad.
 pub const PARALLEL_RAD: f64 = 0.2;
 
 /// Unit of a parameter.
@@ -47,7 +47,7 @@ impl Unit {
     }
 }
 
-/// What a column of the model stands for. Joints and rows count from 0 here.
+/// The quantity of a model's column. Joints and rows count from 0 here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -79,7 +79,7 @@ pub enum Kind {
     Sphere(usize, usize),
 }
 
-/// A frame in which targets are given: each has its own pose towards the base.
+/// A frame of targets. Each has its own pose relative to the base.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reference {
@@ -94,25 +94,26 @@ pub enum Reference {
 pub struct Parameter {
     /// Name, unique in the model.
     pub name: String,
-    /// What it stands for.
+    /// Its quantity.
     pub kind: Kind,
     /// Unit of all its values.
     pub unit: Unit,
-    /// Value before the data are seen; base entries take theirs from a first fit.
+    /// Value before the data; base entries take theirs from a first fit.
     pub nominal: f64,
     /// Standard deviation before the data are seen.
     pub prior_sigma: f64,
     /// Whether it is estimated.
     pub free: bool,
-    /// Whether the user set its prior, which is then not widened.
+    /// Whether the user set the prior, which is then not widened.
     pub set_by_user: bool,
-    /// Why the prior is what it is, or why the parameter is fixed.
+    /// Reason of the prior, or why the parameter is fixed.
     pub reason: &'static str,
 }
 
-/// What the user sets of one parameter, or of a group by its letters alone
-/// (`alpha`, `compliance`, `harmonic`, `sphere` ...).
+/// The user's settings for one parameter, or for a group named by its letters (`alpha`,
+/// `compliance`, `harmonic`, `sphere` ...).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Override {
     /// Nominal value, in the parameter's SI unit.
@@ -129,10 +130,11 @@ pub struct Override {
 /// Overrides by name: in TOML a table, as in
 /// `[parameters.compliance]` / `prior_sigma = 5e-5`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(transparent)]
 pub struct Overrides(pub BTreeMap<String, Override>);
 
-/// Where each parameter has its column.
+/// The column of each parameter.
 ///
 /// `general | per joint: theta, compliance, cos 1, sin 1, ... | base 6 per frame | 3 per sphere`
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -249,7 +251,7 @@ pub(crate) fn reference_of(target: &Target) -> Reference {
     }
 }
 
-/// Rows whose axis is near parallel to the one before.
+/// Rows whose axis is nearly parallel to the previous one.
 pub(crate) fn hayati(robot: &Robot) -> Vec<bool> {
     robot
         .joints
@@ -298,7 +300,7 @@ pub(crate) fn name_of(kind: Kind, layout: &Layout) -> (String, Unit) {
 /// The table of a model on given data.
 ///
 /// # Errors
-/// An override whose name matches nothing, or whose number is not possible.
+/// The name of an override matches nothing, or its number is not possible.
 pub(crate) fn table(
     experiment: &Experiment,
     layout: &Layout,
@@ -312,7 +314,7 @@ pub(crate) fn table(
     let mut richest: Option<Vec<Parameter>> = None;
     for (name, set) in &options.parameters.0 {
         match apply(&mut table, name, set) {
-            // A poorer model need not have what the user says of a richer one.
+            // A smaller model may lack a parameter that the user sets for a larger one.
             Err(IdentifyError::UnknownParameter { .. }) => {
                 let all = richest.get_or_insert_with(|| {
                     let layout = Layout::new(experiment, options.harmonics, true);

@@ -1,8 +1,8 @@
-//! One search for the mode: Gauss-Newton steps, robust weights and the noise's
-//! scale, each at the state that the last step left.
+//! One search for the mode: Gauss-Newton steps, robust weights and noise scale, each at the state
+//! after the last step.
 //!
-//! [`map`](super::map) says which columns are searched and in what order;
-//! [`effects`](super::effects) adds what the data may decide on the way.
+//! [`map`](super::map) chooses the searched columns and their order. [`effects`](super::effects)
+//! adds the choices that the data make.
 
 use nalgebra::DVector;
 
@@ -14,14 +14,14 @@ use super::options::Options;
 use super::parameters::{Layout, Parameter};
 use super::solve::{Posterior, Unknowns};
 
-/// A search has settled when a step is shorter than this, in posterior standard
-/// deviations (all parameters together).
+/// A search has converged if a step is shorter than this, in posterior standard deviations (all
+/// parameters together).
 pub(super) const SETTLED: f64 = 0.1;
 
-/// Candidates for the shape of the noise, as factors on the part that does not
-/// come through the joints: joint noise rules, both count, seating rules.
+/// Candidates for the shape of the noise, as factors on the part that does not come through the
+/// joints: mostly joint noise, both, mostly seating.
 const SHAPES: [f64; 3] = [1.0, 10.0, 100.0];
-/// Gain in log likelihood that another shape must show.
+/// Gain in log likelihood that is needed to choose another shape.
 const SHAPE_GAIN: f64 = 8.0;
 
 /// A search in progress: one set of columns on one set of poses.
@@ -55,7 +55,7 @@ impl Search<'_> {
         )
     }
 
-    /// The gradient at the state, beside the matrix of an earlier one.
+    /// The gradient at the present state, combined with the matrix of an earlier one.
     pub(super) fn renew(&self, normal: &mut Normal) {
         normal.gradient = gradient(
             &self.state,
@@ -75,8 +75,8 @@ impl Search<'_> {
         self.state.refresh();
     }
 
-    /// One Gauss-Newton step, then noise and weights at the new state. Returns
-    /// the step's length in posterior standard deviations.
+    /// One Gauss-Newton step, then noise and weights at the new state. Returns the step's length in
+    /// posterior standard deviations.
     pub(super) fn step(&mut self, normal: &Normal, count_parameters: bool) -> Result<f64, IdentifyError> {
         let posterior = Posterior::new(normal, &self.unknowns, self.s2)?;
         let (step, decrement) = posterior.step(normal, &self.unknowns, self.s2);
@@ -107,10 +107,9 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Fits geometry alone, from the nominal state or from where it stands. The
-    /// matrix is made at the first two states, as it hardly changes afterwards;
-    /// the gradient at every one, so that the answer does not depend on that.
-    /// Returns the first and the last equations.
+    /// Fits geometry alone, from the present state. The matrix is computed at the first two states,
+    /// because it hardly changes afterwards. The gradient is computed at every state, so that the
+    /// result does not depend on this. Returns the first and the last equations.
     pub(super) fn settle(&mut self, most: usize) -> Result<(Normal, Normal), IdentifyError> {
         let first = self.equations();
         self.step(&first, false)?;
@@ -132,8 +131,8 @@ impl Search<'_> {
         Ok((first, normal))
     }
 
-    /// Takes the shape of the noise that the residuals speak for, if they speak
-    /// clearly; says whether it changed.
+    /// Chooses the shape of the noise that the residuals clearly support. Returns whether it
+    /// changed.
     pub(super) fn choose_shape(&mut self) -> Result<bool, IdentifyError> {
         if !self.options.noise.estimate {
             return Ok(false);
@@ -157,7 +156,7 @@ impl Search<'_> {
     }
 }
 
-/// Unknowns of `table`, standing where `other` (a part of the same table) stands.
+/// Unknowns of `table`, at the state of `other`, which is a part of the same table.
 pub(super) fn joined(table: &[Parameter], other: &[Parameter], unknowns: &Unknowns) -> Unknowns {
     let mut all = Unknowns::new(table);
     for (i, &column) in all.columns.iter().enumerate() {

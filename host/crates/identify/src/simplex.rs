@@ -1,16 +1,15 @@
-//! The simplex of Nelder and Mead, as SciPy and MATLAB run it.
+//! The Nelder-Mead simplex, as SciPy and MATLAB implement it.
 //!
 //! Vocabulary. The *simplex* has n + 1 *vertices*, sorted by value. Each
 //! iteration *reflects* the worst vertex through the centroid of the others,
 //! then *expands*, *contracts* or *shrinks*. An *evaluation* is one call of the
 //! function.
 //!
-//! [`minimise`] repeats `scipy.optimize.minimize(method="Nelder-Mead")` in the
-//! same order of floating-point operations, the interrupted iteration at the
-//! evaluation limit included, so that both take the same path bit by bit where
-//! the function does. MATLAB's `fminsearch` differs only in when it stops.
-//! Its first steps are the reason for the paper's frozen parameters: 5 % of a
-//! value, but an absolute 0.00025 for a value of zero, whatever its unit.
+//! [`minimise`] repeats `scipy.optimize.minimize(method="Nelder-Mead")` in the same order of
+//! floating-point operations, including the interrupted iteration at the evaluation limit. So both
+//! take the same path bit by bit if the function gives the same bits. MATLAB's `fminsearch` differs
+//! only in its stopping rule. The first steps cause the paper's frozen parameters: 5 % of a value,
+//! but an absolute 0.00025 for a value of zero, whatever its unit.
 
 use serde::{Deserialize, Serialize};
 
@@ -26,8 +25,8 @@ pub enum Stopping {
     /// SciPy: absolute tolerances; the evaluation limit interrupts an iteration.
     #[default]
     Scipy,
-    /// MATLAB's `fminsearch`: tolerances not under ten units in the last place;
-    /// limits are looked at between iterations only.
+    /// MATLAB's `fminsearch`: tolerances of at least ten units in the last place; limits are
+    /// checked between iterations only.
     Fminsearch,
 }
 
@@ -60,9 +59,9 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Most iterations and evaluations for `n` parameters: 200 n of each when
-    /// neither is given, and no limit on one when only the other is (SciPy);
-    /// 200 n for each that is not given (`fminsearch`).
+    /// Most iterations and evaluations for `n` parameters. SciPy: 200 n of each if neither is
+    /// given; no limit on one if only the other is given. `fminsearch`: 200 n for each that is not
+    /// given.
     pub fn resolved(&self, n: usize) -> (usize, usize) {
         let usual = 200 * n;
         match (self.stopping, self.iterations, self.evaluations) {
@@ -84,9 +83,9 @@ impl Limits {
 pub enum Ended {
     /// Both tolerances were met.
     Converged,
-    /// At the limit of evaluations: the result is where the search stood.
+    /// At the limit of evaluations: the result is the last state.
     Evaluations,
-    /// At the limit of iterations: the result is where the search stood.
+    /// At the limit of iterations: the result is the last state.
     Iterations,
 }
 
@@ -142,7 +141,7 @@ struct Search<F> {
     values: Vec<f64>,
     calls: usize,
     most_calls: usize,
-    /// SciPy's rule: at the limit the running iteration is abandoned.
+    /// SciPy's rule: at the limit the current iteration is abandoned.
     interrupt: bool,
 }
 
@@ -156,7 +155,7 @@ impl<F: FnMut(&[f64]) -> f64> Search<F> {
         Some((self.function)(x))
     }
 
-    /// Sorts the vertices by value, equal ones in their order.
+    /// Sorts the vertices by value; equal ones keep their order.
     fn sort(&mut self) {
         let mut order: Vec<usize> = (0..self.values.len()).collect();
         order.sort_by(|a, b| {
@@ -180,7 +179,7 @@ impl<F: FnMut(&[f64]) -> f64> Search<F> {
         self.values[last] = value;
     }
 
-    /// One iteration without its sort; `None` where the limit cut it short.
+    /// One iteration without its sort; `None` if the limit interrupted it.
     fn iterate(&mut self) -> Option<()> {
         let n = self.values.len() - 1;
         let mut centroid = self.vertices[0].clone();
@@ -224,8 +223,8 @@ impl<F: FnMut(&[f64]) -> f64> Search<F> {
         Some(())
     }
 
-    /// All vertices half way to the best. At the limit a vertex has moved but
-    /// keeps its old value, as in SciPy.
+    /// Moves all vertices half way to the best. At the limit a vertex has moved but keeps its old
+    /// value, as in SciPy.
     fn shrink(&mut self) -> Option<()> {
         for j in 1..self.values.len() {
             let moved: Vec<f64> = self.vertices[0]
@@ -271,9 +270,8 @@ fn spacing(x: f64) -> f64 {
     if x.is_finite() { x.next_up() - x } else { f64::NAN }
 }
 
-/// Minimises `function` from a first simplex of n + 1 vertices of n parameters
-/// (see [`usual_simplex`]). A simplex of another shape is returned as it is,
-/// with no evaluations.
+/// Minimises `function` from a first simplex of n + 1 vertices of n parameters (see
+/// [`usual_simplex`]). A simplex of another shape is returned unchanged, without an evaluation.
 pub fn minimise(function: impl FnMut(&[f64]) -> f64, simplex: Vec<Vec<f64>>, limits: &Limits) -> Minimum {
     let n = simplex.len().saturating_sub(1);
     if n == 0 || simplex.iter().any(|v| v.len() != n) {
@@ -348,7 +346,7 @@ mod tests {
         }
     }
 
-    // Fails if SciPy's limit is overrun, or fminsearch's cuts an iteration short.
+    // Fails if SciPy's limit is exceeded, or if fminsearch's limit interrupts an iteration.
     #[test]
     fn limits_are_those_of_their_makers() {
         let limits = |stopping| Limits {

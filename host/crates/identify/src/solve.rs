@@ -1,5 +1,5 @@
-//! Posterior of a linearised model: normal equations plus priors, scaled,
-//! factorised, inverted where the covariance is wanted.
+//! Posterior of a linearised model: normal equations plus priors, scaled and factorised, and
+//! inverted if the covariance is needed.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -7,7 +7,7 @@ use super::error::IdentifyError;
 use super::normal::Normal;
 use super::parameters::Parameter;
 
-/// The free columns of a model, their priors and where the state stands.
+/// The free columns of a model, their priors and the present state.
 #[derive(Clone, Debug)]
 pub(crate) struct Unknowns {
     /// Columns of the layout that are free.

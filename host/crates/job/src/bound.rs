@@ -1,12 +1,19 @@
 //! How good any estimator could be on the same recordings: one that is told the
 //! laws that the simulated arm's errors were drawn from (never the errors).
+//!
+//! Laws that the model has no term for count as white joint noise: gear, smooth
+//! and cross-joint errors, scatter, lost motion, early readings. Bad seats, and
+//! robots whose joints may be far off, make it robust and wide.
 
 use spherecal_identify::{Method, Model, Noise, Options, Override};
 use spherecal_sim::plant::PlantConfig;
 
+/// Degrees of freedom of the Student-t weights where seats may be bad.
+const ROBUST: f64 = 4.0;
+
 /// Options of an estimator whose model, priors and noise are the plant's own
 /// laws, for an arm with `joints` joints.
-pub(super) fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
+pub fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
     let on = |enabled: bool, value: f64| if enabled { value } else { 0.0 };
     let encoder = &plant.encoder;
     let orders = if encoder.harmonics {
@@ -14,7 +21,16 @@ pub(super) fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
     } else {
         0
     };
+    let lost = &plant.lost_motion;
+    let early = &plant.reading;
+    // Of numbers uniform between a and b the mean square is (a² + a b + b²) / 3.
+    let [low, high] = lost.half_width_rad;
+    let lost_rms = ((low * low + low * high + high * high) / 3.0).sqrt();
+    let early_rms = early.early_share.sqrt() * 0.5 * early.deceleration_rad_s2 * early.early_s * early.early_s;
     let unmodelled = [
+        encoder.scatter_rad,
+        on(lost.enabled, lost_rms),
+        early_rms,
         on(encoder.gear, encoder.gear_rad),
         encoder.smooth_rad,
         encoder.cross_rad,
@@ -26,7 +42,7 @@ pub(super) fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
         method: Method::Full,
         model: Model::Full,
         harmonics: orders.max(1),
-        student_t: 0.0,
+        student_t: if nest.bad_coupling_share > 0.0 { ROBUST } else { 0.0 },
         noise: Noise {
             joint_rad: unmodelled.iter().map(|v| v * v).sum::<f64>().sqrt(),
             seating_m: on(nest.seating_error, nest.seating_sigma_m.hypot(nest.form_sigma_m)).max(1e-7),
@@ -57,7 +73,10 @@ pub(super) fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
     prior("a".into(), None, length);
     prior("d".into(), None, length);
     prior("alpha".into(), None, on(geometry.enabled, geometry.alpha_sigma_rad));
-    prior("theta".into(), None, on(geometry.enabled, geometry.theta_sigma_rad));
+    // A uniform offset of some robots: its standard deviation over all of them.
+    let offset = geometry.offset_rad * (geometry.offset_share / 3.0).sqrt();
+    let theta = geometry.theta_sigma_rad.hypot(offset);
+    prior("theta".into(), None, on(geometry.enabled, theta));
     prior(
         "tool".into(),
         None,
@@ -67,12 +86,21 @@ pub(super) fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
     let mean = on(compliance.enabled, compliance.joint_rad_per_nm);
     // Uniform within the spread about its mean.
     prior("compliance".into(), Some(mean), mean * compliance.spread / 3f64.sqrt());
-    prior(
-        "bending".into(),
-        None,
-        on(compliance.enabled, compliance.link_rad_per_nm),
-    );
-    prior("tilt".into(), None, on(compliance.enabled, compliance.base_rad_per_nm));
+    for (joint, [low, high]) in compliance.joints_rad_per_nm.iter().enumerate().take(joints) {
+        let (mean, sigma) = (f64::midpoint(*low, *high), (high - low) / 12f64.sqrt());
+        prior(
+            format!("compliance{}", joint + 1),
+            Some(on(compliance.enabled, mean)),
+            on(compliance.enabled, sigma),
+        );
+    }
+    for (name, mean, sigma) in [
+        ("bending", compliance.link_rad_per_nm, compliance.link_sigma_rad_per_nm),
+        ("tilt", compliance.base_rad_per_nm, compliance.base_sigma_rad_per_nm),
+    ] {
+        let nominal = (mean > 0.0).then_some(on(compliance.enabled, mean));
+        prior(name.into(), nominal, on(compliance.enabled, sigma));
+    }
     for joint in 1..=joints {
         for order in 1..=orders.max(1) {
             let sigma = encoder.harmonic_rad.get(order - 1).copied().unwrap_or_default() / 2f64.sqrt();

@@ -4,23 +4,29 @@
 
 use std::path::Path;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use spherecal_shared::procedure::{Procedure, ProcedureError};
+use spherecal_shared::procedure::Procedure;
 
-use spherecal_campaign as campaign;
 use spherecal_identify as identify;
-use spherecal_model::{FileError, read_text, read_toml};
-use spherecal_plan::{
-    CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, design_for, plan,
-};
-use spherecal_sim::plant::{PRESETS, PlantConfig, PlantError};
-use spherecal_sim::{Lossy, LossyError};
+use spherecal_model::{read_text, read_toml};
+use spherecal_sim::Lossy;
+use spherecal_sim::plant::{PRESETS, PlantConfig};
+
+mod cell;
+mod error;
+mod layout;
+mod sections;
+
+pub use cell::{CellSection, ToolSection};
+pub use error::ConfigError;
+pub use sections::{CampaignSection, Choice, LaserSection, PlanSection};
 
 /// Largest configuration file, in bytes.
 const MOST_BYTES: u64 = 1 << 20;
 
 /// The whole configuration.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
     /// Seed of everything that is drawn.
@@ -30,16 +36,18 @@ pub struct Config {
     /// Which arm of that kind this is: its serial number, or whatever names it
     /// in the fleet; `spherecal history` tells arms apart by it.
     pub arm: String,
-    /// Nominal TCP in the flange frame, in mm; the robot's own where left out.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub tool_mm: Option<[f64; 3]>,
+    /// What is real: tool, plate, placements and waypoints.
+    pub cell: CellSection,
     /// Which poses are visited.
     pub plan: PlanSection,
     /// How the campaign behaves.
     pub campaign: CampaignSection,
     /// The procedure of Algorithm 2.
     pub procedure: Procedure,
-    /// The simulated plant: `preset`, and what differs from it.
+    /// What is simulated, where the arm is: the name of a `preset`, and the errors that differ from it. It has no
+    /// meaning for a real arm.
+    #[serde(skip_serializing_if = "toml::Table::is_empty")]
+    #[schemars(with = "PlantConfig")]
     pub plant: toml::Table,
     /// The laser tracker's reference.
     pub laser: LaserSection,
@@ -49,178 +57,13 @@ pub struct Config {
     pub identify: identify::Options,
 }
 
-/// How the poses are chosen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Choice {
-    /// By the TCP error that they leave over the workspace.
-    #[default]
-    Optimal,
-    /// Spread over the grid: each sphere is visited once, in small turns.
-    Grid,
-}
-
-/// Which poses are visited.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PlanSection {
-    /// Poses over all spheres; 0 for every reachable one of the grid.
-    pub poses: usize,
-    /// The paper's whole grid by the paper's rules, whatever else is said here.
-    pub paper: bool,
-    /// Mean TCP error that is asked for, in mm, base aligned: as few optimal
-    /// poses as promise it, in place of `poses`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub accuracy_mm: Option<f64>,
-    /// How the poses are chosen.
-    pub choice: Choice,
-    /// Contacts of an optimal plan at most, though never less than one of each
-    /// sphere; 0 for as many as are worth it.
-    pub contacts: usize,
-    /// How many recordings' time the way to an optimal pose may take before
-    /// half of what it gains is lost: small saves robot time, large poses.
-    /// 60 over the number of poses where left out.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub patience: Option<f64>,
-    /// How wide optimal poses may lie.
-    pub range: Range,
-    /// The grid about each sphere.
-    pub grid: Grid,
-    /// What configurations and moves must keep.
-    pub rules: Rules,
-    /// Height of the approach frames over the spheres' centres, in m.
-    pub approach_height_m: f64,
-    /// How far the TCP may leave the box about the plan's places and ways, in m:
-    /// procedure.limits.workspace is narrowed to it.
-    pub workspace_margin_m: f64,
-    /// How far the TCP may come under the centre of the lowest sphere, in m:
-    /// procedure.limits.plate is set by it, unless it is given.
-    pub plate_margin_m: f64,
-}
-
-impl Default for PlanSection {
-    fn default() -> Self {
-        Self {
-            poses: 150,
-            paper: false,
-            accuracy_mm: None,
-            choice: Choice::Optimal,
-            contacts: CONTACTS,
-            patience: None,
-            range: Range::default(),
-            grid: Grid::default(),
-            rules: Rules::default(),
-            approach_height_m: 0.050,
-            workspace_margin_m: 0.150,
-            plate_margin_m: 0.030,
-        }
-    }
-}
-
-impl PlanSection {
-    /// The plan of a cell; accuracy is predicted with the options of `identify`.
-    ///
-    /// # Errors
-    /// See [`plan`](spherecal_plan::plan) and [`design`](spherecal_plan::design).
-    pub fn make(&self, cell: &Cell, identify: &identify::Options) -> Result<Plan, PlanError> {
-        if self.paper {
-            return plan(cell, &PlanRequest::paper());
-        }
-        if self.accuracy_mm.is_none() && (self.choice == Choice::Grid || self.poses == 0) {
-            let request = PlanRequest {
-                grid: self.grid.clone(),
-                rules: self.rules,
-                poses: (self.poses > 0).then_some(self.poses),
-            };
-            return plan(cell, &request);
-        }
-        let default = DesignRequest::new(match self.accuracy_mm {
-            None => self.poses,
-            // The number is looked for; it sets how long the way to a pose may be.
-            Some(_) => Self::default().poses,
-        });
-        let request = DesignRequest {
-            contacts: self.contacts,
-            patience: self.patience.unwrap_or(default.patience),
-            range: Range {
-                candidates: self.range.candidates.min(default.range.candidates),
-                ..self.range
-            },
-            rules: self.rules,
-            options: identify.clone(),
-            ..default
-        };
-        match self.accuracy_mm {
-            None => design(cell, &request),
-            Some(wanted_mm) => design_for(cell, &request, wanted_mm),
-        }
-    }
-}
-
-/// How the campaign behaves.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CampaignSection {
-    /// Attempts in vain after which a sphere is given up.
-    pub attempts: u32,
-    /// Failures after which a single pose is given up.
-    pub pose_attempts: u32,
-    /// Poses given up, in percent, after which the campaign stops.
-    pub rejected_percent: u32,
-    /// How long after its cause a command starts, in ms: within it a lossy link
-    /// must get an event up and a command down, or recordings depend on it.
-    pub lead_ms: u32,
-    /// Error of the taught waypoints along each axis, in m, either way: quick
-    /// hand-guiding (the paper's, Section 4.2).
-    pub taught_error_m: f64,
-}
-
-impl Default for CampaignSection {
-    fn default() -> Self {
-        let options = campaign::Options::default();
-        Self {
-            attempts: options.attempts,
-            pose_attempts: options.pose_attempts,
-            rejected_percent: options.rejected_percent,
-            lead_ms: options.lead_ms,
-            taught_error_m: 0.010,
-        }
-    }
-}
-
-impl CampaignSection {
-    /// As the campaign takes it.
-    pub fn options(&self) -> campaign::Options {
-        campaign::Options {
-            attempts: self.attempts.max(1),
-            pose_attempts: self.pose_attempts.max(1),
-            rejected_percent: self.rejected_percent,
-            lead_ms: self.lead_ms,
-        }
-    }
-}
-
-/// The laser tracker's reference.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LaserSection {
-    /// Whether it is measured (in simulation).
-    pub enabled: bool,
-}
-
-impl Default for LaserSection {
-    fn default() -> Self {
-        Self { enabled: true }
-    }
-}
-
 impl Default for Config {
     fn default() -> Self {
         Self {
             seed: 1,
             robot: "iiwa7".to_owned(),
             arm: String::new(),
-            tool_mm: None,
+            cell: CellSection::default(),
             plan: PlanSection::default(),
             campaign: CampaignSection::default(),
             procedure: Procedure::default(),
@@ -230,47 +73,6 @@ impl Default for Config {
             identify: identify::Options::default(),
         }
     }
-}
-
-/// Why a configuration was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum ConfigError {
-    /// The file cannot be read.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// The file is not TOML, or names what does not exist.
-    #[error("{path}: {message}\nremedy: `spherecal config --print` shows every field with its default")]
-    Syntax {
-        /// File.
-        path: String,
-        /// What is wrong, and where.
-        message: String,
-    },
-    /// A number of the procedure is out of range.
-    #[error(transparent)]
-    Procedure(#[from] ProcedureError),
-    /// The plant is impossible.
-    #[error(transparent)]
-    Plant(#[from] PlantError),
-    /// A bad link that is none.
-    #[error("host_link.{0}")]
-    HostLink(#[from] LossyError),
-    /// Another number is out of range.
-    #[error("{field} is {value}: {remedy}")]
-    Range {
-        /// Field, as in the file.
-        field: &'static str,
-        /// Its value.
-        value: f64,
-        /// What to write instead.
-        remedy: &'static str,
-    },
-    /// The plant's section does not fit together.
-    #[error("plant: {message}")]
-    PlantSection {
-        /// What is wrong.
-        message: String,
-    },
 }
 
 impl Config {
@@ -287,12 +89,36 @@ impl Config {
     /// As [`read`](Self::read), of a text; `name` is for messages.
     ///
     /// # Errors
-    /// What is not TOML or names what does not exist.
+    /// What is not TOML, names what does not exist, or has the layout of an older program.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
+        if let Ok(mut table) = toml::from_str::<toml::Table>(text) {
+            let fields = layout::bring_forward(&mut table);
+            if !fields.is_empty() {
+                return Err(ConfigError::OldLayout {
+                    path: name.to_owned(),
+                    fields: fields.join(", "),
+                    lines: layout::cell_lines(&table),
+                });
+            }
+        }
         read_toml(text).map_err(|e| ConfigError::Syntax {
             path: name.to_owned(),
             message: e.to_string(),
         })
+    }
+
+    /// Reads the configuration of a stored run, of this program or an older one.
+    ///
+    /// # Errors
+    /// What is not TOML or names what no program knew.
+    pub fn stored(text: &str) -> Result<Self, ConfigError> {
+        let unreadable = |e: toml::de::Error| ConfigError::Syntax {
+            path: "the stored configuration".to_owned(),
+            message: e.to_string(),
+        };
+        let mut table: toml::Table = toml::from_str(text).map_err(unreadable)?;
+        layout::bring_forward(&mut table);
+        table.try_into().map_err(unreadable)
     }
 
     /// Checks every number that has a range.
@@ -301,6 +127,7 @@ impl Config {
     /// The first that is out of it.
     pub fn check(&self) -> Result<(), ConfigError> {
         self.procedure.check()?;
+        self.cell.check()?;
         self.plant()?;
         self.host_link.check()?;
         if self.campaign.lead_ms > 2000 {
@@ -362,19 +189,10 @@ impl Config {
                 remedy: "give a positive number of recordings' time, or leave it out",
             });
         }
-        for value in self.tool_mm.iter().flatten() {
-            if !(value.abs() <= 2000.0) {
-                return Err(ConfigError::Range {
-                    field: "tool_mm",
-                    value: *value,
-                    remedy: "give the TCP in the flange frame in mm, within 2000",
-                });
-            }
-        }
         Ok(())
     }
 
-    /// The plant: the preset with what differs from it, and the job's seed.
+    /// The plant: the preset with what differs from it, the job's seed, and the cell in which it stands.
     ///
     /// # Errors
     /// An unknown preset or field, or a number out of range.
@@ -399,6 +217,7 @@ impl Config {
         if !self.plant.contains_key("seed") {
             config.seed = self.seed;
         }
+        config.cell = self.cell.nominal();
         config.check()?;
         Ok(config)
     }

@@ -1,116 +1,196 @@
-//! The configuration as a document: every field with what it is.
+//! Prints the configuration with the description of every field.
 //!
-//! The words are the fields' own doc comments, read from the sources that
-//! define them as they were compiled, so that they cannot say another thing
-//! than the program's documentation. A field without a comment fails a test.
+//! The descriptions are the fields' own doc comments. They are read from the compiled sources, so
+//! they always agree with the program's documentation. A field without a comment fails a test.
 
-use std::collections::BTreeMap;
+use serde::Serialize;
+use serde_json::Value;
+use spherecal_sim::plant::PlantConfig;
+use toml::Table;
 
 use super::{Config, ConfigError};
 
-/// The sources in which the configuration's structs stand.
-const SOURCES: [&str; 12] = [
-    include_str!("config.rs"),
-    include_str!("../../../../shared/src/procedure.rs"),
-    include_str!("../../../../shared/src/procedure/contact.rs"),
-    include_str!("../../../../shared/src/procedure/limits.rs"),
-    include_str!("../../sim/src/lossy.rs"),
-    include_str!("../../identify/src/options.rs"),
-    include_str!("../../model/src/data.rs"),
-    include_str!("../../plan/src/candidates.rs"),
-    include_str!("../../plan/src/grid.rs"),
-    include_str!("../../plan/src/path.rs"),
-    include_str!("../../sim/src/plant/config.rs"),
-    include_str!("../../identify/src/parameters.rs"),
-];
-
-/// Width to which comments are wrapped.
+/// Width to which comments are wrapped, in characters.
 const WIDTH: usize = 100;
 
-/// One field of a struct.
-struct Field {
-    name: String,
-    /// Its type, without path and `Option`.
-    kind: String,
-    /// Its doc comment, as one paragraph.
-    words: String,
+/// The section of the plant with every field, in place of the preset's name.
+#[derive(Serialize)]
+struct WholePlant {
+    plant: PlantConfig,
 }
 
-/// The structs of the sources, by name.
-type Structs = BTreeMap<String, Vec<Field>>;
-
 impl Config {
-    /// The whole tree as TOML, every field stated, each under its description.
-    /// What is left out by default stands as a comment.
+    /// The whole tree as TOML, with every field and its description. Fields that are left out by
+    /// default appear as comments.
     ///
     /// # Errors
-    /// A plant that is not possible.
+    /// An impossible plant.
     pub fn to_documented_toml(&self) -> Result<String, ConfigError> {
         let encode = |message: String| ConfigError::Syntax {
             path: "configuration".to_owned(),
             message,
         };
-        let mut whole = toml::Table::try_from(self).map_err(|e| encode(e.to_string()))?;
-        // The plant's section, too, with every field; its seed is the run's.
-        let mut plant = toml::Table::try_from(self.plant()?).map_err(|e| encode(e.to_string()))?;
-        if !self.plant.contains_key("seed") {
-            plant.remove("seed");
+        let without_plant = Self {
+            plant: Table::new(),
+            ..self.clone()
+        };
+        let plant = WholePlant { plant: self.plant()? };
+        let mut text = without_plant.to_toml()?;
+        text.push('\n');
+        let plant = toml::to_string(&plant).map_err(|e| encode(e.to_string()))?;
+        // The plant's seed is the run's, unless the user gave it one of its own.
+        let shown = |line: &&str| self.plant.contains_key("seed") || !line.starts_with("seed = ");
+        for line in plant.lines().filter(shown) {
+            text.push_str(line);
+            text.push('\n');
         }
-        whole.insert("plant".to_owned(), toml::Value::Table(plant));
+        let table: Table = toml::from_str(&text).map_err(|e| encode(e.to_string()))?;
+        let schema = schemars::schema_for!(Self).to_value();
         let mut out = String::from(
-            "# Configuration of spherecal. Every field may be left out: then it has the value of\n\
-             # `spherecal config --print`. SI units unless the name says otherwise.\n\n",
+            "# Configuration of spherecal. A field that is left out has the value that\n\
+             # `spherecal config --print` shows. SI units unless the name says otherwise.\n\n",
         );
-        section(&mut out, "", "Config", &whole, &structs());
+        let root = Node {
+            schema: &schema,
+            root: &schema,
+        };
+        describe(&mut out, &text, &table, root);
         Ok(out)
     }
 }
 
-/// Writes one table: first its values, then the tables in it.
-fn section(out: &mut String, path: &str, kind: &str, table: &toml::Table, structs: &Structs) {
-    let none = Vec::new();
-    let fields = structs.get(kind).unwrap_or(&none);
-    let is_table = |name: &str| matches!(table.get(name), Some(toml::Value::Table(_)));
-    for field in fields.iter().filter(|f| !is_table(&f.name)) {
-        comment(out, &field.words);
-        match table.get(&field.name) {
-            Some(value) => out.push_str(&format!("{} = {value}\n", field.name)),
-            None => out.push_str(&format!("# {} = (left out)\n", field.name)),
-        }
+/// A part of the schema: one type or one field.
+#[derive(Clone, Copy)]
+struct Node<'a> {
+    schema: &'a Value,
+    root: &'a Value,
+}
+
+impl<'a> Node<'a> {
+    fn with(self, schema: &'a Value) -> Self {
+        Self { schema, ..self }
     }
-    // A free table (overrides of parameters, by name) has no fields of its own.
-    for (name, value) in table.iter().filter(|(name, _)| fields.iter().all(|f| f.name != **name)) {
-        if !value.is_table() {
-            out.push_str(&format!("{} = {value}\n", key(name)));
+
+    /// The type behind references and options; the element's type of a list.
+    fn resolved(self) -> Self {
+        let mut node = self;
+        // A schema of our own types nests a few levels; the bound ends a circle.
+        for _ in 0..16 {
+            let schema = node.schema;
+            if let Some(path) = schema.get("$ref").and_then(Value::as_str) {
+                let Some(target) = path.strip_prefix('#').and_then(|p| node.root.pointer(p)) else {
+                    return node;
+                };
+                node = node.with(target);
+            } else if let Some(variants) = schema.get("anyOf").and_then(Value::as_array) {
+                let real = variants.iter().find(|v| v["type"] != "null");
+                let Some(real) = real else { return node };
+                node = node.with(real);
+            } else if let Some(element) = schema.get("items") {
+                node = node.with(element);
+            } else {
+                return node;
+            }
         }
+        node
     }
-    for (name, value) in table {
-        let toml::Value::Table(inner) = value else { continue };
-        let field = fields.iter().find(|f| f.name == *name);
-        let path = if path.is_empty() {
-            key(name)
-        } else {
-            format!("{path}.{}", key(name))
-        };
-        out.push('\n');
-        comment(out, field.map_or("", |f| f.words.as_str()));
-        out.push_str(&format!("[{path}]\n"));
-        // The plant is free in the file and a struct in the program.
-        let kind = match field.map(|f| f.kind.as_str()) {
-            Some("Table") => "PlantConfig",
-            Some(kind) => kind,
-            None => "",
-        };
-        section(out, &path, kind, inner, structs);
+
+    /// A field of this type, by name; of a free table (parameters by name), any field.
+    fn field(self, name: &str) -> Option<Self> {
+        let node = self.resolved();
+        let schema = node.schema;
+        let named = schema.get("properties").and_then(|p| p.get(name));
+        let any = schema.get("additionalProperties").filter(|any| any.is_object());
+        named.or(any).map(|schema| node.with(schema))
+    }
+
+    /// Names of the fields of this type.
+    fn names(self) -> impl Iterator<Item = &'a String> {
+        let properties = self.resolved().schema.get("properties").and_then(Value::as_object);
+        properties.into_iter().flat_map(|p| p.keys())
+    }
+
+    /// What the field is, in the words of its doc comment, and the names that it may have where it is a choice.
+    fn words(self) -> String {
+        let words = self
+            .schema
+            .get("description")
+            .and_then(Value::as_str)
+            .unwrap_or_default();
+        let mut words = words.replace("[`", "`").replace("`]", "`").replace("`Self::", "`");
+        let resolved = self.resolved().schema;
+        let one = |v: &Value| v.get("const").and_then(Value::as_str).map(|name| format!("\"{name}\""));
+        let several = |v: &'a Value| v.get("enum").and_then(Value::as_array).into_iter().flatten();
+        let listed = several(resolved).filter_map(|v| v.as_str().map(|name| format!("\"{name}\"")));
+        let variants = resolved.get("oneOf").and_then(Value::as_array).into_iter().flatten();
+        let choices: Vec<String> = variants
+            .flat_map(|v| {
+                let listed = several(v).filter_map(|v| v.as_str().map(|name| format!("\"{name}\"")));
+                one(v).into_iter().chain(listed).collect::<Vec<_>>()
+            })
+            .chain(listed)
+            .collect();
+        if !choices.is_empty() {
+            words.push_str(&format!(" One of {}.", choices.join(", ")));
+        }
+        words
     }
 }
 
-/// A key, quoted where it must be.
-fn key(name: &str) -> String {
-    if !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
-        name.to_owned()
-    } else {
-        toml::Value::String(name.to_owned()).to_string()
+/// Writes `text` with a description above each line. `table` is the same as `text`, parsed.
+fn describe(out: &mut String, text: &str, table: &Table, root: Node<'_>) {
+    let mut section = Some(root);
+    let mut present = Some(table);
+    for line in text.lines() {
+        if line.starts_with('[') {
+            left_out(out, section, present);
+            let path = header(line);
+            section = path.iter().try_fold(root, |node, name| node.field(name));
+            present = path.iter().try_fold(table, |table, name| match table.get(name) {
+                Some(toml::Value::Table(inner)) => Some(inner),
+                // Of a list of tables every one has the same fields.
+                Some(toml::Value::Array(list)) => list.first().and_then(toml::Value::as_table),
+                _ => None,
+            });
+            out.push('\n');
+            comment(out, &section.map(Node::words).unwrap_or_default());
+            out.push_str(line);
+            out.push('\n');
+        } else if let Some((name, _)) = line.split_once(" = ") {
+            let field = section.and_then(|s| s.field(name.trim_matches('"')));
+            comment(out, &field.map(Node::words).unwrap_or_default());
+            out.push_str(line);
+            out.push('\n');
+        }
+    }
+    left_out(out, section, present);
+}
+
+/// The names in a header such as `[identify.parameters."theta 1"]`.
+fn header(line: &str) -> Vec<String> {
+    let mut path = Vec::new();
+    let mut table: Table = toml::from_str(line).unwrap_or_default();
+    while let Some((name, value)) = table.into_iter().next() {
+        path.push(name);
+        table = match value {
+            toml::Value::Table(inner) => inner,
+            toml::Value::Array(list) => list.into_iter().find_map(|v| v.try_into().ok()).unwrap_or_default(),
+            _ => Table::new(),
+        };
+    }
+    path
+}
+
+/// Writes the fields of a section that have no value, as comments.
+fn left_out(out: &mut String, section: Option<Node<'_>>, present: Option<&Table>) {
+    let Some(section) = section else { return };
+    for name in section.names() {
+        let absent = present.is_none_or(|table| !table.contains_key(name));
+        // The plant's seed is the run's, and is not stated twice.
+        if absent && let Some(field) = section.field(name) {
+            comment(out, &field.words());
+            out.push_str(&format!("# {name} = (left out)\n"));
+        }
     }
 }
 
@@ -132,59 +212,12 @@ fn comment(out: &mut String, words: &str) {
     }
 }
 
-/// Reads the public structs of all sources. They are our own and formatted by
-/// rustfmt, so lines are enough: a doc comment, attributes, `pub name: Type,`.
-fn structs() -> Structs {
-    let mut structs = Structs::new();
-    for source in SOURCES {
-        let (mut current, mut words): (Option<String>, String) = (None, String::new());
-        for line in source.lines() {
-            if let Some(rest) = line.strip_prefix("pub struct ") {
-                let name: String = rest.chars().take_while(|c| c.is_alphanumeric()).collect();
-                current = rest.ends_with('{').then_some(name);
-                words.clear();
-            } else if line == "}" {
-                current = None;
-            } else if let Some(text) = line.trim_start().strip_prefix("///") {
-                words.push_str(text);
-            } else if let Some((name, kind)) = line.strip_prefix("    pub ").and_then(|l| l.split_once(": ")) {
-                if let Some(owner) = &current {
-                    structs.entry(owner.clone()).or_default().push(Field {
-                        name: name.to_owned(),
-                        kind: bare(kind),
-                        words: plain(&words),
-                    });
-                }
-                words.clear();
-            } else if !line.trim_start().starts_with("#[") {
-                words.clear();
-            }
-        }
-    }
-    structs
-}
-
-/// A type without `Option`, path and comma.
-fn bare(kind: &str) -> String {
-    let kind = kind.trim_end_matches(',');
-    let kind = kind
-        .strip_prefix("Option<")
-        .and_then(|k| k.strip_suffix('>'))
-        .unwrap_or(kind);
-    kind.rsplit("::").next().unwrap_or(kind).to_owned()
-}
-
-/// A doc comment without the marks of its links.
-fn plain(words: &str) -> String {
-    words.trim().replace("[`", "`").replace("`]", "`")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    // Fails if a field is printed without a word about it, is lost, or gets
-    // another value when what was printed is read.
+    // Fails if a field is printed without a description, is lost, or gets another value when the
+    // printed text is read.
     #[test]
     fn every_field_is_described_and_reads_back() {
         let config = Config::default();
@@ -207,17 +240,30 @@ mod tests {
         assert_eq!(read, config);
     }
 
+    // Fails if a choice does not say what it may be.
+    #[test]
+    fn choices_are_listed() {
+        let text = Config::default().to_documented_toml().expect("encodes");
+        for choices in [
+            "One of \"optimal\", \"grid\".\nchoice = \"optimal\"",
+            "One of \"motor\", \"link\".\nside = \"motor\"",
+            "One of \"norm\", \"vector\".\npairs = \"norm\"",
+        ] {
+            assert!(text.contains(choices), "{choices} in {text}");
+        }
+    }
+
     // Fails if what a user set is printed as the default, or a name that TOML
     // wants quoted is not.
     #[test]
     fn what_was_set_is_printed() {
-        let text = "seed = 9\ntool_mm = [1.0, 2.0, 3.0]\n[plan]\npatience = 0.5\n\
+        let text = "seed = 9\n[cell.tool]\ntcp_mm = [1.0, 2.0, 3.0]\n[plan]\npatience = 0.5\n\
                     [identify.parameters.\"odd name\"]\nprior_sigma = 5e-5\n[plant]\npreset = \"ideal\"\nseed = 4\n";
         let config: Config = toml::from_str(text).expect("parses");
         let printed = config.to_documented_toml().expect("encodes");
         let read: Config = toml::from_str(&printed).expect("reads");
         assert_eq!(read.plant().expect("plant"), config.plant().expect("plant"));
-        assert_eq!((read.seed, read.tool_mm, &read.plan), (9, config.tool_mm, &config.plan));
+        assert_eq!((read.seed, &read.cell, &read.plan), (9, &config.cell, &config.plan));
         assert_eq!(read.identify, config.identify);
     }
 }

@@ -29,9 +29,7 @@ pub enum JobError {
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// No pose of the plan can be visited.
-    #[error(
-        "none of the {planned} poses is within reach: move the plate, or allow more of the arm's range in [plan.rules]"
-    )]
+    #[error("none of the {planned} poses is within reach: move the plate, or relax the limits in [plan.rules]")]
     NoPose {
         /// Poses considered.
         planned: usize,
@@ -39,10 +37,10 @@ pub enum JobError {
     /// The plant was refused.
     #[error(transparent)]
     Plant(#[from] PlantError),
-    /// The plate stands where the arm cannot work, and a place where it can.
+    /// The plate is out of the arm's reach; suggests a reachable placement.
     #[error(
         "{source}. At this place the arm reaches all of it; write into the configuration (--config):\n\n\
-         [plant.plate]\norigin_m = {origin_m:?}\nrpy_rad = {rpy_rad:?}\n"
+         [[cell.placements]]\norigin_m = {origin_m:?}\nrpy_rad = {rpy_rad:?}\n"
     )]
     PlateOutOfReach {
         /// What is out of reach.
@@ -101,7 +99,7 @@ pub enum JobError {
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
     /// A file could not be written.
-    #[error("{path}: {source}: check the folder, its permissions and the space left")]
+    #[error("{path}: {source}: check the folder, its permissions and its free space")]
     Write {
         /// File.
         path: String,
@@ -119,7 +117,7 @@ pub enum JobError {
     /// The report could not be made.
     #[error("the report could not be made: {0}")]
     Report(#[from] ChartError),
-    /// This program was built without what is asked for.
+    /// This program was built without the requested feature.
     #[error(
         "{what} needs the feature `{feature}`, which this program was built without: build it with --features {feature}"
     )]
@@ -156,7 +154,7 @@ impl From<FaultyCellError> for JobError {
 }
 
 impl JobError {
-    /// Whether the user's input is at fault (exit code 2) and not the job (1).
+    /// Whether the user's input is the cause (exit code 2), not the job (1).
     pub fn is_input(&self) -> bool {
         match self {
             Self::Config(_)

@@ -1,5 +1,5 @@
-//! The faults of the host's own computer that touch the store's file, acted out
-//! from outside of the store.
+//! Simulates, from outside the store, the faults of the host's computer that affect the store's
+//! file.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -10,8 +10,8 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions as _, Connection as _, Executor as _, SqliteConnection};
 use tokio::runtime::Runtime;
 
-/// Locks the SQLite file at `path` for a time, as another program would: by a
-/// connection of its own, on a thread of its own.
+/// Locks the SQLite file at `path` for a time, as another program would: with a separate connection
+/// on a separate thread.
 pub fn file_lock(path: PathBuf) -> FileLock {
     Box::new(move |time| lock(path.clone(), time))
 }
@@ -32,7 +32,7 @@ fn lock(path: PathBuf, time: Duration) -> Result<(), JournalError> {
         std::thread::sleep(time);
         unlock(&runtime, connection);
     });
-    // A thread that ended without a word holds nothing.
+    // A thread that ended without a message holds no lock.
     held.recv().unwrap_or(Ok(()))
 }
 

@@ -5,11 +5,10 @@
 //!                 └ another run's: passed over, acknowledged
 //! ```
 //!
-//! Where the arm is simulated in this process it died with the process, so that
-//! a run that goes on begins at its start again: the same seed makes the same
-//! run, much faster than the robot. Every recording that is stored already is
-//! then held against its repetition, bit by bit; none is written twice, and the
-//! database ends up as that of a run that was never stopped.
+//! An arm that was simulated in the process died with the process. A continued run then starts from
+//! the beginning: the same seed gives the same run, much faster than the robot. Every stored
+//! recording is compared with its repetition, bit by bit. None is written twice, and the database
+//! ends as that of an uninterrupted run.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +17,7 @@ use spherecal_shared::protocol::host::{Event, Recording, SessionId};
 use spherecal_link::{Arrival, Journal, JournalError};
 use spherecal_store::{CalibrationStore, Placed, StoreError};
 
-/// The session that a repeated run has all to itself.
+/// The session number reserved for a repeated run.
 pub(super) const REPEATED_SESSION: i64 = 1;
 
 /// The store as a campaign's journal.
@@ -27,7 +26,7 @@ pub struct StoreJournal<'a> {
     run: i64,
     session: i64,
     greetings: i64,
-    /// Session and greeting of the run by the number of the host link's session.
+    /// Session and handshake of the run, by the number of the host link's session.
     places: BTreeMap<u32, (i64, i64)>,
     repetition: Option<Repetition>,
     last: i64,
@@ -40,8 +39,8 @@ struct Repetition {
 }
 
 impl<'a> StoreJournal<'a> {
-    /// A journal for a session of a run that goes on where the arm is;
-    /// `greetings` are the stored ones of its earlier sessions.
+    /// A journal for a session of a continued run whose arm lives on. `greetings` are the stored
+    /// handshakes of its earlier sessions.
     pub fn live(
         store: &'a mut dyn CalibrationStore,
         run: i64,
@@ -60,8 +59,7 @@ impl<'a> StoreJournal<'a> {
         }
     }
 
-    /// A journal for a run that is repeated from its start; `recordings` are the
-    /// stored ones.
+    /// A journal for a run that is repeated from its start. `recordings` are the stored ones.
     pub(super) fn repeated(store: &'a mut dyn CalibrationStore, run: i64, recordings: &[Recording]) -> Self {
         let stored = recordings.iter().map(|r| ((r.sphere, r.pose), r.clone())).collect();
         Self {
@@ -81,7 +79,7 @@ impl<'a> StoreJournal<'a> {
         self.passed_over
     }
 
-    /// Removes what an earlier attempt left behind the end of the repetition.
+    /// Removes the events of an earlier attempt that lie after the end of the repetition.
     ///
     /// # Errors
     /// When the database fails.
@@ -109,16 +107,17 @@ impl Journal for StoreJournal<'_> {
         for arrival in events {
             let nonce = u32::from_le_bytes(arrival.session);
             let Some((session, greeting)) = self.places.get(&nonce) else {
-                // A controller that lives on may hold what it measured for another run.
+                // A controller that lives on may hold events of another run.
                 self.passed_over += 1;
                 continue;
             };
-            // The first greeting's events have the controller's own numbers.
+            // Events of the first handshake keep the controller's own numbers.
             let event = ((greeting - 1) << 32) | i64::from(arrival.event);
             self.last = self.last.max(event);
             if let (Some(repetition), Event::Recording(recording)) = (&self.repetition, &arrival.body)
                 && let Some(stored) = repetition.stored.get(&(recording.sphere, recording.pose))
-                // The same numbers: none is a NaN, and a zero's sign is not stored.
+                // The numbers are compared as values: none is a NaN, and the sign of a zero is not
+                // stored.
                 && stored != recording
             {
                 return Err(JournalError::Differs {
@@ -150,7 +149,7 @@ impl Journal for StoreJournal<'_> {
     }
 }
 
-/// What the store says, as the journal says it.
+/// Converts an error of the store to one of the journal.
 pub fn store_error(error: StoreError) -> JournalError {
     JournalError::store(error)
 }

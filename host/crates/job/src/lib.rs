@@ -1,5 +1,4 @@
-//! The main job: one robot, calibrated from sphere contacts and judged by a
-//! laser tracker.
+//! The main job: calibrates one robot from sphere contacts and judges it by a laser tracker.
 //!
 //! ```text
 //!   Config ─▶ prepare ─▶ measure ───────────────▶ evaluate ─▶ write
@@ -7,9 +6,9 @@
 //!                        (into the store)         validate     calibrated.*, …
 //! ```
 //!
-//! Each arrow is a function of plain data, so that the command line can run
-//! them one at a time and a service can run them elsewhere.
-//! [`evaluate`] sees the store's data only: no plant, no link.
+//! Each arrow is a function of plain data. So the command line can run the steps one at a time, and
+//! a service can run them elsewhere. [`evaluate`] sees only the data in the store: no plant, no
+//! link.
 
 mod bound;
 mod config;
@@ -31,7 +30,8 @@ mod teach;
 mod tracker;
 mod write;
 
-pub use config::{CampaignSection, Choice, Config, ConfigError, LaserSection, PlanSection};
+pub use bound::bound_options;
+pub use config::{CampaignSection, CellSection, Choice, Config, ConfigError, LaserSection, PlanSection, ToolSection};
 pub use error::JobError;
 pub use evaluate::{Measurements, evaluate};
 pub use host_faults::file_lock;

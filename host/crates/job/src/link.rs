@@ -1,4 +1,4 @@
-//! The links: how controller and drive are reached, and what stands behind each.
+//! The links: how to reach controller and drive, and what each link connects to.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -22,19 +22,18 @@ pub enum Link {
     Qemu,
     /// A controller board on a serial device: `DEVICE` or `DEVICE@BAUD`.
     Serial(String),
-    /// The controller in this process, an external simulator or the gateway of
-    /// a real robot behind the drive link.
+    /// The controller in this process; an external simulator or a robot's gateway behind the drive
+    /// link.
     Tcp(String),
-    /// A controller process (`spherecal controller`), whatever its drive.
+    /// A controller process (`spherecal controller`) with any drive.
     Controller(String),
     /// A robot behind the service `RobotController` (`spherecal serve`).
     Grpc(Peer),
 }
 
 impl Link {
-    /// Whether the arm is in this process, its tracker with it: a run over such a
-    /// link goes on by being repeated, since what was there has ended with the
-    /// process and does the same again for the same commands.
+    /// Whether the arm and its tracker are in this process. They end with the process. A run over
+    /// such a link is continued by repeating it, because the same commands give the same result.
     pub fn simulated(&self) -> bool {
         matches!(self, Self::Sim | Self::Qemu)
     }
@@ -43,7 +42,7 @@ impl Link {
 /// A text that is no link.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "\"{text}\" is no link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT, controller:HOST:PORT, grpc:HOST:PORT or \
+    "\"{text}\" is not a link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT, controller:HOST:PORT, grpc:HOST:PORT or \
      grpcs:HOST:PORT"
 )]
 pub struct UnknownLink {
@@ -82,10 +81,10 @@ impl std::fmt::Display for Link {
     }
 }
 
-/// What was connected, with handles to what is done to it on purpose.
+/// The connected device, with handles to the injected faults.
 pub(super) struct Connected {
     pub(super) device: Box<dyn Device>,
-    /// Faults of this computer, where faults are injected.
+    /// Faults of this computer, if faults are injected.
     pub(super) host_faults: Option<HostFaults>,
     /// What is done to frames of the host link.
     counters: Vec<InjectedCounter>,
@@ -109,11 +108,11 @@ impl Connected {
     }
 }
 
-/// What stands behind the link, and behind what is done to it on purpose; a
-/// controller that logs does so in `folder`.
+/// The device behind the link, with the injected faults around it. A controller that logs writes to
+/// `folder`.
 ///
 /// # Errors
-/// A link that cannot be used, or behind which nobody or another robot stands.
+/// The link cannot be used, nothing answers there, or another robot does.
 pub fn device(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
     Ok(connect(prepared, link, folder, None)?.device)
 }
@@ -137,7 +136,7 @@ pub(super) fn connect(
     Ok(connected)
 }
 
-/// As [`connect`], over a host link that loses nothing.
+/// Like [`connect`], over a host link without losses.
 fn reliable(
     prepared: &Prepared,
     link: &Link,
@@ -182,7 +181,7 @@ fn reliable(
     })
 }
 
-/// A drive that waits for its controller, as fault injection needs it.
+/// A drive in lock-step, as fault injection needs it.
 fn lock_step_drive(prepared: &Prepared, link: &Link, address: &str) -> Result<TcpDrive, JobError> {
     let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
     check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
@@ -196,15 +195,15 @@ fn lock_step_drive(prepared: &Prepared, link: &Link, address: &str) -> Result<Tc
 fn no_injection(link: &Link) -> JobError {
     JobError::NoInjection {
         link: link.to_string(),
-        remedy: "faults are injected between a controller and a drive in lock-step: use sim, qemu or the tcp: of one"
+        remedy: "faults can be injected only between a controller and a drive in lock-step: use sim, qemu or the tcp: link of such a drive"
             .to_owned(),
     }
 }
 
-/// What is reached over a link whose arm is not in this process; `None` where it is.
+/// The device of a link whose arm is outside this process; `None` if it is inside.
 ///
 /// # Errors
-/// A link that cannot be used, or behind which nobody or another robot stands.
+/// The link cannot be used, nothing answers there, or another robot does.
 pub fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device>>, JobError> {
     let joints = prepared.robot.dof();
     match link {
@@ -231,7 +230,7 @@ pub fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device
 /// The controller of a link whose arm is in this process.
 ///
 /// # Errors
-/// QEMU or its image missing, or no controller for so many joints.
+/// QEMU or its image is missing, or no controller exists for that number of joints.
 pub fn controller(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Controller>, JobError> {
     match link {
         Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(folder))?)),

@@ -1,13 +1,13 @@
-//! What the host link counted, as the database keeps it.
+//! The host link's counters, as the database stores them.
 
 use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_sim::Injected;
 
-/// What the two ends of the host link counted in a session.
+/// Counters of the two ends of the host link in a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LinkRecord {
-    /// What the host received, and what the controller did.
+    /// What the host received, and what the controller received.
     pub ends: [LinkCounters; 2],
     /// What was done to frames on purpose.
     #[serde(default)]
@@ -18,11 +18,11 @@ pub struct LinkRecord {
 }
 
 impl LinkRecord {
-    /// As it stands in the database; a session that was killed has told nothing.
+    /// Reads the stored text. A session that was killed has none.
     pub(super) fn stored(text: &str) -> Self {
         serde_json::from_str(text)
             .or_else(|_| {
-                // The counters alone, as the first versions wrote them.
+                // The first versions stored the counters alone.
                 serde_json::from_str(text).map(|ends| Self {
                     ends,
                     ..Self::default()

@@ -1,4 +1,4 @@
-//! Measuring: the campaign over a link, into the store; and reading it back.
+//! Runs the campaign over a link into the store, and reads the recordings back.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -22,7 +22,7 @@ use super::{Config, JobError, Measurements, Prepared, tour};
 pub struct Site<'a> {
     /// The link.
     pub link: &'a Link,
-    /// A laser tracker behind gRPC; the plant's own, where the plant is here, if none.
+    /// A laser tracker behind gRPC. If none, the simulated tracker of a plant in this process.
     pub tracker: Option<&'a Peer>,
     /// Folder for logs of the controller; it exists.
     pub folder: &'a Path,
@@ -32,7 +32,7 @@ pub struct Site<'a> {
     pub observer: &'a mut dyn Observer,
     /// Set to stop.
     pub interrupt: &'a AtomicBool,
-    /// What is to go wrong; nothing but the real where there is none.
+    /// Faults to inject; none by default.
     pub inject: Option<&'a inject::Plan>,
 }
 /// What was measured.
@@ -44,12 +44,12 @@ pub struct Measured {
     pub outcome: Outcome,
 }
 
-/// Runs the campaign, and the laser reference after it; goes on with `resume`
-/// where it is given: where the arm is, if it lives on, or by repeating the run
-/// from its start, if the arm was simulated in the process that ended.
+/// Runs the campaign, and then the laser measurements. With `resume` it continues a run: on the
+/// same arm if the arm lives on, or by repeating the run from its start if the arm was simulated in
+/// a process that has ended.
 ///
 /// # Errors
-/// Whatever stops it. What was recorded until then is in the store.
+/// Any error that stops the campaign. The recordings made until then are in the store.
 pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
     let begun = Instant::now();
     let tour = tour(&prepared.plan);
@@ -57,7 +57,7 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
         plan.check_without_file()?;
     }
     let repeats = site.link.simulated();
-    // A run that is repeated goes past the moment at which its host was killed.
+    // A repeated run skips the moment at which its host was killed.
     let inject = site.inject.map(|plan| match resume {
         Some(_) if repeats => plan.without_kills(),
         _ => plan.clone(),
@@ -85,7 +85,7 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     let path = site.store.path().to_owned();
     let mut journal = if repeated {
         site.observer.note(&format!(
-            "the simulated arm begins anew: the run is repeated, and its first {} recordings must come out the same",
+            "the simulated arm starts from the beginning: the run is repeated, and its first {} recordings must come out the same",
             had.recordings.len()
         ));
         StoreJournal::repeated(site.store, run, &had.recordings)
@@ -112,7 +112,7 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     let passed_over = journal.passed_over();
     if passed_over > 0 {
         site.observer.note(&format!(
-            "the controller still held {passed_over} events of another run: they were passed over"
+            "the controller still held {passed_over} events of another run: they were skipped"
         ));
     }
     if result.is_ok() {
@@ -161,7 +161,7 @@ fn remote_tracker(_peer: &Peer) -> Result<Box<dyn Tracker>, JobError> {
     })
 }
 
-/// Notes a new run of what is prepared, over a link; returns its number.
+/// Stores a new run with its preparation and link. Returns its number.
 ///
 /// # Errors
 /// When the store fails.
@@ -193,7 +193,7 @@ pub fn create_run(prepared: &Prepared, link: &Link, store: &mut dyn CalibrationS
     })?)
 }
 
-/// Reads back everything that was measured in a run.
+/// Reads back all measurements of a run.
 ///
 /// # Errors
 /// When the database fails or a value does not decode.
@@ -204,10 +204,7 @@ pub fn read(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<Measurem
             message: format!("{e}; it was written by another version"),
         }
     };
-    let config: Config = toml::from_str(&info.config_toml).map_err(|e| JobError::Encode {
-        what: "the stored configuration",
-        message: format!("{e}; it was written by another version"),
-    })?;
+    let config = Config::stored(&info.config_toml)?;
     let plan: Plan = serde_json::from_str(&info.plan_json).map_err(undecodable("the stored plan"))?;
     let stored = store.read_run(info.run)?;
     let mut link = LinkRecord::default();

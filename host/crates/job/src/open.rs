@@ -1,14 +1,13 @@
-//! Opening the store at a location, whatever is there.
+//! Opens the store at a location of any kind.
 
 use spherecal_store::{CalibrationStore, Peer, SqlStore, StoreError, StoreLocation};
 
-/// Opens the store at a location: a file, made with its folder if `create`, a
-/// PostgreSQL database, whose tables are made if there are none, or a service.
+/// Opens the store at a location: a file, created with its folder if `create` is set; a PostgreSQL
+/// database, whose tables are created if there are none; or a service.
 ///
 /// # Errors
-/// A file that is not ours, of another version, damaged or not writable; a
-/// server that does not answer or refuses; a kind of store that this program
-/// was built without.
+/// The file is not a database of spherecal, has a newer version, is damaged or is not writable; the
+/// server does not answer or refuses; this program was built without that kind of store.
 pub fn open_store(location: &StoreLocation, create: bool) -> Result<Box<dyn CalibrationStore>, StoreError> {
     match location {
         StoreLocation::File(path) if create => Ok(Box::new(SqlStore::create_or_open(path)?)),

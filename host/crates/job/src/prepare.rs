@@ -4,17 +4,18 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::{Config, JobError};
+use super::{Config, JobError, Waypoints};
 use spherecal_campaign::{Stop, Tour, TourPose};
 use spherecal_identify::Sphere;
 use spherecal_link::Drive;
 use spherecal_model::chain::Chain;
 use spherecal_model::robots::{self, RobotModel};
+use spherecal_model::{NominalCell, Placement};
 use spherecal_plan::{self as plan, Plan, PlanError, PlatePose};
-use spherecal_sim::plant::{PlacementConfig, PlantConfig};
+use spherecal_sim::plant::PlantConfig;
 use spherecal_sim::simulated_arm;
 
-/// Everything that is known before the first motion.
+/// All data that are known before the first motion.
 #[derive(Clone, Debug)]
 pub struct Prepared {
     /// Configuration.
@@ -33,10 +34,11 @@ pub struct Prepared {
     pub plant: PlantConfig,
 }
 
-/// Checks the configuration, loads the robot, plans, and teaches the waypoints.
+/// Checks the configuration, loads the robot, makes the plan, and adds the error of the taught
+/// waypoints.
 ///
 /// # Errors
-/// Whatever is wrong with the input.
+/// Any error in the input.
 pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
     let Known {
         model,
@@ -50,8 +52,11 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         return Err(JobError::NoPose { planned: plan.planned });
     }
     let chain = Chain::new(&model.robot, &tool)?;
-    plan::teach(&mut plan, &chain, config.campaign.taught_error_m, config.seed);
-    Ok(Prepared {
+    let taught = &config.cell.waypoints;
+    if taught.is_empty() {
+        plan::teach(&mut plan, &chain, config.campaign.taught_error_m, config.seed);
+    }
+    let mut prepared = Prepared {
         config: config.clone(),
         robot: model.robot.clone(),
         model,
@@ -59,10 +64,18 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         spheres: cell.spheres,
         plan,
         plant,
-    })
+    };
+    if !taught.is_empty() {
+        let waypoints = Waypoints {
+            robot: prepared.robot.name.to_string(),
+            waypoint: taught.clone(),
+        };
+        waypoints.apply(&mut prepared)?;
+    }
+    Ok(prepared)
 }
 
-/// A plate that is out of reach, with a place where it would not be.
+/// Adds a reachable placement to the error of a plate that is out of reach.
 fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobError {
     if !matches!(source, PlanError::SphereOutOfReach { .. }) {
         return source.into();
@@ -74,7 +87,7 @@ fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobErr
         return source.into();
     };
     let [roll, pitch, yaw] = plate.rotation().euler_angles().into();
-    // The configuration speaks of sphere 1, the plan of the centroid.
+    // The configuration refers to sphere 1, the plan to the centroid.
     let first = cell.spheres.first();
     let origin = first.map_or(plate.centre_m.into(), |sphere| cell.sphere_in_base(&plate, sphere));
     let short = |value: f64| (value * 1e3).round() / 1e3;
@@ -87,10 +100,10 @@ fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobErr
 }
 
 impl Prepared {
-    /// The procedure, its limits narrowed to the room that the plan takes up.
+    /// The procedure, with its limits narrowed to the space that the plan needs.
     ///
     /// # Errors
-    /// A robot that no plan can be made for.
+    /// No plan can be made for the robot.
     pub fn procedure(&self) -> Result<Procedure, JobError> {
         let mut procedure = self.config.procedure;
         let chain = Chain::new(&self.robot, &self.tool)?;
@@ -117,16 +130,14 @@ struct Known {
 fn known(config: &Config) -> Result<Known, JobError> {
     config.check()?;
     let mut model = robots::load(&config.robot)?;
-    if let Some(tool_mm) = config.tool_mm {
-        model.tool.tcp_m = tool_mm.map(|mm| mm * 1e-3);
-    }
+    config.cell.tool.apply(&mut model);
     let tool = model.tool_in_table();
     let plant = config.plant()?;
     let mut cell = plan::Cell {
         robot: model.robot.clone(),
         tool,
-        spheres: certificate(&plant),
-        plates: plate_poses(&plant),
+        spheres: config.cell.plate.certificate(),
+        plates: plate_poses(&plant.cell),
         approach_height_m: config.plan.approach_height_m,
         ..plan::Cell::iiwa7()
     };
@@ -141,11 +152,10 @@ fn known(config: &Config) -> Result<Known, JobError> {
     })
 }
 
-/// The simulated arm that a run with this configuration calibrates, at rest at
-/// its home frame.
+/// The simulated arm that a run with this configuration calibrates, at rest at its home frame.
 ///
 /// # Errors
-/// Whatever is wrong with the input.
+/// Any error in the input.
 pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
     let Known {
         model,
@@ -159,28 +169,13 @@ pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
     Ok(simulated_arm(&model.robot, &tool, &plant, &home.joints)?)
 }
 
-/// The spheres as the certificate states them, numbered from 1.
-fn certificate(plant: &PlantConfig) -> Vec<Sphere> {
-    plant
-        .plate
-        .spheres_m
-        .iter()
-        .zip(1..)
-        .map(|(position_m, id)| Sphere {
-            id,
-            position_m: *position_m,
-            sigma_m: plant.plate.certificate_sigma_m,
-        })
-        .collect()
-}
-
 /// Where the plate is meant to stand, in each placement; where it does stand is
 /// the plant's affair.
-fn plate_poses(plant: &PlantConfig) -> Vec<PlatePose> {
-    let spheres = &plant.plate.spheres_m;
+fn plate_poses(cell: &NominalCell) -> Vec<PlatePose> {
+    let spheres = &cell.plate.spheres_m;
     let sum: Vector3<f64> = spheres.iter().map(|s| Vector3::from(*s)).sum();
     let centroid = sum / spheres.len().max(1) as f64;
-    let pose = |placement: &PlacementConfig| {
+    let pose = |placement: &Placement| {
         let [roll, pitch, yaw] = placement.rpy_rad;
         let rotation = Rotation3::from_euler_angles(roll, pitch, yaw);
         let q = UnitQuaternion::from_rotation_matrix(&rotation);
@@ -189,7 +184,7 @@ fn plate_poses(plant: &PlantConfig) -> Vec<PlatePose> {
             orientation: [q.w, q.i, q.j, q.k],
         }
     };
-    plant.plate.placements().iter().map(pose).collect()
+    cell.placements.iter().map(pose).collect()
 }
 
 /// The plan as the campaign takes it.

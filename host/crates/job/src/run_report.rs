@@ -1,22 +1,21 @@
-//! A report of a run: sphere contacts measured, laser measurements judging.
+//! The report of a run: calibrated from sphere contacts, judged by laser measurements.
 
-use crate::{Evaluation, Link, Measurements, Summary};
+use crate::{Evaluation, Measurements, Summary};
 use spherecal_campaign::telemetry::Trace;
 use spherecal_identify::validate::{Alignment, ValidationTable};
-use spherecal_link::qemu::LOG_FILE;
 use spherecal_model::LaserShot;
 use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
 use spherecal_report::{
     ContactTrace, ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint,
-    SimpleTable, WorkspacePoint,
+    WorkspacePoint,
 };
 
-fn strings(words: &[&str]) -> Vec<String> {
-    words.iter().map(|w| (*w).to_owned()).collect()
-}
+mod tables;
 
-/// The report of a run; `traces` are the forces of its contacts, `created` says
-/// when it was measured.
+use tables::{contacts, health, provenance, seating};
+
+/// The report of a run. `traces` are the forces of its contacts; `created` is the date of the
+/// measurement.
 pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace], created: &str) -> ReportInput {
     ReportInput {
         title: format!(
@@ -104,7 +103,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
                 )
             } else {
                 format!(
-                    "The calibrated {} is no better than the nominal one: mean position error {:.3} mm, nominally {:.3} mm.",
+                    "The calibrated {} is not better than the nominal one: mean position error {:.3} mm, with the nominal model {:.3} mm.",
                     s.robot, c.mean_mm, n.mean_mm
                 )
             }
@@ -151,8 +150,8 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
     }
 }
 
-/// How the spheres do against a laser tracker, modelled as the paper does and
-/// modelled as well as they are: which is ahead, and by how much.
+/// Compares the spheres with a laser tracker, once with the paper's model and once with the same
+/// full model: which has the smaller error, and by how much.
 fn against_the_laser(s: &Summary) -> String {
     let mean = |name: &str| s.validation.models.get(name).map(|m| m.arcs.mean_mm);
     let Some(sphere) = mean("sphere") else {
@@ -168,7 +167,7 @@ fn against_the_laser(s: &Summary) -> String {
     };
     let paper = mean("laser").map(|laser| {
         format!(
-            " A laser calibration of the geometry alone, as the paper's, {} in the mean.",
+            " A laser calibration of the geometry alone, as in the paper, {} in the mean.",
             ahead(laser)
         )
     });
@@ -178,6 +177,8 @@ fn against_the_laser(s: &Summary) -> String {
             ahead(laser)
         )
     });
+    let equal =
+        mean("laser_structured").map(|laser| format!(" A laser calibration with the full model {}.", ahead(laser)));
     [paper, equal].into_iter().flatten().collect()
 }
 
@@ -196,8 +197,8 @@ fn error_tables(table: &ValidationTable) -> Vec<ErrorTable> {
                 Alignment::Arcs => {
                     "Base and tool frames were measured by arcs for all models, as in the paper.".to_owned()
                 }
-                Alignment::BestFit => "What is left when only the arm's shape counts.".to_owned(),
-                Alignment::Own => "Where each model itself says that its base stands.".to_owned(),
+                Alignment::BestFit => "Errors of the arm's shape alone.".to_owned(),
+                Alignment::Own => "Errors with each model's own base.".to_owned(),
             },
             rows: table
                 .models
@@ -284,7 +285,7 @@ fn residuals(m: &Measurements, e: &Evaluation) -> Vec<ResidualPoint> {
         .collect()
 }
 
-/// Latency and overshoot of the trigger; nothing for a run without contact.
+/// Latency and overshoot of the trigger; empty for a run without contact.
 fn triggers(m: &Measurements) -> Vec<Histogram> {
     if m.contacts.is_empty() {
         return Vec::new();
@@ -301,8 +302,8 @@ fn triggers(m: &Measurements) -> Vec<Histogram> {
         histogram(
             "latency of the trigger (ms)",
             format!(
-                "Latency of the trigger: control periods from the crossing of {:.1} N that lasted to the declaration; \
-                 {dwell_ms:.0} ms are asked for.",
+                "Latency of the trigger: control periods from the lasting crossing of {:.1} N to the declaration; \
+                 the threshold must be exceeded for {dwell_ms:.0} ms.",
                 approach.trigger_n
             ),
             m.contacts.iter().map(|c| f64::from(c.latency_ticks)).collect(),
@@ -310,169 +311,11 @@ fn triggers(m: &Measurements) -> Vec<Histogram> {
         histogram(
             "overshoot of the trigger (N)",
             format!(
-                "Overshoot: how far the estimated force had risen above {:.1} N by the declaration, impacts that did \
-                 not last included.",
+                "Overshoot: how far the estimated force was above {:.1} N until the declaration, short impacts \
+                 included.",
                 approach.trigger_n
             ),
             m.contacts.iter().map(|c| c.peak_n - approach.trigger_n).collect(),
         ),
     ]
-}
-
-fn contacts(m: &Measurements) -> SimpleTable {
-    SimpleTable {
-        title: "Contacts and triggers".to_owned(),
-        caption: "Latency runs from the crossing of the threshold that lasted to the declaration.".to_owned(),
-        columns: strings(&[
-            "sphere",
-            "trigger (N)",
-            "peak (N)",
-            "travel (mm)",
-            "latency (ms)",
-            "early crossings",
-        ]),
-        rows: m
-            .contacts
-            .iter()
-            .map(|c| {
-                vec![
-                    c.sphere.to_string(),
-                    format!("{:.2}", c.force_n),
-                    format!("{:.2}", c.peak_n),
-                    format!("{:.2}", c.travel_m * 1e3),
-                    c.latency_ticks.to_string(),
-                    c.early_crossings.to_string(),
-                ]
-            })
-            .collect(),
-    }
-}
-
-fn seating(m: &Measurements) -> SimpleTable {
-    SimpleTable {
-        title: "Seating".to_owned(),
-        caption: "The test pull shows that the magnet holds; a seated nest does not move under it.".to_owned(),
-        columns: strings(&["sphere", "contact to seat (mm)", "under the test pull (mm)"]),
-        rows: m
-            .couplings
-            .iter()
-            .map(|c| {
-                vec![
-                    c.sphere.to_string(),
-                    format!("{:.3}", c.shift_m * 1e3),
-                    format!("{:.3}", c.test_m * 1e3),
-                ]
-            })
-            .collect(),
-    }
-}
-
-fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
-    let gaps: u32 = m.recordings.iter().map(|r| r.gaps).sum();
-    let samples: u64 = m.recordings.iter().map(|r| u64::from(r.count)).sum();
-    let mut tables = vec![SimpleTable {
-        title: "Link and recorder".to_owned(),
-        caption: "Both directions together; what was lost was sent again.".to_owned(),
-        columns: strings(&[
-            "frames",
-            "bad checksums",
-            "lost",
-            "sent again",
-            "duplicates dropped",
-            "commands late",
-            "samples recorded",
-            "gaps",
-        ]),
-        rows: vec![vec![
-            s.link.frames.to_string(),
-            s.link.crc_errors.to_string(),
-            s.link.lost.to_string(),
-            s.link.resent.to_string(),
-            s.link.duplicates.to_string(),
-            s.link.late.to_string(),
-            samples.to_string(),
-            gaps.to_string(),
-        ]],
-    }];
-    let injected = &s.link.injected;
-    if injected.frames > 0 {
-        tables.push(SimpleTable {
-            title: "What was done to the host link on purpose".to_owned(),
-            caption: "Frames of both directions, by [host_link] of the configuration.".to_owned(),
-            columns: strings(&["frames", "lost", "sent twice", "held back", "with a flipped bit"]),
-            rows: vec![
-                [
-                    injected.frames,
-                    injected.lost,
-                    injected.duplicated,
-                    injected.reordered,
-                    injected.flipped,
-                ]
-                .map(|count| count.to_string())
-                .to_vec(),
-            ],
-        });
-    }
-    if s.faults.is_empty() {
-        tables[0].caption.push_str(" No fault occurred.");
-    } else {
-        tables.insert(
-            0,
-            SimpleTable {
-                title: "Faults".to_owned(),
-                caption: "All were recovered from; poses that were given up are not used.".to_owned(),
-                columns: strings(&["fault", "phase", "time (s)", "joint", "value", "limit"]),
-                rows: s
-                    .faults
-                    .iter()
-                    .map(|f| {
-                        vec![
-                            format!("{:?}", f.fault),
-                            format!("{:?}", f.phase),
-                            format!("{:.3}", f.time_us as f64 * 1e-6),
-                            if f.joint == 0 {
-                                "–".to_owned()
-                            } else {
-                                f.joint.to_string()
-                            },
-                            format!("{:.4}", f.value),
-                            format!("{:.4}", f.limit),
-                        ]
-                    })
-                    .collect(),
-            },
-        );
-    }
-    tables
-}
-
-fn provenance(m: &Measurements, s: &Summary, created: &str) -> Vec<(String, String)> {
-    let mut out = vec![
-        ("program".to_owned(), format!("spherecal {}", s.version)),
-        ("measured".to_owned(), created.to_owned()),
-        ("robot".to_owned(), format!("{} ({} joints)", s.robot, m.robot.dof())),
-        ("seed".to_owned(), s.seed.to_string()),
-        ("link".to_owned(), s.link_name.clone()),
-        (
-            "poses".to_owned(),
-            format!(
-                "{} planned, {} reachable, {} recorded, {} given up",
-                s.poses.planned, s.poses.reachable, s.poses.recorded, s.poses.rejected
-            ),
-        ),
-        (
-            "estimator".to_owned(),
-            format!("{}, {} model", m.config.identify.method, m.config.identify.model),
-        ),
-        ("recordings' SHA-256".to_owned(), s.recordings_sha256.clone()),
-    ];
-    if s.link_name == Link::Qemu.to_string() {
-        let log = format!("{LOG_FILE}, beside this report");
-        out.push(("controller's log".to_owned(), log));
-    }
-    if let Ok(text) = toml::to_string(&m.config) {
-        let words: Vec<&str> = text.lines().filter(|l| !l.trim().is_empty()).collect();
-        out.push(("configuration".to_owned(), words.join("; ")));
-    }
-    out
 }

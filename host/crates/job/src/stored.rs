@@ -1,4 +1,4 @@
-//! What is kept of a run beside what was measured, and its report from that.
+//! Results that are stored beside the recordings, and the report of a stored run.
 
 use super::run_report;
 use super::{JobError, Measurements, evaluate, read, summarise};
@@ -9,7 +9,7 @@ use spherecal_store::{CalibrationStore, RunInfo, StoreError};
 /// Name of the contacts' force traces among a run's results.
 const CONTACT_TRACES: &str = "contact_traces";
 
-/// The force traces of a run's contacts that are stored; none where there are none.
+/// The stored force traces of a run's contacts; an empty list if there are none.
 ///
 /// # Errors
 /// When the store fails.
@@ -32,17 +32,17 @@ pub fn put_contact_traces(store: &mut dyn CalibrationStore, run: i64, traces: &[
     Ok(store.put_result(run, CONTACT_TRACES, &json)?)
 }
 
-/// Everything that the report of a stored run is written from.
+/// The input of the report of a stored run.
 pub struct StoredReport {
     measurements: Measurements,
     traces: Vec<Trace>,
     created_utc: String,
 }
 
-/// Reads what the report of a stored run is written from.
+/// Reads the input of the report of a stored run.
 ///
 /// # Errors
-/// When the store fails, or holds what cannot be used.
+/// When the store fails, or holds unusable data.
 pub fn stored_report(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<StoredReport, JobError> {
     Ok(StoredReport {
         measurements: read(store, info)?,
@@ -52,10 +52,10 @@ pub fn stored_report(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result
 }
 
 impl StoredReport {
-    /// Identifies, judges and writes the page.
+    /// Identifies, judges and renders the page.
     ///
     /// # Errors
-    /// Recordings that nothing can be identified from.
+    /// Recordings from which nothing can be identified.
     pub fn render(&self) -> Result<String, JobError> {
         let evaluation = evaluate(&self.measurements)?;
         let summary = summarise(&self.measurements, &evaluation)?;

@@ -1,6 +1,6 @@
-//! `summary.json`: the one document that other programs read, and the verdict.
+//! `summary.json`, the document for other programs, and the verdict.
 //!
-//! For one seed it is the same in every run but for the wall times.
+//! For one seed it is the same in every run, except the wall-clock times.
 
 use std::collections::BTreeMap;
 
@@ -36,14 +36,14 @@ pub struct LinkSummary {
     pub frames: u64,
     /// Frames whose checksum or shape was wrong.
     pub crc_errors: u64,
-    /// Frames missing by their numbers, the damaged among them.
+    /// Missing numbers of frames; damaged frames are included.
     pub lost: u64,
     /// Messages sent again.
     pub resent: u64,
     /// Messages that came again.
     pub duplicates: u64,
-    /// Commands that came after the time at which they were to start: none
-    /// means that the link changed no tick of what the arm did.
+    /// Commands that arrived after their start time. Zero means that the link changed no tick of
+    /// the arm.
     pub late: u64,
     /// What was done to frames on purpose.
     pub injected: Injected,
@@ -65,7 +65,7 @@ impl LinkSummary {
     }
 }
 
-/// What the data can tell.
+/// What the data can determine.
 #[derive(Clone, Debug, Serialize)]
 pub struct IdentifiabilitySummary {
     /// Columns analysed.
@@ -74,7 +74,7 @@ pub struct IdentifiabilitySummary {
     pub rank: usize,
     /// Condition number of what is left.
     pub condition: Option<f64>,
-    /// Parameters that others stand for.
+    /// Parameters whose effect others have too.
     pub redundant: Vec<String>,
     /// Why, in words.
     pub dependencies: Vec<String>,
@@ -93,7 +93,7 @@ pub struct ResidualSummary {
     pub outliers: usize,
 }
 
-/// One model's errors under the paper's protocol, and under the two others.
+/// One model's errors under the paper's alignment, and under the two others.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct ModelSummary {
     /// Base measured by arcs, as in the paper.
@@ -154,7 +154,7 @@ pub struct Summary {
     pub wall_s: f64,
     /// Device time per time on the wall.
     pub real_time_factor: f64,
-    /// What the data can tell.
+    /// What the data can determine.
     pub identifiability: IdentifiabilitySummary,
     /// Every parameter of the sphere-calibrated model.
     pub parameters: Vec<ParameterEstimate>,
@@ -176,7 +176,7 @@ pub struct Summary {
     pub remarks: Vec<String>,
 }
 
-/// Sums up a run.
+/// Summarises a run.
 ///
 /// # Errors
 /// When a recording cannot be encoded for the hash.
@@ -253,8 +253,8 @@ pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> 
     })
 }
 
-/// SHA-256 over the recordings as they travel on the wire, in order: every bit
-/// of every statistic counts.
+/// SHA-256 over the recordings as they travel on the wire, in order. Every bit of every statistic
+/// counts.
 fn hash(recordings: &[Recording]) -> Result<String, JobError> {
     let mut hash = Sha256::new();
     for recording in recordings {

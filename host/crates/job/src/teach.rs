@@ -1,8 +1,9 @@
-//! Teaching as a stage of the job, and the file that it leaves.
+//! Teaching as a stage of the job, and the file of waypoints that it writes.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::link::{controller, distant};
@@ -12,15 +13,15 @@ use spherecal_link::{Cell, Device};
 use spherecal_model::chain::{Chain, TcpPose, quaternion, rotation_of};
 use spherecal_sim::{OperatorCall, hand_guided_arm};
 
-/// How far a waypoint may lie from where the plan has it, in m: farther away
-/// it belongs to another plate.
+/// Largest distance of a waypoint from its planned position, in m. A waypoint farther away belongs
+/// to another plate.
 const FAR_M: f64 = 0.10;
 
-/// Joint difference beyond which a visit is one with the arm bent to another
-/// side than it was taught with, in rad.
+/// Largest joint difference, in rad, between a visit and its taught waypoint. Beyond it the visit
+/// uses another branch of the inverse kinematics than the one that was taught.
 const ELSEWHERE_RAD: f64 = 0.5;
 
-/// Where the descents to the spheres begin, taught by hand or written by one.
+/// The starts of the descents to the spheres, taught by hand or written by a person.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Waypoints {
@@ -31,7 +32,7 @@ pub struct Waypoints {
 }
 
 /// Where the descent to one sphere begins.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TaughtWaypoint {
     /// Id of the sphere.
@@ -58,7 +59,7 @@ impl Waypoints {
     /// Reads a file.
     ///
     /// # Errors
-    /// A file that cannot be read or is not one of waypoints.
+    /// The file cannot be read or is not a file of waypoints.
     pub fn read(path: &Path) -> Result<Self, JobError> {
         let name = path.display();
         let text = spherecal_model::read_text(path, MOST_BYTES, "waypoints have some kilobytes")
@@ -86,17 +87,17 @@ impl Waypoints {
         })
     }
 
-    /// Puts the waypoints in the place of the plan's.
+    /// Replaces the planned waypoints by these.
     ///
     /// # Errors
-    /// Another robot, a sphere without waypoint, angles out of range, or a
-    /// waypoint that is nowhere near its sphere.
+    /// Another robot, a sphere without a waypoint, angles out of range, or a waypoint far from its
+    /// sphere.
     pub fn apply(&self, prepared: &mut Prepared) -> Result<(), JobError> {
         let robot = &prepared.robot;
         if self.robot != robot.name.as_str() {
             return Err(refused(
                 format!(
-                    "the waypoints were taught with \"{}\", the robot is \"{}\"",
+                    "the waypoints were taught with \"{}\", but the robot is \"{}\"",
                     self.robot, robot.name
                 ),
                 "teach them with this robot",
@@ -133,10 +134,10 @@ impl Waypoints {
             if !(away <= FAR_M) {
                 return Err(refused(
                     format!(
-                        "the waypoint of sphere {sphere} is {:.0} mm from where the plan has it",
+                        "the waypoint of sphere {sphere} is {:.0} mm from its planned position",
                         away * 1e3
                     ),
-                    "teach it over its own sphere, or give the plate's place in [plant.plate] of the configuration",
+                    "teach it over its own sphere, or give the plate's place in [[cell.placements]] of the configuration",
                 ));
             }
             visit.approach.position_m = pose.position.into();
@@ -147,8 +148,8 @@ impl Waypoints {
                 visit.approach.joints.clone_from(joints);
                 continue;
             }
-            // The visit comes with the arm bent to another side: it takes over
-            // the place alone.
+            // The visit uses another branch of the inverse kinematics: it takes over the position
+            // alone.
             let there = TcpPose {
                 position: pose.position,
                 rotation: rotation_of(&visit.approach.orientation),
@@ -157,8 +158,8 @@ impl Waypoints {
             let reached = chain.follow(&there, &visit.approach.joints);
             visit.approach.joints = reached.filter(|q| chain.limit_margin(q) >= 0.0).ok_or_else(|| {
                 refused(
-                    format!("the arm cannot come to the waypoint of sphere {sphere} bent to another side"),
-                    "teach it nearer to the sphere's vertical, or set plan.range.branches = false",
+                    format!("the arm cannot reach the waypoint of sphere {sphere} in another branch of the inverse kinematics"),
+                    "teach it closer to the vertical above the sphere, or set plan.range.branches = false",
                 )
             })?;
         }
@@ -184,11 +185,11 @@ impl Operator for Simulated {
     }
 }
 
-/// Has the arm led over every sphere: by a simulated hand where the arm is
-/// simulated in this process, else by `person`.
+/// Has the arm led over every sphere: by a simulated hand if the arm is simulated in this process,
+/// else by `person`.
 ///
 /// # Errors
-/// Whatever stops it.
+/// Any error that stops teaching.
 pub fn teach(
     prepared: &Prepared,
     link: &Link,

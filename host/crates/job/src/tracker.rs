@@ -15,10 +15,10 @@ impl Tracker for Simulated {
     }
 }
 
-/// The simulated tracker of a configuration, as it is before its first shot.
+/// The simulated tracker of a configuration, in its state before the first shot.
 ///
 /// # Errors
-/// A plant that cannot be made.
+/// The plant cannot be created.
 pub fn simulated_tracker(prepared: &Prepared) -> Result<Box<dyn Tracker + Send>, JobError> {
     let tracker = SimulatedTracker::new(&prepared.robot, &prepared.tool, &prepared.plant)?;
     Ok(Box::new(Simulated(tracker)))

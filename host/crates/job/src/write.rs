@@ -20,7 +20,7 @@ pub struct Files {
 }
 
 impl Files {
-    /// Writes one file and notes it.
+    /// Writes one file and adds it to the list.
     ///
     /// # Errors
     /// When it cannot be written.

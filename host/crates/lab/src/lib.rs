@@ -4,11 +4,11 @@
 //! |---|---|
 //! | [`worlds`] | which estimator, and which plan, is best on robots whose errors are known? |
 //! | [`reproduce`] | what does the paper's study give on one robot's recordings? |
-//! | [`faults`] | what becomes of a run, whatever goes wrong? |
+//! | [`faults`] | how does a run end after each fault? |
 //! | [`soak`] | what grows or drifts over hours of robot time? |
 //! | [`stability`] | how still does a seated arm hold? |
 //!
-//! Highest of the host's crates below the command line.
+//! The highest of the host's crates below the command line.
 
 pub mod faults;
 pub mod reproduce;

@@ -1,9 +1,8 @@
-//! Soak: one cell, one controller, one database, for as long as is asked; what
-//! grows, drifts or wears out shows from hour to hour.
+//! Soak test: one cell, one controller and one database run for as long as requested. Growth, drift
+//! and wear show from hour to hour.
 //!
-//! The tour is run lap after lap on the same controller and the same arm; each
-//! lap is a run of its own in the store, with a greeting of its own. Telemetry is
-//! counted, not kept.
+//! The tour is repeated lap after lap on the same controller and the same arm. Each lap is a run of
+//! its own in the store, with its own handshake. Telemetry is counted, not stored.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
@@ -36,19 +35,19 @@ pub struct Hour {
     pub faults: u64,
     /// Ticks with a saturated torque, per million.
     pub saturated_ppm: f64,
-    /// Ticks with a torque limited in rate, per million.
+    /// Ticks with a rate-limited torque, per million.
     pub rate_limited_ppm: f64,
     /// Largest commanded torque, in N m.
     pub max_torque_nm: f64,
     /// Mean standard deviation of the joint angles within a recording, in rad.
     pub q_std_rad: f64,
-    /// Mean largest distance of the TCP from its mean within a recording, in m.
+    /// Mean over the recordings of the largest distance of the TCP from its mean, in m.
     pub tcp_spread_m: f64,
     /// Mean force at which contact was declared, in N.
     pub contact_n: f64,
-    /// Time on the wall for a tick, host included, in ns.
+    /// Wall-clock time per tick, host included, in ns.
     pub wall_ns_per_tick: f64,
-    /// Memory of this process at its end, in KiB; 0 where the system does not say.
+    /// Memory of this process at its end, in KiB; 0 if the system does not tell.
     pub resident_kib: u64,
 }
 
@@ -65,15 +64,15 @@ pub struct Soak {
     pub complaints: Vec<String>,
 }
 
-/// Growth of the memory after the first hour that is borne: room for caches, in KiB.
+/// Accepted growth of the memory after the first hour, in KiB: room for caches.
 const GROWTH_KIB: u64 = 8 * 1024;
 /// Share by which a quantity may differ between the first hour and the last.
 const DRIFT: f64 = 0.10;
 
-/// Runs the tour of `prepared` lap after lap until `hours` of robot time are over.
+/// Repeats the tour of `prepared` lap after lap until `hours` of robot time have passed.
 ///
 /// # Errors
-/// Whatever stops a lap.
+/// Any error that stops a lap.
 pub fn soak(prepared: &Prepared, site: Site<'_>, hours: f64) -> Result<Soak, JobError> {
     let begun = Instant::now();
     let tour = tour(&prepared.plan);
@@ -125,7 +124,8 @@ pub fn soak(prepared: &Prepared, site: Site<'_>, hours: f64) -> Result<Soak, Job
     Ok(soak)
 }
 
-/// Where the last lap ended: what the outcome counts since the start is told from it.
+/// Counters at the end of the last lap. The outcome counts since the start, so a lap is the
+/// difference.
 #[derive(Clone, Copy, Debug, Default)]
 struct Lap {
     now_us: u64,
@@ -219,7 +219,7 @@ impl Observer for Laps<'_> {
     }
 }
 
-/// Memory of this process, in KiB; 0 where the system does not say.
+/// Memory of this process, in KiB; 0 if the system does not tell.
 fn resident_kib() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     status
@@ -270,7 +270,7 @@ fn complaints(hours: &[Hour]) -> Vec<String> {
 mod tests {
     use super::*;
 
-    // Fails if growth, drift or a fault is not complained of, or what is as it was is.
+    // Fails if growth, drift or a fault is not reported, or if an unchanged quantity is.
     #[test]
     fn what_changes_is_complained_of() {
         let hour = Hour {

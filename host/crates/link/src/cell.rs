@@ -1,4 +1,4 @@
-//! Controller and drive in lock-step.
+//! Steps controller and drive in lock-step.
 
 use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
@@ -6,8 +6,8 @@ use spherecal_shared::protocol::frame::LinkCounters;
 
 use super::{Controller, Device, Drive, LinkError};
 
-/// Controller and drive, stepped one control period at a time; its clock is
-/// the number of periods, those that were missed included.
+/// A controller and a drive, stepped one control period at a time. The clock counts periods, missed
+/// ones included.
 pub struct Cell {
     controller: Box<dyn Controller>,
     drive: Box<dyn Drive>,
@@ -22,8 +22,8 @@ impl Cell {
     /// Joins a controller and a drive for a robot with `joints` joints.
     ///
     /// # Errors
-    /// When the drive speaks another protocol, has another number of joints or
-    /// an impossible control period.
+    /// The drive speaks another protocol, has another number of joints, or states a control period
+    /// that is out of range.
     pub fn new(mut controller: Box<dyn Controller>, drive: Box<dyn Drive>, joints: usize) -> Result<Self, LinkError> {
         let hello = drive.hello().clone();
         check_hello(&hello, joints)?;
@@ -39,7 +39,7 @@ impl Cell {
         })
     }
 
-    /// What the drive says of itself.
+    /// The drive's hello.
     pub fn hello(&self) -> &DriveHello {
         &self.hello
     }
@@ -70,7 +70,8 @@ impl Device for Cell {
         self.ticks
     }
 
-    /// The drive moves under the last command, the controller answers its new state.
+    /// One control period: the drive moves under the last command, then the controller answers the
+    /// new state.
     fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
         self.drive.exchange(self.command.as_ref(), &mut self.state)?;
         let missed = self.drive.missed();
@@ -87,10 +88,11 @@ impl Device for Cell {
     }
 }
 
-/// Whether this program can work with a drive, for a robot with `joints` joints.
+/// Checks that this program can work with a drive, for a robot with `joints` joints.
 ///
 /// # Errors
-/// Another protocol, another number of joints, an impossible control period.
+/// The drive speaks another protocol, has another number of joints, or states a control period that
+/// is out of range.
 pub fn check_hello(hello: &DriveHello, joints: usize) -> Result<(), LinkError> {
     if hello.protocol != PROTOCOL_VERSION {
         return Err(LinkError::Protocol {

@@ -1,25 +1,25 @@
 //! The host's end of the host link.
 //!
-//! Down: one command at a time is under way; it is sent again, with the same
-//! number, until the controller says that it holds it, and again from its start
-//! on until its reply comes, on the device's time. Up: every event that
-//! carries a number is handed on exactly once and in the order of the numbers,
-//! and is acknowledged only after the caller has stored it. What came before is
-//! acknowledged again and dropped; what comes too early waits for its turn.
+//! Down: one command is in progress at a time. The endpoint sends it again, with the same number,
+//! until the controller confirms it. If the command has a start time, the endpoint sends it again
+//! from that time on (on the device's clock) until the reply arrives. Up: every numbered event is
+//! delivered exactly once, in the order of the numbers, and is acknowledged only after the caller
+//! has stored it. A repeated event is acknowledged again and dropped. An event that arrives early
+//! waits for the events before it.
 //!
-//! Nothing here reads a clock: time comes in with every call, so the endpoint
-//! behaves the same on a virtual and on a real clock.
+//! Nothing here reads a clock. Every call passes the time in, so the endpoint behaves the same on a
+//! virtual and on a real clock.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use spherecal_shared::protocol::frame::{self, Accumulator, FrameError, LinkCounters, MAX_FRAME, SequenceWatch};
 use spherecal_shared::protocol::host::{Command, Downlink, Event, SessionId, Uplink};
 
-/// Events that may wait for an earlier one; what is beyond is not kept, and
-/// the controller sends it again.
+/// Most events that may wait for an earlier one. Further events are dropped, and the controller
+/// sends them again.
 const EARLY_MOST: usize = 64;
 
-/// A command that the controller holds is sent again after this at the latest, in µs.
+/// A command that the controller has confirmed is sent again after this time at the latest, in µs.
 const HELD_US: u64 = 1_000_000;
 
 /// When the endpoint repeats itself, in µs of device time.
@@ -40,16 +40,16 @@ impl Default for Timing {
     }
 }
 
-/// Something from the controller, once.
+/// An event from the controller, delivered once.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arrival {
     /// Session in which it happened.
     pub session: SessionId,
-    /// Number of the event, 0 for what is not sent again.
+    /// Number of the event; 0 for an event that is never repeated.
     pub event: u32,
     /// The sender's time when the frame was made, in µs.
     pub sent_us: u64,
-    /// What it says.
+    /// The event itself.
     pub body: Event,
 }
 
@@ -57,7 +57,7 @@ struct Pending {
     message: Downlink,
     sent_us: u64,
     since_us: u64,
-    /// Whether the controller has it and waits for its time.
+    /// Whether the controller has confirmed the command and waits for its start time.
     held: bool,
 }
 
@@ -69,13 +69,13 @@ pub struct HostEndpoint {
     watch: SequenceWatch,
     counters: LinkCounters,
     foreign: u32,
-    /// The session is this number and the count of greetings.
+    /// Random part of every session number; the count of handshakes is the other part.
     nonce: u32,
     greetings: u32,
     lost_session: bool,
     /// Newest time that the controller has stated, in µs.
     device_us: u64,
-    /// The host's time then, and at the last transmission, in µs.
+    /// The host's time at that moment, and at the last transmission, in µs.
     device_at_us: u64,
     now_us: u64,
     frames_sent: u32,
@@ -83,7 +83,7 @@ pub struct HostEndpoint {
     queue: VecDeque<Downlink>,
     pending: Option<Pending>,
     acknowledgements: VecDeque<u32>,
-    /// Number of the next event; unknown until the banner has told it.
+    /// Number of the next event; unknown until the banner has stated it.
     next_event: Option<u32>,
     early: BTreeMap<u32, Arrival>,
     fresh: Vec<Arrival>,
@@ -91,7 +91,7 @@ pub struct HostEndpoint {
 }
 
 impl HostEndpoint {
-    /// An endpoint that has said nothing yet.
+    /// An endpoint that has sent nothing yet.
     pub fn new(timing: Timing) -> Self {
         Self {
             timing,
@@ -100,7 +100,7 @@ impl HostEndpoint {
         }
     }
 
-    /// The session of the last greeting.
+    /// The session of the last handshake.
     pub fn session(&self) -> SessionId {
         self.session_of(self.greetings)
     }
@@ -109,38 +109,37 @@ impl HostEndpoint {
         self.nonce.wrapping_add(greetings).to_le_bytes()
     }
 
-    /// The session of the next greeting.
+    /// The session of the next handshake.
     pub fn next_session(&self) -> SessionId {
         self.session_of(self.greetings.wrapping_add(1))
     }
 
-    /// Whether the controller has said that it knows nothing of this session:
-    /// it was restarted, or another host has greeted it. Until the next Hello.
+    /// Whether the controller has said that it does not know this session: it was restarted, or
+    /// another host has taken it over. True until the next Hello.
     pub fn lost_session(&self) -> bool {
         self.lost_session
     }
 
-    /// What was counted on the way up; `resent` counts commands sent again.
+    /// Counters of the uplink; `resent` counts commands that were sent again.
     pub fn counters(&self) -> LinkCounters {
         self.counters
     }
 
-    /// Frames that came whole but are of another schema.
+    /// Frames that arrived whole but belong to another schema.
     pub fn foreign(&self) -> u32 {
         self.foreign
     }
 
-    /// Queues a command to be carried out at once; returns the number that its
-    /// reply will carry.
+    /// Queues a command that starts at once. Returns the number that its reply will carry.
     pub fn send(&mut self, command: Command) -> u32 {
         self.send_at(0, command)
     }
 
-    /// Queues a command to be carried out at `start_us` of the controller's own
-    /// clock; returns the number that its reply will carry.
+    /// Queues a command that starts at `start_us` of the controller's clock. Returns the number
+    /// that its reply will carry.
     pub fn send_at(&mut self, start_us: u64, command: Command) -> u32 {
         let sequence = if matches!(command, Command::Hello) {
-            // Hello restarts the count; what was queued before it is void.
+            // Hello restarts the count; commands queued before it are void.
             self.queue.clear();
             self.pending = None;
             self.next_event = None;
@@ -161,12 +160,12 @@ impl HostEndpoint {
         sequence
     }
 
-    /// How long the command under way has been without an answer, in µs.
+    /// How long the command in progress has waited for an answer, in µs.
     pub fn unanswered_us(&self, now_us: u64) -> u64 {
         self.pending.as_ref().map_or(0, |p| now_us.saturating_sub(p.since_us))
     }
 
-    /// Appends to `out` what there is to say at `now_us`.
+    /// Appends to `out` the bytes to send at `now_us`.
     ///
     /// # Errors
     /// When a command does not fit a frame.
@@ -204,10 +203,10 @@ impl HostEndpoint {
         Ok(())
     }
 
-    /// Takes the controller's bytes. Numbered events whose turn has come are
-    /// given to `store` in one batch and acknowledged if it succeeds; then all
-    /// that arrived is appended to `arrived`. If `store` fails nothing is
-    /// acknowledged, and the batch is offered again at the next call.
+    /// Takes the controller's bytes. Passes the numbered events that are due to `store` in one
+    /// batch and acknowledges them if `store` succeeds. Then appends every event that arrived to
+    /// `arrived`. If `store` fails, nothing is acknowledged, and the next call offers the batch
+    /// again.
     ///
     /// # Errors
     /// What `store` reports.
@@ -263,15 +262,15 @@ impl HostEndpoint {
                     self.next_event.get_or_insert(banner.first_event);
                 }
                 Event::Banner(_) => {
-                    // A late one of a greeting of ours says nothing new; before
-                    // the first it may be all that a foreign controller says.
+                    // A late event of an earlier session of this endpoint says nothing new. Before
+                    // the first session it may be all that a foreign controller says.
                     let late = (0..self.greetings).any(|k| self.session_of(k) == message.session);
                     self.lost_session |= self.next_event.is_some() && !late;
                     if late {
                         return;
                     }
                 }
-                // Of a session that is over.
+                // It belongs to a session that is over.
                 _ if !ours => return,
                 Event::Held { sequence } => {
                     if let Some(pending) = self.pending.as_mut().filter(|p| p.message.sequence == *sequence) {
@@ -283,10 +282,10 @@ impl HostEndpoint {
             }
             if let Event::Reply { sequence, .. } = arrival.body {
                 match &self.pending {
-                    // The banner was lost: greet again until it comes.
+                    // The banner was lost: repeat the handshake until it arrives.
                     Some(pending) if self.next_event.is_none() && pending.message.command == Command::Hello => return,
                     Some(pending) if pending.message.sequence == sequence => self.pending = None,
-                    // The answer to a repeat whose first answer was not lost.
+                    // The answer to a repeated command whose first answer did arrive.
                     _ => {
                         self.counters.duplicates = self.counters.duplicates.wrapping_add(1);
                         return;
@@ -296,12 +295,12 @@ impl HostEndpoint {
             arrived.push(arrival);
             return;
         }
-        // Before the banner nothing can be placed; it will come again.
+        // Without the banner the order is unknown. The event will be sent again.
         let Some(next_event) = self.next_event else { return };
         let ahead = arrival.event.wrapping_sub(next_event);
         if ahead >= 1 << 31 {
             self.counters.duplicates = self.counters.duplicates.wrapping_add(1);
-            // Not yet stored: it is in the batch that waits, and says so itself.
+            // Not stored yet: the event is already in the waiting batch.
             if !self.fresh.iter().any(|f| f.event == arrival.event) {
                 self.acknowledgements.push_back(arrival.event);
             }
@@ -319,7 +318,7 @@ impl HostEndpoint {
         }
     }
 
-    /// Notes what the controller's clock shows.
+    /// Updates the estimate of the controller's clock.
     fn hear_time(&mut self, sent_us: u64) {
         if sent_us >= self.device_us || self.next_event.is_none() {
             self.device_us = sent_us;
@@ -328,7 +327,7 @@ impl HostEndpoint {
     }
 
     fn advance(&mut self, arrival: Arrival) {
-        // 0 means "not numbered", so the count goes round it.
+        // 0 means "not numbered", so the count skips it.
         self.next_event = Some(arrival.event.wrapping_add(1).max(1));
         self.fresh.push(arrival);
     }
@@ -353,8 +352,8 @@ impl HostEndpoint {
     }
 }
 
-/// A number that no other host uses: random, without being asked for a seed, for
-/// it must differ from run to run and steers nothing.
+/// A number that no other host uses. It is random on purpose and takes no seed: it must differ
+/// between runs and influences no result.
 fn random_nonce() -> u32 {
     use std::hash::{BuildHasher as _, RandomState};
     RandomState::new().hash_one(std::process::id()) as u32

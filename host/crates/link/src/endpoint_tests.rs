@@ -6,8 +6,8 @@ use spherecal_shared::protocol::host::Banner;
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 use std::convert::Infallible;
 
-/// The other end, as simple as the protocol allows: numbers its events, sends
-/// each until it is acknowledged, answers every command, carries out each once.
+/// The other end, as simple as the protocol allows. It numbers its events, sends each until it is
+/// acknowledged, answers every command and carries out each command once.
 #[derive(Default)]
 struct Peer {
     accumulator: Accumulator,

@@ -51,7 +51,7 @@ impl<const N: usize> Controller for InProcess<N> {
 /// The controller for an arm with `joints` joints.
 ///
 /// # Errors
-/// When none was built for that many.
+/// When no controller was built for that number.
 pub fn controller_in_process(joints: usize) -> Result<Box<dyn Controller>, LinkError> {
     match joints {
         6 => Ok(Box::new(InProcess::<6>::default())),

@@ -1,16 +1,16 @@
-//! Where the events of a campaign go before they are acknowledged.
+//! Where the events of a campaign are stored before they are acknowledged.
 
 use spherecal_shared::protocol::host::SessionId;
 
 use crate::Arrival;
 
-/// Why a journal did not take what came.
+/// Why a journal did not accept an event.
 #[derive(Debug, thiserror::Error)]
 pub enum JournalError {
     /// It could not be written.
     #[error("{0}")]
     Store(#[source] Box<dyn std::error::Error + Send + Sync>),
-    /// A run that is repeated from its start measured something else.
+    /// The run was repeated from its start, and a recording differs from the stored one.
     #[error(
         "sphere {sphere}, pose {pose}: repeating the run from its start gave another recording than the one that is \
          stored: it was begun by another version of this program, or its configuration has changed; begin a new run \
@@ -25,35 +25,35 @@ pub enum JournalError {
 }
 
 impl JournalError {
-    /// What the store behind a journal says.
+    /// Wraps an error of the store behind a journal.
     pub fn store(source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self::Store(source.into())
     }
 }
 
-/// Where events go before they are acknowledged.
+/// Stores events before they are acknowledged.
 pub trait Journal {
-    /// Notes that the controller is about to be greeted (handshake) under this number:
-    /// events of this session and of earlier ones of the same run are to be
-    /// kept; others are those of another run, and are to be passed over.
+    /// Announces a handshake under this session number. Events of this session and of earlier
+    /// sessions of the same run are stored. Events of other sessions belong to another run and are
+    /// skipped.
     ///
     /// # Errors
-    /// When it could not be noted.
+    /// When the announcement could not be stored.
     fn handshake(&mut self, _session: SessionId) -> Result<(), JournalError> {
         Ok(())
     }
 
-    /// Makes a batch of events durable. A recording that is already there is
-    /// not stored again, and that is no error.
+    /// Stores a batch of events durably. A recording that is already stored is skipped without an
+    /// error.
     ///
     /// # Errors
     /// When nothing of the batch could be stored.
     fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError>;
 
-    /// Notes that a pose was given up.
+    /// Stores that a pose was given up.
     ///
     /// # Errors
-    /// When it could not be noted.
+    /// When it could not be stored.
     fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError>;
 }
 

@@ -1,9 +1,9 @@
-//! The two links, and what stands at their ends.
+//! The drive link and the host link, and the parts at their ends.
 //!
-//! Vocabulary: the *drive* is whatever moves the joints (the simulated plant, an
-//! external simulator, the gateway of a real arm); the *controller* is the
-//! firmware, wherever it runs; the *cell* is both in lock-step, one control
-//! period after the other; the *endpoint* is the host's end of the host link.
+//! Vocabulary: the *drive* moves the joints (the simulated plant, an external simulator, the
+//! gateway of a real arm). The *controller* is the firmware, wherever it runs. The *cell* is both
+//! in lock-step, one control period after the other. The *endpoint* is the host's end of the host
+//! link.
 //!
 //! ```text
 //!   campaign ─ HostEndpoint ──bytes──▶ Controller ◀─DriveState── Drive
@@ -20,10 +20,10 @@
 //! | `controller:` | another process ([`Remote`](tcp::Remote)) | its own |
 //! | `grpc:` | a service of `spherecal-services` | its own |
 //!
-//! What the host steps is a [`Device`]: a cell, or the far end of a socket.
+//! The host steps a [`Device`]: a cell, or the far end of a socket.
 //!
-//! The host link is bytes in every mode, also in-process, so that framing,
-//! numbering, acknowledgement and repetition are exercised by every run.
+//! The host link carries bytes in every mode, also within one process. So every run exercises
+//! framing, numbering, acknowledgement and repetition.
 
 mod cell;
 mod endpoint;
@@ -45,23 +45,23 @@ pub use in_process::{InProcess, controller_in_process};
 pub use journal::{Journal, JournalError};
 pub use serial::Serial;
 
-/// Why a link failed for good. What can be repaired (lost, damaged, repeated
-/// frames) is repaired and counted, not reported here.
+/// Why a link failed for good. Frames that were lost, damaged or repeated are repaired and counted;
+/// they are not errors.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// No controller was built for that many joints.
     #[error(
-        "the robot has {joints} joints: controllers in this program are built for {built}; \
+        "the robot has {joints} joints, but the controllers in this program are built for {built}; \
          use a robot with as many joints"
     )]
     Joints {
         /// Joints of the robot.
         joints: usize,
-        /// Numbers of joints that there are controllers for.
+        /// Numbers of joints for which a controller was built.
         built: &'static str,
     },
     /// Drive and robot are not the same machine.
-    #[error("the drive has {drive} joints, the robot {robot}: choose the robot that stands behind the drive link")]
+    #[error("the drive has {drive} joints, but the robot has {robot}: choose the robot that the drive link controls")]
     OtherRobot {
         /// Joints of the drive.
         drive: usize,
@@ -69,15 +69,15 @@ pub enum LinkError {
         robot: usize,
     },
     /// The drive speaks another protocol.
-    #[error("the drive speaks protocol {found}, this program {expected}: use versions that belong together")]
+    #[error("the drive speaks protocol {found}, but this program speaks {expected}: use matching versions")]
     Protocol {
         /// Protocol of the drive.
         found: u16,
         /// Protocol of this program.
         expected: u16,
     },
-    /// A control period that cannot be.
-    #[error("the drive's control period is {period_us} µs: give one from 100 to 10000 µs")]
+    /// The drive's control period is out of range.
+    #[error("the drive's control period is {period_us} µs: set it between 100 and 10000 µs")]
     Period {
         /// Its period, in µs.
         period_us: u32,
@@ -88,8 +88,8 @@ pub enum LinkError {
     /// The controller cannot work with the drive.
     #[error("the controller refused the drive: {0}")]
     Refused(Refusal),
-    /// A command for another arm.
-    #[error("a command has {found} torques for {joints} joints: use a controller for this arm")]
+    /// A command for an arm with another number of joints.
+    #[error("a command has {found} torques, but the arm has {joints} joints: use a controller for this arm")]
     Torques {
         /// Torques of the command.
         found: usize,
@@ -102,18 +102,18 @@ pub enum LinkError {
     /// A link between processes failed.
     #[error(transparent)]
     Tcp(#[from] tcp::TcpError),
-    /// A device, drive or controller that is defined outside of this crate failed.
+    /// A device, drive or controller defined outside this crate failed.
     #[error("{source}")]
     Device {
-        /// What failed, in its own words.
+        /// The error that it reported.
         source: Box<dyn std::error::Error + Send + Sync>,
-        /// Whether the user's input is at fault.
+        /// Whether the user's input caused it.
         input: bool,
     },
     /// A serial device cannot be opened.
     #[error(
-        "{link} cannot be opened: {source}; {found}. Name the board's device, and be of the group that may \
-         open it (`spherecal doctor` tells)"
+        "{link} cannot be opened: {source}; {found}. Name the board's device, and join the group that may \
+         open it (`spherecal doctor` names it)"
     )]
     Serial {
         /// Which link.
@@ -123,9 +123,9 @@ pub enum LinkError {
         /// Which devices there are.
         found: String,
     },
-    /// A rate that is none.
+    /// The rate after the @ is not a number.
     #[error(
-        "{link}: what follows the @ is no rate in bits per second: give serial:DEVICE or, say, serial:DEVICE@921600"
+        "{link}: the text after the @ is not a rate in bits per second: give serial:DEVICE or, for example, serial:DEVICE@921600"
     )]
     Baud {
         /// Which link.
@@ -142,8 +142,7 @@ pub enum LinkError {
 }
 
 impl LinkError {
-    /// The failure of a device, drive or controller that is defined outside of
-    /// this crate.
+    /// Wraps the error of a device, drive or controller defined outside this crate.
     pub fn device(source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self::Device {
             source: source.into(),
@@ -151,7 +150,7 @@ impl LinkError {
         }
     }
 
-    /// Whether the user's input is at fault (exit code 2), not the link.
+    /// Whether the user's input is the cause (exit code 2), not the link.
     pub fn is_input(&self) -> bool {
         match self {
             Self::Joints { .. } | Self::Serial { .. } | Self::Baud { .. } => true,
@@ -161,9 +160,8 @@ impl LinkError {
     }
 }
 
-/// Controller and drive together, as the host sees them: something that keeps
-/// the device's time and trades bytes of the host link, one control period
-/// after the other.
+/// Controller and drive together, as the host sees them. A device keeps the device's time and
+/// exchanges bytes of the host link, one control period after the other.
 pub trait Device: Send {
     /// Device time, in µs since the first period.
     fn now_us(&self) -> u64;
@@ -178,8 +176,8 @@ pub trait Device: Send {
     /// When controller, drive or a link between them fails for good.
     fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError>;
 
-    /// Moves the plate to one of its placements, from 0. Returns whether
-    /// something here can: of a real cell a person moves it.
+    /// Moves the plate to one of its placements, from 0. Returns whether it could; in a real cell
+    /// an operator moves the plate.
     fn move_plate(&mut self, _place: u32) -> bool {
         false
     }
@@ -205,20 +203,19 @@ impl<D: Device + ?Sized> Device for Box<D> {
 
 /// The controller, wherever it runs: one control period at a time.
 pub trait Controller: Send {
-    /// Tells the controller what the drive says of itself, once, before the
-    /// first period.
+    /// Passes the drive's hello to the controller, once, before the first period.
     ///
     /// # Errors
     /// When the controller cannot work with such a drive.
     fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError>;
 
-    /// Notes that so many control periods went by without a tick before this
-    /// one. A controller that keeps its own beat counts them itself.
+    /// Reports control periods that passed without a tick before this one. A controller with its
+    /// own clock counts them itself.
     fn missed(&mut self, _periods: u32) {}
 
-    /// Hands over the joint state of this period and the host's bytes; takes
-    /// the torque command, and appends the controller's bytes for the host to
-    /// `up`. `now_us` is the device's time, in µs.
+    /// Passes the joint state of this period and the host's bytes to the controller. Returns the
+    /// torque command, and appends the controller's bytes for the host to `up`. `now_us` is the
+    /// device's time, in µs.
     ///
     /// # Errors
     /// When the transport to the controller fails for good.
@@ -255,19 +252,19 @@ impl<D: Drive + ?Sized> Drive for Box<D> {
 
 /// The drive, wherever it is: one control period at a time.
 pub trait Drive: Send {
-    /// What the drive says of itself.
+    /// The drive's hello.
     fn hello(&self) -> &DriveHello;
 
-    /// Carries out `command` for one control period and writes the state at its
-    /// end. At the very first call there is none, and the state is the present
-    /// one; at a later call without one the brakes are closed for this period.
+    /// Carries out `command` for one control period and writes the state at its end. The first call
+    /// has no command and writes the present state. In a later call without a command the brakes
+    /// are closed for this period.
     ///
     /// # Errors
     /// When the drive or the transport to it fails for good.
     fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError>;
 
-    /// Control periods that went by without an exchange before the last one:
-    /// none where drive and controller wait for each other.
+    /// Control periods that passed without an exchange before the last one; zero if drive and
+    /// controller wait for each other.
     fn missed(&self) -> u32 {
         0
     }
@@ -277,7 +274,7 @@ pub trait Drive: Send {
         false
     }
 
-    /// What was received from the drive, where it is behind a wire.
+    /// What was received from the drive, if it is behind a wire.
     fn counters(&self) -> LinkCounters {
         LinkCounters::new()
     }

@@ -1,8 +1,8 @@
 //! The host's end of a controller board on a serial device.
 //!
-//! The board keeps its own beat and has a drive of its own, so nothing waits for
-//! the host: each [`step`](Device::step) is one millisecond of this computer's
-//! clock, in which the host's bytes go out and the board's are read. What the
+//! The board has its own clock and its own drive, so nothing waits for the host. Each
+//! [`step`](Device::step) is one millisecond of this computer's clock: the host's bytes go out and
+//! the board's bytes are read. The board states the times of its actions on its own clock.
 //! board does at what time it says itself, by its own clock.
 
 use std::io::ErrorKind;
@@ -29,11 +29,10 @@ pub struct Serial {
 }
 
 impl Serial {
-    /// Opens `DEVICE` or `DEVICE@BAUD` (921,600 where none is said), 8N1, raw.
+    /// Opens `DEVICE` or `DEVICE@BAUD` (921,600 by default), 8N1, raw.
     ///
     /// # Errors
-    /// When there is no such device, or it may not be opened, or the rate is no
-    /// number that it can take.
+    /// The device does not exist or may not be opened, or the rate is not one that it supports.
     pub fn open(device: &str) -> Result<Self, LinkError> {
         let name = format!("serial:{device}");
         let (path, baud) = match device.rsplit_once('@') {
@@ -51,7 +50,7 @@ impl Serial {
         }
     }
 
-    /// A board behind a port that is open already; `name` stands in messages.
+    /// A board behind a port that is already open; `name` appears in messages.
     ///
     /// # Errors
     /// When the port cannot be set up.
@@ -59,7 +58,7 @@ impl Serial {
         let set = port
             .set_read_timeout(Duration::from_micros(STEP_US))
             .and_then(|()| port.set_write_timeout(PATIENCE))
-            // What a board said before anyone listened is no beginning of a frame.
+            // Bytes that the board sent before anyone listened may begin in the middle of a frame.
             .and_then(|()| port.discard_input_buffer());
         let this = Self {
             port,

@@ -5,14 +5,17 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::{Robot, Tool};
 
-use crate::DataError;
+use crate::{CalibrationPlate, DataError};
 
 /// A frame seen from another: rotation and origin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Pose {
     /// Rotation: columns are the frame's axes in the other frame.
+    #[cfg_attr(feature = "schema", schemars(with = "[[f64; 3]; 3]"))]
     pub rotation: Matrix3<f64>,
     /// Origin in the other frame, in m.
+    #[cfg_attr(feature = "schema", schemars(with = "[f64; 3]"))]
     pub translation_m: Vector3<f64>,
 }
 
@@ -287,14 +290,5 @@ fn check_sphere(sphere: &Sphere) -> Result<(), DataError> {
 
 /// Table 1 of the paper: three 50.8 mm spheres, ±2.7 µm at 95 %.
 pub fn paper_plate() -> Vec<Sphere> {
-    let sigma_m = 2.7e-6 / 1.96;
-    [[0.0, 0.0, 0.0], [0.300_009, 0.0, 0.0], [0.150_049, 0.260_051, 0.0]]
-        .into_iter()
-        .zip(1..)
-        .map(|(position_m, id)| Sphere {
-            id,
-            position_m,
-            sigma_m,
-        })
-        .collect()
+    CalibrationPlate::default().certificate()
 }

@@ -1,7 +1,7 @@
 //! Halton's sequence: points that fill a box evenly, and are the same every time.
 //!
-//! For whatever wants "anywhere in the joint ranges" without a random number:
-//! seeds of the inverse kinematics, candidates of plans, validation targets.
+//! For points "anywhere in the joint ranges" without random numbers: seeds of the inverse
+//! kinematics, candidates of plans, validation targets.
 
 /// Bases of the dimensions.
 const PRIMES: [usize; 12] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];

@@ -8,6 +8,7 @@
 //!
 //! Lowest of the host's crates: it knows `spherecal-shared` only.
 
+mod cell;
 pub mod chain;
 mod data;
 mod encoding;
@@ -20,6 +21,7 @@ pub mod robots;
 mod shot;
 mod toml_words;
 
+pub use cell::{CalibrationPlate, CellError, MAX_SPHERES, NominalCell, Placement};
 pub use chain::{Chain, ChainError, TcpPose};
 pub use data::{Experiment, Observation, Pose, Set, Sphere, Target, paper_plate};
 pub use encoding::EncodingError;

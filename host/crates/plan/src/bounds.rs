@@ -1,9 +1,8 @@
-//! The room that a plan takes up: what the arm is kept in while it carries it out.
+//! The space that a plan needs: the limits in which the arm is kept while it carries out the plan.
 //!
-//! The box about every place that the TCP comes to, and the plane under the
-//! lowest sphere: the procedure's limits are narrowed to both
-//! ([`Bounds::narrow`]), so that an arm that is led astray by a wrong model, a
-//! wrong plate or a person slows down and stops near where it has work.
+//! The space is a box about all TCP positions and a plane below the lowest sphere. The procedure's
+//! limits are narrowed to both ([`Bounds::narrow`]). So an arm that leaves its path because of a
+//! wrong model, a wrong plate or a person slows down and stops near its work.
 
 use nalgebra::Vector3;
 use spherecal_shared::procedure::Limits;
@@ -11,7 +10,7 @@ use spherecal_shared::procedure::Limits;
 use super::types::Plan;
 use spherecal_model::chain::Chain;
 
-/// Parts of a joint motion at whose ends the TCP is looked at.
+/// Number of parts of a joint motion at whose ends the TCP is checked.
 const PARTS: u32 = 40;
 
 /// The room of a plan, F0.
@@ -21,15 +20,15 @@ pub struct Bounds {
     pub min_m: Vector3<f64>,
     /// Largest coordinates of the TCP, in m.
     pub max_m: Vector3<f64>,
-    /// Mean direction against the descents, a unit vector: the plate's normal.
+    /// Mean direction opposite to the descents, a unit vector: the plate's normal.
     pub normal: Vector3<f64>,
-    /// Least coordinate of a sphere's centre along it, in m.
+    /// Lowest coordinate of a sphere's centre along it, in m.
     pub lowest_m: f64,
 }
 
 impl Bounds {
-    /// The room of `plan`: home, the ways from home to every visit and back,
-    /// those from visit to visit, and the spheres. `None` of a plan without visits.
+    /// The space of `plan`: home, the paths from home to every visit and back, those between
+    /// visits, and the spheres. `None` for a plan without visits.
     pub fn of(plan: &Plan, chain: &Chain) -> Option<Self> {
         let home = Vector3::from(plan.home.position_m);
         let mut bounds = Self {
@@ -71,14 +70,14 @@ impl Bounds {
         }
     }
 
-    /// Narrows the procedure's limits to this room, `margin_m` wider on every
-    /// side and `below_m` under the lowest sphere's centre; what is narrower stays.
+    /// Narrows the procedure's limits to this space with a margin of `margin_m` on every side and
+    /// of `below_m` below the lowest sphere's centre. Tighter limits stay.
     pub fn narrow(&self, limits: &mut Limits, margin_m: f64, below_m: f64) {
         for axis in 0..3 {
             limits.workspace_min_m[axis] = limits.workspace_min_m[axis].max(self.min_m[axis] - margin_m);
             limits.workspace_max_m[axis] = limits.workspace_max_m[axis].min(self.max_m[axis] + margin_m);
         }
-        // One plane is watched: a person's, where there is one.
+        // Only one plane is monitored. A plane that the user has set takes precedence.
         if limits.plate_offset_m <= Limits::default().plate_offset_m {
             limits.plate_normal = self.normal.into();
             limits.plate_offset_m = self.lowest_m - below_m;
@@ -91,8 +90,8 @@ mod tests {
     use super::*;
     use crate::{Cell, spread_plan};
 
-    // Fails if a place that the plan leads to lies outside the limits made of it,
-    // if they are wider than asked for, or if what a person has set is widened.
+    // Fails if a position of the plan lies outside the limits made from it, if the limits are wider
+    // than requested, or if a user's limit is widened.
     #[test]
     fn the_limits_hold_what_the_plan_needs() {
         let cell = Cell::iiwa7();

@@ -20,8 +20,8 @@ pub struct PlanRequest {
     pub grid: Grid,
     /// What configurations and moves must keep.
     pub rules: Rules,
-    /// At most so many recorded poses over all spheres, well spread; `None` for
-    /// every reachable one.
+    /// Largest number of recorded poses over all spheres, well spread; `None` for every reachable
+    /// one.
     pub poses: Option<usize>,
 }
 
@@ -64,8 +64,7 @@ pub fn spread_plan(cell: &Cell, poses: usize) -> Result<Plan, PlanError> {
 /// Plans a calibration.
 ///
 /// # Errors
-/// A cell that [`Cell::check`] refuses, no poses asked for, or a sphere that the
-/// arm cannot come to.
+/// [`Cell::check`] refuses the cell, no poses are requested, or the arm cannot reach a sphere.
 pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
     cell.check()?;
     if request.poses == Some(0) {
@@ -140,7 +139,7 @@ pub(super) struct Start {
 }
 
 impl Start {
-    /// The neutral pose with the most room to the limits, and the approach above it.
+    /// The neutral pose with the largest distance to the joint limits, and the approach above it.
     pub(super) fn new(
         cell: &Cell,
         chain: &Chain,
@@ -164,7 +163,7 @@ impl Start {
         Self::from_joints(cell, chain, rules, plate, neutral, joints).map_err(refuse)
     }
 
-    /// The approach above a neutral pose that is solved already.
+    /// The approach above a neutral pose that is already solved.
     pub(super) fn from_joints(
         cell: &Cell,
         chain: &Chain,
@@ -186,8 +185,8 @@ impl Start {
     }
 }
 
-/// The solution of a pose with the most room to the joint limits that keeps the
-/// rules for passing.
+/// The solution of a pose that keeps the rules for passing and has the largest distance to the
+/// joint limits.
 pub(super) fn roomiest(chain: &Chain, rules: &Rules, pose: &TcpPose) -> Result<Vec<f64>, Obstacle> {
     let mut best: Option<Vec<f64>> = None;
     let mut obstacle = Obstacle::OutOfReach;
@@ -207,8 +206,8 @@ pub(super) fn roomiest(chain: &Chain, rules: &Rules, pose: &TcpPose) -> Result<V
     best.ok_or(obstacle)
 }
 
-/// The tool's yaw: the cell's own, or the one of twelve whose worst sphere has
-/// the most room to the joint limits.
+/// The tool's yaw: the cell's own, or the one of twelve whose worst sphere has the largest distance
+/// to the joint limits.
 pub(super) fn tool_yaw(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose) -> Result<f64, PlanError> {
     if let Some(yaw) = cell.tool_yaw_rad {
         return Ok(yaw);
@@ -234,10 +233,10 @@ pub(super) fn tool_yaw(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlateP
     best.map(|(_, yaw)| yaw).ok_or(refusal)
 }
 
-/// Home: the neutral orientation high over the middle of the first plate.
+/// Home: the neutral orientation high above the middle of the first plate.
 ///
 /// # Errors
-/// No plate, or none that the arm reaches.
+/// There is no plate, or none within the arm's reach.
 pub fn home(cell: &Cell, chain: &Chain, rules: &Rules) -> Result<Waypoint, PlanError> {
     let plate = cell.plates.first().ok_or(PlanError::NoPlate)?;
     let yaw = tool_yaw(cell, chain, rules, plate)?;
@@ -275,10 +274,10 @@ fn posed(id: u32, via: bool, pose: &TcpPose, joints: Vec<f64>) -> PosePlan {
     }
 }
 
-/// Orders the poses and makes every move between them continuous: where the
-/// direct move is not, it goes through poses on the two ways to neutral, which
-/// are known to be. The last pose is followed by the neutral one, in which the
-/// nest leaves the sphere as it came. Vias carry ids from 1,000,000 on.
+/// Orders the poses and makes every move between them continuous. If the direct move is not, it
+/// goes through poses on the two paths to neutral, which are known to be continuous. After the last
+/// pose comes the neutral one, in which the nest leaves the sphere in the orientation of the
+/// approach. Vias have ids from 1,000,000 on.
 pub(super) fn sequence(
     chain: &Chain,
     rules: &Rules,
@@ -339,7 +338,7 @@ pub(super) fn turning_time(start: &TcpPose, poses: &[PosePlan]) -> f64 {
     time
 }
 
-/// Predicted time of a whole plan, in s: travelling, touching, turning, recording.
+/// Predicted time of a whole plan, in s: travelling, approaching, turning, recording.
 pub(super) fn robot_time(plan: &Plan) -> f64 {
     let home = &plan.home.joints;
     let mut here = home;

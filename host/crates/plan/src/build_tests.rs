@@ -4,10 +4,9 @@ use super::*;
 use crate::teach;
 use crate::test_support::assert_continuous;
 
-// The reference worlds were made on this grid: 1,843 of 1,875 poses, by sphere
-// 613, 615 and 615, with 2 degrees to the limits and no rule about singular
-// places. Fails if the grid, its axes, the elbow, the plate's place or the
-// limits are read in another way.
+// The reference worlds were made on this grid: 1,843 of 1,875 poses, by sphere 613, 615 and 615,
+// with 2 degrees to the limits and no rule about singularities. Fails if the grid, its axes, the
+// elbow, the plate's pose or the limits are interpreted in another way.
 #[test]
 fn the_papers_grid_is_reachable_as_the_reference_says() {
     let cell = Cell::iiwa7();

@@ -1,6 +1,5 @@
-//! Candidates for the optimal plan: wide orientations and elbow angles about
-//! each sphere, in every branch of the inverse kinematics that the arm can come
-//! to by itself.
+//! Candidates for the optimal plan: wide orientations and elbow angles about each sphere, in every
+//! branch of the inverse kinematics that the arm can reach.
 
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
@@ -16,6 +15,7 @@ use spherecal_model::halton::halton;
 
 /// How wide candidates may lie.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Range {
     /// Largest tilt about the tool's x and y, each, in rad.
@@ -31,8 +31,8 @@ pub struct Range {
 }
 
 impl Default for Range {
-    /// Tilt as far as a nest of three planes allows, the turn about the
-    /// plate's normal and the elbow wider, since nothing stands in their way.
+    /// The tilt is the widest that a nest of three planes allows. The turn about the plate's normal
+    /// and the elbow angle are wider, because nothing obstructs them.
     fn default() -> Self {
         Self {
             tilt_rad: 40f64.to_radians(),
@@ -44,7 +44,7 @@ impl Default for Range {
     }
 }
 
-/// Branches of one sphere at most, the roomiest first.
+/// Most branches per sphere; those with the largest distance to the joint limits first.
 const MOST_BRANCHES: usize = 8;
 /// Poses tried for each candidate wanted.
 const TRIES: usize = 6;
@@ -67,10 +67,11 @@ pub(super) struct Candidate {
     pub(super) joints: Vec<f64>,
 }
 
-/// All visits that the arm can make, the roomiest branch of each sphere first.
+/// All visits that the arm can make. The first branch of each sphere has the largest distance to
+/// the joint limits.
 ///
 /// # Errors
-/// A sphere that the arm cannot come to in any branch.
+/// The arm cannot reach a sphere in any branch.
 pub(super) fn visits(
     cell: &Cell,
     chain: &Chain,
@@ -105,8 +106,8 @@ pub(super) fn visits(
     Ok(visits)
 }
 
-/// Neutral poses in other branches, the elbow where each has the most room,
-/// roomiest first.
+/// Neutral poses in other branches, with the elbow at the largest distance to the joint limits;
+/// sorted by that distance.
 fn others(
     cell: &Cell,
     chain: &Chain,
@@ -136,9 +137,8 @@ fn others(
     found.into_iter().map(|(_, start)| start).collect()
 }
 
-/// Whether two starts are of one branch: by the sides to which shoulder, elbow
-/// and wrist are bent, or, on arms without these, by a motion that leads from
-/// one to the other at the sphere.
+/// Whether two starts are in the same branch: by the sides to which shoulder, elbow and wrist are
+/// bent, or, on arms without these, by a motion that leads from one to the other at the sphere.
 fn same_branch(chain: &Chain, rules: &Rules, a: &Start, b: &Start) -> bool {
     match (chain.branch(&a.joints), chain.branch(&b.joints)) {
         (Some(a), Some(b)) => a == b,
@@ -148,8 +148,8 @@ fn same_branch(chain: &Chain, rules: &Rules, a: &Start, b: &Start) -> bool {
     }
 }
 
-/// Whether the joint motion between two configurations (rad) keeps TCP and
-/// flange over the plate: no lower than an approach, but for a fifth of its height.
+/// Whether the joint motion between two configurations (rad) keeps TCP and flange above the plate:
+/// no lower than an approach, with a tolerance of a fifth of its height.
 pub(super) fn way_is_clear(cell: &Cell, chain: &Chain, plate: &PlatePose, from: &[f64], to: &[f64]) -> bool {
     let up = plate.normal().into_inner();
     let floor = up.dot(&Vector3::from(plate.centre_m)) + 0.8 * cell.approach_height_m;
@@ -189,8 +189,8 @@ pub(super) fn candidates(
     visits.par_iter().enumerate().flat_map_iter(of).collect()
 }
 
-/// Item `k` of the poses spread over the ranges about the start of visit `index`:
-/// each visit has the sequence shifted by another part of the ranges.
+/// Item `k` of the poses spread over the ranges about the start of visit `index`. Each visit shifts
+/// the sequence by another part of the ranges.
 fn wide(range: &Range, start: &Start, k: usize, index: usize) -> TcpPose {
     let shift = index as f64 * 0.618_033_988_75;
     let u = |dimension: usize| 2.0 * (halton(k, dimension) + shift).fract() - 1.0;
@@ -204,7 +204,7 @@ fn wide(range: &Range, start: &Start, k: usize, index: usize) -> TcpPose {
 
 /// Joints of a pose that may be recorded and is reached from the start.
 fn reached(chain: &Chain, rules: &Rules, start: &Start, pose: &TcpPose) -> Option<Vec<f64>> {
-    // Where the end itself is cheap to solve it is looked at before the way there.
+    // If the end itself is cheap to solve, it is checked before the path.
     if let Some(branch) = chain.branch(&start.joints) {
         let solutions = chain.solve(pose);
         let good = |q: &Vec<f64>| chain.branch(q) == Some(branch) && rules.configuration(chain, q).is_ok();

@@ -1,4 +1,4 @@
-//! The cell: robot, tool, plate and spheres as they are meant to stand.
+//! The cell: nominal robot, tool, plate and spheres.
 
 use core::f64::consts::PI;
 
@@ -12,8 +12,8 @@ use spherecal_model::chain::{Chain, TcpPose, rotation_of};
 
 /// Nominal pose of the plate in F0, for one placement.
 ///
-/// `centre_m` is where the centroid of the sphere centres lies (what `docs/design/plant.md`
-/// calls the plate origin centre), `orientation` turns the plate's frame into F0.
+/// `centre_m` is the centroid of the sphere centres (`docs/design/plant.md` calls it the plate origin
+/// centre). `orientation` turns the plate's frame into F0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlatePose {
     /// Centroid of the sphere centres in F0, in m.
@@ -54,11 +54,10 @@ pub struct Cell {
     pub spheres: Vec<Sphere>,
     /// Placements of the plate; the index is [`Observation`](spherecal_identify::Observation)'s place.
     pub plates: Vec<PlatePose>,
-    /// Yaw of the tool about the plate's normal at the neutral orientation, in
-    /// rad: 0 has x of FT along x of F0. `None` chooses the yaw with the most
-    /// room to the joint limits.
+    /// Yaw of the tool about the plate's normal at the neutral orientation, in rad: at 0, x of FT
+    /// points along x of F0. `None` chooses the yaw with the largest distance to the joint limits.
     pub tool_yaw_rad: Option<f64>,
-    /// Height of the approach frame over the sphere's centre, in m.
+    /// Height of the approach frame above the sphere's centre, in m.
     pub approach_height_m: f64,
     /// Height of home over the plate's centre, in m.
     pub home_height_m: f64,
@@ -79,10 +78,10 @@ impl Cell {
         }
     }
 
-    /// Refuses what no plan can be made from.
+    /// Checks that a plan can be made from this cell.
     ///
     /// # Errors
-    /// No spheres, no placement, or a number that is not finite or senseless.
+    /// No spheres, no placement, or a number that is not finite or not possible.
     pub fn check(&self) -> Result<(), PlanError> {
         if self.spheres.is_empty() {
             return Err(PlanError::NoSpheres);
@@ -145,7 +144,7 @@ impl Cell {
     /// it (Section 2.2 of the paper), turned by `yaw` about the normal.
     pub fn neutral(&self, plate: &PlatePose, yaw: f64) -> Rotation3<f64> {
         let z = self.approach_direction(plate);
-        // x of F0 along the plate; of a plate that stands upright across x, y of F0.
+        // x of F0 along the plate; y of F0 for a plate that stands upright across x.
         let along = |axis: Vector3<f64>| (axis - z * z.dot(&axis)).try_normalize(0.2);
         let x = along(Vector3::x())
             .or_else(|| along(Vector3::y()))
@@ -168,8 +167,8 @@ impl Cell {
 mod tests {
     use super::*;
 
-    // Fails if the plate's centre is taken anywhere but at the spheres'
-    // centroid: the reference worlds have sphere 1 at (643.2624, 0.0606, 320) mm.
+    // Fails if the plate's centre is not the spheres' centroid: the reference worlds have sphere 1
+    // at (643.2624, 0.0606, 320) mm.
     #[test]
     fn spheres_lie_where_the_reference_worlds_have_them() {
         let cell = Cell::iiwa7();

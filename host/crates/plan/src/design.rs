@@ -1,8 +1,8 @@
-//! The optimal plan: poses chosen by the TCP error that they leave over the
-//! workspace, with the accuracy to expect, before anything has moved.
+//! The optimal plan: poses chosen by the predicted TCP error over the workspace, with the accuracy
+//! to expect before anything moves.
 //!
-//! First a small choice among all visits says which of them are worth an
-//! approach and a coupling; then the poses are chosen on those alone.
+//! A first small design over all visits shows which visits are worth an approach and a coupling.
+//! Then the poses are chosen on those visits alone.
 
 use super::candidates::{Candidate, Visit};
 use super::cell::Cell;
@@ -19,16 +19,16 @@ use spherecal_model::chain::Chain;
 const LONGEST: usize = 400;
 /// Poses and candidates of each visit in the choice of visits.
 const SCOUT: (usize, usize) = (40, 60);
-/// Poses that take as long as a visit with the way there.
+/// Number of poses that take as long as a visit with its travel.
 const VISIT_POSES: usize = 7;
-/// Candidates that an exchange looks at besides the chosen ones.
+/// Candidates that an exchange considers besides the chosen ones.
 const SHORTLIST: usize = 700;
 
-/// Chooses and orders the poses. What they promise is in [`Plan::promise`].
+/// Chooses and orders the poses. [`Plan::promise`] has the predicted accuracy.
 ///
 /// # Errors
-/// A cell or a request that makes no sense, a sphere that the arm cannot come
-/// to, or options that identification refuses.
+/// The cell or the request is not possible, the arm cannot reach a sphere, or the identification
+/// refuses the options.
 pub fn design(cell: &Cell, request: &DesignRequest) -> Result<Plan, PlanError> {
     if request.poses == 0 {
         return Err(PlanError::OutOfRange {
@@ -78,10 +78,10 @@ fn design_problem(cell: &Cell, request: &DesignRequest) -> Result<DesignProblem,
     DesignProblem { visits, ..all }.with_candidates(cell, request, count)
 }
 
-/// The visits that are worth an approach and a coupling. One after the other is
-/// left out, always the one that the others make up for best, while there are
-/// too many or while the time of a visit is better spent on more poses of the
-/// others. One of each sphere in each placement stays.
+/// The visits that are worth an approach and a coupling. Visits are removed one after the other,
+/// always the one that the others replace best, while there are too many or while the time of a
+/// visit is better spent on more poses of the others. One visit of each sphere in each placement
+/// stays.
 fn worthwhile(scouted: DesignProblem, request: &DesignRequest) -> Vec<Visit> {
     let most = match request.contacts {
         0 => usize::MAX,
@@ -94,7 +94,7 @@ fn worthwhile(scouted: DesignProblem, request: &DesignRequest) -> Vec<Visit> {
     let key = |v: usize| (scouted.visits[v].sphere_id, scouted.visits[v].place);
     loop {
         let count = kept.iter().filter(|k| **k).count();
-        // So many more poses for a visit less: of a small choice their share.
+        // Number of additional poses for one visit less; in a small design its share.
         let more = if count > most {
             0
         } else {
@@ -129,14 +129,14 @@ fn accuracy(design: &Design<'_>, request: &DesignRequest) -> Accuracy {
     }
 }
 
-/// The plan with as few poses as a predicted mean error of `wanted_mm` takes
-/// ([`Accuracy::mean_mm`]); the number of poses in the request is not looked at.
+/// The plan with the fewest poses whose predicted mean error is `wanted_mm`
+/// ([`Accuracy::mean_mm`]). The number of poses in the request is ignored.
 ///
-/// The number is read off the growing design, then raised until the plan, which
-/// minds the way to each pose as the request says, keeps it.
+/// The number comes from a growing design. It is then raised until the plan itself, which also
+/// weighs the travel as the request says, meets the error.
 ///
 /// # Errors
-/// See [`design`]; and [`PlanError::Accuracy`] where 400 poses are not enough.
+/// See [`design`]; and [`PlanError::Accuracy`] if 400 poses are not enough.
 pub fn design_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Result<Plan, PlanError> {
     if !(wanted_mm > 0.0) {
         return Err(PlanError::OutOfRange {
@@ -175,13 +175,13 @@ pub fn design_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Resul
     }
 }
 
-/// Poses after which a growing design promises the wanted mean error (mm).
+/// Number of poses after which a growing design predicts the wanted mean error (mm).
 fn poses_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Result<usize, PlanError> {
     let design_problem = design_problem(cell, request)?;
     let mut design = design_problem.design(request);
     for poses in 1..=request.poses {
         design.grow(poses, |_| ());
-        // The mean is somewhat under the root mean square, which is at hand.
+        // The mean is somewhat smaller than the root mean square, which is available.
         let maybe = design.root_mean_square(1.0 / request.options.noise.inflation) * 0.7e3 <= wanted_mm;
         if maybe && accuracy(&design, request).mean_mm <= wanted_mm {
             return Ok(poses);
@@ -197,7 +197,7 @@ fn poses_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Result<usi
     })
 }
 
-/// Predicted accuracy of a plan made in any way (the paper's grid, say).
+/// Predicted accuracy of a plan from any source (for example the paper's grid).
 ///
 /// # Errors
 /// See [`design`].

@@ -1,5 +1,5 @@
-//! What a choice of poses is made on: the visits, the candidates on each, and
-//! what every candidate would tell.
+//! The data for choosing poses: the visits, the candidates on each, and the information of every
+//! candidate.
 
 use std::collections::BTreeSet;
 
@@ -28,7 +28,7 @@ pub(super) struct DesignProblem {
     pub(super) visits: Vec<Visit>,
     pub(super) candidates: Vec<Candidate>,
     pub(super) problem: Problem,
-    /// Candidates that there were before any were left out.
+    /// Number of candidates before any were removed.
     pub(super) considered: usize,
 }
 
@@ -93,7 +93,7 @@ impl DesignProblem {
         keys.len()
     }
 
-    /// An empty design that minds the travelling as the request says.
+    /// An empty design that weighs travel as the request says.
     pub(super) fn design(&self, request: &DesignRequest) -> Design<'_> {
         let mut design = Design::new(&self.problem);
         if request.patience.is_finite() {
@@ -102,9 +102,9 @@ impl DesignProblem {
         design
     }
 
-    /// Grows a design to `count` poses. With several placements
-    /// each gets its part of the first half: the first poses in a new place
-    /// only tell where the plate is, so a greedy choice would never begin there.
+    /// Grows a design to `count` poses. With several placements each one gets its part of the first
+    /// half. The first poses in a new placement only determine where the plate is, so a greedy
+    /// choice would never start there.
     pub(super) fn fill(&self, design: &mut Design<'_>, count: usize, mut on_step: impl FnMut(&Design<'_>)) {
         let places: BTreeSet<u32> = self.visits.iter().map(|v| v.place).collect();
         if places.len() > 1 {
@@ -118,8 +118,8 @@ impl DesignProblem {
         design.grow(count, on_step);
     }
 
-    /// The chosen candidates as a plan: visits in the order of least travelling,
-    /// poses in neighbour order.
+    /// The chosen candidates as a plan: visits in the order of least travel, poses in neighbour
+    /// order.
     pub(super) fn plan(&self, cell: &Cell, request: &DesignRequest, chosen: &[usize]) -> Plan {
         let mut plan = Plan {
             robot: cell.robot.name.as_str().to_owned(),
@@ -175,7 +175,8 @@ pub(super) fn validation(chain: &Chain) -> Vec<Vec<f64>> {
         };
         chain.limits().iter().enumerate().map(joint).collect()
     };
-    // Reach as the farthest TCP of many; the iiwa 7 with the paper's tool has 1.4 m.
+    // Reach: the largest TCP distance of many configurations. The iiwa 7 with the paper's tool has
+    // 1.4 m.
     let reach = (1..=500)
         .map(|k| chain.pose(&configuration(k)).position.norm())
         .fold(0.1, f64::max);

@@ -5,10 +5,10 @@ use spherecal_identify::Options;
 use super::candidates::Range;
 use super::path::Rules;
 
-/// Contacts at most where nothing is said: over the worlds, more take robot
-/// time and leave the error where it is; three leave a fifth more.
+/// Default for the largest number of contacts. In the worlds, more contacts take robot time and do
+/// not lower the error; three contacts give a fifth more error.
 pub const CONTACTS: usize = 5;
-/// Poses of a plan whose turns may take as long as recording.
+/// Number of poses of a plan in which a turn may take as long as a recording.
 const PATIENT_POSES: f64 = 60.0;
 
 /// What to plan.
@@ -16,25 +16,25 @@ const PATIENT_POSES: f64 = 60.0;
 pub struct DesignRequest {
     /// Poses in all.
     pub poses: usize,
-    /// Contacts at most, though never less than one of each sphere in each
-    /// placement; 0 for as many as are worth it.
+    /// Largest number of contacts, but at least one per sphere and placement; 0 for as many as are
+    /// worthwhile.
     pub contacts: usize,
-    /// How many recordings' time the way to a pose may take before half of what
-    /// it gains is lost; infinite for the best poses wherever they are.
+    /// Travel time to a pose, in units of a recording's time, at which half of the pose's gain is
+    /// discounted; infinite to ignore travel.
     pub patience: f64,
     /// How wide they may lie.
     pub range: Range,
     /// What configurations and moves must keep.
     pub rules: Rules,
-    /// Model, priors and noise that accuracy is predicted with.
+    /// Model, priors and noise for the predicted accuracy.
     pub options: Options,
     /// Exchange passes after the greedy choice.
     pub passes: usize,
 }
 
 impl DesignRequest {
-    /// `poses` poses over the default ranges on at most five contacts; the more
-    /// poses, the less each gains and the less it may cost.
+    /// `poses` poses over the default ranges on at most five contacts. The more poses, the less
+    /// each gains and the less travel it may cost.
     pub fn new(poses: usize) -> Self {
         let range = Range::default();
         Self {

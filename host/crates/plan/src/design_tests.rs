@@ -15,9 +15,9 @@ fn promised(plan: &Plan) -> Accuracy {
     *plan.promise.last().expect("a design promises")
 }
 
-// Fails if the chosen poses do not promise more than thirty times as many on
-// the paper's grid, if the promise differs from the one computed from the plan
-// alone, if a move is not continuous, or if planning is not deterministic.
+// Fails if the chosen poses do not predict a smaller error than thirty times as many on the paper's
+// grid, if the prediction differs from the one computed from the plan alone, if a move is not
+// continuous, or if planning is not deterministic.
 #[test]
 fn sixty_chosen_poses_promise_more_than_the_papers_grid() {
     let cell = Cell::iiwa7();
@@ -41,8 +41,8 @@ fn sixty_chosen_poses_promise_more_than_the_papers_grid() {
     assert_eq!(designed, again);
 }
 
-// Fails if the plan for an asked accuracy does not promise it, if far fewer poses
-// would do, or if an accuracy out of reach or senseless is promised.
+// Fails if the plan for a requested accuracy does not predict it, if far fewer poses would do, or
+// if an unreachable or impossible accuracy is accepted.
 #[test]
 fn an_asked_accuracy_says_how_many_poses_it_takes() {
     let cell = Cell::iiwa7();
@@ -62,8 +62,8 @@ fn an_asked_accuracy_says_how_many_poses_it_takes() {
     assert!(design_for(&cell, &request, f64::NAN).is_err());
 }
 
-// Fails if more contacts are planned than allowed, a sphere is left out, a
-// branch brings nothing, or less patience does not save time.
+// Fails if more contacts are planned than allowed, if a sphere is left out, if a branch brings
+// nothing, or if less patience does not save time.
 #[test]
 fn contacts_and_robot_time_are_bounded_as_asked() {
     let cell = Cell::iiwa7();
@@ -86,8 +86,8 @@ fn contacts_and_robot_time_are_bounded_as_asked() {
     assert!(hasty.robot_s < 0.97 * three.robot_s);
 }
 
-// Fails if the arm leaves a sphere in another way than it came, or if the first
-// visit does not begin at home.
+// Fails if the arm leaves a sphere in another orientation than it came, or if the first visit does
+// not begin at home.
 #[test]
 fn visits_begin_where_the_last_one_ended() {
     let cell = Cell::iiwa7();

@@ -17,7 +17,7 @@ pub enum PlanError {
     /// No place for the plate.
     #[error("plates is empty: give at least one placement of the plate")]
     NoPlate,
-    /// A number is NaN, infinite or outside what makes sense.
+    /// A number is NaN, infinite or outside its possible range.
     #[error("{field} is {value}: {remedy}")]
     OutOfRange {
         /// Field of the cell or the request.
@@ -27,25 +27,25 @@ pub enum PlanError {
         /// What to write instead.
         remedy: &'static str,
     },
-    /// The model that accuracy is predicted with was refused.
+    /// The model for the predicted accuracy was refused.
     #[error(transparent)]
     Model(#[from] IdentifyError),
-    /// No number of poses comes to the accuracy that was asked for.
+    /// No allowed number of poses reaches the requested accuracy.
     #[error(
         "a mean TCP error of {wanted_mm} mm is not to be expected of {poses} poses or fewer ({best_mm:.3} mm is): \
-         ask for less, move the plate to a second placement (plant.plate.moved), or allow wider poses (plan.range)"
+         ask for less, move the plate to a second placement ([[cell.placements]]), or allow wider poses (plan.range)"
     )]
     Accuracy {
         /// Mean error that was asked for, in mm.
         wanted_mm: f64,
         /// The most poses that were considered.
         poses: usize,
-        /// What they promise, in mm.
+        /// Their predicted mean error, in mm.
         best_mm: f64,
     },
     /// The arm cannot come to a sphere at all.
     #[error(
-        "sphere {sphere} at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm in F0: {obstacle}; move the plate nearer to the middle of the arm's reach"
+        "sphere {sphere} at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm in F0: {obstacle}; move the plate closer to the middle of the arm's reach"
     )]
     SphereOutOfReach {
         /// Id of the sphere.
@@ -56,7 +56,7 @@ pub enum PlanError {
         y_mm: f64,
         /// Its place in F0, in mm.
         z_mm: f64,
-        /// What stands in the way.
+        /// The obstacle.
         obstacle: Obstacle,
     },
 }

@@ -9,6 +9,7 @@ use spherecal_model::chain::{Chain, TcpPose};
 
 /// The angles of a grid about the neutral pose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Grid {
     /// Angles about x, y and z of the tool, in rad.
     pub orientation_rad: Vec<f64>,
@@ -34,7 +35,7 @@ pub struct GridPose {
 }
 
 impl Grid {
-    /// −20 to 20 degrees in steps of 10, orientation and elbow alike: 625 a sphere.
+    /// −20 to 20 degrees in steps of 10, for orientation and elbow: 625 poses per sphere.
     pub fn paper() -> Self {
         let angles: Vec<f64> = (-2..=2).map(|k| 10f64.to_radians() * f64::from(k)).collect();
         Self {
@@ -72,8 +73,8 @@ impl Grid {
         poses
     }
 
-    /// The poses that the arm reaches by continuous motion from the neutral
-    /// pose, where the joints are at `q` (rad), and why not the others.
+    /// The poses that the arm reaches by continuous motion from the neutral pose with joints `q`
+    /// (rad), and why it does not reach the others.
     pub fn reachable(
         &self,
         chain: &Chain,

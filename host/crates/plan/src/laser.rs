@@ -1,12 +1,12 @@
-//! What the tracker is to measure: configurations spread as Tables 3 and 4 of
-//! the paper say, and the arcs of Section 4.3.
+//! Plans the laser measurements: configurations distributed as in Tables 3 and 4 of the paper, and
+//! the arcs of Section 4.3.
 //!
-//! The paper gives mean, standard deviation, minimum and maximum of the TCP
-//! coordinates. Joint angles are drawn uniformly within limits, kept when the
-//! TCP lies in the table's box and the arm clear of table and itself, weighted
-//! by the distribution of greatest entropy that has the table's means and
-//! deviations, drawn, and exchanged until the drawn set itself has them.
-//! A robot of another reach gets the same statistics scaled by its reach.
+//! The paper gives mean, standard deviation, minimum and maximum of the TCP coordinates. Joint
+//! angles are drawn uniformly within limits and kept if the TCP lies in the table's box and the arm
+//! is clear of table and itself. They are weighted by the maximum-entropy distribution with the
+//! table's means and deviations. A set is drawn by these weights, and points are exchanged until
+//! the set itself has these statistics. A robot of another reach gets the same statistics scaled by
+//! its reach.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -27,14 +27,14 @@ pub const TOOL_ARC_POINTS: usize = 153;
 
 /// Share of every joint's range that is used.
 const OF_RANGE: f64 = 0.95;
-/// Reach of the iiwa 7 with its tool, that Tables 3 and 4 belong to: the sum of
-/// all lengths of its table and the TCP's distance from the flange, in m.
+/// Reach of the iiwa 7 with its tool, on which Tables 3 and 4 are based: the sum of all lengths of
+/// its table and the TCP's distance from the flange, in m.
 const PAPER_REACH_M: f64 = 1.266 + 0.111_803_398_874_989_5;
-/// Lowest point of the arm above the table (z = 0 of F0), in m, and distance
-/// between links that are no neighbours, both at the paper's reach.
+/// Smallest height of the arm above the table (z = 0 of F0), in m, and smallest distance between
+/// links that are not neighbours; both at the paper's reach.
 const ABOVE_TABLE_M: f64 = 0.08;
 const APART_M: f64 = 0.15;
-/// Size of the pool that a set is drawn from, and how many draws fill it at most.
+/// Size of the pool from which a set is drawn, and the largest number of draws to fill it.
 const POOL: usize = 4000;
 const MOST_DRAWS: usize = 2_000_000;
 
@@ -100,7 +100,7 @@ impl Spread {
 /// Why no plan could be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LaserPlanError {
-    /// Too few configurations have the TCP where the table wants it.
+    /// Too few configurations have the TCP in the table's box.
     #[error(
         "only {found} of {tried} random configurations of robot {robot} bring the TCP into the measuring volume, \
          {needed} are needed: check the joint limits and the tool"
@@ -134,7 +134,7 @@ pub struct Arc {
     pub configurations: Vec<Vec<f64>>,
 }
 
-/// What the tracker is to measure, as joint angles in rad.
+/// The planned laser measurements, as joint angles in rad.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LaserPlan {
     /// Configurations to calibrate from (284, Table 3).
@@ -204,9 +204,9 @@ impl Planner {
         }
     }
 
-    /// Whether the arm is clear of table and of itself, in a simple sense: the
-    /// polyline of frame origins and TCP above the table, and pieces of it that
-    /// are no neighbours apart from each other.
+    /// Whether the arm is clear of the table and of itself, in a simplified sense: the polyline of
+    /// frame origins and TCP is above the table, and pieces that are not neighbours keep a
+    /// distance.
     fn clear(&self, q: &[f64]) -> Option<Vector3<f64>> {
         let frames = self.chain.frames(q);
         let tcp = self.chain.tcp_of(&frames);
@@ -221,7 +221,7 @@ impl Planner {
         let near = APART_M * self.scale;
         let apart = (0..pieces.len()).all(|i| {
             (i + 2..pieces.len()).all(|j| {
-                // Pieces joined by a short one can never be far apart.
+                // Pieces joined by a short piece can never be far apart.
                 let between: f64 = pieces[i + 1..j].iter().map(|(a, b)| (b - a).norm()).sum();
                 between < 1.5 * near || distance(&pieces[i], &pieces[j]) > near
             })
@@ -269,8 +269,8 @@ impl Planner {
         Ok(chosen.into_iter().map(|i| pool[i].0.clone()).collect())
     }
 
-    /// Arcs of `joints` (from 1) about one of the `rest` configurations: the one
-    /// in which the smallest product of free turn and radius is largest.
+    /// Arcs of `joints` (from 1) about one of the `rest` configurations: the one whose smallest
+    /// product of free turn and radius is largest.
     fn arcs(&self, rest: &[(Vec<f64>, Vector3<f64>)], joints: &[usize], points: usize) -> Vec<Arc> {
         let score = |q: &[f64]| {
             let frames = self.chain.frames(q);
@@ -309,7 +309,7 @@ impl Planner {
             .collect()
     }
 
-    /// How far joint `i` (from 0) can turn either way from `q` and stay clear.
+    /// How far joint `i` (from 0) can turn in both directions from `q` and stay clear.
     fn free(&self, q: &[f64], i: usize) -> (f64, f64) {
         const STEP: f64 = 0.04;
         let (low, high) = self.range[i];
@@ -331,8 +331,8 @@ impl Planner {
     }
 }
 
-/// Weights of greatest entropy under which the points have the target's means
-/// and second moments: `w ∝ exp(λ · f)`, by damped Newton on the dual.
+/// Maximum-entropy weights under which the points have the target's means and second moments: `w ∝
+/// exp(λ · f)`, by damped Newton on the dual.
 fn tilted(points: &[Vector3<f64>], target: &Spread) -> Vec<f64> {
     let features: Vec<[f64; 6]> = points
         .iter()
@@ -393,8 +393,8 @@ fn draw(rng: &mut ChaCha8Rng, weights: &[f64], count: usize) -> Vec<usize> {
     keys.into_iter().take(count).map(|(_, i)| i).collect()
 }
 
-/// Exchanges chosen for spare points while that brings means and deviations
-/// closer to the target. Spare points of little weight are not considered.
+/// Exchanges chosen points for spare ones while that brings means and deviations closer to the
+/// target. Spare points with a small weight are not considered.
 fn exchange(points: &[Vector3<f64>], weights: &[f64], target: &Spread, chosen: &mut [usize]) {
     let n = chosen.len() as f64;
     let z = |i: usize, k: usize| (points[i][k] - target.mean_m[k]) / target.std_m[k];

@@ -1,7 +1,7 @@
-//! The planner: where the arm is to touch, and in which poses it is recorded.
+//! The planner: chooses where the arm touches, and in which poses it is recorded.
 //!
-//! First room of the data's path: robot, tool and cell in, [`Plan`] out; the
-//! campaign sends it pose by pose.
+//! First step of the data's path: robot, tool and cell in, [`Plan`] out. The campaign sends it pose
+//! by pose.
 //!
 //! ```text
 //!  Cell (plate, spheres, rules) ─▶ grid (Section 4.2 of the paper) ────────┐
@@ -9,13 +9,13 @@
 //!   structured model ─▶ candidates ─▶ optimal (error left in the workspace) ┘
 //! ```
 //!
-//! [`design`] is the default: the poses that leave the least TCP error.
-//! [`paper_plan`] is the paper's grid, [`spread_plan`] a thinned one.
+//! [`design`] is the default: the poses with the smallest predicted TCP error. [`paper_plan`] is
+//! the paper's grid, [`spread_plan`] a thinned one.
 //!
-//! Where the plate stands out of reach, [`suggest`] finds a better place.
+//! If the plate is out of reach, [`suggest`] finds a better placement.
 //!
-//! Nothing here knows the plant: plans are made from the nominal robot and the
-//! nominal places of the spheres; the operator's error comes in by [`teach`].
+//! This crate does not know the plant: plans use the nominal robot and the nominal positions of the
+//! spheres. [`teach`] adds the operator's error.
 
 mod bounds;
 mod build;

@@ -1,16 +1,14 @@
-//! Choosing poses by the error that they leave: I-optimality of the predicted
-//! TCP over the validation volume, greedy with exchange swaps.
+//! Chooses poses by the predicted error: I-optimality of the predicted TCP over the validation
+//! volume, greedy with exchange swaps.
 //!
-//! With `Σ` the posterior covariance of the structured model (prior sigma as
-//! unit), `A_c` the whitened 3 x m rows of candidate c and `W` the mean of
-//! `G_vᵀ G_v` over the validation configurations (base aligned), the criterion
-//! is `tr(W Σ)`: the mean square of the predicted TCP error. Adding c changes it
-//! by `−tr((I + S)⁻¹ T)` with `S = A Σ Aᵀ` and `T = A Σ W Σ Aᵀ`, both 3 x 3. They
-//! are kept for every candidate and updated with each choice by products of 6
+//! Let `Σ` be the posterior covariance of the full model (in units of the prior sigma), `A_c` the
+//! whitened 3 x m rows of candidate c, and `W` the mean of `G_vᵀ G_v` over the validation
+//! configurations (base aligned). The criterion is `tr(W Σ)`, the mean square of the predicted TCP
+//! error. Adding c changes it by `−tr((I + S)⁻¹ T)` with `S = A Σ Aᵀ` and `T = A Σ W Σ Aᵀ`, both 3
+//! x 3. `S` and `T` are stored for every candidate and updated with each choice by products of 6
 //! vectors with all rows, so a choice among N costs `18 N m` multiplications.
 //!
-//! A choice may weigh what a pose gains against the time that it takes to come
-//! there ([`Travel`]).
+//! A choice may weigh a pose's gain against its travel time ([`Travel`]).
 
 use nalgebra::{DMatrix, Matrix3, Matrix6, Matrix6xX, SMatrix, Vector3};
 use rayon::prelude::*;
@@ -20,7 +18,7 @@ use super::travel::Travel;
 /// Mean length of a normal 3-vector over its root mean square (exact if isotropic).
 const MEAN_OF_RMS: f64 = 0.9213;
 
-/// What is to be predicted, and what can be measured.
+/// The predictions, and the possible measurements.
 pub(super) struct Problem {
     /// Rows of candidate c are the columns 3c, 3c+1, 3c+2; m x 3N.
     rows: DMatrix<f64>,
@@ -92,8 +90,8 @@ impl Problem {
     }
 }
 
-/// `Xᵀ A` and `Yᵀ A` for a candidate's rows `A` (its three columns one after the
-/// other), X and Y side by side in `left`.
+/// `Xᵀ A` and `Yᵀ A` for a candidate's rows `A` (its three columns one after the other). `left` has
+/// X and Y side by side.
 fn products(left: &[[f64; 6]], rows: &[f64]) -> (Matrix3<f64>, Matrix3<f64>) {
     let (one, rest) = rows.split_at(left.len());
     let (two, three) = rest.split_at(left.len());
@@ -109,7 +107,7 @@ fn products(left: &[[f64; 6]], rows: &[f64]) -> (Matrix3<f64>, Matrix3<f64>) {
     (part(0), part(3))
 }
 
-/// Takes the best-fitting rigid motion of all points out of every column.
+/// Removes the best-fitting rigid motion of all points from every column.
 fn align(blocks: &mut [DMatrix<f64>], points: &[Vector3<f64>]) {
     let m = blocks.first().map_or(0, DMatrix::nrows);
     let mut normal = Matrix6::zeros();
@@ -174,8 +172,8 @@ impl<'a> Design<'a> {
         design
     }
 
-    /// Weighs gains against the time to come there from here on; `patience` is
-    /// how many recordings a turn may last before half of its gain is lost.
+    /// From here on weighs gains against travel time. `patience` is the duration of a turn, in
+    /// recordings, at which half of its gain is discounted.
     pub(super) fn hurry(&mut self, mut travel: Travel<'a>, patience: f64) {
         for c in &self.chosen {
             travel.add(*c);
@@ -194,8 +192,8 @@ impl<'a> Design<'a> {
         design
     }
 
-    /// The same choice with only `allowed` candidates left in it, and the best
-    /// of these added until `count` are chosen.
+    /// The same design with only `allowed` candidates, filled with the best of these until `count`
+    /// are chosen.
     pub(super) fn among(&self, allowed: Vec<bool>, count: usize) -> Self {
         let mut design = self.clone();
         for c in &self.chosen {
@@ -208,8 +206,8 @@ impl<'a> Design<'a> {
         design
     }
 
-    /// The chosen candidates, and of the other allowed ones the `count` most
-    /// useful: what an exchange needs to look at.
+    /// The chosen candidates, and the `count` most useful of the other allowed ones: the candidates
+    /// for an exchange.
     pub(super) fn shortlist(&self, count: usize) -> Vec<usize> {
         let mut others: Vec<usize> = (0..self.problem.count())
             .filter(|c| self.allowed[*c] && !self.taken[*c])
@@ -219,7 +217,7 @@ impl<'a> Design<'a> {
         self.chosen.iter().copied().chain(others).collect()
     }
 
-    /// Only candidates that `allowed` names may be chosen from here on.
+    /// From here on only candidates in `allowed` may be chosen.
     pub(super) fn allow(&mut self, allowed: Vec<bool>) {
         self.allowed = allowed;
     }
@@ -259,20 +257,20 @@ impl<'a> Design<'a> {
         self.value = self.problem.weight.dot(&self.sigma);
     }
 
-    /// How much adding a candidate takes off the criterion, in m².
+    /// How much adding a candidate lowers the criterion, in m².
     fn gain(&self, c: usize) -> f64 {
         let m = Matrix3::identity() + self.s[c];
         m.try_inverse().map_or(0.0, |inverse| (inverse * self.t[c]).trace())
     }
 
-    /// How much removing a chosen one adds to the criterion, in m².
+    /// How much removing a chosen candidate raises the criterion, in m².
     fn loss(&self, c: usize) -> f64 {
         let m = Matrix3::identity() - self.s[c];
         m.try_inverse()
             .map_or(f64::INFINITY, |inverse| (inverse * self.t[c]).trace())
     }
 
-    /// What a candidate gains, the way there considered.
+    /// Gain of a candidate, with its travel considered.
     fn worth(&self, c: usize) -> f64 {
         let share = self.travel.as_ref().map_or(1.0, |(t, patience)| t.share(c, *patience));
         share * self.gain(c)
@@ -341,8 +339,8 @@ impl<'a> Design<'a> {
         }
     }
 
-    /// Adds the best candidates until `count` are chosen. `on_step` sees the
-    /// design after each.
+    /// Adds the best candidates until `count` are chosen. `on_step` is called with the design after
+    /// each.
     pub(super) fn grow(&mut self, count: usize, mut on_step: impl FnMut(&Self)) {
         while self.chosen.len() < count {
             let Some(c) = self.best() else {
@@ -353,9 +351,9 @@ impl<'a> Design<'a> {
         }
     }
 
-    /// Exchange swaps: each chosen pose is taken out, least useful first, and
-    /// the best candidate put in its place; ends when a pass takes less than
-    /// `tolerance` (relative) off the criterion, or after `passes`.
+    /// Exchange swaps: removes each chosen pose, the least useful first, and adds the best
+    /// candidate instead. Ends when a pass lowers the criterion by less than `tolerance`
+    /// (relative), or after `passes`.
     pub(super) fn exchange(&mut self, passes: usize, tolerance: f64) {
         for _ in 0..passes {
             let before = self.value;
@@ -374,14 +372,14 @@ impl<'a> Design<'a> {
         }
     }
 
-    /// Root mean square of the predicted error with this choice, `floor` times
-    /// the joint noise included, in m (times the mean length over it).
+    /// Root mean square of the predicted error with this choice, with `floor` times the joint
+    /// noise, in m (times the mean length over it).
     pub(super) fn root_mean_square(&self, floor: f64) -> f64 {
         let noise = self.problem.noise.iter().sum::<f64>() / self.problem.noise.len().max(1) as f64;
         MEAN_OF_RMS * (self.value + floor * floor * noise).max(0.0).sqrt()
     }
 
-    /// The predicted error with this choice, `floor` times the joint noise included.
+    /// The predicted error with this choice, with `floor` times the joint noise.
     pub(super) fn predicted(&self, floor: f64) -> Predicted {
         let all = self.problem.predictions.par_iter().zip(&self.problem.noise);
         let lengths: Vec<f64> = all
@@ -415,7 +413,7 @@ mod tests {
         Problem::new(m, &candidates, &predictions)
     }
 
-    // The criterion from scratch, by inverting the information matrix.
+    // The criterion computed directly, by inverting the information matrix.
     fn direct(problem: &Problem, chosen: &[usize]) -> f64 {
         let m = problem.weight.nrows();
         let mut information = DMatrix::<f64>::identity(m, m);
@@ -426,7 +424,7 @@ mod tests {
         (&problem.weight * information.try_inverse().expect("positive definite")).trace()
     }
 
-    // Fails if an update of Σ, S, T or the criterion is wrong in adding or removing.
+    // Fails if an update of Σ, S, T or the criterion is wrong when a candidate is added or removed.
     #[test]
     fn updates_equal_the_direct_computation() {
         let problem = problem(40, 8);
@@ -446,7 +444,7 @@ mod tests {
         }
     }
 
-    // Fails if the greedy step is not the best single one, or a swap makes things worse.
+    // Fails if the greedy step is not the best single one, or if a swap increases the criterion.
     #[test]
     fn greedy_takes_the_best_and_exchange_never_loses() {
         let problem = problem(40, 8);

@@ -1,10 +1,10 @@
-//! Neighbour order: short continuous moves, about a second each, instead of the
-//! four or five that a random order takes.
+//! Neighbour order: short continuous moves of about a second each; a random order takes four or
+//! five.
 
 use spherecal_model::chain::{TcpPose, turn_between};
 
-/// Size of a move, in rad: the larger of rotation and elbow rules the time, the
-/// other breaks ties.
+/// Size of a move, in rad: the larger of rotation and elbow angle determines the time, the other
+/// breaks ties.
 pub fn move_size(a: &TcpPose, b: &TcpPose) -> f64 {
     let elbow = match (a.elbow, b.elbow) {
         (Some(a), Some(b)) => (b - a).abs(),
@@ -14,18 +14,17 @@ pub fn move_size(a: &TcpPose, b: &TcpPose) -> f64 {
     turn.max(elbow) + 0.1 * turn.min(elbow)
 }
 
-/// Order in which to visit `poses` on a round trip from `start` and back near
-/// it, where the arm leaves as it came. Indices into `poses`.
+/// Order in which to visit `poses` on a round trip from `start` and back close to it, where the arm
+/// leaves in the orientation of the approach. Indices into `poses`.
 pub fn order(start: &TcpPose, poses: &[TcpPose]) -> Vec<usize> {
     let n = poses.len();
     let at = |k: usize| poses.get(k).unwrap_or(start);
     round_trip(n, |a, b| move_size(at(a), at(b)) as f32)
 }
 
-/// A short round trip from node `n` over the nodes 0 to n-1: nearest
-/// neighbour, then 2-opt and single moves until nothing gets shorter. `size` is
-/// the way between two nodes, the same in both directions; f32 halves the
-/// traffic, and an order needs no more.
+/// A short round trip from node `n` over the nodes 0 to n-1: nearest neighbour, then 2-opt and
+/// single moves until nothing gets shorter. `size` is the distance between two nodes, the same in
+/// both directions. f32 halves the memory traffic and is precise enough for an order.
 pub(super) fn round_trip(n: usize, size: impl Fn(usize, usize) -> f32) -> Vec<usize> {
     if n == 0 {
         return Vec::new();
@@ -73,7 +72,7 @@ fn two_opt(tour: &mut [usize], d: &impl Fn(usize, usize) -> f32) -> bool {
     improved
 }
 
-/// One sweep that takes each node out and puts it where it costs least.
+/// One sweep that removes each node and inserts it at the cheapest position.
 fn relocate(tour: &mut Vec<usize>, d: &impl Fn(usize, usize) -> f32) -> bool {
     let n = tour.len();
     let mut improved = false;
@@ -81,7 +80,7 @@ fn relocate(tour: &mut Vec<usize>, d: &impl Fn(usize, usize) -> f32) -> bool {
         let node = tour[i];
         let detour = |a: usize, b: usize| d(a, node) + d(node, b) - d(a, b);
         let saved = detour(tour[i - 1], tour[(i + 1) % n]);
-        // Place k: between tour[k] and the next, not next to itself.
+        // Position k: between tour[k] and the next, not next to itself.
         let best = (0..n)
             .filter(|k| *k != i && *k + 1 != i)
             .map(|k| (k, detour(tour[k], tour[(k + 1) % n])))
@@ -98,8 +97,8 @@ fn relocate(tour: &mut Vec<usize>, d: &impl Fn(usize, usize) -> f32) -> bool {
     improved
 }
 
-/// Indices of `count` poses spread well over `poses`: the one nearest to
-/// `start`, then always the one farthest from those taken.
+/// Indices of `count` poses spread well over `poses`: first the nearest to `start`, then always the
+/// farthest from those taken.
 pub(super) fn spread(start: &TcpPose, poses: &[TcpPose], count: usize) -> Vec<usize> {
     let size = |a: &TcpPose, b: &TcpPose| {
         let elbow = match (a.elbow, b.elbow) {

@@ -1,17 +1,17 @@
-//! Continuous motion: what the controller does between two poses, followed step
-//! by step on the nominal robot.
+//! Continuous motion: follows the controller's motion between two poses step by step on the nominal
+//! robot.
 //!
-//! The controller turns the orientation along the shortest arc and moves the
-//! elbow angle in step with it, the TCP at rest (or, in free space here, on a
-//! straight line). A move is allowed when inverse kinematics follows it without
-//! a jump, inside the joint limits and away from the singular places.
+//! The controller turns the orientation along the shortest arc and moves the elbow angle in
+//! proportion. The TCP rests (or, in free space, moves on a straight line). A move is allowed if
+//! the inverse kinematics follows it without a jump, inside the joint limits and away from
+//! singularities.
 
 use nalgebra::Rotation3;
 use serde::{Deserialize, Serialize};
 
 use spherecal_model::chain::{Chain, TcpPose, rotation_vector, turn_between, wrapped};
 
-/// What stands in the way of a pose or a move.
+/// The obstacle to a pose or a move.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum Obstacle {
@@ -29,7 +29,7 @@ pub enum Obstacle {
     /// Too near to a singular place.
     #[error("singular: joint {joint} at {angle_deg:.1} degrees")]
     Singular {
-        /// Joint whose axis aligns its neighbours; 0 where no single joint does.
+        /// Joint whose axis aligns its neighbours; 0 if no single joint does.
         joint: u32,
         /// Its angle, in degrees (for joint 0: 0).
         angle_deg: f64,
@@ -58,6 +58,7 @@ impl Obstacle {
 
 /// What a configuration and a move must keep.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Rules {
     /// Distance to every joint limit, in rad.
@@ -74,9 +75,9 @@ pub struct Rules {
 }
 
 impl Default for Rules {
-    /// Keeps 15 degrees from the shoulder's singularity, where the elbow turns
-    /// joint 1 fast, and 10 from those of elbow and wrist; 7 degrees from the
-    /// limits: the arm gives way while it turns, and more where it breaks loose.
+    /// Keeps 15 degrees from the shoulder's singularity, where the elbow angle turns joint 1 fast,
+    /// and 10 from those of elbow and wrist. Keeps 7 degrees from the limits, because the arm
+    /// deviates while it turns, and more when static friction breaks.
     fn default() -> Self {
         Self {
             limit_margin_rad: 7f64.to_radians(),
@@ -89,8 +90,8 @@ impl Default for Rules {
 }
 
 impl Rules {
-    /// What the paper's whole grid is filtered by: 2 degrees to the limits, as
-    /// in the reference worlds (1,843 of 1,875 poses), and no singular place hit.
+    /// The filter of the paper's whole grid: 2 degrees to the limits, as in the reference worlds
+    /// (1,843 of 1,875 poses), and no exact singularity.
     pub fn paper() -> Self {
         Self {
             limit_margin_rad: 2f64.to_radians(),
@@ -99,7 +100,7 @@ impl Rules {
         }
     }
 
-    /// The rules for passing through: a third of the distance to singular places.
+    /// The rules for passing through: a third of the distance to singularities.
     pub fn passing(&self) -> Self {
         Self {
             singular_rad: self.singular_rad.map(|s| s / 3.0),
@@ -108,10 +109,10 @@ impl Rules {
         }
     }
 
-    /// Checks one configuration that is to be recorded.
+    /// Checks one configuration for a recording.
     ///
     /// # Errors
-    /// The limit or the singular place that is too near.
+    /// The limit or the singularity that is too close.
     pub fn configuration(&self, chain: &Chain, q: &[f64]) -> Result<(), Obstacle> {
         for ((joint, q), limit) in (1..).zip(q).zip(chain.limits()) {
             if *q < limit.min_rad + self.limit_margin_rad || *q > limit.max_rad - self.limit_margin_rad {
@@ -141,12 +142,11 @@ impl Rules {
         Ok(())
     }
 
-    /// Follows the move from `from`, where the joints are at `q`, to `to`, by
-    /// the rules for [`passing`](Self::passing). Returns the joint angles at the
-    /// end, in rad.
+    /// Follows the move from `from`, where the joints are at `q`, to `to`, by the rules for
+    /// [`passing`](Self::passing). Returns the joint angles at the end, in rad.
     ///
     /// # Errors
-    /// What stands in the way.
+    /// The first obstacle.
     pub fn follow(&self, chain: &Chain, from: &TcpPose, q: &[f64], to: &TcpPose) -> Result<Vec<f64>, Obstacle> {
         let count = (move_angle(from, to) / self.step_rad)
             .max((to.position - from.position).norm() / 0.010)

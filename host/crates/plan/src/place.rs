@@ -1,8 +1,7 @@
-//! Where to put the plate: a place that this arm can work at.
+//! Finds a placement of the plate where this arm can work.
 //!
-//! A plan is made for a plate that stands where the configuration says. Where
-//! that is out of reach, [`suggest`] finds a place that is not, so that the
-//! refusal can name it.
+//! A plan uses the plate's pose from the configuration. If that is out of reach, [`suggest`] finds
+//! a reachable placement, so that the error can name it.
 
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
@@ -16,13 +15,13 @@ use spherecal_model::chain::{Chain, TcpPose};
 const RADIUS: (f64, f64, u32) = (0.25, 0.075, 10);
 /// Heights of the sphere centres over F0, in m.
 const HEIGHT: (f64, f64, u32) = (0.05, 0.075, 8);
-/// Tilts about the tool's axes that a useful place allows, in rad: the paper's widest.
+/// Tilts about the tool's axes that a useful placement allows, in rad: the paper's largest.
 const TILT: f64 = 20.0 * core::f64::consts::PI / 180.0;
 
-/// A place for the plate on the x axis of F0, turned as the cell's first: of a
-/// grid the one at which the arm reaches the most of the widest turns of the
-/// paper's grid on every sphere, and of those the one with the most room to the
-/// joint limits. `None` where it reaches all spheres from nowhere.
+/// A placement of the plate on the x axis of F0, with the orientation of the cell's first. It is
+/// the one of a grid at which the arm reaches most of the largest turns of the paper's grid on all
+/// spheres, and of those the one with the largest distance to the joint limits. `None` if no
+/// placement has all spheres within reach.
 pub fn suggest(cell: &Cell, chain: &Chain, rules: &Rules) -> Option<PlatePose> {
     let like = cell.plates.first()?;
     let places: Vec<(u32, u32)> = (0..RADIUS.2).flat_map(|i| (0..HEIGHT.2).map(move |k| (i, k))).collect();
@@ -38,7 +37,7 @@ pub fn suggest(cell: &Cell, chain: &Chain, rules: &Rules) -> Option<PlatePose> {
             Some((worth(cell, chain, rules, &plate)?, plate))
         })
         .collect();
-    // The first of equals: the answer does not depend on the number of threads.
+    // The first of equals, so the result does not depend on the number of threads.
     let better = |a: &(usize, f64), b: &(usize, f64)| a.0 > b.0 || (a.0 == b.0 && a.1 > b.1);
     let mut best: Option<((usize, f64), PlatePose)> = None;
     for found in worths {
@@ -49,8 +48,8 @@ pub fn suggest(cell: &Cell, chain: &Chain, rules: &Rules) -> Option<PlatePose> {
     best.map(|(_, plate)| plate)
 }
 
-/// Turns that are within reach at a place, over all spheres, and the least room
-/// to a joint limit at the neutral poses, in rad; `None` where a sphere is not.
+/// Number of turns within reach at a placement, over all spheres, and the smallest distance to a
+/// joint limit at the neutral poses, in rad; `None` if a sphere is out of reach.
 fn worth(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose) -> Option<(usize, f64)> {
     let mut cell = Cell {
         plates: vec![*plate],

@@ -1,4 +1,4 @@
-//! The operator: waypoints taught by hand are some millimetres off.
+//! The operator's error: waypoints taught by hand are some millimetres off.
 
 use nalgebra::Vector3;
 use rand::SeedableRng;
@@ -8,11 +8,11 @@ use rand_distr::{Distribution, Uniform};
 use super::types::Plan;
 use spherecal_model::chain::{Chain, TcpPose, rotation_of};
 
-/// Moves every approach waypoint by up to `error_m` along each axis of F0, as
-/// quick hand-guiding does (uniform, from `seed`); the joints follow.
+/// Moves every approach waypoint by up to `error_m` along each axis of F0, as quick hand-guiding
+/// does (uniform, from `seed`), and adapts the joints.
 ///
-/// Two visits to one sphere in one placement share the error: it was taught
-/// once. Where the shifted waypoint cannot be reached the planned one stays.
+/// Two visits to one sphere in one placement share the error, because the sphere was taught once.
+/// If the shifted waypoint is out of reach, the planned one stays.
 pub fn teach(plan: &mut Plan, chain: &Chain, error_m: f64, seed: u64) {
     let Ok(axis) = Uniform::new_inclusive(-error_m.abs(), error_m.abs()) else {
         return;

@@ -4,9 +4,8 @@ use spherecal_model::chain::{Chain, TcpPose, rotation_of};
 
 use super::{Cell, Plan, Rules};
 
-/// Every move of a visit on the nominal robot, followed in steps half as long
-/// as the planner's: fails if a via is missing or the joints are those of
-/// another branch.
+/// Follows every move of a visit on the nominal robot in steps half as long as the planner's. Fails
+/// if a via is missing or the joints belong to another branch.
 pub(super) fn assert_continuous(cell: &Cell, rules: &Rules, plan: &Plan) {
     let chain = Chain::new(&cell.robot, &cell.tool).expect("the cell's own robot");
     let finer = Rules {

@@ -1,8 +1,7 @@
-//! How long the arm takes for what a plan asks of it.
+//! The durations of a plan's parts.
 //!
-//! Motions follow the controller's rest-to-rest quintic under the procedure's
-//! default speeds; what does not depend on the plan is counted as simulated
-//! campaigns measured it.
+//! Motions follow the controller's rest-to-rest quintic with the procedure's default speeds. Times
+//! that do not depend on the plan were measured in simulated campaigns.
 
 use spherecal_shared::procedure::{Motion, Turn};
 
@@ -11,8 +10,8 @@ pub(super) const RECORD_S: f64 = 1.65;
 /// Approach, contact, coupling, test pull and decoupling, in s.
 pub(super) const VISIT_S: f64 = 13.5;
 
-/// Time of a quintic from rest to rest over `distance`, in s: its speed peaks
-/// at 1.875 times the mean, its acceleration at 5.774 distances over time squared.
+/// Time of a quintic from rest to rest over `distance`, in s. Its peak speed is 1.875 times the
+/// mean; its peak acceleration is 5.774 times the distance over the time squared.
 fn quintic_s(distance: f64, speed: f64, acceleration: f64) -> f64 {
     (1.875 * distance / speed).max((5.774 * distance / acceleration).sqrt())
 }

@@ -1,5 +1,4 @@
-//! What the way to a pose costs in time, and the order of visits that takes
-//! the least.
+//! Travel time to a pose, and the order of visits with the least travel.
 
 use super::candidates::{Candidate, Visit, way_is_clear};
 use super::cell::Cell;
@@ -9,8 +8,8 @@ use super::times::{RECORD_S, motion_s, turn_s};
 use super::types::Waypoint;
 use spherecal_model::chain::Chain;
 
-/// What it costs to come to a candidate: the turn from the nearest pose of its
-/// visit that is chosen already, or from where the visit begins.
+/// Travel cost of a candidate: the turn from the nearest chosen pose of its visit, or from the
+/// start of the visit.
 #[derive(Clone)]
 pub(super) struct Travel<'a> {
     candidates: &'a [Candidate],
@@ -64,16 +63,15 @@ impl<'a> Travel<'a> {
         }
     }
 
-    /// Share of a candidate's gain that counts: gain per second, in units of a
-    /// pose that is on the way, less and less so as `patience` grows.
+    /// Share of a candidate's gain that counts: gain per second, relative to a pose without travel.
+    /// The larger `patience`, the smaller the discount.
     pub(super) fn share(&self, candidate: usize, patience: f64) -> f64 {
         (patience * RECORD_S) / (patience * RECORD_S + self.reach_s[candidate])
     }
 }
 
-/// The order of visits that takes the least travelling, from home and back, and
-/// for each whether the way to it leads over home: where the straight joint
-/// motion from the visit before is not clear.
+/// The order of visits with the least travel, from home and back, and for each visit whether its
+/// path leads over home: it does if the straight joint motion from the previous visit is not clear.
 pub(super) fn tour(cell: &Cell, chain: &Chain, home: &Waypoint, visits: &[&Visit]) -> Vec<(usize, bool)> {
     let at = |k: usize| visits.get(k).map_or(&home.joints, |v| &v.start.approach.joints);
     let n = visits.len();

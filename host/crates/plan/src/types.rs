@@ -24,14 +24,14 @@ pub struct Waypoint {
 pub struct PosePlan {
     /// Id of the pose, unique within the plan.
     pub id: u32,
-    /// Only passed through, not recorded: it keeps the motion continuous.
+    /// Only passed through, not recorded. Such a pose keeps the motion continuous.
     #[serde(default)]
     pub via: bool,
     /// Orientation of FT in F0 as a unit quaternion w, x, y, z.
     pub orientation: [f64; 4],
     /// Elbow angle in rad, for arms that have one.
     pub elbow_rad: Option<f64>,
-    /// Joint angles of the nominal robot, continuous with the pose before, in rad.
+    /// Joint angles of the nominal robot, continuous with the previous pose, in rad.
     pub joints: Vec<f64>,
 }
 
@@ -47,11 +47,11 @@ pub struct SpherePlan {
     pub place: u32,
     /// Nominal centre of the sphere in F0, in m.
     pub position_m: [f64; 3],
-    /// Whether the way to the approach leads over home, and not straight from
-    /// the visit before.
+    /// Whether the path to the approach leads over home instead of straight from the previous
+    /// visit.
     #[serde(default = "over_home")]
     pub over_home: bool,
-    /// Where the descent begins: against the approach direction from the centre.
+    /// Start of the descent: above the centre, against the approach direction.
     pub approach: Waypoint,
     /// Direction of the descent in F0, a unit vector.
     pub approach_direction: [f64; 3],
@@ -71,14 +71,14 @@ impl SpherePlan {
     }
 }
 
-/// A pose of the grid that is not in the plan, and why.
+/// A pose of the grid that is not in the plan, and the reason.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rejection {
     /// Id that the pose would have had.
     pub id: u32,
     /// Its sphere.
     pub sphere_id: u32,
-    /// What stands in the way.
+    /// The obstacle.
     pub obstacle: Obstacle,
 }
 
@@ -110,8 +110,8 @@ pub struct Plan {
     pub rejected: Vec<Rejection>,
     /// Predicted robot time, in s: visits, turning and recording.
     pub robot_s: f64,
-    /// Predicted accuracy against the number of poses, the last item that of
-    /// the whole plan; empty where none was predicted.
+    /// Predicted accuracy against the number of poses. The last item is that of the whole plan.
+    /// Empty if none was predicted.
     #[serde(default)]
     pub promise: Vec<Accuracy>,
 }

@@ -1,5 +1,5 @@
-//! What every report says of a calibration: its parameters, what the data
-//! determine, and the fit by group.
+//! The parts of every report about a calibration: its parameters, what the data determine, and the
+//! fit by group.
 
 use spherecal_identify::{Calibration, GroupFit, Reference, Unit};
 
@@ -32,7 +32,7 @@ pub fn parameter_rows(calibration: &Calibration) -> Vec<ParameterRow> {
         .collect()
 }
 
-/// Correlations of links, tool and compliance: the effects and frames left out.
+/// Correlations of the parameters of links, tool and compliance, without effects and frames.
 pub fn correlation(calibration: &Calibration) -> Option<Correlation> {
     let all = calibration.correlation();
     let names = calibration.free_names();
@@ -54,7 +54,7 @@ pub fn correlation(calibration: &Calibration) -> Option<Correlation> {
     })
 }
 
-/// What the data could tell, in sentences.
+/// What the data could determine, in sentences.
 pub fn identifiability_words(calibration: &Calibration) -> Vec<String> {
     let i = &calibration.identifiability;
     let mut words = vec![format!(

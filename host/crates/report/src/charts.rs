@@ -1,7 +1,7 @@
-//! Figures as SVG, by `plotters`, in colours that the page's theme decides.
+//! Draws figures as SVG, by `plotters`, in the colours of the page's theme.
 //!
-//! `plotters` writes fixed colours; each colour used here is a stand-in (see
-//! [`PALETTE`]) that [`themed`] turns into a CSS variable of the page.
+//! `plotters` writes fixed colours. Each colour used here is a placeholder (see [`PALETTE`]) that
+//! [`themed`] replaces by a CSS variable of the page.
 
 use std::fmt::Write as _;
 
@@ -20,7 +20,7 @@ pub struct ChartError {
     pub message: String,
 }
 
-/// Stand-ins and the CSS variables that they become.
+/// Placeholder colours and the CSS variables that replace them.
 const PALETTE: [(RGBColor, &str); 13] = [
     (INK, "--ink"),
     (FAINT, "--rule"),
@@ -39,7 +39,7 @@ const PALETTE: [(RGBColor, &str); 13] = [
 pub(super) const INK: RGBColor = RGBColor(1, 2, 3);
 pub(super) const FAINT: RGBColor = RGBColor(4, 5, 6);
 pub(super) const SOFT: RGBColor = RGBColor(7, 8, 9);
-/// One for each model that there is (see [`colour`]), and one for any other.
+/// One colour for each known model (see [`colour`]), and one for any other.
 pub(super) const SERIES: [RGBColor; 8] = [
     RGBColor(10, 11, 12),
     RGBColor(13, 14, 15),
@@ -74,7 +74,7 @@ pub(super) fn short(value: &f64) -> String {
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
-/// Draws into an SVG of the given size and hands it back in the page's colours.
+/// Draws into an SVG of the given size and returns it in the page's colours.
 pub(super) fn draw(
     size: (u32, u32),
     what: &str,
@@ -93,8 +93,8 @@ pub(super) fn draw(
     Ok(themed(&svg, size, what))
 }
 
-/// Stand-in colours to CSS variables, fixed size to a flexible one, a label for
-/// those who do not see it.
+/// Replaces placeholder colours by CSS variables and the fixed size by a flexible one, and adds a
+/// label for screen readers.
 fn themed(svg: &str, (width, height): (u32, u32), what: &str) -> String {
     let start = svg.find("<svg").unwrap_or(0);
     let body = svg[start..].find('>').map_or("", |k| &svg[start + k + 1..]);
@@ -285,7 +285,7 @@ pub(super) fn force(trace: &ContactTrace) -> Result<String, ChartError> {
     })
 }
 
-/// Residuals in the order of recording, by group; outliers ringed.
+/// Residuals in the order of recording, by group, with outliers ringed.
 pub(super) fn residuals(points: &[ResidualPoint]) -> Result<String, ChartError> {
     let mut groups: Vec<&str> = Vec::new();
     for p in points {
@@ -293,7 +293,8 @@ pub(super) fn residuals(points: &[ResidualPoint]) -> Result<String, ChartError> 
             groups.push(&p.group);
         }
     }
-    // Gross outliers would press all else to the floor: they are drawn at the top edge.
+    // Large outliers would compress all other points to the bottom, so they are drawn at the top
+    // edge.
     let mut sorted: Vec<f64> = points.iter().map(|p| p.distance_mm).collect();
     sorted.sort_unstable_by(f64::total_cmp);
     let high = sorted
@@ -339,11 +340,11 @@ pub(super) fn residuals(points: &[ResidualPoint]) -> Result<String, ChartError> 
     })
 }
 
-/// Predicted against found errors, with the lines of one and two sigma.
+/// Predicted errors against errors found, with the lines of one and two sigma.
 pub(super) fn prediction(p: &Prediction) -> Result<String, ChartError> {
     draw(
         (760, 320),
-        "Predicted and found error of every judging sample",
+        "Predicted and actual error of every validation sample",
         |area| {
             let x = p.pairs_mm.iter().map(|v| v.0).fold(1e-6, f64::max) * 1.08;
             let y = p.pairs_mm.iter().map(|v| v.1).fold(1e-6, f64::max).max(x) * 1.08;

@@ -27,7 +27,7 @@ fn rows(judged: &Judged) -> Vec<ModelRow> {
         .collect()
 }
 
-/// Most points of a figure: more do not show, and make the page heavy.
+/// Most points in a figure: more would not be visible, and would make the page large.
 const DRAWN: usize = 5000;
 /// Most outliers of a kind in the table.
 const LISTED: usize = 200;
@@ -41,7 +41,7 @@ fn distances(m: &JudgedModel) -> Vec<f64> {
     m.samples.iter().map(|s| s.distance_mm).collect()
 }
 
-/// The report of a study; `created` says when, in words.
+/// The report of a study; `created` is its date, in words.
 pub fn study_report(study: &Study, created: &str) -> ReportInput {
     let evaluation = &study.evaluation;
     let calibration = &evaluation.calibration;
@@ -69,7 +69,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         )
     } else {
         format!(
-            "The calibrated {name} is no better than the nominal one: mean position error {:.3} mm, nominally {:.3} mm.",
+            "The calibrated {name} is not better than the nominal one: mean position error {:.3} mm, with the nominal model {:.3} mm.",
             calibrated.mean_mm, nominal.mean_mm
         )
     };
@@ -183,7 +183,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
     let mut notes = study.notes.clone();
     if calibration.residual.rows.len() > rows_drawn.len() {
         notes.push(format!(
-            "the figures by row show every {}th of {} rows; tables and histograms are of all",
+            "the figures by row show every {}th of {} rows; tables and histograms use all rows",
             calibration.residual.rows.len().div_ceil(DRAWN),
             calibration.residual.rows.len()
         ));

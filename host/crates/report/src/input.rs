@@ -1,11 +1,11 @@
-//! What a report is made from: plain data, every section optional.
+//! The input of a report: plain data, with every section optional.
 
 /// The verdict in words.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Headline {
     /// Whether the result may be used.
     pub trusted: bool,
-    /// One sentence: is the robot better, and by how much.
+    /// One sentence: whether the robot is better, and by how much.
     pub sentence: String,
     /// Why not, or what to keep in mind.
     pub reasons: Vec<String>,
@@ -41,7 +41,7 @@ pub struct ErrorTable {
     pub rows: Vec<ModelRow>,
 }
 
-/// The errors of one model, one per judging sample, in mm.
+/// The errors of one model, one per validation sample, in mm.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ErrorSeries {
     /// Model, such as `nominal`.
@@ -100,7 +100,7 @@ pub struct Curves {
     pub band: f64,
 }
 
-/// One parameter (Table 6 of the paper, with what it lacks).
+/// One parameter (Table 6 of the paper, with its uncertainty).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ParameterRow {
     /// Name.
@@ -113,7 +113,7 @@ pub struct ParameterRow {
     pub estimate: f64,
     /// Standard deviation now.
     pub sigma: f64,
-    /// Standard deviation before the data were seen; 0 where there is none.
+    /// Standard deviation before the data; 0 if there is none.
     pub prior_sigma: f64,
     /// Estimated at all.
     pub free: bool,
@@ -148,7 +148,7 @@ pub struct Prediction {
     pub mean_mm: f64,
     /// Largest in the workspace (1 sigma), in mm.
     pub max_mm: f64,
-    /// Predicted (1 sigma) and found error of each judging sample, in mm.
+    /// Predicted (1 sigma) and actual error of each validation sample, in mm.
     pub pairs_mm: Vec<(f64, f64)>,
 }
 
@@ -159,13 +159,13 @@ pub struct SimpleTable {
     pub title: String,
     /// Words under the title.
     pub caption: String,
-    /// Heads of the columns; the first is text, the others are set as numbers.
+    /// Column headers. The first column is text, the others are set as numbers.
     pub columns: Vec<String>,
     /// Rows of cells.
     pub rows: Vec<Vec<String>>,
 }
 
-/// Everything that a report may show. What is empty is left out.
+/// All data that a report can show. Empty sections are left out.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReportInput {
     /// What the report is about, such as `iiwa7`.
@@ -190,7 +190,7 @@ pub struct ReportInput {
     pub stillness_tables: Vec<SimpleTable>,
     /// Parameters.
     pub parameters: Vec<ParameterRow>,
-    /// What the data could tell, in sentences.
+    /// What the data could determine, in sentences.
     pub identifiability: Vec<String>,
     /// Residuals of the calibration, in the order in which they were recorded.
     pub residuals: Vec<ResidualPoint>,

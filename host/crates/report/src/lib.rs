@@ -1,12 +1,12 @@
-//! The report: one self-contained HTML file, readable on screen (light and
-//! dark) and on paper, without a request to any network.
+//! The report: one self-contained HTML file for screen (light and dark) and paper. It makes no
+//! network request.
 //!
 //! ```text
 //!   study, or run ─▶ ReportInput (plain data, every section optional) ─▶ render ─▶ report.html
 //! ```
 //!
-//! What is said comes first, in words; then the numbers, each with its figure.
-//! Figures are SVG inside the page; their colours follow the page's theme.
+//! The conclusion comes first, in words; then the numbers, each with its figure. Figures are SVG
+//! inside the page; their colours follow the page's theme.
 
 pub mod calibration;
 mod charts;

@@ -1,5 +1,5 @@
-//! The page: sections in the order in which they are asked for. All text of
-//! the user's is escaped by the templates.
+//! The page, with its sections in the order of a reader's questions. The templates escape all text
+//! from the user.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
@@ -16,7 +16,7 @@ const SHOWN_OUTLIERS: usize = 20;
 /// Renders the page.
 ///
 /// # Errors
-/// A figure that could not be drawn, in words.
+/// A figure could not be drawn.
 pub fn render(input: &ReportInput) -> Result<String, ChartError> {
     let mut sections: Vec<(&str, &str, Markup)> = Vec::new();
     let mut add = |id: &'static str, title: &'static str, body: Option<Markup>| {
@@ -54,7 +54,7 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
                     @for (id, title, body) in &sections {
                         section id=(id) { h2 { (title) } (body) }
                     }
-                    footer { "Written by spherecal " (env!("CARGO_PKG_VERSION")) ". This file holds everything it shows and asks no network for anything." }
+                    footer { "Written by spherecal " (env!("CARGO_PKG_VERSION")) ". This file is complete and makes no network request." }
                 }
             }
         }
@@ -130,13 +130,12 @@ fn accuracy(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>
     let mut drawn = Vec::new();
     if !all.is_empty() {
         let svg = charts::histogram(&all, "Histogram of position errors, nominal and calibrated")?;
-        let words =
-            html! { "Position errors of all models: what calibration gained is the distance between the histograms." };
+        let words = html! { "Position errors of all models: the distance between the histograms is the gain of the calibration." };
         drawn.push(figures.figure(&svg, &words));
     }
     if calibrated.len() > 1 {
         let svg = charts::histogram(&calibrated, "Histogram of position errors of the calibrated models")?;
-        let words = html! { "The calibrated models alone, on a finer scale." };
+        let words = html! { "The calibrated models only, on a finer scale." };
         drawn.push(figures.figure(&svg, &words));
     }
     let (first, rest) = input.error_tables.split_at(input.error_tables.len().min(1));
@@ -152,11 +151,9 @@ fn workspace(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
         return Ok(None);
     }
     let svg = space::workspace(&input.workspace)?;
-    let words = html! { "Every judging configuration where the robot stood, seen from the front right and above; both panels have one scale." };
+    let words = html! { "Every validation configuration at its position, seen from the front right and above; both panels have the same scale." };
     let figure = figures.figure(&svg, &words);
-    Ok(Some(
-        html! { p.lead { "Where the robot is off, and by how much." } (figure) },
-    ))
+    Ok(Some(html! { p.lead { "Position error over the workspace." } (figure) }))
 }
 
 fn predicted(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
@@ -165,7 +162,7 @@ fn predicted(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
     let inside = p.pairs_mm.iter().filter(|(s, e)| *e <= 2.0 * s).count();
     if p.pairs_mm.len() > 2 {
         let words = html! {
-            "Each judging sample: what the fit's covariance predicted against what was found. "
+            "Each validation sample: the error that the fit's covariance predicts against the actual error. "
             (inside) " of " (p.pairs_mm.len()) " lie under the line of two sigma."
         };
         figure = Some(figures.figure(&charts::prediction(p)?, &words));
@@ -180,7 +177,7 @@ fn predicted(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
     }))
 }
 
-/// A number with as many digits as its uncertainty deserves.
+/// A number with as many digits as its uncertainty justifies.
 fn number(value: f64, sigma: f64) -> String {
     if value != 0.0 && value.abs() < 1e-3 && sigma < 1e-3 {
         return format!("{value:.2e}");
@@ -246,7 +243,7 @@ fn parameters(input: &ReportInput) -> Option<Markup> {
     let free = input.parameters.iter().filter(|p| p.free).count();
     Some(html! {
         p.lead {
-            (identified) " of " (free) " free parameters are determined by the data (their sigma is under half of what was known before). "
+            (identified) " of " (free) " free parameters are determined by the data (their sigma is less than half of the prior sigma). "
             "Rows follow the modified DH table; the bar shows the shift with its 95 % interval."
         }
         @if !input.identifiability.is_empty() { ul { @for words in &input.identifiability { li { (words) } } } }
@@ -275,7 +272,7 @@ fn correlation(input: &ReportInput, figures: &mut Figures) -> Result<Option<Mark
         }
     }
     strongest.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
-    let words = html! { "Correlation of the geometric parameters: red positive, blue negative. A strong pair is known together better than apart." };
+    let words = html! { "Correlation of the geometric parameters: red positive, blue negative. The data determine a combination of a strongly correlated pair better than each of the two." };
     let figure = figures.figure(&charts::correlation(c)?, &words);
     Ok(Some(html! {
         @if strongest.is_empty() {
@@ -314,7 +311,7 @@ fn residuals(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
     }
     let mut figure = None;
     if !input.residuals.is_empty() {
-        let words = html! { "Distance of every recording from its target after calibration; outliers are ringed, and those beyond the frame sit at its upper edge." };
+        let words = html! { "Distance of every recording from its target after calibration; outliers are ringed, and those beyond the frame are drawn at its upper edge." };
         figure = Some(figures.figure(&charts::residuals(&input.residuals)?, &words));
     }
     let (shown, folded) = input.outliers.split_at(input.outliers.len().min(SHOWN_OUTLIERS));

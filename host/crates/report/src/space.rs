@@ -1,6 +1,5 @@
-//! Errors over the workspace in three dimensions (Figure 10 of the paper):
-//! the robot's surroundings seen from the front right, from above; each
-//! configuration a dot whose area and colour say how far the robot is off.
+//! Errors over the workspace in three dimensions (Figure 10 of the paper). The view is from the
+//! front right and above. Each configuration is a dot whose area and colour show the robot's error.
 
 use plotters::prelude::*;
 
@@ -10,7 +9,7 @@ use super::input::WorkspacePoint;
 /// Azimuth and elevation of the eye, in rad.
 const EYE: (f64, f64) = (-0.9, 0.42);
 
-/// Where a point (m) is seen: right, up, and depth towards the eye, in m.
+/// Where a point (m) appears in the view: right, up, and depth towards the eye, in m.
 fn project(p: [f64; 3]) -> (f64, f64, f64) {
     let (sa, ca) = EYE.0.sin_cos();
     let (se, ce) = EYE.1.sin_cos();

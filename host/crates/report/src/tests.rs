@@ -1,4 +1,4 @@
-//! The page is whole, escapes what users write, and asks no network.
+//! Tests that the page is complete, escapes what users write, and makes no network request.
 
 use super::*;
 
@@ -130,7 +130,7 @@ fn everything_is_escaped_and_nothing_is_fetched() {
     for fetch in ["src=", "@import", "url(", "href=\"http", "<link"] {
         assert!(!page.contains(fetch), "{fetch}");
     }
-    // Inline SVG and the page's own markup are well-formed: every section is there.
+    // Inline SVG and the page's own markup are well-formed, and every section is present.
     for id in [
         "accuracy",
         "workspace",
@@ -150,8 +150,8 @@ fn everything_is_escaped_and_nothing_is_fetched() {
     roxmltree::Document::parse(&page[start..end]).unwrap();
 }
 
-// Fails if two models that are shown in one figure have one colour, or a model
-// has another in the table than in its figure, or a colour that the page lacks.
+// Fails if two models in one figure share a colour, if a model has one colour in the table and
+// another in its figure, or if the page lacks a colour.
 #[test]
 fn every_model_has_a_colour_of_its_own() {
     let names = [
@@ -199,7 +199,7 @@ fn every_model_has_a_colour_of_its_own() {
     }
 }
 
-/// Empty and degenerate input makes a page, not a panic.
+/// Empty and degenerate input gives a page, not a panic.
 #[test]
 fn an_empty_report_is_a_page() {
     assert!(render(&ReportInput::default()).unwrap().contains("<main>"));

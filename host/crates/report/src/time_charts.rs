@@ -1,4 +1,5 @@
-//! Figures about contacts and time: histograms of the trigger, curves of a hold.
+//! Figures of contacts and over time: histograms of the trigger, curves of a hold.
+//!
 
 use plotters::prelude::*;
 

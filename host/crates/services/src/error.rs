@@ -6,8 +6,8 @@ use tonic::Code;
 /// What can go wrong with services.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
-    /// An address that is none.
-    #[error("\"{address}\" is no address: give HOST:PORT, or a port alone for this machine only")]
+    /// A text that is not an address.
+    #[error("\"{address}\" is not an address: give HOST:PORT, or a port alone for this machine only")]
     Address {
         /// As given.
         address: String,
@@ -34,7 +34,7 @@ pub enum ServiceError {
         remedy: &'static str,
     },
     /// The server cannot listen.
-    #[error("cannot listen on {address} ({source}): choose another port, or end the program that has it")]
+    #[error("cannot listen on {address} ({source}): choose another port, or end the program that uses it")]
     Listen {
         /// Where.
         address: String,
@@ -42,7 +42,7 @@ pub enum ServiceError {
         source: std::io::Error,
     },
     /// The transport failed.
-    #[error("{peer}: {what}: check that `spherecal serve` runs there, and the way to it")]
+    #[error("{peer}: {what}: check that `spherecal serve` runs there, and the network between")]
     Transport {
         /// The other side.
         peer: String,
@@ -60,7 +60,7 @@ pub enum ServiceError {
         /// What it said.
         message: String,
     },
-    /// The other side said what cannot be.
+    /// The other side sent an impossible value.
     #[error("{peer}: {what}: use programs of the same version")]
     Nonsense {
         /// The other side.
@@ -68,7 +68,7 @@ pub enum ServiceError {
         /// What it said.
         what: String,
     },
-    /// This program was built without what is asked for.
+    /// This program was built without the requested feature.
     #[error(
         "{what} needs the feature `services`, which this program was built without: build it with --features services"
     )]
@@ -77,7 +77,7 @@ pub enum ServiceError {
         what: &'static str,
     },
     /// No runtime for the network could be made.
-    #[error("no network runtime can be started: {0}")]
+    #[error("the network runtime cannot be started: {0}")]
     Runtime(#[from] std::io::Error),
 }
 

@@ -1,8 +1,8 @@
-//! Who may talk to a server, and how a client shows that it may.
+//! Decides who may use a server, and how a client proves it.
 //!
-//! On loopback every program of this machine may. Beyond it a server has a
-//! certificate and a token, or does not start; a client has the token, and the
-//! certificate of whoever signed the server's.
+//! On loopback every program of this machine may. Beyond loopback, a server needs a certificate and
+//! a token, or it does not start. A client needs the token, and the certificate of the authority
+//! that signed the server's certificate.
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
@@ -83,12 +83,12 @@ impl Guard {
 
     /// Whether this is the token.
     pub fn takes_token(&self, shown: &str) -> bool {
-        // Digests are compared, so that the time it takes tells nothing of the token.
+        // Compares digests, so that the duration reveals nothing about the token.
         self.token == Some(digest(shown.as_bytes()))
     }
 
-    /// What a browser that has shown the token shows from then on: it opens the
-    /// page and no service, and the token cannot be told from it.
+    /// The cookie of a browser that has shown the token. It gives access to the page and to no
+    /// service, and does not reveal the token.
     pub fn pass(&self) -> Option<String> {
         let token = self.token?;
         let pass = digest(&[b"spherecal page ".as_slice(), &token].concat());
@@ -119,7 +119,7 @@ fn token(path: &Path) -> Result<String, ServiceError> {
     if text.len() < TOKEN_LEAST || !text.chars().all(|c| c.is_ascii_graphic()) {
         return Err(ServiceError::File {
             path: path.display().to_string(),
-            what: format!("a token has {TOKEN_LEAST} printable characters at least"),
+            what: format!("a token needs at least {TOKEN_LEAST} printable characters"),
             remedy: "make one with `openssl rand -hex 32`",
         });
     }
@@ -129,7 +129,7 @@ fn token(path: &Path) -> Result<String, ServiceError> {
 /// Where a server listens: `HOST:PORT`, or a port alone on this machine only.
 ///
 /// # Errors
-/// Text that is no address.
+/// When the text is not an address.
 pub(crate) fn listen_address(text: &str) -> Result<SocketAddr, ServiceError> {
     let whole = if text.contains(':') {
         text.to_owned()
@@ -156,8 +156,8 @@ mod tests {
         path
     }
 
-    // Fails if an address that others can reach is served without TLS or
-    // without a token, or if a short token is taken.
+    // Fails if an address that other machines can reach is served without TLS or without a token,
+    // or if a short token is accepted.
     #[test]
     fn beyond_loopback_tls_and_token_are_demanded() {
         let folder = tempfile::tempdir().expect("a folder");

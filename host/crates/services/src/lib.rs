@@ -1,4 +1,4 @@
-//! A calibration for others: the web page, live view, and gRPC services.
+//! Shows a calibration to others: the web page, the live view, and gRPC services.
 //!
 //! ```text
 //!   campaign ─▶ live (an Observer) ─▶ Hub ─▶ web page ◀─ browsers
@@ -12,16 +12,17 @@
 //! | [`server`](Server) | one port for the page and the services | |
 //! | `grpc` | network services (Figure 4 of the paper) and their clients | `grpc` |
 //!
-//! Reports, trackers, devices and stores come from above as closures and trait
-//! objects: nothing here knows the job.
+//! Callers pass reports, trackers, devices and stores as closures and trait objects, so this crate
+//! does not depend on the job.
 //!
-//! Whoever may talk to a robot may move it: beyond loopback a server does not
+//! Everyone who may use a robot's services may move the robot. So beyond loopback a server does not
 //! start without TLS and a token ([`Guard`]).
 
 mod error;
 #[cfg(feature = "grpc")]
 pub mod grpc;
 mod guard;
+mod listen;
 pub mod live;
 mod offer;
 mod server;

@@ -5,14 +5,14 @@ use super::SharedStore;
 use super::grpc::{DeviceFactory, RobotFacts, TrackerFactory};
 use super::web::Page;
 
-/// What a server offers; what is left out is answered UNIMPLEMENTED.
+/// What a server offers. Requests for anything left out get UNIMPLEMENTED.
 #[derive(Default)]
 pub struct Offer {
     /// A robot, and what makes it at the first client.
     #[cfg(feature = "grpc")]
     pub robot: Option<(RobotFacts, DeviceFactory)>,
-    /// What makes a laser tracker for each client, and the standard deviation
-    /// of its coordinates, in m.
+    /// Creates a laser tracker for each client; and the standard deviation of its coordinates, in
+    /// m.
     #[cfg(feature = "grpc")]
     pub tracker: Option<(TrackerFactory, f64)>,
     /// The database.

@@ -1,5 +1,5 @@
-//! One server with what it offers: the web page, and with the feature `grpc`
-//! robot, tracker, store, health and reflection on the same port.
+//! One server on one port: the web page and, with the feature `grpc`, robot, tracker, store, health
+//! and reflection.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -10,6 +10,8 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 use super::guard::listen_address;
+#[cfg(not(feature = "grpc"))]
+use super::listen::Listener;
 use super::live::{Hub, Message, WAITING};
 use super::offer::Offer;
 use super::{Guard, GuardFiles, ServiceError, SharedStore};
@@ -28,16 +30,16 @@ pub struct Server {
     hub: Option<Arc<Hub>>,
     /// Runs of this program that are shown.
     shows: Vec<JoinHandle<()>>,
-    /// Outlive the runtime: a store may not be dropped inside of one.
+    /// Must outlive the runtime: a store must not be dropped inside one.
     _stores: Vec<SharedStore>,
 }
 
 impl Server {
-    /// Listens at `address` (`HOST:PORT`, or a port alone for this machine) and
-    /// serves in threads of its own.
+    /// Listens at `address` (`HOST:PORT`, or a port alone for this machine) and serves in its own
+    /// threads.
     ///
     /// # Errors
-    /// An address that cannot be had, or one beyond loopback without protection.
+    /// The address is in use or not available, or lies beyond loopback without protection.
     pub fn start(address: &str, files: &GuardFiles, offer: Offer) -> Result<Self, ServiceError> {
         let wanted = listen_address(address)?;
         let guard = Guard::new(wanted, files)?;
@@ -71,8 +73,8 @@ impl Server {
         })
     }
 
-    /// Shows a run of this program on the page; its messages go into what is
-    /// returned. `None` where there is no page.
+    /// Shows a run of this program on the page; its messages go into the returned channel. `None`
+    /// without a page.
     pub fn show(&mut self) -> Option<mpsc::Sender<Message>> {
         let (out, messages) = mpsc::channel(WAITING);
         let hub = Arc::clone(self.hub.as_ref()?);
@@ -100,7 +102,7 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         if let Some(runtime) = &self.runtime {
-            // What was said to the page reaches it first.
+            // Messages that were already sent reach the page first.
             for show in self.shows.drain(..) {
                 let _ = runtime.block_on(async { tokio::time::timeout(LAST, show).await });
             }
@@ -114,7 +116,7 @@ impl Drop for Server {
         }
         if let Some(runtime) = self.runtime.take() {
             if let Some(ended) = self.ended.take() {
-                // Browsers hear the last words; who does not listen is not waited for.
+                // Browsers receive the last messages; the server waits for them for a limited time.
                 let _ = runtime.block_on(async { tokio::time::timeout(LAST, ended).await });
             }
             runtime.shutdown_timeout(LAST);
@@ -130,18 +132,15 @@ async fn serve(
     offer: Offer,
     stopped: oneshot::Receiver<()>,
 ) -> Result<JoinHandle<()>, ServiceError> {
-    use axum::serve::ListenerExt as _;
-
     let router = offer
         .page
         .map(|(page, _)| super::web::router(page, guard))
         .unwrap_or_default();
-    let listener = listener.tap_io(|stream| {
-        // Without it small messages wait for more; they come all the same.
-        let _ = stream.set_nodelay(true);
-    });
+    let router = router
+        .layer(axum::middleware::from_fn(crate::listen::note_request))
+        .into_make_service_with_connect_info::<crate::listen::Proof>();
     Ok(tokio::spawn(async move {
-        let ended = axum::serve(listener, router)
+        let ended = axum::serve(Listener::new(listener), router)
             .with_graceful_shutdown(async {
                 let _ = stopped.await;
             })

@@ -1,5 +1,5 @@
-//! The simulated arm with an operator beside it, for hand-guiding: a drive like
-//! any other, and the operator's ear.
+//! The simulated arm with a simulated operator, for hand-guiding: a drive like any other, and a
+//! handle to the operator.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -19,7 +19,7 @@ struct Talk {
     there: bool,
 }
 
-/// Tells the simulated operator what to do; copies speak to the same one.
+/// Tells the simulated operator what to do; copies share the same operator.
 #[derive(Clone, Debug, Default)]
 pub struct OperatorCall(Arc<Mutex<Talk>>);
 
@@ -28,7 +28,7 @@ impl OperatorCall {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Asks for the nest to be led over a sphere (from 0).
+    /// Requests that the nest be led over a sphere (from 0).
     pub fn lead_to(&self, sphere: usize) {
         *self.talk() = Talk {
             lead_to: Some(sphere),
@@ -36,7 +36,7 @@ impl OperatorCall {
         };
     }
 
-    /// Whether the operator says that the nest is there.
+    /// Whether the operator reports that the nest is there.
     pub fn is_there(&self) -> bool {
         self.talk().there
     }
@@ -80,12 +80,11 @@ impl<const N: usize> Drive for HandGuidedArm<N> {
     }
 }
 
-/// A simulated arm at rest at `q` (rad) with an operator who leads the nest to
-/// `height_m` over the centres of the spheres.
+/// A simulated arm at rest at `q` (rad) with an operator who leads the nest to `height_m` above the
+/// centres of the spheres.
 ///
 /// # Errors
-/// A plant that cannot be built, or a number of joints that this program was
-/// not built for.
+/// The plant cannot be created, or this program was not built for the number of joints.
 pub fn hand_guided_arm(
     robot: &Robot,
     tool: &Tool,

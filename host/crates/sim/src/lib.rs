@@ -1,4 +1,4 @@
-//! What stands where a robot cell does not: the simulated plant, and faults on purpose.
+//! Simulates a robot cell, and injects faults.
 //!
 //! ```text
 //!   plant ── SimulatedArm (a Drive) ──────┐
@@ -11,9 +11,8 @@
 //!   worlds ─ robots with known errors, without dynamics, for studies
 //! ```
 //!
-//! Faults are injected by decorators: nothing below or beside this crate knows
-//! of them. Of the plant nothing passes to a controller but what real hardware
-//! shows.
+//! Decorators inject the faults: no crate below or beside this one knows of them. The plant passes
+//! to a controller only what real hardware shows.
 
 mod hand_guided;
 pub mod inject;

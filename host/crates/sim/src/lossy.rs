@@ -1,32 +1,32 @@
-//! A host link that loses, repeats, delays and damages frames, on purpose.
+//! A host link that deliberately loses, repeats, delays and damages frames.
 //!
 //! ```text
 //!   campaign ─ HostEndpoint ──▶ LossyDevice { channel down, channel up } ──▶ any Device
 //! ```
 //!
-//! Each direction is a channel of its own with its own draws, so that what
-//! happens to a frame depends on the seed and on the frames before it, on
-//! nothing else. It works on bytes, between the endpoint and whatever device
-//! there is: a cell in this process, QEMU, or a socket's far end.
+//! Each direction is a separate channel with its own random draws. So the fate of a frame depends
+//! only on the seed and on the frames before it. The channel works on bytes, between the endpoint
+//! and any device: a cell in this process, QEMU, or the far end of a socket.
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use spherecal_link::{Device, LinkError};
 
-/// A frame that is held back comes this much later at most, in µs.
+/// Largest additional delay of a frame that is held back, in µs.
 const LATE_MOST_US: u64 = 20_000;
-/// A duplicate comes this much later at most, in µs.
+/// Largest delay of a duplicate, in µs.
 const AGAIN_MOST_US: u64 = 50_000;
-/// Bytes without an end of frame that are kept: more than any frame has.
+/// Bytes kept without an end of frame: more than any frame has.
 const FRAGMENT_MOST: usize = 1 << 14;
 
 /// How bad a host link is: what happens to a frame, in either direction, each
 /// with a probability of its own. All zero is a good link.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Lossy {
     /// Probability that a frame is lost.
@@ -62,7 +62,7 @@ impl Lossy {
     /// Checks the probabilities.
     ///
     /// # Errors
-    /// The first that is none, or that would leave nothing of the link.
+    /// The first that is not a probability, or that would block the link.
     pub fn check(&self) -> Result<(), LossyError> {
         let fields = [
             ("loss", self.loss),
@@ -106,7 +106,7 @@ impl Injected {
     }
 }
 
-/// What was done to frames so far, for whoever is to tell it; copies share it.
+/// Counts of the changed frames so far; copies share them.
 #[derive(Clone, Debug, Default)]
 pub struct InjectedCounter(Arc<Mutex<Injected>>);
 
@@ -157,7 +157,7 @@ impl Channel {
 
     /// Takes `bytes` at `now_us`; appends to `out` what arrives at that time.
     fn pass(&mut self, now_us: u64, bytes: &[u8], out: &mut Vec<u8>) {
-        // What was held back comes first: its time has come.
+        // Delayed frames that are due come first.
         self.late.sort_by_key(|(due, _)| *due);
         let due = self.late.partition_point(|(due, _)| *due <= now_us);
         for (_, frame) in self.late.drain(..due) {
@@ -174,7 +174,8 @@ impl Channel {
 
     fn frame(&mut self, now_us: u64, mut frame: Vec<u8>, out: &mut Vec<u8>) {
         self.injected.frames += 1;
-        // As many draws for every frame, so that one fate does not shift the next.
+        // The same number of draws for every frame, so that the fate of one does not shift the
+        // next.
         let [loss, flip, again, late] = self.rng.random::<[f64; 4]>();
         let bit = self.rng.random_range(0..frame.len() * 8);
         let late_us = self.rng.random_range(1..=LATE_MOST_US);
@@ -218,7 +219,7 @@ impl LossyLink {
         }
     }
 
-    /// From now on the link is as bad as `config` says; what it holds back still comes.
+    /// Changes the quality to `config` from now on. Delayed frames still arrive.
     pub fn turn(&mut self, config: Lossy) {
         self.down.turn(config, 1);
         self.up.turn(config, 2);
@@ -335,8 +336,8 @@ mod tests {
         assert_eq!((injected.frames, injected.lost, injected.flipped), (800, 0, 0));
     }
 
-    // Fails if a share of the frames is spared what was asked for, if a fate
-    // depends on anything but the seed, or if what is counted is not what happens.
+    // Fails if a share of the frames is treated in another way than requested, if a fate depends on
+    // anything but the seed, or if the counts are wrong.
     #[test]
     fn what_is_asked_for_happens_and_is_counted() {
         let config = Lossy {

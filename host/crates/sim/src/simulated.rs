@@ -1,7 +1,7 @@
 //! The simulated plant as a drive.
 //!
-//! The one place where plant and drive link meet: of the plant nothing passes
-//! but what [`Sensed`](crate::plant::Sensed) shows, which is what real hardware shows.
+//! The only connection between plant and drive link. Only [`Sensed`](crate::plant::Sensed) passes,
+//! which is what real hardware shows.
 
 use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
@@ -13,8 +13,7 @@ use spherecal_link::{Drive, LinkError};
 /// Control period of the plant, in µs.
 const PERIOD_US: u32 = 1000;
 
-/// A drive to whose arm things can happen that its maker did not mean: for
-/// fault injection. Only a simulated arm is one.
+/// A drive whose arm can be disturbed, for fault injection. Only a simulated arm can.
 pub trait Disturb: Drive {
     /// Lets it happen.
     fn disturb(&mut self, what: &Disturbance);
@@ -26,7 +25,7 @@ pub struct SimulatedArm<const N: usize> {
     hello: DriveHello,
     tick: u64,
     seen: bool,
-    /// Whether the brakes have been open: until then nothing moves that they would stop.
+    /// Whether the brakes have been open. Until then nothing moves that they would stop.
     released: bool,
 }
 
@@ -49,7 +48,7 @@ impl<const N: usize> SimulatedArm<N> {
         }
     }
 
-    /// The plant, for whoever disturbs it or reads its truth.
+    /// The plant, for code that disturbs it or reads its truth.
     pub fn plant(&mut self) -> &mut Plant<N> {
         &mut self.plant
     }
@@ -104,15 +103,14 @@ impl<const N: usize> Disturb for SimulatedArm<N> {
 
 fn fill<const N: usize>(joints: &mut spherecal_shared::Joints, values: &[f64; N]) {
     joints.clear();
-    // Robots have at most as many joints as the message carries.
+    // Robots have at most as many joints as the message can carry.
     let _ = joints.extend_from_slice(values);
 }
 
-/// A simulated arm of as many joints as `robot` has, at rest at `q` (rad).
+/// A simulated arm with as many joints as `robot`, at rest at `q` (rad).
 ///
 /// # Errors
-/// A plant that cannot be built, or a number of joints that this program was
-/// not built for.
+/// The plant cannot be created, or this program was not built for the number of joints.
 pub fn simulated_arm(
     robot: &Robot,
     tool: &Tool,
@@ -161,8 +159,8 @@ mod tests {
 
     use super::*;
 
-    // Fails if closed brakes leave the arm its motion for when they open again,
-    // or if its sensors see nothing while they are closed.
+    // Fails if an arm with closed brakes keeps its velocity until they open again, or if its
+    // sensors stop while they are closed.
     #[test]
     fn brakes_take_the_motion() {
         let home = [0.0, 0.4, 0.0, -1.5, 0.0, 1.0, 0.0];
@@ -185,6 +183,6 @@ mod tests {
         assert_eq!(arm.plant().truth().kinetic_j, 0.0);
         assert!(seen.windows(2).all(|w| w[0] != w[1]), "encoders have noise");
         run(&mut arm, true, 1);
-        assert!(arm.plant().truth().kinetic_j < 1e-3, "it falls anew");
+        assert!(arm.plant().truth().kinetic_j < 1e-3, "it falls again");
     }
 }

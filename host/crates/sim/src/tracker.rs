@@ -24,15 +24,14 @@ impl<const N: usize> Shots for Plant<N> {
     }
 }
 
-/// The simulated tracker of an arm, as it is before its first shot.
+/// The simulated tracker of an arm, in its state before the first shot.
 pub struct SimulatedTracker(Box<dyn Shots>);
 
 impl SimulatedTracker {
-    /// The tracker of the arm that `config` draws.
+    /// The tracker of the arm that is drawn from `config`.
     ///
     /// # Errors
-    /// A plant that cannot be made, or a number of joints that this program was
-    /// not built for.
+    /// The plant cannot be created, or this program was not built for the number of joints.
     pub fn new(robot: &Robot, tool: &Tool, config: &PlantConfig) -> Result<Self, SimulatedArmError> {
         fn made<const N: usize>(
             robot: &Robot,
@@ -52,12 +51,12 @@ impl SimulatedTracker {
         }
     }
 
-    /// The arm stands at `q` (rad) and the tracker, stationed for `session`,
-    /// measures: the joint angles as the encoders show them, in rad, and the
-    /// point in the tracker's frame, in m.
+    /// The arm stands at `q` (rad) and the tracker, set up for `session`, measures. Returns the
+    /// joint angles that the encoders show, in rad, and the point in the tracker's frame, in m.
     ///
     /// # Errors
-    /// Another number of angles than the arm has joints.
+    /// The number of angles differs from the number of joints.
+    ///
     pub fn shot(&mut self, session: TrackerSession, q: &[f64]) -> Result<(Vec<f64>, [f64; 3]), LinkError> {
         self.0.shot(session, q)
     }

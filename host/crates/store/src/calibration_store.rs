@@ -1,4 +1,4 @@
-//! What every store of calibrations can do, whatever is behind it.
+//! The interface of every store of calibrations.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -29,8 +29,8 @@ pub struct StoredRun {
     pub faults: Vec<FaultReport>,
     /// Laser shots, in the order in which they were written.
     pub laser: Vec<LaserShot>,
-    /// Under which numbers (nonces) the sessions have greeted the controller:
-    /// session and greeting of each.
+    /// The nonces under which the sessions started a handshake with the controller, with session
+    /// and handshake number of each.
     pub greetings: BTreeMap<u32, (i64, i64)>,
 }
 
@@ -48,8 +48,8 @@ impl StoredRun {
 
 /// A store of calibrations: a file, a database server, or a service.
 ///
-/// All calls block until the store has answered. What a call has stored is on
-/// the disk when it returns, unless it says otherwise.
+/// All calls block until the store has answered. When a call returns, its data are on the disk,
+/// unless the method says otherwise.
 pub trait CalibrationStore: Send {
     /// The file, or the address without its password.
     fn path(&self) -> &Path;
@@ -57,14 +57,14 @@ pub trait CalibrationStore: Send {
     /// Whether it is a file of this computer.
     fn is_file(&self) -> bool;
 
-    /// The run that this program has begun or chosen: to it, that is the last one,
-    /// whatever other robots begin meanwhile.
+    /// The run that this program has begun or chosen. For this program it is the last run, whatever
+    /// other robots begin meanwhile.
     fn chosen_run(&self) -> Option<i64>;
 
     /// Chooses the run that this program works on.
     fn choose_run(&mut self, run: i64);
 
-    /// Notes a new run, its plate and its poses, and chooses it; returns its number.
+    /// Stores a new run with its plate and its poses, and chooses it. Returns its number.
     ///
     /// # Errors
     /// When the store fails.
@@ -82,10 +82,10 @@ pub trait CalibrationStore: Send {
     /// When the store fails or a run does not decode.
     fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, StoreError>;
 
-    /// Everything that a run has.
+    /// All data of a run.
     ///
     /// # Errors
-    /// When the store fails, or a value does not decode or is not what was written.
+    /// When the store fails, or a value does not decode or fails its digest.
     fn read_run(&mut self, run: i64) -> Result<StoredRun, StoreError>;
 
     /// Begins a session of a run, and chooses the run; returns the session's number.
@@ -94,7 +94,7 @@ pub trait CalibrationStore: Send {
     /// When the store fails.
     fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, StoreError>;
 
-    /// Notes how a session went.
+    /// Stores how a session went.
     ///
     /// # Errors
     /// When the store fails.
@@ -106,34 +106,33 @@ pub trait CalibrationStore: Send {
     /// When the store fails.
     fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError>;
 
-    /// Notes under which number (`nonce`) a session greets the controller, as
-    /// its greeting number `greeting`.
+    /// Stores the `nonce` under which a session performs handshake number `greeting` with the
+    /// controller.
     ///
     /// # Errors
     /// When the store fails.
     fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError>;
 
-    /// Writes a batch of events in one transaction. A recording that is already
-    /// there is not written again.
+    /// Writes a batch of events in one transaction. A recording that is already stored is not
+    /// written again.
     ///
-    /// What was measured (recordings, contacts, couplings, faults) is on the
-    /// disk when it returns. Phase changes alone survive a kill, and are carried
-    /// to the disk by the next such commit: they do not wait for it.
+    /// Measurements (recordings, contacts, couplings, faults) are on the disk when the call
+    /// returns. Phase changes alone survive a kill of the program; they reach the disk with the
+    /// next such commit and are not waited for.
     ///
     /// # Errors
     /// When the store fails; then nothing of the batch is stored.
     fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError>;
 
-    /// As [`append`](Self::append), but what was stored under the numbers of
-    /// these events is written anew, recordings excepted: for a run that is
-    /// repeated from its start.
+    /// Like [`append`](Self::append), but stored events with the same numbers are replaced, except
+    /// recordings. For a run that is repeated from its start.
     ///
     /// # Errors
     /// When the store fails; then nothing of the batch is stored.
     fn rewrite(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError>;
 
-    /// Removes the events of a run, recordings excepted, that do not belong to
-    /// `session` or came after event `last` of it.
+    /// Removes the events of a run, except recordings, that do not belong to `session` or that came
+    /// after event `last` of it.
     ///
     /// # Errors
     /// When the store fails.
@@ -148,10 +147,10 @@ pub trait CalibrationStore: Send {
     /// Writes laser shots; those that were there are replaced.
     ///
     /// # Errors
-    /// When the store fails.
+    /// Writes laser shots. They replace the stored ones.
     fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError>;
 
-    /// Writes a named result, as JSON; one of the same name is replaced.
+    /// Writes a named result, as JSON. It replaces a result of the same name.
     ///
     /// # Errors
     /// When the store fails.
@@ -176,7 +175,7 @@ pub trait CalibrationStore: Send {
         self.runs_of("")
     }
 
-    /// The run that this program has begun or chosen; else the newest.
+    /// The run that this program has begun or chosen; otherwise the newest.
     ///
     /// # Errors
     /// When the store fails or the run does not decode.
@@ -187,7 +186,7 @@ pub trait CalibrationStore: Send {
         }
     }
 
-    /// As [`last_run`](Self::last_run), which must be there.
+    /// Like [`last_run`](Self::last_run), but a missing run is an error.
     ///
     /// # Errors
     /// When the store fails, or holds no run.
@@ -199,17 +198,17 @@ pub trait CalibrationStore: Send {
         })
     }
 
-    /// The newest run of one arm, or of all if `arm` is empty; chooses it. In a
-    /// store that several robots share the arm must be named.
+    /// The newest run of one arm, or of all if `arm` is empty; chooses it. In a store that several
+    /// robots share, the arm must be named.
     ///
     /// # Errors
-    /// When the store fails; no such run, or no arm named where it must be.
+    /// When the store fails, there is no such run, or no arm is named in a shared store.
     fn require_run_of(&mut self, arm: &str) -> Result<RunInfo, StoreError> {
         if arm.is_empty() && self.is_shared() {
             return Err(StoreError::Absent {
                 path: self.path().to_owned(),
                 what: "may hold the runs of several robots".to_owned(),
-                remedy: "say with --arm whose last run is meant",
+                remedy: "name the arm with --arm",
             });
         }
         if arm.is_empty() {
@@ -218,7 +217,7 @@ pub trait CalibrationStore: Send {
         let found = self.runs_of(arm)?.pop().ok_or_else(|| StoreError::Absent {
             path: self.path().to_owned(),
             what: format!("holds no run of arm {arm}"),
-            remedy: "`spherecal history` lists what there is",
+            remedy: "`spherecal history` lists the stored runs",
         })?;
         self.choose_run(found.run);
         Ok(found)

@@ -1,4 +1,4 @@
-//! Reading: rows, and the values of their columns, each checked for what it is.
+//! Reads rows and the values of their columns, and checks the type of each value.
 
 use serde::de::DeserializeOwned;
 use sqlx::Row as _;
@@ -20,7 +20,7 @@ impl SqlStore {
         row.try_get(column).map_err(|source| StoreError::of(&self.path, source))
     }
 
-    /// A number that is none below zero, and fits.
+    /// A number that is not negative and fits the type.
     pub(super) fn count(&self, row: &AnyRow, column: &'static str) -> Result<u32, StoreError> {
         let value = self.get::<i64>(row, column)?;
         u32::try_from(value).map_err(|_| StoreError::Damaged {
@@ -55,7 +55,7 @@ impl SqlStore {
         }
     }
 
-    /// Whether `digest` is the stored one; older runs have none.
+    /// Checks `digest` against the stored one. Older runs have none.
     pub(super) fn compare(&mut self, run: i64, subject: &str, digest: i64, what: &str) -> Result<(), StoreError> {
         let stored: Option<i64> = self.block(async |connection| {
             sqlx::query_scalar("SELECT digest FROM digests WHERE run = $1 AND subject = $2")
@@ -67,7 +67,7 @@ impl SqlStore {
         match stored {
             Some(stored) if stored != digest => Err(StoreError::Damaged {
                 path: self.path.clone(),
-                what: format!("{what} of run {run} are not what was written"),
+                what: format!("{what} of run {run} differ from what was written"),
             }),
             _ => Ok(()),
         }

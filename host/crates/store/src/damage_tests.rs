@@ -1,4 +1,4 @@
-//! What happens to files: older ones, cut ones, flipped bits, a held lock, no room.
+//! Tests with old files, truncated files, flipped bits, a held lock and a full disk.
 
 use std::path::{Path, PathBuf};
 
@@ -44,8 +44,8 @@ fn read(path: &Path) -> Result<Vec<Recording>, StoreError> {
     store.recordings(info.run)
 }
 
-// Fails if a database of the first schema is refused, loses or changes what it
-// holds, or cannot be written to afterwards.
+// Fails if a database of the first schema is refused, loses or changes data, or cannot be written
+// to afterwards.
 #[test]
 fn an_older_schema_is_brought_forward() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -76,8 +76,8 @@ fn an_older_schema_is_brought_forward() {
     );
 }
 
-// Fails if a flipped bit anywhere in the file changes a recording, the plate or
-// the configuration in silence, or if a file that is refused is written to.
+// Fails if a flipped bit anywhere in the file silently changes a recording, the plate or the
+// configuration, or if a refused file is written to.
 #[test]
 fn no_flipped_bit_changes_a_recording_in_silence() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -114,9 +114,8 @@ fn no_flipped_bit_changes_a_recording_in_silence() {
     assert!(refused > 50, "only {refused} of 400 were seen");
 }
 
-// Fails if a column's type that is no text is handed to the driver, whose thread
-// then ends and leaves the reader waiting for ever; or if such a file cannot be
-// recovered whole.
+// Fails if a column type that is not text reaches the driver, whose thread then ends and leaves the
+// reader waiting for ever; or if such a file cannot be recovered completely.
 #[test]
 fn a_schema_that_is_no_text_is_seen_and_saved() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -135,7 +134,7 @@ fn a_schema_that_is_no_text_is_seen_and_saved() {
     assert_eq!(recovered(&path, &recordings).0, recordings.len());
 }
 
-/// What is recovered: a subset of what was stored, bit by bit.
+/// Recovers a file, and checks that the result is a bit-identical subset of what was stored.
 fn recovered(damaged: &Path, recordings: &[Recording]) -> (usize, Recovered) {
     let before = std::fs::read(damaged).expect("read");
     let new = damaged.with_extension("saved.db");
@@ -153,8 +152,7 @@ fn recovered(damaged: &Path, recordings: &[Recording]) -> (usize, Recovered) {
     (saved.len(), report)
 }
 
-// Fails if a file that was cut is taken for whole, or if what can be read of it
-// is not saved.
+// Fails if a truncated file is taken for a complete one, or if its readable data are not saved.
 #[test]
 fn a_cut_file_is_seen_and_what_is_left_is_saved() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -173,7 +171,7 @@ fn a_cut_file_is_seen_and_what_is_left_is_saved() {
     assert!(saved[0] > 0);
 }
 
-// Fails if a file whose first page is gone, tables and all, is given up.
+// Fails if a file without its first page, which lists the tables, is not recovered.
 #[test]
 fn a_lost_first_page_costs_little() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -187,7 +185,7 @@ fn a_lost_first_page_costs_little() {
     assert_eq!(saved, recordings.len());
 }
 
-// Fails if a recording with a flipped bit is saved as if it were what was written.
+// Fails if a recording with a flipped bit is saved as valid.
 #[test]
 fn what_is_not_what_was_written_is_left_out() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -195,7 +193,7 @@ fn what_is_not_what_was_written_is_left_out() {
     let mut bytes = std::fs::read(&path).expect("read");
     // The mean of pose 7, as SQLite writes it.
     let wanted = recordings[7].q[0].mean.to_be_bytes();
-    // Wherever it stands: a page that was split keeps what was moved, too.
+    // At every position: a page that was split also keeps the rows that were moved.
     let places: Vec<usize> = (0..bytes.len() - 7).filter(|k| bytes[*k..*k + 8] == wanted).collect();
     assert!(!places.is_empty(), "it is there");
     for at in places {
@@ -209,8 +207,8 @@ fn what_is_not_what_was_written_is_left_out() {
     assert_eq!(saved, recordings.len() - 1);
 }
 
-// Fails if a database that another program holds is waited for for ever, if the
-// error does not say so, or if anything that was stored is lost by it.
+// Fails if the program waits for ever for a database that another program has locked, if the error
+// does not say so, or if stored data are lost.
 #[test]
 fn a_held_lock_is_told_and_costs_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -236,7 +234,7 @@ fn a_held_lock_is_told_and_costs_nothing() {
     SqlStore::claim(&path).expect("free again");
 }
 
-/// Has the database find no room beyond so many pages, or beyond those that it has.
+/// Limits the database to so many pages, or to the pages that it has.
 fn room(store: &mut SqlStore, pages: u32) {
     let statement = format!("PRAGMA max_page_count = {pages}");
     store
@@ -244,8 +242,8 @@ fn room(store: &mut SqlStore, pages: u32) {
         .expect("set");
 }
 
-// Fails if a full disk loses what was stored, is not called by its name, or
-// spoils the database for the time when there is room again.
+// Fails if a full disk loses stored data, is not named in the error, or spoils the database after
+// space is free again.
 #[test]
 fn a_full_disk_is_told_and_costs_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -279,7 +277,7 @@ fn a_full_disk_is_told_and_costs_nothing() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
-    // Fails if a file of any bytes is opened, or hangs or ends the program.
+    // Fails if a file of arbitrary bytes is opened, hangs the program or ends it.
     #[test]
     fn any_bytes_are_refused(bytes in prop::collection::vec(any::<u8>(), 1..5000), signed: bool) {
         let folder = tempfile::tempdir().expect("a folder");

@@ -1,12 +1,12 @@
-//! Digests of stored rows: SQLite's own check finds damaged pages, not a
-//! flipped bit inside of a number.
+//! Digests of stored rows. SQLite's own check finds damaged pages, but not a flipped bit inside a
+//! number.
 
 use sha2::{Digest as _, Sha256};
 use spherecal_shared::protocol::host::Recording;
 
 use spherecal_model::{LaserShot, Sphere};
 
-/// The first 63 bits of a SHA-256: as a column of whole numbers holds them.
+/// The first 63 bits of a SHA-256, so that a column of whole numbers can hold them.
 pub(super) struct Digest(Sha256);
 
 impl Digest {
@@ -40,7 +40,7 @@ impl Digest {
     }
 }
 
-/// Digest of a recording: every bit of every number counts, but for the sign of zero.
+/// Digest of a recording. Every bit of every number counts, except the sign of zero.
 pub(super) fn of_recording(r: &Recording) -> i64 {
     let mut digest = Digest::new();
     for whole in [
@@ -69,8 +69,8 @@ pub(super) fn of_laser(shots: &[LaserShot]) -> i64 {
     digest.end()
 }
 
-/// Digest of what a run was begun with; `texts` are seed, link, robot, tool,
-/// configuration and plan as they are stored.
+/// Digest of the inputs of a run. `texts` are link, robot, tool, configuration and plan as they are
+/// stored.
 pub(super) fn of_run(seed: u64, texts: [&str; 5], spheres: &[Sphere]) -> i64 {
     let mut digest = Digest::new().whole(seed);
     for text in texts {

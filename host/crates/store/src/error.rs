@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 pub enum StoreError {
     /// The file is something else.
     #[error(
-        "{path}: is not a calibration database of spherecal: choose another --out folder; nothing was changed",
+        "{path} is not a calibration database of spherecal: choose another --out folder; nothing was changed",
         path = path.display()
     )]
     NotOurs {
@@ -16,7 +16,7 @@ pub enum StoreError {
     },
     /// A newer version wrote it.
     #[error(
-        "{path}: has schema version {found}, this program knows those up to {expected}: \
+        "{path} has schema version {found}, but this program reads versions up to {expected}: \
          use the spherecal that wrote it, or choose another --out folder; nothing was changed",
         path = path.display()
     )]
@@ -30,7 +30,7 @@ pub enum StoreError {
     },
     /// Pages of the file are damaged.
     #[error(
-        "{path}: is damaged ({what}): keep it, save what can be read into a new file with \
+        "{path} is damaged ({what}): keep it, save the readable data into a new file with \
          `spherecal store recover {path} NEW.db`, or choose another --out folder; nothing was changed",
         path = path.display()
     )]
@@ -42,7 +42,7 @@ pub enum StoreError {
     },
     /// There is no such file.
     #[error(
-        "{path}: there is no database: give the --out folder of an earlier run, or run `spherecal run` first",
+        "there is no database at {path}: give the --out folder of an earlier run, or run `spherecal run` first",
         path = path.display()
     )]
     Missing {
@@ -79,7 +79,7 @@ pub enum StoreError {
     },
     /// Another program holds it.
     #[error(
-        "{path}: another program has it locked ({what}): end that program, then continue with --resume; \
+        "{path} is locked by another program ({what}): end that program, then continue with --resume; \
          nothing that was acknowledged is lost",
         path = path.display()
     )]
@@ -91,7 +91,7 @@ pub enum StoreError {
     },
     /// There is no room, or the disk fails.
     #[error(
-        "{path}: cannot be written ({what}): make room on the disk and see that it works, then continue with \
+        "{path} cannot be written ({what}): free space on the disk or repair it, then continue with \
          --resume; nothing that was acknowledged is lost",
         path = path.display()
     )]
@@ -101,8 +101,8 @@ pub enum StoreError {
         /// What the database said.
         what: String,
     },
-    /// A file stands where a new one is to be written.
-    #[error("{path}: is there already: name a file that does not exist; nothing was changed", path = path.display())]
+    /// A file exists where a new one is to be written.
+    #[error("{path} exists already: name a file that does not exist; nothing was changed", path = path.display())]
     Exists {
         /// File.
         path: PathBuf,
@@ -116,14 +116,14 @@ pub enum StoreError {
         source: sqlx::Error,
     },
     /// A database server cannot be used.
-    #[error("{url}: {source}: check the URL, and that the server runs and lets this user in")]
+    #[error("{url}: {source}: check the URL, that the server runs, and that it admits this user")]
     Server {
         /// URL, without the password.
         url: String,
-        /// What the server or the way to it said.
+        /// The error of the server or of the connection.
         source: sqlx::Error,
     },
-    /// A store that is defined outside of this crate (a service) refused or failed.
+    /// A store defined outside this crate (a service) refused or failed.
     #[error("{source}")]
     Remote {
         /// What it said.
@@ -131,7 +131,7 @@ pub enum StoreError {
         /// Whether the user's input is at fault.
         input: bool,
     },
-    /// This program was built without what is asked for.
+    /// This program was built without the requested feature.
     #[error(
         "{what} needs the feature `{feature}`, which this program was built without: build it with --features {feature}"
     )]
@@ -144,7 +144,7 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// What the database said, sorted by what a person has to do.
+    /// Sorts the database's error by the action that it needs.
     pub(super) fn of(path: &Path, source: sqlx::Error) -> Self {
         let path = path.to_owned();
         let what = source.to_string();
@@ -157,7 +157,7 @@ impl StoreError {
         }
     }
 
-    /// Whether the input is to blame (exit code 2), not the machine.
+    /// Whether the input is the cause (exit code 2), not the machine.
     pub fn is_input(&self) -> bool {
         match self {
             Self::Remote { input, .. } => *input,
@@ -169,7 +169,7 @@ impl StoreError {
     }
 }
 
-/// SQLite's primary result code of an error, or of what lies behind it.
+/// SQLite's primary result code of an error, or of its cause.
 fn code(error: &sqlx::Error) -> Option<u32> {
     let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
     while let Some(error) = cause {

@@ -1,5 +1,5 @@
-//! Writing what the controller numbered: phases, contacts, couplings, faults and
-//! recordings, a batch in one transaction, once each.
+//! Writes the numbered events of the controller: phases, contacts, couplings, faults and
+//! recordings. A batch is one transaction, and each event is written once.
 
 use serde::Serialize;
 use spherecal_shared::protocol::host::{Contact, Coupled, Event, FaultReport, PhaseChange, Recording};
@@ -11,8 +11,8 @@ use super::digest::{self, recording_subject};
 use super::write::{put_digest, rows};
 use super::{SqlStore, StoreError};
 
-/// An event and where it belongs: the session of the run in which it happened,
-/// and a number that it has to itself there.
+/// An event and its key: the session of the run in which it happened, and a number that is unique
+/// in that session.
 #[derive(Clone, Copy, Debug)]
 pub struct Placed<'a> {
     /// Session of the run.
@@ -23,12 +23,12 @@ pub struct Placed<'a> {
     pub body: &'a Event,
 }
 
-/// What is done with an event that is stored already.
+/// How an event that is stored already is treated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Known {
     /// It stays as it is.
     Stays,
-    /// It is written anew.
+    /// It is replaced.
     IsReplaced,
 }
 
@@ -41,19 +41,18 @@ fn name_of(value: impl Serialize) -> String {
 }
 
 impl SqlStore {
-    /// Writes a batch of events in one transaction. A recording that is already
-    /// there is not written again.
+    /// Writes a batch of events in one transaction. A recording that is already stored is not
+    /// written again.
     ///
-    /// What was measured (recordings, contacts, couplings, faults) is on the
-    /// disk when it returns. Phase changes alone survive a kill, and are carried
-    /// to the disk by the next such commit: they do not wait for it.
+    /// Measurements (recordings, contacts, couplings, faults) are on the disk when the call
+    /// returns. Phase changes alone survive a kill of the program; they reach the disk with the
+    /// next such commit and are not waited for.
     pub(super) fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
         self.write_events(run, events, Known::Stays)
     }
 
-    /// As [`append`](Self::append), but what was stored under the numbers of
-    /// these events is written anew, recordings excepted: for a run that is
-    /// repeated from its start.
+    /// Like [`append`](Self::append), but stored events with the same numbers are replaced, except
+    /// recordings. For a run that is repeated from its start.
     pub(super) fn rewrite(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
         self.write_events(run, events, Known::IsReplaced)
     }
@@ -99,8 +98,8 @@ impl SqlStore {
         })
     }
 
-    /// Removes the events of a run, recordings excepted, that do not belong to
-    /// `session` or came after event `last` of it.
+    /// Removes the events of a run, except recordings, that do not belong to `session` or that came
+    /// after event `last` of it.
     pub(super) fn forget_after(&mut self, run: i64, session: i64, last: i64) -> Result<(), StoreError> {
         self.block(async |connection| {
             let mut t = connection.begin().await?;
@@ -127,7 +126,7 @@ const FORGET: [&str; 4] = [
     "DELETE FROM faults WHERE run = $1 AND session = $2 AND event = $3",
 ];
 
-/// What does not belong to a session up to an event.
+/// Selects the rows that do not belong to a session or lie after an event.
 const FORGET_AFTER: [&str; 4] = [
     "DELETE FROM phases WHERE run = $1 AND (session <> $2 OR event > $3)",
     "DELETE FROM contacts WHERE run = $1 AND (session <> $2 OR event > $3)",
@@ -135,7 +134,7 @@ const FORGET_AFTER: [&str; 4] = [
     "DELETE FROM faults WHERE run = $1 AND (session <> $2 OR event > $3)",
 ];
 
-/// A statement on one event, whose first three values are its key.
+/// A statement on one event. Its first three values are the event's key.
 fn keyed(key: Key, statement: &'static str) -> Query<'static, Any, AnyArguments> {
     sqlx::query(statement).bind(key.0).bind(key.1).bind(key.2)
 }
@@ -201,7 +200,7 @@ async fn insert_coupled(t: &mut AnyConnection, key: Key, coupled: &Coupled) -> R
 }
 
 async fn insert_fault(t: &mut AnyConnection, key: Key, fault: &FaultReport) -> Result<(), sqlx::Error> {
-    // Value and bound as text: a fault may report a NaN, which columns of numbers cannot hold.
+    // Value and limit as text: a fault may report a NaN, which a column of numbers cannot hold.
     keyed(
         key,
         "INSERT INTO faults (run, session, event, fault, phase, time_us, tick, joint, value, bound) \
@@ -273,8 +272,8 @@ async fn insert_recording(t: &mut AnyConnection, run: i64, session: i64, r: &Rec
     insert.execute(t).await.map(|_| ())
 }
 
-/// A number as it is stored: SQLite keeps no sign of a zero, so no store does,
-/// and a run has the same bits in all of them.
+/// A number as it is stored. SQLite drops the sign of a zero, so every store drops it, and a run
+/// has the same bits in all of them.
 fn real(value: f64) -> f64 {
     value + 0.0
 }

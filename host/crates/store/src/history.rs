@@ -1,15 +1,13 @@
-//! Past calibrations of each arm, and what they say together: is it drifting,
-//! and when is the next calibration due?
+//! Past calibrations of each arm and their trend: does the arm drift, and when is the next
+//! calibration due?
 //!
-//! Every finished run leaves a *fingerprint*: where its calibrated model puts
-//! the TCP, in the robot's own frame, at configurations that depend on nothing
-//! but the robot's joint limits, and how sure it is of that. Two fingerprints
-//! of one arm are laid over each other (a rigid motion: the base's frame is a
-//! convention) and what is left is how far the arm has *moved* between the two
-//! calibrations. It *drifts* when that is more than three times what both
-//! together do not know; the next calibration is due when an arm that goes on
-//! moving as fast as the straight line through all its runs will have moved by
-//! the limit since the last.
+//! Every finished run leaves a *fingerprint*: the TCP positions of its calibrated model, in the
+//! robot's own frame, at configurations that depend only on the robot's joint limits, and their
+//! uncertainty. Two fingerprints of one arm are aligned by a rigid motion, because the base's frame
+//! is a convention. The remaining distance is how far the arm has *moved* between the two
+//! calibrations. The arm *drifts* if that distance exceeds three times the combined uncertainty. A
+//! straight line through all runs gives the speed. The next calibration is due when an arm at that
+//! speed will have moved by the limit since the last calibration.
 
 use std::collections::BTreeMap;
 
@@ -23,7 +21,8 @@ use spherecal_model::halton::halton;
 use crate::time::{days, utc};
 use crate::{CalibrationStore, StoreError};
 
-/// How far an arm may move, in mm, before it is to be calibrated again, unless something else is said.
+/// How far an arm may move, in mm, before it must be calibrated again, unless the user sets another
+/// limit.
 pub const LIMIT_MM: f64 = 0.3;
 /// Name of a fingerprint among a run's results.
 pub const FINGERPRINT: &str = "fingerprint";
@@ -31,8 +30,8 @@ pub const FINGERPRINT: &str = "fingerprint";
 const POINTS: usize = 60;
 /// How many times the uncertainty a move must be to count as drift.
 const SIGNIFICANT: f64 = 3.0;
-/// Days after which a calibration is due where nothing is known of drift: the
-/// yearly interval of measuring equipment.
+/// Days after which a calibration is due if the drift is unknown: the yearly interval of measuring
+/// equipment.
 const YEAR_DAYS: f64 = 365.0;
 
 /// Where a calibrated model puts the TCP.
@@ -40,7 +39,7 @@ const YEAR_DAYS: f64 = 365.0;
 pub struct Fingerprint {
     /// TCP in F0, in m.
     pub points_m: Vec<[f64; 3]>,
-    /// Root mean square of what the model does not know of them, in mm.
+    /// Root mean square uncertainty of these positions, in mm.
     pub sigma_mm: f64,
 }
 
@@ -62,9 +61,8 @@ fn configurations(robot: &Robot) -> Vec<Vec<f64>> {
 }
 
 impl Fingerprint {
-    /// The fingerprint of a calibrated model of `robot`: `tcp_m` is where it puts
-    /// the TCP in F0 at joint angles in rad, in m, and `variance_m2` the trace of
-    /// its covariance there, in m².
+    /// The fingerprint of a calibrated model of `robot`. `tcp_m` gives the TCP in F0 (m) at joint
+    /// angles in rad. `variance_m2` gives the trace of its covariance there, in m².
     pub fn of(robot: &Robot, tcp_m: impl Fn(&[f64]) -> Vector3<f64>, variance_m2: impl Fn(&[f64]) -> f64) -> Self {
         let configurations = configurations(robot);
         let variance: f64 = configurations.iter().map(|q| variance_m2(q)).sum();
@@ -74,8 +72,8 @@ impl Fingerprint {
         }
     }
 
-    /// Mean distance to another one after the best rigid motion, in mm; `None`
-    /// where they are not of one kind of robot.
+    /// Mean distance to another fingerprint after the best rigid motion, in mm; `None` if they
+    /// belong to different kinds of robot.
     pub fn moved_mm(&self, other: &Self) -> Option<f64> {
         if self.points_m.len() != other.points_m.len() || self.points_m.is_empty() {
             return None;
@@ -107,7 +105,7 @@ pub struct Past {
     pub recorded: Option<u64>,
     /// Root mean square of its residuals, in mm.
     pub residual_rms_mm: Option<f64>,
-    /// Mean TCP error before and after, in mm, where a tracker validated it.
+    /// Mean TCP error before and after, in mm, if a tracker validated the run.
     pub nominal_mm: Option<f64>,
     /// See `nominal_mm`.
     pub calibrated_mm: Option<f64>,
@@ -149,7 +147,7 @@ pub fn read(store: &mut dyn CalibrationStore, arm: &str) -> Result<Vec<Past>, St
     Ok(past)
 }
 
-/// The past by arm, in the order of their names; each one's oldest first.
+/// Sorts past calibrations by arm, in alphabetical order; those of one arm oldest first.
 pub fn by_arm(past: Vec<Past>) -> Vec<Vec<Past>> {
     let mut arms: BTreeMap<(String, String), Vec<Past>> = BTreeMap::new();
     for run in past {
@@ -169,22 +167,23 @@ pub struct Step {
     pub moved_mm: f64,
     /// And since the run before.
     pub moved_since_last_mm: f64,
-    /// What both calibrations together do not know, in mm (1 sigma).
+    /// Combined uncertainty of both calibrations, in mm (1 sigma).
     pub sigma_mm: f64,
 }
 
-/// What the calibrations of one arm say together.
+/// Trend of the calibrations of one arm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Trend {
     /// Kind of robot.
     pub robot: String,
     /// Which one.
     pub arm: String,
-    /// Trusted runs in the order of time; the first is what the others are held against.
+    /// Trusted runs in the order of time. The others are compared with the first.
     pub steps: Vec<Step>,
     /// Whether the arm has moved by more than the calibrations' own uncertainty.
     pub drifting: bool,
-    /// Speed of the straight line through all moves, in mm a year; `None` where all are of one day.
+    /// Slope of the straight line through all moves, in mm per year; `None` if all runs are from
+    /// one day.
     pub mm_per_year: Option<f64>,
     /// Move at which a calibration is due, in mm.
     pub limit_mm: f64,
@@ -192,7 +191,7 @@ pub struct Trend {
     pub due_utc: Option<String>,
 }
 
-/// The trend of one arm from its past, which holds runs of this arm alone, oldest first.
+/// The trend of one arm from its past runs, oldest first.
 pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
     let useful: Vec<(&Past, &Fingerprint, f64)> = past
         .iter()
@@ -219,14 +218,14 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
     }
     let last = steps.last()?;
     let drifting = last.moved_mm > SIGNIFICANT * last.sigma_mm;
-    // A line through the origin: the first run has not moved against itself.
+    // A line through the origin: the first run has not moved relative to itself.
     let (product, square) = steps.iter().fold((0.0, 0.0), |(p, s), step| {
         (p + step.days * step.moved_mm, s + step.days * step.days)
     });
-    // Runs of one day say nothing of a speed.
+    // Runs of one day do not determine a speed.
     let per_day = (last.days >= 1.0).then(|| product / square);
     let until = match per_day {
-        // The last calibration has taken up what had moved until then.
+        // The last calibration has corrected all movement until then.
         Some(speed) if drifting && speed > 0.0 => (limit_mm / speed).min(YEAR_DAYS),
         _ => YEAR_DAYS,
     };
@@ -274,19 +273,19 @@ mod tests {
         }
     }
 
-    // Fails if a rigid motion counts as a move of the arm, or a change of its
-    // shape does not.
+    // Fails if a rigid motion counts as a move of the arm, or if a change of its shape does not.
     #[test]
     fn only_the_shape_counts() {
         assert!(print(0.0, 0.0).moved_mm(&print(0.0, 0.7)).expect("comparable") < 1e-9);
         let moved = print(0.0, 0.0).moved_mm(&print(0.004, 0.7)).expect("comparable");
-        // A stretch by s along z moves points by s times their distance from the middle, 0.25 on average.
+        // A stretch by s along z moves points by s times their distance from the middle, which is
+        // 0.25 on average.
         assert!((0.8..1.2).contains(&moved), "{moved}");
         assert_eq!(print(0.0, 0.0).moved_mm(&Fingerprint::default()), None);
     }
 
-    // Fails if drift is seen in noise or not seen where there is, or if the due
-    // date is not where the line reaches the limit.
+    // Fails if noise counts as drift, if drift is missed, or if the due date is not where the line
+    // reaches the limit.
     #[test]
     fn drift_is_told_from_noise_and_dated() {
         let steady = [

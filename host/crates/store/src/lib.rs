@@ -1,25 +1,23 @@
-//! The store: every recording, contact and fault, written as they arrive.
+//! The store: writes every recording, contact and fault as it arrives.
 //!
-//! Vocabulary: a *run* is one calibration, a *session* one program that worked
-//! on it (a resumed run has several), an *event* what the controller numbered.
+//! Vocabulary: a *run* is one calibration. A *session* is one program that worked on it; a resumed
+//! run has several. An *event* is what the controller numbers.
 //!
 //! ```text
 //!   HostEndpoint ─ batch of events ─▶ Journal::append ─ commit, fsync ─▶ acknowledged
 //!   identify, validate, report ◀─────── SqlCalibrationStore::read_run ◀─────┘
 //! ```
 //!
-//! SQLite, in write-ahead mode with a synchronous commit: what was acknowledged
-//! survives a kill and a power cut. A recording is keyed by run, sphere and
-//! pose, every other event by the host link session in which it happened and
-//! its number there, so that what comes again is not stored again. The schema
-//! (`migrations/`) keeps to what SQLite and PostgreSQL share, and so do the
-//! statements: a store is a file, a PostgreSQL database by its URL, or the
-//! service of another machine ([`StoreLocation`]): all of them are a
-//! [`CalibrationStore`]; the first two are here ([`SqlStore`]). Older schemas are
-//! brought forward when they are opened, newer ones are refused.
+//! SQLite runs in write-ahead mode with a synchronous commit, so acknowledged data survive a kill
+//! and a power cut. A recording is keyed by run, sphere and pose. Every other event is keyed by its
+//! host link session and its number there. So a repeated event is not stored again. The schema
+//! (`migrations/`) and the statements use only what SQLite and PostgreSQL share. A store is a file,
+//! a PostgreSQL database, or the service of another machine ([`StoreLocation`]). Each of them is a
+//! [`CalibrationStore`]; the first two are here ([`SqlStore`]). Older schemas are migrated when
+//! they are opened; newer ones are refused.
 //!
-//! A file is checked before anything is written to it. One that is damaged is
-//! left as it is; [`recover`] reads what it can into a new one.
+//! A file is checked before anything is written to it. A damaged file is left unchanged;
+//! [`recover`] copies its readable data into a new one.
 
 mod calibration_store;
 mod columns;
@@ -100,9 +98,9 @@ pub struct NewRun {
     pub program: String,
     /// The plate's certificate.
     pub spheres: Vec<Sphere>,
-    /// Planned poses, in the order in which they are to be visited.
+    /// Planned poses, in the order of the visits.
     pub poses: Vec<PlannedPose>,
-    /// Which arm this is: its serial number, or whatever names it in the fleet.
+    /// Name of the arm: its serial number, or another name that is unique in the fleet.
     pub arm: String,
 }
 

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use super::{SqlStore, StoreError};
 
-/// The right to measure into a database; given back when it is dropped, and by
-/// the system when the program dies.
+/// The right to measure into a database. It is released when it is dropped, and by the system when
+/// the program dies.
 #[derive(Debug)]
 pub struct Claim {
     _file: File,
@@ -15,11 +15,11 @@ pub struct Claim {
 impl SqlStore {
     /// Claims the database at `path` for measuring.
     ///
-    /// A file of its own beside it carries the lock: a lock on the database
-    /// itself would be lost whenever this process closes a handle of it.
+    /// A separate file beside the database carries the lock. A lock on the database itself would be
+    /// lost whenever this process closes a handle of it.
     ///
     /// # Errors
-    /// When another program has it, or the file cannot be made.
+    /// When another program has the lock, or the file cannot be created.
     pub fn claim(path: &Path) -> Result<Claim, StoreError> {
         let file = path.with_extension("lock");
         let io = |source| StoreError::Io {

@@ -1,5 +1,5 @@
-//! Opening: what is not ours, newer than we are or damaged is refused before
-//! anything is written; what is older is brought forward.
+//! Opens databases. Foreign, newer and damaged files are refused before anything is written. Older
+//! files are migrated.
 
 use std::io::Read as _;
 use std::path::Path;
@@ -17,16 +17,16 @@ use tokio::runtime::Runtime;
 use super::StoreLocation;
 use super::{Kind, SqlStore, StoreError};
 
-/// Version of the schema that this program writes; it reads older ones, too.
+/// Version of the schema that this program writes. It also reads older versions.
 pub const SCHEMA_VERSION: i64 = 3;
 
-/// `SPHC`, in SQLite's application id: says whose database it is.
+/// `SPHC`, in SQLite's application id: marks a database of spherecal.
 const APPLICATION_ID: i64 = 0x5350_4843;
 
 /// How long another program's lock is waited for.
 const PATIENCE: Duration = Duration::from_millis(if cfg!(test) { 300 } else { 10_000 });
 
-/// The schema's steps, oldest first; one that was released never changes.
+/// The migrations, oldest first. A released one never changes.
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
     let step = |version, name: &'static str, sql: &'static str| {
         Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
@@ -70,11 +70,11 @@ pub(super) fn url_of(path: &Path) -> Result<String, StoreError> {
 }
 
 impl SqlStore {
-    /// Opens a PostgreSQL database by its URL; its tables are made if there are none.
+    /// Opens a PostgreSQL database by its URL. Creates its tables if there are none.
     ///
     /// # Errors
-    /// A server that does not answer or refuses, or a program that was built
-    /// without the feature `postgres`.
+    /// The server does not answer or refuses, or this program was built without the feature
+    /// `postgres`.
     #[cfg(not(feature = "postgres"))]
     pub fn postgres(_url: &str) -> Result<Self, StoreError> {
         Err(StoreError::Feature {
@@ -83,10 +83,10 @@ impl SqlStore {
         })
     }
 
-    /// Opens a PostgreSQL database by its URL; its tables are made if there are none.
+    /// Opens a PostgreSQL database by its URL. Creates its tables if there are none.
     ///
     /// # Errors
-    /// A server that does not answer or refuses.
+    /// The server does not answer or refuses.
     #[cfg(feature = "postgres")]
     pub fn postgres(url: &str) -> Result<Self, StoreError> {
         sqlx::any::install_default_drivers();
@@ -98,7 +98,7 @@ impl SqlStore {
         };
         let connection = runtime.block_on(async {
             let mut connection = AnyConnection::connect(url).await.map_err(database)?;
-            // A lock of the server's keeps two programs from making the tables at once.
+            // A lock on the server keeps two programs from creating the tables at once.
             match MIGRATIONS.run(&mut connection).await {
                 Ok(()) => Ok(connection),
                 Err(MigrateError::VersionMissing(found) | MigrateError::VersionMismatch(found)) => {
@@ -121,10 +121,10 @@ impl SqlStore {
         })
     }
 
-    /// Opens the database, or makes it with its folder where there is none.
+    /// Opens the database, or creates it with its folder if there is none.
     ///
     /// # Errors
-    /// A file that is not ours, of another version, damaged or not writable.
+    /// The file is not a database of spherecal, has a newer version, is damaged or is not writable.
     pub fn create_or_open(path: &Path) -> Result<Self, StoreError> {
         if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder).map_err(|source| StoreError::Io {
@@ -135,10 +135,10 @@ impl SqlStore {
         Self::connect(path, true)
     }
 
-    /// Opens a database that is there.
+    /// Opens an existing database.
     ///
     /// # Errors
-    /// As [`SqlStore::create_or_open`], and when there is none.
+    /// Like [`SqlStore::create_or_open`], and when there is no file.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         if !path.exists() {
             return Err(StoreError::Missing { path: path.to_owned() });
@@ -199,7 +199,7 @@ impl SqlStore {
 }
 
 impl Drop for SqlStore {
-    /// Closes the file, so that nothing but the one file is left of it.
+    /// Closes the database, so that only the one file remains.
     fn drop(&mut self) {
         if let Some(connection) = self.connection.take()
             && let Err(error) = self.runtime.block_on(connection.close())
@@ -209,8 +209,8 @@ impl Drop for SqlStore {
     }
 }
 
-/// Has the folder remember its files: a write-ahead log that a power cut takes
-/// out of its folder is lost with what it holds. Not every system can do it.
+/// Writes the folder's entries to the disk. Otherwise a power cut could remove the write-ahead log
+/// with its data from the folder. Not every system supports this.
 fn sync_folder(path: &Path) {
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
     let synced = std::fs::File::open(folder.unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all());
@@ -219,8 +219,8 @@ fn sync_folder(path: &Path) {
     }
 }
 
-/// Makes a database under another name, whole and signed, and only then gives it
-/// its own: a kill in between leaves no half of one.
+/// Creates a database completely under a temporary name, marks it, and only then renames it. So a
+/// kill in between leaves no half-written database.
 async fn make(path: &Path) -> Result<(), StoreError> {
     let mut name = path.as_os_str().to_owned();
     name.push(format!(".new-{}", std::process::id()));
@@ -248,8 +248,8 @@ async fn make(path: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Whether names and types of tables and columns are text. SQLite does not mind
-/// if they are not; the driver does, and never comes back from the first query.
+/// Checks that names and types of tables and columns are text. SQLite accepts others, but the
+/// driver then never returns from the first query.
 async fn names_are_text(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
     let rows: Vec<Vec<u8>> =
         sqlx::query_scalar("SELECT CAST(name || tbl_name || COALESCE(sql, '') AS BLOB) AS words FROM sqlite_master")
@@ -269,8 +269,8 @@ async fn bring_file_forward(path: &Path) -> Result<(), sqlx::Error> {
     connection.close().await
 }
 
-/// Brings the tables to this program's schema and signs the file. Each step is
-/// a transaction, and the signature comes last: after a kill it is done again.
+/// Migrates the tables to this program's schema and marks the file. Each step is a transaction and
+/// the mark is written last, so after a kill the migration is repeated.
 async fn bring_forward(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
     MIGRATIONS.run(&mut *connection).await?;
     for (pragma, value) in [("application_id", APPLICATION_ID), ("user_version", SCHEMA_VERSION)] {
@@ -281,7 +281,7 @@ async fn bring_forward(connection: &mut SqliteConnection) -> Result<(), sqlx::Er
     Ok(())
 }
 
-/// Whether there is nothing at `path` yet, or only an empty file.
+/// Whether the path has no file yet, or only an empty one.
 fn is_fresh(path: &Path) -> std::io::Result<bool> {
     match std::fs::metadata(path) {
         Ok(metadata) => Ok(metadata.is_file() && metadata.len() == 0),
@@ -290,7 +290,7 @@ fn is_fresh(path: &Path) -> std::io::Result<bool> {
     }
 }
 
-/// Refuses what does not even begin like an SQLite file.
+/// Refuses files that do not begin like an SQLite file.
 fn refuse_foreign(path: &Path, io: impl Fn(std::io::Error) -> StoreError) -> Result<(), StoreError> {
     let mut magic = Vec::new();
     if path.is_file() {
@@ -304,9 +304,8 @@ fn refuse_foreign(path: &Path, io: impl Fn(std::io::Error) -> StoreError) -> Res
     }
 }
 
-/// Reads version and owner and looks at every page, without changing one: a
-/// connection that may only read does not carry the log into the file, either.
-/// Returns the version.
+/// Reads version and owner and checks every page without changing one. The connection is read-only,
+/// so it does not move the log into the file either. Returns the version.
 async fn check(path: &Path) -> Result<i64, StoreError> {
     let damaged = |source: sqlx::Error| match StoreError::of(path, source) {
         StoreError::Database { path, source } => StoreError::Damaged {
@@ -342,7 +341,7 @@ async fn check(path: &Path) -> Result<i64, StoreError> {
         .await
         .map_err(damaged)?;
     let words = names_are_text(&mut connection).await.map_err(damaged)?;
-    // Closing can fail only in ways that do not matter to a reader.
+    // An error while closing does not matter to a reader.
     let _ = connection.close().await;
     if owner != APPLICATION_ID {
         return Err(StoreError::NotOurs { path: path.to_owned() });

@@ -1,8 +1,7 @@
 //! A service as a client names it.
 
-/// A server as a client names it: `grpc:HOST:PORT`, or `grpcs:HOST:PORT` with
-/// TLS; the token comes from `SPHERECAL_TOKEN`, the certificate to trust from
-/// the file in `SPHERECAL_CA`.
+/// A server as a client names it: `grpc:HOST:PORT`, or `grpcs:HOST:PORT` with TLS. The token comes
+/// from `SPHERECAL_TOKEN`, the trusted certificate from the file in `SPHERECAL_CA`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Peer {
     /// `HOST:PORT`.

@@ -1,4 +1,4 @@
-//! Reading: what a run has, in the order in which it came.
+//! Reads the data of a run, in the order in which they arrived.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -47,7 +47,7 @@ impl SqlStore {
                 return Err(StoreError::Damaged {
                     path: self.path.clone(),
                     what: format!(
-                        "the recording of sphere {}, pose {} in run {run} is not what was written",
+                        "the recording of sphere {}, pose {} in run {run} differs from what was written",
                         recording.sphere, recording.pose
                     ),
                 });
@@ -64,7 +64,7 @@ impl SqlStore {
             .collect()
     }
 
-    /// Recordings as they stand in the file, whether or not that was written.
+    /// Recordings as they are in the file, without the check of their digests.
     pub(super) fn unchecked_recordings(&mut self, run: i64) -> Result<Vec<Recording>, StoreError> {
         let joints = self.rows(
             "SELECT j.* FROM recording_joints j JOIN recordings r \
@@ -92,7 +92,7 @@ impl SqlStore {
                 if (self.count(joint, "sphere")?, self.count(joint, "pose")?) != (recording.sphere, recording.pose) {
                     break;
                 }
-                // More joints than the protocol carries cannot have been written.
+                // The protocol allows no more joints, so a further one cannot have been written.
                 let _ = recording.q.push(SignalStatistics {
                     mean: self.get(joint, "q_mean_rad")?,
                     std: self.get(joint, "q_std_rad")?,

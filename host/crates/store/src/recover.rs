@@ -1,10 +1,9 @@
-//! Reading what can be read out of a damaged database, into a new file.
+//! Copies the readable data of a damaged database into a new file.
 //!
-//! The damaged file is copied and only the copy is opened. Rows are fetched one
-//! by one by their number, so that a damaged page costs the rows that are on it
-//! and no others; a first page that is lost is replaced by that of a fresh
-//! database, which has the same tables in the same places. What is copied is
-//! held against its digest: a recording that is not what was written is left out.
+//! The damaged file is copied and only the copy is opened. Rows are fetched one by one by their
+//! number, so a damaged page costs only the rows on it. A lost first page is replaced by that of a
+//! fresh database, which has the same tables in the same places. The copied data are compared with
+//! their digests, and a recording that differs is left out.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -38,7 +37,7 @@ const TABLES: [&str; 14] = [
     "digests",
 ];
 
-/// Rows of a table are looked for until so many numbers in a row had none.
+/// The search for rows of a table ends after so many numbers in a row without a row.
 const GAP: i64 = 20_000;
 
 /// What was saved of one table.
@@ -46,7 +45,7 @@ const GAP: i64 = 20_000;
 pub struct Saved {
     /// Rows that are in the new file.
     pub read: u64,
-    /// Rows that are there but cannot be read, or do not fit with the others.
+    /// Rows that exist but cannot be read, or that contradict others.
     pub lost: u64,
 }
 
@@ -55,21 +54,21 @@ pub struct Saved {
 pub struct Recovered {
     /// By table.
     pub tables: BTreeMap<&'static str, Saved>,
-    /// Recordings that were left out because they are not what was written, or
-    /// lack joints: run, sphere, pose.
+    /// Recordings that were left out because they differ from what was written, or lack joints:
+    /// run, sphere, pose.
     pub recordings_left_out: Vec<(i64, i64, i64)>,
     /// Whether the first page, and with it the list of tables, had to be replaced.
     pub first_page_replaced: bool,
 }
 
-/// Reads what can be read of the database at `damaged` into a new one at `new`.
+/// Copies the readable data of the database at `damaged` into a new one at `new`.
 ///
-/// A run that has lost anything counts as unfinished in the new file, so that
-/// `--resume` records what is missing.
+/// A run with lost data counts as unfinished in the new file, so that `--resume` records what is
+/// missing.
 ///
 /// # Errors
-/// When `new` exists, `damaged` does not, a file cannot be written, or nothing
-/// of `damaged` looks like a database of this program.
+/// When `new` exists, `damaged` does not, a file cannot be written, or no part of `damaged` looks
+/// like a database of this program.
 pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
     if !damaged.is_file() {
         return Err(StoreError::Missing {
@@ -102,7 +101,7 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
         let saved = target.block(async |connection| copy_table(table, &mut source, connection).await)?;
         recovered.tables.insert(table, saved);
     }
-    // Closing can fail only in ways that do not matter to a copy.
+    // An error while closing does not matter to a copy.
     let _ = runtime.block_on(source.close());
     recovered.recordings_left_out = leave_out(&mut target)?;
     reopen_runs(&mut target)?;
@@ -111,7 +110,7 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
     Ok(recovered)
 }
 
-/// A folder beside the new file for the copy and the draft; it goes when it is dropped.
+/// A folder beside the new file for the copy and the draft. It is removed when this is dropped.
 struct Workshop {
     folder: PathBuf,
     copy: PathBuf,
@@ -148,8 +147,8 @@ impl Workshop {
         }
     }
 
-    /// Gives the copy the first page of `fresh`, and drops its log, which would
-    /// bring the lost page back.
+    /// Gives the copy the first page of `fresh`, and removes its log, which would bring the damaged
+    /// page back.
     fn replace_first_page(&self, fresh: &[u8]) -> Result<(), StoreError> {
         let page = fresh
             .get(16..18)
@@ -159,7 +158,7 @@ impl Workshop {
         let pages = u32::try_from(bytes.len() / page.max(512)).unwrap_or(u32::MAX);
         if let (Some(old), Some(new)) = (bytes.get_mut(..page), fresh.get(..page)) {
             old.copy_from_slice(new);
-            // Its own number of pages, no free ones, and no write-ahead mode.
+            // Its own number of pages, no free pages, and no write-ahead mode.
             for (at, value) in [(28, pages), (32, 0), (36, 0)] {
                 if let Some(slot) = old.get_mut(at..at + 4) {
                     slot.copy_from_slice(&value.to_be_bytes());
@@ -187,8 +186,8 @@ impl Drop for Workshop {
     }
 }
 
-/// Opens a copy that may be shorter than its header says, and sees whether it
-/// knows its tables.
+/// Opens a copy that may be shorter than its header says, and checks whether its list of tables is
+/// readable.
 async fn open_copy(copy: &Path) -> Result<SqliteConnection, sqlx::Error> {
     let mut connection = SqliteConnectOptions::new()
         .filename(copy)
@@ -207,7 +206,7 @@ async fn open_copy(copy: &Path) -> Result<SqliteConnection, sqlx::Error> {
     }
 }
 
-/// Copies the rows of one table that can be read and that fit.
+/// Copies the rows of one table that can be read and that are consistent.
 async fn copy_table(
     table: &str,
     source: &mut SqliteConnection,
@@ -221,7 +220,7 @@ async fn copy_table(
     let list = columns.join(", ");
     let marks: Vec<String> = (1..=columns.len()).map(|k| format!("${k}")).collect();
     let insert = format!("INSERT INTO {table} ({list}) VALUES ({})", marks.join(", "));
-    // An expression has no declared type: one that is no text would be the end of the driver.
+    // An expression has no declared type; a declared type that is not text would hang the driver.
     let values: Vec<String> = columns.iter().map(|name| format!("+{name} AS {name}")).collect();
     let select = format!("SELECT {} FROM {table} WHERE rowid = $1", values.join(", "));
     let highest: Option<i64> = sqlx::query_scalar(AssertSqlSafe(format!("SELECT MAX(rowid) FROM {table}")))
@@ -240,7 +239,8 @@ async fn copy_table(
             .await
         {
             Ok(None) => missing += 1,
-            // A column that an older schema does not have, or a table: none of it can be read.
+            // The table, or a column that an older schema lacks, is missing: nothing of it can be
+            // read.
             Err(_) if rowid == 1 && !has_table(table, source).await => break,
             Err(_) => {
                 missing += 1;
@@ -255,7 +255,7 @@ async fn copy_table(
                 }
             }
         }
-        // A highest number that is damaged itself must not be counted up to.
+        // A damaged highest number must not lead to a search up to it.
         if missing > 100 * GAP {
             break;
         }
@@ -276,8 +276,8 @@ async fn has_table(table: &str, source: &mut SqliteConnection) -> bool {
     found.is_ok_and(|count| count > 0)
 }
 
-/// Writes one row as it was; `false` when the new file refuses it (a key that is
-/// there twice, a run that is lost, a number where none may be missing).
+/// Writes one row unchanged. Returns `false` if the new file refuses it (a duplicate key, a lost
+/// run, a missing number).
 async fn insert_row(insert: &str, row: &SqliteRow, columns: usize, target: &mut AnyConnection) -> bool {
     let mut query = sqlx::query(AssertSqlSafe(insert.to_owned()));
     for column in 0..columns {
@@ -307,7 +307,7 @@ async fn insert_row(insert: &str, row: &SqliteRow, columns: usize, target: &mut 
     query.execute(target).await.is_ok()
 }
 
-/// Removes recordings that are not what was written, or lack joints.
+/// Removes recordings that differ from what was written, or that lack joints.
 fn leave_out(target: &mut SqlStore) -> Result<Vec<(i64, i64, i64)>, StoreError> {
     let runs: Vec<i64> = target.block(async |connection| {
         sqlx::query_scalar("SELECT run FROM runs ORDER BY run")
@@ -317,7 +317,8 @@ fn leave_out(target: &mut SqlStore) -> Result<Vec<(i64, i64, i64)>, StoreError> 
     let mut left_out = Vec::new();
     for run in runs {
         let digests = target.digests(run)?;
-        // The most that any recording of the run has: one that has fewer has lost some.
+        // The largest number of joints of any recording of the run. A recording with fewer has lost
+        // some.
         let recordings = target.unchecked_recordings(run)?;
         let joints = recordings.iter().map(|r| r.q.len()).max().unwrap_or(0);
         for r in &recordings {
@@ -357,7 +358,7 @@ fn leave_out(target: &mut SqlStore) -> Result<Vec<(i64, i64, i64)>, StoreError> 
     Ok(left_out)
 }
 
-/// Runs that lack recordings count as running again.
+/// Marks runs that lack recordings as running.
 fn reopen_runs(target: &mut SqlStore) -> Result<(), StoreError> {
     target.block(async |connection| {
         sqlx::query(

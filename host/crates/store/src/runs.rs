@@ -1,4 +1,4 @@
-//! Reading: which runs there are, and the sessions of each.
+//! Reads the list of runs, and the sessions of each run.
 
 use std::collections::BTreeMap;
 
@@ -30,7 +30,7 @@ pub struct RunInfo {
     pub program: String,
     /// `running`, `measured` or `complete`.
     pub state: String,
-    /// Which arm it was: its serial number, or whatever names it in the fleet.
+    /// Name of the arm: its serial number, or another name that is unique in the fleet.
     pub arm: String,
 }
 
@@ -83,8 +83,8 @@ impl SqlStore {
         })
     }
 
-    /// Under which numbers (nonces) the sessions of a run have greeted the
-    /// controller: session and greeting of each.
+    /// The nonces under which the sessions of a run started a handshake with the controller, with
+    /// session and handshake number.
     pub(super) fn greetings(&mut self, run: i64) -> Result<BTreeMap<u32, (i64, i64)>, StoreError> {
         let rows = self.rows("SELECT * FROM greetings WHERE run = $1", run)?;
         rows.iter()

@@ -38,7 +38,7 @@ impl CalibrationStore for SqlStore {
     }
 
     fn read_run(&mut self, run: i64) -> Result<StoredRun, StoreError> {
-        // One snapshot: another program may be writing meanwhile.
+        // One snapshot, because another program may be writing at the same time.
         self.execute(match self.kind {
             Kind::Sqlite => "BEGIN",
             Kind::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY",

@@ -30,7 +30,7 @@ pub(super) fn recording(pose: u32, odd: f64) -> Recording {
     let signal = |k: usize| SignalStatistics {
         mean: odd / (k as f64 + 3.0),
         std: 1e-300 / (k as f64 + 1.0),
-        // SQLite keeps no sign of a zero: that must not pass for damage.
+        // SQLite drops the sign of a zero. That must not count as damage.
         min: if k == 2 { -0.0 } else { -0.1 - 1e-17 },
         max: std::f64::consts::PI,
     };
@@ -52,8 +52,8 @@ pub(super) fn placed(session: i64, event: i64, body: &Event) -> Placed<'_> {
     Placed { session, event, body }
 }
 
-// Fails if any bit of a recording changes on its way through the file, if a
-// repeat is stored again, or if the order is lost.
+// Fails if any bit of a recording changes on its way through the file, if a repeat is stored again,
+// or if the order is lost.
 #[test]
 fn recordings_survive_to_the_bit_and_come_once() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -137,8 +137,8 @@ fn faults_phases_shots_and_results_come_back() {
     assert!(store.read_run(run).expect("read").rejected.contains(&(1, 4)));
 }
 
-// Fails if a database of another version, or something else altogether, is
-// opened or changed by one byte.
+// Fails if a database of a newer version, or another kind of file, is opened or changed by one
+// byte.
 #[test]
 fn what_is_not_ours_is_refused_and_not_touched() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -166,8 +166,8 @@ fn what_is_not_ours_is_refused_and_not_touched() {
     ));
 }
 
-// Fails if a database of the first schema is refused, loses a run on its way to
-// the present one, or is not brought there for good.
+// Fails if a database of the first schema is refused, loses a run in the migration, or is not
+// migrated permanently.
 #[test]
 fn an_older_schema_is_brought_up_to_date() {
     let folder = tempfile::tempdir().expect("a folder");

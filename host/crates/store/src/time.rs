@@ -1,4 +1,4 @@
-//! Dates and times in UTC, as the store and the files have them (RFC 3339).
+//! Dates and times in UTC, in the format of the store and the files (RFC 3339).
 
 use ::time::OffsetDateTime;
 use ::time::format_description::well_known::Rfc3339;

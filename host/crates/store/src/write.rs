@@ -1,4 +1,4 @@
-//! Writing: runs, sessions, laser shots, results; [events](super::events) go their own way.
+//! Writes runs, sessions, laser shots and results. [Events](super::events) are written elsewhere.
 
 use sqlx::{AnyConnection, AssertSqlSafe, Connection as _};
 
@@ -7,7 +7,7 @@ use spherecal_model::LaserShot;
 
 use super::{Kind, NewRun, SqlStore, StoreError};
 
-/// What is known of a session at its end (or so far).
+/// What is known of a session at its end, or so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SessionEnd {
     /// Version and build of the firmware.
@@ -25,7 +25,7 @@ pub struct SessionEnd {
 }
 
 impl SqlStore {
-    /// Notes a new run, its plate and its poses; returns its number.
+    /// Stores a new run with its plate and its poses. Returns its number.
     pub(super) fn create_run(&mut self, new: &NewRun) -> Result<i64, StoreError> {
         let kind = self.kind;
         let path = self.path.clone();
@@ -49,7 +49,7 @@ impl SqlStore {
         certificate.sort_by_key(|sphere| sphere.id);
         let digest = digest::of_run(new.seed, texts, &certificate);
         self.block(async |connection| {
-            // Several robots may begin at once: the number is taken under a lock.
+            // Several robots may begin at once, so the number is assigned under a lock.
             let mut t = match kind {
                 Kind::Sqlite => connection.begin_with("BEGIN IMMEDIATE").await?,
                 Kind::Postgres => connection.begin().await?,
@@ -174,8 +174,8 @@ impl SqlStore {
         })
     }
 
-    /// Notes under which number (`nonce`) a session greets the controller, as
-    /// its greeting number `greeting`.
+    /// Stores the `nonce` under which a session performs handshake number `greeting` with the
+    /// controller.
     pub(super) fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError> {
         self.set_durable(true)?;
         self.block(async |connection| {
@@ -222,7 +222,7 @@ impl SqlStore {
         })
     }
 
-    /// Writes laser shots; those of the same purposes that were there are replaced.
+    /// Writes laser shots. They replace the stored ones of the same purposes.
     pub(super) fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError> {
         let digest = digest::of_laser(shots);
         self.block(async |connection| {
@@ -253,7 +253,7 @@ impl SqlStore {
         })
     }
 
-    /// Writes a named result, as JSON; one of the same name is replaced.
+    /// Writes a named result, as JSON. It replaces a result of the same name.
     pub(super) fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), StoreError> {
         self.block(async |connection| {
             sqlx::query(
@@ -303,7 +303,7 @@ pub(super) async fn put_digest(t: &mut AnyConnection, run: i64, subject: &str, d
     .map(|_| ())
 }
 
-/// An insertion of so many rows; numbered places are what both databases know.
+/// An insertion of so many rows, with numbered placeholders, which both databases support.
 pub(super) fn rows(insert: &str, rows: usize, columns: usize) -> String {
     let mut statement = format!("{insert} VALUES ");
     for row in 0..rows {

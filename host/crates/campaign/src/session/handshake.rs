@@ -1,4 +1,4 @@
-//! Who is at the other end: greetings, and greetings again.
+//! Handshakes: first contact with the controller, and repeats.
 
 use spherecal_shared::protocol::host::{Banner, Command, Phase};
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
@@ -16,14 +16,14 @@ impl Session<'_> {
         let session = self.endpoint.next_session();
         self.journal.handshake(session)?;
         if let Err(error) = self.order("greet", Command::Hello) {
-            // One that does not understand a greeting may still say why.
+            // A controller that does not understand the handshake may still state why.
             return match (self.greet_again(joints), error) {
                 (Err(why), CampaignError::Timeout { .. }) => Err(why),
                 (_, error) => Err(error),
             };
         }
         let Waited::Got(banner) = self.wait("send its banner", ANSWER_S, |s| s.banner.clone())? else {
-            // A controller that was left in a fault says so before its banner.
+            // A controller that was left in a fault reports the fault before its banner.
             return self.greet_again(joints);
         };
         check_banner(&banner, joints)
@@ -44,13 +44,14 @@ impl Session<'_> {
         }
     }
 
-    /// Greets a controller that fell silent or was reset, for as long as it may take.
+    /// Repeats the handshake with a controller that fell silent or was reset, for as long as the
+    /// limit allows.
     pub(crate) fn repeat_handshake(&mut self, joints: usize) -> Result<(), CampaignError> {
         let start = self.now_us();
         self.inbox.clear();
         self.banner = None;
         self.pending_fault = None;
-        // Its clock may begin anew.
+        // Its clock may have restarted.
         self.phase = Phase::Idle;
         self.changed_us = 0;
         self.in_handshake = true;

@@ -8,7 +8,7 @@ use crate::recovery::LOST_S;
 
 /// How long the controller may take to answer a command, in s of device time.
 pub(super) const ANSWER_S: f64 = 10.0;
-/// How long a cleared fault is watched for coming back, in µs of device time.
+/// How long a cleared fault is watched in case it returns, in µs of device time.
 const CLEAR_US: u64 = 50_000;
 
 /// How a wait ended.
@@ -30,12 +30,12 @@ impl Session<'_> {
         self.ask_at(start_us, what, command)
     }
 
-    /// As [`ask`](Self::ask), of a command that is to start at `start_us`.
+    /// Like [`ask`](Self::ask), for a command that starts at `start_us`.
     fn ask_at(&mut self, start_us: u64, what: &str, command: Command) -> Result<Result<(), Refusal>, CampaignError> {
         let sequence = self.endpoint.send_at(start_us, command);
         self.start_us = start_us;
-        // It is answered when it has started, and an answer that is lost must be
-        // asked for again: what nothing but the answer leads to starts a lead later.
+        // The answer comes when the command has started, and a lost answer must be requested again.
+        // Anything that follows from the answer alone starts one lead later.
         if start_us > 0 {
             self.heard_us = self.heard_us.max(start_us.saturating_add(self.lead_us));
         }
@@ -65,7 +65,7 @@ impl Session<'_> {
         })
     }
 
-    /// Sends a command; the fault that kept it from being carried out, if there was one.
+    /// Sends a command. Returns the fault that prevented it, if there was one.
     pub(crate) fn carry_out(&mut self, what: &str, command: Command) -> Result<Option<FaultReport>, CampaignError> {
         match self.ask(what, command)? {
             Ok(()) => Ok(None),
@@ -83,8 +83,8 @@ impl Session<'_> {
         }
     }
 
-    /// Sends a command that sets the arm in motion, and waits until it rests again,
-    /// so many s at most; the fault, if one came.
+    /// Sends a command that moves the arm, and waits until the arm rests again, for at most the
+    /// given number of seconds. Returns the fault, if one came.
     pub(crate) fn carry_to_rest(
         &mut self,
         what: &str,
@@ -100,8 +100,8 @@ impl Session<'_> {
         }
     }
 
-    /// Whether the arm has come to rest after the last command. The rest that an
-    /// earlier one led to may be told after the last one's answer, and is not it.
+    /// Whether the arm has come to rest after the last command. The report of an earlier rest may
+    /// arrive after the answer to the last command, and does not count.
     pub(crate) fn rests(&self) -> bool {
         self.phase == Phase::Idle && self.changed_us >= self.start_us
     }
@@ -114,7 +114,7 @@ impl Session<'_> {
             self.step()?;
             self.check_time(start, f64::INFINITY, String::new)?;
         }
-        // By the controller's clock, too: what comes next starts that much later.
+        // The controller's clock advances too: the next command starts that much later.
         self.heard_us = self.heard_us.saturating_add((time_s * 1e6) as u64);
         Ok(())
     }
@@ -157,14 +157,14 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Clears a fault, if there is one; the fault that came back at once, if one did.
+    /// Clears a fault, if there is one. Returns the fault that came back at once, if one did.
     pub(crate) fn clear_fault(&mut self) -> Result<Option<FaultReport>, CampaignError> {
         let quiet = self.pending_fault.take().is_none() && self.phase != Phase::Fault;
         self.order("clear the fault", Command::ClearFault)?;
         if quiet && self.pending_fault.is_none() {
             return Ok(None);
         }
-        // The fault is over when the controller says so, not when it says yes.
+        // The fault is over when the controller reports it over, not when it accepts the command.
         let start = self.now_us();
         loop {
             self.step()?;

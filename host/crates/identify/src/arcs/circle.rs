@@ -1,14 +1,13 @@
-//! A circle in space, fitted to points that a tracker saw on an arc.
+//! A circle in space, fitted to the points of an arc that a tracker measured.
 //!
-//! Stands between the arcs and the joint axes: the axis is the line through
-//! the circle's centre along its normal. The fit is the geometric one (it
-//! minimises orthogonal distances to the circle, axial and radial) by
-//! Gauss-Newton from an algebraic start, with Huber's and then Tukey's weights,
-//! so that a few bad points do not move it.
+//! It leads from the arcs to the joint axes: an axis is the line through the circle's centre along
+//! its normal. The fit is geometric: it minimises the orthogonal distances to the circle, axial and
+//! radial, by Gauss-Newton from an algebraic start. Huber's and then Tukey's weights keep a few bad
+//! points from moving it.
 
 use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector3, Vector6};
 
-/// Fewest points that a circle is fitted to: 6 unknowns, and some to judge by.
+/// Fewest points of a fit: 6 unknowns, and some degrees of freedom.
 const FEWEST: usize = 8;
 /// Tuning constants of 95 % efficiency under normal noise (Huber, Tukey).
 const HUBER: f64 = 1.345;
@@ -21,12 +20,12 @@ const MAD_TO_SIGMA: f64 = 1.4826;
 pub struct Circle {
     /// Centre, in m, in the frame of the points.
     pub centre_m: Vector3<f64>,
-    /// Unit normal; its sign is arbitrary until the sense of motion is known.
+    /// Unit normal. Its sign is arbitrary until the sense of rotation is known.
     pub normal: Vector3<f64>,
     /// Radius, in m.
     pub radius_m: f64,
-    /// Covariance of centre (3), tilts of the normal towards [`Circle::plane`]'s
-    /// two axes (rad) and radius, in m, rad and their products.
+    /// Covariance of centre (3), tilts of the normal towards [`Circle::plane`]'s two axes (rad) and
+    /// radius, in m, rad and their products.
     pub covariance: Matrix6<f64>,
     /// Two unit vectors that span the circle's plane.
     pub plane: [Vector3<f64>; 2],
@@ -40,7 +39,7 @@ pub struct Circle {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum CircleError {
     /// Not enough points.
-    #[error("{found} points on the arc, {FEWEST} are needed: measure more points")]
+    #[error("the arc has {found} points, but {FEWEST} are needed: measure more points")]
     TooFew {
         /// Points given.
         found: usize,
@@ -75,7 +74,7 @@ pub fn fit_circle(points: &[Vector3<f64>]) -> Result<Circle, CircleError> {
     let mut circle = algebraic(points)?;
     let mut weights = vec![1.0; points.len()];
     let mut tukey = false;
-    // Far more than the handful that it takes; the loop ends when nothing moves.
+    // Far more than the few iterations it needs. The loop ends when nothing moves.
     for _ in 0..60 {
         let step = gauss_newton_step(&mut circle, points, &weights);
         let next = weights_of(&mut circle, points, tukey);
@@ -93,7 +92,7 @@ pub fn fit_circle(points: &[Vector3<f64>]) -> Result<Circle, CircleError> {
     Ok(circle)
 }
 
-/// The best plane, and Kåsa's circle in it: a start that needs no start.
+/// The best plane, and Kåsa's circle in it: needs no start value.
 fn algebraic(points: &[Vector3<f64>]) -> Result<Circle, CircleError> {
     let n = points.len() as f64;
     let mean = points.iter().sum::<Vector3<f64>>() / n;
@@ -192,7 +191,7 @@ fn weights_of(circle: &mut Circle, points: &[Vector3<f64>], tukey: bool) -> Vec<
     let mut absolute: Vec<f64> = each.iter().flatten().map(|r| r.abs()).collect();
     absolute.sort_by(f64::total_cmp);
     let median = absolute[absolute.len() / 2];
-    // The floor keeps exact data (no noise at all) at weight 1.
+    // The lower limit keeps exact data (without any noise) at weight 1.
     circle.sigma_m = MAD_TO_SIGMA * median;
     let scale = circle.sigma_m.max(1e-12);
     each.iter()

@@ -1,13 +1,12 @@
 //! Base pose and tool from arcs, as Section 4.3 of the paper measures them.
 //!
-//! Each arc gives one joint axis: a line. The base frame F0 is placed so that
-//! the nominal axis 1 lies on the measured one, the nominal axis 2 is turned
-//! towards the measured one, and the foot of their common normal on axis 1
-//! (for the iiwa: their intersection) coincides. The flange frame Fn is placed
-//! in the same manner from the axes of the last joints, and the tool is where
-//! the last arc's points lie in it, its phase averaged over the turn.
+//! Each arc gives one joint axis as a line. The base frame F0 is placed so that the nominal axis 1
+//! lies on the measured one, the nominal axis 2 points towards the measured one, and the foot of
+//! their common normal on axis 1 (for the iiwa: their intersection) coincides. The flange frame Fn
+//! is placed in the same way from the axes of the last joints. The tool is the position of the last
+//! arc's points in it, with the phase averaged over the turn.
 //!
-//! What this cannot see stays in the result, as in the paper: deflection under
+//! Effects that this method cannot separate stay in the result, as in the paper: deflection under
 //! gravity, encoder errors, and geometric errors between the axes used.
 
 use nalgebra::{Matrix3, Vector3, Vector6};
@@ -23,8 +22,8 @@ const CONCURRENT_M: f64 = 1e-6;
 /// Axes whose directions differ by less than this (sine) give no frame.
 const PARALLEL: f64 = 0.05;
 
-/// Base and tool as measured by arcs; sigmas are 1 standard deviation of the
-/// tracker's noise carried through the fits (systematic robot errors excluded).
+/// Base and tool as measured by arcs. Sigmas are 1 standard deviation of the tracker's noise
+/// propagated through the fits; systematic errors of the robot are not included.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredFrames {
     /// Pose of the base frame F0 in the tracker frame (translation in m).
@@ -93,11 +92,11 @@ struct Axis {
     direction: Vector3<f64>,
 }
 
-/// One fitted arc, with what of its configurations is needed later.
+/// One fitted arc, with the data of its configurations that later steps need.
 #[derive(Clone, Debug)]
 struct Fitted {
     circle: Circle,
-    /// +1 where the circle's normal has the sense of positive rotation, else -1.
+    /// +1 if the circle's normal has the sense of positive rotation, else -1.
     sense: f64,
     /// Angles of the joint that turned, and the points.
     turn: Vec<(f64, Vector3<f64>)>,
@@ -124,8 +123,8 @@ impl Fitted {
     }
 }
 
-/// Base pose and tool of `robot` from measured arcs: of joints 1 and 2 for the
-/// base, of the last two or three for the tool (rest configurations shared).
+/// Base pose and tool of `robot` from measured arcs: of joints 1 and 2 for the base, of the last
+/// two or three joints for the tool (with the same rest configuration).
 ///
 /// # Errors
 /// Missing, short or inconsistent arcs, and parallel axes.
@@ -140,7 +139,7 @@ pub fn frames_from_arcs(
     let second = fitted(base_arcs, 2, "base", n)?;
     let before = fitted(tool_arcs, n.saturating_sub(1), "tool", n)?;
     let last = fitted(tool_arcs, n, "tool", n)?;
-    // The third axis from the flange only helps; an arm may do without.
+    // The third axis from the flange improves the result, but is not required.
     let third = if tool_arcs.iter().any(|a| a.joint + 2 == n) {
         Some(fitted(tool_arcs, n - 2, "tool", n)?)
     } else {
@@ -181,7 +180,7 @@ pub fn frames_from_arcs(
         add_tool(&tool_from(&chain, third.as_ref(), &before, &last.displaced(&delta))?);
     }
 
-    // Noise along the circle does not enter its fit, only the phase.
+    // Noise along the circle affects only the phase, not the fit.
     let tangent = Vector3::new(-tool.y, tool.x, 0.0) / tool.xy().norm().max(1e-9);
     let along = last.circle.sigma_m.powi(2) / last.turn.len() as f64;
     for k in 0..3 {
@@ -213,8 +212,8 @@ pub fn frames_from_arcs(
     })
 }
 
-/// Cuts a flat series of measurements into arcs: a new arc begins where
-/// another joint starts to turn. Steps under 3 mrad count as rest.
+/// Splits a series of measurements into arcs. A new arc begins when another joint starts to turn.
+/// Steps below 3 mrad count as rest.
 pub fn split_arcs(measured: &[Measured]) -> Vec<MeasuredArc> {
     const REST_RAD: f64 = 3e-3;
     let mut arcs: Vec<MeasuredArc> = Vec::new();
@@ -288,7 +287,7 @@ fn fitted(arcs: &[MeasuredArc], joint: usize, which: &'static str, dof: usize) -
     }
     let points: Vec<_> = turn.iter().map(|(_, p)| *p).collect();
     let circle = fit_circle(&points).map_err(|source| LaserError::Arc { joint, source })?;
-    // Sum of signed areas swept about the normal, counted with the joint's sense.
+    // Sum of the signed areas swept about the normal, with the joint's sense.
     let swept: f64 = turn
         .windows(2)
         .map(|pair| {

@@ -1,11 +1,9 @@
-//! Base and tool as a laser tracker finds them, from arcs (Section 4.3 of the
-//! paper): independently of any calibration.
+//! Base and tool from a tracker's arcs (Section 4.3 of the paper), independent of any calibration.
 //!
-//! Vocabulary. A *configuration* is one vector of joint angles. An *arc* is a
-//! series of configurations in which one joint turns and the others rest; the
-//! TCP then draws a circle about that joint's axis. The *tracker frame* is the
-//! frame in which points are measured. *Arc-measured* frames are the robot's
-//! base and tool as the axes of arcs give them.
+//! Vocabulary. A *configuration* is one vector of joint angles. An *arc* is a series of
+//! configurations in which one joint turns and the others rest; the TCP then moves on a circle
+//! about that joint's axis. The *tracker frame* is the frame of the measured points. *Arc-measured*
+//! frames are the robot's base and tool computed from the axes of arcs.
 //!
 //! ```text
 //! (some tracker measures) ─▶ Measured ─▶ frames_from_arcs ─▶ validate

@@ -1,5 +1,5 @@
-//! Gauss-Newton and Levenberg-Marquardt on the paper's fitness: its normal
-//! equations, collapsed where that is exact.
+//! Gauss-Newton and Levenberg-Marquardt on the paper's fitness, with normal equations that are
+//! collapsed where that is exact.
 
 use std::collections::BTreeMap;
 
@@ -89,7 +89,7 @@ impl DistanceProblem {
     /// Gauss-Newton (`damped` false) or Levenberg-Marquardt from the nominal values.
     ///
     /// # Errors
-    /// Singular equations, or a step that runs away.
+    /// Singular equations, or a step that diverges.
     pub fn solve(&self, damped: bool) -> Result<Vec<f64>, IdentifyError> {
         let singular = || IdentifyError::Singular {
             free: self.columns.len(),

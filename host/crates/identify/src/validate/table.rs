@@ -70,8 +70,8 @@ pub struct Prediction {
     pub name: String,
     /// Predicted TCP in the model's base frame F0, in m, one per measurement.
     pub points_m: Vec<[f64; 3]>,
-    /// The model's own pose of F0 in the tracker frame (m); `None` where it has
-    /// none, and V3 is then the arc-measured base.
+    /// The model's own pose of F0 in the tracker frame (m). `None` if it has none; V3 then uses the
+    /// arc-measured base.
     pub own_base: Option<Pose>,
 }
 
@@ -117,7 +117,7 @@ pub enum ValidateError {
     #[error("no validation measurements: give at least one (set = validate)")]
     Empty,
     /// A model predicts another number of points than were measured.
-    #[error("model {model} predicts {found} points for {expected} measurements: predict one each")]
+    #[error("model {model} predicts {found} points for {expected} measurements: predict one point for each")]
     Count {
         /// Name of the model.
         model: String,

@@ -7,8 +7,8 @@ use crate::write::{Results, write_results};
 use crate::{Files, JobError};
 use spherecal_identify::study::Study;
 
-/// Writes a result into a directory, which is made where it does not exist;
-/// `report` is the HTML of the report.
+/// Writes a result into a directory, which is created if it is missing. `report` is the HTML of the
+/// report.
 ///
 /// # Errors
 /// A directory or file that cannot be written.

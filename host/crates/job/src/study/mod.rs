@@ -1,5 +1,5 @@
-//! What is written of a calibration from files: `summary.json`, words for the
-//! terminal, the calibrated robot, the report.
+//! The output of a calibration from files: `summary.json`, text for the terminal, the calibrated
+//! robot, the report.
 
 mod files;
 mod summary;

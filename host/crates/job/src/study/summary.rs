@@ -1,4 +1,4 @@
-//! `summary.json`: the one document that other programs read.
+//! `summary.json`: the document for other programs.
 
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -24,8 +24,8 @@ fn errors_json(errors: &Errors) -> Value {
     })
 }
 
-/// Errors by model; the calibrated one also under the name of its method of
-/// measurement, as Table 5 of the paper calls it.
+/// Errors by model. The calibrated model also appears under the name of its measuring method, as in
+/// Table 5 of the paper.
 fn models_json(judged: &Judged, closed_loop: bool) -> Value {
     let mut models = serde_json::Map::new();
     for model in &judged.models {
@@ -169,10 +169,10 @@ pub fn summary_json(study: &Study) -> Value {
     value
 }
 
-/// Most rows of a kind that the document lists; their number is told beside.
+/// Most rows of a kind that the document lists; their total number stands beside.
 const LISTED: usize = 1000;
 
-/// A number, or nothing where it is infinite or not a number (JSON has none).
+/// A number, or null if it is infinite or not a number (JSON has neither).
 fn finite(value: f64) -> Value {
     if value.is_finite() { json!(value) } else { Value::Null }
 }

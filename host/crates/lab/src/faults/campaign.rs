@@ -13,7 +13,7 @@ use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{FaultsError, bar};
 use spherecal_sim::inject::{Entry, PRESETS, Plan, When};
 
-/// How much worse than the undisturbed calibration one with faults may be.
+/// Largest accepted ratio of the error with faults to the undisturbed error.
 const WORSE: f64 = 1.2;
 /// Faults of a run at most.
 const MOST: usize = 4;
@@ -25,7 +25,7 @@ pub struct CampaignOptions {
     pub runs: u64,
     /// Arms.
     pub seeds: u64,
-    /// Only the run of this number, to look at it again.
+    /// Only the run with this number, to inspect it again.
     pub only: Option<u64>,
     /// Whether a bar is shown.
     pub progress: bool,
@@ -40,17 +40,17 @@ pub struct CampaignTable {
     pub injected: usize,
     /// Times that a host was begun again.
     pub resumed: usize,
-    /// Faults that controllers told.
+    /// Faults that controllers reported.
     pub told: usize,
     /// Runs that ended with every pose recorded or given up.
     pub calibrated: usize,
     /// Poses given up in them.
     pub rejected: usize,
-    /// Stops, by what they say first.
+    /// Stops, by the beginning of their message.
     pub stopped: BTreeMap<String, usize>,
     /// Error after calibration over the undisturbed one of the same arm: median and worst.
     pub ratio: [f64; 2],
-    /// Runs whose calibration is worse than 1.2 times the undisturbed one.
+    /// Runs whose error exceeds 1.2 times the undisturbed one.
     pub worse: usize,
     /// Recordings accepted from an unseated or moving nest.
     pub bad: usize,
@@ -131,10 +131,10 @@ fn random_plan(seed: u64, ticks: u64) -> Plan {
     }
 }
 
-/// Runs them all.
+/// Runs the whole campaign.
 ///
 /// # Errors
-/// An arm whose undisturbed run fails.
+/// The undisturbed run of an arm fails.
 pub fn run(options: &CampaignOptions) -> Result<CampaignTable, FaultsError> {
     let cases = (1..=options.seeds)
         .into_par_iter()
@@ -189,7 +189,7 @@ impl fmt::Display for CampaignTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} runs with {} faults injected and {} told, {} hosts begun again: {} calibrated, {} poses given up in them",
+            "{} runs with {} faults injected and {} reported, {} hosts restarted: {} calibrated, {} poses given up in them",
             self.runs, self.injected, self.told, self.resumed, self.calibrated, self.rejected
         )?;
         for (why, count) in &self.stopped {
@@ -197,7 +197,7 @@ impl fmt::Display for CampaignTable {
         }
         writeln!(
             f,
-            "error over the undisturbed one: median {:.3}, worst {:.3}; {} above {WORSE} (undisturbed: {:.3?} mm)",
+            "error relative to the undisturbed run: median {:.3}, worst {:.3}; {} above {WORSE} (undisturbed: {:.3?} mm)",
             self.ratio[0], self.ratio[1], self.worse, self.clean_mm
         )?;
         writeln!(

@@ -19,7 +19,7 @@ use spherecal_link::{Device, LinkError, controller_in_process};
 use spherecal_model::LaserShot;
 use spherecal_sim::inject::{FaultyCell, FaultyDrive, Happened, HostKilled, Plan};
 
-/// One arm, what it is to do, and what it does undisturbed.
+/// One arm, its shortened tour, and the result of its undisturbed run.
 pub struct Case {
     /// Seed of the arm.
     pub seed: u64,
@@ -28,7 +28,7 @@ pub struct Case {
     shots: Vec<LaserShot>,
     /// Control periods of the undisturbed run.
     pub ticks: u64,
-    /// Its mean error after calibration, in mm, base fitted; 0 where none was asked for.
+    /// Its mean error after calibration, in mm, base fitted; 0 if none was requested.
     pub error_mm: f64,
 }
 
@@ -38,7 +38,7 @@ pub struct Case {
 pub enum Ended {
     /// All poses recorded or given up.
     Finished,
-    /// A typed stop that says what a person should do.
+    /// A typed stop with a remedy.
     Stopped(String),
     /// A stop that nothing documents.
     Unexplained(String),
@@ -57,11 +57,11 @@ pub struct Trial {
     pub happened: Vec<Happened>,
     /// Recordings, as they were stored.
     pub recordings: Vec<Recording>,
-    /// Recordings that should not have been accepted, and why.
+    /// Recordings that should have been rejected, and why.
     pub bad: Vec<String>,
     /// Recordings stored twice.
     pub duplicates: usize,
-    /// Recordings that the campaign counted and the journal does not have.
+    /// Recordings that the campaign counted but that are missing from the journal.
     pub lost: usize,
     /// Poses given up.
     pub rejected: usize,
@@ -75,7 +75,7 @@ pub struct Trial {
     pub kinetic_tick: usize,
     /// Largest contact force that lasted 10 ms, in N.
     pub contact_n: f64,
-    /// Longest time for which the contact force was above what may be held, in s.
+    /// Longest time for which the contact force exceeded [`HELD_N`](super::judge::HELD_N), in s.
     pub held_s: f64,
     /// Robot time, in s.
     pub robot_s: f64,
@@ -83,15 +83,15 @@ pub struct Trial {
 
 /// Hosts that are begun again at most.
 const HOSTS: usize = 8;
-/// Control periods until a person has made room on a full disk.
+/// Control periods until an operator has freed space on a full disk.
 const ROOM_TICKS: u32 = 3000;
 
 /// How much a case is to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Finish {
-    /// A few poses on every sphere: for what becomes of faults.
+    /// A few poses on every sphere, to test the handling of faults.
     Record,
-    /// Enough of them to calibrate, and a tracker to judge by.
+    /// Enough poses to calibrate, and a tracker to judge the result.
     Calibrate,
 }
 
@@ -114,10 +114,10 @@ fn configuration(seed: u64, finish: Finish) -> Config {
 }
 
 impl Case {
-    /// The arm of a seed; runs it undisturbed once.
+    /// The arm of a seed. Runs it once undisturbed.
     ///
     /// # Errors
-    /// An undisturbed run that does not end well.
+    /// The undisturbed run does not finish well.
     pub fn new(seed: u64, finish: Finish) -> Result<Self, FaultsError> {
         let prepared = prepare(&configuration(seed, finish))?;
         let mut case = Self {
@@ -156,7 +156,7 @@ impl Case {
     /// Runs with a plan of faults.
     ///
     /// # Errors
-    /// A plant, a controller or a plan that cannot be made.
+    /// A plant, a controller or a plan that cannot be created.
     pub fn run(&self, plan: &Plan) -> Result<Trial, FaultsError> {
         match self.prepared.robot.dof() {
             6 => self.run_with::<6>(plan),
@@ -219,7 +219,7 @@ impl Case {
                 Ok(()) => break Ended::Finished,
                 Err(CampaignError::Link(error)) if resumed < HOSTS && HostKilled::is_cause_of(&error) => {}
                 Err(CampaignError::Journal(JournalError::Store(_))) if resumed < HOSTS => {
-                    // The arm stands by until a person has made room.
+                    // The arm waits until an operator has freed space.
                     let mut unheard = Vec::new();
                     for _ in 0..ROOM_TICKS {
                         device.step(&[], &mut unheard).map_err(JobError::from)?;
@@ -255,7 +255,7 @@ impl Case {
     /// Mean error of the calibration that a run's recordings give, in mm, base fitted.
     ///
     /// # Errors
-    /// Recordings that nothing can be identified from.
+    /// Recordings from which nothing can be identified.
     pub fn judge(&self, trial: &Trial) -> Result<f64, FaultsError> {
         let observations = trial.recordings.iter().map(|recording| Observation {
             q: recording.q.iter().map(|s| s.mean).collect(),
@@ -288,11 +288,11 @@ impl Case {
     }
 }
 
-/// What another host did, added to what those before it did.
+/// Adds the outcome of another host to the outcomes of earlier ones.
 fn add(sum: &mut Outcome, more: Outcome) {
     sum.recorded += more.recorded;
     sum.rejected.extend(more.rejected);
-    // A controller that lives on tells a host what it told the one before, too.
+    // A controller that keeps running repeats to a new host what it told the previous one.
     for fault in more.faults {
         if !sum.faults.contains(&fault) {
             sum.faults.push(fault);
@@ -300,7 +300,7 @@ fn add(sum: &mut Outcome, more: Outcome) {
     }
 }
 
-/// Whether a stop says what a person should do.
+/// Whether a stop states a remedy.
 fn stop(error: &CampaignError) -> Ended {
     let text = error.to_string();
     match error {

@@ -1,8 +1,8 @@
 //! The judge: a drive around the simulated arm that reads its truth.
 //!
-//! It keeps, tick by tick, on which sphere the nest truly sits and how fast the
-//! TCP truly moves, and the worst of kinetic energy and contact force. Recordings
-//! are held against that afterwards.
+//! In every tick it stores on which sphere the nest truly sits and how fast the TCP truly moves,
+//! and it keeps the largest kinetic energy and contact force. Recordings are compared with that
+//! afterwards.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -15,23 +15,24 @@ use spherecal_link::{Drive, LinkError};
 use spherecal_sim::plant::{Disturbance, Plant, PlantConfig, PlantError};
 use spherecal_sim::{Disturb, SimulatedArm};
 
-/// Bound on the kinetic energy in every run, in J: 13 kg at 0.75 m/s are 3.7 J,
-/// the rest is the rotors'. See docs/recovery.md for this bound and the next two.
+/// Limit of the kinetic energy in every run, in J: 13 kg at 0.75 m/s have 3.7 J, the rotors have
+/// the rest. See docs/recovery.md for this limit and the next two.
 pub const KINETIC_J: f64 = 5.0;
-/// Bound on the contact force in every run, in N, lasting 10 ms: what ISO/TS 15066
-/// allows a hand for a moment (table A.2: twice [`HELD_N`]). What is shorter is an
-/// impact, or the magnet snapping the pads onto the sphere.
+/// Limit of the contact force in every run, in N, if it lasts 10 ms: ISO/TS 15066 allows it for
+/// transient contact with a hand (table A.2: twice [`HELD_N`]). A shorter force is an impact, or
+/// the magnet snapping the pads onto the sphere.
 pub const CONTACT_N: f64 = 280.0;
-/// Contact force that may last no longer than [`HELD_S`], in N: what the same table
-/// allows a hand that cannot get away.
+/// Contact force that may last no longer than [`HELD_S`], in N: the same table allows it for
+/// quasi-static contact with a hand.
 pub const HELD_N: f64 = 140.0;
-/// From when on a contact is no longer one for a moment, in s.
+/// Duration from which a contact is quasi-static instead of transient, in s.
 pub const HELD_S: f64 = 0.5;
 /// How long a contact force must last to count, in ticks.
 const LASTING: usize = 10;
-/// A recording's nest may be off its sphere for so many ticks in a row: pads chatter.
+/// Number of consecutive ticks for which a recording's nest may be off its sphere, because pads
+/// chatter.
 const CHATTER: usize = 5;
-/// How far a nest that is recorded may move, in m: a tenth of the accuracy aimed at.
+/// Largest motion of the nest during a recording, in m: a tenth of the target accuracy.
 const MOVED_M: f64 = 1e-4;
 
 /// What a tick truly was.
@@ -63,7 +64,7 @@ pub struct Judgement {
 }
 
 impl Judgement {
-    /// Why a recording should not have been accepted; `None` for a good one.
+    /// Why a recording should have been rejected; `None` for a good one.
     pub fn of(&self, recording: &Recording) -> Option<String> {
         // Device time and ticks differ by one period at most.
         let (from, to) = (
@@ -117,10 +118,10 @@ pub struct Judged<const N: usize> {
 }
 
 impl<const N: usize> Judged<N> {
-    /// An arm at rest at `q` (rad), and the handle to what is seen of it.
+    /// An arm at rest at `q` (rad), and a handle to the observations.
     ///
     /// # Errors
-    /// A plant that cannot be made.
+    /// The plant cannot be created.
     pub fn new(
         robot: &Robot,
         tool: &Tool,
@@ -139,7 +140,7 @@ impl<const N: usize> Judged<N> {
     }
 }
 
-/// What is behind the lock, whatever became of who held it.
+/// The locked value, even if a holder of the lock has panicked.
 pub(super) fn look<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -12,14 +12,13 @@ use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{FaultsError, bar};
 use spherecal_sim::inject::{PRESETS, Plan, Preset, When};
 
-/// Ticks at the beginning and at the end of a run that are left out: greeting
-/// and farewell.
+/// Ticks at the beginning and at the end of a run that are left out: handshake and shutdown.
 const EDGE_TICKS: u64 = 500;
 
 /// What is to be injected how often.
 #[derive(Clone, Debug)]
 pub struct MatrixOptions {
-    /// Names of the faults; all where there are none.
+    /// Names of the faults; all if the list is empty.
     pub only: Vec<String>,
     /// Random instants for each fault and arm.
     pub instants: u32,
@@ -47,17 +46,17 @@ pub struct Row {
     pub upset: String,
     /// Runs.
     pub runs: usize,
-    /// Runs in which the controller said nothing: the fault was borne.
+    /// Runs without a report from the controller: the fault had no effect.
     pub borne: usize,
-    /// Runs whose faults are those documented, in the documented time.
+    /// Runs whose faults are the documented ones, within the documented time.
     pub documented: usize,
-    /// Faults told, with their counts.
+    /// Reported faults, with their counts.
     pub told: std::collections::BTreeMap<String, usize>,
-    /// Longest time from the upset to the first fault, in ms.
+    /// Longest time from the injected fault to its first report, in ms.
     pub slowest_ms: u64,
     /// Runs that recorded or gave up every pose.
     pub finished: usize,
-    /// Runs that ended with a stop that says why.
+    /// Runs that ended with a stop that states the reason.
     pub stopped: usize,
     /// Runs that ended otherwise.
     pub unexplained: usize,
@@ -75,7 +74,7 @@ pub struct Row {
     pub kinetic_j: f64,
     /// Largest contact force that lasted 10 ms, in N.
     pub contact_n: f64,
-    /// What broke the documentation, each with its instant and seed.
+    /// Deviations from the documentation, each with its instant and seed.
     pub broken: Vec<String>,
 }
 
@@ -97,11 +96,11 @@ impl MatrixTable {
     }
 }
 
-/// What a trial broke, in words; empty for one that ended as documented.
+/// The deviations of a trial, in words; empty if it ended as documented.
 fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
     let mut broken = Vec::new();
     let began = trial.happened.iter().find(|h| h.begins).map(|h| h.tick);
-    // A controller that has no robot yet keeps the brakes shut and has nothing to tell.
+    // A controller without a robot yet keeps the brakes closed and reports nothing.
     let began = began.map(|tick| tick.max(trial.ready_tick));
     let first = trial.faults.first();
     let after_ms = began
@@ -168,10 +167,10 @@ impl Row {
     }
 }
 
-/// The presets of those names; all for none.
+/// The presets with those names; all of them for an empty list.
 ///
 /// # Errors
-/// A name that is none.
+/// A name that no preset has.
 pub fn presets(only: &[String]) -> Result<Vec<&'static Preset>, FaultsError> {
     if only.is_empty() {
         return Ok(PRESETS.iter().collect());
@@ -183,7 +182,7 @@ pub fn presets(only: &[String]) -> Result<Vec<&'static Preset>, FaultsError> {
 /// Injects each fault alone.
 ///
 /// # Errors
-/// A name that is none, an arm whose undisturbed run fails.
+/// A name that no preset has, or an arm whose undisturbed run fails.
 pub fn run(options: &MatrixOptions) -> Result<MatrixTable, FaultsError> {
     let presets = presets(&options.only)?;
     let cases = (1..=options.seeds)

@@ -1,15 +1,14 @@
-//! `spherecal faults`: every fault there is, injected at random instants, and
-//! what becomes of the run.
+//! `spherecal faults`: injects every fault at random instants, and reports how each run ends.
 //!
 //! Two experiments on a shortened procedure ([`Case`]), on all cores:
 //!
-//! - the **matrix** ([`matrix`]): each fault alone, at so many random instants
-//!   on so many arms; does it end as its [`Preset`](spherecal_sim::inject::Preset) says?
-//! - the **campaign** ([`campaign`]): many runs with one to four faults each; does
-//!   each end calibrated, or with a stop that says why?
+//! - the **matrix** ([`matrix`]): each fault alone, at random instants on several arms. Does the
+//!   run end as its [`Preset`](spherecal_sim::inject::Preset) says?
+//! - the **campaign** ([`campaign`]): many runs with one to four faults each. Does each end
+//!   calibrated, or with a stop that gives the reason?
 //!
-//! This is a harness: it alone reads the plant's truth ([`judge`]), to judge.
-//! Nothing of it reaches controller, campaign or identification.
+//! Only this test harness reads the plant's truth ([`judge`]), in order to judge. None of it
+//! reaches controller, campaign or identification.
 
 pub mod campaign;
 mod case;
@@ -30,7 +29,7 @@ pub enum FaultsError {
     /// The job's side failed.
     #[error(transparent)]
     Job(#[from] spherecal_job::JobError),
-    /// The undisturbed run, which all is held against, did not end well.
+    /// The undisturbed run, the reference of all others, did not finish well.
     #[error("seed {seed}: the run without faults did not end well: {why}")]
     Clean {
         /// Seed.
@@ -39,10 +38,10 @@ pub enum FaultsError {
         why: String,
     },
     /// There is no folder for a database.
-    #[error("no folder for a database can be made ({0}): check the temporary folder (TMPDIR)")]
+    #[error("a folder for the database cannot be created ({0}): check the temporary folder (TMPDIR)")]
     Folder(std::io::Error),
     /// No preset of that name.
-    #[error("\"{name}\" is no fault: `spherecal faults --list` names them")]
+    #[error("\"{name}\" is not a fault: `spherecal faults --list` names all faults")]
     Unknown {
         /// As given.
         name: String,

@@ -1,7 +1,6 @@
-//! Holds `docs/recovery.md` against the code that it describes.
+//! Checks that `docs/recovery.md` agrees with the code.
 
-// Fails if the page says something else than what the code does.
-// `SPHERECAL_BLESS=1` writes the tables.
+// Fails if the page differs from what the code does. `SPHERECAL_BLESS=1` writes the tables.
 #[test]
 fn the_page_is_what_the_code_does() {
     use spherecal_campaign::recovery::{GREET_S, LOST_S, table};
@@ -22,7 +21,7 @@ fn the_page_is_what_the_code_does() {
     }
     assert_eq!(
         text, whole,
-        "docs/recovery.md is not what the code does: SPHERECAL_BLESS=1 writes it"
+        "docs/recovery.md differs from the code: SPHERECAL_BLESS=1 rewrites its tables"
     );
     for value in [format!("{LOST_S} s"), format!("{GREET_S} s")] {
         assert!(text.contains(&value), "{value}");

@@ -1,5 +1,5 @@
-//! Where a run's recordings go: memory, or a database where the fault is one of
-//! the host's own computer.
+//! Where a run's recordings are stored: in memory, or in a database if the fault concerns the
+//! host's own computer.
 
 use std::collections::BTreeSet;
 
@@ -13,9 +13,9 @@ use spherecal_sim::inject::{HostFaultJournal, HostFaults};
 use spherecal_store::time::now_utc;
 use spherecal_store::{CalibrationStore as _, SqlStore};
 
-/// What a run has recorded; it outlives the hosts that fill it.
+/// The recordings of a run. They outlive the hosts that make them.
 pub(super) enum RunJournal {
-    /// Memory that tells recordings stored twice.
+    /// Memory that counts recordings stored twice.
     Memory(Memory),
     /// A database in a folder of its own.
     File {
@@ -69,7 +69,7 @@ impl RunJournal {
         Ok(Self::File { folder, store, run })
     }
 
-    /// The journal of one more host, which suffers the faults of its computer.
+    /// The journal of one more host, whose computer has the given faults.
     pub(super) fn journal(&mut self, faults: &HostFaults) -> Result<Box<dyn Journal + '_>, FaultsError> {
         match self {
             Self::Memory(memory) => Ok(Box::new(memory)),
@@ -84,7 +84,7 @@ impl RunJournal {
         }
     }
 
-    /// A host was killed or has stopped: another one opens what it finds.
+    /// A host was killed or has stopped: another one opens the same data.
     pub(super) fn reopen(&mut self) -> Result<(), FaultsError> {
         if let Self::File { folder, store, .. } = self {
             **store = SqlStore::open(&folder.path().join("run.db")).map_err(JobError::from)?;
@@ -119,7 +119,7 @@ impl RunJournal {
         }
     }
 
-    /// Recordings stored twice; a database has none by its key.
+    /// Recordings stored twice; a database cannot have any, because of its key.
     pub(super) fn duplicates(&self) -> usize {
         match self {
             Self::Memory(memory) => memory.duplicates,

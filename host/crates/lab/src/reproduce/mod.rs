@@ -1,7 +1,6 @@
-//! The paper's study anew, on one robot's recordings: Tables 1 to 6 and Figures
-//! 5 and 10 to 12 beside the published numbers, its redundancy analysis, the
-//! frozen simplex of its Table 6, and what better estimators make of the very
-//! same recordings.
+//! Repeats the paper's study on one robot's recordings: Tables 1 to 6 and Figures 5 and 10 to 12
+//! beside the published numbers, its redundancy analysis, the frozen simplex of its Table 6, and
+//! the results of better estimators on the same recordings.
 //!
 //! Works on plain data ([`Recordings`]): they may come from a stored campaign or from
 //! a synthetic world ([`Trial`](crate::worlds::Trial)).
@@ -53,13 +52,13 @@ pub struct Reproduction {
     pub redundancy: Redundancy,
     /// The paper's run on the spheres.
     pub simplex: Run,
-    /// How many of the parameters that start at zero show Table 6's frozen value.
+    /// How many of the parameters that start at zero end at Table 6's frozen value.
     pub frozen: usize,
-    /// The fitness at the simplex's end, over its optimum.
+    /// The fitness at the simplex's end, divided by the optimum.
     pub simplex_over_optimum: f64,
-    /// The fitness at the end of the simplex with steps of prior size, over its optimum.
+    /// The fitness at the end of the simplex with steps of prior size, divided by the optimum.
     pub scaled_over_optimum: f64,
-    /// What follows, in words.
+    /// Conclusions, in words.
     pub findings: Vec<String>,
     /// Whether the sphere calibration may be used.
     #[serde(skip_deserializing)]
@@ -177,8 +176,8 @@ pub fn reproduce(
 }
 
 impl Reproduction {
-    /// Writes text, JSON and figures into a folder, which is made if it is not
-    /// there; returns the files.
+    /// Writes text, JSON and figures into a folder, which is created if it is missing. Returns the
+    /// files.
     ///
     /// # Errors
     /// A folder or file that cannot be written.

@@ -1,4 +1,4 @@
-//! What the paper prints: the numbers of its Tables 1 to 6.
+//! The numbers that the paper prints in its Tables 1 to 6.
 
 use spherecal_identify::Estimator;
 

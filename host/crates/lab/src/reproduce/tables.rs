@@ -1,4 +1,4 @@
-//! The paper's tables, published numbers beside ours.
+//! The paper's tables, with the published numbers beside ours.
 
 use std::fmt;
 
@@ -16,7 +16,7 @@ use spherecal_plan::laser::Spread;
 /// One number, published and ours.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Side {
-    /// As the paper prints it; `None` where it has none.
+    /// The published value; `None` if the paper has none.
     pub published: Option<f64>,
     /// From these recordings.
     pub ours: f64,
@@ -66,14 +66,14 @@ impl fmt::Display for Table {
     }
 }
 
-/// The paper's redundancy analysis, and what the real tool changes in it.
+/// The paper's redundancy analysis, and how the real tool changes it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Redundancy {
     /// Rank of 24 link columns with the TCP on the flange axis.
     pub rank_on_axis: usize,
     /// Columns.
     pub columns: usize,
-    /// What Algorithm 1, made deterministic, removes on the axis.
+    /// What the deterministic form of Algorithm 1 removes with the TCP on the axis.
     pub removed_on_axis: Vec<String>,
     /// Names that are left.
     pub kept: Vec<String>,
@@ -139,7 +139,7 @@ pub(super) fn redundancy(experiment: &Experiment) -> Redundancy {
     }
 }
 
-/// Table 1: the certificate, and where the calibrated robot finds the spheres.
+/// Table 1: the certificate, and the sphere centres by the calibrated robot.
 pub(super) fn spheres(experiment: &Experiment, calibration: &Calibration) -> Table {
     let rows = experiment.spheres.iter().zip(TABLE_1_MM).map(|(sphere, published)| {
         let here = |at: &Target| matches!(at, Target::Sphere { sphere: id, place: 0 } if *id == sphere.id);
@@ -282,11 +282,11 @@ pub(super) fn calibrated(simplex: &Calibration, full: &Calibration) -> Table {
         columns: ["alpha", "a", "theta", "d"].map(str::to_owned).to_vec(),
         rows,
         decimals: 6,
-        note: "Another robot than the paper's: signs and sizes differ, the frozen values do not.".to_owned(),
+        note: "This is another robot than the paper's: signs and sizes differ, but the frozen values agree.".to_owned(),
     }
 }
 
-/// What the study shows, in words.
+/// Conclusions of the study, in words.
 pub(super) fn findings(r: &Reproduction) -> Vec<String> {
     let zeros = r.simplex.zeros().len();
     let mean = |name: Estimator| {

@@ -1,4 +1,4 @@
-//! Long holds at some of the plan's poses, as a stage of its own.
+//! Long holds at some of the plan's poses, as a separate stage.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -11,11 +11,11 @@ use spherecal_job::{ConfigError, JobError, Link, Prepared, tour};
 use spherecal_link::{Cell, Device};
 use spherecal_sim::simulated_arm;
 
-/// Holds of `hold_ticks` control periods at `places` poses, spread evenly over
-/// the plan; the others are passed through. Nothing is stored.
+/// Holds for `hold_ticks` control periods at `places` poses, spread evenly over the plan; passes
+/// through the others. Stores nothing.
 ///
 /// # Errors
-/// Whatever stops the campaign, and numbers that the procedure refuses.
+/// Any error that stops the campaign, and numbers that the procedure refuses.
 pub fn hold(
     prepared: &Prepared,
     link: &Link,
@@ -25,7 +25,7 @@ pub fn hold(
     interrupt: &AtomicBool,
 ) -> Result<(Vec<Hold>, Outcome), JobError> {
     let mut tour = tour(&prepared.plan);
-    // Nobody moves the plate for it.
+    // The plate is not moved for it.
     tour.stops.retain(|stop| stop.place == 0);
     let recorded = tour.poses();
     let chosen: BTreeSet<usize> = (0..places)

@@ -1,15 +1,14 @@
-//! How still a seated arm holds: means over seconds of a long recording.
+//! How still a seated arm holds: the means over seconds of a long recording.
 //!
-//! The paper averages 1 s and says that 30 s would have told the same (its
-//! stability analysis). Here that is measured: a *hold* is one long recording
-//! with the samples of the control loop beside it, cut into *windows* of a
-//! second. The *noise* of a window's mean is estimated from the inside of the
-//! windows, in quarters of a second (longer than what correlates the encoders'
-//! errors), so that drift from window to window does not enter it; drift is then
-//! judged against it. What is judged is the TCP: joints may drift together while
-//! it stays, as the elbow of a redundant arm gives way slowly, and a recording
-//! is none the worse for it, because their means belong together. The TCP comes from a model of the robot, nominal or
-//! estimated, never from the plant.
+//! The paper averages 1 s and says that 30 s would give the same result (its stability analysis).
+//! This module measures that. A *hold* is one long recording with the samples of the control loop
+//! beside it, cut into *windows* of a second. The *noise* of a window's mean is estimated within
+//! the windows, from quarters of a second (longer than the correlation time of the encoders'
+//! errors). So drift from window to window does not enter the noise, and drift is judged against
+//! it. The TCP is judged, not the joints: joints may drift together while the TCP stays, because
+//! the elbow of a redundant arm gives way slowly. That does not harm a recording, because the means
+//! of the joints belong together. The TCP comes from a model of the robot, nominal or estimated,
+//! never from the plant.
 
 mod measure;
 mod report;
@@ -27,11 +26,11 @@ pub use report::holds_report;
 
 /// Parts of a window from which the noise of its mean is estimated.
 const PARTS: usize = 4;
-/// How many sigma a mean may be off: with some forty joints and places at once,
-/// three are exceeded by chance.
+/// How many sigma a mean may be off. With about forty joints and places at once, three are exceeded
+/// by chance.
 const SIGMAS: f64 = 4.0;
 
-/// One hold, as it was heard.
+/// One hold, as its samples arrived.
 #[derive(Clone, Debug, Default)]
 pub struct Hold {
     /// Id of the sphere.
@@ -44,11 +43,11 @@ pub struct Hold {
     pub end_tick: u64,
     /// Mean joint angles by the controller, in rad.
     pub mean: Vec<f64>,
-    /// Tick and joint angles (rad) of every sample that was heard.
+    /// Tick and joint angles (rad) of every sample that arrived.
     pub samples: Vec<(u64, Vec<f64>)>,
 }
 
-/// Keeps the samples of recordings; hands all else on.
+/// Keeps the samples of recordings and passes everything on to another observer.
 pub struct Listener<'a> {
     inner: &'a mut dyn Observer,
     joints: usize,
@@ -57,7 +56,7 @@ pub struct Listener<'a> {
 }
 
 impl<'a> Listener<'a> {
-    /// Before an observer, for an arm of so many joints.
+    /// Wraps an observer, for an arm with `joints` joints.
     pub fn new(inner: &'a mut dyn Observer, joints: usize) -> Self {
         Self {
             inner,
@@ -123,18 +122,18 @@ impl Observer for Listener<'_> {
 /// How still one quantity was; all in its unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Stillness {
-    /// Standard deviation of a window's mean by noise alone.
+    /// Standard deviation of a window's mean due to noise alone.
     pub noise: f64,
     /// First window's mean less the mean of the hold (of a point: distance).
     pub first: f64,
     /// Largest distance of a window's mean from the mean of the hold.
     pub largest: f64,
-    /// Drift by a straight line through the windows, a second (of a point: its length).
+    /// Drift per second, by a straight line through the windows (of a point: its length).
     pub drift_per_s: f64,
 }
 
 impl Stillness {
-    /// Whether the first window told what the whole hold did, within the noise.
+    /// Whether the first window gave the same as the whole hold, within the noise.
     pub fn within(&self) -> bool {
         self.first.abs() <= SIGMAS * self.noise
     }
@@ -149,13 +148,13 @@ pub struct Held {
     pub pose: u32,
     /// Windows that were whole.
     pub windows: usize,
-    /// Samples that the controller averaged, and those that were heard.
+    /// Samples that the controller averaged, and samples that arrived.
     pub samples: (u32, usize),
     /// Joints base to flange, in µrad.
     pub joints_urad: Vec<Stillness>,
     /// TCP, in µm; its noise is that of the distance, rms.
     pub tcp_um: Stillness,
-    /// Whether the first window's TCP is the hold's, within the noise.
+    /// Whether the first window's TCP equals that of the hold, within the noise.
     pub within_noise: bool,
     /// Whether every joint's mean is, too.
     pub joints_within_noise: bool,
@@ -173,8 +172,8 @@ pub struct Held {
 /// What an analysis could not do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "the hold at sphere {sphere}, pose {pose} has {windows} whole windows, and two are needed: hold longer, or see why \
-     telemetry is lost ({heard} of {count} samples were heard)"
+    "the hold at sphere {sphere}, pose {pose} has {windows} whole windows, but two are needed: hold longer, or find out why \
+     telemetry is lost ({heard} of {count} samples arrived)"
 )]
 pub struct TooShort {
     /// Id of the sphere.
@@ -183,7 +182,7 @@ pub struct TooShort {
     pub pose: u32,
     /// Whole windows.
     pub windows: usize,
-    /// Samples heard.
+    /// Samples that arrived.
     pub heard: usize,
     /// Samples averaged by the controller.
     pub count: u32,
@@ -196,8 +195,8 @@ struct Window {
     counts: [u32; PARTS],
 }
 
-/// Cuts a hold into windows of `window_s` (s; samples are `period_s` apart) and
-/// tells how still it was, by the robot `chain`.
+/// Cuts a hold into windows of `window_s` (s; samples are `period_s` apart) and measures how still
+/// it was, with the robot `chain`.
 ///
 /// # Errors
 /// [`TooShort`] with fewer than two whole windows.
@@ -222,7 +221,7 @@ pub fn analyse(hold: &Hold, chain: &Chain, window_s: f64, period_s: f64) -> Resu
             *sum += q;
         }
     }
-    // A window that lost more than a tenth of a part is none.
+    // A window that lost more than a tenth of a part is left out.
     let least = (ticks as f64 / PARTS as f64 * 0.9) as u32;
     windows.retain(|w| w.counts.iter().all(|c| *c >= least.max(1)));
     if windows.len() < 2 {
@@ -334,7 +333,7 @@ mod tests {
         }
     }
 
-    // Fails if noise is not what was put in, if noise alone counts as drift, or
+    // Fails if the estimated noise is not the generated noise, if noise alone counts as drift, or
     // if a drift is not found with its size.
     #[test]
     fn noise_and_drift_are_told_apart() {
@@ -360,7 +359,7 @@ mod tests {
         assert!((0.2..0.9).contains(&tcp), "{tcp} µm/s");
     }
 
-    // Fails if lost telemetry passes for a window, or if nothing to judge passes.
+    // Fails if lost telemetry counts as a window, or if an empty hold is accepted.
     #[test]
     fn windows_with_holes_are_left_out() {
         let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");

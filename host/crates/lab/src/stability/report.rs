@@ -25,15 +25,15 @@ pub fn holds_report(
         headline: Headline {
             trusted: all,
             sentence: format!(
-                "Over {seconds:.0} s the TCP's {window_s:.0} s mean was never farther than {largest:.2} µm from the mean \
-                 of all; at {within} of {} places the first {window_s:.0} s told where it was, within the noise.",
+                "Over {seconds:.0} s the TCP's {window_s:.0} s mean was never more than {largest:.2} µm from the mean \
+                 of the whole hold; at {within} of {} places the first {window_s:.0} s gave the same position, within the noise.",
                 holds.len()
             ),
             reasons: reasons(holds, joint),
             next: if all {
                 format!("Recordings of {window_s:.0} s are long enough.")
             } else {
-                "Clean nest and spheres, and see whether the seat is watched: the TCP must not drift while it is seated."
+                "Clean nest and spheres, and check that the seating is monitored: the TCP must not drift while the nest is seated."
                     .to_owned()
             },
             figures: vec![
@@ -61,16 +61,16 @@ pub fn holds_report(
     }
 }
 
-/// What is to be said of drift, where there is some.
+/// Remarks on drift, if there is any.
 fn reasons(holds: &[Held], joint_urad: f64) -> Vec<String> {
     let mut reasons = Vec::new();
     if !holds.iter().all(|h| h.within_noise) {
-        reasons.push("The TCP drifts while the arm holds: see where, and how fast, below.".to_owned());
+        reasons.push("The TCP drifts while the arm holds: the figures below show where and how fast.".to_owned());
     }
     if !holds.iter().all(|h| h.joints_within_noise) {
         reasons.push(format!(
             "Single joints drift by up to {joint_urad:.0} µrad: the elbow gives way slowly about the seated TCP. Means of \
-             the joints over the same time belong together, so a recording is none the worse for it."
+             the joints over the same time belong together, so this does not harm a recording."
         ));
     }
     reasons
@@ -88,8 +88,8 @@ fn table(holds: &[Held], window_s: f64) -> SimpleTable {
     SimpleTable {
         title: "Holds".to_owned(),
         caption: format!(
-            "Means over {window_s:.0} s against the mean of the whole hold. Joints: the worst one of the hold. Noise is \
-             the standard deviation of a {window_s:.0} s mean by what varies within the windows."
+            "Means over {window_s:.0} s against the mean of the whole hold. Joints: the worst joint of the hold. Noise is \
+             the standard deviation of a {window_s:.0} s mean, estimated from the variation within the windows."
         ),
         columns: [
             "place",

@@ -1,4 +1,4 @@
-//! Estimators against worlds, over many drawn robots: one table.
+//! Compares estimators on many drawn robots of each world, in one table.
 
 use std::fmt;
 
@@ -89,7 +89,7 @@ impl Cell {
     }
 }
 
-/// The median; the mean of the middle two of an even number; 0 of nothing.
+/// The median: the mean of the middle two for an even number; 0 for an empty list.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = values.len();
@@ -132,8 +132,8 @@ impl Comparison {
         (worlds, estimators)
     }
 
-    /// The table under one alignment: estimators down, worlds across,
-    /// `median mean / median max` in mm.
+    /// The table under one alignment: estimators in rows, worlds in columns, `median mean / median
+    /// max` in mm.
     pub fn block(&self, alignment: Alignment) -> String {
         let (worlds, estimators) = self.axes();
         let cell = |world: &World, estimator: &Estimator| match self.cell(*world, *estimator) {
@@ -172,7 +172,7 @@ impl fmt::Display for Comparison {
     }
 }
 
-/// Draws robots, lets them record, identifies and judges: all on every core.
+/// Draws robots, simulates their recordings, identifies and judges them, on all cores.
 ///
 /// # Errors
 /// The first trial or estimator that fails.
@@ -191,15 +191,14 @@ pub fn compare(options: &CompareOptions) -> Result<Comparison, WorldError> {
     } else {
         ProgressBar::hidden()
     };
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} robots, {elapsed} gone, {eta} to go") {
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} robots, {elapsed} elapsed, {eta} left") {
         bar.set_style(style);
     }
     let judged: Vec<_> = jobs
         .par_iter()
         .map(|(world, seed)| {
-            let recipe = world.recipe();
-            let trial = record_poses(*world, &recipe, *seed, poses)?;
-            let judged = judge(&trial, &recipe, &options.estimators);
+            let trial = record_poses(*world, *seed, poses)?;
+            let judged = judge(&trial, &options.estimators);
             bar.inc(1);
             judged
         })

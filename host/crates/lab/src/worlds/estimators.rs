@@ -106,7 +106,7 @@ impl From<&Trial> for Recordings {
 ///
 /// # Errors
 /// An estimator that fails on this data.
-pub fn judge(trial: &Trial, recipe: &Recipe, estimators: &[Estimator]) -> Result<ValidationTable, WorldError> {
+pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable, WorldError> {
     let failed = |estimator: Estimator, reason: String| WorldError::Estimator {
         world: trial.world,
         seed: trial.seed,

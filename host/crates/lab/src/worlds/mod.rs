@@ -1,19 +1,17 @@
-//! Synthetic static experiments: robots whose errors are known, on which
-//! estimators are compared.
+//! Synthetic static experiments: compares estimators on robots whose errors are known.
 //!
-//! Vocabulary. A *world* is a kind of error ([`World`]); a *truth* is one robot
-//! drawn from it ([`Truth`]): geometry, tool, and what no geometric model has.
-//! A *trial* is what that robot would have recorded ([`Trial`]): contacts on the
-//! paper's grid of 1,843 reachable poses, laser points, arcs, and validation
-//! points, as plain data for [`identify`](spherecal_identify), with the truth kept
-//! apart for the judge.
+//! Vocabulary. A *world* is a kind of error ([`World`]). A *truth* is one robot drawn from it
+//! ([`Truth`]): geometry, tool, and effects outside any geometric model. A *trial* is what that
+//! robot would record ([`Trial`]): contacts on the paper's grid of 1,843 reachable poses, laser
+//! points, arcs, and validation points. These are plain data for [`identify`](spherecal_identify);
+//! the truth is kept apart for the judge.
 //!
-//! Nothing here knows plant or controller: no dynamics, the arm is where its
-//! errors put it. So one trial takes milliseconds and a study of hundreds is
-//! possible ([`compare`]).
+//! This module uses neither plant nor controller. It has no dynamics: the arm stands where its
+//! errors put it. So one trial takes milliseconds, and a study of hundreds is possible
+//! ([`compare`]).
 //!
 //! ```text
-//! World ─ draw ─▶ Truth ─ record ─▶ Trial ─ estimators ─▶ ValidationTable ─ medians ─▶ Comparison
+//! World ─ draw ─▶ TrueCell ─ record ─▶ Trial ─ estimators ─▶ ValidationTable ─ medians ─▶ Comparison
 //! ```
 
 mod compare;

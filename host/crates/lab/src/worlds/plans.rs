@@ -1,6 +1,6 @@
-//! Plans against worlds: what a number of poses, chosen in one way or another,
-//! costs in robot time and leaves in error. Every plan is made from the nominal
-//! robot alone; every drawn robot then records the same poses.
+//! Compares plans in the worlds: what a number of poses, chosen in some way, costs in robot time
+//! and leaves in error. Every plan is made from the nominal robot alone; every drawn robot then
+//! records the same poses.
 
 use std::fmt;
 
@@ -21,7 +21,7 @@ pub enum Chosen {
     Optimal(usize),
     /// Spread over the paper's grid, so many.
     Grid(usize),
-    /// The paper's whole grid, as far as the arm reaches.
+    /// The reachable part of the paper's whole grid.
     WholeGrid,
 }
 
@@ -154,26 +154,19 @@ impl fmt::Display for PlanTable {
     }
 }
 
-/// Makes the plans, lets drawn robots record them, identifies and judges.
+/// Makes the plans, simulates the recordings of drawn robots, identifies and judges them.
 ///
 /// # Errors
-/// A plan that cannot be made, and see [`compare`].
+/// A plan that cannot be made; see also [`compare`].
 pub fn compare_plans(options: &PlanOptions) -> Result<PlanTable, WorldError> {
     let mut rows = Vec::new();
     for chosen in &options.plans {
         let plan = chosen.plan().map_err(|e| WorldError::Grid(e.to_string()))?;
-        let visits = plan.spheres.iter().flat_map(|visit| {
-            let recorded = visit.poses.iter().filter(|p| !p.via);
-            recorded.map(|p| PlannedPose {
-                sphere: visit.sphere_id,
-                q: p.joints.clone(),
-            })
-        });
         let compared = compare(&CompareOptions {
             worlds: options.worlds.clone(),
             estimators: vec![Estimator::Sphere],
             seeds: options.seeds.clone(),
-            poses: Some(visits.collect()),
+            poses: Some(planned_poses(&plan)),
             progress: options.progress,
         })?;
         rows.push(PlanRow {

@@ -1,8 +1,8 @@
-//! What a drawn robot records: contacts, laser points, arcs, validation.
+//! What a drawn robot records: contacts, laser points, arcs and validation points.
 
 use std::sync::OnceLock;
 
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -12,15 +12,20 @@ use spherecal_identify::arcs::{LaserError, Measured, MeasuredArc, MeasuredFrames
 use spherecal_identify::{Experiment, Observation, Pose, Set, Target, paper_plate};
 use spherecal_plan as plan;
 use spherecal_plan::laser::{self, Arc, LaserPlan, LaserPlanError};
-use spherecal_sim::worlds::{Evaluator, Truth};
-use spherecal_sim::worlds::{Recipe, World, draw};
+use spherecal_sim::plant::{PlantConfig, PlantError, StillArm, TrueCell};
+use spherecal_sim::worlds::World;
 
 /// Poses of the paper's grid on the three spheres together.
 pub const GRID_SPHERES: usize = 1875;
 
+/// Time from one contact to the next, in s: what the plans of 150 poses predict.
+pub const CONTACT_S: f64 = 4.0;
+
 /// A pose at which a contact is to be recorded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedPose {
+    /// Number of the coupling: poses that follow each other in one are recorded without letting go of the sphere.
+    pub coupling: usize,
     /// Id of the sphere.
     pub sphere: u32,
     /// Joint angles of the nominal robot, in rad.
@@ -30,6 +35,9 @@ pub struct PlannedPose {
 /// Why a trial could not be made.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum WorldError {
+    /// The robot could not be drawn.
+    #[error(transparent)]
+    Draw(#[from] PlantError),
     /// The laser measurements could not be planned.
     #[error(transparent)]
     LaserPlan(#[from] LaserPlanError),
@@ -40,7 +48,7 @@ pub enum WorldError {
     #[error("the poses could not be planned: {0}")]
     Grid(String),
     /// A pose is out of the drawn robot's reach.
-    #[error("pose {index} on sphere {sphere} is out of the drawn robot's reach: leave it out of the plan")]
+    #[error("pose {index} on sphere {sphere} is out of the drawn robot's reach: remove it from the plan")]
     Reach {
         /// Index of the pose.
         index: usize,
@@ -61,7 +69,7 @@ pub enum WorldError {
     },
 }
 
-/// Everything that one drawn robot records, and the truth apart.
+/// All recordings of one drawn robot, and its truth apart.
 #[derive(Clone, Debug)]
 pub struct Trial {
     /// The world.
@@ -70,7 +78,7 @@ pub struct Trial {
     pub seed: u64,
     /// Contacts on the spheres; nominal robot and tool.
     pub spheres: Experiment,
-    /// Laser points to calibrate by; nominal robot and tool.
+    /// Laser points for the calibration; nominal robot and tool.
     pub laser: Experiment,
     /// Arcs of joints 1 and 2.
     pub base_arcs: Vec<MeasuredArc>,
@@ -78,36 +86,44 @@ pub struct Trial {
     pub tool_arcs: Vec<MeasuredArc>,
     /// Base and tool as the paper measures them, with the world's offsets.
     pub frames: MeasuredFrames,
-    /// The plate in the tracker frame, from its spheres as the tracker sees them.
+    /// The plate in the tracker frame, from its spheres as the tracker measures them.
     pub plate: Pose,
     /// Validation measurements.
     pub validation: Vec<Measured>,
     /// Where the TCP really was at each of them, tracker frame, in m.
     pub validation_truth_m: Vec<[f64; 3]>,
-    /// Indices of the contacts that are bad couplings.
+    /// Indices of the contacts that are 3 to 6 mm off.
     pub bad: Vec<usize>,
+    /// Laws that the robot was drawn from.
+    pub plant: PlantConfig,
     /// The robot that recorded it: for the judge alone.
-    pub truth: Truth,
+    pub truth: TrueCell<7>,
 }
 
 /// The reachable poses of the paper's grid (Section 4.2), planned once.
 ///
 /// # Errors
-/// A planner that refuses its own nominal cell.
+/// The planner refuses its own nominal cell.
 pub fn paper_poses() -> Result<&'static [PlannedPose], WorldError> {
     static POSES: OnceLock<Result<Vec<PlannedPose>, WorldError>> = OnceLock::new();
     let poses = POSES.get_or_init(|| {
         let made = plan::paper_plan(&plan::Cell::iiwa7()).map_err(|e| WorldError::Grid(e.to_string()))?;
-        let visits = made.spheres.iter().flat_map(|visit| {
-            let recorded = visit.poses.iter().filter(|p| !p.via);
-            recorded.map(|p| PlannedPose {
-                sphere: visit.sphere_id,
-                q: p.joints.clone(),
-            })
-        });
-        Ok(visits.collect())
+        Ok(planned_poses(&made))
     });
     poses.as_deref().map_err(Clone::clone)
+}
+
+/// The poses that a plan records, in its order.
+pub fn planned_poses(plan: &plan::Plan) -> Vec<PlannedPose> {
+    let visits = plan.spheres.iter().enumerate().flat_map(|(coupling, visit)| {
+        let recorded = visit.poses.iter().filter(|p| !p.via);
+        recorded.map(move |p| PlannedPose {
+            coupling,
+            sphere: visit.sphere_id,
+            q: p.joints.clone(),
+        })
+    });
+    visits.collect()
 }
 
 /// The laser measurements of a seed, planned once each.
@@ -115,33 +131,16 @@ fn laser_plan(seed: u64) -> Result<LaserPlan, WorldError> {
     Ok(laser::plan(&iiwa7(), &iiwa7_tool(), seed)?)
 }
 
-/// Draws the robot of `seed` in `world` and records everything, contacts on the
-/// paper's whole grid.
+/// Draws the robot of `seed` in `world` and simulates all recordings, with contacts on the paper's
+/// whole grid.
 ///
 /// # Errors
 /// See [`WorldError`]; none occurs with the built-in worlds.
 pub fn record(world: World, seed: u64) -> Result<Trial, WorldError> {
-    record_poses(world, &world.recipe(), seed, paper_poses()?)
+    record_poses(world, seed, paper_poses()?)
 }
 
-/// Where the plate of the nominal cell stands in F0.
-fn plate_in_base() -> Pose {
-    let spheres = paper_plate();
-    let cell = plan::Cell::iiwa7();
-    let placed = &cell.plates[0];
-    let centroid = spheres
-        .iter()
-        .map(|s| Vector3::from(s.position_m))
-        .sum::<Vector3<f64>>()
-        / spheres.len() as f64;
-    let rotation = *placed.rotation().matrix();
-    Pose {
-        rotation,
-        translation_m: Vector3::from(placed.centre_m) - rotation * centroid,
-    }
-}
-
-/// Noise of one stream of measurements, independent of the others.
+/// Noise of one stream of measurements, independent of the other streams.
 struct Noise(ChaCha8Rng);
 
 impl Noise {
@@ -160,33 +159,33 @@ impl Noise {
         Vector3::from_fn(|_, _| self.normal(sigma))
     }
 
-    fn joints(&mut self, n: usize, sigma: f64) -> Vec<f64> {
-        (0..n).map(|_| self.normal(sigma)).collect()
-    }
-
     fn direction(&mut self) -> Vector3<f64> {
         self.vector(1.0).normalize()
     }
 }
 
-/// The same with any recipe and contacts at any poses.
+/// Like [`record`], with any recipe and with contacts at any poses.
 ///
 /// # Errors
 /// See [`WorldError`].
-pub fn record_poses(world: World, recipe: &Recipe, seed: u64, poses: &[PlannedPose]) -> Result<Trial, WorldError> {
+pub fn record_poses(world: World, seed: u64, poses: &[PlannedPose]) -> Result<Trial, WorldError> {
     let planned = laser_plan(seed)?;
-    let truth = draw(recipe, seed, &planned.validation, &plate_in_base());
-    let arm = truth.evaluator();
-    let (spheres, bad) = contacts(&truth, &arm, recipe, seed, poses)?;
+    let plant = PlantConfig { seed, ..world.plant() };
+    let reference: Vec<[f64; 7]> = planned.validation.iter().map(|q| joints(q)).collect();
+    let truth = TrueCell::draw_on(&iiwa7(), &iiwa7_tool(), &plant, &reference)?;
+    let (spheres, bad) = contacts(&truth, &plant, world, seed, poses)?;
 
+    let tracker = tracker_frame(&plant);
+    let mut arm = StillArm::new(&truth, &plant);
+    arm.wait(plant.tracker.after_s);
     let mut see = Noise::new(seed, 2);
     let mut measure = |q: &Vec<f64>| {
-        let white = see.joints(q.len(), truth.white_rad);
-        let real = truth.base.point(&arm.tcp(q, &white));
-        let seen = real + see.vector(recipe.tracker_m);
-        let encoder = q.iter().map(|q| q + see.normal(recipe.encoder_rad)).collect();
+        let rest = arm.go_to(&joints(q));
+        arm.wait(plant.tracker.shot_s);
+        let real = tracker.inverse_point(&rest.tcp.position);
+        let seen = real + see.vector(plant.tracker.sigma_m);
         let measured = Measured {
-            q: encoder,
+            q: rest.q.to_vec(),
             point_m: seen.into(),
         };
         (measured, <[f64; 3]>::from(real))
@@ -204,15 +203,16 @@ pub fn record_poses(world: World, recipe: &Recipe, seed: u64, poses: &[PlannedPo
     let mut frames = frames_from_arcs(&iiwa7(), &base_arcs, &tool_arcs)?;
     let mut off = Noise::new(seed, 3);
     let sideways = off.0.random_range(0.0..std::f64::consts::TAU);
-    frames.tool_m[0] += recipe.tool_off_m * sideways.cos();
-    frames.tool_m[1] += recipe.tool_off_m * sideways.sin();
-    frames.base.translation_m += off.direction() * recipe.base_off_m;
+    frames.tool_m[0] += plant.tracker.remount_m * sideways.cos();
+    frames.tool_m[1] += plant.tracker.remount_m * sideways.sin();
+    frames.base.translation_m += off.direction() * plant.tracker.restation_m;
 
     // The tracker sees each sphere's centre ten times.
-    let centres: Vec<_> = truth.spheres_m.iter().map(|s| Vector3::from(*s)).collect();
-    let seen: Vec<_> = centres
+    let seen: Vec<_> = truth
+        .spheres
         .iter()
-        .map(|s| truth.base.point(&truth.plate.point(s)) + off.vector(recipe.tracker_m / 10f64.sqrt()))
+        .flatten()
+        .map(|s| tracker.inverse_point(s) + off.vector(plant.tracker.sigma_m / 10f64.sqrt()))
         .collect();
     let certified: Vec<_> = paper_plate().iter().map(|s| Vector3::from(s.position_m)).collect();
     let plate = Pose::fit(&certified, &seen).unwrap_or_default();
@@ -243,40 +243,75 @@ pub fn record_poses(world: World, recipe: &Recipe, seed: u64, poses: &[PlannedPo
         validation,
         validation_truth_m,
         bad,
+        plant,
         truth,
     })
 }
 
-/// Contacts at `poses`, and which of them are bad couplings.
+/// Seven joint angles; those that are missing count as zero.
+fn joints(q: &[f64]) -> [f64; 7] {
+    core::array::from_fn(|i| q.get(i).copied().unwrap_or_default())
+}
+
+/// Pose of the tracker in F0.
+fn tracker_frame(plant: &PlantConfig) -> Pose {
+    let [roll, pitch, yaw] = plant.tracker.rpy_rad;
+    Pose {
+        rotation: *Rotation3::from_euler_angles(roll, pitch, yaw).matrix(),
+        translation_m: Vector3::from(plant.tracker.position_m),
+    }
+}
+
+impl Trial {
+    /// F0 in the tracker frame, as it really is: for the judge alone.
+    pub fn base(&self) -> Pose {
+        let tracker = tracker_frame(&self.plant);
+        Pose {
+            rotation: tracker.rotation.transpose(),
+            translation_m: -tracker.rotation.tr_mul(&tracker.translation_m),
+        }
+    }
+}
+
+/// Contacts at `poses`, and which of them are 3 to 6 mm off.
 fn contacts(
-    truth: &Truth,
-    arm: &Evaluator<'_>,
-    recipe: &Recipe,
+    truth: &TrueCell<7>,
+    plant: &PlantConfig,
+    world: World,
     seed: u64,
     poses: &[PlannedPose],
 ) -> Result<(Experiment, Vec<usize>), WorldError> {
-    let mut noise = Noise::new(seed, 1);
+    let spheres = paper_plate();
+    let mut arm = StillArm::new(truth, plant);
     // Apart, so that W4's other contacts are the same with and without bad ones.
     let mut chance = Noise::new(seed, 4);
     let mut bad = Vec::new();
     let mut observations = Vec::with_capacity(poses.len());
+    let mut coupling = None;
     for (index, pose) in poses.iter().enumerate() {
-        let at = truth.sphere_ids.iter().position(|id| *id == pose.sphere);
-        let centre = at.and_then(|k| truth.spheres_m.get(k)).copied().unwrap_or_default();
-        let mut target = truth.plate.point(&Vector3::from(centre)) + noise.vector(recipe.seating_m);
-        let roll: f64 = chance.0.random();
-        let (far, direction) = (chance.0.random_range(3e-3..6e-3), chance.direction());
-        if roll < recipe.bad_couplings {
-            bad.push(index);
-            target += direction * far;
+        if coupling.is_some_and(|last| last != pose.coupling) {
+            arm.decouple();
         }
-        let white = noise.joints(pose.q.len(), truth.white_rad);
-        let q = arm.reach(&pose.q, &target, &white).ok_or(WorldError::Reach {
+        coupling = Some(pose.coupling);
+        let at = spheres.iter().position(|s| s.id == pose.sphere);
+        let centre = at.and_then(|k| truth.spheres.get(k).copied().flatten());
+        let mut target = centre.ok_or(WorldError::Reach {
             index,
             sphere: pose.sphere,
         })?;
+        let roll: f64 = chance.0.random();
+        let (far, direction) = (chance.0.random_range(3e-3..6e-3), chance.direction());
+        if roll < world.bad_contacts() {
+            bad.push(index);
+            target += direction * far;
+        }
+        let rest = arm.go_to_contact(&joints(&pose.q), &target).ok_or(WorldError::Reach {
+            index,
+            sphere: pose.sphere,
+        })?;
+        arm.wait(CONTACT_S);
         observations.push(Observation {
-            q: q.into_iter().map(|q| q + noise.normal(recipe.encoder_rad)).collect(),
+            q: rest.q.to_vec(),
             tau: None,
             target: Target::Sphere {
                 sphere: pose.sphere,
@@ -288,7 +323,7 @@ fn contacts(
     let experiment = Experiment {
         robot: iiwa7(),
         tool: iiwa7_tool(),
-        spheres: paper_plate(),
+        spheres,
         observations,
     };
     Ok((experiment, bad))

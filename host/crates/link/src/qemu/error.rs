@@ -24,7 +24,7 @@ pub enum QemuError {
         /// Where it was looked for.
         path: PathBuf,
     },
-    /// A file of the report's folder could not be made, or QEMU not started.
+    /// A file in the output folder could not be created, or QEMU could not be started.
     #[error("{path}: {source}")]
     File {
         /// The file.
@@ -32,10 +32,8 @@ pub enum QemuError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The path of the log cannot be given to the image.
-    #[error(
-        "the folder {path} has blanks or commas or is too long, which QEMU's arguments cannot carry: choose another"
-    )]
+    /// The path of the log cannot be passed to the image.
+    #[error("the path {path} has blanks or commas or is too long for QEMU's arguments: choose another folder")]
     LogPath {
         /// The folder.
         path: PathBuf,
@@ -45,7 +43,7 @@ pub enum QemuError {
     Silent {
         /// How long it was waited for.
         seconds: u64,
-        /// Where more is said.
+        /// File with more details.
         log: PathBuf,
     },
     /// The image ended.
@@ -53,28 +51,32 @@ pub enum QemuError {
     Ended {
         /// How QEMU exited.
         status: String,
-        /// What that says of the image.
+        /// Meaning of that status.
         meaning: &'static str,
-        /// Where more is said.
+        /// File with more details.
         log: PathBuf,
-        /// QEMU's own last words.
+        /// The last lines of QEMU's output.
         said: String,
     },
     /// The image refused the drive.
-    #[error("the controller in QEMU refuses the drive: its joints, period or protocol are not what it was built for")]
+    #[error(
+        "the controller in QEMU refuses the drive: it was built for other joints, another period or another protocol"
+    )]
     Refused,
     /// What came back is not a turn.
-    #[error("the controller in QEMU sent a turn that is not one: image and program must be of the same version")]
+    #[error("the controller in QEMU sent a malformed message: use an image and a program of the same version")]
     Garbled,
     /// More bytes than a turn carries.
-    #[error("{bytes} bytes for the controller in one control period: a turn carries {MAX_HOST}")]
+    #[error(
+        "the host has {bytes} bytes for the controller in one control period, but one period carries at most {MAX_HOST}"
+    )]
     TooMuch {
         /// Bytes.
         bytes: usize,
     },
 }
 
-/// What an exit code of the image says.
+/// Meaning of an exit code of the image.
 pub(super) fn meaning(code: Option<i32>) -> &'static str {
     match code {
         Some(0) => "it was told to end",

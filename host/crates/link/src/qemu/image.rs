@@ -17,12 +17,12 @@ pub fn find_qemu() -> Option<PathBuf> {
         .find(|program| program.is_file())
 }
 
-/// The controller's image: the one asked for, else the one that
-/// [`IMAGE_VARIABLE`] names, else what the project's script has built below
-/// this folder or the one that this program was built in.
+/// Finds the controller's image. Takes the image that was asked for; else the one that
+/// [`IMAGE_VARIABLE`] names; else the one that the project's script has built below this folder or
+/// below the folder of this program's sources.
 ///
 /// # Errors
-/// [`QemuError::NoImage`] with the place where it was looked for.
+/// [`QemuError::NoImage`] with the path that was searched.
 pub fn find_image(asked: Option<&Path>) -> Result<PathBuf, QemuError> {
     let named = std::env::var_os(IMAGE_VARIABLE);
     let found = choose(asked, named.as_deref(), std::path::Path::is_file);

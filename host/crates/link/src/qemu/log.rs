@@ -1,12 +1,12 @@
-//! The controller's log: `defmt` frames to text, with the image's own ELF.
-//! Without the feature `qemu-log` the text says that it was not decoded.
+//! Decodes the controller's log from `defmt` frames to text, with the image's own ELF file. Without
+//! the feature `qemu-log` the text says that the log was not decoded.
 
 use std::path::Path;
 
 use super::QemuError;
 
-/// Decodes the log that `image` wrote to `raw` into the text file `text`. A log
-/// that is missing, or that this image did not write, gives a text that says so.
+/// Decodes the log that `image` wrote to `raw` into the text file `text`. If the log is missing or
+/// was written by another image, the text says so.
 ///
 /// # Errors
 /// When a file cannot be read or written.
@@ -33,8 +33,8 @@ pub fn decode(_elf: &[u8], bytes: &[u8]) -> String {
     )
 }
 
-/// Decodes `bytes`, the log of the image `elf`: a line a message, with device
-/// time in µs, level and place in the source where they are known.
+/// Decodes `bytes`, the log of the image `elf`, to one line per message: device time in µs, level
+/// and place in the source where they are known.
 #[cfg(feature = "qemu-log")]
 pub fn decode(elf: &[u8], bytes: &[u8]) -> String {
     use std::fmt::Write as _;
@@ -80,7 +80,7 @@ pub fn decode(elf: &[u8], bytes: &[u8]) -> String {
 mod tests {
     use super::*;
 
-    // Fails if a file that is no image, or a missing log, is not said in words.
+    // Fails if a missing log, or a file that is not an image, gives no readable message.
     #[test]
     fn what_cannot_be_decoded_is_said() {
         let said = decode(b"not an ELF", b"abc");

@@ -1,15 +1,12 @@
-//! The controller's Cortex-M7 image in QEMU, in lock-step over its standard
-//! streams.
+//! Runs the controller's Cortex-M7 image in QEMU, in lock-step over its standard streams.
 //!
-//! Each control period is one turn ([`spherecal_shared::protocol::lockstep`]):
-//! joint state and host bytes down, torque and controller bytes up. QEMU counts
-//! instructions as time (`-icount`), and its time stands still while the image
-//! waits for a turn; so the same drive gives the same run in every bit. The
-//! image logs with `defmt` into a file, which is decoded with the image's own
-//! ELF when the run ends ([`log`]).
+//! Each control period is one exchange ([`spherecal_shared::protocol::lockstep`]): joint state and
+//! host bytes down, torque and controller bytes up. QEMU counts instructions as time (`-icount`),
+//! and its time stands still while the image waits for an exchange. So the same drive gives a
+//! bit-identical run. The image logs with `defmt` into a file. When the run ends, [`log`] decodes
+//! that file with the image's own ELF.
 //!
-//! A watchdog thread ends a QEMU that does not answer, so that no read waits
-//! for ever.
+//! A watchdog thread ends a QEMU that does not answer, so that no read waits for ever.
 
 mod error;
 mod image;
@@ -40,7 +37,7 @@ use super::{Controller, LinkError};
 pub const LOG_FILE: &str = "controller.log";
 /// Name of the log as the image wrote it.
 const RAW_LOG_FILE: &str = "controller.defmt";
-/// Name of the file with what QEMU itself had to say.
+/// Name of the file with QEMU's own error output.
 const STDERR_FILE: &str = "qemu.log";
 
 /// How QEMU is started.
@@ -56,8 +53,8 @@ pub struct QemuOptions {
     pub shift: u8,
     /// How long an answer may take.
     pub patience: Duration,
-    /// File for every turn that is sent, so that the run can be repeated
-    /// without its plant: `qemu-system-arm ... < FILE`.
+    /// File that stores every exchange sent to the image, so that the run can be repeated without
+    /// the plant: `qemu-system-arm ... < FILE`.
     pub record: Option<PathBuf>,
 }
 
@@ -80,7 +77,7 @@ impl QemuOptions {
 pub struct Cost {
     /// The host's commands, the control law and the phases.
     pub tick: u32,
-    /// Frames of both links, read and made, below the control task.
+    /// Frames of both links, parsed and built, below the control task.
     pub link: u32,
 }
 
@@ -206,7 +203,7 @@ impl Qemu {
         }
         self.finished = true;
         if let Some(mut input) = self.input.take() {
-            // It may have ended already; then there is no one to tell.
+            // The process may have ended already; then nothing needs to be told.
             let _ = input.write_all(&Down::default().to_bytes());
         }
         let status = self.watchdog.end();
@@ -326,7 +323,7 @@ impl Controller for Qemu {
 
 impl Drop for Qemu {
     fn drop(&mut self) {
-        // Nobody is left to tell.
+        // There is nobody left to notify.
         let _ = self.finish();
     }
 }

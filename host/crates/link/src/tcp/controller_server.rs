@@ -1,9 +1,8 @@
 //! A controller as a process: a cell on one side, hosts that come and go on the other.
 //!
-//! A host that connects first gets the drive's own hello frame, so that it can
-//! check joints and limits and knows the period; from then on the bytes of the
-//! host link, with an end of turn (a zero byte with no frame before it) from
-//! each side in every period.
+//! When a host connects, the server first sends the drive's hello frame, so that the host can check
+//! joints, limits and period. After that the connection carries the bytes of the host link. Each
+//! side ends its part of every period with an end mark (a zero byte with no frame before it).
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -14,7 +13,7 @@ use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 use super::TcpError;
 use crate::{Cell, Device, LinkError};
 
-/// Bytes that may wait for a host in real time; one that reads no more is let go.
+/// Bytes that may wait for a host in real time. A host that falls behind further is disconnected.
 const BACKLOG: usize = 1 << 20;
 
 /// Splits a byte stream into turns.
@@ -52,13 +51,13 @@ impl Turns {
     }
 }
 
-/// Serves one host after the other; with `once` it returns when the first has gone.
+/// Serves one host after the other; with `once` it returns when the first has disconnected.
 ///
-/// In lock-step nothing moves while no host is there. In real time the
-/// controller goes on at every beat and holds the arm.
+/// In lock-step nothing moves while no host is connected. In real time the controller keeps running
+/// every tick and holds the arm.
 ///
 /// # Errors
-/// When the cell fails or no host can be waited for. That a host goes is no error.
+/// The cell fails, or the listener fails. A host that disconnects is not an error.
 pub fn serve_hosts(cell: &mut Cell, listener: &TcpListener, once: bool) -> Result<(), LinkError> {
     if cell.hello().lock_step {
         loop {
@@ -105,8 +104,8 @@ fn hello_frame(cell: &Cell) -> std::io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Lock-step: the host's turn, one period, the controller's turn; until the
-/// host goes, for whatever reason.
+/// Lock-step: the host's bytes, one period, the controller's bytes; repeated until the host
+/// disconnects.
 fn turn_by_turn(cell: &mut Cell, mut stream: TcpStream) -> Result<(), LinkError> {
     let greeted = stream
         .set_nonblocking(false)
@@ -134,7 +133,7 @@ fn turn_by_turn(cell: &mut Cell, mut stream: TcpStream) -> Result<(), LinkError>
     }
 }
 
-/// A host in real time: nobody waits for it.
+/// A host in real time. Nothing waits for it.
 struct Host {
     stream: TcpStream,
     backlog: Vec<u8>,
@@ -155,7 +154,7 @@ impl Host {
 
     fn read(&mut self, down: &mut Vec<u8>) -> std::io::Result<()> {
         let mut buffer = [0; MAX_FRAME];
-        // As much as the controller takes in one period; the rest waits.
+        // As much as the controller takes in one period; further bytes wait.
         while down.len() < 4 * MAX_FRAME {
             match self.stream.read(&mut buffer) {
                 Ok(0) => {
@@ -195,7 +194,7 @@ impl Host {
 mod tests {
     use super::Turns;
 
-    // Fails if a turn is cut, merged or kept back, however the bytes are cut.
+    // Fails if a period's bytes are cut, merged or kept back, however the stream is cut.
     #[test]
     fn turns_come_out_whole_however_the_bytes_are_cut() {
         let bytes = [5, 6, 0, 7, 0, 0, 0, 8, 0, 0, 9];

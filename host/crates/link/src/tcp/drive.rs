@@ -11,24 +11,23 @@ use super::TcpError;
 use super::wire::Wire;
 use crate::{Drive, LinkError};
 
-/// How long a drive may take to introduce itself.
+/// How long a drive may take to send its hello.
 const HELLO: Duration = Duration::from_secs(10);
-/// How long a lock-step drive may take for one period: a simulator that is
-/// paused by hand is given up after this.
+/// How long a lock-step drive may take for one period. A simulator that someone pauses by hand is
+/// given up after this time.
 const ANSWER: Duration = Duration::from_mins(1);
 
-/// How long before a state is due this side begins to look for it.
+/// How long before a state is due this side starts to poll for it.
 const EARLY: Duration = Duration::from_micros(250);
-/// How often it looks.
+/// Interval of that polling.
 const LOOK: Duration = Duration::from_micros(40);
 
 /// A drive behind a TCP connection.
 ///
-/// In real time an [`exchange`](Drive::exchange) ends when a new state has
-/// come: the drive is the clock, so that two clocks never drift across each
-/// other. Half a period after one was due it ends without, and the controller
-/// sees the last state again, which it tells by its number; beats that this
-/// side itself missed are counted as on a board.
+/// In real time an [`exchange`](Drive::exchange) ends when a new state has arrived. The drive is
+/// the clock, so two clocks never drift against each other. If the state is half a period late, the
+/// exchange ends without it and the controller gets the last state again; the state's number shows
+/// the repeat. Ticks that this side missed are counted as on a board.
 pub struct TcpDrive {
     wire: Wire,
     hello: DriveHello,
@@ -37,7 +36,7 @@ pub struct TcpDrive {
     missed: u32,
 }
 
-/// The beat of a real-time drive's controller.
+/// The clock of the controller of a real-time drive.
 struct Pace {
     start: std::time::Instant,
     period_us: u64,
@@ -69,7 +68,7 @@ impl Pace {
         self.now_us() >= self.watch.due_us().saturating_add(self.period_us / 2)
     }
 
-    /// Notes a beat; returns the periods that went by without one.
+    /// Notes a tick; returns the number of periods that passed without one.
     fn beat(&mut self) -> u32 {
         let now_us = self.now_us();
         let missed = self.watch.record(now_us);
@@ -79,10 +78,10 @@ impl Pace {
 }
 
 impl TcpDrive {
-    /// Connects to `HOST:PORT` and hears what the drive says of itself.
+    /// Connects to `HOST:PORT` and receives the drive's hello.
     ///
     /// # Errors
-    /// When nobody answers there, or someone who does not speak this drive link.
+    /// Nothing answers there, or the answer is not of this drive link.
     pub fn connect(address: &str) -> Result<Self, TcpError> {
         let mut wire = Wire::connect(address)?;
         let hello: DriveHello = wire.wait_for("a drive's hello", HELLO).map_err(|error| match error {
@@ -113,7 +112,7 @@ impl TcpDrive {
             *state = self.state()?;
             self.heard = true;
             self.wire.never_wait()?;
-            // The beats begin with the first state.
+            // The ticks begin with the first state.
             self.pace = Some(Pace::new(self.hello.period_us));
             return Ok(());
         }
@@ -170,11 +169,11 @@ impl Drive for TcpDrive {
     }
 }
 
-/// Whether a drive with these limits can do all that the robot's description
-/// promises; the plan was made with the description.
+/// Checks that a drive with these limits can do everything that the robot's description allows. The
+/// plan was made with the description.
 ///
 /// # Errors
-/// The first limit of the drive that is tighter, or is no number.
+/// The first limit of the drive that is tighter than the description's, or is not a number.
 pub fn check_limits(drive: &[JointLimits], robot: &Robot) -> Result<(), TcpError> {
     /// Limits that were typed in other units differ in the last digits.
     const SLACK: f64 = 1e-3;
@@ -206,7 +205,7 @@ pub fn check_limits(drive: &[JointLimits], robot: &Robot) -> Result<(), TcpError
             ),
         ];
         for (what, drive, robot, spare) in pairs {
-            // A NaN is refused with the rest.
+            // The negation refuses a NaN as well.
             if !(spare >= -SLACK) {
                 return Err(TcpError::Limits {
                     joint: k + 1,

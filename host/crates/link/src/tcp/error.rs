@@ -1,4 +1,4 @@
-//! What can go wrong between processes, each with its remedy.
+//! Errors of the links between processes, each with its remedy.
 
 use spherecal_shared::protocol::frame::FrameError;
 
@@ -7,19 +7,19 @@ fn hex(key: &[u8; 8]) -> String {
     key.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Why a TCP link cannot be used, or ended.
+/// Why a TCP link cannot be used, or why it ended.
 #[derive(Debug, thiserror::Error)]
 pub enum TcpError {
-    /// Nobody answers there.
-    #[error("{peer} cannot be reached ({source}): start what listens there first, and check host and port")]
+    /// Nothing answers at the address.
+    #[error("{peer} cannot be reached ({source}): start the program that listens there first, and check host and port")]
     Unreachable {
         /// Address as given.
         peer: String,
         /// What the system said.
         source: std::io::Error,
     },
-    /// The address cannot be listened at.
-    #[error("{address} cannot be listened at ({source}): give HOST:PORT of this machine, with a port that is free")]
+    /// The program cannot listen at the address.
+    #[error("cannot listen at {address} ({source}): give HOST:PORT of this machine, with a free port")]
     Listen {
         /// Address as given.
         address: String,
@@ -40,7 +40,7 @@ pub enum TcpError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// Nothing came.
+    /// Nothing arrived in time.
     #[error(
         "{peer} was silent for {seconds} s ({damaged} damaged frames until then): \
          a lock-step drive must answer every command with one state (docs/drive-link.md)"
@@ -48,25 +48,25 @@ pub enum TcpError {
     Silent {
         /// Who.
         peer: String,
-        /// How long was waited.
+        /// How long the program waited, in s.
         seconds: u64,
         /// Frames whose checksum or shape was wrong.
         damaged: u32,
     },
-    /// No hello came.
+    /// No hello arrived in time.
     #[error(
         "{peer} did not introduce itself as a drive within {seconds} s: check the port, and see docs/drive-link.md"
     )]
     NotADrive {
-        /// Who.
+        /// The other side's address.
         peer: String,
         /// How long was waited.
         seconds: u64,
     },
     /// A message with another schema key.
     #[error(
-        "{peer} sent a message with schema key {}, where {what} has {}: \
-         it was built for another version of the protocol; use versions that belong together",
+        "{peer} sent a message with schema key {}, but {what} has {}: \
+         it was built for another version of the protocol; use matching versions",
         hex(found),
         hex(expected)
     )]
@@ -80,9 +80,9 @@ pub enum TcpError {
         /// Key of what was expected.
         expected: [u8; 8],
     },
-    /// The drive allows less than the robot's description.
+    /// The drive allows less than the robot's description promises.
     #[error(
-        "joint {joint} of the drive has {what} {drive}, the robot's description {robot}: \
+        "joint {joint} of the drive has {what} {drive}, but the robot's description has {robot}: \
          use a description with the drive's limits (`spherecal robot convert`, then edit the limits), or widen the drive's"
     )]
     Limits {
@@ -90,9 +90,9 @@ pub enum TcpError {
         joint: usize,
         /// Which limit, with its unit.
         what: &'static str,
-        /// The drive's.
+        /// The drive's limit.
         drive: f64,
-        /// The description's.
+        /// The description's limit.
         robot: f64,
     },
     /// A message does not fit a frame.
@@ -111,7 +111,7 @@ impl TcpError {
         }
     }
 
-    /// Whether the other side simply went away.
+    /// Whether the other side closed the connection.
     pub fn is_closed(&self) -> bool {
         matches!(self, Self::Closed { .. })
     }

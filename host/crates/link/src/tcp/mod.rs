@@ -1,26 +1,24 @@
-//! Both links over TCP: drives, controllers and hosts in processes of their own.
+//! Both links over TCP, for drives, controllers and hosts in processes of their own.
 //!
 //! ```text
 //!   spherecal run ──[host link]──▶ controller_server ──[drive link]──▶ serve_drive (plant, simulator, gateway)
 //!        Remote                     TcpDrive ─ Cell
 //! ```
 //!
-//! The side that is listened at is the one nearer to the arm. The drive link
-//! carries the frames of [`spherecal_shared::protocol::frame`] and nothing
-//! else; `docs/drive-link.md` has its bytes. A drive says in its hello which of
-//! two ways it goes:
+//! On each link the side nearer to the arm listens. The drive link carries the frames of
+//! [`spherecal_shared::protocol::frame`] and nothing else; `docs/drive-link.md` describes its
+//! bytes. The drive's hello selects one of two modes:
 //!
-//! - *lock-step*: one state, one command, and so on; nobody looks at a clock,
-//!   and a run over TCP has the same bits as a run in one process;
-//! - *real time*: a state every period, whether or not a command came. The
-//!   controller then beats on its own clock ([`TcpDrive`]), takes the newest
-//!   state and counts what was late, as it does on a board.
+//! - *lock-step*: one state, one command, in turn. Nobody reads a clock, and a run over TCP has the
+//!   same bits as a run in one process.
+//! - *real time*: a state every period, whether or not a command came. The controller then runs on
+//!   its own clock ([`TcpDrive`]), takes the newest state and counts late states, as it does on a
+//!   board.
 //!
-//! The host link of a [`controller_server`] carries, besides its frames, one *end of
-//! turn* each way a period: a zero byte with no frame before it, which every
-//! receiver of frames passes over. It tells the host that a period of the
-//! device is over, so that the host needs no clock and cannot tell lock-step
-//! from real time; in lock-step the controller waits for the host's turn.
+//! The host link of a [`controller_server`] carries its frames and one *end mark* in each direction
+//! per period: a zero byte with no frame before it, which every receiver of frames skips. The mark
+//! tells the host that a period of the device is over. So the host needs no clock and does not
+//! depend on the mode. In lock-step the controller waits for the host's end mark.
 
 pub mod controller_server;
 mod drive;
@@ -39,7 +37,7 @@ pub use server::{DriveServer, Service};
 /// Opens a listener at `HOST:PORT`, or at `PORT` on this machine only.
 ///
 /// # Errors
-/// When the address cannot be listened at.
+/// When the program cannot listen at the address.
 pub fn listen(address: &str) -> Result<(TcpListener, SocketAddr), TcpError> {
     let address = if address.contains(':') {
         address.to_owned()

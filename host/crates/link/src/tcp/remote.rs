@@ -1,4 +1,4 @@
-//! The host's end of a controller that runs elsewhere.
+//! The host's end of a controller that runs in another process.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -13,7 +13,7 @@ use super::{TcpDrive, TcpError, listen};
 use crate::check_hello;
 use crate::{Cell, Device, LinkError, controller_in_process};
 
-/// How long a controller may take for one period, its drive included.
+/// How long a controller may take for one period, drive included.
 const TURN: Duration = Duration::from_mins(1);
 
 /// A controller process, reached over its host link.
@@ -32,7 +32,7 @@ impl Remote {
     /// robot with `joints` joints.
     ///
     /// # Errors
-    /// When nobody answers there, or its drive is not this robot's.
+    /// Nothing answers there, or its drive belongs to another robot.
     pub fn connect(address: &str, joints: usize) -> Result<Self, LinkError> {
         let mut wire = Wire::connect(address)?;
         let peer = wire.peer.clone();
@@ -53,7 +53,7 @@ impl Remote {
         })
     }
 
-    /// What the controller's drive says of itself.
+    /// The hello of the controller's drive.
     pub fn hello(&self) -> &DriveHello {
         &self.hello
     }
@@ -105,8 +105,8 @@ impl Device for Remote {
     }
 }
 
-/// A controller in a thread of this process, for a drive in real time: what the
-/// host does (a database, a screen) then never holds up a beat.
+/// A controller in a thread of this process, for a drive in real time. Slow work of the host (a
+/// database, a screen) then never delays a tick.
 pub struct Threaded {
     remote: Option<Remote>,
     thread: Option<JoinHandle<Result<(), LinkError>>>,
@@ -116,7 +116,7 @@ impl Threaded {
     /// Starts a controller for `drive`.
     ///
     /// # Errors
-    /// When the drive has other joints than the robot, or the thread does not start.
+    /// The drive has another number of joints than the robot, or the thread does not start.
     pub fn start(drive: TcpDrive, joints: usize) -> Result<Self, LinkError> {
         let mut cell = Cell::new(controller_in_process(joints)?, Box::new(drive), joints)?;
         let (listener, address) = listen("0")?;
@@ -138,7 +138,7 @@ impl Threaded {
         Ok(this)
     }
 
-    /// Why the thread ended, if it did; else `error`.
+    /// Why the thread ended, if it has ended; else `error`.
     fn reason(&mut self, error: LinkError) -> LinkError {
         self.remote = None;
         match self.thread.take().map(JoinHandle::join) {
@@ -171,7 +171,7 @@ impl Device for Threaded {
 
 impl Drop for Threaded {
     fn drop(&mut self) {
-        // The thread ends at the beat after its host has gone.
+        // The thread ends at the next tick after its host has disconnected.
         self.remote = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();

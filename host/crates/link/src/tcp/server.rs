@@ -10,11 +10,11 @@ use super::TcpError;
 use super::wire::Wire;
 use crate::{Drive, LinkError};
 
-/// Periods without a command after which a real-time drive closes its brakes:
-/// until then the last torque stands.
+/// Periods without a command after which a real-time drive closes its brakes. Until then the last
+/// torque is kept.
 const HELD_PERIODS: u32 = 10;
 
-/// What one controller's visit came to.
+/// Counts of one controller's connection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Service {
     /// Commands carried out.
@@ -27,8 +27,8 @@ pub struct Service {
     pub link: LinkCounters,
 }
 
-/// Offers a drive to one controller at a time. Between them its brakes are
-/// closed, and it goes on from where it stands.
+/// Serves a drive to one controller at a time. Between two controllers the brakes are closed, and
+/// the drive continues from its current position.
 pub struct DriveServer {
     drive: Box<dyn Drive>,
     real_time: bool,
@@ -40,11 +40,11 @@ impl DriveServer {
         Self { drive, real_time }
     }
 
-    /// Waits for a controller and serves it until it goes.
+    /// Waits for a controller and serves it until it disconnects.
     ///
     /// # Errors
-    /// When the drive fails, or the controller sends what is no command. That it
-    /// goes away is no error.
+    /// The drive fails, or the controller sends bytes that are not a command. A controller that
+    /// disconnects is not an error.
     pub fn serve(&mut self, listener: &TcpListener) -> Result<Service, LinkError> {
         let (stream, peer) = listener.accept().map_err(|e| TcpError::of("a controller", e))?;
         let mut wire = Wire::new(stream, format!("the controller at {peer}"))?;
@@ -67,7 +67,7 @@ impl DriveServer {
     }
 
     fn in_lock_step(&mut self, wire: &mut Wire, period_us: u32, service: &mut Service) -> Result<(), LinkError> {
-        // A controller may think as long as it likes: time stands still.
+        // Lock-step: a controller may take any time, because simulated time stands still.
         wire.patience(None)?;
         let mut state = DriveState::default();
         self.drive.exchange(None, &mut state)?;
@@ -115,7 +115,7 @@ impl DriveServer {
             let held = silent < HELD_PERIODS;
             self.drive.exchange(last.as_ref().filter(|_| held), &mut state)?;
             if last.is_some() && !held {
-                // The controller has been lost: brakes, and say so.
+                // The controller was lost: close the brakes and report it.
                 state.status = DriveStatus::Disabled;
             }
             let time_us = u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX);
@@ -125,7 +125,7 @@ impl DriveServer {
             if now < due {
                 std::thread::sleep(due - now);
             } else if now > due + period {
-                // Fallen behind: simulated time is then slower, never in a burst.
+                // Behind schedule: simulated time then runs slower, never in a burst.
                 due = now;
             }
         }

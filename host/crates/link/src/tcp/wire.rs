@@ -10,12 +10,12 @@ use spherecal_shared::protocol::frame::{
 
 use super::TcpError;
 
-/// How long a connection may take to come about.
+/// How long it may take to connect.
 const CONNECT: Duration = Duration::from_secs(5);
 
-/// What a frame turned out to be.
+/// Outcome of parsing one frame.
 pub(super) enum Parsed<T> {
-    /// A message that was waited for.
+    /// The expected message.
     Message(Header, T),
     /// A message of another type or version.
     Other([u8; 8]),
@@ -54,7 +54,7 @@ impl Wire {
 
     /// Takes over a connection.
     pub(super) fn new(stream: TcpStream, peer: String) -> Result<Self, TcpError> {
-        // Small messages that must not wait for more.
+        // Small messages must not wait for later ones.
         stream.set_nodelay(true).map_err(|e| TcpError::of(&peer, e))?;
         Ok(Self {
             stream,
@@ -69,7 +69,7 @@ impl Wire {
         })
     }
 
-    /// Reads wait this long at most; `None` waits for ever.
+    /// Reads wait at most this long; `None` waits for ever.
     pub(super) fn patience(&self, patience: Option<Duration>) -> Result<(), TcpError> {
         self.stream
             .set_nonblocking(false)
@@ -90,8 +90,8 @@ impl Wire {
         self.counters
     }
 
-    /// Sends a message. Where writes do not wait, one that finds no room is
-    /// dropped as a whole and counted as overflow.
+    /// Sends a message. Where writes do not wait, a message that finds no room is dropped as a
+    /// whole and counted as overflow.
     pub(super) fn send<M: Message>(&mut self, message: &M, time_us: u64) -> Result<(), TcpError> {
         let mut out = [0; MAX_FRAME];
         let length = frame::encode(message, self.sent, time_us, &mut out)?;
@@ -114,7 +114,7 @@ impl Wire {
                     self.counters.overflow = self.counters.overflow.wrapping_add(1);
                     return Ok(());
                 }
-                // A frame that is begun is ended: the buffer is about to drain.
+                // A frame that was begun must be completed; the buffer will drain soon.
                 Err(e) if e.kind() == ErrorKind::WouldBlock => std::thread::yield_now(),
                 Err(e) => return Err(TcpError::of(&self.peer, e)),
             }
@@ -122,8 +122,8 @@ impl Wire {
         Ok(())
     }
 
-    /// The next message of type `M`, or what came in its place; `None` when
-    /// nothing came within the patience. Damaged frames are counted and passed over.
+    /// Returns the next message of type `M`, or the key of another message that came instead;
+    /// `None` when nothing came in time. Damaged frames are counted and skipped.
     pub(super) fn receive<M: Message>(&mut self) -> Result<Option<Parsed<M>>, TcpError> {
         loop {
             while self.at < self.filled {
@@ -156,7 +156,7 @@ impl Wire {
         }
     }
 
-    /// As [`receive`](Self::receive), where any other message is an error.
+    /// Like [`receive`](Self::receive), but any other message is an error.
     pub(super) fn expect<M: Message>(&mut self, what: &'static str) -> Result<Option<(Header, M)>, TcpError> {
         match self.receive::<M>()? {
             None => Ok(None),
@@ -170,7 +170,7 @@ impl Wire {
         }
     }
 
-    /// Waits for a message, `patience` at most.
+    /// Waits for a message, at most `patience`.
     pub(super) fn wait_for<M: Message>(&mut self, what: &'static str, patience: Duration) -> Result<M, TcpError> {
         self.patience(Some(patience))?;
         self.expect(what)?.map(|(_, message)| message).ok_or(TcpError::Silent {
@@ -180,8 +180,9 @@ impl Wire {
         })
     }
 
-    /// The connection, for whoever speaks in plain bytes from here on, and the
-    /// bytes that were read already.
+    /// Returns the connection, for a caller that speaks plain bytes from here on, and the bytes
+    /// that were already read.
+    ///
     pub(super) fn into_stream(self) -> (TcpStream, Vec<u8>) {
         let rest = self.buffer.get(self.at..self.filled).unwrap_or_default().to_vec();
         (self.stream, rest)

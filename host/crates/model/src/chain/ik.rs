@@ -1,10 +1,10 @@
 //! Inverse kinematics: joint angles for a TCP pose and an elbow angle.
 //!
-//! Arms of the spherical-rotational-spherical kind (iiwa 7 and 14, also when
-//! slightly perturbed by calibration) are solved in closed form on the nearest
-//! exact table, all eight branches, and polished by damped Newton steps on the
-//! real one. Any other arm of six or more joints is solved by damped least
-//! squares from a seed ([`Chain::solve_from`]) or from many ([`Chain::solve`]).
+//! Arms of the spherical-rotational-spherical kind (iiwa 7 and 14, also with small errors from a
+//! calibration) are solved in closed form on the nearest exact table, in all eight branches. Damped
+//! Newton steps on the real table refine the solution. Any other arm of six or more joints is
+//! solved by damped least squares from a seed ([`Chain::solve_from`]) or from many
+//! ([`Chain::solve`]).
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -15,22 +15,23 @@ use spherecal_shared::linalg::Cholesky;
 use super::{Chain, JointVector, Posture, TcpPose, rotation_vector, wrapped};
 use crate::halton::halton;
 
-/// Position (m), rotation (rad) and elbow (rad) error under which a pose counts as solved.
+/// A pose counts as solved if its errors in position (m), rotation (rad) and elbow angle (rad) are
+/// below this.
 pub const IK_TOLERANCE: f64 = 1e-11;
 /// Steps of the polishing from a neighbouring pose.
 const POLISH_STEPS: usize = 12;
-/// Steps of the polishing from the exact table: with the elbow nearly straight
-/// a millimetre in a table is a tenth of a radian in the elbow.
+/// Steps of the refinement from the exact table. With the elbow nearly straight, a millimetre in a
+/// table is a tenth of a radian at the elbow.
 const BRANCH_STEPS: usize = 60;
-/// The least distance between elbow and line of the shoulder and wrist of a
-/// seed, in m, and how far beyond the exact table's reach there still is one: a
-/// real arm may be that much longer.
+/// Smallest distance in a seed between the elbow and the line from shoulder to wrist, in m. Also
+/// how far beyond the exact table's reach there is still a seed, because a real arm may be that
+/// much longer.
 const ELBOW_LEAST_M: f64 = 0.02;
 /// Steps of the numerical solution from a distant seed.
 const SEARCH_STEPS: usize = 120;
 /// Seeds tried by [`Chain::solve`] on arms without a closed form.
 const SEARCH_SEEDS: usize = 96;
-/// Seeds tried where these reach the pose, but outside the joint limits.
+/// Seeds tried if the first ones reach the pose, but outside the joint limits.
 const SEARCH_SEEDS_MOST: usize = 1_536;
 
 /// A shoulder, elbow or wrist pair of joints: signs of the two right-angle twists.
@@ -97,12 +98,11 @@ impl Chain {
 
     /// All solutions within the joint limits.
     ///
-    /// In closed form up to eight branches for the pose's elbow angle (0 where
-    /// it names none); otherwise what damped least squares finds from many
-    /// seeds spread over the limits. Near-duplicates are removed. Empty when the
-    /// pose is out of reach; the search from seeds also missed about one pose in
-    /// 9,000 of a six-axis arm's that a corner of its limits reaches. Each
-    /// solution meets pose and elbow angle to
+    /// In closed form, up to eight branches for the pose's elbow angle (0 if the pose has none).
+    /// Otherwise the solutions that damped least squares finds from many seeds spread over the
+    /// limits. Near-duplicates are removed. The list is empty if the pose is out of reach. The
+    /// search from seeds also missed about one in 9,000 poses of a six-axis arm that are reachable
+    /// only at a corner of its limits. Each solution meets pose and elbow angle to
     /// [`IK_TOLERANCE`].
     pub fn solve(&self, pose: &TcpPose) -> Vec<Vec<f64>> {
         let target = TcpPose {
@@ -123,7 +123,7 @@ impl Chain {
                 .iter()
                 .enumerate()
                 .map(|(j, l)| {
-                    // Beyond a turn a limit only repeats the same branches.
+                    // Beyond one turn, a limit only repeats the same branches.
                     let middle = 0.5 * (l.min_rad + l.max_rad);
                     let half = (0.5 * (l.max_rad - l.min_rad)).min(core::f64::consts::PI);
                     middle + half * (2.0 * halton(index, j) - 1.0)
@@ -136,23 +136,23 @@ impl Chain {
         if any.is_empty() || !within.is_empty() {
             return within;
         }
-        // The pose can be reached, by branches outside the limits: one inside
-        // them may attract few seeds.
+        // Branches outside the limits reach the pose. A branch inside them may attract only few
+        // seeds.
         (SEARCH_SEEDS + 1..=SEARCH_SEEDS_MOST)
             .find_map(|index| reached(index).and_then(|q| self.turned(&q)))
             .into_iter()
             .collect()
     }
 
-    /// The solution reached from `seed` (rad) by damped least squares, within
-    /// the joint limits. An arm of seven joints asked for no elbow angle stays
-    /// near the seed in its null space. `None` when it does not converge.
+    /// The solution reached from `seed` (rad) by damped least squares, within the joint limits. An
+    /// arm of seven joints without a requested elbow angle stays near the seed in its null space.
+    /// `None` if it does not converge.
     pub fn solve_from(&self, pose: &TcpPose, seed: &[f64]) -> Option<Vec<f64>> {
         self.turned(&self.polish(pose, seed, SEARCH_STEPS)?)
     }
 
-    /// `q` (rad), with joints outside their limits a turn on where that is
-    /// inside. `None` where it is not.
+    /// `q` (rad), with joints outside their limits moved by a full turn if that is inside. `None`
+    /// if it is not.
     fn turned(&self, q: &[f64]) -> Option<Vec<f64>> {
         let q: Vec<f64> = q
             .iter()
@@ -169,13 +169,13 @@ impl Chain {
         (self.limit_margin(&q) >= 0.0).then_some(q)
     }
 
-    /// The solution continuous with `q`: a few Newton steps, no turns undone.
+    /// The solution continuous with `q`: a few Newton steps, without full turns.
     pub fn follow(&self, pose: &TcpPose, q: &[f64]) -> Option<Vec<f64>> {
         self.polish(pose, q, POLISH_STEPS)
     }
 
-    /// Damped Newton steps on position, rotation and (where asked for) elbow
-    /// angle. `None` when the error does not fall under [`IK_TOLERANCE`].
+    /// Damped Newton steps on position, rotation and, if requested, elbow angle. `None` if the
+    /// error does not fall below [`IK_TOLERANCE`].
     fn polish(&self, pose: &TcpPose, seed: &[f64], steps: usize) -> Option<Vec<f64>> {
         let n = self.dof();
         if seed.len() != n {
@@ -189,8 +189,8 @@ impl Chain {
         let mut posture = self.posture(&q.as_slice()[..n]);
         let mut error = self.error(pose, &posture, with_elbow)?;
         let mut size = error.norm();
-        // Damping in (m or rad)²: small enough to keep Newton's speed, and
-        // raised where a step makes things worse.
+        // Damping in (m or rad)²: small enough to keep Newton's convergence, and raised if a step
+        // increases the error.
         let mut damping = 1e-9;
         for _ in 0..steps {
             if size < 1e-14 {
@@ -225,8 +225,8 @@ impl Chain {
         (size < IK_TOLERANCE).then(|| q.as_slice()[..n].to_vec())
     }
 
-    /// Task error: position, rotation vector of the difference, elbow angle.
-    /// `None` where the elbow angle is asked for and not defined.
+    /// Task error: position, rotation vector of the difference, elbow angle. `None` if the elbow
+    /// angle is requested but not defined.
     fn error(&self, pose: &TcpPose, posture: &Posture, with_elbow: bool) -> Option<SVector<f64, 7>> {
         let difference = pose.rotation * Rotation3::from_matrix_unchecked(posture.rotation).inverse();
         let turn = rotation_vector(&difference);
@@ -296,7 +296,7 @@ impl Srs {
     }
 }
 
-/// The solutions that are no repeats of ones before them, turns apart included.
+/// The solutions without repetitions, full turns included.
 fn distinct(solutions: impl Iterator<Item = Vec<f64>>) -> Vec<Vec<f64>> {
     let mut found: Vec<Vec<f64>> = Vec::new();
     for q in solutions {
@@ -310,8 +310,8 @@ fn distinct(solutions: impl Iterator<Item = Vec<f64>>) -> Vec<Vec<f64>> {
     found
 }
 
-/// The turn of `angle` nearest zero that lies within the limits, a little slack
-/// left for the polishing.
+/// `angle` plus the number of full turns that brings it nearest to zero within the limits, with a
+/// small tolerance for the refinement.
 fn into_limits(angle: f64, min: f64, max: f64) -> Option<f64> {
     let angle = wrapped(angle);
     let slack = 0.02;

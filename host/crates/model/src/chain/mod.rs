@@ -1,8 +1,8 @@
 //! A robot with its tool, compiled for computing: TCP frame, Jacobian, elbow
 //! angle, inverse kinematics, for any number of joints.
 //!
-//! Whoever needs the nominal kinematics on slices goes through [`Chain`]: the
-//! planner, the laser tracker's plan and arcs, the campaign's retreat.
+//! Code that needs the nominal kinematics on slices uses [`Chain`]: the planner, the laser
+//! tracker's plan and arcs, the campaign's retreat.
 
 mod error;
 mod ik;

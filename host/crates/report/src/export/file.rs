@@ -20,18 +20,17 @@ enum Writer {
     Csv(csv::Writer<File>),
 }
 
-/// A file that takes a table, in one piece or in several.
+/// A file that takes a table, in one part or in several.
 pub struct TableFile {
     path: PathBuf,
     writer: Writer,
 }
 
 impl TableFile {
-    /// Makes the file for tables with the name and columns of `table`, and
-    /// writes no row yet.
+    /// Creates the file for tables with the name and columns of `table`, without a row.
     ///
     /// # Errors
-    /// When it cannot be made.
+    /// When it cannot be created.
     pub fn create(folder: &Path, format: Format, table: &Table) -> Result<Self, ExportError> {
         let extension = match format {
             Format::Parquet => "parquet",

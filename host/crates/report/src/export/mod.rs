@@ -1,4 +1,4 @@
-//! Export for data people: a run as tables, in Parquet or CSV.
+//! Exports a run as tables for data analysis, in Parquet or CSV.
 //!
 //! ```text
 //!   Store ───────────┐
@@ -6,8 +6,8 @@
 //!   telemetry.mcap ──┘
 //! ```
 //!
-//! One file for each table, SI units in the columns' names. Numbers are written
-//! so that they read back bit by bit.
+//! One file per table, with SI units in the columns' names. Numbers are written so that they read
+//! back bit by bit.
 //!
 //! | table | a row is |
 //! |---|---|
@@ -39,14 +39,14 @@ pub enum ExportError {
     #[error(transparent)]
     Store(#[from] StoreError),
     /// A file could not be written.
-    #[error("{path}: {what}: check the folder, its permissions and the space left")]
+    #[error("{path}: {what}: check the folder, its permissions and its free space")]
     Write {
         /// File.
         path: String,
         /// What happened.
         what: String,
     },
-    /// This program was built without what is asked for.
+    /// This program was built without the requested feature.
     #[error(
         "Parquet files need the feature `parquet`, which this program was built without: build it with \
          --features parquet, or give --format csv"
@@ -62,11 +62,11 @@ pub enum ExportError {
     },
 }
 
-/// Writes every table of a run that has rows into `folder`; `telemetry` is the
-/// run's MCAP file, where there is one. Returns the files.
+/// Writes every table of a run that has rows into `folder`. `telemetry` is the run's MCAP file, if
+/// there is one. Returns the files.
 ///
 /// # Errors
-/// When the run or its telemetry cannot be read, or a file not be written.
+/// When the run or its telemetry cannot be read, or a file cannot be written.
 pub fn export(
     store: &mut dyn CalibrationStore,
     run: i64,

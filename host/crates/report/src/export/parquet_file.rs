@@ -18,7 +18,7 @@ use super::{Column, Table};
 pub(super) struct ParquetFile(SerializedFileWriter<File>);
 
 impl ParquetFile {
-    /// Begins a file for tables with the name and columns of `table`.
+    /// Starts a file for tables with the name and columns of `table`.
     pub(super) fn new(file: File, table: &Table) -> Result<Self, ParquetError> {
         let about = KeyValue::new(
             "created_by".to_owned(),

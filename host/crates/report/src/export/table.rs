@@ -20,7 +20,7 @@ impl Column {
         }
     }
 
-    /// One value as CSV has it: the shortest digits that read back.
+    /// One value in CSV form: the shortest digits that read back exactly.
     pub(super) fn cell(&self, row: usize) -> String {
         match self {
             Self::Real(v) => v.get(row).map(|x| format!("{x:?}")),
@@ -63,7 +63,7 @@ impl Table {
             .push((name.into(), Column::Real(values.into_iter().collect())));
     }
 
-    /// Adds a column of whole numbers; what does not fit is the largest that does.
+    /// Adds a column of whole numbers. A number that does not fit becomes the largest that does.
     pub fn whole<T: TryInto<i64>>(&mut self, name: impl Into<String>, values: impl IntoIterator<Item = T>) {
         let values = values.into_iter().map(|v| v.try_into().unwrap_or(i64::MAX)).collect();
         self.columns.push((name.into(), Column::Whole(values)));

@@ -145,7 +145,7 @@ fn laser(rows: &[LaserShot]) -> Table {
     t
 }
 
-/// The parameters of the stored summary; a summary of another version gives what it has.
+/// The parameters of the stored summary; from a summary of another version, those that it contains.
 fn parameters(summary: &str) -> Table {
     let summary: serde_json::Value = serde_json::from_str(summary).unwrap_or_default();
     let empty = Vec::new();

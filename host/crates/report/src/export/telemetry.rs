@@ -10,7 +10,7 @@ use super::{Column, ExportError, Format, Table, TableFile};
 /// Rows held in memory: one row group of the file.
 const ROWS: usize = 1 << 16;
 
-/// Writes the table; `None` where the file has no samples.
+/// Writes the table; returns `None` if the file has no samples.
 pub(super) fn export(path: &Path, format: Format, folder: &Path) -> Result<Option<PathBuf>, ExportError> {
     let unreadable = |what: String| ExportError::Telemetry {
         path: path.display().to_string(),
@@ -23,7 +23,7 @@ pub(super) fn export(path: &Path, format: Format, folder: &Path) -> Result<Optio
         let message = message.map_err(|e| unreadable(e.to_string()))?;
         let value: Value = serde_json::from_slice(&message.data)
             .map_err(|e| unreadable(format!("a message of {}: {e}", message.channel.topic)))?;
-        // The four messages of one period have one time; the first begins a row.
+        // The four messages of one period have the same time; the first starts a row.
         if message.channel.topic == "/joint_states" {
             rows.end_row(format, folder)?;
         }

@@ -10,8 +10,8 @@ fn table() -> Table {
     t
 }
 
-// Fails if a value changes, a row group is lost, or a column has another name
-// or type for a reader of Parquet.
+// Fails if a value changes, a row group is lost, or a reader of Parquet sees another column name or
+// type.
 #[cfg(feature = "parquet")]
 #[test]
 fn parquet_reads_back_bit_by_bit() {
@@ -49,7 +49,7 @@ fn parquet_reads_back_bit_by_bit() {
     }
 }
 
-// Fails if CSV loses a bit of a number or tears a text.
+// Fails if CSV loses a bit of a number or splits a text.
 #[test]
 fn csv_reads_back_bit_by_bit() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -70,8 +70,8 @@ fn csv_reads_back_bit_by_bit() {
     assert_eq!(&rows[0][1], i64::MIN.to_string());
 }
 
-// Fails if a program without Parquet leaves an empty file behind, or does not
-// say which feature brings it.
+// Fails if a program without Parquet leaves an empty file behind, or does not name the missing
+// feature.
 #[cfg(not(feature = "parquet"))]
 #[test]
 fn without_the_feature_parquet_is_refused() {

@@ -1,5 +1,5 @@
-//! Between the house's types and the messages, bit by bit: numbers are neither
-//! rounded nor scaled on the way, so that what comes back equals what went.
+//! Converts between the project's types and the messages, bit by bit. Numbers are neither rounded
+//! nor scaled, so a round trip gives an equal value.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -12,8 +12,7 @@ use spherecal_link::Arrival;
 use spherecal_model::{LaserShot, Sphere};
 use spherecal_store::{NewRun, PlannedPose, SessionEnd};
 
-/// Text that a message carries and no type of ours matches, or a list of the
-/// wrong length; in words.
+/// A text in a message that matches no type, or a list of the wrong length; in words.
 pub(super) type Malformed = String;
 
 /// A variant's name as files have it (`joint_position`).
@@ -29,9 +28,29 @@ fn named<T: DeserializeOwned>(field: &str, name: String) -> Result<T, Malformed>
 }
 
 fn list<const N: usize>(field: &str, values: &[f64]) -> Result<[f64; N], Malformed> {
+    finite(field, values)?;
     values
         .try_into()
         .map_err(|_| format!("{field} has {} numbers, not {N}", values.len()))
+}
+
+/// A store that took a number that is not finite could not be read again.
+fn finite(field: &str, values: &[f64]) -> Result<(), Malformed> {
+    match values.iter().find(|value| !value.is_finite()) {
+        Some(value) => Err(format!("{field} has the number {value}, which is not finite")),
+        None => Ok(()),
+    }
+}
+
+/// A run's state from the wire.
+pub(super) fn state_of_run(state: &str) -> Result<(), Malformed> {
+    if ["running", "measured", "complete"].contains(&state) {
+        Ok(())
+    } else {
+        Err(format!(
+            "state is {state:?}: give \"running\", \"measured\" or \"complete\""
+        ))
+    }
 }
 
 /// An event for the wire, with its number and the time when it was sent, where
@@ -97,7 +116,7 @@ pub(super) fn arrival(event: proto::Event) -> Result<Arrival, Malformed> {
         Body::Passed(pose) => Event::Passed { pose },
     };
     Ok(Arrival {
-        // Where it belongs is said beside it (PlacedEvent).
+        // Its place is sent beside it (PlacedEvent).
         session: SessionId::default(),
         event: event.event,
         sent_us: event.sent_us,
@@ -186,6 +205,7 @@ pub(super) fn recording(m: proto::Recording) -> Result<Recording, Malformed> {
                 min: s.min.unwrap_or_default(),
                 max: s.max.unwrap_or_default(),
             };
+            finite(field, &[signal.mean, signal.std, signal.min, signal.max])?;
             out.push(signal)
                 .map_err(|_| format!("{field} has {} joints", signals.len()))?;
         }
@@ -237,7 +257,10 @@ pub(super) fn spheres(messages: &[proto::Sphere]) -> Result<Vec<Sphere>, Malform
             Ok(Sphere {
                 id: m.id,
                 position_m: list("position_m", &m.position_m)?,
-                sigma_m: m.sigma_m,
+                sigma_m: {
+                    finite("sigma_m", &[m.sigma_m])?;
+                    m.sigma_m
+                },
             })
         })
         .collect()
@@ -274,7 +297,10 @@ pub(super) fn new_run(m: proto::NewRun) -> Result<NewRun, Malformed> {
         Ok(PlannedPose {
             sphere: p.sphere,
             pose: p.pose,
-            orientation: list("orientation", &p.orientation)?,
+            orientation: {
+                finite("elbow_rad", p.elbow_rad.as_slice())?;
+                list("orientation", &p.orientation)?
+            },
             elbow_rad: p.elbow_rad,
         })
     });
@@ -332,6 +358,7 @@ pub(super) fn laser(messages: Vec<proto::LaserShot>) -> Result<Vec<LaserShot>, M
     messages
         .into_iter()
         .map(|m| {
+            finite("q_rad", &m.q_rad)?;
             Ok(LaserShot {
                 point_m: list("point_m", &m.point_m)?,
                 purpose: m.purpose,
@@ -358,7 +385,7 @@ mod tests {
     }
 
     fn bits(event: &Event) -> String {
-        // Debug prints the shortest digits that read back, and tells -0 from 0.
+        // Debug prints the shortest digits that read back, and distinguishes -0 from 0.
         format!("{event:?}")
     }
 
@@ -392,7 +419,7 @@ mod tests {
         }
     }
 
-    // Fails if a malformed message is taken, or refused without the field's name.
+    // Fails if a malformed message is accepted, or refused without the field's name.
     #[test]
     fn malformed_messages_are_refused_by_field() {
         let contact = proto::Contact {
@@ -420,5 +447,31 @@ mod tests {
             ..proto::Recording::default()
         };
         assert!(refused(proto::event::Body::Recording(recording)).contains("q has 9 joints"));
+        let recording = proto::Recording {
+            tau: vec![proto::Signal {
+                std: Some(f64::NAN),
+                ..proto::Signal::default()
+            }],
+            force_n: vec![0.0; 3],
+            ..proto::Recording::default()
+        };
+        assert!(refused(proto::event::Body::Recording(recording)).contains("tau has the number NaN"));
+    }
+
+    // Fails if a store takes a laser measurement that it could not give back, or a
+    // state that no run has.
+    #[test]
+    fn numbers_that_are_not_finite_and_unknown_states_are_refused() {
+        let shot = |q: f64, x: f64| proto::LaserShot {
+            purpose: "validation".to_owned(),
+            q_rad: vec![0.0, q],
+            point_m: vec![x, 0.0, 0.0],
+        };
+        assert!(laser(vec![shot(0.1, 0.2)]).is_ok());
+        assert!(laser(vec![shot(f64::NAN, 0.0)]).expect_err("refused").contains("q_rad"));
+        let refusal = laser(vec![shot(0.0, f64::INFINITY)]).expect_err("refused");
+        assert!(refusal.contains("point_m has the number inf"), "{refusal}");
+        assert!(state_of_run("measured").is_ok());
+        assert!(state_of_run("").is_err() && state_of_run("done\u{1b}[2J").is_err());
     }
 }

@@ -30,7 +30,7 @@ pub struct RemoteRobot {
     ticks: u64,
 }
 
-/// What the service said, as the link says it.
+/// Converts an error of the service to one of the link.
 fn failed(error: ServiceError) -> LinkError {
     LinkError::Device {
         input: error.is_input(),
@@ -39,10 +39,10 @@ fn failed(error: ServiceError) -> LinkError {
 }
 
 impl RemoteRobot {
-    /// Connects, checks that the robot there is `robot`, and takes hold of it.
+    /// Connects, checks that the robot there is `robot`, and takes control of it.
     ///
     /// # Errors
-    /// When nobody answers, another client has the robot, or it is another robot.
+    /// Nothing answers there, another client controls the robot, or it is another robot.
     pub fn attach(peer: &Peer, robot: &Robot) -> Result<Self, LinkError> {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -94,7 +94,7 @@ impl RemoteRobot {
             what: what.to_owned(),
         };
         self.runtime.block_on(async {
-            // The other side's reason, if it has one, is in what it sends last.
+            // The server's last message contains its reason, if it has one.
             let _ = self.down.send(turn).await;
             match tokio::time::timeout(TURN, self.up.message()).await {
                 Ok(Ok(Some(answer))) => Ok(answer),
@@ -133,7 +133,7 @@ impl Device for RemoteRobot {
             frames: Vec::new(),
             move_plate: Some(place),
         };
-        // A link that has failed says so at the next period.
+        // A link that has failed reports it at the next period.
         self.turn(turn).is_ok_and(|answer| answer.plate_moved)
     }
 }

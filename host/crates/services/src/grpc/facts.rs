@@ -1,4 +1,4 @@
-//! The robot that is served: what is known of it, what makes it, what it says.
+//! The served robot: its description, the function that creates it, its latest telemetry.
 
 use spherecal_link::{Device, LinkError};
 use spherecal_shared::procedure::Procedure;
@@ -22,5 +22,5 @@ pub struct RobotFacts {
     pub home: Vec<f64>,
 }
 
-/// Where the newest telemetry is left for those who watch.
+/// Holds the newest telemetry for observers.
 pub(super) type Newest = watch::Sender<Option<Sample>>;

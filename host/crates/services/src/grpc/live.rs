@@ -1,5 +1,4 @@
-//! The service `LiveView`, and its client: runs of other programs on this
-//! server's page.
+//! The service `LiveView` and its client: shows runs of other programs on this server's page.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
@@ -17,7 +16,7 @@ use crate::ServiceError;
 use crate::live::{Hub, Message, WAITING};
 use spherecal_store::Peer;
 
-/// Largest message taken, in bytes: a frame has some ten thousand.
+/// Largest accepted message, in bytes. A frame has about ten thousand.
 pub(crate) const MAX_LIVE: usize = 256 << 10;
 /// Time until a lost server is tried again.
 const AGAIN: Duration = Duration::from_secs(2);
@@ -67,31 +66,30 @@ impl LiveView for LiveService {
     }
 }
 
-/// A run that is shown on another server's page, as long as this lives.
+/// A run that is shown on another server's page for as long as this exists.
 pub struct Publisher {
     done: Receiver<()>,
 }
 
 impl Publisher {
-    /// Shows a run, whose messages go into what is returned beside. A server
-    /// that does not answer is tried again and again, and holds nothing up.
+    /// Shows a run, whose messages go into the returned channel. A server that does not answer is
+    /// tried again and again, and delays nothing.
     ///
     /// # Errors
-    /// When no thread can be had.
+    /// When no thread can be started.
     pub fn start(peer: Peer) -> Result<(mpsc::Sender<Message>, Self), ServiceError> {
         let (out, messages) = mpsc::channel(WAITING);
         let (finished, done) = channel();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         std::thread::Builder::new().name("publish".to_owned()).spawn(move || {
             runtime.block_on(publish(&peer, messages));
-            // Whoever waited may have given up.
+            // The caller may no longer be waiting.
             let _ = finished.send(());
         })?;
         Ok((out, Self { done }))
     }
 
-    /// Waits for the last messages to go out, after their sender was dropped,
-    /// but not for long.
+    /// After its sender was dropped, waits a short time for the last messages to be sent.
     pub fn finish(self) {
         let _ = self.done.recv_timeout(LAST);
     }
@@ -118,7 +116,7 @@ async fn publish(peer: &Peer, mut messages: mpsc::Receiver<Message>) {
                 }
             }
         }
-        // What was to be shown meanwhile is lost; the scene is kept.
+        // Messages from the meantime are lost; the scene is kept.
         let again = tokio::time::sleep(AGAIN);
         tokio::pin!(again);
         loop {

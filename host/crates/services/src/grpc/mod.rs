@@ -9,14 +9,13 @@
 //!                             (spherecal serve)
 //! ```
 //!
-//! The messages are `proto/spherecal/v1/spherecal.proto`; reflection and health
-//! are served beside them, so that `grpcurl` and its like need no files.
+//! The messages are in `proto/spherecal/v1/spherecal.proto`. The server also offers reflection and
+//! health, so that `grpcurl` and similar tools need no files.
 //!
-//! The campaign does not know of it: a robot behind gRPC is one more
-//! [`Device`](spherecal_link::Device) ([`RemoteRobot`]), a store behind it one more
-//! [`CalibrationStore`](spherecal_store::CalibrationStore), and every number travels in the
-//! bits that it has here, so a run over the network records what one in this
-//! process records.
+//! The campaign is independent of this module. A robot behind gRPC is one more
+//! [`Device`](spherecal_link::Device) ([`RemoteRobot`]); a store behind it is one more
+//! [`CalibrationStore`](spherecal_store::CalibrationStore). Every number keeps its bits on the way,
+//! so a run over the network records the same values as a run in this process.
 
 mod convert;
 mod device;

@@ -1,5 +1,5 @@
-//! `RobotController.Operate`: a client's orders, one after the other, on the
-//! same session with the controller that a campaign has.
+//! `RobotController.Operate`: carries out a client's orders one after the other, on the same kind
+//! of session that a campaign uses.
 
 use std::sync::atomic::AtomicBool;
 
@@ -12,13 +12,13 @@ use super::proto::{self, Outcome, order::Command};
 use spherecal_campaign::{self as campaign, Answer, CampaignError, Observer};
 use spherecal_link::{Arrival, Device};
 
-/// What a client says when it is asked for its next order.
+/// A client's reply to the request for its next order.
 pub(super) enum Next {
     /// This.
     Order(proto::Order),
     /// Nothing for a millisecond.
     Nothing,
-    /// It has gone.
+    /// The client has disconnected.
     Gone,
 }
 
@@ -38,10 +38,10 @@ impl Observer for Watched<'_> {
     }
 }
 
-/// Carries out orders until there are no more, or the client is gone.
+/// Carries out orders until there are no more, or until the client disconnects.
 ///
 /// # Errors
-/// When the link to the robot fails; a refused or failed order is an answer.
+/// When the link to the robot fails. A refused or failed order is an answer, not an error.
 pub(super) fn operate(
     device: &mut dyn Device,
     facts: &RobotFacts,
@@ -63,7 +63,7 @@ pub(super) fn operate(
             loop {
                 let order = match next() {
                     Next::Order(order) => order,
-                    // The robot's time goes on meanwhile, about as fast as ours.
+                    // The robot's time continues meanwhile, about as fast as real time.
                     Next::Nothing => {
                         port.idle()?;
                         continue;
@@ -102,7 +102,7 @@ fn outcome(answer: Answer, joints: usize) -> Outcome {
 /// An order as the campaign takes it.
 fn command(order: proto::Order) -> Result<campaign::Order, convert::Malformed> {
     let joints = |values: &[f64]| {
-        Joints::from_slice(values).map_err(|_| format!("{} joints are more than a robot here has", values.len()))
+        Joints::from_slice(values).map_err(|_| format!("{} joints are more than any supported robot has", values.len()))
     };
     Ok(match order.command.ok_or("an order without a command")? {
         Command::Move(target) => campaign::Order::Move(joints(&target.rad)?),

@@ -1,5 +1,5 @@
-//! How a client shows that it may talk to a server: the token comes from
-//! `SPHERECAL_TOKEN`, the certificate to trust from the file in `SPHERECAL_CA`.
+//! How a client proves that it may use a server. The token comes from `SPHERECAL_TOKEN`, the
+//! trusted certificate from the file in `SPHERECAL_CA`.
 
 use std::path::Path;
 use std::time::Duration;
@@ -18,7 +18,7 @@ const TOKEN_VARIABLE: &str = "SPHERECAL_TOKEN";
 /// Environment variable with the file of the certificate that a client trusts.
 const CA_VARIABLE: &str = "SPHERECAL_CA";
 
-/// Connects, with what the environment says of token and certificate.
+/// Connects, with the token and the certificate that the environment names.
 pub(super) async fn connect(peer: &Peer) -> Result<(Channel, Credentials), ServiceError> {
     let name = peer.to_string();
     let scheme = if peer.encrypted { "https" } else { "http" };
@@ -51,7 +51,7 @@ impl Credentials {
             .parse()
             .map_err(|_| ServiceError::Nonsense {
                 peer: peer.to_owned(),
-                what: format!("{TOKEN_VARIABLE} holds characters that no token has"),
+                what: format!("{TOKEN_VARIABLE} contains characters that are not allowed in a token"),
             })?;
         Ok(Self(Some(value)))
     }
@@ -94,7 +94,7 @@ mod tests {
         path
     }
 
-    // Fails if a request without the token, or with another, goes through.
+    // Fails if a request without the token, or with another one, is accepted.
     #[test]
     fn only_the_token_opens() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -118,7 +118,7 @@ mod tests {
         assert!(!with(Some(token.to_owned())));
         assert!(!with(Some(format!("Bearer {token}0"))));
         assert!(!with(Some("Bearer ".to_owned())));
-        // A browser's pass is not the token, and opens no service.
+        // A browser's pass is not the token, and gives access to no service.
         let pass = guard.pass().expect("a token");
         assert!(guard.takes_pass(&pass) && !guard.takes_token(&pass) && !guard.takes_pass(token));
         assert!(guard.call(Request::new(())).is_err());

@@ -18,7 +18,7 @@ use super::proto::{
 };
 use spherecal_link::Device;
 
-/// The robot, made at the first client and kept, wherever it was left.
+/// The robot. It is created for the first client and then kept in its state.
 type Held = Option<Box<dyn Device>>;
 
 /// The service.
@@ -40,14 +40,14 @@ impl RobotService {
         }
     }
 
-    /// Takes hold of the robot, if nobody has it.
+    /// Takes control of the robot, if it is free.
     async fn hold(&self) -> Result<OwnedMutexGuard<Held>, Status> {
         let mut held = Arc::clone(&self.device)
             .try_lock_owned()
             .map_err(|_| Status::resource_exhausted("another client has the robot"))?;
         if held.is_none() {
             let make = Arc::clone(&self.make);
-            // Connecting to a drive or starting QEMU takes its time.
+            // Connecting to a drive or starting QEMU takes time.
             let made = tokio::task::spawn_blocking(move || make())
                 .await
                 .map_err(|e| Status::internal(e.to_string()))?;
@@ -57,7 +57,7 @@ impl RobotService {
     }
 }
 
-/// Reads telemetry from what the controller sends, for those who watch.
+/// Reads telemetry from the controller's bytes, for observers.
 struct Ear {
     accumulator: Accumulator,
 }
@@ -118,7 +118,7 @@ impl RobotController for RobotService {
                     accumulator: Accumulator::new(),
                 },
             );
-            // However the client goes, the robot stays as it is and holds.
+            // However the client disconnects, the robot stays where it is and holds.
             while let Ok(Some(turn)) = turns.message().await {
                 up.clear();
                 let stepped = match turn.move_plate {
@@ -139,7 +139,7 @@ impl RobotController for RobotService {
                     return;
                 }
                 if failed {
-                    // A device that failed for good is made anew for the next client.
+                    // A device that failed for good is created again for the next client.
                     *held = None;
                     return;
                 }
@@ -167,7 +167,7 @@ impl RobotController for RobotService {
                         }
                     }
                     Ok(None) => return,
-                    // The connection broke: what is under way is stopped.
+                    // The connection broke: stop the work in progress.
                     Err(_) => return left.store(true, Ordering::Relaxed),
                 }
             }

@@ -10,7 +10,6 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tonic::service::{InterceptorLayer, Routes, RoutesBuilder};
-use tonic::transport::server::TcpIncoming;
 use tonic::transport::{Identity, ServerTlsConfig};
 
 use super::live::{LiveService, MAX_LIVE};
@@ -22,8 +21,18 @@ use super::robot::RobotService;
 use super::store_server::StoreService;
 use super::tracker::TrackerService;
 use super::{DESCRIPTORS, MAX_MESSAGE};
+use crate::listen::{self, Listener};
 use crate::offer::Offer;
 use crate::{Guard, ServiceError, web};
+
+/// Most streams of one connection at one time.
+const STREAMS: u32 = 32;
+/// Bytes that one connection may have sent and nobody has read yet.
+const WINDOW: u32 = 256 * 1024;
+/// Most bytes of the headers of one request.
+const HEADERS: u32 = 16 * 1024;
+/// Time after which a silent client is asked whether it lives, and time for its answer.
+const SILENCE: std::time::Duration = std::time::Duration::from_secs(20);
 
 /// Serves what is offered until it is stopped.
 pub(crate) async fn serve(
@@ -32,8 +41,16 @@ pub(crate) async fn serve(
     offer: Offer,
     stopped: oneshot::Receiver<()>,
 ) -> Result<JoinHandle<()>, ServiceError> {
-    let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
-    let mut builder = tonic::transport::Server::builder();
+    let incoming = Listener::new(listener).into_stream();
+    let mut builder = tonic::transport::Server::builder()
+        .max_concurrent_streams(STREAMS)
+        .concurrency_limit_per_connection(STREAMS as usize)
+        .initial_stream_window_size(WINDOW)
+        .initial_connection_window_size(WINDOW)
+        .http2_max_header_list_size(HEADERS)
+        .http2_max_pending_accept_reset_streams(Some(STREAMS as usize))
+        .http2_keepalive_interval(Some(SILENCE))
+        .http2_keepalive_timeout(Some(SILENCE));
     if let Some((certificate, key)) = &guard.tls {
         let tls = ServerTlsConfig::new().identity(Identity::from_pem(certificate, key));
         builder = builder.tls_config(tls).map_err(|e| ServiceError::File {
@@ -58,7 +75,8 @@ pub(crate) async fn serve(
     }))
 }
 
-/// All paths: the services', guarded by the token, and the page's, by its own gate.
+/// All paths: those of the services, guarded by the token, and those of the page, guarded by its
+/// own gate.
 async fn routes(offer: Offer, guard: Guard) -> Result<Routes, ServiceError> {
     let (health_reporter, health) = tonic_health::server::health_reporter();
     let reflection = tonic_reflection::server::Builder::configure()
@@ -95,20 +113,21 @@ async fn routes(offer: Offer, guard: Guard) -> Result<Routes, ServiceError> {
         health_reporter.set_serving::<LiveViewServer<LiveService>>().await;
         services.add_service(service.max_decoding_message_size(MAX_LIVE));
     }
-    // Whoever may not use the services need not know what they are.
+    // Reflection is guarded too: a client without access does not learn what the services are.
     let services = services
         .routes()
         .into_axum_router()
         .layer(InterceptorLayer::new(guard.clone()))
         .layer(middleware::from_fn(no_browser));
-    Ok(match offer.page {
-        Some((page, _)) => web::router(page, guard).fallback_service(services).into(),
-        None => services.into(),
-    })
+    let router = match offer.page {
+        Some((page, _)) => web::router(page, guard).fallback_service(services),
+        None => services,
+    };
+    Ok(router.layer(middleware::from_fn(listen::note_request)).into())
 }
 
-/// Services are spoken to in HTTP/2, and by no page of any site: a browser that
-/// a strange page sends here speaks HTTP/1.1, or has no token.
+/// Refuses requests from web pages of other sites. The services use HTTP/2; a browser that a
+/// foreign page sends here uses HTTP/1.1 or has no token.
 async fn no_browser(request: Request, next: Next) -> Response {
     if request.version() == Version::HTTP_2 {
         next.run(request).await

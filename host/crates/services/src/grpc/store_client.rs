@@ -1,5 +1,5 @@
-//! A store behind the service `CalibrationStore`: turns the calls of the trait
-//! of that name into requests.
+//! A store behind the service `CalibrationStore`: turns the calls of the trait of that name into
+//! requests.
 
 use std::path::{Path, PathBuf};
 
@@ -38,7 +38,7 @@ impl RemoteStore {
     /// Connects.
     ///
     /// # Errors
-    /// When nobody answers there.
+    /// When nothing answers there.
     pub fn connect(peer: &Peer) -> Result<Self, ServiceError> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let (channel, credentials) = runtime.block_on(connect(peer))?;
@@ -102,7 +102,7 @@ impl RemoteStore {
                 Some(PlacedEvent {
                     session: placed.session,
                     event: placed.event,
-                    // The low half of its number is the controller's own.
+                    // The low half of the number is the controller's own number.
                     what: Some(convert::event(placed.event as u32, 0, placed.body)?),
                 })
             })
@@ -237,7 +237,7 @@ impl RemoteStore {
     }
 }
 
-/// What the service said, as the store says it.
+/// Converts an error of the service to one of the store.
 fn remote(error: ServiceError) -> StoreError {
     StoreError::Remote {
         input: error.is_input(),

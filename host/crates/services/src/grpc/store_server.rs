@@ -1,4 +1,4 @@
-//! The service `CalibrationStore`: the database of this machine for others.
+//! The service `CalibrationStore`: gives other machines access to this machine's database.
 
 use std::sync::Arc;
 
@@ -14,8 +14,8 @@ use super::proto::{
 use crate::SharedStore;
 use spherecal_store::{Placed, RunInfo, StoreError};
 
-/// The service. One connection to the database, one request at a time: what
-/// several clients do is serialised here.
+/// The service. It uses one connection to the database and handles one request at a time, so the
+/// work of several clients is serialised.
 #[derive(Clone)]
 pub(crate) struct StoreService {
     store: SharedStore,
@@ -33,7 +33,7 @@ impl StoreService {
     ) -> Result<Response<T>, Status> {
         let store = Arc::clone(&self.store);
         let done = tokio::task::spawn_blocking(move || {
-            // A panic of another request leaves the database as its last commit.
+            // A panic in another request leaves the database at its last commit.
             let mut store = store.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             work(store.as_mut())
         });
@@ -199,6 +199,7 @@ impl CalibrationStore for StoreService {
 
     async fn set_state(&self, request: Request<RunState>) -> Result<Response<Done>, Status> {
         let m = request.into_inner();
+        convert::state_of_run(&m.state).map_err(malformed)?;
         self.with(move |store| store.set_state(m.run, &m.state).map(|()| Done {}))
             .await
     }

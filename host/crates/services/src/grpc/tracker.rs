@@ -97,7 +97,7 @@ impl RemoteTracker {
     /// Connects to a tracker.
     ///
     /// # Errors
-    /// When nobody answers there, or there is no tracker.
+    /// When nothing answers there, or there is no tracker.
     pub fn connect(peer: &Peer) -> Result<Self, ServiceError> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let name = peer.to_string();
@@ -119,7 +119,7 @@ impl RemoteTracker {
     }
 }
 
-/// What the service said, as a tracker says it.
+/// Converts an error of the service to one of a tracker.
 fn failed(error: ServiceError) -> TrackerError {
     TrackerError::Device {
         input: error.is_input(),

@@ -1,5 +1,5 @@
-//! Where runs come in and browsers look: it keeps what one needs who comes
-//! late, and passes on the rest.
+//! Receives runs and sends them to browsers. It keeps what a browser that connects later needs, and
+//! forwards the rest.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -9,13 +9,13 @@ use tokio::sync::{broadcast, mpsc};
 
 use super::{End, Frame, Message, Scene, Touch};
 
-/// News that wait for a browser before it is brought up to date anew.
+/// Messages that may wait for a browser before it is sent the whole state again.
 const NEWS: usize = 64;
-/// Runs shown at once; the one that ended first, or else the oldest, goes.
+/// Runs shown at once. Beyond this number, the run that ended first is removed, or else the oldest.
 const RUNS: usize = 32;
 /// Runs kept after their end.
 const ENDED: usize = 4;
-/// Points of the force's curve kept for those who come late: half a minute.
+/// Points of the force curve kept for browsers that connect later: half a minute.
 const POINTS: usize = 3000;
 /// Remarks kept of each run.
 const NOTES: usize = 20;
@@ -33,7 +33,7 @@ struct Kept {
     end: Option<End>,
 }
 
-/// A message with the run that it is of, as browsers read it.
+/// A message with the id of its run, as browsers read it.
 #[derive(Serialize)]
 struct Told<'a> {
     id: RunId,
@@ -58,7 +58,7 @@ impl Default for Hub {
     }
 }
 
-/// What is behind a lock is whole after every statement, also if another thread has panicked.
+/// Locked data are consistent after every statement, even if another thread has panicked.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -73,8 +73,8 @@ impl Hub {
         self.gone(run);
     }
 
-    /// Takes one message of a run, which is `None` until its scene has come.
-    /// Returns whether it was understood.
+    /// Takes one message of a run; `run` is `None` until its scene has arrived. Returns whether the
+    /// message was accepted.
     pub fn take(&self, run: &mut Option<RunId>, message: Message) -> bool {
         let id = match (&message, *run) {
             (Message::Scene(scene), None) => {
@@ -85,8 +85,8 @@ impl Hub {
             (Message::Scene(_), Some(_)) | (_, None) => return false,
             (_, Some(id)) => id,
         };
-        // News go out while the runs are locked: who looks up what is kept and
-        // listens from then on misses nothing, and hears nothing twice.
+        // Messages are sent while the runs are locked. So a browser that reads the kept state and
+        // then listens misses nothing and receives nothing twice.
         let mut runs = lock(&self.runs);
         if let Some(kept) = runs.get_mut(&id) {
             keep(kept, &message);
@@ -95,7 +95,7 @@ impl Hub {
         true
     }
 
-    /// The run's messages have ended; without an end it was cut off.
+    /// The run's messages have ended. Without an end message the run was cut off.
     pub fn gone(&self, run: Option<RunId>) {
         let Some(id) = run else { return };
         let mut runs = lock(&self.runs);
@@ -105,7 +105,7 @@ impl Hub {
             let end = End {
                 run: None,
                 trusted: None,
-                text: "The run's program has gone without a word.".to_owned(),
+                text: "The run's program disconnected without a result.".to_owned(),
             };
             kept.end = Some(end.clone());
             self.tell(id, &Message::End(end));
@@ -119,7 +119,7 @@ impl Hub {
             *next - 1
         };
         let mut runs = lock(&self.runs);
-        // The same arm begins anew: its last run gives way.
+        // The same arm starts a new run: its last run is removed.
         let same =
             |kept: &Kept| kept.end.is_some() && (&kept.scene.robot, &kept.scene.arm) == (&scene.robot, &scene.arm);
         runs.retain(|_, kept| !same(kept));
@@ -159,8 +159,7 @@ impl Hub {
         }
     }
 
-    /// What there is to know now, and the news from then on; `None` where the
-    /// page is closed.
+    /// The present state, and all later messages; `None` if the page is closed.
     pub fn listen(&self) -> Option<(Vec<Arc<str>>, broadcast::Receiver<Arc<str>>)> {
         let runs = lock(&self.runs);
         let news = lock(&self.news).as_ref()?.subscribe();
@@ -191,7 +190,7 @@ impl Hub {
         Some((known, news))
     }
 
-    /// Ends all listening, after what was said already.
+    /// Ends all connections, after the messages already sent.
     pub fn close(&self) {
         *lock(&self.news) = None;
     }
@@ -254,8 +253,8 @@ mod tests {
         }
     }
 
-    // Fails if a campaign waits for those who look, or if what may not be lost
-    // is lost where nobody takes anything out of the channel for a while.
+    // Fails if a campaign waits for browsers, or if an essential message is lost while nobody reads
+    // the channel.
     #[test]
     fn nobody_holds_the_campaign_up_and_the_end_is_told() {
         let (mut watch, mut messages) = watch("a");
@@ -279,8 +278,8 @@ mod tests {
         assert_eq!(taken.last(), Some(&Message::End(end())));
     }
 
-    // Fails if one who comes late is not told what those know who were there, a
-    // slow one is not brought up to date, or a run that was cut off looks alive.
+    // Fails if a browser that connects later is not shown the same as earlier ones, if a slow one
+    // is not brought up to date, or if a run that was cut off looks alive.
     #[test]
     fn late_and_slow_ones_know_the_same() {
         let hub = Hub::default();
@@ -316,7 +315,7 @@ mod tests {
         assert!(hub.listen().is_none());
     }
 
-    // Fails if a message is another for the service that takes it in.
+    // Fails if a message changes on its way through the service.
     #[test]
     fn messages_go_round() {
         let frame = Frame {
@@ -357,7 +356,7 @@ mod tests {
         }
     }
 
-    // Fails if runs pile up for ever, or one that goes on is put away for one that has ended.
+    // Fails if runs accumulate without limit, or if a live run is removed before an ended one.
     #[test]
     fn runs_do_not_pile_up() {
         let hub = Hub::default();

@@ -1,17 +1,15 @@
-//! A run as others see it while it goes on: on the web page, from any machine.
+//! Shows a run to others while it is in progress: on the web page, from any machine.
 //!
-//! Vocabulary: a run's *scene* is what does not change (robot, plate, how many
-//! poses); a *frame* is what it is doing now; a *touch* the force around one
-//! contact; its *end* says what came of it.
+//! Vocabulary: a run's *scene* does not change (robot, plate, number of poses). A *frame* is its
+//! present state. A *touch* is the force around one contact. Its *end* is the result.
 //!
 //! ```text
 //!   campaign ─▶ Watch (an Observer) ─▶ bounded channel ─┬─▶ Hub ─▶ every browser
 //!                                                       └─▶ LiveView.Publish ─▶ Hub of a server
 //! ```
 //!
-//! It goes one way. Nobody who looks can hold the campaign up: where the
-//! channel is full a frame is lost, and a browser that cannot follow is brought
-//! up to date from what the [`Hub`] keeps.
+//! Data flow one way. A viewer cannot delay the campaign: if the channel is full, a frame is lost,
+//! and a browser that is too slow is sent the whole state that the [`Hub`] keeps.
 
 mod hub;
 mod scatter;
@@ -28,16 +26,16 @@ pub use scatter::Scatter;
 pub use scene::{Joint, Scene, Site};
 pub use watch::{Watch, eta_s};
 
-/// Messages that wait for whoever shows them.
+/// Messages that may wait in the channel.
 pub const WAITING: usize = 32;
 
-/// What a run tells those who watch it; as JSON `{"frame": {…}}`, by its kind.
+/// A message to the viewers of a run; as JSON `{"frame": {…}}`, by its kind.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Message {
     /// What does not change; the first message.
     Scene(Scene),
-    /// What it is doing now, about twenty times a second.
+    /// Its present state, about twenty times per second.
     Frame(Frame),
     /// A contact, half a second after its trigger.
     Touch(Touch),
@@ -57,7 +55,7 @@ pub struct Frame {
     pub stage: Stage,
     /// Phase of the controller.
     pub phase: Phase,
-    /// Id of the sphere at hand; 0 for none.
+    /// Id of the current sphere; 0 for none.
     pub sphere: u32,
     /// Poses recorded or given up.
     pub done: usize,
@@ -71,10 +69,10 @@ pub struct Frame {
     pub device_s: f64,
     /// Time since this session began, in s.
     pub wall_s: f64,
-    /// Time to go, in s; `None` until it can be told.
+    /// Remaining time, in s; `None` until it is known.
     pub eta_s: Option<f64>,
-    /// By how much the nominal model misses that the TCP stood still on each
-    /// visit, in mm (root mean square); `None` until it can be told.
+    /// How far the nominal model's TCP scatters on each visit, in mm (root mean square), although
+    /// the real TCP stood still; `None` until two recordings of a visit exist.
     pub residual_mm: Option<f64>,
     /// Joint angles, in rad; empty before the first telemetry.
     pub q: Vec<f32>,
@@ -84,7 +82,7 @@ pub struct Frame {
     pub tcp_m: [f32; 3],
     /// Estimated contact force, in F0, in N.
     pub force_n: [f32; 3],
-    /// Device time (s) and magnitude of the force (N) since the frame before.
+    /// Device time (s) and magnitude of the force (N) since the previous frame.
     pub forces: Vec<(f64, f32)>,
 }
 
@@ -104,9 +102,9 @@ pub struct Touch {
 /// What came of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct End {
-    /// Its number in the store of the page that shows it; `None` where that has another store.
+    /// Its number in the page's own store; `None` if the run is in another store.
     pub run: Option<i64>,
-    /// Whether its result may be used; `None` where there is no result.
+    /// Whether its result may be used; `None` without a result.
     pub trusted: Option<bool>,
     /// In words.
     pub text: String,

@@ -1,5 +1,5 @@
-//! How well the nominal model explains the recordings so far, before anything
-//! is identified: by how much it misses that the TCP stood still on each visit.
+//! How well the nominal model explains the recordings so far, before anything is identified: the
+//! scatter of its TCP on each visit, although the real TCP stood still.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ pub struct Scatter {
     rows: Vec<MdhRow<f64>>,
     tcp_m: Vector3<f64>,
     contacts: usize,
-    /// TCP of every recording in F0, by visit: how often the arm has touched, and the sphere.
+    /// TCP of every recording in F0, by visit: number of contacts so far, and the sphere.
     seen: BTreeMap<(usize, u32), Vec<Vector3<f64>>>,
 }
 
@@ -52,8 +52,8 @@ impl Scatter {
         }
     }
 
-    /// Root mean square of the scatter, in mm: what there is to be identified.
-    /// `None` until a visit has two recordings.
+    /// Root mean square of the scatter, in mm: the error that identification can remove. `None`
+    /// until a visit has two recordings.
     pub fn residual_mm(&self) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0usize);
         for points in self.seen.values().filter(|points| points.len() > 1) {
@@ -71,8 +71,8 @@ mod tests {
     use spherecal_shared::protocol::host::SignalStatistics;
     use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
-    // Fails if the residual so far is not the scatter of the nominal TCP about
-    // each visit's own mean: two recordings 2 mm apart have 1.41 mm.
+    // Fails if the residual is not the scatter of the nominal TCP about each visit's own mean: two
+    // recordings 2 mm apart have 1.41 mm.
     #[test]
     fn the_residual_is_the_scatter_of_each_visit() {
         let mut scatter = Scatter::new(&iiwa7(), &iiwa7_tool());

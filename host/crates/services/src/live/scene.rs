@@ -1,4 +1,4 @@
-//! What a picture of the cell needs to know.
+//! The data that a picture of the cell needs.
 
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::{Robot, Tool};
@@ -20,9 +20,9 @@ pub struct Scene {
     pub joints: Vec<Joint>,
     /// TCP in the last frame of the table, in m.
     pub tcp_m: [f64; 3],
-    /// Spheres where they are meant to stand, each placement once.
+    /// Planned positions of the spheres, each placement once.
     pub sites: Vec<Site>,
-    /// Home, in rad: where the arm stands before the first telemetry.
+    /// Home, in rad: shown before the first telemetry.
     pub home_rad: Vec<f64>,
     /// Force at which contact is declared, in N.
     pub trigger_n: f64,
@@ -61,7 +61,7 @@ pub struct Site {
 }
 
 impl Scene {
-    /// The scene of a plan; who and when is left to be filled in.
+    /// The scene of a plan. The caller fills in arm and time.
     pub fn new(robot: &Robot, tool: &Tool, plan: &Plan, trigger_n: f64) -> Self {
         let mut sites: Vec<Site> = Vec::new();
         for visit in &plan.spheres {

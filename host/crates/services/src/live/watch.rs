@@ -1,4 +1,4 @@
-//! The observer of a campaign that tells it on.
+//! The campaign observer that sends a run to viewers.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -14,33 +14,33 @@ use spherecal_link::Arrival;
 
 /// Time between two frames.
 const PERIOD: Duration = Duration::from_millis(50);
-/// Device time that one point of the force's curve stands for, in µs: the
-/// largest force in it is told.
+/// Device time covered by one point of the force curve, in µs. The point shows the largest force in
+/// it.
 const POINT_US: u64 = 10_000;
-/// Points of a frame at most; more are lost, oldest first.
+/// Most points per frame. Beyond this number the oldest are dropped.
 const POINTS: usize = 1000;
-/// What is told of a contact before and after its trigger, in µs.
+/// Time shown before and after the trigger of a contact, in µs.
 const BEFORE_US: u64 = 1_000_000;
 const AFTER_US: u64 = 500_000;
-/// Device time that one point of a touch stands for, in µs.
+/// Device time covered by one point of a touch, in µs.
 const TOUCH_US: u64 = 4_000;
-/// Samples kept for a touch: a second and a half at 1 kHz, and some.
+/// Samples kept for a touch: slightly more than 1.5 s at 1 kHz.
 const RECENT: usize = 2_000;
-/// Messages other than frames that wait for a place in the channel.
+/// Messages other than frames that may wait for space in the channel.
 const URGENT: usize = 16;
 
-/// Time to go, in s, from the poses done in this session; `None` until there
-/// are some.
+/// Estimated remaining time, in s, from the poses done in this session; `None` until there are
+/// some.
 pub fn eta_s(p: &Progress, wall_s: f64) -> Option<f64> {
     let done = p.done.saturating_sub(p.done_before);
     (done >= 3).then(|| wall_s / done as f64 * p.poses.saturating_sub(p.done) as f64)
 }
 
-/// Watches a campaign and tells those behind a channel.
+/// Observes a campaign and sends messages into a channel.
 pub struct Watch {
     out: mpsc::Sender<Message>,
-    /// What is not a frame is not lost where the channel is full: it goes first
-    /// when there is room.
+    /// Messages other than frames are kept when the channel is full, and go first when there is
+    /// space.
     urgent: VecDeque<Message>,
     joints: usize,
     scatter: Scatter,
@@ -56,7 +56,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Tells of a run to whoever has the other end of `out`, its scene first.
+    /// Sends a run into `out`, the scene first.
     pub fn new(out: mpsc::Sender<Message>, robot: &Robot, tool: &Tool, scene: Scene) -> Self {
         let mut watch = Self {
             out,
@@ -85,14 +85,14 @@ impl Watch {
     /// Tells what may not be lost.
     fn tell(&mut self, message: Message) {
         if self.urgent.len() >= URGENT {
-            // The scene is the first of them, and nothing is understood without it.
+            // Keep the first message, the scene: no other message can be shown without it.
             self.urgent.remove(1);
         }
         self.urgent.push_back(message);
         self.flush();
     }
 
-    /// Whether everything that may not be lost has gone out.
+    /// Sends the kept messages; returns whether all of them have been sent.
     fn flush(&mut self) -> bool {
         while let Some(message) = self.urgent.pop_front() {
             if let Err(TrySendError::Full(message)) = self.out.try_send(message) {
@@ -105,7 +105,7 @@ impl Watch {
 
     fn sample(&mut self, sample: &Sample) {
         let time_us = self.clock.time_us(sample.tick);
-        // A hundredth of a newton is more than a picture shows.
+        // A hundredth of a newton is finer than a picture can show.
         let force = (sample.force_n.iter().map(|f| f * f).sum::<f32>().sqrt() * 100.0).round() / 100.0;
         match self.points.back_mut() {
             Some(last) if last.0 / POINT_US == time_us / POINT_US => last.1 = last.1.max(force),
@@ -178,7 +178,8 @@ impl Watch {
             forces: self.points.iter().map(|&(t, f)| (t as f64 * 1e-6, f)).collect(),
         };
         self.points.clear();
-        // A frame for which there is no room is lost: the next one says all of it but the curve.
+        // A frame that finds no space is lost. The next one contains everything except its part of
+        // the curve.
         let _ = self.out.try_send(Message::Frame(frame));
     }
 }

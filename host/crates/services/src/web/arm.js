@@ -11,7 +11,7 @@ const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const size = a => Math.hypot(a[0], a[1], a[2]);
 const unit = a => { const n = size(a) || 1; return mul(a, 1 / n); };
-// A matrix is its three columns: the axes of a frame.
+// A matrix is stored as its three columns, the axes of a frame.
 const turn = (m, v) => add(add(mul(m[0], v[0]), mul(m[1], v[1])), mul(m[2], v[2]));
 
 /** Frames of the joints at angles `q` (rad), base first: axes (columns) and origin (m). */
@@ -29,7 +29,7 @@ export function chain(joints, q) {
     frames.push({
       axes: local.map(v => turn(before.axes, v)),
       at: add(before.at, turn(before.axes, origin)),
-      // Where the offset along x ends, and that along z begins.
+      // End of the offset along x, start of the offset along z.
       bend: add(before.at, mul(before.axes[0], j.a)),
     });
   });
@@ -179,7 +179,7 @@ export class ArmView {
       tubes.push([a, b, r]);
       this.tube(a, b, r, end, colour);
     };
-    // What is inside a drum is not seen, and not painted.
+    // The inside of a drum is hidden, and not painted.
     for (let k = 1; k < frames.length; k += 1) this.drums.push([frames[k].at, frames[k].axes[2], thick(k) * 1.16, thick(k) * 1.15]);
     this.tube([0, 0, -0.002], [0, 0, 0.025 * reach], thick(0) * 1.75, thick(0) * 1.6, this.colour.tool, true);
     for (let k = 1; k < frames.length; k += 1) {
@@ -203,7 +203,7 @@ export class ArmView {
     const frame = this.frame;
     const sites = this.scene.sites;
     if (!sites.length) return;
-    // The placement at hand is the one whose sphere the tool is at.
+    // The current placement is the one whose sphere is nearest to the tool.
     const near = sites.filter(s => frame && s.sphere === frame.sphere)
       .sort((a, b) => size(sub(a.at_m, this.tip)) - size(sub(b.at_m, this.tip)))[0];
     if (near && frame.sphere > 0) this.place = near.place;

@@ -11,10 +11,10 @@ use axum::response::{IntoResponse, Response};
 
 use super::{Site, file, refused};
 
-/// Name of the cookie of those who have shown the token.
+/// Name of the cookie of browsers that have shown the token.
 const PASS: &str = "spherecal_pass";
 
-/// Without a token, only names of this machine's own are answered to.
+/// Without a token the server answers only requests for a name of this machine itself.
 pub(super) async fn own_name(State(site): State<Arc<Site>>, request: Request, next: Next) -> Response {
     let name = request
         .uri()
@@ -27,18 +27,29 @@ pub(super) async fn own_name(State(site): State<Arc<Site>>, request: Request, ne
     } else {
         refused(
             StatusCode::MISDIRECTED_REQUEST,
-            format!("\"{name}\" is no name of this machine's own: use 127.0.0.1, or start the server with a token\n"),
+            format!(
+                "\"{name}\" is not a local name of this machine: use 127.0.0.1, or start the server with a token\n"
+            ),
         )
     }
 }
 
-/// Whether `HOST[:PORT]` is this machine by a name that nobody else can point here.
+/// Whether `HOST[:PORT]` is a name of this machine that no other site can point here.
 fn is_own(name: &str) -> bool {
     let host = match name.strip_prefix('[') {
-        Some(rest) => rest.split(']').next().unwrap_or_default(),
+        Some(rest) => match rest.split_once(']') {
+            Some((host, after)) if after.is_empty() || is_port(after) => host,
+            _ => return false,
+        },
         None => name.rsplit_once(':').map_or(name, |(host, _)| host),
     };
     host.eq_ignore_ascii_case("localhost") || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+}
+
+/// Whether text is `:` and digits.
+fn is_port(text: &str) -> bool {
+    text.strip_prefix(':')
+        .is_some_and(|digits| !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit()))
 }
 
 /// Only who has shown the token goes on; others are asked for it.
@@ -72,9 +83,9 @@ fn has_token(site: &Site, headers: &HeaderMap) -> bool {
         .is_some_and(|token| site.guard.takes_token(token))
 }
 
-/// Trades the token for a cookie that scripts do not see and other sites do not send.
+/// Exchanges the token for a cookie that scripts cannot read and other sites cannot send.
 pub(super) async fn login(State(site): State<Arc<Site>>, headers: HeaderMap) -> Response {
-    // The token is in a header, where pages of other sites cannot put one.
+    // The token is in a header, where pages of other sites cannot put it.
     if headers.get(CONTENT_LENGTH).is_some_and(|length| length != "0") {
         return refused(StatusCode::PAYLOAD_TOO_LARGE, "the token goes into the header\n");
     }
@@ -92,8 +103,8 @@ pub(super) async fn login(State(site): State<Arc<Site>>, headers: HeaderMap) -> 
 mod tests {
     use super::is_own;
 
-    // Fails if a name that another site can point at this machine is taken for
-    // its own, or one of its own is not.
+    // Fails if a name that another site can point at this machine is accepted, or if a local name
+    // is refused.
     #[test]
     fn names_of_this_machine() {
         for own in [
@@ -113,6 +124,11 @@ mod tests {
             "10.0.0.7:7403",
             "localhost.evil",
             "[::2]:1",
+            "[::1].evil.com",
+            "[::1].evil.com:7403",
+            "[::1]:",
+            "[::1]:7403.evil.com",
+            "[::1",
         ] {
             assert!(!is_own(other), "{other}");
         }

@@ -17,11 +17,11 @@ struct Row {
     arm: String,
     /// Oldest first.
     runs: Vec<Past>,
-    /// What trusted calibrations say together; `None` without one.
+    /// Trend of the trusted calibrations; `None` without one.
     trend: Option<Trend>,
 }
 
-/// `/api/history`; nothing where the server has no store, which it says.
+/// `/api/history`. Without a store the answer is empty and says so.
 pub(super) async fn history(State(site): State<Arc<Site>>) -> Response {
     let Some(store) = &site.page.store else {
         return Json(serde_json::json!({ "arms": [], "limit_mm": LIMIT_MM, "stored": false })).into_response();

@@ -1,4 +1,4 @@
-// Trades the server's token for a cookie.
+// Exchanges the server's token for a cookie.
 const form = document.querySelector("form");
 form.addEventListener("submit", async event => {
   event.preventDefault();
@@ -8,7 +8,7 @@ form.addEventListener("submit", async event => {
   try {
     const answer = await fetch("/login", { method: "POST", headers: { Authorization: `Bearer ${token}` } });
     if (answer.ok) location.reload();
-    else refused.textContent = "This is not the token.";
+    else refused.textContent = "The token is wrong.";
   } catch {
     refused.textContent = "The server does not answer.";
   }

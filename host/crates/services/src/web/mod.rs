@@ -1,5 +1,5 @@
-//! The web page of `spherecal serve` and `spherecal run --serve`: runs as they
-//! go on, and past calibrations with their trend.
+//! The web page of `spherecal serve` and `spherecal run --serve`: runs in progress, and past
+//! calibrations with their trend.
 //!
 //! | path | what |
 //! |---|---|
@@ -8,10 +8,9 @@
 //! | `/api/history` | past calibrations of each arm, with their trend, as JSON |
 //! | `/report/RUN` | the report of a stored run |
 //!
-//! It is served on the port of the services. Where the server has a token the
-//! page wants it once and keeps a cookie; without one it answers only those who
-//! call it by a name of this machine's own, so that no page of another site can
-//! look in through a name that it has pointed here.
+//! The page is served on the port of the services. If the server has a token, the page asks for it
+//! once and keeps a cookie. Without a token the server answers only requests for a local name of
+//! this machine, so that a page of another site cannot reach it through a name that points here.
 
 mod gate;
 mod history;
@@ -39,7 +38,7 @@ use spherecal_store::{CalibrationStore, StoreError};
 
 pub use report::{ReportError, ReportReader, ReportWriter};
 
-/// Events under way to one browser.
+/// Events that wait for one browser.
 const UNDER_WAY: usize = 4;
 
 /// What a page shows.
@@ -49,7 +48,7 @@ pub struct Page {
     pub hub: Arc<Hub>,
     /// Past calibrations; none are shown without it.
     pub store: Option<SharedStore>,
-    /// What writes the report of a stored run; without it no report is shown.
+    /// Writes the report of a stored run; without it no report is shown.
     pub report: Option<ReportReader>,
 }
 
@@ -76,7 +75,7 @@ pub(crate) fn router(page: Page, guard: Guard) -> Router {
         .route("/api/history", get(history::history))
         .route("/report/{run}", get(report::report))
         .route_layer(middleware::from_fn_with_state(Arc::clone(&site), gate::admit))
-        // What one needs to be let in, and what tells nothing.
+        // The files needed to log in, and pages that reveal nothing.
         .route("/login", post(gate::login))
         .route(
             "/page.css",
@@ -94,7 +93,7 @@ pub(crate) fn router(page: Page, guard: Guard) -> Router {
         .with_state(site)
 }
 
-/// What pages may load and do: their own server alone.
+/// What pages may load and do: only from their own server.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; \
                       connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
@@ -119,7 +118,7 @@ async fn icon() -> Response {
     file("image/svg+xml", include_str!("icon.svg"))
 }
 
-/// A refusal in words.
+/// A refusal as text.
 fn refused(status: StatusCode, words: impl Into<String>) -> Response {
     (status, headers("text/plain; charset=utf-8"), words.into()).into_response()
 }
@@ -131,7 +130,7 @@ async fn with_store<T: Send + 'static>(
 ) -> Result<T, Response> {
     let store = Arc::clone(store);
     let done = tokio::task::spawn_blocking(move || {
-        // A panic of another request leaves the database as its last commit.
+        // A panic in another request leaves the database at its last commit.
         work(store.lock().unwrap_or_else(PoisonError::into_inner).as_mut())
     });
     match done.await {
@@ -145,7 +144,7 @@ async fn with_store<T: Send + 'static>(
 async fn live(State(site): State<Arc<Site>>) -> Response {
     let (out, events) = mpsc::channel::<Result<Event, Infallible>>(UNDER_WAY);
     let hub = Arc::clone(&site.page.hub);
-    // The browser's pace is this task's: what it has no time for passes by it.
+    // This task follows the browser's speed; messages that the browser is too slow for are dropped.
     tokio::spawn(async move {
         'anew: while let Some((known, mut news)) = hub.listen() {
             if out.send(Ok(Event::default().event("anew").data("{}"))).await.is_err() {

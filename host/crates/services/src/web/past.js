@@ -1,5 +1,6 @@
 // Past calibrations of each arm: is it drifting, and when is the next one due?
-// All text comes from a database, and is never read as HTML.
+// All text comes from a database, and is never interpreted as HTML.
+//
 
 const element = (name, words = "", kind = "") => {
   const made = document.createElement(name);
@@ -105,8 +106,8 @@ export async function showPast() {
   const past = await answer.json();
   const lead = document.getElementById("past-lead");
   if (!past.stored) lead.textContent = "This server has no database.";
-  else if (!past.arms.length) lead.textContent = "None is stored yet.";
-  else lead.textContent = `How far each arm has moved since its first calibration, with three sigma. It is to be calibrated again before it has moved by ${past.limit_mm} mm, and after a year.`;
+  else if (!past.arms.length) lead.textContent = "No calibration is stored yet.";
+  else lead.textContent = `How far each arm has moved since its first calibration, with three sigma. It must be calibrated again before it has moved by ${past.limit_mm} mm, and after a year.`;
   document.getElementById("arms").replaceChildren(...past.arms.map(arm => {
     const card = element("article", "", "card arm");
     const head = element("div", "", "head");

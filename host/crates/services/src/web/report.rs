@@ -1,4 +1,4 @@
-//! The report of a stored run, written when it is asked for.
+//! The report of a stored run, written on request.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -17,16 +17,15 @@ pub type ReportError = Box<dyn std::error::Error + Send + Sync>;
 /// Writes a page from what was read.
 pub type ReportWriter = Box<dyn FnOnce() -> Result<String, ReportError> + Send>;
 
-/// Reads what the report of a stored run is written from; the store is not
-/// needed for the rest.
+/// Reads the input of the report of a stored run. Everything after that works without the store.
 pub type ReportReader =
     Arc<dyn Fn(&mut dyn CalibrationStore, &RunInfo) -> Result<ReportWriter, ReportError> + Send + Sync>;
 
 /// Reports kept.
 const KEPT: usize = 8;
 
-/// Reports that were written already. Behind one lock, so that one is written
-/// at a time however many ask.
+/// Reports that were already written. One lock guards them, so one report is written at a time.
+///
 #[derive(Default)]
 pub(super) struct Reports(Mutex<VecDeque<(i64, String)>>);
 
@@ -61,7 +60,7 @@ pub(super) async fn report(State(site): State<Arc<Site>>, Path(run): Path<String
     let written = tokio::task::spawn_blocking(move || material.and_then(|write| write())).await;
     match written {
         Ok(Ok(page)) => {
-            // A run that goes on has another report later.
+            // A run in progress will have another report later.
             if complete {
                 kept.push_back((run, page.clone()));
                 if kept.len() > KEPT {

@@ -1,4 +1,4 @@
-//! One thing that goes wrong, and how long it usually does.
+//! One injected fault, and its usual duration.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,16 +8,16 @@ use crate::lossy::Lossy;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum InjectedFault {
-    /// The drive goes on counting ticks, but angles, velocities and torques stay what they were.
+    /// The drive continues to count ticks, but angles, velocities and torques stay the same.
     StateFrozen,
-    /// The drive sends the same state again, tick and all.
+    /// The drive sends the same state again, with the same tick.
     StateRepeated,
     /// Every state comes so many ticks late.
     StateLate {
         /// Delay, in ticks.
         ticks: u32,
     },
-    /// States do not arrive; the drive goes on under the last torque, then brakes.
+    /// States do not arrive. The drive continues with the last torque, then brakes.
     StateDropped,
     /// Bits of the state's frame are flipped on the wire.
     StateBits {
@@ -53,7 +53,7 @@ pub enum InjectedFault {
         /// Joint, from 1.
         joint: usize,
     },
-    /// The drive says that it is not ready, and closes its brakes.
+    /// The drive reports that it is not ready, and closes its brakes.
     DriveStatus {
         /// What it says.
         status: Status,
@@ -65,12 +65,12 @@ pub enum InjectedFault {
         /// Most torque, in N m.
         nm: f64,
     },
-    /// A mass hangs at the TCP that nobody declared.
+    /// An undeclared mass at the TCP.
     Payload {
         /// Mass, in kg.
         kg: f64,
     },
-    /// A wall stands in the TCP's way, across its motion (below it when it stands).
+    /// A wall blocks the TCP, across its motion (below it if it stands still).
     Obstacle {
         /// Distance from the TCP, in m.
         ahead_m: f64,
@@ -81,7 +81,7 @@ pub enum InjectedFault {
     MagnetLost,
     /// The sphere next to the TCP is not there.
     SphereMissing,
-    /// The sphere next to the TCP is displaced, for good.
+    /// The sphere nearest to the TCP is displaced permanently.
     SphereMoved {
         /// By how much, F0, in m.
         by_m: [f64; 3],
@@ -93,18 +93,18 @@ pub enum InjectedFault {
         /// Force, F0, in N.
         force_n: [f64; 3],
     },
-    /// The controller starts anew and knows nothing.
+    /// The controller restarts without its state.
     ControllerReset,
     /// Nothing passes on the host link, either way.
     HostSilent,
     /// The host link loses, repeats, delays and damages frames.
     HostLink(Lossy),
-    /// The host's program is killed, as by `kill -9`, and another one begins.
+    /// The host's program is killed, as by `kill -9`, and another one starts.
     HostKilled {
-        /// For how long there is no host, in s of device time.
+        /// Duration without a host, in s of device time.
         away_s: f64,
     },
-    /// The disk of the host has no room for more than is on it.
+    /// The host's disk has no free space.
     DiskFull,
     /// Another program locks the database.
     DatabaseLocked {
@@ -156,7 +156,7 @@ impl InjectedFault {
         }
     }
 
-    /// How long it lasts where the file does not say, in s.
+    /// Its duration, in s, if the file does not state one.
     pub fn usual_s(&self) -> f64 {
         match self {
             Self::ControllerReset | Self::HostKilled { .. } | Self::DatabaseLocked { .. } => 0.0,
@@ -193,7 +193,7 @@ impl InjectedFault {
         )
     }
 
-    /// Whether it is the host's own computer that suffers it: its program or its disk.
+    /// Whether it affects the host's own computer: its program or its disk.
     pub fn of_host(&self) -> bool {
         matches!(
             self,
@@ -201,7 +201,7 @@ impl InjectedFault {
         )
     }
 
-    /// The joint that it concerns, from 1; `None` for none.
+    /// The affected joint, from 1; `None` for none.
     pub(super) fn joint(&self) -> Option<usize> {
         match *self {
             Self::StateNan { joint }
@@ -214,7 +214,7 @@ impl InjectedFault {
         }
     }
 
-    /// Fields with their ranges: name, value, least, most.
+    /// Fields with their ranges: name, value, minimum, maximum.
     pub(super) fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
         match *self {
             Self::StateLate { ticks } => vec![("ticks", f64::from(ticks), 1.0, 1000.0)],

@@ -1,35 +1,34 @@
-//! Controller and drive in lock-step, with faults between them.
+//! Controller and drive in lock-step, with injected faults between them.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use spherecal_shared::protocol::drive::{
-    DriveCommand, DriveHello, DriveMessage, DriveReceiver, DriveState, DriveStatus,
-};
-use spherecal_shared::protocol::frame::{LinkCounters, MAX_FRAME, encode};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveReceiver, DriveState};
+use spherecal_shared::protocol::frame::{LinkCounters, MAX_FRAME};
 use spherecal_shared::protocol::host::Phase;
 
-use super::fault::{InjectedFault, Status};
+use super::fault::InjectedFault;
+use super::faulty_drive::FaultyDrive;
 use super::host_faults::HostFaults;
+use super::host_killed::{HostKilled, end_process};
 use super::listener::Listener;
 use super::plan::{InjectError, Plan};
 use super::scheduler::Scheduler;
-use spherecal_link::{Controller, Device, Drive, LinkError, check_hello};
+use spherecal_link::{Controller, Device, LinkError, check_hello};
 
 use crate::lossy::{InjectedCounter, Lossy, LossyLink};
 use crate::plant::{Disturbance, TorqueSensorFault};
-use crate::simulated::Disturb;
 
 /// Periods without a new command after which a drive shuts its brakes, as
 /// docs/drive-link.md has it: nobody watches what the last torque does.
-const PATIENCE: u32 = 10;
+pub(super) const PATIENCE: u32 = 10;
 /// Bytes of the host that wait while the controller is not ticked.
 const WAITING: usize = 4 * MAX_FRAME;
 
-/// Makes a controller that knows nothing, for one that is reset.
+/// Creates a fresh controller, to replace one that is reset.
 pub type Restart = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError> + Send>;
 
 /// A fault that has begun or ended.
@@ -37,55 +36,12 @@ pub type Restart = Box<dyn FnMut() -> Result<Box<dyn Controller>, LinkError> + S
 pub struct Happened {
     /// Control period, from 1.
     pub tick: u64,
-    /// Phase that the controller had told by then.
+    /// Phase that the controller had reported by then.
     pub phase: Phase,
     /// The fault.
     pub what: InjectedFault,
     /// Whether it began; else it ended.
     pub begins: bool,
-}
-
-/// The host's program was killed on purpose, at a moment that a fault plan chose.
-#[derive(Clone, Copy, Debug, thiserror::Error)]
-#[error("the host was killed, as --inject asked for: go on with --resume")]
-pub struct HostKilled;
-
-impl HostKilled {
-    /// Whether this is why a link failed.
-    pub fn is_cause_of(error: &LinkError) -> bool {
-        matches!(error, LinkError::Device { source, .. } if source.is::<Self>())
-    }
-}
-
-/// The drive of a [`FaultyCell`].
-pub enum FaultyDrive {
-    /// The simulated arm, which can suffer every fault.
-    Simulated(Box<dyn Disturb>),
-    /// Any other drive: only what passes between it and the controller can be faulty.
-    Other(Box<dyn Drive>),
-}
-
-impl FaultyDrive {
-    fn drive(&self) -> &dyn Drive {
-        match self {
-            Self::Simulated(arm) => arm.as_ref(),
-            Self::Other(drive) => drive.as_ref(),
-        }
-    }
-
-    fn drive_mut(&mut self) -> &mut dyn Drive {
-        match self {
-            Self::Simulated(arm) => arm.as_mut(),
-            Self::Other(drive) => drive.as_mut(),
-        }
-    }
-
-    fn disturb(&mut self, what: &Disturbance) {
-        // A plan that wants the arm to suffer is refused where it cannot.
-        if let Self::Simulated(arm) = self {
-            arm.disturb(what);
-        }
-    }
 }
 
 /// Controller and drive, stepped one control period at a time, with faults as planned.
@@ -96,18 +52,18 @@ pub struct FaultyCell {
     hello: DriveHello,
     scheduler: Scheduler,
     listener: Listener,
-    rng: ChaCha8Rng,
-    active: Vec<InjectedFault>,
+    pub(super) rng: ChaCha8Rng,
+    pub(super) active: Vec<InjectedFault>,
     resets: bool,
     /// What the drive said last, and what the controller was told last.
-    state: DriveState,
-    told: Option<DriveState>,
-    queue: VecDeque<DriveState>,
-    receiver: DriveReceiver,
-    frames: u32,
-    command: Option<DriveCommand>,
+    pub(super) state: DriveState,
+    pub(super) told: Option<DriveState>,
+    pub(super) queue: VecDeque<DriveState>,
+    pub(super) receiver: DriveReceiver,
+    pub(super) frames: u32,
+    pub(super) command: Option<DriveCommand>,
     /// Periods since the last command.
-    unanswered: u32,
+    pub(super) unanswered: u32,
     waiting: Vec<u8>,
     up: Vec<u8>,
     moving: Option<([f64; 3], u32)>,
@@ -116,9 +72,9 @@ pub struct FaultyCell {
     /// The host link, once it was bad.
     link: Option<LossyLink>,
     down: Vec<u8>,
-    /// For how many periods there is to be no host, once it is to be killed.
+    /// Number of periods without a host, once the host is to be killed.
     killed: Option<u64>,
-    /// Whether this process is ended when the host is to be killed.
+    /// Whether this process ends when the host is to be killed.
     ends_process: bool,
     injected: InjectedCounter,
     host_faults: HostFaults,
@@ -129,8 +85,8 @@ impl FaultyCell {
     /// Joins a controller and a drive for a robot with `joints` joints.
     ///
     /// # Errors
-    /// A drive that [`Cell`](spherecal_link::Cell) would refuse, a plan with a
-    /// number out of range, or one that wants the simulated arm where there is none.
+    /// A drive that [`Cell`](spherecal_link::Cell) would refuse, a plan with a number out of range,
+    /// or a plan that needs the simulated arm where there is none.
     pub fn new(
         mut controller: Box<dyn Controller>,
         drive: FaultyDrive,
@@ -145,7 +101,7 @@ impl FaultyCell {
                 return Err(InjectError::NotHere {
                     number,
                     name: entry.what.name(),
-                    why: "only the simulated arm can suffer this: use --link sim or --link qemu",
+                    why: "this fault needs the simulated arm: use --link sim or --link qemu",
                 }
                 .into());
             }
@@ -185,29 +141,29 @@ impl FaultyCell {
         })
     }
 
-    /// Every fault that has begun or ended so far; the handle stays good.
+    /// Every fault that has begun or ended so far. The handle stays valid.
     pub fn happened(&self) -> Arc<Mutex<Vec<Happened>>> {
         Arc::clone(&self.happened)
     }
 
-    /// What was done to frames of the host link; the handle stays good.
+    /// Counts of the changed frames of the host link. The handle stays valid.
     pub fn injected(&self) -> InjectedCounter {
         self.injected.clone()
     }
 
-    /// Has this process ended, as by `kill -9`, when the host is to be killed;
-    /// else the period fails with [`HostKilled`].
+    /// Makes this process end, as by `kill -9`, when the host is to be killed; otherwise the period
+    /// fails with [`HostKilled`].
     pub fn ending_process(mut self) -> Self {
         self.ends_process = true;
         self
     }
 
-    /// What the host's own computer suffers, for whoever writes to its disk.
+    /// The faults of the host's own computer, for the journal that writes to its disk.
     pub fn host_faults(&self) -> HostFaults {
         self.host_faults.clone()
     }
 
-    /// What was received on the drive link, where frames were made of it.
+    /// Counters of the drive link, if its states were sent as frames.
     pub fn drive_counters(&self) -> LinkCounters {
         self.receiver.counters()
     }
@@ -242,7 +198,7 @@ impl FaultyCell {
                 return;
             }
             InjectedFault::DiskFull => return self.host_faults.fill(true),
-            // A duration that is none was refused with the plan.
+            // The plan was checked, so the duration is valid.
             InjectedFault::DatabaseLocked { wall_s } => {
                 return self
                     .host_faults
@@ -311,100 +267,6 @@ impl FaultyCell {
         }
     }
 
-    /// The command as it reaches the motors; none while the brakes are closed.
-    fn delivered(&self) -> Option<DriveCommand> {
-        if self.unanswered > PATIENCE {
-            return None;
-        }
-        let mut command = self.command.clone()?;
-        for what in &self.active {
-            match *what {
-                InjectedFault::DriveStatus { .. } => return None,
-                InjectedFault::TorqueSaturation { joint, nm } => {
-                    if let Some(tau) = command.tau.get_mut(joint - 1) {
-                        *tau = tau.max(-nm).min(nm);
-                    }
-                }
-                _ => {}
-            }
-        }
-        Some(command)
-    }
-
-    /// The drive's state as the controller hears it; `None` when it does not.
-    fn heard(&mut self) -> Option<DriveState> {
-        let mut state = self.state.clone();
-        let mut arrives = true;
-        let mut late = false;
-        for k in 0..self.active.len() {
-            match self.active[k] {
-                InjectedFault::StateFrozen => {
-                    if let Some(told) = &self.told {
-                        state = DriveState {
-                            tick: state.tick,
-                            ..told.clone()
-                        };
-                    }
-                }
-                InjectedFault::StateRepeated => state = self.told.clone().unwrap_or(state),
-                InjectedFault::StateLate { ticks } => {
-                    late = true;
-                    self.queue.push_back(state);
-                    let due = self.queue.len() > ticks as usize;
-                    let front = due.then(|| self.queue.pop_front()).flatten();
-                    arrives &= front.is_some();
-                    state = front.unwrap_or_else(|| self.state.clone());
-                }
-                InjectedFault::StateDropped => arrives = false,
-                InjectedFault::StateNan { joint } => {
-                    if let Some(q) = state.q.get_mut(joint - 1) {
-                        *q = f64::NAN;
-                    }
-                }
-                InjectedFault::PositionJump { joint, rad } => {
-                    if let Some(q) = state.q.get_mut(joint - 1) {
-                        *q += rad;
-                    }
-                }
-                InjectedFault::DriveStatus { status } => {
-                    state.status = match status {
-                        Status::Disabled => DriveStatus::Disabled,
-                        Status::EmergencyStop => DriveStatus::EmergencyStop,
-                        Status::Failed => DriveStatus::Failed,
-                    }
-                }
-                InjectedFault::StateBits { bits } => match self.over_the_wire(&state, bits) {
-                    Some(received) => state = received,
-                    None => arrives = false,
-                },
-                _ => {}
-            }
-        }
-        if !late {
-            self.queue.clear();
-        }
-        arrives.then_some(state)
-    }
-
-    /// A state as a frame, with so many bits flipped, and what a receiver makes of it.
-    fn over_the_wire(&mut self, state: &DriveState, bits: u32) -> Option<DriveState> {
-        let mut bytes = [0; MAX_FRAME];
-        let length = encode(state, self.frames, 0, &mut bytes).ok()?;
-        self.frames = self.frames.wrapping_add(1);
-        let frame = bytes.get_mut(..length)?;
-        for _ in 0..bits {
-            let at = self.rng.random_range(0..frame.len());
-            frame[at] ^= 1 << self.rng.random_range(0..8);
-        }
-        let mut received = None;
-        self.receiver.receive(frame, &mut |message| {
-            if let DriveMessage::State { state, .. } = message {
-                received = Some(state);
-            }
-        });
-        received
-    }
-
     fn restart(&mut self) -> Result<(), LinkError> {
         self.resets = false;
         self.controller = (self.restart)()?;
@@ -443,8 +305,7 @@ impl FaultyCell {
             self.waiting.extend_from_slice(down);
         }
         let Some(state) = self.heard() else {
-            // The controller is not asked; the drive goes on under the last torque
-            // for a while.
+            // The controller is not ticked; the drive continues with the last torque for a while.
             self.unanswered = self.unanswered.saturating_add(1);
             return Ok(());
         };
@@ -489,7 +350,7 @@ impl Device for FaultyCell {
         let Some(away) = self.killed.take() else {
             return Ok(());
         };
-        // Nobody hears what was said in this period or in those without a host.
+        // Nobody receives what was said in this period or in those without a host.
         for _ in 0..away {
             up.clear();
             self.period(&[], up)?;
@@ -500,15 +361,6 @@ impl Device for FaultyCell {
         }
         Err(LinkError::device(HostKilled))
     }
-}
-
-/// Ends this process as `kill -9` does: nothing is closed, flushed or told.
-fn end_process() {
-    #[cfg(unix)]
-    // It cannot be refused to a process that kills itself.
-    let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
-    #[cfg(not(unix))]
-    std::process::abort();
 }
 
 /// Why there is no such device.

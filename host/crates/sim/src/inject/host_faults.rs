@@ -1,10 +1,9 @@
-//! What the host's own computer suffers, told to whoever writes to its disk.
+//! Faults of the host's own computer, passed to the journal that writes to its disk.
 //!
-//! The faulty cell knows when; the journal has the file. Between them is a
-//! handle ([`HostFaults`]): the cell sets it, and a journal around the real one
-//! ([`HostFaultJournal`]) looks at it before each write. The store knows nothing
-//! of it: a full disk is a write that fails before it reaches the store, a
-//! locked file is locked from outside.
+//! The faulty cell knows the time of a fault; the journal has the file. A handle ([`HostFaults`])
+//! connects them: the cell sets it, and a journal around the real one ([`HostFaultJournal`]) checks
+//! it before each write. The store does not know of the faults: a full disk is a write that fails
+//! before it reaches the store, and a locked file is locked from outside.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,12 +12,12 @@ use std::time::Duration;
 use spherecal_link::{Arrival, Journal, JournalError};
 use spherecal_shared::protocol::host::SessionId;
 
-/// What is amiss with the disk or the file on it.
+/// Faults of the disk or of the file on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct State {
     /// The disk has no room for more than is on it.
     full: bool,
-    /// Another program is to lock the file for so long, from now on.
+    /// Another program locks the file for this time, from now on.
     locked: Option<Duration>,
 }
 
@@ -27,7 +26,7 @@ struct State {
 pub struct HostFaults(Arc<Mutex<State>>);
 
 impl HostFaults {
-    /// What is amiss now; a lock is told of once.
+    /// Present faults; a lock is reported once.
     fn now(&self) -> State {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         State {
@@ -36,7 +35,7 @@ impl HostFaults {
         }
     }
 
-    /// The disk fills up, or somebody makes room.
+    /// The disk becomes full, or space is freed.
     pub fn fill(&self, full: bool) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).full = full;
     }
@@ -53,7 +52,7 @@ pub type FileLock = Box<dyn FnMut(Duration) -> Result<(), JournalError>>;
 /// A write that found no room.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error(
-    "{path}: cannot be written (the disk is full, as --inject asked for): make room on the disk, then continue with \
+    "{path} cannot be written (--inject simulates a full disk): free space on the disk, then continue with \
      --resume; nothing that was acknowledged is lost",
     path = path.display()
 )]
@@ -61,7 +60,7 @@ struct DiskFull {
     path: PathBuf,
 }
 
-/// A journal whose file suffers what the host's computer does.
+/// A journal whose file is affected by the faults of the host's computer.
 pub struct HostFaultJournal<J> {
     inner: J,
     faults: HostFaults,
@@ -136,8 +135,8 @@ mod tests {
         }
     }
 
-    // Fails if a write reaches the journal while the disk is full, if one does
-    // not when there is room again, or if a lock is taken more than once.
+    // Fails if a write reaches the journal while the disk is full, if a write does not reach it
+    // after space is free again, or if a lock is taken more than once.
     #[test]
     fn a_full_disk_takes_nothing_and_a_lock_is_taken_once() {
         let faults = HostFaults::default();

@@ -1,11 +1,11 @@
-//! Hears the controller's phases on the host link, as any listener may.
+//! Reads the controller's phases from the host link, as any listener may.
 
 use std::collections::HashMap;
 
 use spherecal_shared::protocol::frame::{self, Accumulator};
 use spherecal_shared::protocol::host::{Event, Phase, Uplink};
 
-/// The phases that the controller has told.
+/// The phases that the controller has reported.
 #[derive(Default)]
 pub(super) struct Listener {
     accumulator: Accumulator,
@@ -15,8 +15,8 @@ pub(super) struct Listener {
 }
 
 impl Listener {
-    /// Takes the controller's bytes; phases entered go to `entered`, with the
-    /// number of times that each was.
+    /// Takes the controller's bytes. Calls `entered` with each phase that begins and with its
+    /// count.
     pub(super) fn hear(&mut self, bytes: &[u8], mut entered: impl FnMut(Phase, u32)) {
         let Self {
             accumulator,
@@ -29,7 +29,7 @@ impl Listener {
                 let Ok((_, Uplink { event, body, .. })) = frame.and_then(frame::decode::<Uplink>) else {
                     return;
                 };
-                // What is sent again was heard.
+                // A repeated event was already handled.
                 if event != 0 && event.wrapping_sub(*last_event) >= 1 << 31 || event == *last_event {
                     return;
                 }
@@ -46,13 +46,13 @@ impl Listener {
         }
     }
 
-    /// A controller that starts anew counts its events from 1 again.
+    /// A controller that restarts counts its events from 1 again.
     pub(super) fn restarted(&mut self) {
         self.last_event = 0;
         self.phase = Phase::Idle;
     }
 
-    /// The phase that was heard last.
+    /// The last reported phase.
     pub(super) fn phase(&self) -> Phase {
         self.phase
     }

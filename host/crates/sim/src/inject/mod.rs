@@ -1,9 +1,8 @@
-//! Fault injection: what goes wrong, when, and the device that makes it so.
+//! Fault injection: which faults occur and when, and the device that injects them.
 //!
-//! Vocabulary: an [`InjectedFault`] is one thing that goes wrong; a [`When`] says when
-//! it begins, by tick, by phase or by chance; an [`Entry`] is both with a
-//! duration; a [`Plan`] is the list of a TOML file, with the seed of whatever is
-//! drawn. [`PRESETS`] has one plan for each fault.
+//! Vocabulary: an [`InjectedFault`] is one fault. A [`When`] is its start, by tick, by phase or at
+//! random. An [`Entry`] is both with a duration. A [`Plan`] is the list in a TOML file, with the
+//! seed of the random draws. [`PRESETS`] has one plan for each fault.
 //!
 //! ```text
 //!   campaign ─▶ FaultyCell (a Device) ─▶ controller     ┐ frames and states are
@@ -12,21 +11,26 @@
 //!                 └─ HostFaults ────────▶ journal            the host's own computer
 //! ```
 //!
-//! The device stands where [`Cell`](spherecal_link::Cell) stands and does the same
-//! when nothing is due. It knows the controller's phase from the host link's
-//! bytes, as any listener may, so the same plan works in-process, in QEMU and
-//! with a drive behind a socket; faults of the arm itself want the simulated one.
+//! The device replaces [`Cell`](spherecal_link::Cell) and does the same while no fault is due. It
+//! reads the controller's phase from the host link's bytes, as any listener may. So the same plan
+//! works in-process, in QEMU and with a drive behind a socket. Faults of the arm itself need the
+//! simulated arm.
 
 mod fault;
 mod faulty_cell;
+mod faulty_drive;
+mod faulty_states;
 mod host_faults;
+mod host_killed;
 mod listener;
 mod plan;
 mod presets;
 mod scheduler;
 
 pub use fault::{InjectedFault, Status};
-pub use faulty_cell::{FaultyCell, FaultyCellError, FaultyDrive, Happened, HostKilled, Restart};
+pub use faulty_cell::{FaultyCell, FaultyCellError, Happened, Restart};
+pub use faulty_drive::FaultyDrive;
 pub use host_faults::{FileLock, HostFaultJournal, HostFaults};
+pub use host_killed::HostKilled;
 pub use plan::{Entry, InjectError, Plan, When};
 pub use presets::{PRESETS, Preset, preset, table};

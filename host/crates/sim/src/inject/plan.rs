@@ -1,4 +1,4 @@
-//! What can be injected, as a file says it.
+//! The file format of injected faults.
 //!
 //! ```toml
 //! seed = 7
@@ -13,7 +13,7 @@
 //! when = { rate = { per_s = 0.02, most = 3 } }
 //! ```
 //!
-//! A name that does not exist is an error.
+//! An unknown name is an error.
 
 use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::Phase;
@@ -27,7 +27,7 @@ use crate::lossy::{Lossy, LossyError};
 pub enum When {
     /// At a control period, from 1.
     Tick(u64),
-    /// After the controller has entered a phase so many times.
+    /// After the controller has entered a phase a number of times.
     Phase {
         /// The phase.
         name: Phase,
@@ -45,7 +45,7 @@ pub enum When {
         /// How often at most.
         most: u32,
     },
-    /// By chance, each time that the controller enters a phase.
+    /// At random, each time the controller enters a phase.
     Entering {
         /// The phase.
         name: Phase,
@@ -71,7 +71,7 @@ pub struct Entry {
     pub what: InjectedFault,
     /// When it begins.
     pub when: When,
-    /// For how long, in s; where left out, [`InjectedFault::usual_s`].
+    /// Duration, in s; by default [`InjectedFault::usual_s`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub for_s: Option<f64>,
 }
@@ -80,11 +80,11 @@ pub struct Entry {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
-    /// Seed of whatever is left to chance.
+    /// Seed of the random choices.
     #[serde(default)]
     pub seed: u64,
-    /// What is done to the frames of the host link, in the whole run, as in the
-    /// configuration's `[host_link]`.
+    /// Disturbances of the host link's frames in the whole run, as in the configuration's
+    /// `[host_link]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub host_link: Option<Lossy>,
     /// The faults.
@@ -106,7 +106,7 @@ pub enum InjectError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The file is not TOML, or names what does not exist.
+    /// The file is not TOML, or contains an unknown name.
     #[error("{path}: {message}\nremedy: `spherecal faults --show NAME` prints a preset as a file")]
     Syntax {
         /// File.
@@ -128,7 +128,7 @@ pub enum InjectError {
         /// Largest value accepted.
         max: f64,
     },
-    /// What is to be done to the host link is out of range.
+    /// A disturbance of the host link is out of range.
     #[error("host_link: {0}")]
     HostLink(#[from] LossyError),
     /// The fault needs what is not there.
@@ -189,7 +189,7 @@ impl Plan {
     /// From the text of a file called `path`.
     ///
     /// # Errors
-    /// Text that is not TOML or names what does not exist.
+    /// The text is not TOML or contains an unknown name.
     pub fn parse(path: &str, text: &str) -> Result<Self, InjectError> {
         toml::from_str(text).map_err(|e| InjectError::Syntax {
             path: path.to_owned(),
@@ -200,7 +200,7 @@ impl Plan {
     /// Checks every number, for an arm of `joints` joints.
     ///
     /// # Errors
-    /// The first that is out of its range.
+    /// The first number that is out of its range.
     pub fn check(&self, joints: usize) -> Result<(), InjectError> {
         if let Some(lossy) = &self.host_link {
             lossy.check()?;
@@ -225,10 +225,10 @@ impl Plan {
         Ok(())
     }
 
-    /// Checks that nothing is to happen to a file: for a store that is none.
+    /// Checks that no fault affects a file, for a store without one.
     ///
     /// # Errors
-    /// The first fault that wants one.
+    /// The first fault that affects a file.
     pub fn check_without_file(&self) -> Result<(), InjectError> {
         let wants_file =
             |what: &InjectedFault| matches!(what, InjectedFault::DiskFull | InjectedFault::DatabaseLocked { .. });
@@ -236,7 +236,7 @@ impl Plan {
             Some((entry, number)) => Err(InjectError::NotHere {
                 number,
                 name: entry.what.name(),
-                why: "only a database in a file of this computer can suffer this: leave out --store",
+                why: "this fault needs a database in a file of this computer: leave out --store",
             }),
             None => Ok(()),
         }
@@ -262,7 +262,7 @@ mod tests {
     use super::*;
     use crate::inject::PRESETS;
 
-    // Fails if a preset does not survive being written and read, or is refused.
+    // Fails if a preset changes when it is written and read, or is refused.
     #[test]
     fn presets_are_files() {
         for preset in PRESETS {
@@ -274,7 +274,8 @@ mod tests {
         }
     }
 
-    // Fails if a misspelt name or a number out of range is taken, or the message does not say which.
+    // Fails if a misspelt name or a number out of range is accepted, or if the message does not
+    // name it.
     #[test]
     fn what_is_not_known_is_refused() {
         for text in [

@@ -1,4 +1,4 @@
-//! One plan for each fault, at the moment where it matters most.
+//! One plan for each fault, at the moment of its largest effect.
 
 use std::path::Path;
 
@@ -19,10 +19,10 @@ pub struct Preset {
     pub what: InjectedFault,
     /// Its moment.
     pub when: When,
-    /// Faults that the controller may tell first.
+    /// Faults that the controller may report first.
     pub faults: &'static [Fault],
-    /// Within which time of its beginning, in ms; `None` where it depends on
-    /// when the arm next moves, touches or tares.
+    /// Time limit from its start, in ms; `None` if it depends on when the arm next moves, touches
+    /// or tares.
     pub within_ms: Option<u32>,
     /// Whether it may also pass without a fault.
     pub borne: bool,
@@ -39,8 +39,8 @@ const fn during(name: Phase, entry: u32, after_s: f64) -> When {
     When::Phase { name, entry, after_s }
 }
 
-/// What an arm tells when something disturbs its motion or its coupling: which
-/// of these depends on what it was doing.
+/// Faults that an arm reports when its motion or its coupling is disturbed. Which of these depends
+/// on what it was doing.
 const DISTURBED: &[Fault] = &[
     Fault::ContactLost,
     Fault::NotSeated,
@@ -56,7 +56,7 @@ const DISTURBED: &[Fault] = &[
     Fault::Workspace,
 ];
 
-/// The same of an arm whose encoder sticks; when it is free again its angle jumps.
+/// The same for an arm whose encoder sticks; when it is free again, its angle jumps.
 const STUCK: &[Fault] = &[
     Fault::StaleState,
     Fault::PositionJump,
@@ -73,7 +73,7 @@ const STUCK: &[Fault] = &[
 pub const PRESETS: &[Preset] = &[
     Preset {
         name: "state_frozen",
-        about: "the drive counts on but shows the same state for 0.5 s",
+        about: "the drive continues to count but sends the same state for 0.5 s",
         what: InjectedFault::StateFrozen,
         when: during(Phase::Turning, 2, 0.2),
         faults: &[Fault::StaleState],
@@ -82,7 +82,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "state_repeated",
-        about: "the drive sends one state again and again for 0.5 s",
+        about: "the drive repeats one state for 0.5 s",
         what: InjectedFault::StateRepeated,
         when: during(Phase::Recording, 2, 0.3),
         faults: &[Fault::StaleState],
@@ -91,7 +91,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "state_late",
-        about: "every state comes 10 ms late for 0.5 s",
+        about: "every state arrives 10 ms late for 0.5 s",
         what: InjectedFault::StateLate { ticks: 10 },
         when: during(Phase::Turning, 3, 0.1),
         faults: &[Fault::StaleState],
@@ -127,7 +127,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "position_jump",
-        about: "angle 2 reads 0.1 rad too much for 20 ms",
+        about: "angle 2 reads 0.1 rad too high for 20 ms",
         what: InjectedFault::PositionJump { joint: 2, rad: 0.1 },
         when: during(Phase::Moving, 1, 0.5),
         faults: &[Fault::PositionJump],
@@ -145,7 +145,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "torque_bias",
-        about: "torque sensor 2 reads 30 N m too much for 0.5 s",
+        about: "torque sensor 2 reads 30 N m too high for 0.5 s",
         what: InjectedFault::TorqueBias { joint: 2, nm: 30.0 },
         when: during(Phase::Coupling, 1, 1.0),
         faults: DISTURBED,
@@ -174,7 +174,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "torque_saturation",
-        about: "motor 2 gives no more than 20 N m for 0.5 s",
+        about: "motor 2 delivers at most 20 N m for 0.5 s",
         what: InjectedFault::TorqueSaturation { joint: 2, nm: 20.0 },
         when: during(Phase::Turning, 2, 0.1),
         faults: DISTURBED,
@@ -183,7 +183,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "payload",
-        about: "1.5 kg that nobody declared, from the second approach on",
+        about: "an undeclared payload of 1.5 kg, from the second approach on",
         what: InjectedFault::Payload { kg: 1.5 },
         when: during(Phase::Moving, 3, 0.2),
         faults: DISTURBED,
@@ -192,7 +192,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "obstacle",
-        about: "something soft stands in the way for 2 s",
+        about: "a soft obstacle blocks the path for 2 s",
         what: InjectedFault::Obstacle {
             ahead_m: 0.02,
             stiffness_n_m: 1e4,
@@ -222,7 +222,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "sphere_moved",
-        about: "the sphere is kicked aside by 20 mm while the nest sits on it",
+        about: "the sphere is pushed aside by 20 mm while the nest sits on it",
         what: InjectedFault::SphereMoved {
             by_m: [0.02, 0.0, 0.0],
             over_s: 0.2,
@@ -245,7 +245,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "controller_reset",
-        about: "the controller starts anew and knows nothing; the host finds it silent",
+        about: "the controller restarts and has lost its state; the host finds it silent",
         what: InjectedFault::ControllerReset,
         when: during(Phase::Recording, 2, 0.5),
         faults: &[],
@@ -254,7 +254,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "host_silent",
-        about: "nothing passes on the host link for 3 s",
+        about: "the host link is interrupted for 3 s",
         what: InjectedFault::HostSilent,
         when: during(Phase::Turning, 2, 0.1),
         faults: &[Fault::HostSilence],
@@ -263,7 +263,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "host_link",
-        about: "the host link loses 20 % of the frames, repeats and delays 10 %, flips a bit in 1 %, for 20 s",
+        about: "the host link loses 20 % of the frames, repeats 10 %, delays 10 % and flips a bit in 1 %, for 20 s",
         what: InjectedFault::HostLink(Lossy {
             loss: 0.2,
             duplication: 0.1,
@@ -278,7 +278,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "host_killed",
-        about: "the host is killed; another one goes on after 3 s",
+        about: "the host is killed; another one continues after 3 s",
         what: InjectedFault::HostKilled { away_s: 3.0 },
         when: during(Phase::Recording, 2, 0.5),
         faults: &[Fault::HostSilence],
@@ -287,7 +287,7 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: "disk_full",
-        about: "the disk has no room; when the run has stopped a person makes some and goes on",
+        about: "the disk is full; after the run has stopped, an operator frees space and continues",
         what: InjectedFault::DiskFull,
         when: during(Phase::Turning, 2, 0.1),
         faults: &[Fault::HostSilence],
@@ -313,8 +313,8 @@ pub fn preset(name: &str) -> Option<&'static Preset> {
 impl Plan {
     /// A preset by its name, or a file.
     ///
-    /// # Errors
-    /// Neither of the two, or a file that is not one.
+    /// A preset by its name, or a file.
+    /// Neither a preset nor a valid file.
     pub fn load(name: &str) -> Result<Self, InjectError> {
         if let Some(preset) = preset(name) {
             return Ok(preset.plan());
@@ -327,10 +327,10 @@ impl Plan {
     }
 }
 
-/// The second table of `docs/recovery.md`: what each fault ends in, a line of Markdown each.
+/// The second table of `docs/recovery.md`: one line of Markdown for each injected fault.
 pub fn table() -> String {
     let mut text = String::from(
-        "| injected | what happens | fault told first | within, ms | may pass without a fault |\n|---|---|---|---:|---|\n",
+        "| injected | what happens | first reported fault | within, ms | may pass without a fault |\n|---|---|---|---:|---|\n",
     );
     for preset in PRESETS {
         let faults: Vec<String> = preset

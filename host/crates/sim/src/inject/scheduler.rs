@@ -1,4 +1,4 @@
-//! Turns a plan into beginnings and ends of faults, tick by tick.
+//! Turns a plan into starts and ends of faults, tick by tick.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -27,7 +27,7 @@ pub(super) struct Scheduler {
 }
 
 fn ticks(seconds: f64, period_s: f64) -> u64 {
-    // A duration without end is one of more ticks than there will be.
+    // A duration without end has more ticks than there will ever be.
     (seconds / period_s).round() as u64
 }
 
@@ -70,7 +70,7 @@ impl Scheduler {
         }
     }
 
-    /// What begins (`true`) and ends (`false`) at `tick`; ends come first.
+    /// The faults that start (`true`) and end (`false`) at `tick`; ends come first.
     pub(super) fn at(&mut self, tick: u64, mut change: impl FnMut(InjectedFault, bool)) {
         for row in &mut self.rows {
             if row.until.is_some_and(|until| tick >= until) {
@@ -112,7 +112,7 @@ mod tests {
         seen
     }
 
-    // Fails if a fault begins at another tick than its file says, or lasts longer or shorter.
+    // Fails if a fault starts at another tick than its file says, or has another duration.
     #[test]
     fn beginnings_and_ends_are_where_the_file_puts_them() {
         let at = |when, for_s| Plan {

@@ -20,13 +20,18 @@ impl PlantConfig {
         };
         step("substep_s", self.substep_s)?;
         step("free_step_s", self.free_step_s)?;
-        self.check_plate()?;
+        self.cell.check()?;
         self.check_nest()?;
         let sizes = [
+            ("plate.placement_sigma_m", self.plate.placement_sigma_m, 0.1),
+            ("plate.placement_sigma_rad", self.plate.placement_sigma_rad, 0.5),
             ("geometry.length_sigma_m", self.geometry.length_sigma_m, 0.01),
             ("geometry.alpha_sigma_rad", self.geometry.alpha_sigma_rad, 0.1),
             ("geometry.theta_sigma_rad", self.geometry.theta_sigma_rad, 0.1),
             ("geometry.nominal_mean_m", self.geometry.nominal_mean_m, 0.05),
+            ("geometry.overall_mean_m", self.geometry.overall_mean_m, 0.05),
+            ("geometry.offset_share", self.geometry.offset_share, 1.0),
+            ("geometry.offset_rad", self.geometry.offset_rad, 0.1),
             ("tool.tcp_sigma_m", self.tool.tcp_sigma_m, 0.02),
             ("compliance.joint_rad_per_nm", self.compliance.joint_rad_per_nm, 1e-3),
             ("compliance.spread", self.compliance.spread, 1.0),
@@ -37,12 +42,24 @@ impl PlantConfig {
             ),
             ("compliance.hysteresis_rad", self.compliance.hysteresis_rad, 1e-2),
             ("compliance.link_rad_per_nm", self.compliance.link_rad_per_nm, 1e-4),
+            (
+                "compliance.link_sigma_rad_per_nm",
+                self.compliance.link_sigma_rad_per_nm,
+                1e-4,
+            ),
             ("compliance.base_rad_per_nm", self.compliance.base_rad_per_nm, 1e-4),
+            (
+                "compliance.base_sigma_rad_per_nm",
+                self.compliance.base_sigma_rad_per_nm,
+                1e-4,
+            ),
             ("compliance.settling_s", self.compliance.settling_s, 1.0),
             ("encoder.gear_rad", self.encoder.gear_rad, 1e-2),
             ("encoder.smooth_rad", self.encoder.smooth_rad, 1e-2),
             ("encoder.smooth_length_rad", self.encoder.smooth_length_rad, 10.0),
             ("encoder.cross_rad", self.encoder.cross_rad, 1e-2),
+            ("encoder.cross_length_rad", self.encoder.cross_length_rad, 10.0),
+            ("encoder.scatter_rad", self.encoder.scatter_rad, 1e-2),
             ("sensors.angle_white_rad", self.sensors.angle_white_rad, 0.01),
             ("sensors.angle_correlated_rad", self.sensors.angle_correlated_rad, 0.01),
             ("sensors.angle_correlation_s", self.sensors.angle_correlation_s, 100.0),
@@ -66,6 +83,24 @@ impl PlantConfig {
             ("tracker.encoder_rad", self.tracker.encoder_rad, 0.01),
             ("tracker.remount_m", self.tracker.remount_m, 0.05),
             ("tracker.restation_m", self.tracker.restation_m, 0.05),
+            ("tracker.after_s", self.tracker.after_s, 1e6),
+            ("tracker.shot_s", self.tracker.shot_s, 1e4),
+            ("lost_motion.half_width_rad", self.lost_motion.half_width_rad[0], 1e-2),
+            ("lost_motion.half_width_rad", self.lost_motion.half_width_rad[1], 1e-2),
+            ("thermal.links_m", self.thermal.links_m[0], 1e-2),
+            ("thermal.links_m", self.thermal.links_m[1], 1e-2),
+            ("thermal.plate_m", self.thermal.plate_m[0], 1e-2),
+            ("thermal.plate_m", self.thermal.plate_m[1], 1e-2),
+            ("thermal.on_since_s", self.thermal.on_since_s, 1e6),
+            ("reading.early_share", self.reading.early_share, 1.0),
+            ("reading.early_s", self.reading.early_s, 1.0),
+            ("reading.deceleration_rad_s2", self.reading.deceleration_rad_s2, 1000.0),
+            ("drive.state_delay_s", self.drive.state_delay_s, 0.02),
+            ("drive.command_delay_s", self.drive.command_delay_s, 0.02),
+            ("drive.jitter_s", self.drive.jitter_s, 0.02),
+            ("drive.step_s", self.drive.step_s, 0.02),
+            ("drive.step_every_s", self.drive.step_every_s, 1e4),
+            ("drive.actuator_lag_s", self.drive.actuator_lag_s, 0.02),
         ];
         for (field, value, most) in sizes {
             require(
@@ -105,12 +140,25 @@ impl PlantConfig {
             low >= 1 && high >= low && high <= 1000,
             "two orders per turn, the lower first, within 1 to 1000",
         )?;
+        for (field, value) in [
+            ("encoder.scatter_travel_rad", self.encoder.scatter_travel_rad),
+            ("lost_motion.travel_rad", self.lost_motion.travel_rad),
+        ] {
+            require(field, value, (1e-6..=10.0).contains(&value), "in rad, 1e-6 to 10")?;
+        }
+        require(
+            "thermal.time_constant_s",
+            self.thermal.time_constant_s,
+            (1.0..=1e6).contains(&self.thermal.time_constant_s),
+            "in s, 1 to 1e6",
+        )?;
+        self.check_compliance()?;
         let e = &self.elasticity;
         require(
             "elasticity.stiffness_nm_rad",
             e.stiffness_nm_rad,
-            e.stiffness_nm_rad > 0.0,
-            "must be positive",
+            e.stiffness_nm_rad >= 0.0,
+            "positive, or 0 for the inverse of each joint's compliance",
         )?;
         require(
             "elasticity.damping_nm_s",
@@ -135,54 +183,36 @@ impl PlantConfig {
         Ok(())
     }
 
-    fn check_plate(&self) -> Result<(), PlantError> {
-        let p = &self.plate;
-        let count = p.spheres_m.len();
-        require(
-            "plate.spheres_m",
-            count as f64,
-            (1..=super::world::MAX_SPHERES).contains(&count),
-            "one to eight spheres",
-        )?;
-        let placements = p.placements();
-        for value in placements
-            .iter()
-            .flat_map(|m| &m.origin_m)
-            .chain(p.spheres_m.iter().flatten())
-        {
-            require(
-                "plate.origin_m/spheres_m",
-                *value,
-                value.abs() <= 5.0,
-                "in m, within 5 m",
-            )?;
+    fn check_compliance(&self) -> Result<(), PlantError> {
+        let c = &self.compliance;
+        for [least, most] in &c.joints_rad_per_nm {
+            for value in [*least, *most] {
+                require(
+                    "compliance.joints_rad_per_nm",
+                    value,
+                    (0.0..=1e-3).contains(&value),
+                    "the least and the most of each joint, in rad/(N m), 0 to 1e-3",
+                )?;
+            }
         }
-        for value in placements.iter().flat_map(|m| m.rpy_rad) {
-            require("plate.rpy_rad", value, value.abs() <= 7.0, "angles are in rad")?;
-        }
+        // At the limit of torque a joint still gives way: the slope there is 1 + 2 share of that at rest.
         require(
-            "plate.sphere_radius_m",
-            p.sphere_radius_m,
-            (1e-3..=0.1).contains(&p.sphere_radius_m),
-            "in m, 0.001 to 0.1",
+            "compliance.quadratic_share",
+            c.quadratic_share,
+            (-0.45..=2.0).contains(&c.quadratic_share),
+            "-0.45 to 2: below, more torque would bend the joint back",
         )?;
-        require(
-            "plate.surface_below_m",
-            p.surface_below_m,
-            p.surface_below_m >= p.sphere_radius_m,
-            "at least the sphere's radius",
-        )?;
-        for (field, value, most) in [
-            ("plate.certificate_sigma_m", p.certificate_sigma_m, 0.01),
-            ("plate.placement_sigma_m", p.placement_sigma_m, 0.1),
-            ("plate.placement_sigma_rad", p.placement_sigma_rad, 0.5),
-        ] {
-            require(
-                field,
-                value,
-                (0.0..=most).contains(&value),
-                "zero or positive, in SI units, and of a plausible size",
-            )?;
+        if self.elasticity.enabled && self.elasticity.stiffness_nm_rad == 0.0 {
+            let softest = c.joint_rad_per_nm * (1.0 - c.spread);
+            for value in c.joints_rad_per_nm.iter().map(|r| r[0]).chain([softest]) {
+                require(
+                    "elasticity.stiffness_nm_rad",
+                    value,
+                    value > 0.0,
+                    "with 0 every joint needs a positive compliance: see compliance.joints_rad_per_nm, \
+                     compliance.joint_rad_per_nm and compliance.spread",
+                )?;
+            }
         }
         Ok(())
     }
@@ -200,6 +230,9 @@ impl PlantConfig {
             ("nest.rim_height_m", n.rim_height_m, -0.02, 0.02),
             ("nest.body_radius_m", n.body_radius_m, 0.01, 0.2),
             ("nest.seating_sigma_m", n.seating_sigma_m, 0.0, 1e-3),
+            ("nest.bad_coupling_share", n.bad_coupling_share, 0.0, 1.0),
+            ("nest.bad_seat_m", n.bad_seat_m, 0.0, 1e-3),
+            ("nest.reseat_per_rad", n.reseat_per_rad, 0.0, 1e3),
             ("nest.form_sigma_m", n.form_sigma_m, 0.0, 1e-3),
         ] {
             require(

@@ -1,18 +1,22 @@
 //! The plant's configuration: every error source with its physical parameter,
 //! its unit, a switch, and where the default comes from.
 //!
+//! Only errors stand here. What a real cell has, too, is in [`NominalCell`].
 //! `#[serde(default)]` throughout, so that a TOML file states only what differs
 //! from the `typical` preset. "The paper" is Nadeau, Bonev and Joubair 2019;
 //! "iiwa7.json" is `tests/data/iiwa7.json` with its sources inside.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use spherecal_model::NominalCell;
 
 use super::error::PlantError;
+pub use super::slow_config::{DriveConfig, EncoderSide, LostMotionConfig, ReadingConfig, ThermalConfig};
 
 /// Everything that makes a simulated plant, with its seed.
 ///
 /// The default is [`PlantConfig::typical`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlantConfig {
     /// Seed of every draw; each source has its own stream of it, so switching
@@ -25,7 +29,11 @@ pub struct PlantConfig {
     pub substep_s: f64,
     /// Sub-step in free space (explicit Runge-Kutta 4), in s.
     pub free_step_s: f64,
-    /// The plate and its spheres.
+    /// What is known of the cell in which the simulated arm stands. It comes from `[cell]` of the
+    /// configuration, not from `[plant]`; the default is the paper's plate.
+    #[serde(skip)]
+    pub cell: NominalCell,
+    /// Errors of the plate and its spheres.
     pub plate: PlateConfig,
     /// The nest at the TCP.
     pub nest: NestConfig,
@@ -35,8 +43,14 @@ pub struct PlantConfig {
     pub tool: ToolConfig,
     /// Compliance of joints, links and base.
     pub compliance: ComplianceConfig,
-    /// Encoder and gear errors that repeat with the joint angle.
+    /// Encoder and gear errors.
     pub encoder: EncoderConfig,
+    /// Lost motion of the gears.
+    pub lost_motion: LostMotionConfig,
+    /// Drift of links and plate while the cell warms up.
+    pub thermal: ThermalConfig,
+    /// Angles that are read before the arm rests.
+    pub reading: ReadingConfig,
     /// Noise, quantisation and filters of the joint sensors.
     pub sensors: SensorConfig,
     /// Joint friction.
@@ -45,66 +59,29 @@ pub struct PlantConfig {
     pub inertia: InertiaConfig,
     /// Joint elasticity as a state.
     pub elasticity: ElasticityConfig,
+    /// Delays of the drive and lag of its actuators.
+    pub drive: DriveConfig,
     /// Laser tracker.
     pub tracker: TrackerConfig,
 }
 
-/// Calibration plate.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Errors of the plate: how far it is from its certificate and its nominal placement, both of which `[cell]` states.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlateConfig {
-    /// Nominal origin (sphere 1) in F0, in m. Default: the centroid of the
-    /// spheres at (470, 0, 320) mm, from the reach study of `plant.md`.
-    pub origin_m: [f64; 3],
-    /// Nominal roll, pitch, yaw (about x, then y, then z, fixed axes), in rad.
-    /// Default: yaw 150 degrees, the same study.
-    pub rpy_rad: [f64; 3],
-    /// Certified sphere centres in the plate's frame, in m. Default: Table 1 of the paper.
-    pub spheres_m: Vec<[f64; 3]>,
-    /// Sphere radius, in m. Default: 50.8 mm spheres, Section 2.2.
-    pub sphere_radius_m: f64,
-    /// Depth of the plate's surface under the sphere centres, in m (spheres stand on posts).
-    /// Default 60 mm: from the photographs of the plate (Figure 2), no drawing is published.
-    pub surface_below_m: f64,
-    /// Whether the spheres deviate from their certificate.
+    /// Whether the spheres deviate from their certificate, by `cell.plate.certificate_sigma_m`.
     pub certificate_error: bool,
-    /// Standard deviation of each certified coordinate, in m. Default: ±2.7 µm at 95 % (Section 2.2).
-    pub certificate_sigma_m: f64,
     /// Whether the plate stands elsewhere than nominally.
     pub placement_error: bool,
-    /// Standard deviation of the placement, each axis, in m. Default: a plate
-    /// put down by hand against a drawing, 2 mm.
+    /// Standard deviation of each placement, each axis, in m. Default 2 mm: a plate that is put down by hand
+    /// according to a drawing.
     pub placement_sigma_m: f64,
-    /// Standard deviation of the placement's rotation, each axis, in rad. Default: 5 mrad, the same.
+    /// Standard deviation of each placement's rotation, each axis, in rad. Default 5 mrad, for the same reason.
     pub placement_sigma_rad: f64,
-    /// Where the plate is moved to afterwards, one placement after the other;
-    /// nowhere by default, as in the paper.
-    pub moved: Vec<PlacementConfig>,
-}
-
-/// Nominal pose of the plate, once moved.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PlacementConfig {
-    /// Nominal origin (sphere 1) in F0, in m.
-    pub origin_m: [f64; 3],
-    /// Nominal roll, pitch, yaw (about x, then y, then z, fixed axes), in rad.
-    pub rpy_rad: [f64; 3],
-}
-
-impl PlateConfig {
-    /// Nominal pose in F0 of every placement, the first one first.
-    pub fn placements(&self) -> Vec<PlacementConfig> {
-        let first = PlacementConfig {
-            origin_m: self.origin_m,
-            rpy_rad: self.rpy_rad,
-        };
-        std::iter::once(first).chain(self.moved.iter().copied()).collect()
-    }
 }
 
 /// Trihedral nest with a magnet (Section 2.2: a cube corner of three planes).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct NestConfig {
     /// Normal stiffness of a pad, in N/m. Default 1e6 (`plant.md`: 1e7 needs a 0.1 ms step).
@@ -134,6 +111,14 @@ pub struct NestConfig {
     /// Standard deviation of the seat of each coupling, each axis, in m.
     /// Default 1.5 µm (`plant.md`: 1-3 µm).
     pub seating_sigma_m: f64,
+    /// Share of the couplings that are bad: dirt between ball and pads, a ball that is not pressed home, a stand that
+    /// gives. Default 0.
+    pub bad_coupling_share: f64,
+    /// Scale of the seats of a bad coupling, each axis, in m: they are drawn from a Cauchy distribution, whose
+    /// coordinates are beyond this in half of the draws, and cut at 1 mm. Default 0.
+    pub bad_seat_m: f64,
+    /// How often the sphere finds another seat while the nest turns about it, per rad of turning. Default 0.
+    pub reseat_per_rad: f64,
     /// Standard deviation of the seat over the orientations of one coupling
     /// (form of sphere and pads), each axis, in m. Default 1.5 µm, assumed: a ball of
     /// grade 25 is round within 0.6 µm (ISO 3290), three lapped pads are not better.
@@ -142,7 +127,7 @@ pub struct NestConfig {
 
 /// Geometry errors: the 24 MDH parameters of joints 2..n. The first row is the
 /// base frame's own and stays nominal (Section 3.1 of the paper).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GeometryConfig {
     /// Switch.
@@ -158,10 +143,18 @@ pub struct GeometryConfig {
     /// 1.27 mm: with tool, gears and compliance the median validation error is
     /// then the paper's 1.40 mm (`tests/tests/arm/plant_presets.rs`).
     pub nominal_mean_m: f64,
+    /// Mean nominal error that all static effects together come to, in m: the drawn geometry is rescaled until
+    /// they do; 0 (default): not rescaled. Used in place of [`Self::nominal_mean_m`] (W0 to W4: 1.403 mm).
+    pub overall_mean_m: f64,
+    /// Share of the robots whose joints were never mastered well: each of their joints is off by up to
+    /// [`Self::offset_rad`]. 0 to 1. Default 0.
+    pub offset_share: f64,
+    /// Largest joint offset of such a robot, in rad (uniform, either sign). Default 0.
+    pub offset_rad: f64,
 }
 
 /// Tool errors.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ToolConfig {
     /// Switch.
@@ -172,7 +165,7 @@ pub struct ToolConfig {
 
 /// Compliance: quasi-static, seen through the encoders (joints) or not at all
 /// (links and base).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ComplianceConfig {
     /// Switch.
@@ -183,24 +176,37 @@ pub struct ComplianceConfig {
     pub joint_rad_per_nm: f64,
     /// Spread between joints: each is drawn from `joint · U(1−s, 1+s)`. Default 0.3 (W0).
     pub spread: f64,
-    /// Stiffening term, in rad/(N m)²: `c tau + c2 tau |tau|`. Default 0 (W4: 2e-8).
+    /// The least and the most compliance of each joint, base to flange, in rad/(N m) (uniform). Joints beyond the
+    /// list have `joint_rad_per_nm`. Default: empty.
+    pub joints_rad_per_nm: Vec<[f64; 2]>,
+    /// Quadratic term of every joint, in rad/(N m)²: the joint deflects by `c tau + c2 tau |tau|`. Default 0 (W4: 2e-8).
     pub quadratic_rad_per_nm2: f64,
-    /// Torque hysteresis, in rad: `h tanh(tau / 0.5 N m)`. Default 0 (W4: 3e-5).
+    /// The same as a share of the linear term at the joint's torque limit: negative for a joint that stiffens
+    /// under load, as strain wave gears do. Default 0.
+    pub quadratic_share: f64,
+    /// Torque hysteresis, in rad: the load presses the teeth to one flank or the other, `h tanh(tau / 0.5 N m)`.
+    /// Default 0 (W4: 3e-5).
     pub hysteresis_rad: f64,
-    /// Bending of each link about its x and y under the moment it carries, in rad/(N m). Default 0 (W3: 1.5e-6).
+    /// Bending of each link about its x and y under the moment it carries, in rad/(N m): mean of all links. Default 0.
     pub link_rad_per_nm: f64,
-    /// Tilt of the base about x and y under the moment it carries, in rad/(N m). Default 0 (W3: 1e-6).
+    /// Standard deviation of the bending about that mean, in rad/(N m). Default 0 (W3: 1.5e-6).
+    pub link_sigma_rad_per_nm: f64,
+    /// Tilt of the base about x and y under the moment it carries, in rad/(N m): mean. Default 0.
     pub base_rad_per_nm: f64,
+    /// Standard deviation of the tilt about that mean, in rad/(N m). Default 0 (W3: 1e-6).
+    pub base_sigma_rad_per_nm: f64,
     /// Time constant with which a joint's deflection follows its torque, in s
     /// (the motor cannot jump). Default 4 ms: a first resonance near 40 Hz, as an arm of this size has.
     pub settling_s: f64,
 }
 
-/// Errors between the encoder's angle and the true motor-side angle that repeat
-/// with the angle: `link = e + h(e) − c tau`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Errors between the encoder's angle `e` and the gear's output angle: `gear = e + h(e) + scatter`, with `h` the sum of
+/// harmonics, gear, smooth and cross-joint errors. The link lags the gear by deflection and lost motion.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EncoderConfig {
+    /// Where the encoder sits. On the motor (default) it does not see the joint deflect; on the link it does.
+    pub side: EncoderSide,
     /// Switch of the harmonics.
     pub harmonics: bool,
     /// Amplitude (standard deviation of cosine and sine together) of orders 1,
@@ -219,12 +225,19 @@ pub struct EncoderConfig {
     pub smooth_rad: f64,
     /// Its length scale, in rad (W4: 0.35).
     pub smooth_length_rad: f64,
-    /// Error of a joint that depends on the next joint's angle, rms, in rad (W4: 5e-5).
+    /// Error of a joint that depends on its own angle and another joint's, rms, in rad (W4: 5e-5).
     pub cross_rad: f64,
+    /// Its length scale, in rad (W4: 1).
+    pub cross_length_rad: f64,
+    /// Error that does not repeat: the joint comes to rest otherwise each time, rms, in rad. Default 0
+    /// (W0: 5e-5; ISO 9283 repeatabilities of 0.02-0.05 mm are of this size).
+    pub scatter_rad: f64,
+    /// Travel of the joint over which that error is drawn anew, in rad. Default 2e-3, assumed.
+    pub scatter_travel_rad: f64,
 }
 
 /// Joint sensors as the drive link shows them.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SensorConfig {
     /// Switch of noise and quantisation (bias and filters have their own fields).
@@ -255,7 +268,7 @@ pub struct SensorConfig {
 }
 
 /// Joint friction.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FrictionConfig {
     /// Switch.
@@ -272,7 +285,7 @@ pub struct FrictionConfig {
 }
 
 /// Masses and rotors.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct InertiaConfig {
     /// Switch of the mass errors.
@@ -295,12 +308,13 @@ pub struct InertiaConfig {
 
 /// Joint elasticity as a state: motor and link side, a spring between them, the
 /// encoder on the motor. Replaces the quasi-static joint compliance.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ElasticityConfig {
     /// Switch.
     pub enabled: bool,
-    /// Joint stiffness, in N m/rad. Default 16,000 (6e-5 rad/(N m), the real iiwa 7 of `identification.md`).
+    /// Stiffness of every joint, in N m/rad. Default 16,000 (6e-5 rad/(N m), the real iiwa 7 of
+    /// `identification.md`). 0: the inverse of each joint's own compliance.
     pub stiffness_nm_rad: f64,
     /// Damping of the spring, in N m s/rad. Default 20: 8 % of critical with 1 kg m² behind it.
     pub damping_nm_s: f64,
@@ -310,7 +324,7 @@ pub struct ElasticityConfig {
 }
 
 /// Laser tracker.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackerConfig {
     /// Switch of the noise.
@@ -324,6 +338,10 @@ pub struct TrackerConfig {
     pub remount_m: f64,
     /// Tracker restationed between base arcs and calibration, in m (length of the offset). W1: 0.15 mm.
     pub restation_m: f64,
+    /// When the tracker's session begins, in s after the start of the run. It matters where the cell drifts. Default 0.
+    pub after_s: f64,
+    /// Time from one shot to the next, in s. Default 5, assumed: move, settle, average for a second.
+    pub shot_s: f64,
     /// Pose of the tracker's frame in F0: position in m. Default some 2.5 m off and askew, so that no
     /// frame agrees with another by accident.
     pub position_m: [f64; 3],

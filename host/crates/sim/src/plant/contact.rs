@@ -24,7 +24,7 @@
 use nalgebra::Vector3;
 use spherecal_shared::robot::Pose;
 
-use super::config::{NestConfig, PlateConfig};
+use super::config::NestConfig;
 
 /// Most touches at once: three pads, three edges and a land, four plate points, an obstacle.
 pub(super) const MAX_TOUCHES: usize = 12;
@@ -92,13 +92,13 @@ pub(super) struct Nest {
 }
 
 impl Nest {
-    pub(super) fn new(config: &NestConfig, plate: &PlateConfig) -> Self {
+    /// A nest for spheres of `radius`, in m.
+    pub(super) fn new(config: &NestConfig, radius: f64) -> Self {
         let (sine, cosine) = ((2.0_f64 / 3.0).sqrt(), (1.0_f64 / 3.0).sqrt());
         let radial: [Vector3<f64>; 3] = core::array::from_fn(|i| {
             let (s, c) = libm::sincos(core::f64::consts::TAU / 3.0 * i as f64);
             Vector3::new(c, s, 0.0)
         });
-        let radius = plate.sphere_radius_m;
         let body = config.body_radius_m.hypot(config.rim_height_m) + radius;
         Self {
             config: *config,

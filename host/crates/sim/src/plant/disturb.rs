@@ -4,6 +4,7 @@
 
 use nalgebra::{SVector, Vector3};
 
+use super::config::DriveConfig;
 use super::draw::draw_spheres;
 use super::simulation::{Plant, centroid_of};
 
@@ -54,6 +55,8 @@ pub enum Disturbance {
     StickEncoder(usize, bool),
     /// A torque sensor's fault, or none.
     Torque(usize, Option<TorqueSensorFault>),
+    /// Other delays of the drive.
+    Delay(DriveConfig),
 }
 
 /// The nest is clear of a sphere's place this far behind it along its own axis,
@@ -106,6 +109,7 @@ impl<const N: usize> Plant<N> {
             Disturbance::Payload(kg) => self.set_payload(kg),
             Disturbance::StickEncoder(joint, stuck) => self.stick_encoder(joint, stuck),
             Disturbance::Torque(joint, fault) => self.fail_torque_sensor(joint, fault),
+            Disturbance::Delay(delays) => self.set_delays(delays),
         }
     }
 
@@ -188,8 +192,10 @@ impl<const N: usize> Plant<N> {
         let Some(plate) = self.world.plates.get(place as usize) else {
             return false;
         };
-        self.world.plate = *plate;
-        self.world.spheres = draw_spheres(&self.config, plate);
+        let mut plate = *plate;
+        plate.position += self.drifted;
+        self.world.plate = plate;
+        self.world.spheres = draw_spheres(&self.config, &plate);
         self.sphere_homes.clone_from(&self.world.spheres);
         self.centroid = centroid_of(&self.world.spheres);
         true
@@ -226,6 +232,11 @@ impl<const N: usize> Plant<N> {
     pub fn set_payload(&mut self, mass_kg: f64) {
         self.payload_kg = mass_kg;
         self.reload();
+    }
+
+    /// Other delays of the drive from now on. What is on its way arrives as it would have.
+    pub fn set_delays(&mut self, delays: DriveConfig) {
+        self.delays.set(delays);
     }
 
     /// Freezes encoder `joint` (from 0) at its present value, or frees it.

@@ -4,20 +4,27 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Rotation3, Vector3};
 use rand::RngExt;
+use spherecal_model::Placement;
 use spherecal_shared::robot::{Arm, Inertia, Pose, Robot, Tool};
 
-use super::config::{PlacementConfig, PlantConfig};
+use super::config::PlantConfig;
 use super::error::PlantError;
-use super::world::{JointError, MAX_SPHERES, Stream, Tone, between, normal, normal3, rpy, stream};
+use super::joint::{JointError, Memory, Tone};
+use super::world::{MAX_SPHERES, Stream, TrueCell, between, normal, normal3, rpy, stream};
 
+/// Waves that stand in for a Gaussian process (random Fourier features). Their squares add up to its variance,
+/// whatever their number.
+const FEATURES: u32 = 16;
+
+/// The true geometry, and the factor that the draws were scaled by.
 pub(super) fn draw_geometry<const N: usize>(
     nominal: &Robot,
     tool: &Tool,
     config: &PlantConfig,
-) -> Result<Robot, PlantError> {
+) -> Result<(Robot, f64), PlantError> {
     let g = &config.geometry;
     if !g.enabled {
-        return Ok(nominal.clone());
+        return Ok((nominal.clone(), 1.0));
     }
     let mut rng = stream(config.seed, Stream::Geometry);
     let draws: Vec<[f64; 4]> = nominal
@@ -43,7 +50,7 @@ pub(super) fn draw_geometry<const N: usize>(
         robot
     };
     let mut factor = 1.0;
-    if g.nominal_mean_m > 0.0 {
+    if g.nominal_mean_m > 0.0 && g.overall_mean_m == 0.0 {
         let reference = Arm::<f64, N>::new(nominal, tool)?;
         for _ in 0..3 {
             let arm = Arm::<f64, N>::new(&scaled(factor), tool)?;
@@ -53,27 +60,101 @@ pub(super) fn draw_geometry<const N: usize>(
             }
         }
     }
-    Ok(scaled(factor))
+    Ok((scaled(factor), factor))
 }
 
-/// Mean distance of two arms' TCPs over 500 configurations in joint space, the
-/// same for every seed, in m.
-fn mean_difference<const N: usize>(nominal: &Robot, one: &Arm<f64, N>, other: &Arm<f64, N>) -> f64 {
+/// `nominal` plus `factor` times the deviations of `drawn` in the table of joints 2..n.
+fn scaled_deviations(nominal: &Robot, drawn: &Robot, factor: f64) -> Robot {
+    let mut robot = drawn.clone();
+    for (joint, other) in robot.joints.iter_mut().zip(&nominal.joints).skip(1) {
+        let (m, n) = (&mut joint.mdh, &other.mdh);
+        m.alpha = n.alpha + factor * (m.alpha - n.alpha);
+        m.a = n.a + factor * (m.a - n.a);
+        m.theta = n.theta + factor * (m.theta - n.theta);
+        m.d = n.d + factor * (m.d - n.d);
+    }
+    robot
+}
+
+/// Rescales the geometry of a cell until the nominal robot with the true tool errs by `mean_m` in the mean on
+/// `reference` (encoder angles, rad; the 500 configurations of [`mean_difference`] where there are none).
+pub(super) fn scale_to_overall_mean<const N: usize>(
+    cell: &mut TrueCell<N>,
+    nominal: &Robot,
+    mean_m: f64,
+    reference: &[[f64; N]],
+) -> Result<(), PlantError> {
+    let own;
+    let configurations = if reference.is_empty() {
+        own = workspace::<N>(nominal).collect::<Vec<_>>();
+        &own
+    } else {
+        reference
+    };
+    let drawn = cell.robot.clone();
+    let ideal = Arm::<f64, N>::new(nominal, &cell.tool)?;
+    // The mean error grows with the factor: bisection, to a nanometre or so.
+    let (mut low, mut high) = (0.0, 8.0);
+    for step in 0..31 {
+        let factor = f64::midpoint(low, high);
+        cell.robot = scaled_deviations(nominal, &drawn, factor);
+        cell.arm = Arm::new(&cell.robot, &cell.tool)?;
+        cell.geometry_scale = factor;
+        if step == 30 {
+            break;
+        }
+        let sum: f64 = configurations
+            .iter()
+            .map(|q| {
+                let real = cell.tcp(&cell.link_angles_at_rest(q)).position;
+                (real - ideal.tcp_frame(&ideal.frames(q)).position).norm()
+            })
+            .sum();
+        if sum / configurations.len() as f64 <= mean_m {
+            low = factor;
+        } else {
+            high = factor;
+        }
+    }
+    Ok(())
+}
+
+/// Joint offsets of a robot that was never mastered well.
+pub(super) fn draw_offsets(robot: &mut Robot, config: &PlantConfig) {
+    let g = &config.geometry;
+    if !g.enabled || g.offset_share == 0.0 {
+        return;
+    }
+    let mut rng = stream(config.seed, Stream::Offsets);
+    let bad = rng.random::<f64>() < g.offset_share;
+    for joint in robot.joints.iter_mut().skip(1) {
+        let offset = between(&mut rng, [-g.offset_rad, g.offset_rad]);
+        if bad {
+            joint.mdh.theta += offset;
+        }
+    }
+}
+
+/// 500 configurations in joint space, the same for every seed, in rad.
+fn workspace<const N: usize>(nominal: &Robot) -> impl Iterator<Item = [f64; N]> + '_ {
     let mut rng = stream(0, Stream::Workspace);
-    let count = 500;
-    let sum: f64 = (0..count)
-        .map(|_| {
-            let q = core::array::from_fn(|i| {
-                nominal
-                    .joints
-                    .get(i)
-                    .map_or(0.0, |j| between(&mut rng, [j.limits.min_rad, j.limits.max_rad]))
-            });
-            let at = |arm: &Arm<f64, N>| arm.tcp_frame(&arm.frames(&q)).position;
-            (at(one) - at(other)).norm()
+    (0..500).map(move |_| {
+        core::array::from_fn(|i| {
+            nominal
+                .joints
+                .get(i)
+                .map_or(0.0, |j| between(&mut rng, [j.limits.min_rad, j.limits.max_rad]))
         })
+    })
+}
+
+/// Mean distance of two arms' TCPs over [`workspace`], in m.
+fn mean_difference<const N: usize>(nominal: &Robot, one: &Arm<f64, N>, other: &Arm<f64, N>) -> f64 {
+    let at = |arm: &Arm<f64, N>, q: &[f64; N]| arm.tcp_frame(&arm.frames(q)).position;
+    let sum: f64 = workspace::<N>(nominal)
+        .map(|q| (at(one, &q) - at(other, &q)).norm())
         .sum();
-    sum / f64::from(count)
+    sum / 500.0
 }
 
 pub(super) fn draw_masses(robot: &mut Robot, tool: &mut Tool, config: &PlantConfig) {
@@ -103,7 +184,7 @@ pub(super) fn draw_masses(robot: &mut Robot, tool: &mut Tool, config: &PlantConf
 pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Pose<f64>> {
     let p = &config.plate;
     let mut rng = stream(config.seed, Stream::Placement);
-    let place = |nominal: &PlacementConfig| {
+    let place = |nominal: &Placement| {
         let mut rotation = rpy(nominal.rpy_rad);
         let mut origin = Vector3::from(nominal.origin_m);
         if p.placement_error {
@@ -112,21 +193,22 @@ pub(super) fn draw_plates(config: &PlantConfig) -> Vec<Pose<f64>> {
         }
         Pose::new(rotation, origin)
     };
-    p.placements().iter().map(place).collect()
+    config.cell.placements.iter().map(place).collect()
 }
 
 pub(super) fn draw_spheres(
     config: &PlantConfig,
     plate: &Pose<f64>,
 ) -> heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES> {
-    let p = &config.plate;
-    let sigma = if p.certificate_error {
-        p.certificate_sigma_m
+    let plate_in_cell = &config.cell.plate;
+    let sigma = if config.plate.certificate_error {
+        plate_in_cell.certificate_sigma_m
     } else {
         0.0
     };
     let mut rng = stream(config.seed, Stream::Certificate);
-    p.spheres_m
+    plate_in_cell
+        .spheres_m
         .iter()
         .map(|certified| Some(plate.point(&(Vector3::from(*certified) + normal3(&mut rng) * sigma))))
         .take(MAX_SPHERES)
@@ -149,6 +231,7 @@ pub(super) fn draw_joint_errors<const N: usize>(config: &PlantConfig) -> [JointE
         for _ in 0..3 {
             let tone = Tone {
                 order: between(&mut rng, [low, high]).round(),
+                other_order: 0.0,
                 amplitude: e.gear_rad * (2.0_f64 / 3.0).sqrt(),
                 phase: between(&mut rng, [0.0, TAU]),
             };
@@ -156,27 +239,93 @@ pub(super) fn draw_joint_errors<const N: usize>(config: &PlantConfig) -> [JointE
                 error.tones.push(tone);
             }
         }
-        let features = 8;
-        for _ in 0..features {
-            let tone = Tone {
-                order: normal(&mut rng) / e.smooth_length_rad.max(1e-3),
-                amplitude: e.smooth_rad * (2.0 / f64::from(features)).sqrt(),
-                phase: between(&mut rng, [0.0, TAU]),
-            };
-            if e.smooth_rad > 0.0 {
-                error.tones.push(tone);
-            }
+        // Ten tones were drawn here once. They still are, so that a seed names the same robot as ever.
+        for _ in 0..8 {
+            normal(&mut rng);
+            between(&mut rng, [0.0, TAU]);
         }
-        for order in [1.0, 2.0] {
-            let tone = Tone {
-                order,
-                amplitude: e.cross_rad,
-                phase: between(&mut rng, [0.0, TAU]),
-            };
-            if e.cross_rad > 0.0 {
-                error.cross.push(tone);
-            }
+        for _ in 0..2 {
+            between(&mut rng, [0.0, TAU]);
         }
         error
+    })
+}
+
+/// Smooth errors of the joint, and errors of two joints together, on streams of their own.
+pub(super) fn draw_joint_functions<const N: usize>(config: &PlantConfig, errors: &mut [JointError; N]) {
+    let e = &config.encoder;
+    let share = (2.0 / f64::from(FEATURES)).sqrt();
+    if e.smooth_rad > 0.0 {
+        let mut rng = stream(config.seed, Stream::Smooth);
+        for error in errors.iter_mut() {
+            error.tones.extend((0..FEATURES).map(|_| Tone {
+                order: normal(&mut rng) / e.smooth_length_rad.max(1e-3),
+                other_order: 0.0,
+                amplitude: e.smooth_rad * share,
+                phase: between(&mut rng, [0.0, TAU]),
+            }));
+        }
+    }
+    if e.cross_rad > 0.0 && N > 1 {
+        let mut rng = stream(config.seed, Stream::Cross);
+        for (i, error) in errors.iter_mut().enumerate() {
+            error.other = (i + rng.random_range(1..N)) % N;
+            error.cross.extend((0..FEATURES).map(|_| Tone {
+                order: normal(&mut rng) / e.cross_length_rad.max(1e-3),
+                other_order: normal(&mut rng) / e.cross_length_rad.max(1e-3),
+                amplitude: e.cross_rad * share,
+                phase: between(&mut rng, [0.0, TAU]),
+            }));
+        }
+    }
+}
+
+/// Compliance of each joint, in rad/(N m).
+pub(super) fn draw_compliance<const N: usize>(config: &PlantConfig) -> [f64; N] {
+    let c = &config.compliance;
+    let mut rng = stream(config.seed, Stream::Compliance);
+    core::array::from_fn(|i| {
+        let drawn = match c.joints_rad_per_nm.get(i) {
+            Some(range) => between(&mut rng, *range),
+            None => {
+                let factor = between(&mut rng, [1.0 - c.spread, 1.0 + c.spread]);
+                c.joint_rad_per_nm * factor
+            }
+        };
+        let stiffness = config.elasticity.stiffness_nm_rad;
+        if config.elasticity.enabled && stiffness > 0.0 {
+            1.0 / stiffness
+        } else if c.enabled || config.elasticity.enabled {
+            drawn
+        } else {
+            0.0
+        }
+    })
+}
+
+/// Bending of each link about x and y of its joint's frame, and tilt of the base, in rad/(N m).
+pub(super) fn draw_bending<const N: usize>(config: &PlantConfig) -> ([[f64; 2]; N], [f64; 2]) {
+    let c = &config.compliance;
+    if !c.enabled {
+        return ([[0.0; 2]; N], [0.0; 2]);
+    }
+    let mut rng = stream(config.seed, Stream::Bending);
+    let mut pair = |mean: f64, sigma: f64| [(); 2].map(|()| mean + sigma * normal(&mut rng));
+    let links = core::array::from_fn(|_| pair(c.link_rad_per_nm, c.link_sigma_rad_per_nm));
+    (links, pair(c.base_rad_per_nm, c.base_sigma_rad_per_nm))
+}
+
+/// What of each joint depends on the way that it came.
+pub(super) fn draw_memory<const N: usize>(config: &PlantConfig) -> [Memory; N] {
+    let (l, e) = (&config.lost_motion, &config.encoder);
+    let mut rng = stream(config.seed, Stream::LostMotion);
+    core::array::from_fn(|_| {
+        let drawn = between(&mut rng, l.half_width_rad);
+        Memory {
+            half_width: if l.enabled { drawn } else { 0.0 },
+            travel: l.travel_rad,
+            scatter: e.scatter_rad,
+            scatter_travel: e.scatter_travel_rad,
+        }
     })
 }

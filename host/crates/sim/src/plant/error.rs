@@ -1,5 +1,6 @@
 //! Why a plant was refused: the field, its value and the remedy.
 
+use spherecal_model::CellError;
 use spherecal_shared::robot::RobotError;
 
 /// A plant that cannot be built.
@@ -8,6 +9,9 @@ pub enum PlantError {
     /// The nominal robot or tool was refused.
     #[error("plant: {0}")]
     Robot(#[from] RobotError),
+    /// The cell in which it stands is not possible.
+    #[error(transparent)]
+    Cell(#[from] CellError),
     /// A number of the configuration is not finite or not possible.
     #[error("plant.{field} is {value}: {remedy}")]
     Field {

@@ -24,9 +24,7 @@ use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Arm, Bodies, Dynamics, Pose};
 
 use super::contact::{Touch, Touches};
-
-/// Speed of creep of a sticking joint at its full dry friction, in rad/s.
-const STICK_RAD_S: f64 = 1e-6;
+use super::dry_friction::{friction_terms, settle_modes};
 
 /// Stiffness and damping of the mechanical end stops, N m/rad and N m s/rad.
 const STOP: (f64, f64) = (2e4, 200.0);
@@ -46,7 +44,7 @@ pub(super) struct Motion<const N: usize> {
     /// Motor velocities, in rad/s.
     pub(super) motor_v: SVector<f64, N>,
     /// Direction in which each joint slips, 0 where it sticks.
-    slip: [f64; N],
+    pub(super) slip: [f64; N],
     /// Mass matrix and bias of the sub-step before, where it was a stiff one.
     before: Option<(SMatrix<f64, N, N>, SVector<f64, N>)>,
 }
@@ -67,7 +65,9 @@ pub(super) struct Joints<const N: usize> {
 /// Joint elasticity.
 #[derive(Clone, Debug)]
 pub(super) struct Elastic<const N: usize> {
-    pub(super) stiffness: f64,
+    /// Stiffness of each joint, in N m/rad.
+    pub(super) stiffness: [f64; N],
+    /// Damping of the springs, in N m s/rad.
     pub(super) damping: f64,
     pub(super) motor: [f64; N],
 }
@@ -246,10 +246,11 @@ impl<const N: usize> Motion<N> {
         mut impulse: SVector<f64, N>,
         h: f64,
     ) -> Option<SVector<f64, N>> {
-        let (k, d) = (elastic.stiffness, elastic.damping);
-        let slope = h * (h * k + d);
-        let wind =
-            |s: &Self, i: usize| k * (s.motor[i] - s.q[i] + h * (s.motor_v[i] - s.v[i])) + d * (s.motor_v[i] - s.v[i]);
+        let d = elastic.damping;
+        let slopes = elastic.stiffness.map(|k| h * (h * k + d));
+        let wind = |s: &Self, i: usize| {
+            elastic.stiffness[i] * (s.motor[i] - s.q[i] + h * (s.motor_v[i] - s.v[i])) + d * (s.motor_v[i] - s.v[i])
+        };
         let base = system;
         let impulse_base = impulse;
         let mut modes = self.slip;
@@ -259,7 +260,7 @@ impl<const N: usize> Motion<N> {
             let mut motor_inertia = [0.0; N];
             let mut motor_impulse = [0.0; N];
             for i in 0..N {
-                let spring = wind(self, i);
+                let (spring, slope) = (wind(self, i), slopes[i]);
                 let (stick, drag) = friction_terms(joints.coulomb[i], modes[i], self.motor_v[i]);
                 motor_inertia[i] = elastic.motor[i] + slope + h * (joints.viscous[i] + stick);
                 motor_impulse[i] = h * (tau[i] - spring - joints.viscous[i] * self.motor_v[i] - drag);
@@ -268,7 +269,7 @@ impl<const N: usize> Motion<N> {
             }
             let change = Cholesky::new(&system)?.solve(&impulse);
             let motor_change =
-                SVector::<f64, N>::from_fn(|i, _| (motor_impulse[i] + slope * change[i]) / motor_inertia[i]);
+                SVector::<f64, N>::from_fn(|i, _| (motor_impulse[i] + slopes[i] * change[i]) / motor_inertia[i]);
             let settled = settle_modes(&joints.coulomb, &mut modes, &(self.motor_v + motor_change));
             if settled {
                 return Some(self.finish_elastic(elastic, &change, &motor_change, modes, h));
@@ -292,83 +293,9 @@ impl<const N: usize> Motion<N> {
         self.q += self.v * h;
         self.motor_v += motor_change;
         self.motor += self.motor_v * h;
-        (self.motor - self.q) * elastic.stiffness + (self.motor_v - self.v) * elastic.damping
+        let wind = self.motor - self.q;
+        SVector::from_fn(|i, _| wind[i] * elastic.stiffness[i]) + (self.motor_v - self.v) * elastic.damping
     }
-
-    /// Dry friction of joint `i` at speed `v`, in N m, against the motion.
-    fn dry(&self, coulomb: f64, i: usize, v: f64) -> f64 {
-        if self.slip[i] == 0.0 {
-            coulomb * (v / STICK_RAD_S).clamp(-1.0, 1.0)
-        } else {
-            coulomb * self.slip[i]
-        }
-    }
-
-    /// `Δv` of `system Δv = impulse − h dry(v + Δv)` by active sets.
-    fn solve_with_friction(
-        &mut self,
-        coulomb: &[f64; N],
-        system: &SMatrix<f64, N, N>,
-        impulse: &SVector<f64, N>,
-        v: &SVector<f64, N>,
-        h: f64,
-    ) -> Option<SVector<f64, N>> {
-        if coulomb.iter().all(|c| *c == 0.0) {
-            return Some(Cholesky::new(system)?.solve(impulse));
-        }
-        let mut modes = self.slip;
-        let mut change = SVector::zeros();
-        for _ in 0..6 {
-            let mut matrix = *system;
-            let mut right = *impulse;
-            for i in 0..N {
-                let (stick, drag) = friction_terms(coulomb[i], modes[i], v[i]);
-                matrix[(i, i)] += h * stick;
-                right[i] -= h * drag;
-            }
-            change = Cholesky::new(&matrix)?.solve(&right);
-            if settle_modes(coulomb, &mut modes, &(v + change)) {
-                break;
-            }
-        }
-        self.slip = modes;
-        Some(change)
-    }
-}
-
-/// Slope (N m s/rad) and torque at the present speed `v` of dry friction in a mode.
-#[inline]
-fn friction_terms(coulomb: f64, mode: f64, v: f64) -> (f64, f64) {
-    if coulomb == 0.0 {
-        (0.0, 0.0)
-    } else if mode == 0.0 {
-        let slope = coulomb / STICK_RAD_S;
-        (slope, slope * v)
-    } else {
-        (0.0, coulomb * mode)
-    }
-}
-
-/// Corrects the modes by the velocities at the end of the step; true where
-/// nothing had to be corrected.
-#[inline]
-fn settle_modes<const N: usize>(coulomb: &[f64; N], modes: &mut [f64; N], v: &SVector<f64, N>) -> bool {
-    let mut settled = true;
-    for i in 0..N {
-        if coulomb[i] == 0.0 {
-            continue;
-        }
-        let mode = if modes[i] == 0.0 {
-            if v[i].abs() > STICK_RAD_S { v[i].signum() } else { 0.0 }
-        } else if modes[i] * v[i] < 0.0 {
-            0.0
-        } else {
-            modes[i]
-        };
-        settled &= mode == modes[i];
-        modes[i] = mode;
-    }
-    settled
 }
 
 /// Adds one contact point, linearised about the present state; false where it

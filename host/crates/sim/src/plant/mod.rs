@@ -9,7 +9,7 @@
 //! controller, the campaign or the identification.
 //!
 //! ```text
-//!  PlantConfig ─▶ World (the truth, drawn from the seed) ─▶ Plant
+//!  PlantConfig ─▶ TrueCell (drawn from the seed) ─▶ Plant
 //!                                                            │ step(tau)
 //!        torque ─▶ joint friction ─▶ dynamics ◀─ contact: nest, magnet, plate
 //!                                       │
@@ -30,26 +30,34 @@ mod check;
 pub mod config;
 pub mod contact;
 mod coupling;
+mod delay;
 mod disturb;
 mod draw;
+mod dry_friction;
 pub mod error;
 mod hand;
 pub mod integrate;
+mod joint;
+mod motion;
 mod preset;
+mod preset_worlds;
 pub mod sensors;
 mod simulation;
+mod slow_config;
 mod study;
+mod thermal;
 pub mod tracker;
 mod truth;
 pub mod world;
 
-pub use config::{PlacementConfig, PlantConfig};
+pub use config::PlantConfig;
 pub use disturb::{Disturbance, Obstacle, TorqueSensorFault};
 pub use error::PlantError;
 pub use hand::Hand;
 pub use preset::PRESETS;
 pub use sensors::Sensed;
 pub use simulation::Plant;
+pub use study::{Rest, SeatOn, StillArm};
 pub use tracker::Shot;
 pub use truth::Truth;
-pub use world::{MAX_SPHERES, World};
+pub use world::{MAX_SPHERES, TrueCell};

@@ -1,36 +1,27 @@
-//! Presets of the error sources: `ideal`, `typical`, `harsh`, and the worlds
+//! Presets of the error sources: `ideal`, `typical`, `harsh`, `as_measured` (world W5), and the worlds
 //! `w0` to `w4` of `identification.md` (their static errors on an otherwise ideal arm).
 
 use core::f64::consts::PI;
 
+use spherecal_model::NominalCell;
+
 use super::config::{
-    ComplianceConfig, ElasticityConfig, EncoderConfig, FrictionConfig, GeometryConfig, InertiaConfig, NestConfig,
-    PlantConfig, PlateConfig, SensorConfig, ToolConfig, TrackerConfig,
+    ComplianceConfig, DriveConfig, ElasticityConfig, EncoderConfig, EncoderSide, FrictionConfig, GeometryConfig,
+    InertiaConfig, LostMotionConfig, NestConfig, PlantConfig, PlateConfig, ReadingConfig, SensorConfig, ThermalConfig,
+    ToolConfig, TrackerConfig,
 };
 use super::error::PlantError;
 
 /// Names of the presets.
-pub const PRESETS: &[&str] = &["ideal", "typical", "harsh", "w0", "w1", "w2", "w3", "w4"];
+pub const PRESETS: &[&str] = &["ideal", "typical", "harsh", "as_measured", "w0", "w1", "w2", "w3", "w4"];
 
 impl Default for PlateConfig {
     fn default() -> Self {
-        let yaw = 150.0_f64.to_radians();
-        let spheres_m = vec![[0.0, 0.0, 0.0], [0.300_009, 0.0, 0.0], [0.150_049, 0.260_051, 0.0]];
-        // The centroid stands at (470, 0, 320) mm.
-        let (cx, cy) = ((0.300_009 + 0.150_049) / 3.0, 0.260_051 / 3.0);
-        let (s, c) = (libm::sin(yaw), libm::cos(yaw));
         Self {
-            origin_m: [0.470 - (c * cx - s * cy), -(s * cx + c * cy), 0.320],
-            rpy_rad: [0.0, 0.0, yaw],
-            spheres_m,
-            sphere_radius_m: 0.0254,
-            surface_below_m: 0.060,
             certificate_error: true,
-            certificate_sigma_m: 2.7e-6 / 1.96,
             placement_error: true,
             placement_sigma_m: 2e-3,
             placement_sigma_rad: 5e-3,
-            moved: Vec::new(),
         }
     }
 }
@@ -50,6 +41,9 @@ impl Default for NestConfig {
             body_radius_m: 0.042,
             seating_error: true,
             seating_sigma_m: 1.5e-6,
+            bad_coupling_share: 0.0,
+            bad_seat_m: 0.0,
+            reseat_per_rad: 0.0,
             form_sigma_m: 1.5e-6,
         }
     }
@@ -63,6 +57,9 @@ impl Default for GeometryConfig {
             alpha_sigma_rad: 0.5e-3,
             theta_sigma_rad: 0.8e-3,
             nominal_mean_m: 1.27e-3,
+            overall_mean_m: 0.0,
+            offset_share: 0.0,
+            offset_rad: 0.0,
         }
     }
 }
@@ -82,10 +79,14 @@ impl Default for ComplianceConfig {
             enabled: true,
             joint_rad_per_nm: 3e-6,
             spread: 0.3,
+            joints_rad_per_nm: Vec::new(),
             quadratic_rad_per_nm2: 0.0,
+            quadratic_share: 0.0,
             hysteresis_rad: 0.0,
             link_rad_per_nm: 0.0,
+            link_sigma_rad_per_nm: 0.0,
             base_rad_per_nm: 0.0,
+            base_sigma_rad_per_nm: 0.0,
             settling_s: 4e-3,
         }
     }
@@ -94,6 +95,7 @@ impl Default for ComplianceConfig {
 impl Default for EncoderConfig {
     fn default() -> Self {
         Self {
+            side: EncoderSide::Motor,
             harmonics: true,
             harmonic_rad: vec![2e-4, 1e-4],
             gear: true,
@@ -102,6 +104,9 @@ impl Default for EncoderConfig {
             smooth_rad: 0.0,
             smooth_length_rad: 0.35,
             cross_rad: 0.0,
+            cross_length_rad: 1.0,
+            scatter_rad: 0.0,
+            scatter_travel_rad: 2e-3,
         }
     }
 }
@@ -176,6 +181,8 @@ impl Default for TrackerConfig {
             encoder_rad: 2e-6,
             remount_m: 0.62e-3,
             restation_m: 0.15e-3,
+            after_s: 0.0,
+            shot_s: 5.0,
             position_m: [2.1, -1.4, 1.1],
             rpy_rad: [0.02, -0.03, 2.4],
         }
@@ -197,16 +204,21 @@ impl PlantConfig {
             contact: true,
             substep_s: 2.5e-4,
             free_step_s: 1e-3,
+            cell: NominalCell::default(),
             plate: PlateConfig::default(),
             nest: NestConfig::default(),
             geometry: GeometryConfig::default(),
             tool: ToolConfig::default(),
             compliance: ComplianceConfig::default(),
             encoder: EncoderConfig::default(),
+            lost_motion: LostMotionConfig::default(),
+            thermal: ThermalConfig::default(),
+            reading: ReadingConfig::default(),
             sensors: SensorConfig::default(),
             friction: FrictionConfig::default(),
             inertia: InertiaConfig::default(),
             elasticity: ElasticityConfig::default(),
+            drive: DriveConfig::default(),
             tracker: TrackerConfig::default(),
         }
     }
@@ -253,51 +265,6 @@ impl PlantConfig {
         config
     }
 
-    /// World W0 to W4 (beyond: W4): static errors only; dynamics and sensors are ideal but for
-    /// the noise of averaged encoders. W0: compliance, first and second
-    /// harmonics, gear noise. W1: and frames measured wrongly. W2: all
-    /// non-geometric effects three times larger. W3: W0 and harmonics 3 to 8,
-    /// link bending, base tilt. W4: out of every model's class.
-    pub fn world(number: u32) -> Self {
-        let mut config = Self::typical();
-        config.friction.enabled = false;
-        config.inertia.mass_error = false;
-        config.sensors.torque_bias_share = 0.0;
-        config.nest.seating_sigma_m = 3e-6;
-        config.nest.form_sigma_m = 0.0;
-        config.tracker.remount_m = 0.0;
-        config.tracker.restation_m = 0.0;
-        match number {
-            0 => {}
-            1 => {
-                config.tracker.remount_m = 0.58e-3;
-                config.tracker.restation_m = 0.15e-3;
-            }
-            2 => {
-                config.compliance.joint_rad_per_nm = 8e-6;
-                config.encoder.harmonic_rad = vec![7e-4, 4e-4];
-                config.encoder.gear_rad = 1.5e-4;
-            }
-            3 => {
-                // Six orders of 1e-4 rad rms together.
-                config.encoder.harmonic_rad.extend([5.77e-5; 6]);
-                config.compliance.link_rad_per_nm = 1.5e-6;
-                config.compliance.base_rad_per_nm = 1e-6;
-            }
-            _ => {
-                config.encoder.harmonics = false;
-                config.encoder.smooth_rad = 1.2e-4;
-                config.encoder.cross_rad = 5e-5;
-                config.encoder.gear_orders = [20, 60];
-                config.compliance.quadratic_rad_per_nm2 = 2e-8;
-                config.compliance.hysteresis_rad = 3e-5;
-                config.compliance.link_rad_per_nm = 1.5e-6;
-                config.compliance.base_rad_per_nm = 1e-6;
-            }
-        }
-        config
-    }
-
     /// A preset by name.
     ///
     /// # Errors
@@ -307,6 +274,7 @@ impl PlantConfig {
             "ideal" => Ok(Self::ideal()),
             "typical" => Ok(Self::typical()),
             "harsh" => Ok(Self::harsh()),
+            "as_measured" => Ok(Self::as_measured()),
             "w0" => Ok(Self::world(0)),
             "w1" => Ok(Self::world(1)),
             "w2" => Ok(Self::world(2)),

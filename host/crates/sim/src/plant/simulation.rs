@@ -3,34 +3,36 @@
 use nalgebra::{SVector, Vector3};
 use rand_chacha::ChaCha8Rng;
 use spherecal_shared::linalg::Cholesky;
-use spherecal_shared::robot::{Arm, Dynamics, Pose, Robot, Tool};
+use spherecal_shared::robot::{Arm, Dynamics, Robot, Tool};
 
-use super::config::PlantConfig;
-use super::contact::{Nest, Touch, TouchKind, Touches};
+use super::config::{EncoderSide, PlantConfig};
+use super::contact::Nest;
 use super::coupling::Coupling;
+use super::delay::Delays;
 use super::disturb::Obstacle;
 use super::error::PlantError;
-use super::integrate::{Elastic, Joints, Load, Motion, STOP_MARGIN_RAD};
+use super::integrate::{Elastic, Joints, Motion, STOP_MARGIN_RAD};
 use super::sensors::{Sensed, Sensors, TICK_S};
-use super::world::{MAX_SPHERES, Stream, World, stream};
+use super::study::Standing;
+use super::world::{MAX_SPHERES, SlowState, Stream, TrueCell, stream};
 use spherecal_model::TrackerSession;
 
 /// The simulated arm with its nest, spheres, sensors and tracker.
 #[derive(Clone, Debug)]
 pub struct Plant<const N: usize> {
     pub(super) config: PlantConfig,
-    pub(super) world: World<N>,
+    pub(super) world: TrueCell<N>,
     pub(super) sphere_homes: heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES>,
     pub(super) nest: Nest,
     pub(super) joints: Joints<N>,
     pub(super) motion: Motion<N>,
     pub(super) sensors: Sensors<N>,
     limits: [f64; N],
-    substeps: u32,
-    free_steps: u32,
+    pub(super) substeps: u32,
+    pub(super) free_steps: u32,
     settle_share: f64,
     tick: u64,
-    last_tau: SVector<f64, N>,
+    pub(super) last_tau: SVector<f64, N>,
     last: Sensed<N>,
     /// Mean transmitted torque of the last tick, in N m.
     transmitted: SVector<f64, N>,
@@ -38,10 +40,20 @@ pub struct Plant<const N: usize> {
     deflecting: [f64; N],
     /// Motor minus encoder angles, in rad.
     lead: [f64; N],
+    /// What of the joints depends on the way that they came, and the link angles (rad) up to which it is known.
+    slow: SlowState<N>,
+    traced: [f64; N],
+    /// The arm remembers its way.
+    remembers: bool,
+    pub(super) delays: Delays<N>,
+    /// What has reached the controller.
+    shown: Sensed<N>,
+    /// Shift of the plate by the warm-up so far, in m, F0.
+    pub(super) drifted: Vector3<f64>,
     /// Displacement of the TCP by bending, and of the seated centre, in m.
     pub(super) bend: Vector3<f64>,
-    seat: Vector3<f64>,
-    coupling: Coupling,
+    pub(super) seat: Vector3<f64>,
+    pub(super) coupling: Coupling,
     pub(super) centroid: Vector3<f64>,
     pub(super) hand_force: Vector3<f64>,
     pub(super) hand_moment: Vector3<f64>,
@@ -54,8 +66,13 @@ pub struct Plant<const N: usize> {
     pub(super) shoved: Option<(usize, Vector3<f64>)>,
     pub(super) payload_kg: f64,
     pub(super) session: TrackerSession,
+    /// The arm as the tracker sees it, from its first shot on.
+    pub(super) standing: Option<Standing<N>>,
     pub(super) tracker_rng: ChaCha8Rng,
 }
+
+/// Ticks from one step of the warm-up to the next.
+const WARM_TICKS: u64 = 1000;
 
 /// Centroid of the sphere centres that are there, over the number of all.
 pub(super) fn centroid_of(spheres: &[Option<Vector3<f64>>]) -> Vector3<f64> {
@@ -70,8 +87,9 @@ impl<const N: usize> Plant<N> {
     /// # Errors
     /// A robot, tool or configuration that is refused, or a robot without mass.
     pub fn new(nominal: &Robot, nominal_tool: &Tool, config: &PlantConfig, q: &[f64; N]) -> Result<Self, PlantError> {
-        let world = World::draw(nominal, nominal_tool, config)?;
-        let link = world.link_angles_at_rest(q);
+        let world = TrueCell::draw(nominal, nominal_tool, config)?;
+        let slow = world.slow(config.seed, Stream::Scatter);
+        let link = world.link_angles(&world.arm, q, Some(&slow));
         let bodies = world.arm.bodies(&world.arm.frames(&link));
         let gravity = bodies.gravity();
         let mut mass = bodies.mass_matrix();
@@ -90,7 +108,7 @@ impl<const N: usize> Plant<N> {
         });
         let e = &config.elasticity;
         let elastic = e.enabled.then(|| Elastic {
-            stiffness: e.stiffness_nm_rad,
+            stiffness: world.compliance.map(|c| 1.0 / c),
             damping: e.damping_nm_s,
             motor: world.rotor.map(|r| r.max(e.least_motor_kg_m2)),
         });
@@ -104,7 +122,9 @@ impl<const N: usize> Plant<N> {
         };
         let mut motion = Motion::at_rest(&link);
         if let Some(elastic) = &joints.elastic {
-            motion.motor += gravity / elastic.stiffness;
+            for i in 0..N {
+                motion.motor[i] += gravity[i] / elastic.stiffness[i];
+            }
             joints.rotor = [0.0; N];
         }
         let sensors = Sensors::new(
@@ -117,7 +137,7 @@ impl<const N: usize> Plant<N> {
         let centroid = centroid_of(&spheres);
         let settle = config.compliance.settling_s;
         let mut plant = Self {
-            nest: Nest::new(&config.nest, &config.plate),
+            nest: Nest::new(&config.nest, config.cell.plate.sphere_radius_m),
             sphere_homes: spheres,
             joints,
             motion,
@@ -143,6 +163,19 @@ impl<const N: usize> Plant<N> {
             transmitted: gravity,
             deflecting: gravity.data.0[0],
             lead: core::array::from_fn(|i| world.motor_angles(q)[i] - q[i]),
+            slow,
+            traced: link,
+            remembers: world.memory.iter().any(|m| !m.is_off()),
+            delays: Delays::new(config.drive, stream(config.seed, Stream::Delay), gravity),
+            shown: Sensed {
+                tick: 0,
+                q: *q,
+                dq: [0.0; N],
+                tau: [0.0; N],
+                saturated: false,
+                refused: false,
+            },
+            drifted: Vector3::zeros(),
             bend: Vector3::zeros(),
             seat: Vector3::zeros(),
             coupling: Coupling::new(config),
@@ -156,11 +189,13 @@ impl<const N: usize> Plant<N> {
             shoved: None,
             payload_kg: 0.0,
             session: TrackerSession::default(),
+            standing: None,
             tracker_rng: stream(config.seed, Stream::Tracker),
             config: config.clone(),
             world,
         };
         plant.sense(false, false);
+        plant.shown = plant.last;
         Ok(plant)
     }
 
@@ -182,9 +217,21 @@ impl<const N: usize> Plant<N> {
         self.tick += 1;
         self.return_spheres();
         self.shove();
-        self.transmitted = self.advance();
-        self.sense(saturated, refused);
-        self.last
+        self.warm();
+        let command = self.last_tau;
+        if self.delays.is_off() {
+            self.delays.pass(&command);
+            self.transmitted = self.advance();
+            self.sense(saturated, refused);
+            self.shown = self.last;
+        } else {
+            self.last_tau = self.delays.command(&command);
+            self.transmitted = self.advance();
+            self.last_tau = command;
+            self.sense(saturated, refused);
+            self.shown = self.delays.state(&self.last, &self.shown);
+        }
+        self.shown
     }
 
     /// Advances 1 ms with the brakes closed: the joints stop and stay where they
@@ -200,170 +247,62 @@ impl<const N: usize> Plant<N> {
             .gravity();
         self.transmitted = self.last_tau;
         self.tick += 1;
+        self.warm();
+        self.delays.brake(&self.last_tau);
         self.sense(false, false);
-        self.last
+        self.shown = if self.delays.is_off() {
+            self.last
+        } else {
+            self.delays.state(&self.last, &self.shown)
+        };
+        self.shown
     }
 
     /// What the last step, or the start, showed.
     pub fn sensed(&self) -> &Sensed<N> {
-        &self.last
+        &self.shown
     }
 
-    /// One tick of motion; returns the mean torque at the sensors.
-    fn advance(&mut self) -> SVector<f64, N> {
-        let frames = self.world.arm.frames(&self.motion.q.data.0[0]);
-        let tcp = self.shifted_tcp(&frames);
-        if self.is_smooth(&tcp) {
-            self.coupling.near = false;
-            let h = TICK_S / f64::from(self.free_steps);
-            let mut mean = SVector::zeros();
-            let arm = &self.world.arm;
-            for k in 0..self.free_steps {
-                let start = if k == 0 {
-                    frames
-                } else {
-                    arm.frames(&self.motion.q.data.0[0])
-                };
-                match self.motion.step_free(arm, &start, &self.joints, &self.last_tau, h) {
-                    Some(seen) => mean += seen / f64::from(self.free_steps),
-                    None => return self.last_tau,
-                }
-            }
-            return mean;
-        }
-        let h = TICK_S / f64::from(self.substeps);
-        let nearest = self.nearest(&tcp);
-        if let Some(sphere) = nearest {
-            self.seat = self.coupling.seat(&tcp, &self.world.plate, &sphere, &self.config);
-        } else {
-            self.coupling.near = false;
-        }
-        let mut mean = SVector::zeros();
-        let mut touches = Touches::new();
-        let mut frames = frames;
-        for k in 0..self.substeps {
-            if k > 0 {
-                frames = self.world.arm.frames(&self.motion.q.data.0[0]);
-            }
-            let bodies = self.world.arm.bodies(&frames);
-            let mut tcp = self.world.arm.tcp_frame(&frames);
-            tcp.position += self.bend;
-            let mut pulls = [(tcp.position, self.hand_force); 2];
-            let mut pulled = usize::from(self.hand_force != Vector3::zeros());
-            self.touches_at(&tcp, nearest.as_ref(), &mut touches);
-            if let (Some(sphere), true) = (&nearest, self.magnet_on) {
-                let (pole, force, _, _) = self.nest.pull(&tcp, sphere);
-                pulls[pulled] = (pole, force);
-                pulled += 1;
-            }
-            let load = Load {
-                tau: &self.last_tau,
-                extra: &self.disturbance,
-                pulls: &pulls[..pulled],
-                moment: self.hand_moment,
-                touches: &touches,
-            };
-            match self.motion.step_stiff(&frames, &bodies, &self.joints, &load, h) {
-                Some(seen) => mean += seen / f64::from(self.substeps),
-                None => return self.last_tau,
-            }
-        }
-        mean
+    /// Time since the start of the run, in s.
+    pub(super) fn time_s(&self) -> f64 {
+        self.tick as f64 * TICK_S
     }
 
-    /// Whether this tick meets nothing stiff: no contact within reach, no dry
-    /// friction, no end stop, no push.
-    fn is_smooth(&self, tcp: &Pose<f64>) -> bool {
-        let inside = |i: usize| {
-            let (low, high) = self.joints.stops[i];
-            self.motion.q[i] > low + 0.02 && self.motion.q[i] < high - 0.02
-        };
-        self.joints.elastic.is_none()
-            && self.joints.coulomb.iter().all(|c| *c == 0.0)
-            && self.joints.viscous.iter().all(|b| *b <= 1.0)
-            && self.obstacle.is_none()
-            && self.hand_force == Vector3::zeros()
-            && self.hand_moment == Vector3::zeros()
-            && self.disturbance == SVector::<f64, N>::zeros()
-            && (0..N).all(inside)
-            && (!self.config.contact || (self.nearest(tcp).is_none() && !self.near_plate(tcp)))
-    }
-
-    /// The sphere within reach of the nest, if contact is on.
-    pub(super) fn nearest(&self, tcp: &Pose<f64>) -> Option<Vector3<f64>> {
-        if !self.config.contact {
-            return None;
+    /// Lets links and plate drift, once a second.
+    fn warm(&mut self) {
+        if !self.world.warming.is_on() || !self.tick.is_multiple_of(WARM_TICKS) {
+            return;
         }
-        let reach = self.nest.range + 0.01;
-        let mut nearest = None;
-        let mut least = reach * reach;
-        for centre in self.world.spheres.iter().flatten() {
-            let square = (centre - tcp.position).norm_squared();
-            if square < least {
-                least = square;
-                nearest = Some(*centre);
-            }
+        self.reload();
+        let drift = self.world.warming.plate(self.time_s());
+        let step = drift - self.drifted;
+        self.drifted = drift;
+        self.world.plate.position += step;
+        self.centroid += step;
+        for centre in self.world.spheres.iter_mut().chain(&mut self.sphere_homes).flatten() {
+            *centre += step;
         }
-        nearest
-    }
-
-    /// Whether the nest is low over the plate.
-    fn near_plate(&self, tcp: &Pose<f64>) -> bool {
-        let plate = &self.world.plate;
-        plate.z().dot(&(tcp.position - plate.position)) + self.config.plate.surface_below_m
-            < self.config.nest.body_radius_m + 0.02
-    }
-
-    /// All touches with the nest at `tcp` and a sphere within reach.
-    pub(super) fn touches_at(&self, tcp: &Pose<f64>, sphere: Option<&Vector3<f64>>, touches: &mut Touches) {
-        touches.clear();
-        if let Some(sphere) = sphere {
-            self.nest.touch_sphere(tcp, sphere, &self.seat, touches);
-        }
-        if self.config.contact {
-            let below = self.config.plate.surface_below_m;
-            self.nest
-                .touch_plate(tcp, &self.world.plate, &self.centroid, below, touches);
-        }
-        if let Some(obstacle) = &self.obstacle {
-            let normal = Vector3::from(obstacle.normal).normalize();
-            let depth = normal.dot(&(Vector3::from(obstacle.point_m) - tcp.position));
-            if depth > 0.0 {
-                // There is room: a sphere and the plate make at most nine touches.
-                let _ = touches.push(Touch {
-                    point: tcp.position,
-                    normal,
-                    depth,
-                    stiffness: obstacle.stiffness_n_m,
-                    damping: obstacle.stiffness_n_m * 1e-3,
-                    friction: 0.3,
-                    slow: 1e-3,
-                    kind: TouchKind::Obstacle,
-                });
-            }
-        }
-    }
-
-    /// The TCP at the given frames; the displacement by bending is renewed.
-    fn shifted_tcp(&mut self, frames: &[Pose<f64>; N]) -> Pose<f64> {
-        let mut tcp = self.world.arm.tcp_frame(frames);
-        if self.world.bends() {
-            self.bend = self.world.bending(frames, &tcp.position);
-        }
-        tcp.position += self.bend;
-        tcp
     }
 
     /// Renews what the sensors show.
     fn sense(&mut self, saturated: bool, refused: bool) {
-        let motor: [f64; N] = if self.joints.elastic.is_some() {
-            self.motion.motor.data.0[0]
-        } else {
-            core::array::from_fn(|i| {
-                self.deflecting[i] += self.settle_share * (self.transmitted[i] - self.deflecting[i]);
+        let mut motor: [f64; N] = core::array::from_fn(|i| {
+            self.deflecting[i] += self.settle_share * (self.transmitted[i] - self.deflecting[i]);
+            if self.joints.elastic.is_none() || self.world.side == EncoderSide::Link {
                 self.motion.q[i] + self.world.deflection(i, self.deflecting[i])
-            })
-        };
+            } else {
+                self.motion.motor[i] + self.world.deflections[i].nonlinear(self.deflecting[i])
+            }
+        });
+        if self.remembers {
+            let link: [f64; N] = self.motion.q.data.0[0];
+            let by = core::array::from_fn(|i| link[i] - self.traced[i]);
+            self.traced = link;
+            self.slow.moved(&self.world.memory, &by);
+            for i in 0..N {
+                motor[i] += self.world.slow_lead(i, &self.slow);
+            }
+        }
         self.world.follow_encoders(&motor, &mut self.lead);
         let encoder = core::array::from_fn(|i| motor[i] - self.lead[i]);
         self.last = self.sensors.read(self.tick, &encoder, &self.transmitted.data.0[0]);
@@ -371,7 +310,7 @@ impl<const N: usize> Plant<N> {
         self.last.refused = refused;
     }
 
-    /// Rebuilds the arm after the payload changed.
+    /// Rebuilds the arm after the payload changed or the links grew.
     pub(super) fn reload(&mut self) {
         let mut tool = self.world.tool;
         let extra = spherecal_shared::robot::Inertia {
@@ -380,8 +319,13 @@ impl<const N: usize> Plant<N> {
             inertia_kg_m2: [0.0; 6],
         };
         tool.body = tool.body.combined(&extra);
+        let robot = if self.world.warming.is_on() {
+            &self.world.warming.robot(&self.world.robot, self.time_s())
+        } else {
+            &self.world.robot
+        };
         // A payload that makes the tool impossible is ignored.
-        if let Ok(arm) = Arm::new(&self.world.robot, &tool) {
+        if let Ok(arm) = Arm::new(robot, &tool) {
             self.world.arm = arm;
         }
     }

@@ -1,35 +1,200 @@
-//! Static studies on the plant's world, without moving it: what an estimator
-//! would be given by an ideal campaign.
+//! The arm without dynamics: it goes from pose to pose and rests there.
 //!
 //! Recordings of a run never come from here; they come from the controller's
-//! samples while the nest is seated. This serves comparisons of estimators over
-//! many robots (`identification.md`, worlds W0 to W4), where an hour of
-//! simulated motion a robot is too dear.
+//! samples while the nest is seated. This serves the static worlds, where an
+//! hour of simulated motion a robot is too dear, and the shots of the tracker.
+//! Static errors, and those that depend on time and on the way, are the plant's.
 
 use nalgebra::{SMatrix, SVector, Vector3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use spherecal_shared::linalg::Cholesky;
-use spherecal_shared::robot::Dynamics;
+use spherecal_shared::robot::{Arm, Dynamics, Pose};
 
-use super::config::PlantConfig;
-use super::simulation::Plant;
-use super::world::{World, normal, normal3};
+use super::config::{PlantConfig, ReadingConfig};
+use super::coupling::Coupling;
+use super::world::{SlowState, Stream, TrueCell, normal, stream};
 
-impl<const N: usize> World<N> {
-    /// Encoder angles (rad) nearest to `guess` at which the arm, at rest under
-    /// gravity alone, has its TCP at `point` (m, F0).
+/// What a person or a program reads of an arm at rest.
+#[derive(Clone, Copy, Debug)]
+pub struct Rest<const N: usize> {
+    /// Encoder angles as read, in rad: early, with averaged noise.
+    pub q: [f64; N],
+    /// Measured joint torques, in N m.
+    pub tau: [f64; N],
+    /// True TCP in F0. For tests and figures only.
+    pub tcp: Pose<f64>,
+}
+
+/// How a contact is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SeatOn {
+    /// The nest is on the tool, the sphere on the plate: a seat's error turns with the tool.
+    Tool,
+    /// The ball is on the tool, its socket on the plate: a seat's error stays with the plate.
+    Plate,
+}
+
+/// Where an arm stands still, and what it remembers of its way there.
+#[derive(Clone, Debug)]
+pub(super) struct Standing<const N: usize> {
+    /// Geometry of the moment.
+    arm: Arm<f64, N>,
+    slow: SlowState<N>,
+    rng: ChaCha8Rng,
+    /// Encoder angles where it stands, in rad; none before the first pose.
+    at: Option<[f64; N]>,
+    time_s: f64,
+}
+
+impl<const N: usize> Standing<N> {
+    pub(super) fn new(cell: &TrueCell<N>, seed: u64) -> Self {
+        Self {
+            arm: cell.arm.clone(),
+            slow: cell.slow(seed, Stream::Still),
+            rng: stream(seed, Stream::Reading),
+            at: None,
+            time_s: 0.0,
+        }
+    }
+
+    /// Time passes; the links drift.
+    pub(super) fn wait(&mut self, cell: &TrueCell<N>, for_s: f64) {
+        self.time_s += for_s;
+        if cell.warming.is_on() {
+            let robot = cell.warming.robot(&cell.robot, self.time_s);
+            // Grown by micrometres, the arm stays a possible one.
+            if let Ok(arm) = Arm::new(&robot, &cell.tool) {
+                self.arm = arm;
+            }
+        }
+    }
+
+    /// Moves the joints to `q`, and what they remember of the way; returns the move.
+    pub(super) fn move_to(&mut self, cell: &TrueCell<N>, q: &[f64; N]) -> [f64; N] {
+        let by = self.at.map_or([0.0; N], |at| core::array::from_fn(|i| q[i] - at[i]));
+        self.slow.moved(&cell.memory, &by);
+        self.at = Some(*q);
+        by
+    }
+
+    /// True link angles and TCP where the encoders stand at `q`.
+    pub(super) fn tcp(&self, cell: &TrueCell<N>, q: &[f64; N]) -> ([f64; N], Pose<f64>) {
+        let link = cell.link_angles(&self.arm, q, Some(&self.slow));
+        (link, cell.tcp_of(&self.arm, &link))
+    }
+
+    /// Torques that hold the arm at link angles, as the sensors read them, in N m.
+    pub(super) fn torques(&self, cell: &TrueCell<N>, link: &[f64; N]) -> [f64; N] {
+        let gravity = self.arm.bodies(&self.arm.frames(link)).gravity();
+        core::array::from_fn(|i| gravity[i] + cell.torque_bias[i])
+    }
+
+    /// Angles as read at encoder angles `q`, where the arm came by the move `by`: early in some rows.
+    pub(super) fn read(&mut self, config: &ReadingConfig, q: &[f64; N], by: &[f64; N]) -> [f64; N] {
+        let mut read = *q;
+        if config.early_share > 0.0 && self.rng.random::<f64>() < config.early_share {
+            let farthest = by.iter().fold(0.0_f64, |most, b| most.max(b.abs()));
+            // A short move does not reach the full deceleration: what is left is never more than the move.
+            let to_go = (0.5 * config.deceleration_rad_s2 * config.early_s * config.early_s).min(farthest);
+            for (angle, by) in read.iter_mut().zip(by) {
+                *angle -= if farthest > 0.0 { to_go * by / farthest } else { 0.0 };
+            }
+        }
+        read
+    }
+}
+
+/// An arm that stands still wherever it is looked at.
+#[derive(Clone, Debug)]
+pub struct StillArm<'a, const N: usize> {
+    cell: &'a TrueCell<N>,
+    config: &'a PlantConfig,
+    standing: Standing<N>,
+    coupling: Coupling,
+    seat_on: SeatOn,
+    rng: ChaCha8Rng,
+}
+
+impl<'a, const N: usize> StillArm<'a, N> {
+    /// An arm at the start of a run.
+    pub fn new(cell: &'a TrueCell<N>, config: &'a PlantConfig) -> Self {
+        Self {
+            cell,
+            config,
+            standing: Standing::new(cell, config.seed),
+            coupling: Coupling::new(config),
+            seat_on: SeatOn::Tool,
+            rng: stream(config.seed, Stream::Noise),
+        }
+    }
+
+    /// The same with the seats on the plate or on the tool.
+    #[must_use]
+    pub fn with_seat_on(mut self, seat_on: SeatOn) -> Self {
+        self.seat_on = seat_on;
+        self
+    }
+
+    /// Time passes; links and plate drift.
+    pub fn wait(&mut self, for_s: f64) {
+        self.standing.wait(self.cell, for_s);
+    }
+
+    /// Goes to the encoder angles `q` (rad) in free space and rests.
+    pub fn go_to(&mut self, q: &[f64; N]) -> Rest<N> {
+        let by = self.standing.move_to(self.cell, q);
+        self.read(q, &by)
+    }
+
+    /// Lets go of the sphere: the next contact is a new coupling.
+    pub fn decouple(&mut self) {
+        self.coupling.near = false;
+    }
+
+    /// Goes to the contact with a ball centred at `centre` (m, F0, as it is at the start of the run), near the encoder
+    /// angles `guess` (rad), and rests. `None` where it cannot be reached.
+    pub fn go_to_contact(&mut self, guess: &[f64; N], centre: &Vector3<f64>) -> Option<Rest<N>> {
+        let by = self.standing.move_to(self.cell, guess);
+        let nest = &self.config.nest;
+        if nest.seating_error {
+            let orientation = self.standing.tcp(self.cell, guess).1.rotation;
+            if !self.coupling.near {
+                self.coupling.couple(nest, &orientation);
+                self.coupling.near = true;
+            }
+            self.coupling.turn(nest, &orientation);
+        }
+        let centre = centre + self.cell.warming.plate(self.standing.time_s);
+        let q = self.encoder_angles_at(guess, &centre)?;
+        Some(self.read(&q, &by))
+    }
+
+    /// Encoder angles (rad) nearest to `guess` at which the ball sits centred at `centre` (m, F0).
     ///
-    /// `None` where Newton's method does not get there within 0.1 µm: out of
-    /// reach or singular.
-    pub fn encoder_angles_at(&self, guess: &[f64; N], point: &Vector3<f64>) -> Option<[f64; N]> {
+    /// `None` where Newton's method does not get there within 0.1 µm: out of reach or singular.
+    fn encoder_angles_at(&self, guess: &[f64; N], centre: &Vector3<f64>) -> Option<[f64; N]> {
+        let nest = &self.config.nest;
+        let plate = self.cell.plate.rotation;
+        let target = |tcp: &Pose<f64>| {
+            if !nest.seating_error {
+                return *centre;
+            }
+            let seat = self.coupling.seated(nest, &tcp.rotation, &plate);
+            match self.seat_on {
+                SeatOn::Tool => centre - tcp.rotation * seat,
+                SeatOn::Plate => centre + plate * seat,
+            }
+        };
+        let arm = &self.standing.arm;
         let mut q = *guess;
         for _ in 0..20 {
-            let link = self.link_angles_at_rest(&q);
-            let tcp = self.tcp(&link).position;
-            let wrong = point - tcp;
+            let (link, tcp) = self.standing.tcp(self.cell, &q);
+            let wrong = target(&tcp) - tcp.position;
             if wrong.norm() < 1e-9 {
                 break;
             }
-            let full = self.arm.jacobian(&self.arm.frames(&link), &tcp);
+            let full = arm.jacobian(&arm.frames(&link), &tcp.position);
             let j: SMatrix<f64, 3, N> = full.fixed_rows::<3>(0).into();
             let square = j * j.transpose() + SMatrix::<f64, 3, 3>::identity() * 1e-9;
             let step: SVector<f64, N> = j.transpose() * Cholesky::new(&square)?.solve(&wrong);
@@ -37,30 +202,24 @@ impl<const N: usize> World<N> {
                 q[i] += step[i].clamp(-0.1, 0.1);
             }
         }
-        let reached = self.tcp(&self.link_angles_at_rest(&q)).position;
-        ((reached - point).norm() < 1e-7).then_some(q)
+        let (_, reached) = self.standing.tcp(self.cell, &q);
+        ((reached.position - target(&reached)).norm() < 1e-7).then_some(q)
     }
-}
 
-impl<const N: usize> Plant<N> {
-    /// A coupling as a study sees it: mean encoder angles and torques with the
-    /// nest on sphere `index` (from 0) near the joint angles `guess` (rad),
-    /// with seating and averaged encoder noise. `None` where it cannot be reached.
-    pub fn coupled_shot(&mut self, guess: &[f64; N], index: usize) -> Option<([f64; N], [f64; N])> {
-        let centre = self.world.spheres.get(index).copied().flatten()?;
-        let PlantConfig { nest, tracker, .. } = &self.config;
-        let seat = if nest.seating_error {
-            normal3(&mut self.tracker_rng) * nest.seating_sigma_m.hypot(nest.form_sigma_m)
-        } else {
-            Vector3::zeros()
-        };
-        let sigma = if tracker.noise { tracker.encoder_rad } else { 0.0 };
-        let mut q = self.world.encoder_angles_at(guess, &(centre - seat))?;
-        let link = self.world.link_angles_at_rest(&q);
-        let gravity = self.world.arm.bodies(&self.world.arm.frames(&link)).gravity();
-        for angle in &mut q {
-            *angle += sigma * normal(&mut self.tracker_rng);
+    /// Reads the arm at encoder angles `q`, where it came by the move `by`.
+    fn read(&mut self, q: &[f64; N], by: &[f64; N]) -> Rest<N> {
+        let (link, tcp) = self.standing.tcp(self.cell, q);
+        let mut read = self.standing.read(&self.config.reading, q, by);
+        let tracker = &self.config.tracker;
+        if tracker.noise {
+            for angle in &mut read {
+                *angle += tracker.encoder_rad * normal(&mut self.rng);
+            }
         }
-        Some((q, core::array::from_fn(|i| gravity[i] + self.world.torque_bias[i])))
+        Rest {
+            q: read,
+            tau: self.standing.torques(self.cell, &link),
+            tcp,
+        }
     }
 }

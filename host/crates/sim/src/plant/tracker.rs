@@ -14,6 +14,7 @@ use spherecal_model::TrackerSession;
 use spherecal_shared::robot::Pose;
 
 use super::simulation::Plant;
+use super::study::Standing;
 use super::world::{Stream, normal, normal3, rpy, stream};
 
 /// One measurement of the laser tracker.
@@ -34,12 +35,19 @@ impl<const N: usize> Plant<N> {
     }
 
     /// The arm stands still with its encoders at `q` (rad) in free space, and
-    /// the tracker measures. Neither moves the plant nor advances its time.
+    /// the tracker measures. Neither moves the plant nor advances its time: the
+    /// tracker's session has a time of its own ([`super::config::TrackerConfig`]).
     pub fn tracker_shot(&mut self, q: &[f64; N]) -> Shot<N> {
-        let link = self.world.link_angles_at_rest(q);
-        let frames = self.world.arm.frames(&link);
-        let flange = self.world.tcp(&link);
         let c = self.config.tracker;
+        // The session begins with the first shot.
+        let since_last = if self.standing.is_some() { c.shot_s } else { c.after_s };
+        let seed = self.config.seed;
+        let standing = self.standing.get_or_insert_with(|| Standing::new(&self.world, seed));
+        standing.wait(&self.world, since_last);
+        let by = standing.move_to(&self.world, q);
+        let (link, flange) = standing.tcp(&self.world, q);
+        let tau = standing.torques(&self.world, &link);
+        let mut q_encoder = standing.read(&self.config.reading, q, &by);
         // Offsets of a session are the same at every shot of it.
         let mut sessions = stream(self.config.seed, Stream::Sessions);
         let aside = normal3(&mut sessions);
@@ -56,7 +64,6 @@ impl<const N: usize> Plant<N> {
         }
         let tracker = self.tracker_frame();
         let mut seen = tracker.rotation.tr_mul(&(point - tracker.position));
-        let mut q_encoder = *q;
         if c.noise {
             let rng = &mut self.tracker_rng;
             seen += normal3(rng) * c.sigma_m;
@@ -64,10 +71,9 @@ impl<const N: usize> Plant<N> {
                 *angle += c.encoder_rad * normal(rng);
             }
         }
-        let gravity = spherecal_shared::robot::Dynamics::bodies(&self.world.arm, &frames).gravity();
         Shot {
             q_encoder,
-            tau: core::array::from_fn(|i| gravity[i] + self.world.torque_bias[i]),
+            tau,
             point_m: seen.into(),
         }
     }

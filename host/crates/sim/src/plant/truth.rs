@@ -5,7 +5,7 @@ use spherecal_shared::robot::{Dynamics, Pose};
 
 use super::contact::{TouchKind, Touches};
 use super::simulation::Plant;
-use super::world::{MAX_SPHERES, World};
+use super::world::{MAX_SPHERES, TrueCell};
 
 /// What is really so. For tests and figures only: no controller, campaign or
 /// identification may see any of it.
@@ -70,8 +70,8 @@ impl<const N: usize> Plant<N> {
         };
         if let Some(elastic) = &self.joints.elastic {
             let wind = self.motion.motor - self.motion.q;
-            truth.potential_j += 0.5 * elastic.stiffness * wind.norm_squared();
             for i in 0..N {
+                truth.potential_j += 0.5 * elastic.stiffness[i] * wind[i] * wind[i];
                 truth.kinetic_j += 0.5 * elastic.motor[i] * self.motion.motor_v[i] * self.motion.motor_v[i];
             }
         }
@@ -95,19 +95,21 @@ impl<const N: usize> Plant<N> {
             truth.potential_j += potential;
         }
         if truth.pad_n.iter().all(|f| *f > 0.0) {
-            truth.seated = truth.gap_m.iter().position(|gap| *gap < 1e-4);
+            // The seat itself may be off.
+            let most = 1e-4 + self.seat.norm();
+            truth.seated = truth.gap_m.iter().position(|gap| *gap < most);
         }
         truth
     }
 
     /// The true world behind the sensors. For tests and figures only.
-    pub fn world(&self) -> &World<N> {
+    pub fn world(&self) -> &TrueCell<N> {
         &self.world
     }
 }
 
 /// Potential energy of gravity, in J, zero with all masses at the height of F0.
-fn bodies_potential<const N: usize>(world: &World<N>, frames: &[Pose<f64>; N], payload_kg: f64) -> f64 {
+fn bodies_potential<const N: usize>(world: &TrueCell<N>, frames: &[Pose<f64>; N], payload_kg: f64) -> f64 {
     let g = spherecal_shared::robot::GRAVITY_M_S2;
     let mut sum = 0.0;
     for (joint, frame) in world.robot.joints.iter().zip(frames) {

@@ -1,21 +1,35 @@
-//! The truth of one plant: what the seed drew. Nothing here reaches the
-//! controller, the campaign or the identification.
+//! The static truth of one cell: what the seed drew. The dynamic plant and the
+//! static worlds both stand on it. Nothing here reaches the controller, the
+//! campaign or the identification.
 //!
 //! Each error source has a random stream of its own, so that switching one off
 //! leaves the others as they were.
+//!
+//! From an encoder's angle `e` to the link's, joint by joint ([`super::joint`]):
+//!
+//! ```text
+//!   gear = e + h(e, other) + scatter          harmonics, gear, smooth and cross-joint errors
+//!   link = gear − deflection(τ) − lost         τ: torque transmitted to the link
+//! ```
+//!
+//! The TCP follows from the links by the true geometry, which grows as the cell
+//! warms up, and is displaced by the bending of links and base.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
+pub use spherecal_model::MAX_SPHERES;
 use spherecal_shared::robot::{Arm, Dynamics, Pose, Robot, Tool};
 
-use super::config::PlantConfig;
-use super::draw::{draw_geometry, draw_joint_errors, draw_masses, draw_plates, draw_spheres};
+use super::config::{EncoderSide, PlantConfig};
+use super::draw::{
+    draw_bending, draw_compliance, draw_geometry, draw_joint_errors, draw_joint_functions, draw_masses, draw_memory,
+    draw_offsets, draw_plates, draw_spheres, scale_to_overall_mean,
+};
 use super::error::PlantError;
-
-/// Most spheres of a plate.
-pub const MAX_SPHERES: usize = 8;
+use super::joint::{Deflection, JointError, Memory, Trace};
+use super::thermal::Warming;
 
 /// Random streams of the error sources.
 #[derive(Clone, Copy)]
@@ -35,6 +49,17 @@ pub(super) enum Stream {
     Sessions,
     Workspace,
     Hand,
+    Offsets,
+    Bending,
+    Smooth,
+    Cross,
+    LostMotion,
+    Scatter,
+    Thermal,
+    Reading,
+    Still,
+    Noise,
+    Delay,
 }
 
 /// The generator of one stream of a seed.
@@ -59,53 +84,48 @@ pub(super) fn between(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
     low + (high - low) * rng.random::<f64>()
 }
 
-/// `amplitude sin(order angle + phase)`.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Tone {
-    pub(super) order: f64,
-    pub(super) amplitude: f64,
-    pub(super) phase: f64,
+/// Slow state of all joints: what depends on the way that the arm came.
+#[derive(Clone, Debug)]
+pub struct SlowState<const N: usize> {
+    pub(super) traces: [Trace; N],
+    rng: ChaCha8Rng,
 }
 
-/// What one joint's encoder hides: a function of the encoder's angle.
-#[derive(Clone, Debug, Default)]
-pub(super) struct JointError {
-    /// Cosine and sine coefficients of orders 1, 2, ..., in rad.
-    pub(super) harmonics: Vec<[f64; 2]>,
-    /// Gear and smooth errors.
-    pub(super) tones: Vec<Tone>,
-    /// Dependence on the next joint's angle.
-    pub(super) cross: Vec<Tone>,
-}
+impl<const N: usize> SlowState<N> {
+    /// The state at the start of a run; scatter is drawn, no joint has lost motion.
+    pub(super) fn new(seed: u64, memory: &[Memory; N], which: Stream) -> Self {
+        let mut rng = stream(seed, which);
+        let traces = core::array::from_fn(|i| Trace {
+            lost: 0.0,
+            scatter: if memory[i].scatter > 0.0 {
+                memory[i].scatter * normal(&mut rng)
+            } else {
+                0.0
+            },
+        });
+        Self { traces, rng }
+    }
 
-impl JointError {
-    /// Error (rad) and its slope at the encoder angle `e`, with the neighbour's angle.
-    pub(super) fn at(&self, e: f64, neighbour: f64) -> (f64, f64) {
-        let (mut value, mut slope) = (0.0, 0.0);
-        if !self.harmonics.is_empty() {
-            let (s1, c1) = libm::sincos(e);
-            let (mut s, mut c) = (s1, c1);
-            for (k, [cosine, sine]) in self.harmonics.iter().enumerate() {
-                value += cosine * c + sine * s;
-                slope += (k + 1) as f64 * (sine * c - cosine * s);
-                (s, c) = (s * c1 + c * s1, c * c1 - s * s1);
+    /// The joints move by `by` (rad), none of them turns round on the way.
+    pub(super) fn moved(&mut self, memory: &[Memory; N], by: &[f64; N]) {
+        for i in 0..N {
+            if !memory[i].is_off() {
+                self.traces[i].moved(&memory[i], by[i], &mut self.rng);
             }
         }
-        for tone in &self.tones {
-            let (s, c) = libm::sincos(tone.order * e + tone.phase);
-            value += tone.amplitude * s;
-            slope += tone.amplitude * tone.order * c;
-        }
-        for tone in &self.cross {
-            value += tone.amplitude * libm::sin(tone.order * neighbour + tone.phase);
-        }
-        (value, slope)
+    }
+
+    /// The angle by which each gear leads its link, and the scatter ahead of it, taken together:
+    /// motor-side angle minus scatter, over the link and its deflection, in rad.
+    #[inline]
+    pub(super) fn lead(&self, i: usize) -> f64 {
+        self.traces[i].lost - self.traces[i].scatter
     }
 }
 
-/// Everything that was drawn.
+/// Everything that was drawn of one cell: the true arm, tool, plate and spheres.
 #[derive(Clone, Debug)]
-pub struct World<const N: usize> {
+pub struct TrueCell<const N: usize> {
     /// The true arm with its true tool.
     pub arm: Arm<f64, N>,
     /// The true description behind [`Self::arm`].
@@ -116,7 +136,7 @@ pub struct World<const N: usize> {
     pub plate: Pose<f64>,
     /// True sphere centres in F0, in m; `None` for a sphere that was taken away.
     pub spheres: heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES>,
-    /// Joint compliance, in rad/(N m).
+    /// Joint compliance, in rad/(N m), whether it is quasi-static or a state.
     pub compliance: [f64; N],
     /// Dry friction, in N m.
     pub coulomb: [f64; N],
@@ -126,26 +146,48 @@ pub struct World<const N: usize> {
     pub rotor: [f64; N],
     /// Bias of the torque sensors, in N m.
     pub torque_bias: [f64; N],
-    /// The same in each of its placements.
+    /// True plate pose in F0 in each of its placements.
     pub(super) plates: Vec<Pose<f64>>,
     pub(super) errors: [JointError; N],
-    quadratic: f64,
-    hysteresis: f64,
-    link_bending: f64,
-    base_bending: f64,
+    pub(super) deflections: [Deflection; N],
+    pub(super) memory: [Memory; N],
+    pub(super) warming: Warming,
+    /// Side of the encoders.
+    pub(super) side: EncoderSide,
+    /// Bending of each link about x and y of its joint's frame, in rad/(N m).
+    pub(super) bending: [[f64; 2]; N],
+    /// Tilt of the base about x and y of F0, in rad/(N m).
+    pub(super) tilt: [f64; 2],
+    /// Factor on the drawn geometry.
+    pub geometry_scale: f64,
 }
 
-impl<const N: usize> World<N> {
-    /// Draws a world around the nominal robot.
+impl<const N: usize> TrueCell<N> {
+    /// Draws a cell around the nominal robot. What `geometry.overall_mean_m` says is held on 500 configurations
+    /// in joint space.
     ///
     /// # Errors
     /// A configuration or robot that is refused.
     pub fn draw(nominal: &Robot, nominal_tool: &Tool, config: &PlantConfig) -> Result<Self, PlantError> {
+        Self::draw_on(nominal, nominal_tool, config, &[])
+    }
+
+    /// The same with the configurations (rad) on which `geometry.overall_mean_m` is held.
+    ///
+    /// # Errors
+    /// A configuration or robot that is refused.
+    pub fn draw_on(
+        nominal: &Robot,
+        nominal_tool: &Tool,
+        config: &PlantConfig,
+        reference: &[[f64; N]],
+    ) -> Result<Self, PlantError> {
         config.check()?;
         // Refuses a bad nominal robot, or one of another number of joints, before anything is drawn.
         Arm::<f64, N>::new(nominal, nominal_tool)?;
         let seed = config.seed;
-        let mut robot = draw_geometry::<N>(nominal, nominal_tool, config)?;
+        let (mut robot, geometry_scale) = draw_geometry::<N>(nominal, nominal_tool, config)?;
+        draw_offsets(&mut robot, config);
         let mut tool = *nominal_tool;
         if config.tool.enabled {
             let mut rng = stream(seed, Stream::Tool);
@@ -165,16 +207,20 @@ impl<const N: usize> World<N> {
         let arm = Arm::new(&robot, &tool)?;
         let plates = draw_plates(config);
         let plate = plates.first().copied().unwrap_or_else(Pose::identity);
+        let compliance = draw_compliance(config);
         let c = &config.compliance;
         let switch = |value: f64| if c.enabled { value } else { 0.0 };
-        let mut rng = stream(seed, Stream::Compliance);
-        let compliance = core::array::from_fn(|_| {
-            let factor = between(&mut rng, [1.0 - c.spread, 1.0 + c.spread]);
-            // As a state, elasticity takes the place of the quasi-static deflection.
-            if config.elasticity.enabled {
-                0.0
+        let deflections = core::array::from_fn(|i| {
+            let limit = nominal.joints.get(i).map_or(0.0, |j| j.limits.torque_nm);
+            let share = if limit > 0.0 {
+                c.quadratic_share * compliance[i] / limit
             } else {
-                switch(c.joint_rad_per_nm * factor)
+                0.0
+            };
+            Deflection {
+                compliance: compliance[i],
+                quadratic: switch(c.quadratic_rad_per_nm2 + share),
+                hysteresis: switch(c.hysteresis_rad),
             }
         });
         let f = &config.friction;
@@ -187,7 +233,10 @@ impl<const N: usize> World<N> {
             let range = robot.joints.get(i).map_or(0.0, |j| j.limits.torque_nm);
             config.sensors.torque_bias_share * range * normal(&mut rng)
         });
-        Ok(Self {
+        let (bending, tilt) = draw_bending(config);
+        let mut errors = draw_joint_errors(config);
+        draw_joint_functions(config, &mut errors);
+        let mut cell = Self {
             arm,
             tool,
             spheres: draw_spheres(config, &plate),
@@ -198,27 +247,44 @@ impl<const N: usize> World<N> {
             viscous,
             rotor,
             torque_bias,
-            errors: draw_joint_errors(config),
-            quadratic: switch(c.quadratic_rad_per_nm2),
-            hysteresis: switch(c.hysteresis_rad),
-            link_bending: switch(c.link_rad_per_nm),
-            base_bending: switch(c.base_rad_per_nm),
+            errors,
+            deflections,
+            memory: draw_memory(config),
+            warming: Warming::draw(&robot, config),
+            side: config.encoder.side,
+            bending,
+            tilt,
+            geometry_scale,
             robot,
-        })
+        };
+        if config.geometry.enabled && config.geometry.overall_mean_m > 0.0 {
+            scale_to_overall_mean(&mut cell, nominal, config.geometry.overall_mean_m, reference)?;
+        }
+        Ok(cell)
     }
 
-    /// Deflection of joint `i` under a transmitted torque, in rad: motor side minus
-    /// link (a torque that lifts the link winds the joint up, and the link lags).
+    /// The slow state of the joints at the start of a run.
+    pub(super) fn slow(&self, seed: u64, which: Stream) -> SlowState<N> {
+        SlowState::new(seed, &self.memory, which)
+    }
+
+    /// Deflection of joint `i` under a transmitted torque, in rad: what the encoder sees of the gear's lead over
+    /// the link (a torque that lifts the link winds the joint up, and the link lags). Zero for an encoder on the link.
     #[inline]
     pub fn deflection(&self, i: usize, torque: f64) -> f64 {
-        let mut angle = self.compliance[i] * torque;
-        if self.quadratic != 0.0 {
-            angle += self.quadratic * torque * torque.abs();
+        match self.side {
+            EncoderSide::Motor => self.deflections[i].at(torque),
+            EncoderSide::Link => 0.0,
         }
-        if self.hysteresis != 0.0 {
-            angle += self.hysteresis * libm::tanh(torque / 0.5);
+    }
+
+    /// Lost motion less scatter of joint `i` as the encoder sees them, in rad.
+    #[inline]
+    pub(super) fn slow_lead(&self, i: usize, slow: &SlowState<N>) -> f64 {
+        match self.side {
+            EncoderSide::Motor => slow.lead(i),
+            EncoderSide::Link => -slow.traces[i].scatter,
         }
-        angle
     }
 
     /// Encoder angles that belong to motor-side angles (link plus deflection).
@@ -234,7 +300,7 @@ impl<const N: usize> World<N> {
     /// rad); from the last tick's it is exact to far below an encoder's step.
     pub(super) fn follow_encoders(&self, motor: &[f64; N], lead: &mut [f64; N]) {
         for i in 0..N {
-            let (value, slope) = self.errors[i].at(motor[i] - lead[i], motor[(i + 1) % N]);
+            let (value, slope) = self.errors[i].at(motor[i] - lead[i], motor[self.errors[i].other]);
             lead[i] += (value - lead[i]) / (1.0 + slope);
         }
     }
@@ -242,23 +308,33 @@ impl<const N: usize> World<N> {
     /// Motor-side angles that belong to encoder angles.
     pub fn motor_angles(&self, encoder: &[f64; N]) -> [f64; N] {
         let mut motor = *encoder;
-        // The neighbour's angle is the motor's; one repetition settles it.
+        // The other joint's angle is the motor's; one repetition settles it.
         for _ in 0..3 {
             let before = motor;
             motor = core::array::from_fn(|i| {
-                let (value, _) = self.errors[i].at(encoder[i], before[(i + 1) % N]);
+                let (value, _) = self.errors[i].at(encoder[i], before[self.errors[i].other]);
                 encoder[i] + value
             });
         }
         motor
     }
 
-    /// Link angles of an arm at rest in free space whose encoders read `encoder`.
+    /// Link angles of an arm at rest in free space whose encoders read `encoder`, without slow effects.
     pub fn link_angles_at_rest(&self, encoder: &[f64; N]) -> [f64; N] {
-        let motor = self.motor_angles(encoder);
+        self.link_angles(&self.arm, encoder, None)
+    }
+
+    /// The same with the geometry `arm` of the moment and the slow state of the joints.
+    pub(super) fn link_angles(&self, arm: &Arm<f64, N>, encoder: &[f64; N], slow: Option<&SlowState<N>>) -> [f64; N] {
+        let mut motor = self.motor_angles(encoder);
+        if let Some(slow) = slow {
+            for i in 0..N {
+                motor[i] -= self.slow_lead(i, slow);
+            }
+        }
         let mut link = motor;
         for _ in 0..4 {
-            let gravity = self.arm.bodies(&self.arm.frames(&link)).gravity();
+            let gravity = arm.bodies(&arm.frames(&link)).gravity();
             link = core::array::from_fn(|i| motor[i] - self.deflection(i, gravity[i]));
         }
         link
@@ -266,7 +342,7 @@ impl<const N: usize> World<N> {
 
     /// Whether links or base bend.
     pub(super) fn bends(&self) -> bool {
-        self.link_bending != 0.0 || self.base_bending != 0.0
+        self.tilt != [0.0; 2] || self.bending.iter().any(|b| *b != [0.0; 2])
     }
 
     /// Displacement of the point `p` (m, F0) by bending of links and base under
@@ -287,20 +363,25 @@ impl<const N: usize> World<N> {
             mass += body.mass_kg;
             moment += frames[i].point(&body.com()) * body.mass_kg;
             let origin = frames[i].position;
-            let z = frames[i].z();
-            let about = weight(mass, &moment, &origin);
-            let across = about - z * z.dot(&about);
-            shift += (across * self.link_bending).cross(&(p - origin));
+            let local = frames[i].rotation.tr_mul(&weight(mass, &moment, &origin));
+            let [x, y] = self.bending[i];
+            let turn = frames[i].rotation * Vector3::new(x * local.x, y * local.y, 0.0);
+            shift += turn.cross(&(p - origin));
         }
         let base = weight(mass, &moment, &Vector3::zeros());
-        let tilt = Vector3::new(base.x, base.y, 0.0) * self.base_bending;
+        let tilt = Vector3::new(self.tilt[0] * base.x, self.tilt[1] * base.y, 0.0);
         shift + tilt.cross(p)
     }
 
-    /// True TCP in F0 at true link angles, bending included.
+    /// True TCP in F0 at true link angles, bending included, at the start of the run.
     pub fn tcp(&self, link: &[f64; N]) -> Pose<f64> {
-        let frames = self.arm.frames(link);
-        let mut tcp = self.arm.tcp_frame(&frames);
+        self.tcp_of(&self.arm, link)
+    }
+
+    /// The same with the geometry `arm` of the moment.
+    pub(super) fn tcp_of(&self, arm: &Arm<f64, N>, link: &[f64; N]) -> Pose<f64> {
+        let frames = arm.frames(link);
+        let mut tcp = arm.tcp_frame(&frames);
         if self.bends() {
             tcp.position += self.bending(&frames, &tcp.position);
         }

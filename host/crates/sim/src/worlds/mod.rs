@@ -1,14 +1,11 @@
-//! Robots whose errors are known, drawn for static studies of estimators.
+//! The worlds: kinds of robots whose errors are known, for studies of estimators.
 //!
-//! Vocabulary. A *world* is a kind of error ([`World`], W0 to W4); a *truth* is
-//! one robot drawn from it ([`Truth`]): geometry, tool, and what no geometric
-//! model has.
-//!
-//! There are no dynamics here: the arm is where its errors put it, so that a
+//! A [`World`] is a kind of error (W0 to W5) and the preset of the plant that has
+//! it. A robot of a world is a [`TrueCell`](crate::plant::TrueCell) drawn from
+//! that preset, the same that the dynamic plant stands on. What it records
+//! without dynamics comes from a [`StillArm`](crate::plant::StillArm), so that a
 //! study of hundreds of robots takes minutes.
 
-mod draw;
-mod truth;
+mod world;
 
-pub use draw::{Recipe, UnknownWorld, World, draw};
-pub use truth::{Evaluator, JointErrors, Truth, Wave};
+pub use world::{UnknownWorld, World};

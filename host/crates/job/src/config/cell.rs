@@ -1,0 +1,141 @@
+//! Section `[cell]`: what is real, whether the arm is simulated or not.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use spherecal_model::robots::RobotModel;
+use spherecal_model::{CalibrationPlate, CellError, NominalCell, Placement};
+use spherecal_shared::robot::Inertia;
+
+use crate::TaughtWaypoint;
+
+/// What is known of the real cell: tool, plate, where the plate stands, and where the descents begin.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct CellSection {
+    /// The tool with the nest.
+    pub tool: ToolSection,
+    /// The plate with the spheres.
+    pub plate: CalibrationPlate,
+    /// Where the plate is meant to stand. The plate moves from one placement to the next; the paper has one.
+    pub placements: Vec<Placement>,
+    /// Where the descent to each sphere begins, as `spherecal teach` found it. Empty: above the sphere's nominal
+    /// position, displaced by `campaign.taught_error_m`. `--waypoints` takes the place of this list.
+    pub waypoints: Vec<TaughtWaypoint>,
+}
+
+impl Default for CellSection {
+    fn default() -> Self {
+        let NominalCell { plate, placements } = NominalCell::default();
+        Self {
+            tool: ToolSection::default(),
+            plate,
+            placements,
+            waypoints: Vec::new(),
+        }
+    }
+}
+
+/// What differs from the tool in the robot's file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ToolSection {
+    /// Nominal TCP (centre of a seated sphere) in the flange frame, in mm. Left out: the robot file's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tcp_mm: Option<[f64; 3]>,
+    /// Mass of the tool, in kg, in place of the whole mass distribution in the robot's file. Left out: the robot
+    /// file's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mass_kg: Option<f64>,
+    /// Centre of that mass in the flange frame, in mm; it goes with `mass_kg`. Left out: the flange's origin.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub com_mm: Option<[f64; 3]>,
+}
+
+impl ToolSection {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// The first field that is not possible.
+    pub(super) fn check(&self) -> Result<(), CellError> {
+        let refuse = |field, value, remedy| Err(CellError { field, value, remedy });
+        for value in self.tcp_mm.iter().flatten() {
+            if !(value.abs() <= 2000.0) {
+                return refuse(
+                    "tool.tcp_mm",
+                    *value,
+                    "give the TCP in the flange frame in mm, within 2000",
+                );
+            }
+        }
+        for value in self.com_mm.iter().flatten() {
+            if !(value.abs() <= 2000.0) {
+                return refuse(
+                    "tool.com_mm",
+                    *value,
+                    "give the centre of mass in the flange frame in mm, within 2000",
+                );
+            }
+            if self.mass_kg.is_none() {
+                return refuse("tool.com_mm", *value, "give tool.mass_kg with it, or leave it out");
+            }
+        }
+        if let Some(mass) = self.mass_kg
+            && !(0.0..=1000.0).contains(&mass)
+        {
+            return refuse("tool.mass_kg", mass, "give a mass in kg from 0 to 1000");
+        }
+        Ok(())
+    }
+
+    /// Puts what is given into the robot's model.
+    pub(crate) fn apply(&self, model: &mut RobotModel) {
+        if let Some(tcp_mm) = self.tcp_mm {
+            model.tool.tcp_m = tcp_mm.map(|mm| mm * 1e-3);
+        }
+        if let Some(mass_kg) = self.mass_kg {
+            model.tool.body = Inertia {
+                mass_kg,
+                com_m: self.com_mm.unwrap_or_default().map(|mm| mm * 1e-3),
+                inertia_kg_m2: [0.0; 6],
+            };
+        }
+    }
+}
+
+impl CellSection {
+    /// The plate with its placements.
+    pub fn nominal(&self) -> NominalCell {
+        NominalCell {
+            plate: self.plate.clone(),
+            placements: self.placements.clone(),
+        }
+    }
+
+    /// Checks every number; waypoints are checked against the plan where they are used.
+    ///
+    /// # Errors
+    /// The first field that is not possible.
+    pub(super) fn check(&self) -> Result<(), CellError> {
+        self.tool.check()?;
+        self.nominal().check()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a tool that cannot be is accepted, or a centre of mass without a mass is ignored in silence.
+    #[test]
+    fn impossible_tools_are_refused_by_field() {
+        let refusal = |text: &str| {
+            let tool: ToolSection = toml::from_str(text).expect("parses");
+            tool.check().expect_err(text).to_string()
+        };
+        assert!(refusal("tcp_mm = [0, 0, nan]").starts_with("cell.tool.tcp_mm is NaN"));
+        assert!(refusal("mass_kg = -0.1").starts_with("cell.tool.mass_kg is -0.1"));
+        assert!(refusal("com_mm = [0, 0, 40]").contains("give tool.mass_kg"));
+        assert!(refusal("mass_kg = 1\ncom_mm = [0, 0, 40e3]").starts_with("cell.tool.com_mm is 40000"));
+    }
+}

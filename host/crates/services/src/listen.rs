@@ -1,0 +1,311 @@
+//! Accepts connections within bounds, in front of the web page and the services.
+//!
+//! A server has few honest clients. It keeps at most [`MOST`] connections open,
+//! and at most [`MOST_OF_ONE_ADDRESS`] of one address on the network. When one
+//! more comes, the connection that has shown the least is closed: first those
+//! that sent no whole request within [`LATE`], then the one that has been silent longest. So idle
+//! connections, however many, lock nobody out. A connection that sends no whole
+//! request within [`FIRST_REQUEST`] is closed in any case.
+
+use std::io;
+use std::net::{IpAddr, SocketAddr};
+use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll, ready};
+use std::time::{Duration, Instant};
+
+use axum::extract::Request;
+use axum::middleware::Next;
+use axum::response::Response;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::oneshot;
+
+/// Most connections at one time. Together with the bounds of one connection
+/// this bounds the memory of a server.
+pub(crate) const MOST: usize = 128;
+/// Most connections of one address beyond loopback.
+const MOST_OF_ONE_ADDRESS: usize = 32;
+/// Time within which a connection must have sent its first whole request, with
+/// the TLS handshake.
+const FIRST_REQUEST: Duration = Duration::from_secs(10);
+/// Time after which a connection without a whole request is the first to go.
+const LATE: Duration = Duration::from_secs(1);
+/// Wait after an accept that failed, for example because no file descriptor is free.
+const AFTER_FAILURE: Duration = Duration::from_millis(50);
+
+/// What is known of an open connection.
+struct Entry {
+    peer: IpAddr,
+    opened: Instant,
+    /// Last byte in either direction, in ms after `opened`.
+    last_ms: AtomicU64,
+    /// Whether a whole request has come.
+    proven: AtomicBool,
+    /// Closes the connection when it is dropped.
+    close: Mutex<Option<oneshot::Sender<()>>>,
+}
+
+impl Entry {
+    fn touch(&self) {
+        let ms = u64::try_from(self.opened.elapsed().as_millis()).unwrap_or(u64::MAX);
+        self.last_ms.store(ms, Ordering::Relaxed);
+    }
+
+    fn last(&self) -> Instant {
+        self.opened + Duration::from_millis(self.last_ms.load(Ordering::Relaxed))
+    }
+
+    /// Whether it has sent no whole request although an honest client would have.
+    fn is_late(&self) -> bool {
+        !self.proven.load(Ordering::Relaxed) && self.opened.elapsed() > LATE
+    }
+
+    fn close(&self) {
+        self.close.lock().unwrap_or_else(PoisonError::into_inner).take();
+    }
+
+    fn is_open(&self) -> bool {
+        self.close.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    }
+}
+
+/// All open connections.
+#[derive(Default)]
+struct Open(Mutex<Vec<Arc<Entry>>>);
+
+impl Open {
+    /// Registers a connection, and closes the one that has shown the least where
+    /// there are too many.
+    fn admit(&self, entry: &Arc<Entry>) {
+        let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        open.retain(|e| e.is_open());
+        let own = |e: &Entry| e.peer == entry.peer;
+        let of_peer = open.iter().filter(|e| own(e)).count();
+        let crowded = !entry.peer.is_loopback() && of_peer >= MOST_OF_ONE_ADDRESS;
+        if crowded || open.len() >= MOST {
+            let least = (0..open.len())
+                .filter(|&k| !crowded || own(&open[k]))
+                .min_by_key(|&k| (!open[k].is_late(), open[k].last()));
+            if let Some(k) = least {
+                open.swap_remove(k).close();
+            }
+        }
+        open.push(Arc::clone(entry));
+    }
+
+    /// Closes connections that never sent a whole request.
+    fn sweep(&self) {
+        let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        open.retain(|e| e.is_open());
+        for entry in open.iter() {
+            if !entry.proven.load(Ordering::Relaxed) && entry.opened.elapsed() > FIRST_REQUEST {
+                entry.close();
+            }
+        }
+    }
+}
+
+/// A listener that keeps the bounds of this module.
+pub(crate) struct Listener {
+    listener: TcpListener,
+    open: Arc<Open>,
+    /// Ends with the listener.
+    sweeper: tokio::task::JoinHandle<()>,
+}
+
+impl Listener {
+    /// Bounds a listener; must be called within a runtime.
+    pub(crate) fn new(listener: TcpListener) -> Self {
+        let open = Arc::new(Open::default());
+        let swept = Arc::clone(&open);
+        let sweeper = tokio::spawn(async move {
+            loop {
+                tokio::time::sleep(Duration::from_secs(1)).await;
+                swept.sweep();
+            }
+        });
+        Self {
+            listener,
+            open,
+            sweeper,
+        }
+    }
+
+    /// The next connection. A failed accept is tried again.
+    pub(crate) async fn next(&self) -> (Connection, SocketAddr) {
+        loop {
+            match self.listener.accept().await {
+                Ok((stream, peer)) => {
+                    // Without it small messages wait for more; they arrive all the same.
+                    let _ = stream.set_nodelay(true);
+                    return (self.bounded(stream, peer), peer);
+                }
+                Err(error) => {
+                    tracing::warn!(%error, "a connection could not be accepted");
+                    tokio::time::sleep(AFTER_FAILURE).await;
+                }
+            }
+        }
+    }
+
+    fn bounded(&self, stream: TcpStream, peer: SocketAddr) -> Connection {
+        let (close, closed) = oneshot::channel();
+        let entry = Arc::new(Entry {
+            peer: peer.ip().to_canonical(),
+            opened: Instant::now(),
+            last_ms: AtomicU64::new(0),
+            proven: AtomicBool::new(false),
+            close: Mutex::new(Some(close)),
+        });
+        self.open.admit(&entry);
+        Connection { stream, closed, entry }
+    }
+
+    /// Connections one after another, until the server drops the stream.
+    #[cfg(feature = "grpc")]
+    pub(crate) fn into_stream(self) -> impl tokio_stream::Stream<Item = io::Result<Connection>> {
+        let (out, connections) = tokio::sync::mpsc::channel(1);
+        tokio::spawn(async move {
+            loop {
+                tokio::select! {
+                    (connection, _) = self.next() => {
+                        if out.send(Ok(connection)).await.is_err() {
+                            return;
+                        }
+                    }
+                    () = out.closed() => return,
+                }
+            }
+        });
+        tokio_stream::wrappers::ReceiverStream::new(connections)
+    }
+}
+
+impl Drop for Listener {
+    fn drop(&mut self) {
+        self.sweeper.abort();
+    }
+}
+
+#[cfg(not(feature = "grpc"))]
+impl axum::serve::Listener for Listener {
+    type Io = Connection;
+    type Addr = SocketAddr;
+
+    async fn accept(&mut self) -> (Connection, SocketAddr) {
+        self.next().await
+    }
+
+    fn local_addr(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+}
+
+/// Marks the connection of a request as one that sends requests.
+#[derive(Clone)]
+pub(crate) struct Proof(Arc<Entry>);
+
+/// A connection that can be closed from outside, with the time of its last byte.
+pub(crate) struct Connection {
+    stream: TcpStream,
+    /// Ends when the connection is to be closed.
+    closed: oneshot::Receiver<()>,
+    entry: Arc<Entry>,
+}
+
+impl Connection {
+    fn proof(&self) -> Proof {
+        Proof(Arc::clone(&self.entry))
+    }
+
+    /// Fails where the connection was closed from outside, else wakes when it is.
+    fn check(&mut self, cx: &mut Context<'_>) -> io::Result<()> {
+        match Pin::new(&mut self.closed).poll(cx) {
+            Poll::Pending => Ok(()),
+            Poll::Ready(_) => Err(io::ErrorKind::ConnectionAborted.into()),
+        }
+    }
+}
+
+impl Drop for Connection {
+    fn drop(&mut self) {
+        self.entry.close();
+    }
+}
+
+impl AsyncRead for Connection {
+    fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        self.check(cx)?;
+        let before = buf.filled().len();
+        ready!(Pin::new(&mut self.stream).poll_read(cx, buf))?;
+        if buf.filled().len() > before {
+            self.entry.touch();
+        }
+        Poll::Ready(Ok(()))
+    }
+}
+
+impl AsyncWrite for Connection {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
+        self.check(cx)?;
+        let written = ready!(Pin::new(&mut self.stream).poll_write(cx, buf))?;
+        self.entry.touch();
+        Poll::Ready(Ok(written))
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(cx)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(cx)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        bufs: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        self.check(cx)?;
+        let written = ready!(Pin::new(&mut self.stream).poll_write_vectored(cx, bufs))?;
+        self.entry.touch();
+        Poll::Ready(Ok(written))
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.stream.is_write_vectored()
+    }
+}
+
+#[cfg(feature = "grpc")]
+impl tonic::transport::server::Connected for Connection {
+    type ConnectInfo = Proof;
+
+    fn connect_info(&self) -> Proof {
+        self.proof()
+    }
+}
+
+#[cfg(not(feature = "grpc"))]
+impl axum::extract::connect_info::Connected<axum::serve::IncomingStream<'_, Listener>> for Proof {
+    fn connect_info(stream: axum::serve::IncomingStream<'_, Listener>) -> Self {
+        stream.io().proof()
+    }
+}
+
+/// Notes that the connection has sent a whole request.
+pub(crate) async fn note_request(request: Request, next: Next) -> Response {
+    #[cfg(feature = "grpc")]
+    let proof = request.extensions().get::<Proof>();
+    #[cfg(not(feature = "grpc"))]
+    let proof = request
+        .extensions()
+        .get::<axum::extract::ConnectInfo<Proof>>()
+        .map(|info| &info.0);
+    if let Some(Proof(entry)) = proof {
+        entry.proven.store(true, Ordering::Relaxed);
+    }
+    next.run(request).await
+}
