@@ -123,7 +123,10 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
         text,
     };
     live.end(&match &finished {
-        Ok(finished) => end(Some(finished.summary.verdict.trusted), text::verdict(&finished.summary)),
+        Ok(finished) => end(
+            Some(finished.summary.verdict.may_be_used),
+            text::verdict(&finished.summary),
+        ),
         Err(error) => end(None, error.to_string()),
     });
     drop(store);
@@ -140,7 +143,7 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
     } else {
         out!("{}", text::result(&finished.summary, &finished.files));
     }
-    Ok(if finished.summary.verdict.trusted {
+    Ok(if finished.summary.verdict.may_be_used {
         Exit::Done
     } else {
         Exit::NotTrusted
@@ -253,7 +256,7 @@ pub(super) fn evaluate(
     let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;
     let json = serde_json::to_string(&summary).map_err(CliError::job)?;
     store.put_result(info.run, "summary", &json)?;
-    let model = &evaluation.sphere;
+    let model = &evaluation.calibration;
     let fingerprint = Fingerprint::of(
         &model.robot,
         |q| model.tcp_m(q, None),

@@ -136,7 +136,7 @@ fn a_run_serves_its_own_page() {
     let alone = spherecal(folder.path(), &["run", "--poses", "9", "--json", "--out", "alone"]);
     assert_eq!(summary["recordings_sha256"], alone["recordings_sha256"]);
     assert_eq!(of("end").len(), 1);
-    assert_eq!(of("end")[0]["trusted"], summary["verdict"]["trusted"]);
+    assert_eq!(of("end")[0]["trusted"], summary["verdict"]["may_be_used"]);
 }
 
 // Fails if a run waits for a server that is not there to show it, does not say

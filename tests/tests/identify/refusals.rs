@@ -203,7 +203,7 @@ proptest! {
                 *sphere = (*sphere).min(spheres);
             }
         }
-        for method in [Method::Map, Method::Geometry, Method::GaussNewton, Method::Lm] {
+        for method in [Method::Full, Method::Geometry, Method::GaussNewton, Method::Lm] {
             let _ = identify(&e, &Options { method, ..Options::default() });
         }
     }

@@ -182,8 +182,8 @@ fn residuals(experiments: &[(Experiment, Experiment)]) -> [f64; 3] {
         };
         let found = [
             left(spheres, Method::Geometry),
-            left(spheres, Method::Map),
-            left(laser, Method::Map),
+            left(spheres, Method::Full),
+            left(laser, Method::Full),
         ];
         for (sum, x) in sums.iter_mut().zip(found) {
             *sum += x / experiments.len() as f64;

@@ -91,7 +91,7 @@ impl DistanceProblem {
             return Err(IdentifyError::Method {
                 method: options.method.name(),
                 reason: "the paper's fitness supports one placement of the plate, or only absolute points: \
-                         use map or geometry"
+                         use full or geometry"
                     .to_owned(),
             });
         }

@@ -62,7 +62,7 @@ pub(super) fn colour(name: &str) -> RGBColor {
         "laser" => 2,
         "paper_nelder_mead" => 3,
         "bound" => 4,
-        "laser_structured" => 5,
+        "laser_full" => 5,
         "calibrated_table_only" => 6,
         _ => 7,
     }]

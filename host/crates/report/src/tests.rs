@@ -159,7 +159,7 @@ fn every_model_has_a_colour_of_its_own() {
         "nominal",
         "sphere",
         "laser",
-        "laser_structured",
+        "laser_full",
         "paper_nelder_mead",
         "bound",
         "calibrated_table_only",

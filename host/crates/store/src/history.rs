@@ -133,7 +133,10 @@ pub fn read(store: &mut dyn CalibrationStore, arm: &str) -> Result<Vec<Past>, St
             robot: info.robot.name.to_string(),
             arm: info.arm,
             state: info.state,
-            trusted: summary["verdict"]["trusted"].as_bool(),
+            // Earlier versions called it `trusted`.
+            trusted: summary["verdict"]["may_be_used"]
+                .as_bool()
+                .or_else(|| summary["verdict"]["trusted"].as_bool()),
             recorded: summary["poses"]["recorded"].as_u64(),
             residual_rms_mm: summary["residual"]["rms_mm"].as_f64(),
             nominal_mm: models["nominal"]["mean_mm"].as_f64(),

@@ -12,7 +12,7 @@ use super::run_journal::RunJournal;
 use spherecal_campaign::measure_laser;
 use spherecal_campaign::{self as campaign, Assignment, CampaignError, Outcome, Silent};
 use spherecal_identify::validate::{Prediction, validate};
-use spherecal_identify::{Experiment, Observation, Set, Target, identify};
+use spherecal_identify::{EvaluateError, Experiment, Observation, Set, Target, identify};
 use spherecal_job::{Choice, Config, JobError, Prepared, prepare, simulated_tracker};
 use spherecal_link::JournalError;
 use spherecal_link::{Device, LinkError, controller_in_process};
@@ -273,7 +273,8 @@ impl Case {
             spheres: self.prepared.spheres.clone(),
             observations: observations.collect(),
         };
-        let found = identify(&experiment, &self.prepared.config.identify).map_err(JobError::from)?;
+        let failed = |error| JobError::from(EvaluateError::Identify(error));
+        let found = identify(&experiment, &self.prepared.config.identify).map_err(failed)?;
         let points = self.shots.iter().map(|s| found.tcp_m(&s.q, None).into());
         let models = [Prediction {
             name: "spheres".to_owned(),
@@ -281,7 +282,9 @@ impl Case {
             own_base: Some(found.base),
         }];
         let measured: Vec<[f64; 3]> = self.shots.iter().map(|s| s.point_m).collect();
-        let table = validate(&measured, &found.base, &models).map_err(JobError::from)?;
+        let table = validate(&measured, &found.base, &models)
+            .map_err(EvaluateError::from)
+            .map_err(JobError::from)?;
         Ok(table.models.first().map_or(f64::NAN, |m| m.best_fit.mean_mm))
     }
 }

@@ -40,7 +40,7 @@ const STEPS: usize = 60;
 
 /// Frames and tool of a data set, with a robot of given geometry.
 #[derive(Clone, Debug)]
-pub struct Alignment {
+pub struct NominalFrames {
     /// Tool centre point in the last frame of the table, in m.
     pub tcp_m: Vector3<f64>,
     /// F0 seen from each frame.
@@ -52,7 +52,7 @@ pub struct Alignment {
     pub median_m: f64,
 }
 
-impl Alignment {
+impl NominalFrames {
     /// Pose of a frame.
     pub fn frame(&self, reference: Reference) -> Option<&Pose> {
         self.frames.iter().find(|(r, _)| *r == reference).map(|(_, pose)| pose)
@@ -67,15 +67,15 @@ impl Alignment {
 }
 
 /// The frame Fn of a robot's table.
-pub(super) struct Flange(Vec<LinkTransform<f64>>);
+pub(crate) struct Flange(Vec<LinkTransform<f64>>);
 
 impl Flange {
-    pub(super) fn new(robot: &Robot) -> Self {
+    pub(crate) fn new(robot: &Robot) -> Self {
         Self(robot.joints.iter().map(|j| LinkTransform::from(&j.mdh)).collect())
     }
 
     /// At joint angles `q` (rad).
-    pub(super) fn at(&self, q: &[f64]) -> Pose<f64> {
+    pub(crate) fn at(&self, q: &[f64]) -> Pose<f64> {
         let mut frames = [Pose::identity(); MAX_JOINTS];
         let count = self.0.len().min(q.len()).min(MAX_JOINTS);
         frames_into(&self.0, q, &mut frames[..count]);
@@ -88,6 +88,15 @@ pub(super) fn reference_of(target: &Target) -> Reference {
     match target {
         Target::Point(_) | Target::Points(_) | Target::Frame(_) => Reference::Tracker,
         Target::Sphere { place, .. } => Reference::Place(*place),
+    }
+}
+
+/// The frame that a row's target is given in: points of closed-loop data live in
+/// the plate's frame.
+pub(super) fn frame_of(target: &Target, place: u32, closed_loop: bool) -> Reference {
+    match (reference_of(target), closed_loop) {
+        (Reference::Tracker, true) => Reference::Place(place),
+        (reference, _) => reference,
     }
 }
 
@@ -261,7 +270,7 @@ pub(super) fn target_of(target: &Target, spheres: &[Sphere]) -> Vector3<f64> {
 
 /// Aligns the calibration set of an experiment with a robot of given geometry;
 /// `free_tool` estimates the tool as well, else it stays nominal.
-pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Alignment {
+pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> NominalFrames {
     let flange = Flange::new(robot);
     let calibrating = |o: &&Observation| o.set == Set::Calibrate;
     let mut references: Vec<Reference> = Vec::new();
@@ -314,7 +323,7 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Alignme
         .map(|(index, o)| (index, problem.residual(&item(o), &guess).norm()))
         .collect();
     let mut d: Vec<f64> = distances_m.iter().map(|d| d.1).collect();
-    Alignment {
+    NominalFrames {
         tcp_m: guess.tool,
         median_m: median(&mut d),
         frames: problem.references.into_iter().zip(guess.frames).collect(),
