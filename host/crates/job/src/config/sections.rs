@@ -1,4 +1,4 @@
-//! The sections of the configuration that say what a run does: plan, campaign, tracker.
+//! The sections of the configuration about a run: plan, campaign, tracker.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -97,7 +97,7 @@ impl PlanSection {
         }
         let default = DesignRequest::new(match self.accuracy_mm {
             None => self.poses,
-            // The number is looked for; it sets how long the way to a pose may be.
+            // The number of poses is searched for; this one only sets the default patience.
             Some(_) => Self::default().poses,
         });
         let request = DesignRequest {
