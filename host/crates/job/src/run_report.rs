@@ -171,14 +171,7 @@ fn against_the_laser(s: &Summary) -> String {
             ahead(laser)
         )
     });
-    let equal = mean("laser_full").map(|laser| {
-        format!(
-            " One that models the robot as fully as the spheres do {}.",
-            ahead(laser)
-        )
-    });
-    let equal =
-        mean("laser_structured").map(|laser| format!(" A laser calibration with the full model {}.", ahead(laser)));
+    let equal = mean("laser_full").map(|laser| format!(" A laser calibration with the full model {}.", ahead(laser)));
     [paper, equal].into_iter().flatten().collect()
 }
 
