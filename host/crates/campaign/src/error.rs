@@ -164,7 +164,7 @@ pub enum CampaignError {
     },
     /// The plate must be moved, and no operator can be asked.
     #[error(
-        "the plate is to be moved to placement {} of the plan, and nobody at this terminal can say that it was: \
+        "the plate must be moved to placement {} of the plan, but nobody can confirm it at this terminal: \
          run without --json at a terminal, or plan one placement (give one of [[cell.placements]])", place + 1
     )]
     Plate {

@@ -1,18 +1,18 @@
-//! How good any estimator could be on the same recordings: one that is told the
-//! laws that the simulated arm's errors were drawn from (never the errors).
+//! The bound: the result of an estimator that knows the laws from which the simulated arm's errors
+//! were drawn. It never knows the errors themselves.
 //!
-//! Laws that the model has no term for count as white joint noise: gear, smooth
-//! and cross-joint errors, scatter, lost motion, early readings. Bad seats, and
-//! robots whose joints may be far off, make it robust and wide.
+//! Laws without a term in the model count as white joint noise: gear, smooth and cross-joint
+//! errors, scatter, lost motion, early readings. If seats may be bad, or joints far off, the
+//! estimator is robust and its priors are wide.
 
 use spherecal_identify::{Method, Model, Noise, Options, Override};
 use spherecal_sim::plant::PlantConfig;
 
-/// Degrees of freedom of the Student-t weights where seats may be bad.
+/// Degrees of freedom of the Student-t weights if seats may be bad.
 const ROBUST: f64 = 4.0;
 
-/// Options of an estimator whose model, priors and noise are the plant's own
-/// laws, for an arm with `joints` joints.
+/// Options of an estimator with the plant's own laws as model, priors and noise, for an arm with
+/// `joints` joints.
 pub fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
     let on = |enabled: bool, value: f64| if enabled { value } else { 0.0 };
     let encoder = &plant.encoder;
@@ -23,7 +23,7 @@ pub fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
     };
     let lost = &plant.lost_motion;
     let early = &plant.reading;
-    // Of numbers uniform between a and b the mean square is (a² + a b + b²) / 3.
+    // The mean square of a number uniform between a and b is (a² + a b + b²) / 3.
     let [low, high] = lost.half_width_rad;
     let lost_rms = ((low * low + low * high + high * high) / 3.0).sqrt();
     let early_rms = early.early_share.sqrt() * 0.5 * early.deceleration_rad_s2 * early.early_s * early.early_s;
@@ -73,7 +73,7 @@ pub fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
     prior("a".into(), None, length);
     prior("d".into(), None, length);
     prior("alpha".into(), None, on(geometry.enabled, geometry.alpha_sigma_rad));
-    // A uniform offset of some robots: its standard deviation over all of them.
+    // A uniform offset of some robots; this is its standard deviation over all of them.
     let offset = geometry.offset_rad * (geometry.offset_share / 3.0).sqrt();
     let theta = geometry.theta_sigma_rad.hypot(offset);
     prior("theta".into(), None, on(geometry.enabled, theta));

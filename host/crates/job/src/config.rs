@@ -1,6 +1,6 @@
-//! Everything that a user may set, as one TOML tree.
+//! All user settings, as one TOML tree.
 //!
-//! A file names only what it changes; a name that does not exist is an error.
+//! A file needs only the fields that it changes. An unknown name is an error.
 
 use std::path::Path;
 
@@ -33,10 +33,10 @@ pub struct Config {
     pub seed: u64,
     /// Robot: a built-in name, or a .toml or .urdf file.
     pub robot: String,
-    /// Which arm of that kind this is: its serial number, or whatever names it
-    /// in the fleet; `spherecal history` tells arms apart by it.
+    /// Name of this arm: its serial number, or another name that is unique in the fleet. `spherecal
+    /// history` distinguishes arms by it.
     pub arm: String,
-    /// What is real: tool, plate, placements and waypoints.
+    /// The real cell: tool, plate, placements and waypoints.
     pub cell: CellSection,
     /// Which poses are visited.
     pub plan: PlanSection,
@@ -44,8 +44,8 @@ pub struct Config {
     pub campaign: CampaignSection,
     /// The procedure of Algorithm 2.
     pub procedure: Procedure,
-    /// What is simulated, where the arm is: the name of a `preset`, and the errors that differ from it. It has no
-    /// meaning for a real arm.
+    /// The simulated arm: the name of a `preset`, and the errors that differ from it. A real arm
+    /// does not use this section.
     #[serde(skip_serializing_if = "toml::Table::is_empty")]
     #[schemars(with = "PlantConfig")]
     pub plant: toml::Table,
@@ -76,20 +76,20 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Reads a file; what it does not name has its default.
+    /// Reads a file. Fields that it leaves out have their defaults.
     ///
     /// # Errors
-    /// A file that cannot be read, is not TOML or names what does not exist.
+    /// The file cannot be read, is not TOML or contains an unknown name.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let name = path.display().to_string();
         let text = read_text(path, MOST_BYTES, "a configuration has some kilobytes")?;
         Self::parse(&name, &text)
     }
 
-    /// As [`read`](Self::read), of a text; `name` is for messages.
+    /// Like [`read`](Self::read), from a text; `name` appears in messages.
     ///
     /// # Errors
-    /// What is not TOML, names what does not exist, or has the layout of an older program.
+    /// The text is not TOML, contains an unknown name, or has the layout of an older program.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
         if let Ok(mut table) = toml::from_str::<toml::Table>(text) {
             let fields = layout::bring_forward(&mut table);
@@ -110,7 +110,7 @@ impl Config {
     /// Reads the configuration of a stored run, of this program or an older one.
     ///
     /// # Errors
-    /// What is not TOML or names what no program knew.
+    /// The text is not TOML or contains a name that no version knew.
     pub fn stored(text: &str) -> Result<Self, ConfigError> {
         let unreadable = |e: toml::de::Error| ConfigError::Syntax {
             path: "the stored configuration".to_owned(),
@@ -124,7 +124,7 @@ impl Config {
     /// Checks every number that has a range.
     ///
     /// # Errors
-    /// The first that is out of it.
+    /// The first number that is out of its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         self.procedure.check()?;
         self.cell.check()?;
@@ -186,13 +186,13 @@ impl Config {
             return Err(ConfigError::Range {
                 field: "plan.patience",
                 value: patience,
-                remedy: "give a positive number of recordings' time, or leave it out",
+                remedy: "give a positive number, in units of a recording's time, or leave it out",
             });
         }
         Ok(())
     }
 
-    /// The plant: the preset with what differs from it, the job's seed, and the cell in which it stands.
+    /// The plant: the preset with the changed errors, the job's seed, and the cell.
     ///
     /// # Errors
     /// An unknown preset or field, or a number out of range.
@@ -222,10 +222,10 @@ impl Config {
         Ok(config)
     }
 
-    /// The whole tree as TOML, every field stated.
+    /// The whole tree as TOML, with every field.
     ///
     /// # Errors
-    /// Only where the serialiser fails.
+    /// Only if the serialiser fails.
     pub fn to_toml(&self) -> Result<String, ConfigError> {
         toml::to_string(self).map_err(|e| ConfigError::Syntax {
             path: "configuration".to_owned(),
@@ -239,7 +239,7 @@ fn merge(base: &mut toml::Table, over: toml::Table) {
     for (key, value) in over {
         match (base.get_mut(&key), value) {
             (Some(toml::Value::Table(inner)), toml::Value::Table(new)) => merge(inner, new),
-            // A whole number where a float stands is meant as one.
+            // A whole number in the place of a float is read as a float.
             (Some(slot @ toml::Value::Float(_)), toml::Value::Integer(whole)) => {
                 *slot = toml::Value::Float(whole as f64);
             }

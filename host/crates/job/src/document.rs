@@ -10,10 +10,10 @@ use toml::Table;
 
 use super::{Config, ConfigError};
 
-/// Width to which comments are wrapped, in characters.
+/// Width of wrapped comments, in characters.
 const WIDTH: usize = 100;
 
-/// The section of the plant with every field, in place of the preset's name.
+/// The plant's section with every field, instead of the preset's name.
 #[derive(Serialize)]
 struct WholePlant {
     plant: PlantConfig,
@@ -38,7 +38,7 @@ impl Config {
         let mut text = without_plant.to_toml()?;
         text.push('\n');
         let plant = toml::to_string(&plant).map_err(|e| encode(e.to_string()))?;
-        // The plant's seed is the run's, unless the user gave it one of its own.
+        // The plant's seed is the run's, unless the user set one for the plant.
         let shown = |line: &&str| self.plant.contains_key("seed") || !line.starts_with("seed = ");
         for line in plant.lines().filter(shown) {
             text.push_str(line);
@@ -71,10 +71,10 @@ impl<'a> Node<'a> {
         Self { schema, ..self }
     }
 
-    /// The type behind references and options; the element's type of a list.
+    /// The type behind references and options; for a list, the type of its elements.
     fn resolved(self) -> Self {
         let mut node = self;
-        // A schema of our own types nests a few levels; the bound ends a circle.
+        // A schema of our own types has only a few levels; the limit ends a cycle.
         for _ in 0..16 {
             let schema = node.schema;
             if let Some(path) = schema.get("$ref").and_then(Value::as_str) {
@@ -95,7 +95,7 @@ impl<'a> Node<'a> {
         node
     }
 
-    /// A field of this type, by name; of a free table (parameters by name), any field.
+    /// A field of this type, by name. In a free table (parameters by name), any field.
     fn field(self, name: &str) -> Option<Self> {
         let node = self.resolved();
         let schema = node.schema;
@@ -110,7 +110,7 @@ impl<'a> Node<'a> {
         properties.into_iter().flat_map(|p| p.keys())
     }
 
-    /// What the field is, in the words of its doc comment, and the names that it may have where it is a choice.
+    /// The field's doc comment, and for a choice the allowed names.
     fn words(self) -> String {
         let words = self
             .schema
@@ -148,7 +148,7 @@ fn describe(out: &mut String, text: &str, table: &Table, root: Node<'_>) {
             section = path.iter().try_fold(root, |node, name| node.field(name));
             present = path.iter().try_fold(table, |table, name| match table.get(name) {
                 Some(toml::Value::Table(inner)) => Some(inner),
-                // Of a list of tables every one has the same fields.
+                // All tables of a list have the same fields.
                 Some(toml::Value::Array(list)) => list.first().and_then(toml::Value::as_table),
                 _ => None,
             });
@@ -186,7 +186,7 @@ fn left_out(out: &mut String, section: Option<Node<'_>>, present: Option<&Table>
     let Some(section) = section else { return };
     for name in section.names() {
         let absent = present.is_none_or(|table| !table.contains_key(name));
-        // The plant's seed is the run's, and is not stated twice.
+        // The plant's seed is the run's, and is not printed twice.
         if absent && let Some(field) = section.field(name) {
             comment(out, &field.words());
             out.push_str(&format!("# {name} = (left out)\n"));
@@ -253,8 +253,8 @@ mod tests {
         }
     }
 
-    // Fails if what a user set is printed as the default, or a name that TOML
-    // wants quoted is not.
+    // Fails if a user's value is printed as the default, or if a name that TOML requires to be
+    // quoted is not.
     #[test]
     fn what_was_set_is_printed() {
         let text = "seed = 9\n[cell.tool]\ntcp_mm = [1.0, 2.0, 3.0]\n[plan]\npatience = 0.5\n\

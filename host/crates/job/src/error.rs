@@ -39,7 +39,7 @@ pub enum JobError {
     Plant(#[from] PlantError),
     /// The plate is out of the arm's reach; suggests a reachable placement.
     #[error(
-        "{source}. At this place the arm reaches all of it; write into the configuration (--config):\n\n\
+        "{source}. With these lines in the configuration (--config) the arm reaches the whole plate:\n\n\
          [[cell.placements]]\norigin_m = {origin_m:?}\nrpy_rad = {rpy_rad:?}\n"
     )]
     PlateOutOfReach {

@@ -169,8 +169,7 @@ pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
     Ok(simulated_arm(&model.robot, &tool, &plant, &home.joints)?)
 }
 
-/// Where the plate is meant to stand, in each placement; where it does stand is
-/// the plant's affair.
+/// Nominal pose of the plate in each placement. The plant draws the true pose.
 fn plate_poses(cell: &NominalCell) -> Vec<PlatePose> {
     let spheres = &cell.plate.spheres_m;
     let sum: Vector3<f64> = spheres.iter().map(|s| Vector3::from(*s)).sum();

@@ -137,7 +137,7 @@ impl Waypoints {
                         "the waypoint of sphere {sphere} is {:.0} mm from its planned position",
                         away * 1e3
                     ),
-                    "teach it over its own sphere, or give the plate's place in [[cell.placements]] of the configuration",
+                    "teach it above its own sphere, or correct the position of the plate in [[cell.placements]] of the configuration",
                 ));
             }
             visit.approach.position_m = pose.position.into();

@@ -87,6 +87,6 @@ fn main() -> Result<(), LinkError> {
     let mut server = DriveServer::new(Box::new(Arm::new()), false);
     loop {
         let service = server.serve(&listener)?;
-        println!("a controller has gone after {} commands", service.commands);
+        println!("a controller disconnected after {} commands", service.commands);
     }
 }

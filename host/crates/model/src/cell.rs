@@ -1,8 +1,8 @@
-//! What is known of a real cell before anything is measured: the plate, its
-//! certificate, and where it is meant to stand.
+//! The known data of a real cell before anything is measured: the plate, its certificate, and its
+//! nominal pose.
 //!
-//! The configuration's section `[cell]` is made of these types. The planner
-//! takes nominal positions from them. The simulator draws its errors around them.
+//! The configuration's section `[cell]` consists of these types. The planner takes nominal
+//! positions from them; the simulator draws its errors around them.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +14,7 @@ pub const MAX_SPHERES: usize = 8;
 /// Most placements of the plate in one run.
 const MAX_PLACEMENTS: usize = 32;
 
-/// Calibration plate: what its certificate and its drawing say.
+/// Calibration plate, by its certificate and its drawing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
@@ -65,7 +65,8 @@ pub struct Placement {
 }
 
 impl Default for Placement {
-    /// The centroid of the default plate's spheres at (470, 0, 320) mm, yaw 150 degrees (reach study of `plant.md`).
+    /// The centroid of the default plate's spheres at (470, 0, 320) mm, yaw 150 degrees (reach study of
+    /// `docs/design/plant.md`).
     fn default() -> Self {
         let yaw = 150.0_f64.to_radians();
         let (cx, cy) = ((0.300_009 + 0.150_049) / 3.0, 0.260_051 / 3.0);
@@ -82,7 +83,7 @@ impl Default for Placement {
 pub struct NominalCell {
     /// The plate.
     pub plate: CalibrationPlate,
-    /// Where the plate is meant to stand, one placement after the other.
+    /// Nominal poses of the plate, one placement after the other.
     pub placements: Vec<Placement>,
 }
 
@@ -108,7 +109,7 @@ pub struct CellError {
 }
 
 impl NominalCell {
-    /// The first placement; the default one where there is none.
+    /// The first placement; the default one if there is none.
     pub fn first(&self) -> Placement {
         self.placements.first().copied().unwrap_or_default()
     }
@@ -189,7 +190,7 @@ fn require(field: &'static str, value: f64, good: bool, remedy: &'static str) ->
 mod tests {
     use super::*;
 
-    // Fails if a number of the cell that cannot be true is accepted, or the refusal does not name its field.
+    // Fails if an impossible number is accepted, or if the error does not name its field.
     #[test]
     fn impossible_cells_are_refused_by_field() {
         assert_eq!(NominalCell::default().check(), Ok(()));

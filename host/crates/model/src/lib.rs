@@ -1,12 +1,12 @@
-//! What is calibrated, and from what: the robot's model, its kinematics and the
-//! measured data, as plain types.
+//! Plain types for what is calibrated and from what: the robot's model, its kinematics, and the
+//! measured data.
 //!
 //! ```text
 //!   robot file ─▶ robots ─▶ Robot ─▶ Chain (forward and inverse kinematics)
 //!   CSV, plate file ─▶ input ─▶ Experiment (joint angles, and where the TCP was)
 //! ```
 //!
-//! Lowest of the host's crates: it knows `spherecal-shared` only.
+//! Lowest of the host's crates: it depends only on `spherecal-shared`.
 
 mod cell;
 pub mod chain;

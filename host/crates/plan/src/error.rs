@@ -32,8 +32,8 @@ pub enum PlanError {
     Model(#[from] IdentifyError),
     /// No allowed number of poses reaches the requested accuracy.
     #[error(
-        "a mean TCP error of {wanted_mm} mm is not to be expected of {poses} poses or fewer ({best_mm:.3} mm is): \
-         ask for less, move the plate to a second placement ([[cell.placements]]), or allow wider poses (plan.range)"
+        "{poses} poses or fewer do not reach a mean TCP error of {wanted_mm} mm (predicted: {best_mm:.3} mm): \
+         allow a larger error, move the plate to a second placement ([[cell.placements]]), or allow wider poses (plan.range)"
     )]
     Accuracy {
         /// Mean error that was asked for, in mm.

@@ -1,11 +1,10 @@
 //! Accepts connections within bounds, in front of the web page and the services.
 //!
-//! A server has few honest clients. It keeps at most [`MOST`] connections open,
-//! and at most [`MOST_OF_ONE_ADDRESS`] of one address on the network. When one
-//! more comes, the connection that has shown the least is closed: first those
-//! that sent no whole request within [`LATE`], then the one that has been silent longest. So idle
-//! connections, however many, lock nobody out. A connection that sends no whole
-//! request within [`FIRST_REQUEST`] is closed in any case.
+//! A server has few honest clients. It keeps at most [`MOST`] connections open, and at most
+//! [`MOST_OF_ONE_ADDRESS`] of one address on the network. When one more arrives, a connection is
+//! closed: first those that sent no complete request within [`LATE`], then the one that has been
+//! silent longest. So idle connections cannot lock out a client. A connection that sends no
+//! complete request within [`FIRST_REQUEST`] is always closed.
 
 use std::io;
 use std::net::{IpAddr, SocketAddr};
@@ -22,15 +21,14 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 
-/// Most connections at one time. Together with the bounds of one connection
-/// this bounds the memory of a server.
+/// Most connections at one time. Together with the limits of one connection this limits the memory
+/// of a server.
 pub(crate) const MOST: usize = 128;
 /// Most connections of one address beyond loopback.
 const MOST_OF_ONE_ADDRESS: usize = 32;
-/// Time within which a connection must have sent its first whole request, with
-/// the TLS handshake.
+/// Time within which a connection must send its first complete request, TLS handshake included.
 const FIRST_REQUEST: Duration = Duration::from_secs(10);
-/// Time after which a connection without a whole request is the first to go.
+/// Time after which a connection without a complete request is closed first.
 const LATE: Duration = Duration::from_secs(1);
 /// Wait after an accept that failed, for example because no file descriptor is free.
 const AFTER_FAILURE: Duration = Duration::from_millis(50);
@@ -57,7 +55,7 @@ impl Entry {
         self.opened + Duration::from_millis(self.last_ms.load(Ordering::Relaxed))
     }
 
-    /// Whether it has sent no whole request although an honest client would have.
+    /// Whether it has sent no complete request although an honest client would have.
     fn is_late(&self) -> bool {
         !self.proven.load(Ordering::Relaxed) && self.opened.elapsed() > LATE
     }
@@ -76,8 +74,7 @@ impl Entry {
 struct Open(Mutex<Vec<Arc<Entry>>>);
 
 impl Open {
-    /// Registers a connection, and closes the one that has shown the least where
-    /// there are too many.
+    /// Registers a connection. If there are too many, closes the least useful one.
     fn admit(&self, entry: &Arc<Entry>) {
         let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         open.retain(|e| e.is_open());
@@ -95,7 +92,7 @@ impl Open {
         open.push(Arc::clone(entry));
     }
 
-    /// Closes connections that never sent a whole request.
+    /// Closes connections that never sent a complete request.
     fn sweep(&self) {
         let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         open.retain(|e| e.is_open());
@@ -116,7 +113,7 @@ pub(crate) struct Listener {
 }
 
 impl Listener {
-    /// Bounds a listener; must be called within a runtime.
+    /// Limits a listener; must be called within a runtime.
     pub(crate) fn new(listener: TcpListener) -> Self {
         let open = Arc::new(Open::default());
         let swept = Arc::clone(&open);
@@ -133,12 +130,12 @@ impl Listener {
         }
     }
 
-    /// The next connection. A failed accept is tried again.
+    /// The next connection. A failed accept is repeated.
     pub(crate) async fn next(&self) -> (Connection, SocketAddr) {
         loop {
             match self.listener.accept().await {
                 Ok((stream, peer)) => {
-                    // Without it small messages wait for more; they arrive all the same.
+                    // Without this option small messages are delayed, but still arrive.
                     let _ = stream.set_nodelay(true);
                     return (self.bounded(stream, peer), peer);
                 }
@@ -220,7 +217,7 @@ impl Connection {
         Proof(Arc::clone(&self.entry))
     }
 
-    /// Fails where the connection was closed from outside, else wakes when it is.
+    /// Fails if the connection was closed from outside; otherwise wakes when it is.
     fn check(&mut self, cx: &mut Context<'_>) -> io::Result<()> {
         match Pin::new(&mut self.closed).poll(cx) {
             Poll::Pending => Ok(()),
@@ -295,7 +292,7 @@ impl axum::extract::connect_info::Connected<axum::serve::IncomingStream<'_, List
     }
 }
 
-/// Notes that the connection has sent a whole request.
+/// Records that the connection has sent a complete request.
 pub(crate) async fn note_request(request: Request, next: Next) -> Response {
     #[cfg(feature = "grpc")]
     let proof = request.extensions().get::<Proof>();

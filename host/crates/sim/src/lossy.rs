@@ -24,8 +24,9 @@ const AGAIN_MOST_US: u64 = 50_000;
 /// Bytes kept without an end of frame: more than any frame has.
 const FRAGMENT_MOST: usize = 1 << 14;
 
-/// How bad a host link is: what happens to a frame, in either direction, each
-/// with a probability of its own. All zero is a good link.
+/// Quality of a host link: what happens to a frame in either direction, each with its own
+/// probability. All zero is a perfect link.
+///
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Lossy {

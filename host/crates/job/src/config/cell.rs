@@ -1,4 +1,4 @@
-//! Section `[cell]`: what is real, whether the arm is simulated or not.
+//! Section `[cell]`: the real cell, for simulated and real arms.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,8 @@ use spherecal_shared::robot::Inertia;
 
 use crate::TaughtWaypoint;
 
-/// What is known of the real cell: tool, plate, where the plate stands, and where the descents begin.
+/// The known data of the real cell: tool, plate, nominal pose of the plate, and start of the
+/// descents.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CellSection {
@@ -17,10 +18,12 @@ pub struct CellSection {
     pub tool: ToolSection,
     /// The plate with the spheres.
     pub plate: CalibrationPlate,
-    /// Where the plate is meant to stand. The plate moves from one placement to the next; the paper has one.
+    /// Nominal poses of the plate. The plate moves from one placement to the next; the paper has
+    /// one.
     pub placements: Vec<Placement>,
-    /// Where the descent to each sphere begins, as `spherecal teach` found it. Empty: above the sphere's nominal
-    /// position, displaced by `campaign.taught_error_m`. `--waypoints` takes the place of this list.
+    /// Start of the descent to each sphere, as `spherecal teach` found it. Empty: above the
+    /// sphere's nominal position, displaced by `campaign.taught_error_m`. `--waypoints` replaces
+    /// this list.
     pub waypoints: Vec<TaughtWaypoint>,
 }
 
@@ -40,14 +43,16 @@ impl Default for CellSection {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ToolSection {
-    /// Nominal TCP (centre of a seated sphere) in the flange frame, in mm. Left out: the robot file's.
+    /// Nominal TCP (centre of a seated sphere) in the flange frame, in mm. Default: from the robot
+    /// file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tcp_mm: Option<[f64; 3]>,
-    /// Mass of the tool, in kg, in place of the whole mass distribution in the robot's file. Left out: the robot
-    /// file's.
+    /// Mass of the tool, in kg. It replaces the whole mass distribution in the robot file. Default:
+    /// from the robot file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mass_kg: Option<f64>,
-    /// Centre of that mass in the flange frame, in mm; it goes with `mass_kg`. Left out: the flange's origin.
+    /// Centre of that mass in the flange frame, in mm; only with `mass_kg`. Default: the flange's
+    /// origin.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub com_mm: Option<[f64; 3]>,
 }
@@ -56,7 +61,7 @@ impl ToolSection {
     /// Checks every number.
     ///
     /// # Errors
-    /// The first field that is not possible.
+    /// The first field with an impossible value.
     pub(super) fn check(&self) -> Result<(), CellError> {
         let refuse = |field, value, remedy| Err(CellError { field, value, remedy });
         for value in self.tcp_mm.iter().flatten() {
@@ -77,7 +82,7 @@ impl ToolSection {
                 );
             }
             if self.mass_kg.is_none() {
-                return refuse("tool.com_mm", *value, "give tool.mass_kg with it, or leave it out");
+                return refuse("tool.com_mm", *value, "give tool.mass_kg too, or leave this out");
             }
         }
         if let Some(mass) = self.mass_kg
@@ -112,10 +117,10 @@ impl CellSection {
         }
     }
 
-    /// Checks every number; waypoints are checked against the plan where they are used.
+    /// Checks every number. Waypoints are checked against the plan when they are used.
     ///
     /// # Errors
-    /// The first field that is not possible.
+    /// The first field with an impossible value.
     pub(super) fn check(&self) -> Result<(), CellError> {
         self.tool.check()?;
         self.nominal().check()
@@ -126,7 +131,8 @@ impl CellSection {
 mod tests {
     use super::*;
 
-    // Fails if a tool that cannot be is accepted, or a centre of mass without a mass is ignored in silence.
+    // Fails if an impossible tool is accepted, or if a centre of mass without a mass is silently
+    // ignored.
     #[test]
     fn impossible_tools_are_refused_by_field() {
         let refusal = |text: &str| {

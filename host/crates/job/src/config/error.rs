@@ -11,7 +11,7 @@ pub enum ConfigError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The file is not TOML, or names what does not exist.
+    /// The file is not TOML, or contains an unknown name.
     #[error("{path}: {message}\nremedy: `spherecal config --print` shows every field with its default")]
     Syntax {
         /// File.
@@ -19,10 +19,10 @@ pub enum ConfigError {
         /// What is wrong, and where.
         message: String,
     },
-    /// The file is of an older program, which kept what is real in `[plant]`.
+    /// The file has the layout of an older program, which kept the real cell in `[plant]`.
     #[error(
-        "{path} is written for an older program: what is real stands in [cell] now, and [plant] holds the simulated \
-         errors only\nremedy: remove {fields}\nand write at the end of the file (in place of [cell], where it has one):\n\n{lines}"
+        "{path} was written for an older program: the real cell is now in [cell], and [plant] has only the simulated \
+         errors\nremedy: remove {fields}\nand write at the end of the file (instead of [cell], if it has one):\n\n{lines}"
     )]
     OldLayout {
         /// File.

@@ -1,4 +1,4 @@
-//! Configurations of older programs, which kept a part of the real cell elsewhere.
+//! Migrates configurations of older programs, which kept a part of the real cell in other sections.
 //!
 //! | then | now |
 //! |---|---|
@@ -7,10 +7,11 @@
 //! | `plant.plate.origin_m`, `rpy_rad` | the first of `[[cell.placements]]` |
 //! | `plant.plate.moved` | the other `[[cell.placements]]` |
 //!
-//! A stored configuration is brought forward when it is read ([`Config::stored`](super::Config::stored)). The stored
-//! text itself stays as it was written: it is a part of the record, and digests and other stores hold the same text.
-//! A user's file is refused with the lines to write ([`ConfigError::OldLayout`](super::ConfigError::OldLayout)), so
-//! that no file says one thing and the documentation another.
+//! A stored configuration is migrated when it is read ([`Config::stored`](super::Config::stored)).
+//! The stored text itself stays unchanged: it is part of the record, and digests and other stores
+//! contain the same text. A user's file is refused with the lines to write
+//! ([`ConfigError::OldLayout`](super::ConfigError::OldLayout)), so that files and documentation
+//! agree.
 
 use spherecal_model::Placement;
 use toml::{Table, Value};
@@ -18,9 +19,9 @@ use toml::{Table, Value};
 /// Fields that moved from `[plant.plate]` to `[cell.plate]` under the same name.
 const PLATE: [&str; 4] = ["spheres_m", "certificate_sigma_m", "sphere_radius_m", "surface_below_m"];
 
-/// Moves every field to where it stands now. Returns the names of those that moved, as they stood before.
+/// Moves every field to its present place. Returns the old names of the moved fields.
 ///
-/// A field that `[cell]` has already keeps its value there.
+/// A field that `[cell]` already has keeps its value.
 pub(super) fn bring_forward(config: &mut Table) -> Vec<String> {
     let mut moved = Vec::new();
     if config.get("cell").is_some_and(|cell| !cell.is_table()) {
@@ -54,7 +55,7 @@ pub(super) fn bring_forward(config: &mut Table) -> Vec<String> {
     moved
 }
 
-/// Takes out of the old `[plant.plate]` what stands in `[cell]` now.
+/// Removes from the old `[plant.plate]` the fields that are now in `[cell]`.
 fn take_plate(old: &mut Table, cell: &mut Table, moved: &mut Vec<String>) {
     let mut take = |name: &str| {
         let value = old.remove(name);
@@ -74,7 +75,7 @@ fn take_plate(old: &mut Table, cell: &mut Table, moved: &mut Vec<String>) {
     if origin_m.is_none() && rpy_rad.is_none() && others.is_none() {
         return;
     }
-    // What an older file left out had this default then, too.
+    // A field that an older file left out had this default.
     let default = Placement::default();
     let floats = |values: [f64; 3]| Value::from(values.to_vec());
     let first = Table::from_iter([
@@ -87,7 +88,7 @@ fn take_plate(old: &mut Table, cell: &mut Table, moved: &mut Vec<String>) {
     let mut placements = vec![Value::from(first)];
     match others {
         Some(Value::Array(others)) => placements.extend(others),
-        // Not a list of placements: the reader of the new layout names the mistake.
+        // Not a list of placements: the reader of the new layout reports the mistake.
         Some(other) => placements.push(other),
         None => {}
     }
@@ -121,8 +122,8 @@ mod tests {
                        [plant.plate]\norigin_m = [0.5, -0.1, 0.3]\nplacement_sigma_m = 0.001\nsphere_radius_m = 0.02\n\
                        [[plant.plate.moved]]\norigin_m = [0.5, 0.1, 0.4]\nrpy_rad = [0.0, 0.0, 1.0]\n";
 
-    // Fails if a value of an older configuration is lost, moved to another field or changed, or a field that
-    // stayed where it was moves.
+    // Fails if a value of an older configuration is lost, changed or moved to another field, or if
+    // a field that did not move moves.
     #[test]
     fn every_field_finds_its_new_home() {
         let config = Config::stored(OLD).expect("brought forward");
@@ -149,8 +150,9 @@ mod tests {
         );
     }
 
-    // Fails if a user's older file is read in silence, if the refusal does not name each field to remove, or if
-    // the file that follows the refusal is another configuration than the older program read.
+    // Fails if a user's older file is silently read, if the error does not name each field to
+    // remove, or if the file that follows the remedy gives another configuration than the older
+    // program read.
     #[test]
     fn the_lines_to_paste_make_the_same_configuration() {
         let refusal = Config::parse("cell.toml", OLD).expect_err("an older file");
@@ -167,7 +169,7 @@ mod tests {
                 .contains("[cell.tool]\ntcp_mm = [10.0, 0.0, 120.0]\n"),
             "{refusal}"
         );
-        // Done by hand: the named fields go, the lines come.
+        // Follows the remedy: the named fields are removed and the lines are added.
         let mut edited: Table = toml::from_str(OLD).expect("TOML");
         for field in fields.split(", ") {
             let mut names = field.split('.').rev();
@@ -182,11 +184,11 @@ mod tests {
         assert_eq!(config, Config::stored(OLD).expect("brought forward"));
     }
 
-    /// A run that an older program measured and stored: see `tests/data/README.md`.
+    /// A run that an older program measured and stored; see `tests/data/README.md`.
     const OLD_RUN: &[u8] = include_bytes!("../../../../../tests/data/old_configuration.db");
 
-    // Fails if a run that an older program stored cannot be read, if its cell is another one now (then its plan
-    // comes out otherwise), or if reading changes what is stored.
+    // Fails if a run that an older program stored cannot be read, if its cell has changed (then its
+    // plan differs), or if reading changes the stored text.
     #[test]
     fn a_stored_run_of_an_older_program_goes_on() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -215,8 +217,8 @@ mod tests {
         assert_eq!(again.expect("reads").expect("a run").config_toml, run.config_toml);
     }
 
-    // Fails if a file of the present layout, with errors of the plate, is taken for an older one, or if an older
-    // field beside `[cell]` overrides what `[cell]` says.
+    // Fails if a file of the present layout, with errors of the plate, is taken for an older one,
+    // or if an older field beside `[cell]` overrides the value in `[cell]`.
     #[test]
     fn the_present_layout_is_left_alone() {
         let text = "[plant.plate]\nplacement_sigma_m = 0.001\n[cell.plate]\nsphere_radius_m = 0.02\n";

@@ -1,4 +1,4 @@
-//! The sections of the configuration that say what a run does: plan, campaign, tracker.
+//! The sections of the configuration about a run: plan, campaign, tracker.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ use spherecal_plan::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
-    /// By the TCP error that they leave over the workspace.
+    /// By the predicted TCP error over the workspace.
     #[default]
     Optimal,
     /// Spread over the grid: each sphere is visited once, in small turns.
@@ -24,22 +24,22 @@ pub enum Choice {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlanSection {
-    /// Poses over all spheres; 0 for every reachable one of the grid.
+    /// Number of poses over all spheres; 0 for every reachable one of the grid.
     pub poses: usize,
-    /// The paper's whole grid by the paper's rules, whatever else is said here.
+    /// Use the paper's whole grid by the paper's rules. Overrides the other fields of this section.
     pub paper: bool,
-    /// Mean TCP error that is asked for, in mm, base aligned: as few optimal
-    /// poses as promise it, in place of `poses`.
+    /// Wanted mean TCP error, in mm, base aligned. The planner uses the fewest optimal poses that
+    /// are predicted to reach it, instead of `poses`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accuracy_mm: Option<f64>,
     /// How the poses are chosen.
     pub choice: Choice,
-    /// Contacts of an optimal plan at most, though never less than one of each
-    /// sphere; 0 for as many as are worth it.
+    /// Largest number of contacts of an optimal plan, but at least one per sphere; 0 for as many as
+    /// are worthwhile.
     pub contacts: usize,
-    /// How many recordings' time the way to an optimal pose may take before
-    /// half of what it gains is lost: small saves robot time, large poses.
-    /// 60 over the number of poses where left out.
+    /// Travel time to an optimal pose, in units of a recording's time, at which half of the pose's
+    /// gain is discounted. A small value saves robot time, a large one saves poses. Default: 60
+    /// divided by the number of poses.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub patience: Option<f64>,
     /// How wide optimal poses may lie.
@@ -48,13 +48,13 @@ pub struct PlanSection {
     pub grid: Grid,
     /// What configurations and moves must keep.
     pub rules: Rules,
-    /// Height of the approach frames over the spheres' centres, in m.
+    /// Height of the approach frames above the spheres' centres, in m.
     pub approach_height_m: f64,
-    /// How far the TCP may leave the box about the plan's places and ways, in m:
+    /// Margin of the TCP around the box of the plan's positions and paths, in m;
     /// procedure.limits.workspace is narrowed to it.
     pub workspace_margin_m: f64,
-    /// How far the TCP may come under the centre of the lowest sphere, in m:
-    /// procedure.limits.plate is set by it, unless it is given.
+    /// How far the TCP may go below the centre of the lowest sphere, in m; sets
+    /// procedure.limits.plate, unless that is given.
     pub plate_margin_m: f64,
 }
 
@@ -96,7 +96,7 @@ impl PlanSection {
         }
         let default = DesignRequest::new(match self.accuracy_mm {
             None => self.poses,
-            // The number is looked for; it sets how long the way to a pose may be.
+            // The number of poses is searched for; this one only sets the default patience.
             Some(_) => Self::default().poses,
         });
         let request = DesignRequest {
@@ -121,16 +121,16 @@ impl PlanSection {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CampaignSection {
-    /// Attempts in vain after which a sphere is given up.
+    /// Failed attempts after which a sphere is given up.
     pub attempts: u32,
     /// Failures after which a single pose is given up.
     pub pose_attempts: u32,
     /// Poses given up, in percent, after which the campaign stops.
     pub rejected_percent: u32,
-    /// How long after its cause a command starts, in ms: within it a lossy link
-    /// must get an event up and a command down, or recordings depend on it.
+    /// Delay from a command's cause to its start, in ms. A lossy link must deliver an event and a
+    /// command within this time, or recordings depend on it.
     pub lead_ms: u32,
-    /// Error of the taught waypoints along each axis, in m, either way: quick
+    /// Largest error of the taught waypoints along each axis, in m, in both directions: quick
     /// hand-guiding (the paper's, Section 4.2).
     pub taught_error_m: f64,
 }

@@ -1,4 +1,4 @@
-//! Tables of the report about the run itself: contacts, seating, link, faults, and where the figures come from.
+//! Tables of the report about the run itself: contacts, seating, link, faults, provenance.
 
 use spherecal_link::qemu::LOG_FILE;
 use spherecal_report::SimpleTable;
@@ -12,7 +12,7 @@ pub(super) fn strings(words: &[&str]) -> Vec<String> {
 pub(super) fn contacts(m: &Measurements) -> SimpleTable {
     SimpleTable {
         title: "Contacts and triggers".to_owned(),
-        caption: "Latency runs from the crossing of the threshold that lasted to the declaration.".to_owned(),
+        caption: "Latency counts from the lasting crossing of the threshold to the declaration.".to_owned(),
         columns: strings(&[
             "sphere",
             "trigger (N)",
@@ -62,7 +62,7 @@ pub(super) fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
     let samples: u64 = m.recordings.iter().map(|r| u64::from(r.count)).sum();
     let mut tables = vec![SimpleTable {
         title: "Link and recorder".to_owned(),
-        caption: "Both directions together; what was lost was sent again.".to_owned(),
+        caption: "Both directions together; lost frames were sent again.".to_owned(),
         columns: strings(&[
             "frames",
             "bad checksums",
@@ -87,8 +87,8 @@ pub(super) fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
     let injected = &s.link.injected;
     if injected.frames > 0 {
         tables.push(SimpleTable {
-            title: "What was done to the host link on purpose".to_owned(),
-            caption: "Frames of both directions, by [host_link] of the configuration.".to_owned(),
+            title: "Injected faults of the host link".to_owned(),
+            caption: "Frames of both directions, by [host_link] in the configuration.".to_owned(),
             columns: strings(&["frames", "lost", "sent twice", "held back", "with a flipped bit"]),
             rows: vec![
                 [
@@ -110,7 +110,7 @@ pub(super) fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
             0,
             SimpleTable {
                 title: "Faults".to_owned(),
-                caption: "All were recovered from; poses that were given up are not used.".to_owned(),
+                caption: "The run recovered from all of them; poses that were given up are not used.".to_owned(),
                 columns: strings(&["fault", "phase", "time (s)", "joint", "value", "limit"]),
                 rows: s
                     .faults

@@ -52,7 +52,7 @@ fn is_port(text: &str) -> bool {
         .is_some_and(|digits| !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit()))
 }
 
-/// Only who has shown the token goes on; others are asked for it.
+/// Admits browsers that have shown the token, and asks others for it.
 pub(super) async fn admit(State(site): State<Arc<Site>>, request: Request, next: Next) -> Response {
     if !site.guard.wants_token() || has_pass(&site, request.headers()) || has_token(&site, request.headers()) {
         return next.run(request).await;

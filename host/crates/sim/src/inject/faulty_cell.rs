@@ -22,8 +22,8 @@ use spherecal_link::{Controller, Device, LinkError, check_hello};
 use crate::lossy::{InjectedCounter, Lossy, LossyLink};
 use crate::plant::{Disturbance, TorqueSensorFault};
 
-/// Periods without a new command after which a drive shuts its brakes, as
-/// docs/drive-link.md has it: nobody watches what the last torque does.
+/// Periods without a new command after which a drive closes its brakes, as docs/drive-link.md says:
+/// nobody monitors the effect of the last torque.
 pub(super) const PATIENCE: u32 = 10;
 /// Bytes of the host that wait while the controller is not ticked.
 const WAITING: usize = 4 * MAX_FRAME;
@@ -44,7 +44,7 @@ pub struct Happened {
     pub begins: bool,
 }
 
-/// Controller and drive, stepped one control period at a time, with faults as planned.
+/// A controller and a drive, stepped one control period at a time, with the planned faults.
 pub struct FaultyCell {
     controller: Box<dyn Controller>,
     drive: FaultyDrive,
@@ -55,7 +55,7 @@ pub struct FaultyCell {
     pub(super) rng: ChaCha8Rng,
     pub(super) active: Vec<InjectedFault>,
     resets: bool,
-    /// What the drive said last, and what the controller was told last.
+    /// The last state of the drive, and the last state that the controller received.
     pub(super) state: DriveState,
     pub(super) told: Option<DriveState>,
     pub(super) queue: VecDeque<DriveState>,

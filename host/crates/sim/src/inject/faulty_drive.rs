@@ -1,4 +1,5 @@
-//! The drive of a [`FaultyCell`](super::FaultyCell), which may be one that can suffer faults of the arm.
+//! The drive of a [`FaultyCell`](super::FaultyCell). Faults of the arm can be injected if the arm
+//! is simulated.
 
 use spherecal_link::Drive;
 
@@ -9,7 +10,7 @@ use crate::simulated::Disturb;
 pub enum FaultyDrive {
     /// The simulated arm, which can suffer every fault.
     Simulated(Box<dyn Disturb>),
-    /// Any other drive: only what passes between it and the controller can be faulty.
+    /// Any other drive: faults can only be injected between it and the controller.
     Other(Box<dyn Drive>),
 }
 
@@ -29,7 +30,7 @@ impl FaultyDrive {
     }
 
     pub(super) fn disturb(&mut self, what: &Disturbance) {
-        // A plan that wants the arm to suffer is refused where it cannot.
+        // A plan with faults of the arm itself is refused if the arm is not simulated.
         if let Self::Simulated(arm) = self {
             arm.disturb(what);
         }

@@ -1,4 +1,5 @@
-//! What passes between controller and drive while faults are active: commands down, states up.
+//! Changes the messages between controller and drive while faults are active: commands down, states
+//! up.
 
 use rand::RngExt;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveState, DriveStatus};
@@ -8,7 +9,7 @@ use super::fault::{InjectedFault, Status};
 use super::faulty_cell::{FaultyCell, PATIENCE};
 
 impl FaultyCell {
-    /// The command as it reaches the motors; none while the brakes are closed.
+    /// The command that reaches the motors; none while the brakes are closed.
     pub(super) fn delivered(&self) -> Option<DriveCommand> {
         if self.unanswered > PATIENCE {
             return None;
@@ -28,7 +29,7 @@ impl FaultyCell {
         Some(command)
     }
 
-    /// The drive's state as the controller hears it; `None` when it does not.
+    /// The drive's state that the controller receives; `None` if it receives none.
     pub(super) fn heard(&mut self) -> Option<DriveState> {
         let mut state = self.state.clone();
         let mut arrives = true;
@@ -83,7 +84,7 @@ impl FaultyCell {
         arrives.then_some(state)
     }
 
-    /// A state as a frame, with so many bits flipped, and what a receiver makes of it.
+    /// A state as a frame with a number of flipped bits, and what a receiver decodes from it.
     fn over_the_wire(&mut self, state: &DriveState, bits: u32) -> Option<DriveState> {
         let mut bytes = [0; MAX_FRAME];
         let length = encode(state, self.frames, 0, &mut bytes).ok()?;

@@ -1,10 +1,10 @@
-//! The end of the host's own process, where a fault plan asks for it.
+//! Ends the host's own process if a fault plan asks for it.
 
 use spherecal_link::LinkError;
 
-/// The host's program was killed on purpose, at a moment that a fault plan chose.
+/// The host's program was killed by a fault plan.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
-#[error("the host was killed, as --inject asked for: go on with --resume")]
+#[error("the host was killed by --inject: continue with --resume")]
 pub struct HostKilled;
 
 impl HostKilled {
@@ -14,10 +14,10 @@ impl HostKilled {
     }
 }
 
-/// Ends this process as `kill -9` does: nothing is closed, flushed or told.
+/// Ends this process as `kill -9` does: nothing is closed, flushed or reported.
 pub(super) fn end_process() {
     #[cfg(unix)]
-    // It cannot be refused to a process that kills itself.
+    // A process may always kill itself.
     let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
     #[cfg(not(unix))]
     std::process::abort();

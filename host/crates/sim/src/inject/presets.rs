@@ -313,7 +313,7 @@ pub fn preset(name: &str) -> Option<&'static Preset> {
 impl Plan {
     /// A preset by its name, or a file.
     ///
-    /// A preset by its name, or a file.
+    /// # Errors
     /// Neither a preset nor a valid file.
     pub fn load(name: &str) -> Result<Self, InjectError> {
         if let Some(preset) = preset(name) {

@@ -1,25 +1,20 @@
 //! Contact of the nest with spheres and plate, and the magnet.
 //!
-//! **Nest.** A cube corner about the TCP's z axis, open towards +z: three
-//! planes, each tangent to the seated sphere at `p_i = R u_i` with
-//! `u_i = (√⅔ cos φ_i, √⅔ sin φ_i, −√⅓)`, φ = 0, 120, 240 degrees. The planes
-//! end at the rim, the height `rim_height_m` over the seated centre; beyond it
-//! there is the edge, then the flat land of the nest's body out to
-//! `body_radius_m`, then its side. A sphere that meets the edge slides in only
-//! as far as friction lets it, and one that meets the land stays there: nothing
-//! centres it by magic.
+//! **Nest.** A cube corner about the TCP's z axis, open towards +z: three planes, each tangent to
+//! the seated sphere at `p_i = R u_i` with `u_i = (√⅔ cos φ_i, √⅔ sin φ_i, −√⅓)`, φ = 0, 120, 240
+//! degrees. The planes end at the rim, the height `rim_height_m` above the seated centre. Beyond it
+//! follow the edge, the flat land of the nest's body out to `body_radius_m`, and its side. A sphere
+//! that meets the edge slides in only as far as friction allows. A sphere that meets the land stays
+//! there, because nothing centres it.
 //!
-//! **Pads** are analytic: penetration `δ`, force `max(0, k δ + d δ̇)` along the
-//! normal, friction `μ f v_t / √(v_t² + v_0²)`. Regularised friction creeps
-//! under sustained load, at most at `v_0`.
+//! **Pads** are analytic: penetration `δ`, force `max(0, k δ + d δ̇)` along the normal, friction `μ
+//! f v_t / √(v_t² + v_0²)`. Regularised friction creeps under sustained load, at most at `v_0`.
 //!
-//! **Magnet.** Pole 30 mm behind the seated sphere's centre on the nest's axis,
-//! pull along the line from pole to sphere centre, `F_0 / (1 + gap/s)²`, where
-//! `gap` is the distance beyond the seated one; so the pull on a seated sphere
-//! is `F_0`, and the field has a potential.
+//! **Magnet.** The pole is 30 mm behind the seated sphere's centre on the nest's axis. The pull is
+//! along the line from pole to sphere centre, `F_0 / (1 + gap/s)²`, where `gap` is the distance
+//! beyond the seated one. So the pull on a seated sphere is `F_0`, and the field has a potential.
 //!
-//! Nothing but impulses over several milliseconds should be read from these
-//! forces: impact peaks depend on the step.
+//! Only impulses over several milliseconds are meaningful: impact peaks depend on the step.
 
 use nalgebra::Vector3;
 use spherecal_shared::robot::Pose;
@@ -32,11 +27,11 @@ pub(super) const MAX_TOUCHES: usize = 12;
 /// Distance of the magnet's pole behind the seated sphere's centre, in m.
 const POLE_M: f64 = 0.030;
 
-/// Distance at which a touch is foreseen, in m: the implicit step then meets the
-/// surface with its spring, not with a sub-step's worth of penetration.
+/// Distance at which a contact is anticipated, in m. The implicit step then meets the surface with
+/// its spring, not with the penetration of a sub-step.
 const AHEAD_M: f64 = 5e-4;
 
-/// Radius about the plate's centroid within which its surface is there, in m.
+/// Radius of the plate's surface about its centroid, in m.
 const PLATE_RADIUS_M: f64 = 0.35;
 
 /// What touches.

@@ -1,12 +1,11 @@
-//! Seating repeatability: where the seated sphere's centre stands in the nest.
+//! Seating repeatability: the position of the seated sphere's centre in the nest.
 //!
-//! Penalty contact seats exactly the same each time (but for `F0/k`); real nests
-//! do not. Each coupling draws a seat of its own, the sphere may find another
-//! seat while the nest turns about it, and the form of sphere and pads moves it a
-//! little with the nest's orientation.
+//! Penalty contact always seats exactly the same (except for `F0/k`); real nests do not. Each
+//! coupling draws its own seat, the sphere may find another seat while the nest turns about it, and
+//! the form of sphere and pads moves it slightly with the nest's orientation.
 //!
-//! A coupling may be a bad one: dirt between ball and pads, a ball that is not
-//! pressed home, a stand that gives. Its seats are drawn from a Cauchy distribution.
+//! A coupling may be bad: dirt between ball and pads, a ball that is not fully seated, a stand that
+//! yields. Its seats are drawn from a Cauchy distribution.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::RngExt;
@@ -17,7 +16,7 @@ use super::config::{NestConfig, PlantConfig};
 use super::sensors::TICK_S;
 use super::world::{Stream, normal, normal3, stream};
 
-/// Distance of the sphere from the TCP within which it is seated, in m.
+/// Largest distance of a seated sphere from the TCP, in m.
 const NEAR_M: f64 = 0.005;
 
 /// Largest error of a seat, in m: beyond it the sphere would not be in the nest.
@@ -26,7 +25,7 @@ const LARGEST_M: f64 = 1e-3;
 /// Speed at which the sphere slides to another seat, in m/s: slow enough that the pads follow without a blow.
 const SLIDE_M_S: f64 = 2e-3;
 
-/// Turn of the nest, in rad, in steps of which the chance of another seat is taken.
+/// Rotation of the nest, in rad, after which the chance of another seat is evaluated.
 const TURN_RAD: f64 = 0.01;
 
 /// Seating repeatability: a fresh seat for each coupling.
@@ -72,7 +71,7 @@ impl Coupling {
         }
     }
 
-    /// Where the seated centre stands in the nest's frame now, in m.
+    /// Present position of the seated centre in the nest's frame, in m.
     pub(super) fn seat(
         &mut self,
         tcp: &Pose<f64>,
@@ -167,8 +166,9 @@ mod tests {
         config
     }
 
-    // Fails if the share of bad couplings, or the distribution of their seats, is another than stated: each coordinate
-    // of a Cauchy seat is beyond its scale in half of the draws, and beyond five times it in an eighth.
+    // Fails if the share of bad couplings or the distribution of their seats differs from the
+    // stated one: each coordinate of a Cauchy seat exceeds its scale in half of the draws, and five
+    // times it in an eighth.
     #[test]
     fn some_couplings_are_bad() {
         let mut config = nest(0.25, 0.0);
@@ -187,7 +187,8 @@ mod tests {
         assert!(seats.iter().all(|x| *x <= LARGEST_M));
     }
 
-    // Fails if the sphere jumps to another seat: the pads would deal a blow of hundreds of newtons.
+    // Fails if the sphere jumps to another seat: the pads would exert an impact of hundreds of
+    // newtons.
     #[test]
     fn the_sphere_slides_to_another_seat() {
         let config = nest(1.0, 5.0);

@@ -1,6 +1,5 @@
-//! What may happen to the plant from outside, for fault injection and for the
-//! simulated hand: explicit methods, none of which the controller can see but
-//! through its sensors.
+//! External disturbances of the plant, for fault injection and for the simulated hand. They are
+//! explicit methods. The controller can see them only through its sensors.
 
 use nalgebra::{SVector, Vector3};
 
@@ -28,8 +27,8 @@ pub enum TorqueSensorFault {
     Bias(f64),
 }
 
-/// Something that happens to the plant, as a value, for those who hold it as a
-/// drive only ([`Plant::suffer`]). Joints from 0.
+/// A disturbance of the plant as a value, for code that has the plant only as a drive
+/// ([`Plant::suffer`]). Joints from 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Disturbance {
     /// A push at the TCP, in N, F0, until the next one.
@@ -38,14 +37,13 @@ pub enum Disturbance {
     Magnet(bool),
     /// The sphere next to the TCP is taken away.
     TakeNearestSphere,
-    /// Spheres that were taken away come back to where they were drawn, each
-    /// once the nest is clear of its place.
+    /// Removed spheres return to their drawn positions, each as soon as the nest is clear of it.
     RestoreSpheres,
-    /// The sphere next to the TCP is displaced, F0, in m, by somebody who pushes
-    /// no harder than 100 N and waits until it gives way.
+    /// The sphere nearest to the TCP is displaced, F0, in m, by a push of at most 100 N that waits
+    /// until the sphere can move.
     MoveNearestSphere([f64; 3]),
-    /// A wall so far from the TCP (m), across its motion, or below a TCP that
-    /// stands, of a stiffness (N/m).
+    /// A wall at a distance from the TCP (m), across its motion, or below a TCP at rest, with a
+    /// stiffness (N/m).
     ObstacleAhead(f64, f64),
     /// An obstacle, or none.
     Obstacle(Option<Obstacle>),
@@ -59,13 +57,13 @@ pub enum Disturbance {
     Delay(DriveConfig),
 }
 
-/// The nest is clear of a sphere's place this far behind it along its own axis,
-/// or this far from it on any side, in m: its body ends 42 mm from its axis.
+/// The nest is clear of a sphere's position if it is this far behind it along its own axis, or this
+/// far from it on any side, in m. Its body ends 42 mm from its axis.
 const CLEAR_BEHIND_M: f64 = 0.025;
 const CLEAR_BESIDE_M: f64 = 0.080;
-/// Whoever shoves a sphere aside does not press it against the arm any harder, in N.
+/// Largest force with which a sphere is pushed against the arm, in N.
 const SHOVE_N: f64 = 100.0;
-/// Farthest that a shoved sphere moves in a control period, in m: 0.2 m/s.
+/// Largest motion of a pushed sphere in a control period, in m: 0.2 m/s.
 const SHOVE_STEP_M: f64 = 2e-4;
 /// Slower than this the TCP stands, in m/s.
 const STANDS_M_S: f64 = 0.005;
@@ -121,7 +119,7 @@ impl<const N: usize> Plant<N> {
         (tcp + self.bend, Vector3::new(twist[0], twist[1], twist[2]))
     }
 
-    /// Puts back what is to come back and has room: a sphere cannot appear within steel.
+    /// Returns spheres that are due and have room: a sphere cannot appear within steel.
     pub(super) fn return_spheres(&mut self) {
         if !self.spheres_return {
             return;
@@ -142,7 +140,7 @@ impl<const N: usize> Plant<N> {
         }
     }
 
-    /// Moves a sphere that is being shoved on by what it has left to go.
+    /// Moves a pushed sphere by its remaining displacement.
     pub(super) fn shove(&mut self) {
         let Some((index, rest)) = self.shoved else {
             return;
@@ -169,8 +167,8 @@ impl<const N: usize> Plant<N> {
         nearest.1.is_some().then_some(nearest.0)
     }
 
-    /// A hand, a person or anything that pushes at the TCP: force (N) and moment
-    /// (N m) on the tool, F0 axes, until it is set again.
+    /// Force (N) and moment (N m) of a hand, a person or an object on the tool, F0 axes, until it
+    /// is set again.
     pub fn set_hand_wrench(&mut self, force_n: [f64; 3], moment_nm: [f64; 3]) {
         self.hand_force = Vector3::from(force_n);
         self.hand_moment = Vector3::from(moment_nm);
@@ -186,8 +184,8 @@ impl<const N: usize> Plant<N> {
         self.magnet_on = on;
     }
 
-    /// Moves the plate with its spheres to another of its placements, from 0;
-    /// returns whether there is such a one.
+    /// Moves the plate with its spheres to another of its placements, from 0. Returns whether that
+    /// placement exists.
     pub fn move_plate(&mut self, place: u32) -> bool {
         let Some(plate) = self.world.plates.get(place as usize) else {
             return false;
@@ -201,7 +199,7 @@ impl<const N: usize> Plant<N> {
         true
     }
 
-    /// Takes sphere `index` (from 0) away. Does nothing for an index that is not there.
+    /// Removes sphere `index` (from 0). Does nothing if it does not exist.
     pub fn remove_sphere(&mut self, index: usize) {
         if let Some(slot) = self.world.spheres.get_mut(index) {
             *slot = None;
@@ -227,14 +225,15 @@ impl<const N: usize> Plant<N> {
         self.obstacle = obstacle.filter(|o| Vector3::from(o.normal).norm() > 0.0);
     }
 
-    /// Hangs an additional point mass (kg, may be negative down to a light tool)
-    /// at the TCP: a payload that nobody declared.
+    /// Adds a point mass at the TCP, an undeclared payload (kg; may be negative down to a light
+    /// tool).
     pub fn set_payload(&mut self, mass_kg: f64) {
         self.payload_kg = mass_kg;
         self.reload();
     }
 
-    /// Other delays of the drive from now on. What is on its way arrives as it would have.
+    /// Changes the delays of the drive from now on. Messages in transit keep their old arrival
+    /// times.
     pub fn set_delays(&mut self, delays: DriveConfig) {
         self.delays.set(delays);
     }

@@ -1,10 +1,9 @@
 //! A simulated operator's hand: leads the nest over a sphere, as in Section 4.2
 //! of the paper, with the strength, the speed and the eye of a person.
 //!
-//! The hand belongs to the world: it sees the true sphere and the true nest, as
-//! a person does, and only pushes. It is a spring and damper between the tool
-//! and a point that moves over the plate, and it lets go of more than it can
-//! exert. Stand-in: a person's hand does not follow straight lines.
+//! The hand belongs to the world: it sees the true sphere and the true nest, as a person does, and
+//! only pushes. It is a spring and damper between the tool and a point that moves over the plate,
+//! with a limited force. Simplification: a person's hand does not follow straight lines.
 
 use nalgebra::{Matrix3, Rotation3, Unit, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -28,9 +27,9 @@ const TWIST: (f64, f64) = (80.0, 0.8);
 const AIM_SIGMA_M: f64 = 0.002;
 /// Standard deviation of the tilt by eye, each axis, in rad: one degree.
 const TILT_SIGMA_RAD: f64 = 0.017;
-/// Height over the spheres' centres at which the hand crosses the plate, in m.
+/// Height above the spheres' centres at which the hand crosses the plate, in m.
 const CLEARANCE_M: f64 = 0.12;
-/// The hand is there when the tool has been this slow, in m/s, for so many ticks.
+/// The hand has arrived if the tool has been slower than this, in m/s, for this number of ticks.
 const STILL: (f64, u32) = (0.003, 300);
 /// How near the eye wants it, in m.
 const NEAR_M: f64 = 0.012;
@@ -59,8 +58,8 @@ impl Hand {
         }
     }
 
-    /// Takes the tool and begins to lead it to `height_m` over the centre of
-    /// `sphere` (from 0). Does nothing for a sphere that is not there.
+    /// Takes the tool and begins to lead it to `height_m` above the centre of `sphere` (from 0).
+    /// Does nothing if the sphere does not exist.
     pub fn lead<const N: usize>(&mut self, plant: &Plant<N>, sphere: usize, height_m: f64) {
         let truth = plant.truth();
         let world = plant.world();
@@ -73,7 +72,7 @@ impl Hand {
         let over = |p: &Vector3<f64>| p + up * (CLEARANCE_M - up.dot(&(p - centre))).max(0.0);
         self.at = truth.tcp.position;
         self.legs = vec![goal, over(&goal), over(&truth.tcp.position)];
-        // The shortest turn that points the tool at the plate, a little askew.
+        // The shortest rotation that points the tool at the plate, with the error of the aim.
         let tool = truth.tcp.z();
         let across = tool.cross(&-up);
         let angle = across.norm().atan2(tool.dot(&-up));
@@ -93,7 +92,7 @@ impl Hand {
         plant.set_hand_wrench([0.0; 3], [0.0; 3]);
     }
 
-    /// Whether the tool is where it was to be led, and still.
+    /// Whether the tool is at its destination and at rest.
     pub fn is_there(&self) -> bool {
         self.still >= STILL.1
     }

@@ -1,12 +1,10 @@
-//! The simulated plant: what stands behind the drive link when no arm does.
+//! The simulated plant: replaces a real arm behind the drive link.
 //!
-//! An arm whose geometry, tool, masses, gears and sensors are *not* those of
-//! the nominal model, a trihedral nest with a magnet at its tool, three
-//! precision spheres on a plate that is not quite where it was said to be, and
-//! a laser tracker. [`Plant::step`] takes the torques of one control tick and
-//! gives back what real hardware shows, [`Sensed`], and nothing else.
-//! [`Plant::truth`] is for tests and figures only: it must never reach the
-//! controller, the campaign or the identification.
+//! It has an arm whose geometry, tool, masses, gears and sensors are *not* those of the nominal
+//! model, a trihedral nest with a magnet at its tool, three precision spheres on a plate that
+//! deviates from its nominal pose, and a laser tracker. [`Plant::step`] takes the torques of one
+//! control tick and returns only what real hardware shows, [`Sensed`]. [`Plant::truth`] is for
+//! tests and figures only: it must never reach the controller, the campaign or the identification.
 //!
 //! ```text
 //!  PlantConfig ─▶ TrueCell (drawn from the seed) ─▶ Plant
@@ -17,14 +15,14 @@
 //!                       laser tracker (static) ──────────────▶ Shot
 //! ```
 //!
-//! Sign of torque, here and on the drive link: `tau` is what the actuator
-//! exerts on the link, so an arm at rest measures `gravity(q) − Jᵀ F`, with `F`
-//! the force that the environment exerts on the tool.
+//! Sign of torque, here and on the drive link: `tau` is the torque of the actuator on the link. So
+//! an arm at rest measures `gravity(q) − Jᵀ F`, where `F` is the force of the environment on the
+//! tool.
 //!
-//! What is real physics here and what is a stand-in is said in each module:
-//! [`contact`] (penalty pads, regularised friction), [`integrate`] (explicit
-//! Runge-Kutta in free space, linearly implicit in contact), [`sensors`],
-//! [`world`] (error sources), [`tracker`].
+//! Each module says what is real physics and what is a simplification: [`contact`] (penalty pads,
+//! regularised friction), [`integrate`] (explicit Runge-Kutta in free space, linearly implicit in
+//! contact), [`sensors`], [`world`] (error sources), [`tracker`].
+//!
 
 mod check;
 pub mod config;

@@ -1,5 +1,5 @@
 //! Presets of the error sources: `ideal`, `typical`, `harsh`, `as_measured` (world W5), and the worlds
-//! `w0` to `w4` of `identification.md` (their static errors on an otherwise ideal arm).
+//! `w0` to `w4` of `docs/design/identification.md` (their static errors on an otherwise ideal arm).
 
 use core::f64::consts::PI;
 
@@ -196,8 +196,8 @@ impl Default for PlantConfig {
 }
 
 impl PlantConfig {
-    /// A good arm on a normal day: see each section's defaults. The nominal
-    /// model's error on random configurations is scaled to the paper's 1.40 mm.
+    /// A good arm in normal conditions: see each section's defaults. The nominal model's error on
+    /// random configurations is scaled to the paper's 1.40 mm.
     pub fn typical() -> Self {
         Self {
             seed: 1,
@@ -223,7 +223,7 @@ impl PlantConfig {
         }
     }
 
-    /// The nominal arm exactly, perfect sensors, contact and magnet as they are.
+    /// The exact nominal arm with perfect sensors; contact and magnet stay.
     pub fn ideal() -> Self {
         let mut config = Self::typical();
         config.plate.certificate_error = false;
@@ -246,8 +246,9 @@ impl PlantConfig {
         config
     }
 
-    /// What failed elsewhere: 1-2 N m of dry friction, visible rotors, a payload
-    /// 3-5 % off, biased torque sensors. (Poor waypoints are the campaign's.)
+    /// Conditions in which other methods failed: 1-2 N m of dry friction, visible rotors, a payload
+    /// 3-5 % off, biased torque sensors. (Poor waypoints are a setting of the campaign.)
+    ///
     pub fn harsh() -> Self {
         let mut config = Self::typical();
         config.plate.placement_sigma_m = 4e-3;

@@ -73,8 +73,8 @@ impl PlantConfig {
         config
     }
 
-    /// World W0 to W4 of `identification.md` (beyond: W4): static errors only; dynamics and sensors are ideal but for
-    /// the noise of averaged encoders. W0: compliance, first and second harmonics, white joint noise. W1: and frames
+    /// World W0 to W4 of `docs/design/identification.md` (beyond: W4): static errors only; dynamics and sensors are
+    /// ideal but for the noise of averaged encoders. W0: compliance, first and second harmonics, white joint noise. W1: and frames
     /// measured wrongly. W2: all non-geometric effects three to four times larger. W3: W0 and harmonics 3 to 8, link
     /// bending, base tilt. W4: out of every model's class.
     pub fn world(number: u32) -> Self {

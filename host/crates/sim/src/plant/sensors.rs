@@ -2,9 +2,9 @@
 //!
 //! - **Angle**: the motor side's angle through the encoder's and the gear's
 //!   repeating errors, plus white and correlated noise, quantised.
-//! - **Velocity**: differences of the noise-free encoder over the tick, as a
-//!   drive makes them from the fine motor encoder, low-passed, plus white noise,
-//!   quantised. Half a tick late, as on a real drive.
+//! - **Velocity**: differences of the noise-free encoder over the tick, as a drive computes them
+//!   from the fine motor encoder, low-passed, plus white noise, quantised. It is half a tick late,
+//!   as on a real drive.
 //! - **Torque**: the torque transmitted to the link, averaged over the tick,
 //!   plus a constant bias and white noise, quantised. At rest it equals
 //!   `gravity(q) − Jᵀ F`, `F` being the environment's force on the tool.

@@ -1,5 +1,5 @@
-//! Configuration of the effects that depend on time and on the way the arm came:
-//! lost motion, thermal drift, early readings, and the delays of the drive.
+//! Configuration of the effects that depend on time and on the path of the arm: lost motion,
+//! thermal drift, early readings, and the delays of the drive.
 //!
 //! All of them are off by default, and off in the presets `ideal`, `typical`, `harsh` and `w0` to `w4`.
 
@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EncoderSide {
-    /// On the motor: deflection and lost motion stand between the reading and the link.
+    /// On the motor: deflection and lost motion are between the reading and the link.
     #[default]
     Motor,
     /// On the link: the reading contains deflection and lost motion.
     Link,
 }
 
-/// Lost motion: what a gear keeps back when its direction changes.
+/// Lost motion: the part of a motion that a gear loses when its direction changes.
 ///
 /// The link lags the motor by up to `half_width_rad`, on the side of the last motion. After a reversal the other side
 /// is approached exponentially over `travel_rad` (Dahl's model of pre-sliding friction, rate-independent).
@@ -26,9 +26,10 @@ pub enum EncoderSide {
 pub struct LostMotionConfig {
     /// Switch.
     pub enabled: bool,
-    /// Half width of the hysteresis of each joint, in rad, the least and the most (uniform). Default 0.
+    /// Minimum and maximum half width of the hysteresis of each joint, in rad (uniform). Default 0.
     pub half_width_rad: [f64; 2],
-    /// Travel after which a share of 1 − 1/e of the way to the other side is made, in rad. Default 1e-3, assumed.
+    /// Travel after which the share 1 − 1/e of the change to the other side is done, in rad.
+    /// Default 1e-3, assumed.
     pub travel_rad: f64,
 }
 
@@ -48,14 +49,15 @@ impl Default for LostMotionConfig {
 pub struct ThermalConfig {
     /// Switch.
     pub enabled: bool,
-    /// Growth of the whole stretched arm in the first hour after power-on, in m, the least and the most (uniform).
-    /// Each length takes a share in proportion to itself times U(0.5, 1.5). Default 0.
+    /// Minimum and maximum growth of the whole stretched arm in the first hour after power-on, in m
+    /// (uniform). Each length takes a share in proportion to itself times U(0.5, 1.5). Default 0.
     pub links_m: [f64; 2],
-    /// Shift of the plate in that hour, in m, the least and the most (uniform), in a random direction. Default 0.
+    /// Minimum and maximum shift of the plate in that hour, in m (uniform), in a random direction.
+    /// Default 0.
     pub plate_m: [f64; 2],
     /// Time constant of the warm-up, in s. Default 3600, assumed.
     pub time_constant_s: f64,
-    /// How long the cell has been on when the run begins, in s. Default 1800, assumed.
+    /// Time since power-on at the start of the run, in s. Default 1800, assumed.
     pub on_since_s: f64,
 }
 
@@ -71,17 +73,18 @@ impl Default for ThermalConfig {
     }
 }
 
-/// Angles that are read before the arm rests, in static measurements: rows of the static worlds and shots of the
-/// tracker. A run on the plant decides by itself when it reads.
+/// Readings before the arm rests, in static measurements: rows of the static worlds and shots of
+/// the tracker. A run on the plant determines its own reading times.
 ///
-/// At the time of reading a joint still brakes: it has `½ a t²` to go, along its last move. The joint that moves
-/// farthest brakes with `deceleration_rad_s2`, the others in proportion to their moves.
+/// At the time of reading a joint is still braking: it has `½ a t²` to go, along its last move. The
+/// joint that moves farthest brakes with `deceleration_rad_s2`, the others in proportion to their
+/// moves.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReadingConfig {
     /// Share of the rows that are read early, 0 to 1. Default 0.
     pub early_share: f64,
-    /// How long before rest they are read, in s. Default 5 ms.
+    /// Time before rest at which they are read, in s. Default 5 ms.
     pub early_s: f64,
     /// Deceleration of the joint that moves farthest, in rad/s². Default 10, assumed: full braking of a small arm.
     pub deceleration_rad_s2: f64,
@@ -108,10 +111,11 @@ pub struct DriveConfig {
     pub state_delay_s: f64,
     /// Delay of the command, in s, 0 to 0.02. Default 0.
     pub command_delay_s: f64,
-    /// Jitter: each delay is longer by up to this much, in s, drawn anew at every tick (uniform). Nothing overtakes
-    /// what was sent before it. Default 0.
+    /// Jitter: each delay is longer by up to this much, in s, drawn again at every tick (uniform).
+    /// No message overtakes an earlier one. Default 0.
     pub jitter_s: f64,
-    /// Steps: both delays are longer by this much, in s, in every second interval of `step_every_s`. Default 0.
+    /// Steps: in every second interval of `step_every_s` both delays are longer by this much, in s.
+    /// Default 0.
     pub step_s: f64,
     /// Length of these intervals, in s; 0 (default): no steps.
     pub step_every_s: f64,

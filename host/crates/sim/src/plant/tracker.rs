@@ -4,10 +4,10 @@
 //! encoders are read (mean of a second) and the tracker measures the reflector
 //! through the true geometry with all static errors, in the tracker's own frame.
 //!
-//! Between the sessions of Section 4.3 of the paper people touch things: the
-//! reflector is put back into its holder, the tracker is stationed anew. That
-//! is what leaves the paper's laser-calibrated model its floor
-//! (`identification.md`, world W1), so it is an error source of its own.
+//! Between the sessions of Section 4.3 of the paper, people touch the equipment: the reflector is
+//! put back into its holder, and the tracker is set up again. This limits the accuracy of the
+//! paper's laser-calibrated model (`docs/design/identification.md`, world W1), so it is a separate
+//! error source.
 
 use nalgebra::Vector3;
 use spherecal_model::TrackerSession;
@@ -34,9 +34,9 @@ impl<const N: usize> Plant<N> {
         self.session = session;
     }
 
-    /// The arm stands still with its encoders at `q` (rad) in free space, and
-    /// the tracker measures. Neither moves the plant nor advances its time: the
-    /// tracker's session has a time of its own ([`super::config::TrackerConfig`]).
+    /// The arm stands still with its encoders at `q` (rad) in free space, and the tracker measures.
+    /// Neither moves the plant nor advances its time: the tracker's session has its own time
+    /// ([`super::config::TrackerConfig`]).
     pub fn tracker_shot(&mut self, q: &[f64; N]) -> Shot<N> {
         let c = self.config.tracker;
         // The session begins with the first shot.

@@ -1,4 +1,4 @@
-//! What is really so, behind the sensors: for tests and figures only.
+//! The true state behind the sensors: for tests and figures only.
 
 use nalgebra::Vector3;
 use spherecal_shared::robot::{Dynamics, Pose};
@@ -7,8 +7,8 @@ use super::contact::{TouchKind, Touches};
 use super::simulation::Plant;
 use super::world::{MAX_SPHERES, TrueCell};
 
-/// What is really so. For tests and figures only: no controller, campaign or
-/// identification may see any of it.
+/// The true state. For tests and figures only: no controller, campaign or identification may see
+/// any of it.
 #[derive(Clone, Debug)]
 pub struct Truth<const N: usize> {
     /// Link angles, in rad.

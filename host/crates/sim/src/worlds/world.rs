@@ -1,4 +1,4 @@
-//! The worlds W0 to W5 (`identification.md`, and `docs/worlds.md` for W5).
+//! The worlds W0 to W5 (`docs/design/identification.md`).
 
 use serde::{Deserialize, Serialize};
 
