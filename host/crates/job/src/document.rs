@@ -121,7 +121,7 @@ impl<'a> Node<'a> {
             .filter_map(Value::as_str)
     }
 
-    /// The field's doc comment, and for a choice the allowed names.
+    /// What the field is, in the words of its doc comment, and the names that it may have where it is a choice.
     fn words(self) -> String {
         let words = self
             .schema
