@@ -96,7 +96,7 @@ impl Coupling {
             let rest = self.seat - self.reached;
             self.reached += rest * (SLIDE_M_S * TICK_S / rest.norm()).min(1.0);
         }
-        self.reached + self.form(nest, &tcp.rotation, &plate.rotation)
+        self.with_form(self.reached, nest, &tcp.rotation, &plate.rotation)
     }
 
     /// The nest couples: a new seat.
@@ -124,15 +124,22 @@ impl Coupling {
 
     /// Seated centre in the nest's frame at an orientation of the nest, form errors included, in m.
     pub(super) fn seated(&self, nest: &NestConfig, orientation: &Matrix3<f64>, plate: &Matrix3<f64>) -> Vector3<f64> {
-        self.seat + self.form(nest, orientation, plate)
+        self.with_form(self.seat, nest, orientation, plate)
     }
 
-    /// Form errors at an orientation of the nest, in m, nest's frame.
-    fn form(&self, nest: &NestConfig, orientation: &Matrix3<f64>, plate: &Matrix3<f64>) -> Vector3<f64> {
+    /// A seat with the form errors at an orientation of the nest, in m, nest's frame.
+    fn with_form(
+        &self,
+        seat: Vector3<f64>,
+        nest: &NestConfig,
+        orientation: &Matrix3<f64>,
+        plate: &Matrix3<f64>,
+    ) -> Vector3<f64> {
         let axis = plate.tr_mul(&orientation.column(2));
         let side = plate.tr_mul(&orientation.column(0));
         let place = Vector3::new(axis.x, axis.y, side.x + side.y);
-        let mut form = Vector3::zeros();
+        // The waves are added to the seat one by one: another order changes the last bits of every run.
+        let mut form = seat;
         for (direction, wave, phase) in &self.waves {
             form += direction * (nest.form_sigma_m * libm::sin(wave.dot(&place) + phase));
         }
