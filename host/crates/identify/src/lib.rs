@@ -16,6 +16,7 @@ pub mod arcs;
 mod calibration;
 mod chain;
 mod choice;
+pub mod diagnosis;
 mod distance;
 mod effects;
 mod error;
