@@ -46,7 +46,7 @@ impl Drawn {
         Self {
             chain: Chain::unchecked(&robot, &tool),
             encoders: (0..7)
-                .map(|_| (normal(rng, 1.5e-4), rng.random_range(0.0..6.28)))
+                .map(|_| (normal(rng, 1.5e-4), rng.random_range(0.0..core::f64::consts::TAU)))
                 .collect(),
         }
     }

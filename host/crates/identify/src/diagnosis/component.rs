@@ -92,7 +92,9 @@ pub(crate) fn block_posterior<const N: usize>(
     let top = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let mut weights = logs.map(|l| (l - top).exp());
     let sum: f64 = weights.iter().sum();
-    weights.iter_mut().for_each(|w| *w /= sum);
+    for weight in &mut weights {
+        *weight /= sum;
+    }
     (weights, logs)
 }
 

@@ -120,7 +120,7 @@ impl Discrepancy {
         let mut found = Self {
             components: self.components.clone(),
             groups: self.groups.clone(),
-            wy: transposed_product(&w, &DMatrix::from_columns(&[linear.y.clone()]))
+            wy: transposed_product(&w, &DMatrix::from_columns(std::slice::from_ref(&linear.y)))
                 .column(0)
                 .into_owned(),
             n,

@@ -148,7 +148,9 @@ impl Field {
             }
         }
         rigid.remove(&mut g);
-        rest.iter_mut().for_each(|r| rigid.remove(r));
+        for block in &mut rest {
+            rigid.remove(block);
+        }
         let estimate = g.columns(0, m) * &linear.estimate;
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let spread = ChiSquared::new(discrepancy.freedom.max(1.0)).ok();

@@ -309,9 +309,8 @@ impl<'a> Selection<'a> {
     /// The columns of a trial with a prior that does not hold them.
     fn wide(&self, index: usize) -> Vec<(DVector<f64>, f64)> {
         let trial = &self.trials[index];
-        let (effect, covariance) = match self.test(index) {
-            Some((effect, covariance, _)) => (effect, covariance),
-            None => return Vec::new(),
+        let Some((effect, covariance, _)) = self.test(index) else {
+            return Vec::new();
         };
         let size = (effect.norm_squared() + covariance.trace()).sqrt();
         let column = |c: usize| (trial.columns.column(c).into_owned(), 10.0 * size);
