@@ -90,8 +90,8 @@ fn identification(c: &mut Criterion) {
     group.sample_size(20);
     for (name, method, poses) in [
         ("geometry_300", Method::Geometry, 300),
-        ("structured_1840", Method::Map, 1840),
-        ("structured_300", Method::Map, 300),
+        ("full_1840", Method::Full, 1840),
+        ("full_300", Method::Full, 300),
     ] {
         let data = experiment(poses, true);
         let options = options(method);
@@ -148,7 +148,7 @@ fn numpy_ms(data: &Experiment, model: &str) -> Option<f64> {
 
 /// One line a model: our time, NumPy's, and their ratio.
 fn beside_numpy(_: &mut Criterion) {
-    for (model, method, poses) in [("geometry", Method::Geometry, 300), ("structured", Method::Map, 1840)] {
+    for (model, method, poses) in [("geometry", Method::Geometry, 300), ("structured", Method::Full, 1840)] {
         let data = experiment(poses, true);
         let ours = best_ms(&data, &options(method));
         let beside = match numpy_ms(&data, model) {

@@ -18,7 +18,7 @@ use std::time::Instant;
 
 use criterion::Criterion;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-use spherecal::link::{Cell, Device, controller_in_process};
+use spherecal::link::{Device, LocalDevice, controller_in_process};
 use spherecal::sim::plant::{Plant, PlantConfig};
 use spherecal::sim::simulated_arm;
 use spherecal_firmware::Controller;
@@ -145,7 +145,7 @@ fn controller_case() -> Box<dyn FnMut()> {
 fn loop_case() -> Box<dyn FnMut()> {
     let config = PlantConfig::typical();
     let drive = simulated_arm(&iiwa7(), &iiwa7_tool(), &config, &Q).expect("a plant");
-    let mut cell = Cell::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
+    let mut cell = LocalDevice::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
     let mut host = spherecal::link::HostEndpoint::new(spherecal::link::Timing::default());
     host.send(Command::Hello);
     host.send(Command::Robot(iiwa7()));

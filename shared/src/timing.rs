@@ -74,39 +74,30 @@ impl PeriodWatch {
 ///
 /// A [`Sample`](crate::protocol::host::Sample) carries its tick number only.
 /// Phase changes carry both, the controller's banner carries the period:
-/// [`observe`](Self::observe) takes them from the events. Before the first phase
-/// change tick 0 has time 0.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// [`observe`](Self::observe) takes them from the events. The clock tells no
+/// time before the banner, because drives have different periods. Before the
+/// first phase change tick 0 has time 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SampleClock {
+    /// Control period, in µs; 0 until it is known.
     period_us: u32,
     tick: u64,
     time_us: u64,
 }
 
 impl SampleClock {
-    /// A clock with control period `period_us` (µs) whose tick 0 has time 0.
-    pub const fn new(period_us: u32) -> Self {
+    /// A clock that does not know its period yet.
+    pub const fn new() -> Self {
         Self {
-            period_us,
+            period_us: 0,
             tick: 0,
             time_us: 0,
         }
     }
 
-    /// Control period, in µs.
-    pub const fn period_us(&self) -> u32 {
-        self.period_us
-    }
-
-    /// Control period, in s.
-    pub fn period_s(&self) -> f64 {
-        f64::from(self.period_us) * 1e-6
-    }
-
-    /// Sets the clock by one tick whose device time is known (µs).
-    pub const fn set(&mut self, tick: u64, time_us: u64) {
-        self.tick = tick;
-        self.time_us = time_us;
+    /// Control period, in s; `None` before the banner.
+    pub fn period_s(&self) -> Option<f64> {
+        (self.period_us > 0).then(|| f64::from(self.period_us) * 1e-6)
     }
 
     /// Takes the period from a banner and the time from a phase change; other
@@ -114,16 +105,20 @@ impl SampleClock {
     pub fn observe(&mut self, event: &Event) {
         match event {
             Event::Banner(banner) => self.period_us = banner.period_us,
-            Event::Phase(change) => self.set(change.tick, change.time_us),
+            Event::Phase(change) => (self.tick, self.time_us) = (change.tick, change.time_us),
             _ => {}
         }
     }
 
-    /// Device time of `tick`, in µs; 0 for a tick before the controller's start.
-    pub fn time_us(&self, tick: u64) -> u64 {
+    /// Device time of `tick`, in µs; 0 for a tick before the controller's start,
+    /// `None` before the banner.
+    pub fn time_us(&self, tick: u64) -> Option<u64> {
+        if self.period_us == 0 {
+            return None;
+        }
         let distance = i128::from(tick) - i128::from(self.tick);
         let time_us = i128::from(self.time_us) + distance * i128::from(self.period_us);
-        u64::try_from(time_us.max(0)).unwrap_or(u64::MAX)
+        Some(u64::try_from(time_us.max(0)).unwrap_or(u64::MAX))
     }
 }
 
@@ -184,35 +179,58 @@ mod tests {
         assert_eq!(watch.record(5), 4);
     }
 
+    fn banner(period_us: u32) -> Event {
+        Event::Banner(crate::protocol::host::Banner {
+            protocol: 1,
+            schema: 0,
+            version: heapless::String::new(),
+            build: heapless::String::new(),
+            joints: 7,
+            period_us,
+            first_event: 1,
+        })
+    }
+
+    fn moving(tick: u64, time_us: u64) -> Event {
+        Event::Phase(PhaseChange {
+            phase: Phase::Moving,
+            from: Phase::Idle,
+            time_us,
+            tick,
+        })
+    }
+
     proptest! {
         // Fails if a time does not grow by one period a tick, before and after
         // the tick that is known, or if the known tick has another time.
         #[test]
         fn ticks_are_one_period_apart(period_us in 1u32..10_000, tick in 1u64..1 << 40, time_us in 1u64 << 54..1 << 55) {
-            let mut clock = SampleClock::new(1000);
-            clock.observe(&Event::Banner(crate::protocol::host::Banner {
-                protocol: 1,
-                schema: 0,
-                version: heapless::String::new(),
-                build: heapless::String::new(),
-                joints: 7,
-                period_us,
-                first_event: 1,
-            }));
-            let change = PhaseChange { phase: Phase::Moving, from: Phase::Idle, time_us, tick };
-            clock.observe(&Event::Phase(change));
-            prop_assert_eq!(clock.time_us(tick), time_us);
-            prop_assert_eq!(clock.time_us(tick - 1), time_us - u64::from(period_us));
-            prop_assert_eq!(clock.time_us(tick + 3), time_us + 3 * u64::from(period_us));
+            let mut clock = SampleClock::new();
+            clock.observe(&banner(period_us));
+            clock.observe(&moving(tick, time_us));
+            prop_assert_eq!(clock.time_us(tick), Some(time_us));
+            prop_assert_eq!(clock.time_us(tick - 1), Some(time_us - u64::from(period_us)));
+            prop_assert_eq!(clock.time_us(tick + 3), Some(time_us + 3 * u64::from(period_us)));
         }
+    }
+
+    // Fails if a time is told while the period is unknown.
+    #[test]
+    fn no_time_is_told_before_the_banner() {
+        let mut clock = SampleClock::new();
+        clock.observe(&moving(5, 5000));
+        assert_eq!((clock.time_us(5), clock.period_s()), (None, None));
+        clock.observe(&banner(2000));
+        assert_eq!((clock.time_us(6), clock.period_s()), (Some(7000), Some(2e-3)));
     }
 
     // Fails if an absurd tick number panics or wraps.
     #[test]
     fn absurd_ticks_saturate() {
-        let mut clock = SampleClock::new(u32::MAX);
-        assert_eq!(clock.time_us(u64::MAX), u64::MAX);
-        clock.set(u64::MAX, 0);
-        assert_eq!(clock.time_us(0), 0);
+        let mut clock = SampleClock::new();
+        clock.observe(&banner(u32::MAX));
+        assert_eq!(clock.time_us(u64::MAX), Some(u64::MAX));
+        clock.observe(&moving(u64::MAX, 0));
+        assert_eq!(clock.time_us(0), Some(0));
     }
 }

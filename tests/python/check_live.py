@@ -28,7 +28,7 @@ LOOK = """() => {
   const f = run.frame;
   const tcp = f && f.q.length ? spherecal.tcp(run.scene, f.q) : null;
   return { id: run.id, frames: run.frames, phase: f && f.phase, stage: f && f.stage, done: f && f.done, q: f && f.q, shown: run.q, points: run.forces.length,
-    residual: f && f.residual_mm, touch: run.touch && run.touch.samples.length, end: run.end && run.end.text,
+    residual: f && f.residual_mm, contact: run.contact && run.contact.trace.samples.length, end: run.end && run.end.text,
     tcp_off_mm: tcp && 1e3 * Math.hypot(...tcp.map((v, k) => v - f.tcp_m[k])),
     words: { done: document.getElementById('done').textContent, phase: document.getElementById('phase').textContent } };
 }"""
@@ -118,7 +118,7 @@ def watch(browser, url, folder, width, command):
     result["shown_rad"] = max(max(s["shown"][k] for s in moving) - min(s["shown"][k] for s in moving) for k in range(len(moving[0]["q"])))
     result["tcp_off_mm"] = max(s["tcp_off_mm"] for s in moving)
     result["points"] = max(s["points"] for s in seen)
-    result["touch"] = max(s["touch"] or 0 for s in seen)
+    result["contact"] = max(s["contact"] or 0 for s in seen)
     result["done"] = sorted({s["done"] for s in moving})
     result["words"] = sorted({s["words"]["done"] for s in moving}, key=int)
     result["residual"] = seen[-1]["residual"]

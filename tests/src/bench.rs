@@ -79,7 +79,7 @@ pub fn state(tick: u64, q: &[f64; 7], dq: &[f64; 7], tau: &[f64; 7]) -> DriveSta
 }
 
 /// Hello, robot and configuration.
-pub fn greeting(procedure: Procedure) -> Vec<Command> {
+pub fn handshake_commands(procedure: Procedure) -> Vec<Command> {
     let tool = iiwa7_tool();
     vec![
         Command::Hello,
@@ -239,7 +239,7 @@ impl<C: Controller> Bench<C> {
     /// The same, greeted and configured.
     pub fn configured(controller: C, q: &[f64; 7], seed: u64, procedure: Procedure) -> Self {
         let mut bench = Self::new(controller, q, seed);
-        for command in greeting(procedure) {
+        for command in handshake_commands(procedure) {
             bench.order(command);
         }
         bench.step();

@@ -2,9 +2,9 @@
 
 pub mod bench;
 pub mod costs;
+pub mod plan;
 pub mod qemu;
 pub mod stack;
-pub mod tour;
 pub mod worlds;
 
 pub mod rig;

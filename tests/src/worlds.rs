@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
-use spherecal::identify::{Experiment, Observation, Pose, Set, Sphere, Target};
+use spherecal::identify::{Experiment, Observation, Pose, Set, Sphere, Target, fit_pose};
 use spherecal_shared::robot::{Tool, iiwa7, iiwa7_tool};
 
 /// Result of one stored estimator.
@@ -123,7 +123,7 @@ impl World {
     pub fn base(&self) -> Pose {
         Pose {
             rotation: rotation(&self.base_rotation),
-            translation_m: Vector3::from(self.base_origin) / 1000.0,
+            position: Vector3::from(self.base_origin) / 1000.0,
         }
     }
 
@@ -189,7 +189,7 @@ impl World {
                 .collect();
             Statistics::of(&e)
         };
-        let aligned = Pose::fit(&predicted, &measured).unwrap_or_default();
+        let aligned = fit_pose(&predicted, &measured).unwrap_or_default();
         [errors(&self.base()), errors(&aligned)]
     }
 }

@@ -85,7 +85,7 @@ pub enum Command {
     Report(StoredArgs),
     /// Write a run as tables: Parquet or CSV.
     #[command(after_help = "Example: spherecal export --csv --out cell-4 && \
-                            spherecal identify --robot iiwa7 --data cell-4/tables/poses.csv")]
+                            spherecal identify --robot iiwa7 --data cell-4/tables/poses.csv --plate paper")]
     Export(ExportArgs),
     /// List, show or convert robots.
     #[command(

@@ -4,7 +4,7 @@ use clap::Args;
 
 use super::exit::{CliError, Exit};
 use spherecal_lab::faults::{CampaignOptions, MatrixOptions, campaign, matrix};
-use spherecal_sim::inject::{PRESETS, Plan};
+use spherecal_sim::inject::{FaultPlan, PRESETS};
 
 /// Arguments of `faults`.
 #[derive(Args, Clone, Debug)]
@@ -44,7 +44,7 @@ pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Done);
     }
     if let Some(name) = &args.show {
-        print!("{}", Plan::load(name).map_err(CliError::input)?.to_toml());
+        print!("{}", FaultPlan::load(name).map_err(CliError::input)?.to_toml());
         return Ok(Exit::Done);
     }
     // A panic is counted, and its message is in the table.

@@ -43,13 +43,13 @@ pub struct IdentifyArgs {
     /// Table of poses.
     #[arg(long, value_name = "FILE.csv", requires = "robot")]
     pub data: Option<PathBuf>,
-    /// Estimator: map, geometry, lm, gauss-newton, nelder-mead or nelder-mead-scaled.
-    #[arg(long, value_name = "M", default_value = "map")]
+    /// Estimator: full, geometry, lm, gauss-newton, nelder-mead or nelder-mead-scaled.
+    #[arg(long, value_name = "M", default_value = "full")]
     pub method: Method,
     /// What is modelled: geometry, stiffness or full.
     #[arg(long, default_value = "full")]
     pub model: Model,
-    /// Certificate of the plate: [[sphere]] tables with id, x_mm, y_mm, z_mm, sigma_mm.
+    /// Certificate of the plate, for contacts with spheres: [[sphere]] tables with id, x_mm, y_mm, z_mm, sigma_mm; or `paper` for Table 1 of the paper.
     #[arg(long, value_name = "FILE.toml")]
     pub plate: Option<PathBuf>,
     /// Nominal TCP in the flange frame, in mm.
@@ -64,7 +64,7 @@ pub struct IdentifyArgs {
     /// Table of poses that judge the result.
     #[arg(long, value_name = "FILE.csv")]
     pub validate: Option<PathBuf>,
-    /// Hold out each value of this column in turn: sphere, place, or a column of your own.
+    /// Hold each value of this column out in turn: place, a column of your own, or sphere where the plate has four or more.
     #[arg(long, value_name = "COLUMN")]
     pub holdout: Option<String>,
     /// Columns with the joint angles, base to flange, instead of q1..qn (rad; degrees if the name
@@ -110,7 +110,7 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, Stu
             })?
         }
     };
-    if args.config.is_none() || args.method != Method::Map {
+    if args.config.is_none() || args.method != Method::Full {
         options.method = args.method;
     }
     if args.config.is_none() || args.model != Model::Full {
@@ -165,7 +165,7 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
             outln!("  {}", path.display());
         }
     }
-    Ok(if study.verdict.trusted {
+    Ok(if study.evaluation.verdict.may_be_used {
         Exit::Done
     } else {
         Exit::NotTrusted

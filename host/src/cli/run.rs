@@ -13,7 +13,7 @@ use super::live_output::LiveOutput;
 use super::out::{err, out, outln};
 use super::progress::ProgressView;
 use super::text;
-use spherecal_campaign::telemetry::{TelemetryRecorder, Trace};
+use spherecal_campaign::telemetry::{ContactTrace, TelemetryRecorder};
 use spherecal_campaign::{Moved, Observer, Progress};
 use spherecal_job::open_store;
 use spherecal_job::{self as job, JobError, Link, Measurements, Prepared, Site, Summary};
@@ -123,7 +123,10 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
         text,
     };
     live.end(&match &finished {
-        Ok(finished) => end(Some(finished.summary.verdict.trusted), text::verdict(&finished.summary)),
+        Ok(finished) => end(
+            Some(finished.summary.verdict.may_be_used),
+            text::verdict(&finished.summary),
+        ),
         Err(error) => end(None, error.to_string()),
     });
     drop(store);
@@ -140,7 +143,7 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
     } else {
         out!("{}", text::result(&finished.summary, &finished.files));
     }
-    Ok(if finished.summary.verdict.trusted {
+    Ok(if finished.summary.verdict.may_be_used {
         Exit::Done
     } else {
         Exit::NotTrusted
@@ -151,7 +154,7 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
 pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
     features::check_run(args)?;
     let interrupt = interrupt()?;
-    let inject = args.inject.as_deref().map(inject::Plan::load).transpose()?;
+    let inject = args.inject.as_deref().map(inject::FaultPlan::load).transpose()?;
     let (mut store, prepared, resume) = if args.resume {
         resumed(args)?
     } else {
@@ -208,11 +211,11 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
 
 /// Stores the force traces of a session's contacts, also after an interruption, because --resume
 /// may continue the run.
-fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<Trace>) -> Result<(), CliError> {
+fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<ContactTrace>) -> Result<(), CliError> {
     if let Some(info) = store.last_run()? {
         let mut all = job::contact_traces(store, info.run)?;
         // A run that was repeated from its start delivers all traces again.
-        let again = |old: &Trace| {
+        let again = |old: &ContactTrace| {
             traces
                 .iter()
                 .any(|new| (new.sphere, new.trigger_s) == (old.sphere, old.trigger_s))
@@ -253,7 +256,7 @@ pub(super) fn evaluate(
     let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;
     let json = serde_json::to_string(&summary).map_err(CliError::job)?;
     store.put_result(info.run, "summary", &json)?;
-    let model = &evaluation.sphere;
+    let model = &evaluation.calibration;
     let fingerprint = Fingerprint::of(
         &model.robot,
         |q| model.tcp_m(q, None),

@@ -14,7 +14,7 @@ use super::exit::{CliError, Exit};
 use super::out::errln;
 use spherecal_job::{self as job, Config, JobError};
 use spherecal_link::tcp::{DriveServer, TcpDrive, controller_server, listen};
-use spherecal_link::{Cell, Drive, LinkError, controller_in_process};
+use spherecal_link::{Drive, LinkError, LocalDevice, controller_in_process};
 
 /// Arguments of `plant`.
 #[derive(Args, Clone, Debug)]
@@ -112,7 +112,7 @@ pub(super) fn controller(args: &ControllerArgs) -> Result<Exit, CliError> {
     } else {
         "real time"
     };
-    let mut cell = Cell::new(controller_in_process(joints)?, Box::new(drive), joints)?;
+    let mut cell = LocalDevice::new(controller_in_process(joints)?, Box::new(drive), joints)?;
     let (listener, address) = listen(&args.host_link).map_err(LinkError::from)?;
     announce(&format!(
         "controller, {joints} joints, {way}: host link on tcp:{address}"

@@ -66,7 +66,7 @@ pub(super) fn validate(args: &StoredArgs) -> Result<Exit, CliError> {
         )));
     }
     out!("{table}");
-    Ok(if finished.summary.verdict.trusted {
+    Ok(if finished.summary.verdict.may_be_used {
         Exit::Done
     } else {
         Exit::NotTrusted

@@ -6,8 +6,9 @@ use clap::Args;
 
 use super::exit::{CliError, Exit};
 use super::out::{errln, out, outln};
+use spherecal_identify::Recordings;
 use spherecal_job as job;
-use spherecal_lab::reproduce::{Recordings, reproduce as study};
+use spherecal_lab::reproduce::reproduce as study;
 use spherecal_lab::worlds::{CompareOptions, PlanOptions, World, compare, compare_plans, record};
 use spherecal_store::{CalibrationStore as _, SqlStore};
 
@@ -54,6 +55,8 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
         None => Some(World::W1),
         given => given,
     };
+    let mut seed = args.seed;
+    let mut contact_force: Vec<(f64, f64)> = Vec::new();
     let recordings = if let Some(world) = world {
         errln!(
             "recordings: a synthetic robot of world {world} ({}), seed {}",
@@ -65,19 +68,19 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
         let mut store = SqlStore::open(&database)?;
         let info = store.require_last_run()?;
         errln!("recordings: run {} in {}", info.run, database.display());
-        let mut recordings = Recordings::from(&job::read(&mut store, &info)?);
+        seed = info.seed;
         if let Some(trace) = job::contact_traces(&mut store, info.run)?.first() {
             let since = |&(time_s, force_n): &(f64, f64)| (time_s - trace.trigger_s, force_n);
-            recordings.contact_force = trace.samples.iter().map(since).collect();
+            contact_force = trace.samples.iter().map(since).collect();
         }
-        recordings
+        job::read(&mut store, &info)?.to_recordings()
     };
-    if recordings.validation.is_empty() {
+    if recordings.tracker.as_ref().is_none_or(|t| t.validation.is_empty()) {
         return Err(CliError::input(
             "the run has no laser measurements for the validation: measure with [laser] enabled = true, or use --world W1",
         ));
     }
-    let done = study(&recordings).map_err(CliError::job)?;
+    let done = study(&recordings, seed, &contact_force).map_err(CliError::job)?;
     let files = done.write(&args.out).map_err(CliError::job)?;
     if args.json {
         outln!("{}", serde_json::to_string_pretty(&done).map_err(CliError::job)?);
@@ -87,7 +90,11 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
             outln!("  {}", file.display());
         }
     }
-    Ok(Exit::Done)
+    Ok(if done.verdict.may_be_used {
+        Exit::Done
+    } else {
+        Exit::NotTrusted
+    })
 }
 
 /// `spherecal worlds`

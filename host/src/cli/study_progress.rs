@@ -4,6 +4,7 @@ use std::io::IsTerminal as _;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use spherecal_identify::evaluate;
 use spherecal_identify::study::Step;
 
 use super::out::errln;
@@ -52,8 +53,9 @@ impl StudyProgress {
                 };
                 (format!("reading: {} rows{share}", p.rows), false)
             }
-            Step::Fitting { rows } => (format!("fitting {rows} rows"), rows >= MANY),
-            Step::Judging { fits, rows } => {
+            Step::Evaluating(evaluate::Step::Fitting { rows }) => (format!("fitting {rows} rows"), rows >= MANY),
+            Step::Evaluating(evaluate::Step::Comparing { estimator }) => (format!("comparing with {estimator}"), false),
+            Step::Evaluating(evaluate::Step::Judging { fits, rows }) => {
                 let fits = if fits == 1 {
                     "the fit".to_owned()
                 } else {

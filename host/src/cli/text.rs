@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use spherecal_job::{ModelSummary, Summary};
+use spherecal_job::{ModelSummary, Summary, expected_words};
 use spherecal_plan::Plan;
 
 /// Names of the models in the printed validation table, in order.
@@ -11,7 +11,7 @@ const MODELS: [(&str, &str); 6] = [
     ("nominal", "nominal"),
     ("sphere", "spheres (this calibration)"),
     ("laser", "laser tracker, geometry"),
-    ("laser_structured", "laser tracker, full model"),
+    ("laser_full", "laser tracker, full model"),
     ("paper_nelder_mead", "spheres, the paper's simplex"),
     ("bound", "bound (errors' laws known)"),
 ];
@@ -110,7 +110,7 @@ fn row(title: &str, m: &ModelSummary) -> String {
 
 pub(super) fn verdict(summary: &Summary) -> String {
     let v = &summary.verdict;
-    let mut out = match (v.trusted, v.improvement) {
+    let mut out = match (v.may_be_used, v.improvement) {
         (true, Some(share)) => format!(
             "The calibration may be used: {:.0} % of the mean error is gone.\n",
             share * 100.0
@@ -118,6 +118,12 @@ pub(super) fn verdict(summary: &Summary) -> String {
         (true, None) => "The calibration may be used, judged by its own residuals alone.\n".to_owned(),
         (false, _) => "The calibration is NOT to be trusted.\n".to_owned(),
     };
+    if summary.simulated {
+        out.insert_str(0, "SIMULATED. ");
+    }
+    if let Some(e) = &v.expected_error_mm {
+        let _ = writeln!(out, "{}", expected_words(e));
+    }
     for reason in v.reasons.iter().chain(&summary.remarks) {
         let _ = writeln!(out, "  - {reason}");
     }

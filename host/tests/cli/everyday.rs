@@ -120,6 +120,8 @@ fn a_run_is_exported_as_tables() {
             "iiwa7",
             "--data",
             "a/tables/poses.csv",
+            "--plate",
+            "paper",
             "--json",
             "--out",
             "b",

@@ -57,7 +57,7 @@ fn contents(database: &Path) -> String {
     for session in &mut run.sessions {
         session.wall_s = 0.0;
     }
-    run.greetings.clear();
+    run.handshakes.clear();
     format!("{run:?}\n{}\n{:?}", info.config_toml, info.state)
 }
 

@@ -268,6 +268,20 @@ fn mistakes(good: &str) -> Vec<Mistake> {
             &["--joint-columns is 2 names", "6 joints"],
         ),
         with(
+            &["--robot", "ur5e", "--data", "good.csv", "--method", "map"],
+            "the old name of a method",
+            "x",
+            "",
+            &["map", "give `full`"],
+        ),
+        with(
+            &["--robot", "ur5e", "--data", "contacts.csv"],
+            "contacts without a plate",
+            "x",
+            "",
+            &["--plate", "no scale", "--plate paper"],
+        ),
+        with(
             &["--robot", "ur5e", "--data", "good.csv", "--holdout", "shift"],
             "an unknown hold-out",
             "x",

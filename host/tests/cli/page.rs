@@ -127,19 +127,16 @@ fn a_run_serves_its_own_page() {
         .iter()
         .fold((9.0f64, -9.0f64), |(l, h), q| (l.min(*q), h.max(*q)));
     assert!(high - low > 0.05, "joint 1 went from {low} to {high}");
-    let touches = of("touch");
-    assert!(!touches.is_empty());
-    assert!(
-        touches[0]["samples"].as_array().is_some_and(|s| s.len() > 100),
-        "{}",
-        touches[0]
-    );
+    let contacts = of("contact");
+    assert!(!contacts.is_empty());
+    let trace = &contacts[0]["trace"];
+    assert!(trace["samples"].as_array().is_some_and(|s| s.len() > 100), "{trace}");
     let last = frames.last().expect("a frame");
     assert_eq!(last["done"], 9, "{last}");
     let alone = spherecal(folder.path(), &["run", "--poses", "9", "--json", "--out", "alone"]);
     assert_eq!(summary["recordings_sha256"], alone["recordings_sha256"]);
     assert_eq!(of("end").len(), 1);
-    assert_eq!(of("end")[0]["trusted"], summary["verdict"]["trusted"]);
+    assert_eq!(of("end")[0]["trusted"], summary["verdict"]["may_be_used"]);
 }
 
 // Fails if a run waits for a server that is not there to show it, does not say
@@ -296,7 +293,7 @@ fn a_run_is_watched_in_a_browser() {
         assert!(number("moved_rad") > 0.3 && number("shown_rad") > 0.3, "{found}");
         // The controller tells its own in single precision.
         assert!(number("tcp_off_mm") < 2e-3, "{found}");
-        assert!(number("points") > 100.0 && number("touch") > 100.0, "{found}");
+        assert!(number("points") > 100.0 && number("contact") > 100.0, "{found}");
         assert!(number("residual") > 0.05, "{found}");
         for list in ["done", "words", "phases"] {
             assert!(found[list].as_array().is_some_and(|l| l.len() >= 4), "{list}: {found}");

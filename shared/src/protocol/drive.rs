@@ -15,6 +15,10 @@ use crate::{Joints, MAX_JOINTS};
 
 pub use receiver::{DriveMessage, DriveReceiver};
 
+super::frame::message!(DriveHello, "drive/hello");
+super::frame::message!(DriveState, "drive/state");
+super::frame::message!(DriveCommand, "drive/command");
+
 /// Status of the drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

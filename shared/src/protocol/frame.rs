@@ -10,12 +10,8 @@
 
 use crc::{CRC_32_ISCSI, Crc, Table};
 use postcard_schema::Schema;
-use postcard_schema::key::Key;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-
-use super::drive::{DriveCommand, DriveHello, DriveState};
-use super::host::{Downlink, Uplink};
 
 mod sequence;
 
@@ -34,19 +30,15 @@ pub trait Message: Schema + Serialize + DeserializeOwned {
     const KEY: [u8; 8];
 }
 
+/// Makes a type a message; its key comes from its schema and the path.
 macro_rules! message {
     ($type:ty, $path:literal) => {
-        impl Message for $type {
-            const KEY: [u8; 8] = Key::for_path::<$type>($path).to_bytes();
+        impl $crate::protocol::frame::Message for $type {
+            const KEY: [u8; 8] = postcard_schema::key::Key::for_path::<$type>($path).to_bytes();
         }
     };
 }
-
-message!(DriveHello, "drive/hello");
-message!(DriveState, "drive/state");
-message!(DriveCommand, "drive/command");
-message!(Downlink, "host/down");
-message!(Uplink, "host/up");
+pub(super) use message;
 
 /// The fields of a frame besides its message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -217,8 +209,9 @@ impl Accumulator {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::protocol::drive::DriveStatus;
+    use crate::protocol::drive::{DriveState, DriveStatus};
     use crate::protocol::host::Command;
+    use crate::protocol::host::Downlink;
     use proptest::prelude::*;
     use std::vec::Vec;
 

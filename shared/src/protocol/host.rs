@@ -31,6 +31,9 @@ pub use event::{
     SignalStatistics, Statistics,
 };
 
+super::frame::message!(Downlink, "host/down");
+super::frame::message!(Uplink, "host/up");
+
 /// Number of a session. The host draws one at random for every [`Command::Hello`].
 pub type SessionId = [u8; 4];
 

@@ -1,6 +1,6 @@
 //! The one rigid transform of the project: rotation and position.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::scalar::Real;
@@ -27,12 +27,16 @@ const ORTHONORMAL: f64 = 1e-6;
 /// assert_eq!(pose.compose(&pose.inverse()), Pose::identity());
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(try_from = "Fields<T>", into = "Fields<T>")]
+#[cfg_attr(feature = "schema", schemars(bound = "T: Real + schemars::JsonSchema"))]
 #[serde(bound(serialize = "T: Real + Serialize", deserialize = "T: Real + Deserialize<'de>"))]
-pub struct Pose<T: Real> {
+pub struct Pose<T: Real = f64> {
     /// Rotation: its columns are the axes of frame B in frame A.
+    #[cfg_attr(feature = "schema", schemars(with = "[[f64; 3]; 3]"))]
     pub rotation: Matrix3<T>,
     /// Origin of frame B in frame A, in m.
+    #[cfg_attr(feature = "schema", schemars(with = "[f64; 3]"))]
     pub position: Vector3<T>,
 }
 
@@ -87,6 +91,17 @@ impl<T: Real> Pose<T> {
         self.rotation * p + self.position
     }
 
+    /// The point `p`, given in frame A, in frame B.
+    #[inline]
+    pub fn inverse_point(&self, p: &Vector3<T>) -> Vector3<T> {
+        self.rotation.tr_mul(&(p - self.position))
+    }
+
+    /// Rotation vector of the rotation, in rad.
+    pub fn rotation_vector(&self) -> Vector3<T> {
+        Rotation3::from_matrix_unchecked(self.rotation).scaled_axis()
+    }
+
     /// The z axis of frame B in frame A; for a joint's frame the joint axis.
     #[inline]
     pub fn z(&self) -> Vector3<T> {
@@ -94,8 +109,15 @@ impl<T: Real> Pose<T> {
     }
 }
 
+impl<T: Real> Default for Pose<T> {
+    fn default() -> Self {
+        Self::identity()
+    }
+}
+
 /// A pose as files have it.
 #[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 struct Fields<T> {
     rotation: [[T; 3]; 3],
@@ -137,7 +159,6 @@ impl<T: Real> TryFrom<Fields<T>> for Pose<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Rotation3;
     use proptest::prelude::*;
 
     fn pose(values: [f64; 6]) -> Pose<f64> {
@@ -167,6 +188,7 @@ mod tests {
             prop_assert!((homogeneous(&both) - homogeneous(&a) * homogeneous(&b)).norm() < 1e-13);
             prop_assert!((both.point(&p) - a.point(&b.point(&p))).norm() < 1e-13);
             prop_assert!((a.inverse().point(&a.point(&p)) - p).norm() < 1e-13);
+            prop_assert!((a.inverse_point(&a.point(&p)) - p).norm() < 1e-13);
             prop_assert!((homogeneous(&a.compose(&a.inverse())) - nalgebra::Matrix4::identity()).norm() < 1e-13);
         }
 

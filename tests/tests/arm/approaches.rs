@@ -4,7 +4,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
-use spherecal::campaign::{Stop, Trace, Waypoints};
+use spherecal::campaign::{DescentEnd, Waypoints};
+use spherecal::plan::{Visit, Waypoint};
 use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Event, Fault, Phase};
@@ -84,17 +85,17 @@ fn attempt(rig: &mut Rig, direction: Vector3<f64>, outcome: &mut Outcome) -> boo
 
 /// After a fault: lets go of the sphere and says what the fault was and where
 /// the next descent begins, by what the host knows.
-fn retreat(rig: &mut Rig, waypoints: &Waypoints, stop: &Stop, missed: &mut u32) -> (Option<Fault>, [f64; 7]) {
+fn retreat(rig: &mut Rig, waypoints: &Waypoints, visit: &Visit, missed: &mut u32) -> (Option<Fault>, [f64; 7]) {
     let mut latest = rig.events.iter().rev();
     let fault = latest.find_map(|e| if let Event::Fault(f) = e { Some(f.fault) } else { None });
     let contact = latest.find_map(|e| if let Event::Contact(c) = e { Some(c) } else { None });
     let arm = nominal();
     let tcp = arm.tcp_frame(&arm.frames(&rig.plant.sensed().q)).position;
-    let last = Trace::new(contact, Some([tcp.x as f32, tcp.y as f32, tcp.z as f32]));
-    let mut from = stop.approach.clone();
+    let last = DescentEnd::new(contact, Some([tcp.x as f32, tcp.y as f32, tcp.z as f32]));
+    let mut from = visit.approach.joints.clone();
     if fault.is_some_and(Waypoints::helps) {
         *missed += 1;
-        from = waypoints.retry(stop, *missed, &last);
+        from = waypoints.retry(visit, *missed, &last);
     }
     rig.run(300);
     rig.controller.command(Command::ClearFault).expect("a fault to clear");
@@ -131,13 +132,16 @@ fn approach(k: u64) -> Outcome {
     outcome.seated = coupled && rig.plant.truth().seated == Some(0);
     // As the campaign does: let go, and descend from beside the waypoint.
     let waypoints = Waypoints::new(&iiwa7(), &iiwa7_tool());
-    let stop = Stop {
-        sphere: 1,
+    let visit = Visit {
+        sphere_id: 1,
         place: 0,
-        centre_m: config.cell.first().origin_m,
+        position_m: config.cell.first().origin_m,
         over_home: true,
-        approach: q.to_vec(),
-        direction: direction.into(),
+        approach: Waypoint {
+            joints: q.to_vec(),
+            ..Waypoint::default()
+        },
+        approach_direction: direction.into(),
         poses: Vec::new(),
     };
     let mut missed = 0;
@@ -145,7 +149,7 @@ fn approach(k: u64) -> Outcome {
         if coupled {
             break;
         }
-        let (fault, from) = retreat(&mut rig, &waypoints, &stop, &mut missed);
+        let (fault, from) = retreat(&mut rig, &waypoints, &visit, &mut missed);
         outcome.fault = outcome.fault.or(fault);
         coupled = rig.move_to(&from) && attempt(&mut rig, direction, &mut outcome);
         outcome.retried = coupled && rig.plant.truth().seated == Some(0);

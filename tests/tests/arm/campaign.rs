@@ -2,11 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use spherecal::campaign::{CampaignError, Outcome, Tour};
+use spherecal::campaign::{CampaignError, Outcome};
+use spherecal::plan::Plan;
 use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
-use spherecal_tests::tour::{Memory, carry_out, cell, plant, solve, tour};
+use spherecal_tests::plan::{Memory, carry_out, cell, plant, short_plan, solve};
 
 /// How far a waypoint is off that ends beside the sphere, in m: the nest's body
 /// ends 42 mm from its axis.
@@ -16,10 +17,10 @@ const TURNS: [f64; 3] = [0.0, 0.15, -0.1];
 
 fn campaign(
     config: &PlantConfig,
-    tour: &Tour,
+    plan: &Plan,
     done: &BTreeSet<(u32, u32)>,
 ) -> (Memory, Outcome, Result<(), CampaignError>) {
-    carry_out(&mut cell(plant(config, tour)), tour, done)
+    carry_out(&mut cell(plant(config, plan)), plan, done)
 }
 
 // Fails if a pose is not recorded, is recorded twice or out of order, if a
@@ -27,8 +28,8 @@ fn campaign(
 #[test]
 fn two_spheres_are_recorded_pose_by_pose() {
     let config = PlantConfig::typical();
-    let tour = tour(&config, &[0, 1], &TURNS);
-    let (memory, outcome, result) = campaign(&config, &tour, &BTreeSet::new());
+    let plan = short_plan(&config, &[0, 1], &TURNS);
+    let (memory, outcome, result) = campaign(&config, &plan, &BTreeSet::new());
     result.expect("the campaign ends well");
     let order: Vec<_> = memory.recordings.iter().map(|r| (r.sphere, r.pose)).collect();
     assert_eq!(order, [(1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (2, 2)]);
@@ -55,9 +56,9 @@ fn two_spheres_are_recorded_pose_by_pose() {
 #[test]
 fn a_stop_is_reached_straight_from_the_one_before() {
     let config = PlantConfig::typical();
-    let over_home = tour(&config, &[0, 1], &TURNS);
+    let over_home = short_plan(&config, &[0, 1], &TURNS);
     let mut straight = over_home.clone();
-    straight.stops[1].over_home = false;
+    straight.spheres[1].over_home = false;
     let (_, before, result) = campaign(&config, &over_home, &BTreeSet::new());
     result.expect("the campaign ends well");
     let (memory, outcome, result) = campaign(&config, &straight, &BTreeSet::new());
@@ -71,13 +72,13 @@ fn a_stop_is_reached_straight_from_the_one_before() {
 #[test]
 fn one_seed_gives_the_same_bits() {
     let config = PlantConfig::typical();
-    let tour = tour(&config, &[2], &TURNS);
-    let (first, _, _) = campaign(&config, &tour, &BTreeSet::new());
-    let (second, _, _) = campaign(&config, &tour, &BTreeSet::new());
+    let plan = short_plan(&config, &[2], &TURNS);
+    let (first, _, _) = campaign(&config, &plan, &BTreeSet::new());
+    let (second, _, _) = campaign(&config, &plan, &BTreeSet::new());
     assert_eq!(first.recordings.len(), 3);
     assert_eq!(first.recordings, second.recordings);
     let other = PlantConfig { seed: 2, ..config };
-    assert_ne!(first.recordings, campaign(&other, &tour, &BTreeSet::new()).0.recordings);
+    assert_ne!(first.recordings, campaign(&other, &plan, &BTreeSet::new()).0.recordings);
 }
 
 // Fails if a recording can come from anything but contact: without it the
@@ -88,7 +89,7 @@ fn without_contact_there_is_no_recording() {
         contact: false,
         ..PlantConfig::typical()
     };
-    let (memory, outcome, result) = campaign(&config, &tour(&config, &[0], &TURNS), &BTreeSet::new());
+    let (memory, outcome, result) = campaign(&config, &short_plan(&config, &[0], &TURNS), &BTreeSet::new());
     let error = result.expect_err("there is nothing to touch");
     assert!(
         matches!(error, CampaignError::NoContact { sphere: 1, attempts: 3 }),
@@ -103,9 +104,9 @@ fn without_contact_there_is_no_recording() {
 #[test]
 fn a_resumed_campaign_records_what_is_missing() {
     let config = PlantConfig::typical();
-    let tour = tour(&config, &[0, 1], &TURNS);
+    let plan = short_plan(&config, &[0, 1], &TURNS);
     let done = BTreeSet::from([(1, 0), (1, 1), (1, 2), (2, 1)]);
-    let (memory, _, result) = campaign(&config, &tour, &done);
+    let (memory, _, result) = campaign(&config, &plan, &done);
     result.expect("the campaign ends well");
     let order: Vec<_> = memory.recordings.iter().map(|r| (r.sphere, r.pose)).collect();
     assert_eq!(order, [(2, 0), (2, 2)]);
@@ -117,13 +118,18 @@ fn a_resumed_campaign_records_what_is_missing() {
 #[test]
 fn a_retry_begins_beside_a_waypoint_that_was_wrong() {
     let config = PlantConfig::typical();
-    let mut tour = tour(&config, &[0], &TURNS);
+    let mut plan = short_plan(&config, &[0], &TURNS);
     let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("an arm");
-    let from: [f64; 7] = tour.stops[0].approach.as_slice().try_into().expect("seven joints");
+    let from: [f64; 7] = plan.spheres[0]
+        .approach
+        .joints
+        .as_slice()
+        .try_into()
+        .expect("seven joints");
     let start = arm.tcp_frame(&arm.frames(&from));
     let aside = start.position + start.rotation.column(0) * WRONG_M;
-    tour.stops[0].approach = solve(&arm, aside, start.rotation, from).to_vec();
-    let (memory, outcome, result) = campaign(&config, &tour, &BTreeSet::new());
+    plan.spheres[0].approach.joints = solve(&arm, aside, start.rotation, from).to_vec();
+    let (memory, outcome, result) = campaign(&config, &plan, &BTreeSet::new());
     result.expect("the campaign ends well");
     assert_eq!(memory.recordings.len(), 3);
     let faults: Vec<_> = outcome.faults.iter().map(|f| f.fault).collect();

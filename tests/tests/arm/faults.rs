@@ -8,26 +8,26 @@ use spherecal::campaign::{Assignment, CampaignError, Options, Outcome, Silent, r
 use spherecal::lab::faults::{CampaignOptions, Case, Ended, Finish, MatrixOptions, campaign, matrix};
 use spherecal::link::qemu::{Qemu, QemuOptions};
 use spherecal::link::{Controller, LinkError, controller_in_process};
-use spherecal::sim::inject::{Entry, FaultyCell, FaultyDrive, InjectedFault, Plan, Status, When};
+use spherecal::sim::inject::{Entry, FaultPlan, FaultyCell, FaultyDrive, InjectedFault, Status, When};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Fault, Phase};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+use spherecal_tests::plan::{Memory, short_plan};
 use spherecal_tests::qemu::image;
-use spherecal_tests::tour::{Memory, tour};
 
 fn during(name: Phase, entry: u32, after_s: f64) -> When {
     When::Phase { name, entry, after_s }
 }
 
-fn plan(faults: &[(InjectedFault, When, f64)]) -> Plan {
+fn plan(faults: &[(InjectedFault, When, f64)]) -> FaultPlan {
     let faults = faults.iter().map(|&(what, when, for_s)| Entry {
         what,
         when,
         for_s: Some(for_s),
     });
-    Plan {
+    FaultPlan {
         seed: 1,
         host_link: None,
         faults: faults.collect(),
@@ -41,13 +41,13 @@ fn in_process() -> Make {
 }
 
 /// Two spheres, three poses each, with a plan of faults.
-fn campaign_with(plan: &Plan, mut make: Make) -> (Memory, Outcome, Result<(), CampaignError>) {
+fn campaign_with(faults: &FaultPlan, mut make: Make) -> (Memory, Outcome, Result<(), CampaignError>) {
     let config = PlantConfig::typical();
-    let tour = tour(&config, &[0, 1], &[0.0, 0.15, -0.1]);
+    let plan = short_plan(&config, &[0, 1], &[0.0, 0.15, -0.1]);
     let (robot, tool) = (iiwa7(), iiwa7_tool());
-    let drive = simulated_arm(&robot, &tool, &config, &tour.home).expect("a plant");
+    let drive = simulated_arm(&robot, &tool, &config, &plan.home.joints).expect("a plant");
     let first = make().expect("a controller");
-    let mut device = FaultyCell::new(first, FaultyDrive::Simulated(drive), 7, plan, make).expect("a device");
+    let mut device = FaultyCell::new(first, FaultyDrive::Simulated(drive), 7, faults, make).expect("a device");
     let mut memory = Memory::default();
     let mut procedure = Procedure::default();
     procedure.couple.hold_s = 1.0;
@@ -56,7 +56,7 @@ fn campaign_with(plan: &Plan, mut make: Make) -> (Memory, Outcome, Result<(), Ca
         robot: &robot,
         tool: &tool,
         procedure: &procedure,
-        tour: &tour,
+        plan: &plan,
         done: &BTreeSet::new(),
         seated: &[],
         options: Options::default(),
@@ -80,7 +80,7 @@ fn poses(memory: &Memory) -> Vec<(u32, u32)> {
 // angles that differ from those of an undisturbed run by more than a new coupling does.
 #[test]
 fn a_run_goes_on_at_the_pose_where_it_was() {
-    let (clean, _, result) = campaign_with(&Plan::default(), in_process());
+    let (clean, _, result) = campaign_with(&FaultPlan::default(), in_process());
     result.expect("the undisturbed run ends well");
     let stop = InjectedFault::DriveStatus {
         status: Status::EmergencyStop,
@@ -176,10 +176,10 @@ fn what_cannot_be_mended_is_explained() {
             "check its power",
         ),
     ];
-    for (upset, when, remedy) in cases {
-        let (memory, _, result) = campaign_with(&plan(&[(upset, when, forever)]), in_process());
-        let error = result.expect_err(upset.name()).to_string();
-        assert!(error.contains(remedy), "{}: {error}", upset.name());
+    for (fault, when, remedy) in cases {
+        let (memory, _, result) = campaign_with(&plan(&[(fault, when, forever)]), in_process());
+        let error = result.expect_err(fault.name()).to_string();
+        assert!(error.contains(remedy), "{}: {error}", fault.name());
         assert!(memory.recordings.len() < 6);
     }
 }

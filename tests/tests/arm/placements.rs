@@ -4,9 +4,9 @@
 use std::collections::BTreeSet;
 
 use spherecal::campaign::CampaignError;
-use spherecal::job::{Config, Prepared, evaluate, prepare, summarise, tour};
-use spherecal::link::{Cell, Device, LinkError};
-use spherecal_tests::tour::{carry_out, cell, measured, plant};
+use spherecal::job::{Config, Prepared, evaluate, prepare, summarise};
+use spherecal::link::{Device, LinkError, LocalDevice};
+use spherecal_tests::plan::{carry_out, cell, measured, plant};
 
 /// Two placements: the paper's, and one 120 mm to the side, 100 mm higher and turned.
 fn two_places() -> Prepared {
@@ -40,7 +40,7 @@ fn two_placements_calibrate_the_arm() {
 }
 
 /// A cell whose plate only a person can move.
-struct Real(Cell);
+struct Real(LocalDevice);
 
 impl Device for Real {
     fn now_us(&self) -> u64 {
@@ -60,9 +60,9 @@ impl Device for Real {
 #[test]
 fn nobody_to_move_the_plate_is_said() {
     let prepared = two_places();
-    let tour = tour(&prepared.plan);
-    let mut real = Real(cell(plant(&prepared.plant, &tour)));
-    let (_, _, result) = carry_out(&mut real, &tour, &BTreeSet::new());
+    let plan = prepared.plan.clone();
+    let mut real = Real(cell(plant(&prepared.plant, &plan)));
+    let (_, _, result) = carry_out(&mut real, &plan, &BTreeSet::new());
     let error = result.expect_err("nobody is there");
     assert!(matches!(error, CampaignError::Plate { place: 0 }), "{error}");
     assert!(error.to_string().contains("placement 1"), "{error}");

@@ -7,8 +7,8 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
 use spherecal::campaign::{Assignment, Operator, Options, Silent, run};
-use spherecal::job::{Choice, Config, Link, Prepared, Waypoints, prepare, teach, tour};
-use spherecal::link::{Cell, controller_in_process};
+use spherecal::job::{Choice, Config, Link, Prepared, Waypoints, prepare, teach};
+use spherecal::link::{LocalDevice, controller_in_process};
 use spherecal::model::chain::Chain;
 use spherecal::sim::simulated_arm;
 
@@ -90,21 +90,21 @@ fn the_hand_leads_the_arm_over_every_sphere() {
         }
         // From there the run touches every sphere at the first attempt.
         waypoints.apply(&mut prepared).expect("its own waypoints");
-        let tour = tour(&prepared.plan);
-        assert_eq!(tour.stops[0].approach, waypoints.waypoint[0].joints_rad);
-        let drive =
-            simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &tour.home).expect("a simulated arm");
-        let mut cell = Cell::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
+        let plan = prepared.plan.clone();
+        assert_eq!(plan.spheres[0].approach.joints, waypoints.waypoint[0].joints_rad);
+        let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &plan.home.joints)
+            .expect("a simulated arm");
+        let mut cell = LocalDevice::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
         let assignment = Assignment {
             robot: &prepared.robot,
             tool: &prepared.tool,
             procedure: &prepared.config.procedure,
-            tour: &tour,
+            plan: &plan,
             done: &BTreeSet::new(),
             seated: &[],
             options: Options::default(),
         };
-        let mut memory = spherecal_tests::tour::Memory::default();
+        let mut memory = spherecal_tests::plan::Memory::default();
         let (outcome, result) = run(
             &assignment,
             &mut cell,

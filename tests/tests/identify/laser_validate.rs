@@ -94,7 +94,7 @@ fn arcs_give_base_and_tool_with_honest_sigmas() {
     tool.tcp_m = [0.0513, -0.0021, 0.0987];
     let pose = Pose {
         rotation: *Rotation3::new(Vector3::new(0.3, -0.2, 2.0)).matrix(),
-        translation_m: Vector3::new(2.0, -1.0, 0.3),
+        position: Vector3::new(2.0, -1.0, 0.3),
     };
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let exact = frames_from_arcs(
@@ -103,9 +103,7 @@ fn arcs_give_base_and_tool_with_honest_sigmas() {
         &measure(&robot, &tool, &pose, &made.tool_arcs, 0.0, &mut rng),
     )
     .expect("good arcs");
-    assert!(
-        (exact.base.rotation - pose.rotation).norm() + (exact.base.translation_m - pose.translation_m).norm() < 1e-9
-    );
+    assert!((exact.base.rotation - pose.rotation).norm() + (exact.base.position - pose.position).norm() < 1e-9);
     assert!((Vector3::from(exact.tool_m) - Vector3::from(tool.tcp_m)).norm() < 1e-9);
 
     let runs = 60;
@@ -117,7 +115,7 @@ fn arcs_give_base_and_tool_with_honest_sigmas() {
             &measure(&robot, &tool, &pose, &made.tool_arcs, 25e-6, &mut rng),
         )
         .expect("good arcs");
-        let shift = found.base.translation_m - pose.translation_m;
+        let shift = found.base.position - pose.position;
         let turn = Rotation3::from_matrix_unchecked(found.base.rotation * pose.rotation.transpose()).scaled_axis();
         for k in 0..3 {
             chi_square[k] += (shift[k] / found.base_sigma_m[k]).powi(2) / f64::from(runs);
@@ -172,7 +170,7 @@ fn validation_agrees_with_the_stored_worlds() {
         let base_r = Matrix3::from_fn(|i, j| world.base_r[i][j]);
         let base = Pose {
             rotation: base_r,
-            translation_m: Vector3::from(metres(&world.base_t_measured)),
+            position: Vector3::from(metres(&world.base_t_measured)),
         };
         let measured: Vec<_> = world.valid_p.iter().map(metres).collect();
         let configurations: Vec<Vec<f64>> = world.valid_q.iter().map(|q| q.to_vec()).collect();

@@ -171,7 +171,7 @@ fn results_do_not_depend_on_the_reference_frame() {
     let mut moved = world.laser();
     let turn = Pose {
         rotation: nalgebra::Rotation3::new(nalgebra::Vector3::new(0.3, -1.0, 2.0)).into_inner(),
-        translation_m: nalgebra::Vector3::new(3.0, -2.0, 0.5),
+        position: nalgebra::Vector3::new(3.0, -2.0, 0.5),
     };
     for o in &mut moved.observations {
         if let Target::Point(p) = &mut o.target {
@@ -203,7 +203,7 @@ proptest! {
                 *sphere = (*sphere).min(spheres);
             }
         }
-        for method in [Method::Map, Method::Geometry, Method::GaussNewton, Method::Lm] {
+        for method in [Method::Full, Method::Geometry, Method::GaussNewton, Method::Lm] {
             let _ = identify(&e, &Options { method, ..Options::default() });
         }
     }

@@ -119,7 +119,7 @@ fn spheres_of_w1(method: Method, pairs: Pairs) -> (World, DistanceProblem) {
         subset: Some(world.subset300.clone()),
         base: Some(Pose {
             rotation: Matrix3::from_fn(|r, c| world.nominal_rotation[r][c]),
-            translation_m: Vector3::zeros(),
+            position: Vector3::zeros(),
         }),
         ..Options::default()
     };

@@ -111,7 +111,7 @@ fn collapsed_objective_is_the_sum_over_pairs() {
         subset: Some(world.subset300.clone()),
         base: Some(Pose {
             rotation,
-            translation_m: Vector3::zeros(),
+            position: Vector3::zeros(),
         }),
         ..Options::default()
     };

@@ -88,7 +88,7 @@ fn seeds_and_scale_are_kept() {
         let w1 = record_poses(World::W1, seed, poses).expect("reachable");
         assert!(w0.spheres == w1.spheres && w0.validation == w1.validation);
         let tool = (Vector3::from(w0.frames.tool_m) - Vector3::from(w1.frames.tool_m)).norm();
-        let base = (w0.frames.base.translation_m - w1.frames.base.translation_m).norm();
+        let base = (w0.frames.base.position - w1.frames.base.position).norm();
         assert!((tool - 0.58e-3).abs() < 1e-12 && (base - 0.15e-3).abs() < 1e-12);
     }
 }
@@ -182,8 +182,8 @@ fn residuals(experiments: &[(Experiment, Experiment)]) -> [f64; 3] {
         };
         let found = [
             left(spheres, Method::Geometry),
-            left(spheres, Method::Map),
-            left(laser, Method::Map),
+            left(spheres, Method::Full),
+            left(laser, Method::Full),
         ];
         for (sum, x) in sums.iter_mut().zip(found) {
             *sum += x / experiments.len() as f64;

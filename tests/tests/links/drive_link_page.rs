@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 use serde_json::Value;
 use spherecal::link::tcp::{DriveServer, TcpDrive, listen};
-use spherecal::link::{Arrival, Cell, Device, Drive, HostEndpoint, Timing, controller_in_process};
+use spherecal::link::{Arrival, Device, Drive, HostEndpoint, LocalDevice, Timing, controller_in_process};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::simulated_arm;
 use spherecal_shared::Joints;
@@ -19,7 +19,7 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, Dr
 use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
 use spherecal_shared::protocol::host::{Command as Order, Event, Phase};
 use spherecal_shared::robot::{JointLimits, iiwa7, iiwa7_tool};
-use spherecal_tests::tour::tour;
+use spherecal_tests::plan::short_plan;
 
 /// Set in CI: a missing Python is a failure there, not a reason to leave a test out.
 const REQUIRE_VARIABLE: &str = "SPHERECAL_REQUIRE_PYTHON";
@@ -270,7 +270,8 @@ fn the_python_drive_is_moved_by_the_controller() {
     let model = spherecal::model::robots::load(&robot.display().to_string()).expect("the arm of the example");
     let drive = TcpDrive::connect(address).expect("the drive answers");
     spherecal::link::tcp::check_limits(&drive.hello().limits, &model.robot).expect("one and the same arm");
-    let mut cell = Cell::new(controller_in_process(7).expect("a controller"), Box::new(drive), 7).expect("a cell");
+    let mut cell =
+        LocalDevice::new(controller_in_process(7).expect("a controller"), Box::new(drive), 7).expect("a cell");
     let mut endpoint = HostEndpoint::new(Timing::default());
     let target = [0.1, 0.5, -0.1, -1.4, 0.1, 0.9, 0.2];
     for order in [
@@ -329,7 +330,7 @@ fn the_python_client_holds_our_plant() {
         return;
     };
     let config = PlantConfig::typical();
-    let home = tour(&config, &[1], &[0.0]).home;
+    let home = short_plan(&config, &[1], &[0.0]).home.joints;
     let drive = simulated_arm(&iiwa7(), &iiwa7_tool(), &config, &home).expect("a plant");
     let (listener, address) = listen("0").expect("a free port");
     let served = std::thread::spawn(move || DriveServer::new(drive, false).serve(&listener).expect("served"));

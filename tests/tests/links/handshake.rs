@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use spherecal::campaign::{Assignment, CampaignError, Options, Silent, run};
-use spherecal::link::{Cell, Device, LinkError, controller_in_process};
+use spherecal::link::{Device, LinkError, LocalDevice, controller_in_process};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
@@ -14,11 +14,11 @@ use spherecal_shared::protocol::frame::{self, Accumulator};
 use spherecal_shared::protocol::host::{Banner, Event, Uplink};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 use spherecal_tests::bench::framed;
-use spherecal_tests::tour::{Memory, tour};
+use spherecal_tests::plan::{Memory, short_plan};
 
 /// A controller that says something else than it is.
 struct Forged {
-    cell: Cell,
+    cell: LocalDevice,
     accumulator: Accumulator,
     forge: fn(Uplink) -> Vec<u8>,
     frames: u32,
@@ -48,11 +48,11 @@ impl Device for Forged {
 }
 
 /// What a campaign says of a controller whose words are forged.
-fn greet(forge: fn(Uplink) -> Vec<u8>) -> Result<(), CampaignError> {
+fn attempt_handshake(forge: fn(Uplink) -> Vec<u8>) -> Result<(), CampaignError> {
     let (robot, tool, config) = (iiwa7(), iiwa7_tool(), PlantConfig::typical());
-    let tour = tour(&config, &[1], &[0.0]);
-    let drive = simulated_arm(&robot, &tool, &config, &tour.home).expect("a plant");
-    let cell = Cell::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
+    let plan = short_plan(&config, &[1], &[0.0]);
+    let drive = simulated_arm(&robot, &tool, &config, &plan.home.joints).expect("a plant");
+    let cell = LocalDevice::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
     let mut device = Forged {
         cell,
         accumulator: Accumulator::new(),
@@ -64,7 +64,7 @@ fn greet(forge: fn(Uplink) -> Vec<u8>) -> Result<(), CampaignError> {
         robot: &robot,
         tool: &tool,
         procedure: &procedure,
-        tour: &tour,
+        plan: &plan,
         done: &BTreeSet::new(),
         seated: &[],
         options: Options::default(),
@@ -85,7 +85,7 @@ fn with_banner(mut uplink: Uplink, change: fn(&mut Banner)) -> Vec<u8> {
 }
 
 fn refused(forge: fn(Uplink) -> Vec<u8>) -> (CampaignError, String) {
-    let error = greet(forge).expect_err("it must be refused");
+    let error = attempt_handshake(forge).expect_err("it must be refused");
     let text = error.to_string();
     (error, text)
 }

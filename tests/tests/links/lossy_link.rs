@@ -3,7 +3,7 @@
 
 use spherecal::job::{self, Choice, Config, Measurements};
 use spherecal::sim::Lossy;
-use spherecal_tests::tour;
+use spherecal_tests::plan;
 
 /// The worst that the link is built for: a fifth of the frames lost, one in a
 /// hundred damaged, and many late or twice.
@@ -21,7 +21,7 @@ fn measured(poses: usize, host_link: Lossy) -> Measurements {
     config.plan.choice = Choice::Grid;
     config.laser.enabled = false;
     config.host_link = host_link;
-    tour::measured(&job::prepare(&config).expect("a plan"))
+    plan::measured(&job::prepare(&config).expect("a plan"))
 }
 
 /// Fails if over a bad link one bit of what was measured differs from what a

@@ -9,11 +9,11 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
 use spherecal::campaign::{Assignment, Options, Silent, run};
-use spherecal::job::{Choice, Config, prepare, tour};
+use spherecal::job::{Choice, Config, prepare};
 use spherecal::link::tcp::{TcpDrive, check_limits};
-use spherecal::link::{Cell, Drive, controller_in_process};
+use spherecal::link::{Drive, LocalDevice, controller_in_process};
 use spherecal::model::chain::Chain;
-use spherecal_tests::tour::Memory;
+use spherecal_tests::plan::Memory;
 
 /// A Python that can import mujoco; scripts/test makes one.
 const PYTHON_VARIABLE: &str = "SPHERECAL_MUJOCO_PYTHON";
@@ -58,16 +58,17 @@ fn slow_mujoco_is_a_drive() {
     config.plan.choice = Choice::Grid;
     config.plan.poses = 12;
     let prepared = prepare(&config).expect("a plan");
-    let mut tour = tour(&prepared.plan);
-    tour.stops.truncate(1);
+    let mut plan = prepared.plan.clone();
+    plan.spheres.truncate(1);
     let drive = TcpDrive::connect(address).expect("MuJoCo answers");
     check_limits(&drive.hello().limits, &prepared.robot).expect("an iiwa 7");
-    let mut cell = Cell::new(controller_in_process(7).expect("a controller"), Box::new(drive), 7).expect("a cell");
+    let mut cell =
+        LocalDevice::new(controller_in_process(7).expect("a controller"), Box::new(drive), 7).expect("a cell");
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
         procedure: &prepared.config.procedure,
-        tour: &tour,
+        plan: &plan,
         done: &BTreeSet::new(),
         seated: &[],
         options: Options::default(),
@@ -78,8 +79,8 @@ fn slow_mujoco_is_a_drive() {
     result.expect("the campaign ends well");
     drop(cell);
     assert!(outcome.faults.is_empty(), "{:?}", outcome.faults);
-    assert_eq!((outcome.contacts.len(), memory.recordings.len()), (1, tour.poses()));
-    assert!(tour.poses() >= 3);
+    assert_eq!((outcome.contacts.len(), memory.recordings.len()), (1, plan.recorded()));
+    assert!(plan.recorded() >= 3);
 
     let chain = Chain::new(&prepared.robot, &prepared.tool).expect("a chain");
     let centre = Vector3::from(prepared.plan.spheres[0].position_m);
@@ -92,7 +93,7 @@ fn slow_mujoco_is_a_drive() {
     }
     let mut rest = String::new();
     said.read_to_string(&mut rest).expect("its words");
-    let sphere = format!("sphere{}", tour.stops[0].sphere);
+    let sphere = format!("sphere{}", plan.spheres[0].sphere_id);
     assert!(rest.contains(&format!("{sphere} touched")), "{rest}");
     assert!(rest.contains(&format!("{sphere} left")), "{rest}");
     assert!(script.0.wait().expect("it ends").success());

@@ -8,21 +8,22 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serial2::SerialPort;
-use spherecal::campaign::{Outcome, Tour};
-use spherecal::link::{Cell, Device, LinkError, Serial};
+use spherecal::campaign::Outcome;
+use spherecal::link::{Device, LinkError, LocalDevice, Serial};
+use spherecal::plan::Plan;
 use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::protocol::host::Recording;
-use spherecal_tests::tour::{carry_out, cell, plant, tour};
+use spherecal_tests::plan::{carry_out, cell, plant, short_plan};
 
 /// The turns of a short campaign about one sphere, in rad.
 const TURNS: [f64; 2] = [0.0, 0.12];
 
-/// A short tour of one sphere.
-fn short() -> Tour {
-    tour(&PlantConfig::typical(), &[1], &TURNS)
+/// A short plan of one sphere.
+fn short() -> Plan {
+    short_plan(&PlantConfig::typical(), &[1], &TURNS)
 }
 
-fn simulated() -> Cell {
+fn simulated() -> LocalDevice {
     cell(plant(&PlantConfig::typical(), &short()))
 }
 
@@ -33,7 +34,7 @@ fn campaign(device: &mut dyn Device) -> (Vec<Recording>, Outcome) {
 }
 
 /// A board: a control period at every millisecond, whoever listens.
-fn board(mut cell: Cell, line: &SerialPort, gone: &AtomicBool) {
+fn board(mut cell: LocalDevice, line: &SerialPort, gone: &AtomicBool) {
     let (begun, mut periods) = (Instant::now(), 0);
     let (mut down, mut up, mut buffer) = (Vec::new(), Vec::new(), [0; 4096]);
     while !gone.load(Ordering::Relaxed) {

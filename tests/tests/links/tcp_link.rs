@@ -8,9 +8,9 @@ use std::thread;
 use std::time::Duration;
 
 use nalgebra::Vector3;
-use spherecal::campaign::Tour;
 use spherecal::link::tcp::{DriveServer, Remote, TcpDrive, Threaded, check_limits, controller_server, listen};
-use spherecal::link::{Cell, Device, Drive, HostEndpoint, LinkError, Timing, controller_in_process};
+use spherecal::link::{Device, Drive, HostEndpoint, LinkError, LocalDevice, Timing, controller_in_process};
+use spherecal::plan::Plan;
 use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
@@ -19,19 +19,19 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, Dr
 use spherecal_shared::protocol::frame::{self, Accumulator, MAX_FRAME, Message};
 use spherecal_shared::protocol::host::{Command, Event, Fault, Recording};
 use spherecal_shared::robot::{Dynamics, iiwa7, iiwa7_tool};
+use spherecal_tests::plan::{self, carry_out, cell, short_plan};
 use spherecal_tests::rig::nominal;
-use spherecal_tests::tour::{self, carry_out, cell, tour};
 
 /// The turns of a short campaign about one sphere, in rad.
 const TURNS: [f64; 2] = [0.0, 0.12];
 
-/// A short tour of one sphere.
-fn short() -> Tour {
-    tour(&PlantConfig::typical(), &[1], &TURNS)
+/// A short plan of one sphere.
+fn short() -> Plan {
+    short_plan(&PlantConfig::typical(), &[1], &TURNS)
 }
 
 fn arm() -> Box<dyn Drive> {
-    tour::plant(&PlantConfig::typical(), &short())
+    plan::plant(&PlantConfig::typical(), &short())
 }
 
 /// A short campaign on whatever stands behind the host link.
@@ -198,7 +198,7 @@ fn said_of(bytes: Vec<u8>) -> String {
     let connected = TcpDrive::connect(&peer(bytes)).map_err(LinkError::from);
     let result = connected.and_then(|drive| {
         check_limits(&drive.hello().limits, &iiwa7())?;
-        Cell::new(controller_in_process(7)?, Box::new(drive), 7)
+        LocalDevice::new(controller_in_process(7)?, Box::new(drive), 7)
     });
     result
         .err()

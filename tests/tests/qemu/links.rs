@@ -14,7 +14,7 @@ use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello};
 use spherecal_shared::protocol::frame::{self, Accumulator};
 use spherecal_shared::protocol::host::{Command as Order, Downlink, Event, Fault, Uplink};
-use spherecal_tests::bench::{HOME, framed, greeting, hello, spread, state};
+use spherecal_tests::bench::{HOME, framed, handshake_commands, hello, spread, state};
 use spherecal_tests::qemu::{bench, image, log_of, options};
 
 // Fails if the image does not boot, does not greet, or says another version,
@@ -140,7 +140,7 @@ fn the_uarts_carry_both_links() {
     node.controller().connect(&hello()).expect("a drive that fits");
     drive.write_all(&framed(&hello(), 0)).expect("written");
     // The robot is nearly 2 kB, more than one read of the image.
-    let down = greeting(Procedure::default())
+    let down = handshake_commands(Procedure::default())
         .into_iter()
         .zip(1..)
         .flat_map(|(command, sequence)| framed(&Downlink::at_once(sequence, command), sequence))

@@ -5,14 +5,15 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use spherecal::campaign::{Outcome, Tour};
+use spherecal::campaign::Outcome;
 use spherecal::link::qemu::{Cost, Qemu, QemuOptions};
-use spherecal::link::{Cell, Controller, LinkError, controller_in_process};
+use spherecal::link::{Controller, LinkError, LocalDevice, controller_in_process};
+use spherecal::plan::Plan;
 use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_tests::costs::compare;
+use spherecal_tests::plan::{Memory, carry_out, plant, short_plan};
 use spherecal_tests::qemu::image;
-use spherecal_tests::tour::{Memory, carry_out, plant, tour};
 
 /// What a controller was told and what it answered, bit by bit.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -78,7 +79,7 @@ impl Controller for Boxed {
 
 fn traced<C: Controller + 'static>(
     config: &PlantConfig,
-    tour: &Tour,
+    plan: &Plan,
     inner: C,
     cost: fn(&C) -> Cost,
 ) -> (Memory, Outcome, Trace) {
@@ -88,21 +89,21 @@ fn traced<C: Controller + 'static>(
         trace: trace.clone(),
         cost,
     };
-    let mut cell = Cell::new(Box::new(controller), plant(config, tour), 7).expect("a cell");
-    let (memory, outcome, result) = carry_out(&mut cell, tour, &BTreeSet::new());
+    let mut cell = LocalDevice::new(Box::new(controller), plant(config, plan), 7).expect("a cell");
+    let (memory, outcome, result) = carry_out(&mut cell, plan, &BTreeSet::new());
     result.expect("the campaign ends well");
     let trace = trace.lock().expect("one thread").clone();
     (memory, outcome, trace)
 }
 
-fn in_qemu(config: &PlantConfig, tour: &Tour, image: &Path, folder: &Path) -> (Memory, Outcome, Trace) {
+fn in_qemu(config: &PlantConfig, plan: &Plan, image: &Path, folder: &Path) -> (Memory, Outcome, Trace) {
     let options = QemuOptions {
         image: Some(image.to_path_buf()),
         record: std::env::var_os("SPHERECAL_RECORD_TURNS").map(Into::into),
         ..QemuOptions::new(folder)
     };
     let qemu = Qemu::start(&options).expect("QEMU starts");
-    traced(config, tour, qemu, Qemu::cost)
+    traced(config, plan, qemu, Qemu::cost)
 }
 
 // Fails if one bit of one torque or recording differs between the controller in
@@ -111,16 +112,16 @@ fn in_qemu(config: &PlantConfig, tour: &Tour, image: &Path, folder: &Path) -> (M
 fn a_sphere_of_five_poses_is_the_same_in_every_bit() {
     let Some(image) = image() else { return };
     let config = PlantConfig::typical();
-    let tour = tour(&config, &[1], &[0.0, 0.15, -0.1, 0.1, -0.15]);
+    let plan = short_plan(&config, &[1], &[0.0, 0.15, -0.1, 0.1, -0.15]);
     let in_process = Boxed(controller_in_process(7).expect("a controller"));
-    let (here, outcome, expected) = traced(&config, &tour, in_process, |_| Cost::default());
+    let (here, outcome, expected) = traced(&config, &plan, in_process, |_| Cost::default());
     assert_eq!((here.recordings.len(), outcome.faults.len()), (5, 0));
     assert_eq!(outcome.contacts.len(), 1);
     assert!(expected.ticks.len() >= 10_000, "only {} ticks", expected.ticks.len());
 
     let folder = tempfile::tempdir().expect("a folder");
     let start = std::time::Instant::now();
-    let (there, outcome, trace) = in_qemu(&config, &tour, &image, folder.path());
+    let (there, outcome, trace) = in_qemu(&config, &plan, &image, folder.path());
     let seconds = start.elapsed().as_secs_f64();
     eprintln!(
         "{} ticks in QEMU, {:.0} a second",

@@ -74,26 +74,3 @@ pub fn enable(interrupt: Interrupt, priority: Priority) {
 pub fn pend(interrupt: Interrupt) {
     Register::at(NVIC_ISPR).write(1 << (interrupt as u32));
 }
-
-/// An entry of the vector table.
-pub type Handler = unsafe extern "C" fn();
-
-unsafe extern "C" {
-    fn DefaultHandler();
-}
-
-/// The board's part of the vector table.
-#[used]
-#[unsafe(no_mangle)]
-#[unsafe(link_section = ".vector_table.interrupts")]
-pub static __INTERRUPTS: [Handler; 32] = {
-    let mut table: [Handler; 32] = [DefaultHandler; 32];
-    table[Interrupt::DualTimer as usize] = crate::timer::on_interrupt;
-    table[Interrupt::Control as usize] = crate::executor::on_control;
-    table[Interrupt::Link as usize] = crate::executor::on_link;
-    table[Interrupt::Uart0Receive as usize] = crate::uart::on_uart0_receive;
-    table[Interrupt::Uart0Transmit as usize] = crate::uart::on_uart0_transmit;
-    table[Interrupt::Uart1Receive as usize] = crate::uart::on_uart1_receive;
-    table[Interrupt::Uart1Transmit as usize] = crate::uart::on_uart1_transmit;
-    table
-};

@@ -27,6 +27,7 @@ mod stack;
 mod stages;
 mod timer;
 mod uart;
+mod vectors;
 
 use spherecal_m7 as _;
 

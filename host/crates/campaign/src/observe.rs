@@ -9,7 +9,7 @@ use spherecal_link::Arrival;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
-    /// Greeting and configuring.
+    /// Handshake and configuring.
     #[default]
     Connect,
     /// To the home frame.
@@ -41,13 +41,13 @@ pub struct Progress {
     pub phase: Phase,
     /// Id of the current sphere; 0 for none.
     pub sphere: u32,
-    /// Spheres in the tour.
+    /// Spheres in the plan.
     pub spheres: usize,
     /// Poses recorded or given up, earlier sessions included.
     pub done: usize,
     /// Of those, done in earlier sessions.
     pub done_before: usize,
-    /// Poses in the tour.
+    /// Poses in the plan.
     pub poses: usize,
     /// Faults in this session.
     pub faults: usize,

@@ -11,9 +11,10 @@ use spherecal_shared::robot::{Robot, Tool};
 use super::observe::Observer;
 use super::procedure::Campaign;
 use super::session::{Session, Waited};
-use super::{Assignment, CampaignError, Options, Tour};
+use super::{Assignment, CampaignError, Options};
 use spherecal_link::{Arrival, Device};
 use spherecal_link::{Journal, JournalError};
+use spherecal_plan::Plan;
 
 /// Time that one order may take, in s of device time.
 const ORDER_S: f64 = 120.0;
@@ -64,7 +65,7 @@ impl Journal for Tray {
 }
 
 /// Where orders are given.
-pub struct CommandPort<'a> {
+pub struct ManualControl<'a> {
     session: Session<'a>,
     tray: Tray,
 }
@@ -81,24 +82,24 @@ pub fn operate(
     procedure: &Procedure,
     observer: &mut dyn Observer,
     interrupt: &AtomicBool,
-    work: impl FnOnce(&mut CommandPort<'_>) -> Result<(), CampaignError>,
+    work: impl FnOnce(&mut ManualControl<'_>) -> Result<(), CampaignError>,
 ) -> Result<(), CampaignError> {
     let tray = Tray::default();
     let mut journal = Tray(std::sync::Arc::clone(&tray.0));
     let lead_us = u64::from(Options::default().lead_ms) * 1000;
     let mut session = Session::new(device, &mut journal, observer, interrupt, lead_us);
-    let (tour, done) = (Tour::default(), std::collections::BTreeSet::new());
+    let (plan, done) = (Plan::default(), std::collections::BTreeSet::new());
     let assignment = Assignment {
         robot,
         tool,
         procedure,
-        tour: &tour,
+        plan: &plan,
         done: &done,
         seated: &[],
         options: Options::default(),
     };
     Campaign::new(&assignment).begin(&mut session)?;
-    let mut port = CommandPort { session, tray };
+    let mut port = ManualControl { session, tray };
     let result = work(&mut port);
     if !matches!(port.session.phase, Phase::Idle | Phase::Coupled | Phase::Fault) {
         // A refusal changes nothing: the arm holds.
@@ -112,7 +113,7 @@ pub fn operate(
     }
 }
 
-impl CommandPort<'_> {
+impl ManualControl<'_> {
     /// Carries out one order and waits for its end.
     ///
     /// # Errors

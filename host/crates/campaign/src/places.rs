@@ -10,7 +10,8 @@ use nalgebra::Vector3;
 
 use spherecal_shared::protocol::host::Coupled;
 
-use super::{CampaignError, Stop, Tour};
+use super::CampaignError;
+use spherecal_plan::{Plan, Visit};
 
 /// Largest distance between two couplings of a sphere, in m. Model errors reach 3 mm (Table 5) in
 /// either direction; the rest is margin.
@@ -30,29 +31,29 @@ pub(super) struct Places(Vec<Place>);
 impl Places {
     /// Recalls what earlier sessions of the run found, in that order. A sphere that was found
     /// displaced stopped its session and is not used as a reference.
-    pub(super) fn recall(tour: &Tour, seated: &[Coupled]) -> Self {
+    pub(super) fn recall(plan: &Plan, seated: &[Coupled]) -> Self {
         let mut places = Self::default();
         for coupled in seated {
-            let away = |stop: &&Stop| (Vector3::from(stop.centre_m) - Vector3::from(coupled.centre_m)).norm();
-            let of_sphere = tour.stops.iter().filter(|stop| stop.sphere == coupled.sphere);
+            let away = |visit: &&Visit| (Vector3::from(visit.position_m) - Vector3::from(coupled.centre_m)).norm();
+            let of_sphere = plan.spheres.iter().filter(|visit| visit.sphere_id == coupled.sphere);
             // The plate may have had several placements; they are far from each other.
-            if let Some(stop) = of_sphere.min_by(|a, b| away(a).total_cmp(&away(b))) {
-                let _ = places.check(stop, &coupled.centre_m);
+            if let Some(visit) = of_sphere.min_by(|a, b| away(a).total_cmp(&away(b))) {
+                let _ = places.check(visit, &coupled.centre_m);
             }
         }
         places
     }
 
     /// Compares a coupling at `centre_m` (F0) with earlier ones.
-    pub(super) fn check(&mut self, stop: &Stop, centre_m: &[f64; 3]) -> Result<(), CampaignError> {
-        let (nominal, measured) = (Vector3::from(stop.centre_m), Vector3::from(*centre_m));
+    pub(super) fn check(&mut self, visit: &Visit, centre_m: &[f64; 3]) -> Result<(), CampaignError> {
+        let (nominal, measured) = (Vector3::from(visit.position_m), Vector3::from(*centre_m));
         let mut known = false;
-        for other in self.0.iter().filter(|p| p.placement == stop.place) {
-            known |= other.sphere == stop.sphere;
+        for other in self.0.iter().filter(|p| p.placement == visit.place) {
+            known |= other.sphere == visit.sphere_id;
             let apart_m = (measured - other.measured).norm() - (nominal - other.nominal).norm();
             if !(apart_m.abs() < MOVED_M) {
                 return Err(CampaignError::Moved {
-                    sphere: stop.sphere,
+                    sphere: visit.sphere_id,
                     other: other.sphere,
                     by_mm: apart_m.abs() * 1e3,
                 });
@@ -60,8 +61,8 @@ impl Places {
         }
         if !known {
             self.0.push(Place {
-                sphere: stop.sphere,
-                placement: stop.place,
+                sphere: visit.sphere_id,
+                placement: visit.place,
                 nominal,
                 measured,
             });
@@ -73,15 +74,19 @@ impl Places {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use spherecal_plan::Waypoint;
 
-    fn stop(sphere: u32, x: f64) -> Stop {
-        Stop {
-            sphere,
+    fn visit(sphere: u32, x: f64) -> Visit {
+        Visit {
+            sphere_id: sphere,
             place: 0,
-            centre_m: [x, 0.0, 0.3],
+            position_m: [x, 0.0, 0.3],
             over_home: true,
-            approach: Vec::new(),
-            direction: [0.0, 0.0, -1.0],
+            approach: Waypoint {
+                joints: Vec::new(),
+                ..Waypoint::default()
+            },
+            approach_direction: [0.0, 0.0, -1.0],
             poses: Vec::new(),
         }
     }
@@ -97,18 +102,18 @@ mod tests {
             shift_m: 0.0,
             test_m: 0.0,
         };
-        let tour = Tour {
-            home: Vec::new(),
-            stops: vec![stop(1, 0.4), stop(2, 0.5)],
+        let plan = Plan {
+            spheres: vec![visit(1, 0.4), visit(2, 0.5)],
+            ..Plan::default()
         };
         let earlier = [found(1, 0.43, 0.02), found(2, 0.53, 0.04 + MOVED_M * 4.0)];
-        let mut places = Places::recall(&tour, &earlier);
+        let mut places = Places::recall(&plan, &earlier);
         assert!(
-            places.check(&tour.stops[0], &[0.43, 0.04, 0.31]).is_err(),
+            places.check(&plan.spheres[0], &[0.43, 0.04, 0.31]).is_err(),
             "moved since"
         );
         places
-            .check(&tour.stops[1], &[0.533, 0.018, 0.312])
+            .check(&plan.spheres[1], &[0.533, 0.018, 0.312])
             .expect("put right since");
     }
 
@@ -117,16 +122,16 @@ mod tests {
     #[test]
     fn a_sphere_that_was_moved_is_noticed() {
         let mut places = Places::default();
-        places.check(&stop(1, 0.4), &[0.430, 0.02, 0.31]).expect("the first");
+        places.check(&visit(1, 0.4), &[0.430, 0.02, 0.31]).expect("the first");
         places
-            .check(&stop(2, 0.5), &[0.533, 0.018, 0.312])
+            .check(&visit(2, 0.5), &[0.533, 0.018, 0.312])
             .expect("as far as it should");
         places
-            .check(&stop(1, 0.4), &[0.425, 0.022, 0.311])
+            .check(&visit(1, 0.4), &[0.425, 0.022, 0.311])
             .expect("model error");
-        let error = places.check(&stop(1, 0.4), &[0.430, 0.04, 0.31]).expect_err("moved");
+        let error = places.check(&visit(1, 0.4), &[0.430, 0.04, 0.31]).expect_err("moved");
         assert!(error.to_string().contains("sphere 1 is 20 mm"), "{error}");
-        let error = places.check(&stop(3, 0.6), &[0.650, 0.02, 0.31]).expect_err("too far");
+        let error = places.check(&visit(3, 0.6), &[0.650, 0.02, 0.31]).expect_err("too far");
         assert!(
             matches!(
                 error,
@@ -138,6 +143,6 @@ mod tests {
             ),
             "{error}"
         );
-        assert!(places.check(&stop(2, 0.5), &[f64::NAN, 0.0, 0.0]).is_err());
+        assert!(places.check(&visit(2, 0.5), &[f64::NAN, 0.0, 0.0]).is_err());
     }
 }

@@ -10,11 +10,12 @@ use super::observe::{Observer, Stage};
 use super::outcome::{Outcome, Rejected};
 use super::places::Places;
 use super::recovery::policy;
-use super::retry::{Trace, Waypoints};
+use super::retry::{DescentEnd, Waypoints};
 use super::session::{Session, Waited};
-use super::{Assignment, CampaignError, Stop, TourPose};
+use super::{Assignment, CampaignError};
 use spherecal_link::Device;
 use spherecal_link::Journal;
+use spherecal_plan::{PlannedPose, Visit};
 
 /// How work at a sphere ended.
 enum AtSphere {
@@ -83,14 +84,14 @@ impl<'a> Campaign<'a> {
             rejected: Vec::new(),
             recorded: 0,
             waypoints: Waypoints::new(assignment.robot, assignment.tool),
-            places: Places::recall(assignment.tour, assignment.seated),
+            places: Places::recall(assignment.plan, assignment.seated),
             touching: false,
         }
     }
 
     /// Performs the handshake and sends the controller robot, tool and procedure.
     pub(super) fn begin(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
-        session.stage(Stage::Connect, 0, self.assignment.tour);
+        session.stage(Stage::Connect, 0, self.assignment.plan);
         session.handshake(self.assignment.robot.dof())?;
         session.clear_fault()?;
         self.take_over(session)?;
@@ -143,42 +144,42 @@ impl<'a> Campaign<'a> {
     }
 
     fn all(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
-        let tour = self.assignment.tour;
+        let plan = self.assignment.plan;
         self.with_reconnect(session, None, |campaign, session, again| {
             // After a reconnection the controller has already been configured.
             if again { Ok(()) } else { campaign.begin(session) }
         })?;
-        // Whether the arm is away from home, and the stop that it has just left as planned.
+        // Whether the arm is away from home, and the visit that it has just left as planned.
         let (mut away, mut left) = (false, None);
-        let mut stands = (!tour.several_places()).then_some(0);
-        for (number, stop) in tour.stops.iter().enumerate() {
-            if self.pending(stop).is_empty() {
+        let mut stands = (!plan.several_places()).then_some(0);
+        for (number, visit) in plan.spheres.iter().enumerate() {
+            if self.pending(visit).is_empty() {
                 continue;
             }
-            let at_home = self.have_plate(session, &mut stands, stop.place)?;
-            let straight = at_home || (!stop.over_home && left.is_some_and(|l| l + 1 == number));
+            let at_home = self.have_plate(session, &mut stands, visit.place)?;
+            let straight = at_home || (!visit.over_home && left.is_some_and(|l| l + 1 == number));
             let faults = session.faults.len();
-            let lost = self.with_reconnect(session, Some(stop), |campaign, session, again| {
+            let lost = self.with_reconnect(session, Some(visit), |campaign, session, again| {
                 if again || !straight {
-                    session.stage(Stage::Home, 0, tour);
-                    campaign.travel(session, "reach the home frame", &tour.home)?;
+                    session.stage(Stage::Home, 0, plan);
+                    campaign.travel(session, "reach the home frame", &plan.home.joints)?;
                 }
-                if campaign.pending(stop).is_empty() {
+                if campaign.pending(visit).is_empty() {
                     return Ok(());
                 }
-                campaign.sphere(session, stop)
+                campaign.sphere(session, visit)
             })?;
             away = true;
             left = (!lost && session.faults.len() == faults).then_some(number);
         }
         if away {
             self.with_reconnect(session, None, |campaign, session, _| {
-                session.stage(Stage::Home, 0, tour);
-                campaign.travel(session, "reach the home frame", &tour.home)
+                session.stage(Stage::Home, 0, plan);
+                campaign.travel(session, "reach the home frame", &plan.home.joints)
             })?;
         }
         session.drain(20)?;
-        session.stage(Stage::Done, 0, tour);
+        session.stage(Stage::Done, 0, plan);
         Ok(())
     }
 
@@ -193,24 +194,24 @@ impl<'a> Campaign<'a> {
         if *stands == Some(place) {
             return Ok(false);
         }
-        let tour = self.assignment.tour;
-        session.stage(Stage::Home, 0, tour);
-        self.travel(session, "reach the home frame", &tour.home)?;
-        session.stage(Stage::Plate, 0, tour);
+        let plan = self.assignment.plan;
+        session.stage(Stage::Home, 0, plan);
+        self.travel(session, "reach the home frame", &plan.home.joints)?;
+        session.stage(Stage::Plate, 0, plan);
         session.plate(place)?;
         *stands = Some(place);
         Ok(true)
     }
 
-    /// Poses of a stop that are neither recorded nor given up, the poses to pass through on the
+    /// Poses of a visit that are neither recorded nor given up, the poses to pass through on the
     /// way, and those after the last: they lead to where the nest leaves the sphere.
-    fn pending<'s>(&self, stop: &'s Stop) -> Vec<&'s TourPose> {
+    fn pending<'s>(&self, visit: &'s Visit) -> Vec<&'s PlannedPose> {
         let mut pending = Vec::new();
         let mut passed = Vec::new();
-        for pose in &stop.poses {
-            if !pose.record {
+        for pose in &visit.poses {
+            if pose.via {
                 passed.push(pose);
-            } else if self.done.contains(&(stop.sphere, pose.pose)) {
+            } else if self.done.contains(&(visit.sphere_id, pose.id)) {
                 passed.clear();
             } else {
                 pending.append(&mut passed);
@@ -224,19 +225,19 @@ impl<'a> Campaign<'a> {
     }
 
     /// All poses of one sphere, with as many attempts as are needed and allowed.
-    fn sphere(&mut self, session: &mut Session<'_>, stop: &Stop) -> Result<(), CampaignError> {
-        let tour = self.assignment.tour;
+    fn sphere(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<(), CampaignError> {
+        let plan = self.assignment.plan;
         let mut in_vain = 0;
         let mut failures: BTreeMap<u32, u32> = BTreeMap::new();
-        let mut approach = stop.approach.clone();
+        let mut approach = visit.approach.joints.clone();
         // Descents in a row that did not find the seat.
         let mut missed = 0;
         loop {
-            session.stage(Stage::Approach, stop.sphere, tour);
+            session.stage(Stage::Approach, visit.sphere_id, plan);
             self.travel(session, "reach the approach frame", &approach)?;
             let before = self.recorded;
             let contacts = session.contacts.len();
-            let (report, pose) = match self.attempt(session, stop)? {
+            let (report, pose) = match self.attempt(session, visit)? {
                 AtSphere::Finished => {
                     self.touching = false;
                     return Ok(());
@@ -247,12 +248,12 @@ impl<'a> Campaign<'a> {
             if Waypoints::helps(report.fault) {
                 missed += 1;
                 let contact = session.contacts.get(contacts..).and_then(<[_]>::last);
-                let last = Trace::new(contact, session.sample.map(|s| s.tcp_m));
-                approach = self.waypoints.retry(stop, missed, &last);
+                let last = DescentEnd::new(contact, session.sample.map(|s| s.tcp_m));
+                approach = self.waypoints.retry(visit, missed, &last);
             }
             session.note(&format!(
                 "sphere {}: {:?} while {:?}; recovering",
-                stop.sphere, report.fault, report.phase
+                visit.sphere_id, report.fault, report.phase
             ));
             if let Some(pose) = pose
                 && policy(report.fault).blames_pose
@@ -260,42 +261,42 @@ impl<'a> Campaign<'a> {
                 let count = failures.entry(pose).or_default();
                 *count += 1;
                 if *count >= self.assignment.options.pose_attempts {
-                    self.give_up_pose(session, stop.sphere, pose, &report)?;
+                    self.give_up_pose(session, visit.sphere_id, pose, &report)?;
                     in_vain = 0;
                 }
             }
-            session.stage(Stage::Recover, stop.sphere, tour);
-            self.let_go(session, stop, report)?;
+            session.stage(Stage::Recover, visit.sphere_id, plan);
+            self.let_go(session, visit, report)?;
             self.touching = false;
             if in_vain >= self.assignment.options.attempts {
                 return Err(if report.fault == Fault::NoContact {
                     CampaignError::NoContact {
-                        sphere: stop.sphere,
+                        sphere: visit.sphere_id,
                         attempts: in_vain,
                     }
                 } else {
                     CampaignError::GivenUp {
-                        sphere: stop.sphere,
+                        sphere: visit.sphere_id,
                         attempts: in_vain,
                         report,
                     }
                 });
             }
-            if self.pending(stop).is_empty() {
+            if self.pending(visit).is_empty() {
                 return Ok(());
             }
         }
     }
 
     /// One approach: touch, couple, poses, decouple.
-    fn attempt(&mut self, session: &mut Session<'_>, stop: &Stop) -> Result<AtSphere, CampaignError> {
-        let tour = self.assignment.tour;
+    fn attempt(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<AtSphere, CampaignError> {
+        let plan = self.assignment.plan;
         let p = self.assignment.procedure;
-        session.stage(Stage::Couple, stop.sphere, tour);
+        session.stage(Stage::Couple, visit.sphere_id, plan);
         session.coupled = None;
         let approach = ApproachCommand {
-            sphere: stop.sphere,
-            direction: stop.direction,
+            sphere: visit.sphere_id,
+            direction: visit.approach_direction,
         };
         if let Some(report) = session.carry_out("approach", Command::Approach(approach))? {
             return Ok(AtSphere::Fault(report, None));
@@ -308,63 +309,63 @@ impl<'a> Campaign<'a> {
             + 30.0;
         let coupled = |s: &Session<'_>| {
             s.coupled
-                .filter(|c| c.sphere == stop.sphere && s.phase == Phase::Coupled)
+                .filter(|c| c.sphere == visit.sphere_id && s.phase == Phase::Coupled)
         };
         match session.wait("touch and couple", limit, coupled)? {
             Waited::Got(coupled) => {
-                if let Err(moved) = self.places.check(stop, &coupled.centre_m) {
+                if let Err(moved) = self.places.check(visit, &coupled.centre_m) {
                     self.leave(session)?;
                     return Err(moved);
                 }
-                self.waypoints.seated(stop, &coupled);
+                self.waypoints.seated(visit, &coupled);
             }
             Waited::Fault(report) => return Ok(AtSphere::Fault(report, None)),
         }
 
-        session.stage(Stage::Poses, stop.sphere, tour);
-        let pending = self.pending(stop);
+        session.stage(Stage::Poses, visit.sphere_id, plan);
+        let pending = self.pending(visit);
         let limit = 30.0 + p.turn.settle_s + 2e-3 * f64::from(p.record.samples);
         for pose in pending {
             session.recorded = None;
             session.passed = None;
             let command = Command::Pose(PoseCommand {
-                pose: pose.pose,
+                pose: pose.id,
                 orientation: pose.orientation,
                 elbow_rad: pose.elbow_rad,
-                posture: joints(&pose.posture),
-                record: pose.record,
+                posture: joints(&pose.joints),
+                record: !pose.via,
             });
             match session.ask("take a pose", command)? {
                 Ok(()) => {}
                 Err(Refusal::FaultPending) => {}
-                Err(Refusal::Target) if !pose.record => continue,
+                Err(Refusal::Target) if pose.via => continue,
                 Err(refusal @ Refusal::Target) => {
-                    self.reject(session, stop.sphere, pose.pose, &refusal.to_string())?;
+                    self.reject(session, visit.sphere_id, pose.id, &refusal.to_string())?;
                     continue;
                 }
                 Err(refusal) => {
                     return Err(CampaignError::Refused {
-                        what: format!("take pose {} of sphere {}", pose.pose, stop.sphere),
+                        what: format!("take pose {} of sphere {}", pose.id, visit.sphere_id),
                         refusal,
                     });
                 }
             }
-            let wanted = (stop.sphere, pose.pose);
+            let wanted = (visit.sphere_id, pose.id);
             let there = |s: &Session<'_>| {
-                let there = s.recorded == Some(wanted) || (!pose.record && s.passed == Some(pose.pose));
+                let there = s.recorded == Some(wanted) || (pose.via && s.passed == Some(pose.id));
                 (there && s.phase == Phase::Coupled).then_some(())
             };
             let waited = session.wait("record a pose", limit, there);
             // Stored, so it counts, whatever came after it.
             self.count(session);
             if let Waited::Fault(report) = waited? {
-                return Ok(AtSphere::Fault(report, pose.record.then_some(pose.pose)));
+                return Ok(AtSphere::Fault(report, (!pose.via).then_some(pose.id)));
             }
         }
 
-        session.stage(Stage::Decouple, stop.sphere, tour);
+        session.stage(Stage::Decouple, visit.sphere_id, plan);
         if let Some(report) = self.leave(session)? {
-            self.let_go(session, stop, report)?;
+            self.let_go(session, visit, report)?;
         }
         Ok(AtSphere::Finished)
     }
@@ -405,7 +406,7 @@ impl<'a> Campaign<'a> {
             reason: reason.to_owned(),
         });
         session.progress.done = self.done.len();
-        let planned = self.assignment.tour.poses();
+        let planned = self.assignment.plan.recorded();
         if self.rejected.len() * 100 > planned * self.assignment.options.rejected_percent as usize {
             return Err(CampaignError::Rejected {
                 rejected: self.rejected.len(),

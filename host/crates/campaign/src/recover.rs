@@ -7,7 +7,8 @@ use super::observe::Stage;
 use super::procedure::{Campaign, joints};
 use super::recovery::policy;
 use super::session::Session;
-use super::{CampaignError, Stop, retreat};
+use super::{CampaignError, retreat};
+use spherecal_plan::Visit;
 
 /// Time limit of a free motion, in s of device time: half a turn takes an arm 8 s.
 const MOTION_S: f64 = 60.0;
@@ -24,7 +25,7 @@ impl Campaign<'_> {
     pub(super) fn with_reconnect(
         &mut self,
         session: &mut Session<'_>,
-        stop: Option<&Stop>,
+        visit: Option<&Visit>,
         work: impl Fn(&mut Self, &mut Session<'_>, bool) -> Result<(), CampaignError>,
     ) -> Result<bool, CampaignError> {
         let (mut in_vain, mut again) = (0, false);
@@ -37,7 +38,7 @@ impl Campaign<'_> {
                     if in_vain > self.assignment.options.attempts {
                         return Err(lost);
                     }
-                    while let Err(error) = self.reconnect(session, stop) {
+                    while let Err(error) = self.reconnect(session, visit) {
                         in_vain += 1;
                         let lost = matches!(error, CampaignError::Lost { .. } | CampaignError::Restarted);
                         if !lost || in_vain > self.assignment.options.attempts {
@@ -60,18 +61,18 @@ impl Campaign<'_> {
         p.retreat_m / p.speed_m_s + p.settle_s + 20.0
     }
 
-    /// Decouples from the sphere of `stop` after a fault, in a direction that leaves the joints
+    /// Decouples from the sphere of `visit` after a fault, in a direction that leaves the joints
     /// room. Returns the fault, if one came. Does nothing if there was no contact.
-    fn pull_off(&self, session: &mut Session<'_>, stop: &Stop) -> Result<Option<FaultReport>, CampaignError> {
+    fn pull_off(&self, session: &mut Session<'_>, visit: &Visit) -> Result<Option<FaultReport>, CampaignError> {
         let n = self.assignment.robot.dof();
         let way = match (self.waypoints.chain(), session.sample) {
             (Some(chain), Some(sample)) if self.touching => {
                 let q: Vec<f64> = sample.q.iter().take(n).map(|q| f64::from(*q)).collect();
-                retreat::retreat(chain, self.assignment.procedure, &q, stop.direction)
+                retreat::retreat(chain, self.assignment.procedure, &q, visit.approach_direction)
             }
-            _ => stop.direction,
+            _ => visit.approach_direction,
         };
-        if way != stop.direction {
+        if way != visit.approach_direction {
             let retreat = Command::Retreat { direction: way };
             return session.carry_to_rest(
                 "retreat from the sphere beside its approach direction",
@@ -93,7 +94,7 @@ impl Campaign<'_> {
     pub(super) fn let_go(
         &self,
         session: &mut Session<'_>,
-        stop: &Stop,
+        visit: &Visit,
         first: FaultReport,
     ) -> Result<(), CampaignError> {
         let attempts = self.assignment.options.attempts.max(1);
@@ -104,38 +105,38 @@ impl Campaign<'_> {
                 report = again;
                 continue;
             }
-            let Some(again) = self.pull_off(session, stop)? else {
+            let Some(again) = self.pull_off(session, visit)? else {
                 return Ok(());
             };
             report = again;
         }
         Err(CampaignError::GivenUp {
-            sphere: stop.sphere,
+            sphere: visit.sphere_id,
             attempts,
             report,
         })
     }
 
     /// Repeats the handshake with a controller that was lost, configures it again, and retreats
-    /// along the approach of `stop` if the nest may be on a sphere, because a controller that was
+    /// along the approach of `visit` if the nest may be on a sphere, because a controller that was
     /// reset does not know that. From here a link that was down looks the same as a controller that
     /// was reset, and needs the same steps.
-    fn reconnect(&mut self, session: &mut Session<'_>, stop: Option<&Stop>) -> Result<(), CampaignError> {
+    fn reconnect(&mut self, session: &mut Session<'_>, visit: Option<&Visit>) -> Result<(), CampaignError> {
         session.note("the controller was reset or silent: repeating the handshake");
-        session.stage(Stage::Recover, stop.map_or(0, |s| s.sphere), self.assignment.tour);
+        session.stage(Stage::Recover, visit.map_or(0, |s| s.sphere_id), self.assignment.plan);
         session.repeat_handshake(self.assignment.robot.dof())?;
         session.clear_fault()?;
         self.take_over(session)?;
         self.configure(session)?;
         // Its last recording may have been in transit when it was lost.
         self.count(session);
-        let Some(stop) = stop.filter(|_| self.touching) else {
+        let Some(visit) = visit.filter(|_| self.touching) else {
             return Ok(());
         };
         let attempts = self.assignment.options.attempts.max(1);
         let mut last = None;
         for attempt in 0..attempts {
-            let direction = stop.direction;
+            let direction = visit.approach_direction;
             let retreat = Command::Retreat { direction };
             let Some(report) = session.carry_to_rest("retreat from the sphere", retreat, self.decouple_limit())? else {
                 self.touching = false;
@@ -146,7 +147,7 @@ impl Campaign<'_> {
         }
         last.map_or(Ok(()), |report| {
             Err(CampaignError::GivenUp {
-                sphere: stop.sphere,
+                sphere: visit.sphere_id,
                 attempts,
                 report,
             })

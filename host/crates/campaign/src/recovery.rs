@@ -59,7 +59,7 @@ pub const FAULTS: [Fault; 21] = [
 /// is down. In normal operation statistics arrive every second.
 pub const LOST_S: f64 = 3.0;
 /// How long the host then repeats the handshake before it gives up, in s.
-pub const GREET_S: f64 = 30.0;
+pub const HANDSHAKE_S: f64 = 30.0;
 
 const HOLDS: &str = "holds";
 const BRAKES: &str = "keeps the last torque for 23 ms at most, then brakes; holds when states arrive again";

@@ -10,8 +10,8 @@ use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Contact, Coupled, Fault};
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::Stop;
 use spherecal_model::chain::{Chain, TcpPose};
+use spherecal_plan::Visit;
 
 /// Radius of the circle on which retries start, in m.
 const RING_M: f64 = 0.008;
@@ -22,14 +22,14 @@ const TOLD_M: f64 = 0.001;
 
 /// What one descent left to learn from.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Trace {
+pub struct DescentEnd {
     /// Computed TCP where contact was declared, in m, if it was.
     pub contact_m: Option<[f64; 3]>,
     /// Computed TCP where the descent ended, in m, if it is known.
     pub end_m: Option<[f64; 3]>,
 }
 
-impl Trace {
+impl DescentEnd {
     /// From a descent's contact (`None` without one) and the last reported TCP (m).
     pub fn new(contact: Option<&Contact>, end_m: Option<[f32; 3]>) -> Self {
         Self {
@@ -71,42 +71,43 @@ impl Waypoints {
         matches!(fault, Fault::NotSeated | Fault::NoContact)
     }
 
-    /// Takes the seat of a nest that coupled at a stop.
-    pub fn seated(&mut self, stop: &Stop, coupled: &Coupled) {
+    /// Takes the seat of a nest that coupled at a visit.
+    pub fn seated(&mut self, visit: &Visit, coupled: &Coupled) {
         let Some(chain) = &self.chain else { return };
-        let start = chain.pose(&stop.approach).position;
-        let found = across(&(Vector3::from(coupled.centre_m) - start), &stop.direction);
-        if stop.place != self.place {
-            self.place = stop.place;
+        let start = chain.pose(&visit.approach.joints).position;
+        let found = across(&(Vector3::from(coupled.centre_m) - start), &visit.approach_direction);
+        if visit.place != self.place {
+            self.place = visit.place;
             self.seats.clear();
         }
         if found.norm() <= FAR_M {
-            self.seats.retain(|(sphere, _)| *sphere != stop.sphere);
-            self.seats.push((stop.sphere, found));
+            self.seats.retain(|(sphere, _)| *sphere != visit.sphere_id);
+            self.seats.push((visit.sphere_id, found));
         }
     }
 
-    /// Joint angles (rad) from which descent number `retry` (from 1) to a stop starts. `last` is
+    /// Joint angles (rad) from which descent number `retry` (from 1) to a visit starts. `last` is
     /// the trace of the previous descent. Returns the stop's own angles if the shifted start cannot
     /// be reached.
-    pub fn retry(&self, stop: &Stop, retry: u32, last: &Trace) -> Vec<f64> {
-        self.shifted(stop, retry, last).unwrap_or_else(|| stop.approach.clone())
+    pub fn retry(&self, visit: &Visit, retry: u32, last: &DescentEnd) -> Vec<f64> {
+        self.shifted(visit, retry, last)
+            .unwrap_or_else(|| visit.approach.joints.clone())
     }
 
-    fn shifted(&self, stop: &Stop, retry: u32, last: &Trace) -> Option<Vec<f64>> {
+    fn shifted(&self, visit: &Visit, retry: u32, last: &DescentEnd) -> Option<Vec<f64>> {
         let chain = self.chain.as_ref()?;
-        let pose = chain.pose(&stop.approach);
-        let direction = Vector3::from(stop.direction);
-        let known = self.known(stop);
+        let pose = chain.pose(&visit.approach.joints);
+        let direction = Vector3::from(visit.approach_direction);
+        let known = self.known(visit);
         let turn = retry.saturating_sub(1 + u32::from(known.is_some()));
         let mut shift = known.unwrap_or_default();
         if known.is_none() || retry > 1 {
-            let towards = told(&pose.position, stop, last).unwrap_or_else(|| {
-                let side = across(&Vector3::x(), &stop.direction);
+            let towards = told(&pose.position, visit, last).unwrap_or_else(|| {
+                let side = across(&Vector3::x(), &visit.approach_direction);
                 if side.norm() > 0.1 {
                     side
                 } else {
-                    across(&Vector3::y(), &stop.direction)
+                    across(&Vector3::y(), &visit.approach_direction)
                 }
             });
             // The next of three places around it.
@@ -118,20 +119,20 @@ impl Waypoints {
             position: pose.position + shift,
             ..pose
         };
-        let joints = chain.follow(&target, &stop.approach)?;
+        let joints = chain.follow(&target, &visit.approach.joints)?;
         (chain.limit_margin(&joints) >= 0.0).then_some(joints)
     }
 
     /// Offset of a sphere from its waypoint's line, in m; else the mean offset of the others.
-    fn known(&self, stop: &Stop) -> Option<Vector3<f64>> {
-        if stop.place != self.place {
+    fn known(&self, visit: &Visit) -> Option<Vector3<f64>> {
+        if visit.place != self.place {
             return None;
         }
-        if let Some((_, own)) = self.seats.iter().find(|(sphere, _)| *sphere == stop.sphere) {
+        if let Some((_, own)) = self.seats.iter().find(|(sphere, _)| *sphere == visit.sphere_id) {
             return Some(*own);
         }
         let sum: Vector3<f64> = self.seats.iter().map(|(_, seat)| seat).sum();
-        (!self.seats.is_empty()).then(|| across(&(sum / self.seats.len() as f64), &stop.direction))
+        (!self.seats.is_empty()).then(|| across(&(sum / self.seats.len() as f64), &visit.approach_direction))
     }
 }
 
@@ -144,40 +145,44 @@ fn across(vector: &Vector3<f64>, direction: &[f64; 3]) -> Vector3<f64> {
 /// Direction of the sphere from the descent that began at `start`, across the approach. A nest that
 /// moved away after contact slid off on the far side of the sphere. A nest that was pushed aside
 /// before contact was pushed towards it.
-fn told(start: &Vector3<f64>, stop: &Stop, last: &Trace) -> Option<Vector3<f64>> {
+fn told(start: &Vector3<f64>, visit: &Visit, last: &DescentEnd) -> Option<Vector3<f64>> {
     let contact = Vector3::from(last.contact_m?);
     if let Some(end) = last.end_m {
-        let slid = across(&(Vector3::from(end) - contact), &stop.direction);
+        let slid = across(&(Vector3::from(end) - contact), &visit.approach_direction);
         if slid.norm() > TOLD_M {
             return Some(-slid);
         }
     }
-    let pushed = across(&(contact - start), &stop.direction);
+    let pushed = across(&(contact - start), &visit.approach_direction);
     (pushed.norm() > TOLD_M).then_some(pushed)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use spherecal_plan::Waypoint;
     use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
-    fn stop(sphere: u32) -> Stop {
-        Stop {
-            centre_m: [0.5, 0.0, 0.3],
-            sphere,
+    fn visit(sphere: u32) -> Visit {
+        Visit {
+            sphere_id: sphere,
             place: 0,
+            position_m: [0.5, 0.0, 0.3],
             over_home: true,
-            approach: vec![0.1, 0.6, -0.1, -1.5, 0.05, 1.0, 0.2],
-            direction: [0.0, 0.0, -1.0],
+            approach: Waypoint {
+                joints: vec![0.1, 0.6, -0.1, -1.5, 0.05, 1.0, 0.2],
+                ..Waypoint::default()
+            },
+            approach_direction: [0.0, 0.0, -1.0],
             poses: Vec::new(),
         }
     }
 
-    fn shift(waypoints: &Waypoints, stop: &Stop, retry: u32, last: &Trace) -> Vector3<f64> {
+    fn shift(waypoints: &Waypoints, visit: &Visit, retry: u32, last: &DescentEnd) -> Vector3<f64> {
         let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
         let (from, to) = (
-            chain.pose(&stop.approach),
-            chain.pose(&waypoints.retry(stop, retry, last)),
+            chain.pose(&visit.approach.joints),
+            chain.pose(&waypoints.retry(visit, retry, last)),
         );
         assert!(
             (from.rotation.matrix() - to.rotation.matrix()).norm() < 1e-9,
@@ -191,12 +196,12 @@ mod tests {
     #[test]
     fn nothing_known_is_searched_around_the_waypoint() {
         let waypoints = Waypoints::new(&iiwa7(), &iiwa7_tool());
-        let stop = stop(1);
-        let slid = Trace {
+        let visit = visit(1);
+        let slid = DescentEnd {
             contact_m: Some([0.5, 0.0, 0.3]),
             end_m: Some([0.5, 0.010, 0.29]),
         };
-        let places = [1, 2, 3].map(|k| shift(&waypoints, &stop, k, &slid));
+        let places = [1, 2, 3].map(|k| shift(&waypoints, &visit, k, &slid));
         assert!(
             (places[0] - Vector3::new(0.0, -RING_M, 0.0)).norm() < 1e-9,
             "{}",
@@ -205,7 +210,7 @@ mod tests {
         assert!((places[0] + places[1] + places[2]).norm() < 1e-9);
         assert!(places.iter().all(|p| (p.norm() - RING_M).abs() < 1e-9));
         // Without any contact there is still another place.
-        assert!((shift(&waypoints, &stop, 1, &Trace::default()).norm() - RING_M).abs() < 1e-9);
+        assert!((shift(&waypoints, &visit, 1, &DescentEnd::default()).norm() - RING_M).abs() < 1e-9);
     }
 
     // Fails if a retry does not go to the offset found for this sphere, or else for the others, or
@@ -214,7 +219,7 @@ mod tests {
     fn what_is_known_comes_first() {
         let mut waypoints = Waypoints::new(&iiwa7(), &iiwa7_tool());
         let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
-        let start = chain.pose(&stop(1).approach).position;
+        let start = chain.pose(&visit(1).approach.joints).position;
         let coupled = |x: f64| Coupled {
             sphere: 1,
             time_us: 0,
@@ -222,16 +227,16 @@ mod tests {
             shift_m: 0.0,
             test_m: 0.0,
         };
-        let none = Trace::default();
-        waypoints.seated(&stop(1), &coupled(0.006));
+        let none = DescentEnd::default();
+        waypoints.seated(&visit(1), &coupled(0.006));
         let wanted = Vector3::new(0.006, 0.004, 0.0);
         for sphere in [1, 2] {
-            assert!((shift(&waypoints, &stop(sphere), 1, &none) - wanted).norm() < 1e-9);
-            let next = shift(&waypoints, &stop(sphere), 2, &none) - wanted;
+            assert!((shift(&waypoints, &visit(sphere), 1, &none) - wanted).norm() < 1e-9);
+            let next = shift(&waypoints, &visit(sphere), 2, &none) - wanted;
             assert!((next.norm() - RING_M).abs() < 1e-9);
         }
         // One that is absurd is not believed.
-        waypoints.seated(&stop(3), &coupled(0.1));
-        assert!((shift(&waypoints, &stop(3), 1, &none) - wanted).norm() < 1e-9);
+        waypoints.seated(&visit(3), &coupled(0.1));
+        assert!((shift(&waypoints, &visit(3), 1, &none) - wanted).norm() < 1e-9);
     }
 }

@@ -19,9 +19,10 @@ use spherecal_shared::protocol::host::{
 };
 
 use super::observe::{Moved, Observer, Progress, Stage, TelemetrySummary, force};
-use super::{CampaignError, Tour, plausible};
+use super::{CampaignError, plausible};
 use spherecal_link::Journal;
 use spherecal_link::{Arrival, Device, HostEndpoint, Timing};
+use spherecal_plan::Plan;
 
 pub(super) use order::Waited;
 
@@ -140,11 +141,11 @@ impl<'a> Session<'a> {
         self.observer.note(text);
     }
 
-    pub(super) fn stage(&mut self, stage: Stage, sphere: u32, tour: &Tour) {
+    pub(super) fn stage(&mut self, stage: Stage, sphere: u32, plan: &Plan) {
         self.progress.stage = stage;
         self.progress.sphere = sphere;
-        self.progress.spheres = tour.stops.len();
-        self.progress.poses = tour.poses();
+        self.progress.spheres = plan.spheres.len();
+        self.progress.poses = plan.recorded();
         self.report_progress();
     }
 

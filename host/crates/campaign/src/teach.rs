@@ -45,9 +45,9 @@ pub struct Taught {
 
 /// A journal that discards everything, for teaching and for studies that only listen.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Nowhere;
+pub struct NoJournal;
 
-impl Journal for Nowhere {
+impl Journal for NoJournal {
     fn append(&mut self, _: &[Arrival]) -> Result<(), JournalError> {
         Ok(())
     }
@@ -57,7 +57,7 @@ impl Journal for Nowhere {
     }
 }
 
-/// Has the arm led over every sphere of the tour from home, once per placement of the plate.
+/// Has the arm led over every sphere of the plan from home, once per placement of the plate.
 ///
 /// # Errors
 /// Any error that stops teaching. A fault while the arm is led is cleared and the step repeated, as
@@ -69,32 +69,35 @@ pub fn teach(
     observer: &mut dyn Observer,
     interrupt: &AtomicBool,
 ) -> Result<Vec<Taught>, CampaignError> {
-    let tour = assignment.tour;
-    let mut nowhere = Nowhere;
+    let plan = assignment.plan;
+    let mut nowhere = NoJournal;
     let lead_us = u64::from(assignment.options.lead_ms) * 1000;
     let mut session = Session::new(device, &mut nowhere, observer, interrupt, lead_us);
     let campaign = Campaign::new(assignment);
     campaign.begin(&mut session)?;
-    session.stage(Stage::Home, 0, tour);
-    campaign.travel(&mut session, "reach the home frame", &tour.home)?;
+    session.stage(Stage::Home, 0, plan);
+    campaign.travel(&mut session, "reach the home frame", &plan.home.joints)?;
     let mut taught: Vec<Taught> = Vec::new();
-    let mut stands = (!tour.several_places()).then_some(0);
-    for stop in &tour.stops {
-        if taught.iter().any(|t| (t.sphere, t.place) == (stop.sphere, stop.place)) {
+    let mut stands = (!plan.several_places()).then_some(0);
+    for visit in &plan.spheres {
+        if taught
+            .iter()
+            .any(|t| (t.sphere, t.place) == (visit.sphere_id, visit.place))
+        {
             continue;
         }
-        campaign.have_plate(&mut session, &mut stands, stop.place)?;
-        session.stage(Stage::Teach, stop.sphere, tour);
-        let joints = lead(assignment, &mut session, operator, stop.sphere)?;
+        campaign.have_plate(&mut session, &mut stands, visit.place)?;
+        session.stage(Stage::Teach, visit.sphere_id, plan);
+        let joints = lead(assignment, &mut session, operator, visit.sphere_id)?;
         taught.push(Taught {
-            sphere: stop.sphere,
-            place: stop.place,
+            sphere: visit.sphere_id,
+            place: visit.place,
             joints,
         });
     }
-    session.stage(Stage::Home, 0, tour);
-    campaign.travel(&mut session, "reach the home frame", &tour.home)?;
-    session.stage(Stage::Done, 0, tour);
+    session.stage(Stage::Home, 0, plan);
+    campaign.travel(&mut session, "reach the home frame", &plan.home.joints)?;
+    session.stage(Stage::Done, 0, plan);
     Ok(taught)
 }
 

@@ -5,11 +5,13 @@ use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, Nominal, State};
+use super::error::IdentifyError;
+use super::geometry_only::{GeometryOnly, geometry_only};
 use super::identifiability::Identifiability;
 use super::map::Fit;
-use super::normal::Root;
 use super::options::{Method, Model, Options};
 use super::parameters::{Layout, Reference, Unit};
+use super::residuals::residuals;
 use spherecal_model::{Experiment, Pose, Sphere};
 
 /// One parameter's row of the result.
@@ -257,6 +259,28 @@ impl Calibration {
         columns
     }
 
+    /// How the TCP in F0 depends on the free parameters at the configurations (three
+    /// rows each), and the covariance of those parameters: of all on which it depends.
+    pub(crate) fn spread_in_base(&self, configurations: &[Vec<f64>]) -> (DMatrix<f64>, DMatrix<f64>) {
+        let free = &self.inner.columns;
+        let mut columns = DMatrix::zeros(3 * configurations.len(), free.len());
+        for (k, q) in configurations.iter().enumerate() {
+            let own = self.prediction_columns(q, false).select_columns(free);
+            columns.rows_mut(3 * k, 3).copy_from(&own);
+        }
+        let moving: Vec<usize> = (0..free.len()).filter(|&c| columns.column(c).amax() > 0.0).collect();
+        let covariance = self.covariance.select_rows(&moving).select_columns(&moving);
+        (columns.select_columns(&moving), covariance)
+    }
+
+    /// The best table, tool and base without any effect, for files that hold geometry alone.
+    ///
+    /// # Errors
+    /// No convergence.
+    pub fn geometry_only(&self) -> Result<GeometryOnly, IdentifyError> {
+        geometry_only(self)
+    }
+
     /// Names of the free parameters, in the order of [`Self::covariance`].
     pub fn free_names(&self) -> Vec<&str> {
         self.parameters
@@ -385,75 +409,4 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         },
         covariance: fit.covariance,
     }
-}
-
-/// Residuals at the final state, by observation and by group.
-fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
-    let (state, layout) = (&fit.state, &fit.layout);
-    let mut rows = Vec::with_capacity(fit.prepared.len());
-    let mut columns = [Vector3::zeros(); N];
-    for (observation, &weight) in fit.prepared.iter().zip(&fit.weights) {
-        let k = state.at(observation);
-        for j in 0..layout.n {
-            columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
-        }
-        let covariance = fit
-            .whitening
-            .covariance(&columns[..layout.n], observation.sphere.is_some());
-        let residual = state.residual(observation, &k.tcp);
-        let deviation = Root::new(&covariance).times(&residual).norm() / fit.scale;
-        let rotation = state.bases.get(observation.reference).map(|b| b.rotation);
-        let error = rotation.unwrap_or_else(Matrix3::identity) * residual * 1000.0;
-        rows.push(ResidualRow {
-            index: observation.index,
-            error_mm: error.into(),
-            deviation,
-            weight,
-        });
-    }
-    let length = |row: &ResidualRow| Vector3::from(row.error_mm).norm();
-    let mean_square = |of: &[f64]| (of.iter().map(|x| x * x).sum::<f64>() / of.len().max(1) as f64).sqrt();
-    let lengths: Vec<f64> = rows.iter().map(length).collect();
-    let groups = fit
-        .groups
-        .iter()
-        .map(|group| {
-            let own: Vec<f64> = group.members.iter().map(|&i| lengths[i]).collect();
-            let chi_square = group
-                .members
-                .iter()
-                .map(|&i| rows[i].deviation.powi(2) * fit.weights[i])
-                .sum::<f64>();
-            GroupFit {
-                reference: layout
-                    .references
-                    .get(group.reference)
-                    .copied()
-                    .unwrap_or(Reference::Tracker),
-                sphere: group.sphere.and_then(|s| layout.spheres.get(s).copied()),
-                count: own.len(),
-                rms_mm: mean_square(&own),
-                chi_square,
-                per_freedom: chi_square / (3.0 * own.len().max(1) as f64),
-            }
-        })
-        .collect();
-    // A deviation of five: beyond what the tails of the noise explain.
-    let outliers = rows.iter().filter(|row| row.deviation > 5.0).map(|row| Outlier {
-        index: row.index,
-        why: format!(
-            "{:.3} mm from its target, {:.1} times the noise: counted with weight {:.2}",
-            length(row),
-            row.deviation,
-            row.weight
-        ),
-    });
-    let residual = Residual {
-        rms_mm: mean_square(&lengths),
-        mean_mm: lengths.iter().sum::<f64>() / lengths.len().max(1) as f64,
-        max_mm: lengths.iter().copied().fold(0.0, f64::max),
-        outliers: outliers.collect(),
-        rows,
-    };
-    (residual, groups)
 }

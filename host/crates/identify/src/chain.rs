@@ -7,11 +7,10 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::kinematics::{next_frame, next_frame_turned, parameter_columns};
-use spherecal_shared::robot::{GRAVITY_M_S2, LinkTransform, MdhRow, Pose as Frame, Robot, Tool};
+use spherecal_shared::robot::{GRAVITY_M_S2, LinkTransform, MdhRow, Pose, Robot, Tool};
 use spherecal_shared::scalar::Real;
 
 use super::parameters::{Kind, Layout};
-use spherecal_model::Pose;
 
 /// Largest number of joints, as a length of arrays.
 pub(crate) const N: usize = MAX_JOINTS;
@@ -73,9 +72,9 @@ impl Nominal {
     /// Loads at joint angles `q`; measured torques replace the joints' own.
     pub(crate) fn load(&self, q: &[f64], measured: Option<&[f64]>) -> Load {
         let mut load = Load::default();
-        let mut frames = [Frame::identity(); N];
+        let mut frames = [Pose::identity(); N];
         let n = self.links.len().min(q.len()).min(N);
-        let mut frame = Frame::identity();
+        let mut frame = Pose::identity();
         for i in 0..n {
             frame = next_frame(&frame, &self.links[i], q[i]);
             frames[i] = frame;
@@ -178,7 +177,7 @@ pub(crate) struct State {
 /// Intermediate results of an evaluation, for the Jacobian.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kinematics {
-    pub(crate) frames: [Frame<f64>; N],
+    pub(crate) frames: [Pose<f64>; N],
     /// TCP in F0, in m.
     pub(crate) tcp: Vector3<f64>,
     /// Cosine and sine of the encoder angles.
@@ -237,7 +236,7 @@ impl State {
                 .get(i)
                 .and_then(|h| h.get(k.wrapping_sub(1)))
                 .map(|h| h[1]),
-            Kind::Base(f, k) if k < 3 => self.bases.get(f).map(|b| b.translation_m[k]),
+            Kind::Base(f, k) if k < 3 => self.bases.get(f).map(|b| b.position[k]),
             Kind::Base(f, k) => self.bases.get(f).map(|b| b.rotation_vector()[k - 3]),
             Kind::Sphere(s, k) => self.spheres.get(s).map(|p| p[k]),
         };
@@ -259,7 +258,7 @@ impl State {
             Kind::Compliance(i) => self.compliance.get_mut(i),
             Kind::Cosine(i, k) => order(&mut self.harmonics, i, k).map(|h| &mut h[0]),
             Kind::Sine(i, k) => order(&mut self.harmonics, i, k).map(|h| &mut h[1]),
-            Kind::Base(f, k) if k < 3 => self.bases.get_mut(f).map(|b| &mut b.translation_m[k]),
+            Kind::Base(f, k) if k < 3 => self.bases.get_mut(f).map(|b| &mut b.position[k]),
             Kind::Base(f, k) => {
                 if let Some(base) = self.bases.get_mut(f) {
                     let mut axis = Vector3::zeros();
@@ -267,7 +266,7 @@ impl State {
                     let turn = nalgebra::Rotation3::new(axis);
                     let pivot = self.pivots.get(f).copied().unwrap_or_default();
                     base.rotation = turn * base.rotation;
-                    base.translation_m = pivot + turn * (base.translation_m - pivot);
+                    base.position = pivot + turn * (base.position - pivot);
                 }
                 None
             }
@@ -303,8 +302,8 @@ impl State {
 
     #[inline]
     fn turned(&self, trig: &Trig, load: &Load) -> Kinematics {
-        let mut frames = [Frame::identity(); N];
-        let mut frame = Frame::identity();
+        let mut frames = [Pose::identity(); N];
+        let mut frame = Pose::identity();
         for (j, ((link, offset), slot)) in self.links.iter().zip(&self.offsets).zip(&mut frames).enumerate() {
             let deviation = self.deviation(j, trig[j], load);
             let (c, s) = sum(sum(trig[j], *offset), small(deviation));
@@ -340,7 +339,7 @@ impl State {
         joints: &mut [Vector3<f64>],
     ) {
         let n = layout.n;
-        let mut parent = Frame::identity();
+        let mut parent = Pose::identity();
         for i in 0..n {
             let frame = &k.frames[i];
             let (x, z): (Vector3<f64>, Vector3<f64>) = (parent.rotation.column(0).into(), frame.z());
@@ -401,7 +400,7 @@ fn order(harmonics: &mut [Vec<[f64; 2]>], joint: usize, k: usize) -> Option<&mut
 /// Rotation of a link by bending, in F0, in rad. The link yields to the load, so the rotation is
 /// against the moment that holds it.
 #[inline]
-fn bend(frame: &Frame<f64>, moment: &[f64; 3], x: f64, y: f64) -> Vector3<f64> {
+fn bend(frame: &Pose<f64>, moment: &[f64; 3], x: f64, y: f64) -> Vector3<f64> {
     let r: &Matrix3<f64> = &frame.rotation;
     r.column(0) * (-x * moment[0]) + r.column(1) * (-y * moment[1])
 }

@@ -52,7 +52,7 @@ impl std::fmt::Display for Refusal {
 /// What [`identify`](super::identify) refuses.
 pub fn choose_model(experiment: &Experiment, options: &Options) -> Result<(Model, Option<Refusal>), IdentifyError> {
     let rows = experiment.observations.iter().filter(|o| o.set == Set::Calibrate);
-    if options.method != Method::Map || options.model == Model::Geometry || rows.count() < FEWEST {
+    if options.method != Method::Full || options.model == Model::Geometry || rows.count() < FEWEST {
         return Ok((options.model, None));
     }
     let places = possible_splits(experiment).contains(&Split::Place);

@@ -91,7 +91,7 @@ impl DistanceProblem {
             return Err(IdentifyError::Method {
                 method: options.method.name(),
                 reason: "the paper's fitness supports one placement of the plate, or only absolute points: \
-                         use map or geometry"
+                         use full or geometry"
                     .to_owned(),
             });
         }
@@ -248,7 +248,7 @@ impl DistanceProblem {
     fn error(&self, tcp_mm: &Vector3<f64>, observation: &Prepared) -> Vector3<f64> {
         let turned = self.base.rotation * tcp_mm - observation.target * MM;
         if self.absolute {
-            turned + self.base.translation_m * MM
+            turned + self.base.position * MM
         } else {
             turned
         }

@@ -1,11 +1,44 @@
 //! Identification of a robot from plain data: joint angles, and where the TCP was.
 //!
-//! Knows no plant, no link and no database, so that it serves any robot's CSV.
-//! Data in: [`Experiment`]. Result out: [`Calibration`], by [`identify`].
+//! Knows no plant, no link and no database, so that it serves any robot's data.
+//! [`identify()`] fits one model to an [`Experiment`]. [`evaluate()`] does everything
+//! around it: alignment, gross errors, choice of the model, comparison, validation,
+//! and the verdict whether the result may be used.
 //!
 //! ```text
+//! files ─ study::load ─▶ Recordings ─ evaluate ─▶ Evaluation {Calibration, Verdict}
+//!
 //! Experiment ─ check ─ register ─ geometry ─ structured effects ─ Calibration
 //!              (data)  (chain)   (map · normal · solve)          (calibration)
+//! ```
+//!
+//! ```
+//! use spherecal_identify::{Experiment, EvaluateOptions, Observation, Recordings, Set, Target};
+//! use spherecal_identify::{evaluate, halton_configurations};
+//! use spherecal_model::chain::Chain;
+//! use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+//!
+//! // An arm whose third link is 1 mm longer than its data sheet says, seen by a tracker.
+//! let mut real = iiwa7();
+//! real.joints[2].mdh.d += 1e-3;
+//! let chain = Chain::unchecked(&real, &iiwa7_tool());
+//! let observations = halton_configurations(&real, 60).into_iter().map(|q| Observation {
+//!     target: Target::Point(chain.tcp_of(&chain.frames(&q)).into()),
+//!     q,
+//!     tau: None,
+//!     set: Set::Calibrate,
+//! });
+//! let recordings = Recordings::new(Experiment {
+//!     robot: iiwa7(),
+//!     tool: iiwa7_tool(),
+//!     spheres: Vec::new(),
+//!     observations: observations.collect(),
+//! });
+//! let found = evaluate(&recordings, &EvaluateOptions::default(), &mut |_| {})?;
+//! assert!(found.verdict.may_be_used);
+//! let d3 = found.calibration.parameters.iter().find(|p| p.name == "d3").unwrap();
+//! assert!((d3.estimate - d3.nominal - 1e-3).abs() < 1e-4);
+//! # Ok::<(), spherecal_identify::EvaluateError>(())
 //! ```
 //!
 //! [`parameters`] is the one table of names, [`priors`] and reasons; [`algorithm1`]
@@ -20,6 +53,8 @@ pub mod diagnosis;
 mod distance;
 mod effects;
 mod error;
+pub mod evaluate;
+mod geometry_only;
 mod holdout;
 pub mod identifiability;
 mod map;
@@ -29,25 +64,47 @@ mod options;
 pub mod paper;
 pub mod parameters;
 pub mod priors;
+mod recordings;
+mod residuals;
 mod rows;
 mod search;
 pub mod simplex;
 mod solve;
 pub mod study;
 pub mod validate;
+pub mod verdict;
 
 pub use calibration::{Calibration, FramePose, GroupFit, Outlier, ParameterEstimate, Residual, ResidualRow};
 pub use choice::{Refusal, choose_model};
 pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;
+pub use evaluate::{Estimator, EvaluateError, EvaluateOptions, Evaluation, evaluate};
+pub use geometry_only::GeometryOnly;
 pub use holdout::{Holdout, Part, Split, holdout, possible_splits};
 pub use identifiability::{Identifiability, Observability};
 pub use options::{Method, Model, Noise, Options, Pairs, Torque, UnknownName};
 pub use parameters::{Kind, Override, Overrides, Reference, Unit};
+pub use recordings::{CampaignRecord, Recordings, Rows, Sample, Tracker};
 pub use rows::DesignModel;
-pub use spherecal_model::{DataError, Experiment, Observation, Pose, Set, Sphere, Target, paper_plate};
+pub use spherecal_model::{DataError, Experiment, Observation, Pose, Set, Sphere, Target, fit_pose, paper_plate};
+pub use spherecal_shared::robot::{Robot, Tool};
+pub use verdict::{Check, ExpectedError, Verdict};
 
 /// Identifies a robot from an experiment's calibration set.
+///
+/// ```
+/// use spherecal_identify::{Experiment, IdentifyError, Options, identify};
+/// use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+///
+/// let nothing = Experiment {
+///     robot: iiwa7(),
+///     tool: iiwa7_tool(),
+///     spheres: Vec::new(),
+///     observations: Vec::new(),
+/// };
+/// let refused = identify(&nothing, &Options::default());
+/// assert!(matches!(refused, Err(IdentifyError::TooFewObservations { .. })));
+/// ```
 ///
 /// # Errors
 /// Data or options that cannot be used, with row, field, value and remedy; or
@@ -56,7 +113,7 @@ pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibratio
     experiment.check()?;
     options.check()?;
     match options.method {
-        Method::Map => {
+        Method::Full => {
             let fit = map::fit(experiment, options, options.model, |_| true)?;
             Ok(calibration::finish(experiment, options, options.model, fit))
         }

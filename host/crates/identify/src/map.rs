@@ -20,7 +20,7 @@ use super::options::{Model, Options, Torque};
 use super::parameters::{Kind, Layout, Parameter, reference_of, table};
 use super::search::{SETTLED, Search, joined};
 use super::solve::{Posterior, Unknowns};
-use spherecal_model::{DataError, Experiment, Pose, Set, Target};
+use spherecal_model::{DataError, Experiment, Pose, Set, Target, fit_pose};
 
 /// Fewest observations: their three numbers each must exceed the six of the base.
 pub(crate) const FEWEST: usize = 3;
@@ -132,7 +132,7 @@ pub(crate) fn register(state: &mut State, prepared: &[Prepared], base: Option<&P
     for (reference, of) in members.iter().enumerate() {
         let from: Vec<_> = of.iter().map(|p| state.at(p).tcp).collect();
         let onto: Vec<_> = of.iter().map(|p| p.target).collect();
-        if let Some(pose) = Pose::fit(&from, &onto) {
+        if let Some(pose) = fit_pose(&from, &onto) {
             state.bases[reference] = pose;
             state.pivots[reference] = onto.iter().sum::<Vector3<f64>>() / onto.len() as f64;
         }
@@ -307,7 +307,7 @@ fn about_base(covariance: &mut DMatrix<f64>, unknowns: &Unknowns, layout: &Layou
     let m = unknowns.len();
     let at = |column: usize| unknowns.columns.iter().position(|c| *c == column);
     for (f, (base, pivot)) in state.bases.iter().zip(&state.pivots).enumerate() {
-        let arm = base.translation_m - pivot;
+        let arm = base.position - pivot;
         let first = layout.base(f);
         let mut turn = DMatrix::identity(m, m);
         for axis in 0..3 {

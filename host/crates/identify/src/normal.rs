@@ -336,7 +336,7 @@ fn sums(
     for members in members.chunks(CHUNK) {
         let count = members.len();
         for (b, &index) in members.iter().enumerate() {
-            let pose = Pose::new(state, layout, &prepared[index], whitening, weights[index]);
+            let pose = PoseColumns::new(state, layout, &prepared[index], whitening, weights[index]);
             pose.add_gradient(layout, &prepared[index], &mut out.gradient);
             let slot = &mut chunk.own[3 * wide * b..3 * wide * (b + 1)];
             for (c, v) in pose.own[..own].iter().chain(&pose.joints[..wide - own]).enumerate() {
@@ -443,7 +443,7 @@ pub(crate) fn gradient(
     let sum = |members: &[usize]| {
         let mut sum = Gradient::new(layout);
         for &index in members {
-            let pose = Pose::new(state, layout, &prepared[index], whitening, weights[index]);
+            let pose = PoseColumns::new(state, layout, &prepared[index], whitening, weights[index]);
             pose.add_gradient(layout, &prepared[index], &mut sum);
         }
         sum
@@ -460,14 +460,14 @@ pub(crate) fn gradient(
 }
 
 /// One pose's whitened columns and residual.
-struct Pose {
+struct PoseColumns {
     own: [Vector3<f64>; 5 * N + 16],
     joints: [Vector3<f64>; N],
     trig: [(f64, f64); N],
     residual: Vector3<f64>,
 }
 
-impl Pose {
+impl PoseColumns {
     #[inline]
     fn new(state: &State, layout: &Layout, observation: &Prepared, whitening: &Whitening, weight: f64) -> Self {
         let n = layout.n;

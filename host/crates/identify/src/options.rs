@@ -14,9 +14,12 @@ use spherecal_model::Pose;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Robust structured maximum a posteriori: the default and the best.
+    /// The full model: robust maximum a posteriori with geometry, compliance and
+    /// encoder harmonics. The default and the best.
+    // Stored configurations of earlier versions call it `map`.
     #[default]
-    Map,
+    #[serde(alias = "map")]
+    Full,
     /// The same estimator with geometry alone.
     Geometry,
     /// Levenberg-Marquardt on the paper's distance residuals and 21 parameters.
@@ -32,7 +35,7 @@ pub enum Method {
 impl Method {
     /// All methods, in the order of the documentation.
     pub const ALL: [Self; 6] = [
-        Self::Map,
+        Self::Full,
         Self::Geometry,
         Self::Lm,
         Self::GaussNewton,
@@ -43,7 +46,7 @@ impl Method {
     /// Name on the command line and in files.
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Map => "map",
+            Self::Full => "full",
             Self::Geometry => "geometry",
             Self::Lm => "lm",
             Self::GaussNewton => "gauss-newton",
@@ -83,10 +86,19 @@ impl Model {
 
 /// A name that is none of those there are.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{name}` is not one of {known}")]
+#[error("`{name}` is not one of {known}{hint}")]
 pub struct UnknownName {
     name: String,
     known: String,
+    hint: &'static str,
+}
+
+/// What to give in place of a name of an earlier version.
+fn renamed(name: &str) -> &'static str {
+    match name {
+        "map" => ": give `full`, the new name of `map`",
+        _ => "",
+    }
 }
 
 macro_rules! named {
@@ -107,6 +119,7 @@ macro_rules! named {
                     .ok_or_else(|| UnknownName {
                         name: name.to_owned(),
                         known: Self::ALL.map(Self::name).join(", "),
+                        hint: renamed(name),
                     })
             }
         }
@@ -187,7 +200,7 @@ pub enum Pairs {
 pub struct Options {
     /// How the model is fitted.
     pub method: Method,
-    /// Which errors are modelled (methods `map` and `geometry`).
+    /// Which errors are modelled (methods `full` and `geometry`).
     pub model: Model,
     /// Encoder harmonics per joint, orders 1 to this.
     pub harmonics: usize,
@@ -201,7 +214,7 @@ pub struct Options {
     /// Nominal values, priors and fixed parameters, by name.
     pub parameters: Overrides,
     /// Base pose (F0 in the plate's or tracker's frame) where it was measured:
-    /// start of `map`, fixed for the paper's estimators.
+    /// start of `full`, fixed for the paper's estimators.
     pub base: Option<Pose>,
     /// Fitness of the paper's estimators.
     pub pairs: Pairs,
@@ -214,7 +227,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            method: Method::Map,
+            method: Method::Full,
             model: Model::Full,
             harmonics: 12,
             noise: Noise::default(),

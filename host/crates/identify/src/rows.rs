@@ -1,7 +1,7 @@
 //! Rows of the model for poses that are only planned: what an observation would
 //! tell ([`DesignModel::observation`]) and what a prediction needs
 //! ([`DesignModel::prediction`]), in the very columns that
-//! [`map`](super::Method::Map) estimates.
+//! [`map`](super::Method::Full) estimates.
 //!
 //! Columns are scaled by their prior's sigma, so that the prior's information
 //! is the identity, and rows are whitened by the noise.

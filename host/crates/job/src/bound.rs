@@ -39,7 +39,7 @@ pub fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
     ];
     let nest = &plant.nest;
     let mut options = Options {
-        method: Method::Map,
+        method: Method::Full,
         model: Model::Full,
         harmonics: orders.max(1),
         student_t: if nest.bad_coupling_share > 0.0 { ROBUST } else { 0.0 },

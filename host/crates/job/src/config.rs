@@ -33,8 +33,7 @@ pub struct Config {
     pub seed: u64,
     /// Robot: a built-in name, or a .toml or .urdf file.
     pub robot: String,
-    /// Name of this arm: its serial number, or another name that is unique in the fleet. `spherecal
-    /// history` distinguishes arms by it.
+    /// Name of this very arm, such as its serial number. `spherecal history` tells arms apart by it.
     pub arm: String,
     /// The real cell: tool, plate, placements and waypoints.
     pub cell: CellSection,
@@ -51,7 +50,7 @@ pub struct Config {
     pub plant: toml::Table,
     /// The laser tracker's reference.
     pub laser: LaserSection,
-    /// What is done to the host link on purpose.
+    /// Faults that are injected into the host link, for tests.
     pub host_link: Lossy,
     /// How the robot is identified.
     pub identify: identify::Options,

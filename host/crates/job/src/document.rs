@@ -110,7 +110,18 @@ impl<'a> Node<'a> {
         properties.into_iter().flat_map(|p| p.keys())
     }
 
-    /// The field's doc comment, and for a choice the allowed names.
+    /// The names that a value of this type may have; none where it is not a choice.
+    fn choices(self) -> impl Iterator<Item = &'a str> {
+        let schema = self.resolved().schema;
+        let list = |of: &'a Value, key| of.get(key).and_then(Value::as_array).into_iter().flatten();
+        // A variant with a doc comment has a schema of its own; the others share one.
+        list(schema, "oneOf")
+            .chain([schema])
+            .flat_map(move |variant| variant.get("const").into_iter().chain(list(variant, "enum")))
+            .filter_map(Value::as_str)
+    }
+
+    /// What the field is, in the words of its doc comment, and the names that it may have where it is a choice.
     fn words(self) -> String {
         let words = self
             .schema
@@ -118,18 +129,7 @@ impl<'a> Node<'a> {
             .and_then(Value::as_str)
             .unwrap_or_default();
         let mut words = words.replace("[`", "`").replace("`]", "`").replace("`Self::", "`");
-        let resolved = self.resolved().schema;
-        let one = |v: &Value| v.get("const").and_then(Value::as_str).map(|name| format!("\"{name}\""));
-        let several = |v: &'a Value| v.get("enum").and_then(Value::as_array).into_iter().flatten();
-        let listed = several(resolved).filter_map(|v| v.as_str().map(|name| format!("\"{name}\"")));
-        let variants = resolved.get("oneOf").and_then(Value::as_array).into_iter().flatten();
-        let choices: Vec<String> = variants
-            .flat_map(|v| {
-                let listed = several(v).filter_map(|v| v.as_str().map(|name| format!("\"{name}\"")));
-                one(v).into_iter().chain(listed).collect::<Vec<_>>()
-            })
-            .chain(listed)
-            .collect();
+        let choices: Vec<String> = self.choices().map(|name| format!("\"{name}\"")).collect();
         if !choices.is_empty() {
             words.push_str(&format!(" One of {}.", choices.join(", ")));
         }

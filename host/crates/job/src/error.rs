@@ -1,9 +1,7 @@
 //! Why the main job stopped.
 
 use spherecal_campaign::{CampaignError, LaserMeasurementError};
-use spherecal_identify::IdentifyError;
-use spherecal_identify::arcs::LaserError;
-use spherecal_identify::validate::ValidateError;
+use spherecal_identify::EvaluateError;
 use spherecal_link::LinkError;
 use spherecal_link::qemu::QemuError;
 use spherecal_model::ChainError;
@@ -97,15 +95,9 @@ pub enum JobError {
     /// The laser tracker did not measure.
     #[error(transparent)]
     LaserMeasurement(#[from] LaserMeasurementError),
-    /// The arcs gave no frames.
+    /// The recordings could not be evaluated.
     #[error(transparent)]
-    Laser(#[from] LaserError),
-    /// The data could not be identified.
-    #[error(transparent)]
-    Identify(#[from] IdentifyError),
-    /// The models could not be judged.
-    #[error(transparent)]
-    Validate(#[from] ValidateError),
+    Evaluate(#[from] EvaluateError),
     /// A file could not be written.
     #[error("{path}: {source}: check the folder, its permissions and its free space")]
     Write {
@@ -184,9 +176,7 @@ impl JobError {
             Self::Qemu(QemuError::NoQemu | QemuError::NoImage { .. } | QemuError::LogPath { .. }) => true,
             Self::Qemu(_)
             | Self::Campaign(_)
-            | Self::Laser(_)
-            | Self::Identify(_)
-            | Self::Validate(_)
+            | Self::Evaluate(_)
             | Self::Write { .. }
             | Self::Encode { .. }
             | Self::Report(_) => false,

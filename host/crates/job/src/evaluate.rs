@@ -1,23 +1,19 @@
-//! From measurements to calibrated models and Table 5: plain data in, plain
-//! data out.
+//! From what a run measured to calibrated models, Table 5 and the verdict.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording};
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::bound::bound_options;
 use super::link_record::LinkRecord;
-use super::{Config, JobError};
-use spherecal_identify::arcs::{Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
-use spherecal_identify::validate::{Prediction, ValidationTable, validate};
+use super::{Config, JobError, Link};
+use spherecal_identify::arcs::{Measured, MeasuredArc};
 use spherecal_identify::{
-    Calibration, Experiment, IdentifyError, Method, Observation, Options, Pose, Set, Sphere, Target, choose_model,
-    identify,
+    CampaignRecord, Estimator, EvaluateOptions, Evaluation, Experiment, Observation, Options, Recordings, Set, Sphere,
+    Target, Tracker,
 };
 use spherecal_model::LaserShot;
-use spherecal_model::chain::Chain;
 use spherecal_plan::Plan;
 
 /// Everything that a run measured.
@@ -57,39 +53,12 @@ pub struct Measurements {
     pub wall_s: f64,
 }
 
-/// What the laser tracker's measurements amount to.
-#[derive(Clone, Debug)]
-pub struct LaserReference {
-    /// Base and tool from arcs.
-    pub frames: MeasuredFrames,
-    /// The paper's laser calibration: geometry, base and tool held at the arcs'.
-    pub geometry: Calibration,
-    /// The same measurements with the structured estimator.
-    pub structured: Calibration,
-}
-
-/// Models and how good they are.
-#[derive(Clone, Debug)]
-pub struct Evaluation {
-    /// Calibrated from sphere contacts.
-    pub sphere: Calibration,
-    /// What it was calibrated from.
-    pub experiment: Experiment,
-    /// The laser tracker's side.
-    pub laser: Option<LaserReference>,
-    /// The paper's estimator on the sphere contacts, where it came to an end.
-    pub paper: Option<Calibration>,
-    /// What any estimator could do with the same recordings, in simulation.
-    pub bound: Option<Calibration>,
-    /// Table 5.
-    pub table: Option<ValidationTable>,
-    /// Validation configurations and what the tracker measured there.
-    pub shots: Vec<LaserShot>,
-    /// Remarks for people: models that could not be made, and why.
-    pub remarks: Vec<String>,
-}
-
 impl Measurements {
+    /// Whether the arm was a simulation in this program.
+    pub fn simulated(&self) -> bool {
+        self.link_name.parse::<Link>().is_ok_and(|link| link.simulated())
+    }
+
     /// The sphere contacts as plain data.
     pub fn experiment(&self) -> Experiment {
         let place: BTreeMap<(u32, u32), u32> = self
@@ -115,8 +84,36 @@ impl Measurements {
         }
     }
 
-    fn shots(&self, purpose: &str) -> Vec<LaserShot> {
-        self.laser.iter().filter(|s| s.purpose == purpose).cloned().collect()
+    /// Everything that the evaluation looks at, as plain data.
+    pub fn to_recordings(&self) -> Recordings {
+        let worst_seat_m = self.couplings.iter().fold(0.0f64, |w, c| w.max(c.test_m));
+        Recordings {
+            tracker: (!self.laser.is_empty()).then(|| Tracker {
+                calibration: self.shots(LaserShot::CALIBRATE),
+                base_arcs: self.arcs(LaserShot::BASE),
+                tool_arcs: self.arcs(LaserShot::TOOL),
+                frames: None,
+                plate: None,
+                validation: self.shots(LaserShot::VALIDATE),
+            }),
+            campaign: Some(CampaignRecord {
+                planned: self.plan.recorded(),
+                worst_seat_m,
+                faults: self.faults.len(),
+                simulated: self.simulated(),
+            }),
+            ..Recordings::new(self.experiment())
+        }
+    }
+
+    /// The laser shots of a purpose.
+    pub(super) fn shots(&self, purpose: &str) -> Vec<Measured> {
+        let shots = self.laser.iter().filter(|s| s.purpose == purpose);
+        let measured = shots.map(|s| Measured {
+            q: s.q.clone(),
+            point_m: s.point_m,
+        });
+        measured.collect()
     }
 
     fn arcs(&self, prefix: &str) -> Vec<MeasuredArc> {
@@ -140,162 +137,22 @@ impl Measurements {
 /// # Errors
 /// Data that cannot be identified or judged.
 pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
-    let mut remarks = Vec::new();
-    let experiment = m.experiment();
-    let mut options = Options {
-        seed: m.seed,
-        ..m.config.identify.clone()
-    };
-    let refusal;
-    (options.model, refusal) = choose_model(&experiment, &options)?;
-    remarks.extend(refusal.map(|r| r.to_string()));
-    let sphere = identify(&experiment, &options)?;
-    let laser = if m.laser.is_empty() {
-        None
-    } else {
-        Some(laser(m, &options)?)
-    };
-    let tool_m = laser.as_ref().map_or(m.tool.tcp_m, |l| l.frames.tool_m);
-    let paper = paper(&experiment, &options, tool_m, &mut remarks);
-    let bound = bound(m, &experiment, &mut remarks);
-    let shots = m.shots(LaserShot::VALIDATE);
-    let table = match &laser {
-        Some(laser) if !shots.is_empty() => {
-            let rest = [("paper_nelder_mead", paper.as_ref()), ("bound", bound.as_ref())];
-            Some(judge(m, &sphere, laser, &rest, &shots)?)
-        }
-        _ => None,
-    };
-    Ok(Evaluation {
-        sphere,
-        experiment,
-        laser,
-        paper,
+    let bound = m.config.plant().ok().map(|plant| bound_options(&plant, m.robot.dof()));
+    let options = EvaluateOptions {
+        identify: Options {
+            seed: m.seed,
+            ..m.config.identify.clone()
+        },
+        // The campaign knows its frames and tool.
+        align: false,
+        models: vec![
+            Estimator::Laser,
+            Estimator::LaserFull,
+            Estimator::PaperNelderMead,
+            Estimator::Bound,
+        ],
         bound,
-        table,
-        shots,
-        remarks,
-    })
-}
-
-fn laser(m: &Measurements, options: &Options) -> Result<LaserReference, JobError> {
-    let frames = frames_from_arcs(&m.robot, &m.arcs(LaserShot::BASE), &m.arcs(LaserShot::TOOL))?;
-    let observations: Vec<Observation> = m
-        .shots(LaserShot::CALIBRATE)
-        .into_iter()
-        .map(|shot| Observation {
-            q: shot.q,
-            tau: None,
-            target: Target::Point(shot.point_m),
-            set: Set::Calibrate,
-        })
-        .collect();
-    let mut experiment = Experiment {
-        robot: m.robot.clone(),
-        tool: m.tool,
-        spheres: Vec::new(),
-        observations,
+        ..EvaluateOptions::default()
     };
-    let structured = Options {
-        method: Method::Map,
-        base: Some(frames.base),
-        ..options.clone()
-    };
-    let structured = identify(&experiment, &structured)?;
-    // The paper holds base and tool at what the arcs gave.
-    experiment.tool.tcp_m = frames.tool_m;
-    let geometry = Options {
-        method: Method::GaussNewton,
-        base: Some(frames.base),
-        ..options.clone()
-    };
-    let geometry = identify(&experiment, &geometry)?;
-    Ok(LaserReference {
-        frames,
-        geometry,
-        structured,
-    })
-}
-
-/// The paper's estimator: 100 random poses a sphere, mini-batches of 32 pairs,
-/// Nelder-Mead (Sections 3.2 and 4.2).
-fn paper(
-    experiment: &Experiment,
-    options: &Options,
-    tool_m: [f64; 3],
-    remarks: &mut Vec<String>,
-) -> Option<Calibration> {
-    let mut experiment = experiment.clone();
-    experiment.tool.tcp_m = tool_m;
-    let options = Options {
-        method: Method::NelderMead,
-        ..options.clone()
-    };
-    match identify(&experiment, &options) {
-        Ok(calibration) => Some(calibration),
-        Err(IdentifyError::Method { .. }) => None,
-        Err(error) => {
-            remarks.push(format!("the paper's Nelder-Mead gave no model: {error}"));
-            None
-        }
-    }
-}
-
-/// The bound, where the plant was ours and its laws are known.
-fn bound(m: &Measurements, experiment: &Experiment, remarks: &mut Vec<String>) -> Option<Calibration> {
-    if m.laser.is_empty() {
-        return None;
-    }
-    let plant = m.config.plant().ok()?;
-    match identify(experiment, &bound_options(&plant, m.robot.dof())) {
-        Ok(calibration) => Some(calibration),
-        Err(error) => {
-            remarks.push(format!("the bound could not be computed: {error}"));
-            None
-        }
-    }
-}
-
-/// Table 5. Nominal and paper-like models have base and tool from the arcs, as
-/// in the paper; structured models have their own tool.
-fn judge(
-    m: &Measurements,
-    sphere: &Calibration,
-    laser: &LaserReference,
-    rest: &[(&str, Option<&Calibration>)],
-    shots: &[LaserShot],
-) -> Result<ValidationTable, JobError> {
-    let mut tool = m.tool;
-    tool.tcp_m = laser.frames.tool_m;
-    let nominal = Chain::new(&m.robot, &tool)?;
-    let points = |tcp: &dyn Fn(&[f64]) -> Vector3<f64>| shots.iter().map(|s| tcp(&s.q).into()).collect();
-    let mut models = vec![
-        prediction("nominal", points(&|q| nominal.pose(q).position), None),
-        prediction("sphere", points(&|q| sphere.tcp_m(q, None)), None),
-        prediction(
-            "laser",
-            points(&|q| laser.geometry.tcp_m(q, None)),
-            Some(laser.geometry.base),
-        ),
-        prediction(
-            "laser_structured",
-            points(&|q| laser.structured.tcp_m(q, None)),
-            Some(laser.structured.base),
-        ),
-    ];
-    for (name, model) in rest {
-        if let Some(model) = model {
-            models.push(prediction(name, points(&|q| model.tcp_m(q, None)), None));
-        }
-    }
-    let measured: Vec<[f64; 3]> = shots.iter().map(|s| s.point_m).collect();
-    Ok(validate(&measured, &laser.frames.base, &models)?)
-}
-
-fn prediction(name: &str, points_m: Vec<[f64; 3]>, own_base: Option<Pose>) -> Prediction {
-    Prediction {
-        name: name.to_owned(),
-        points_m,
-        own_base,
-    }
+    Ok(spherecal_identify::evaluate(&m.to_recordings(), &options, &mut |_| {})?)
 }

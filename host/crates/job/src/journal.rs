@@ -25,7 +25,7 @@ pub struct StoreJournal<'a> {
     store: &'a mut dyn CalibrationStore,
     run: i64,
     session: i64,
-    greetings: i64,
+    handshakes: i64,
     /// Session and handshake of the run, by the number of the host link's session.
     places: BTreeMap<u32, (i64, i64)>,
     repetition: Option<Repetition>,
@@ -39,20 +39,20 @@ struct Repetition {
 }
 
 impl<'a> StoreJournal<'a> {
-    /// A journal for a session of a continued run whose arm lives on. `greetings` are the stored
+    /// A journal for a session of a continued run whose arm lives on. `handshakes` are the stored
     /// handshakes of its earlier sessions.
     pub fn live(
         store: &'a mut dyn CalibrationStore,
         run: i64,
         session: i64,
-        greetings: BTreeMap<u32, (i64, i64)>,
+        handshakes: BTreeMap<u32, (i64, i64)>,
     ) -> Self {
         Self {
             store,
             run,
             session,
-            greetings: 0,
-            places: greetings,
+            handshakes: 0,
+            places: handshakes,
             repetition: None,
             last: 0,
             passed_over: 0,
@@ -66,7 +66,7 @@ impl<'a> StoreJournal<'a> {
             store,
             run,
             session: REPEATED_SESSION,
-            greetings: 0,
+            handshakes: 0,
             places: BTreeMap::new(),
             repetition: Some(Repetition { stored }),
             last: 0,
@@ -94,11 +94,11 @@ impl<'a> StoreJournal<'a> {
 impl Journal for StoreJournal<'_> {
     fn handshake(&mut self, session: SessionId) -> Result<(), JournalError> {
         let nonce = u32::from_le_bytes(session);
-        self.greetings += 1;
+        self.handshakes += 1;
         self.store
-            .put_greeting(self.run, self.session, self.greetings, nonce)
+            .put_handshake(self.run, self.session, self.handshakes, nonce)
             .map_err(store_error)?;
-        self.places.insert(nonce, (self.session, self.greetings));
+        self.places.insert(nonce, (self.session, self.handshakes));
         Ok(())
     }
 
@@ -106,13 +106,13 @@ impl Journal for StoreJournal<'_> {
         let mut placed = Vec::with_capacity(events.len());
         for arrival in events {
             let nonce = u32::from_le_bytes(arrival.session);
-            let Some((session, greeting)) = self.places.get(&nonce) else {
+            let Some((session, handshake)) = self.places.get(&nonce) else {
                 // A controller that lives on may hold events of another run.
                 self.passed_over += 1;
                 continue;
             };
             // Events of the first handshake keep the controller's own numbers.
-            let event = ((greeting - 1) << 32) | i64::from(arrival.event);
+            let event = ((handshake - 1) << 32) | i64::from(arrival.event);
             self.last = self.last.max(event);
             if let (Some(repetition), Event::Recording(recording)) = (&self.repetition, &arrival.body)
                 && let Some(stored) = repetition.stored.get(&(recording.sphere, recording.pose))

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   Config ─▶ prepare ─▶ measure ───────────────▶ evaluate ─▶ write
-//!            plan, tour  campaign, laser shots    identify,    summary.json,
+//!            plan        campaign, laser shots    identify,    summary.json,
 //!                        (into the store)         validate     calibrated.*, …
 //! ```
 //!
@@ -33,17 +33,18 @@ mod write;
 pub use bound::bound_options;
 pub use config::{CampaignSection, CellSection, Choice, Config, ConfigError, LaserSection, PlanSection, ToolSection};
 pub use error::JobError;
-pub use evaluate::{Evaluation, LaserReference, Measurements, evaluate};
+pub use evaluate::{Measurements, evaluate};
 pub use host_faults::file_lock;
 pub use journal::{StoreJournal, store_error};
 pub use link::{Link, UnknownLink, device};
 pub use link_record::LinkRecord;
 pub use measure::{Measured, Site, create_run, measure, read};
 pub use open::open_store;
-pub use prepare::{Prepared, prepare, simulated_drive, tour};
+pub use prepare::{Prepared, prepare, simulated_drive};
 pub use run_report::run_report;
+pub use spherecal_identify::{Evaluation, Verdict};
 pub use stored::{StoredReport, contact_traces, put_contact_traces, stored_report};
-pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, Verdict, summarise};
+pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, expected_words, summarise};
 pub use teach::{TaughtWaypoint, Waypoints, teach};
 pub use tracker::simulated_tracker;
 pub use write::{Files, write};

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use spherecal_link::qemu::{Qemu, QemuOptions};
 use spherecal_link::tcp::{Remote, TcpDrive, Threaded, check_limits};
-use spherecal_link::{Cell, Controller, Device, Drive as _, LinkError, Serial, controller_in_process};
+use spherecal_link::{Controller, Device, Drive as _, LinkError, LocalDevice, Serial, controller_in_process};
 use spherecal_sim::inject::{self, FaultyCell, FaultyDrive, HostFaults};
 use spherecal_sim::{Injected, InjectedCounter, LossyDevice, simulated_arm};
 use spherecal_store::Peer;
@@ -122,7 +122,7 @@ pub(super) fn connect(
     prepared: &Prepared,
     link: &Link,
     folder: &Path,
-    inject: Option<&inject::Plan>,
+    inject: Option<&inject::FaultPlan>,
 ) -> Result<Connected, JobError> {
     let mut connected = reliable(prepared, link, folder, inject)?;
     let lossy = inject
@@ -141,7 +141,7 @@ fn reliable(
     prepared: &Prepared,
     link: &Link,
     folder: &Path,
-    inject: Option<&inject::Plan>,
+    inject: Option<&inject::FaultPlan>,
 ) -> Result<Connected, JobError> {
     let joints = prepared.robot.dof();
     let Some(plan) = inject else {
@@ -155,7 +155,7 @@ fn reliable(
             &prepared.plant,
             &prepared.plan.home.joints,
         )?;
-        return Ok(Connected::plain(Box::new(Cell::new(controller, drive, joints)?)));
+        return Ok(Connected::plain(Box::new(LocalDevice::new(controller, drive, joints)?)));
     };
     let drive = match link {
         Link::Tcp(address) => FaultyDrive::Other(Box::new(lock_step_drive(prepared, link, address)?)),
@@ -216,7 +216,7 @@ pub fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device
                 return Ok(Some(Box::new(Threaded::start(drive, joints)?)));
             }
             let controller = controller_in_process(joints)?;
-            Ok(Some(Box::new(Cell::new(controller, Box::new(drive), joints)?)))
+            Ok(Some(Box::new(LocalDevice::new(controller, Box::new(drive), joints)?)))
         }
         Link::Controller(address) => {
             let remote = Remote::connect(address, joints)?;

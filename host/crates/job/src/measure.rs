@@ -16,7 +16,7 @@ use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::link::{Link, connect};
 use super::link_record::LinkRecord;
 use super::tracker::simulated_tracker;
-use super::{Config, JobError, Measurements, Prepared, tour};
+use super::{Config, JobError, Measurements, Prepared};
 
 /// Where and with whom a campaign is run.
 pub struct Site<'a> {
@@ -33,7 +33,7 @@ pub struct Site<'a> {
     /// Set to stop.
     pub interrupt: &'a AtomicBool,
     /// Faults to inject; none by default.
-    pub inject: Option<&'a inject::Plan>,
+    pub inject: Option<&'a inject::FaultPlan>,
 }
 /// What was measured.
 #[derive(Clone, Debug)]
@@ -52,7 +52,7 @@ pub struct Measured {
 /// Any error that stops the campaign. The recordings made until then are in the store.
 pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
     let begun = Instant::now();
-    let tour = tour(&prepared.plan);
+    let plan = &prepared.plan;
     if let Some(plan) = site.inject.filter(|_| !site.store.is_file()) {
         plan.check_without_file()?;
     }
@@ -90,13 +90,13 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
         ));
         StoreJournal::repeated(site.store, run, &had.recordings)
     } else {
-        StoreJournal::live(site.store, run, session, had.greetings)
+        StoreJournal::live(site.store, run, session, had.handshakes)
     };
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
         procedure: &prepared.procedure()?,
-        tour: &tour,
+        plan,
         done: &done,
         seated: &seated,
         options: prepared.config.campaign.options(),

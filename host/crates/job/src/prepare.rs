@@ -5,7 +5,6 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::{Config, JobError, Waypoints};
-use spherecal_campaign::{Stop, Tour, TourPose};
 use spherecal_identify::Sphere;
 use spherecal_link::Drive;
 use spherecal_model::chain::Chain;
@@ -184,34 +183,4 @@ fn plate_poses(cell: &NominalCell) -> Vec<PlatePose> {
         }
     };
     cell.placements.iter().map(pose).collect()
-}
-
-/// The plan as the campaign takes it.
-pub fn tour(plan: &Plan) -> Tour {
-    Tour {
-        home: plan.home.joints.clone(),
-        stops: plan
-            .spheres
-            .iter()
-            .map(|visit| Stop {
-                sphere: visit.sphere_id,
-                place: visit.place,
-                centre_m: visit.position_m,
-                over_home: visit.over_home,
-                approach: visit.approach.joints.clone(),
-                direction: visit.approach_direction,
-                poses: visit
-                    .poses
-                    .iter()
-                    .map(|pose| TourPose {
-                        pose: pose.id,
-                        record: !pose.via,
-                        orientation: pose.orientation,
-                        elbow_rad: pose.elbow_rad,
-                        posture: pose.joints.clone(),
-                    })
-                    .collect(),
-            })
-            .collect(),
-    }
 }

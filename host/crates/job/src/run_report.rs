@@ -1,12 +1,12 @@
 //! The report of a run: calibrated from sphere contacts, judged by laser measurements.
 
 use crate::{Evaluation, Measurements, Summary};
-use spherecal_campaign::telemetry::Trace;
+use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::validate::{Alignment, ValidationTable};
+use spherecal_model::LaserShot;
 use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
 use spherecal_report::{
-    ContactTrace, ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint,
-    WorkspacePoint,
+    ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
 };
 
 mod tables;
@@ -15,9 +15,19 @@ use tables::{contacts, health, provenance, seating};
 
 /// The report of a run. `traces` are the forces of its contacts; `created` is the date of the
 /// measurement.
-pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace], created: &str) -> ReportInput {
+pub fn run_report(
+    m: &Measurements,
+    e: &Evaluation,
+    s: &Summary,
+    traces: &[ContactTrace],
+    created: &str,
+) -> ReportInput {
     ReportInput {
-        title: format!("{}: calibration report", s.robot),
+        title: format!(
+            "{}{}: calibration report",
+            if s.simulated { "SIMULATED: " } else { "" },
+            s.robot
+        ),
         subtitle: format!(
             "{created} · {} recordings on {} spheres · link {} · seed {}",
             s.poses.recorded,
@@ -26,26 +36,19 @@ pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace
             s.seed
         ),
         headline: headline(e, s),
-        error_tables: e.table.as_ref().map(error_tables).unwrap_or_default(),
-        errors: e.table.as_ref().map(errors).unwrap_or_default(),
-        workspace: e.table.as_ref().map(|t| workspace(e, t)).unwrap_or_default(),
-        contacts: traces
-            .iter()
-            .map(|t| ContactTrace {
-                title: format!("Sphere {}", t.sphere),
-                samples: t.samples.clone(),
-                trigger_s: Some(t.trigger_s),
-                threshold_n: m.config.procedure.approach.trigger_n,
-            })
-            .collect(),
+        error_tables: e.table().map(error_tables).unwrap_or_default(),
+        errors: e.table().map(errors).unwrap_or_default(),
+        workspace: e.table().map(|t| workspace(m, e, t)).unwrap_or_default(),
+        contacts: traces.to_vec(),
+        contact_threshold_n: m.config.procedure.approach.trigger_n,
         triggers: triggers(m),
         stillness: Vec::new(),
         stillness_tables: Vec::new(),
-        parameters: parameter_rows(&e.sphere),
-        identifiability: identifiability_words(&e.sphere),
+        parameters: parameter_rows(&e.calibration),
+        identifiability: identifiability_words(&e.calibration),
         residuals: residuals(m, e),
         outliers: e
-            .sphere
+            .calibration
             .residual
             .outliers
             .iter()
@@ -54,10 +57,10 @@ pub fn run_report(m: &Measurements, e: &Evaluation, s: &Summary, traces: &[Trace
                 Some((format!("sphere {}, pose {}", r.sphere, r.pose), o.why.clone()))
             })
             .collect(),
-        correlation: correlation(&e.sphere),
-        prediction: e.table.as_ref().map(|t| prediction(e, t)),
+        correlation: correlation(&e.calibration),
+        prediction: e.table().map(|t| prediction(m, e, t)),
         fit_tables: vec![
-            group_table(&e.sphere.groups, |p| {
+            group_table(&e.calibration.groups, |p| {
                 if p == 0 { String::new() } else { format!("place {p}") }
             }),
             contacts(m),
@@ -115,7 +118,17 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
         s.poses.recorded.to_string(),
         format!("{} given up, {} outliers", s.poses.rejected, s.residual.outliers),
     ));
-    let identified = e.sphere.parameters.iter().filter(|p| p.identified).count();
+    if let Some(e) = s.verdict.expected_error_mm {
+        figures.push((
+            "Expected error".to_owned(),
+            format!("{:.3} mm", e.mean),
+            format!(
+                "mean over the workspace, as far as the model knows; 95 % interval {:.3} to {:.3} mm",
+                e.interval[0], e.interval[1]
+            ),
+        ));
+    }
+    let identified = e.calibration.parameters.iter().filter(|p| p.identified).count();
     figures.push((
         "Parameters".to_owned(),
         identified.to_string(),
@@ -127,7 +140,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
         format!("{} contacts, {} faults", s.contacts.len(), s.faults.len()),
     ));
     Headline {
-        trusted: s.verdict.trusted,
+        trusted: s.verdict.may_be_used,
         sentence,
         reasons: s.verdict.reasons.clone(),
         next: s.verdict.next.clone(),
@@ -156,8 +169,7 @@ fn against_the_laser(s: &Summary) -> String {
             ahead(laser)
         )
     });
-    let equal =
-        mean("laser_structured").map(|laser| format!(" A laser calibration with the full model {}.", ahead(laser)));
+    let equal = mean("laser_full").map(|laser| format!(" A laser calibration with the full model {}.", ahead(laser)));
     [paper, equal].into_iter().flatten().collect()
 }
 
@@ -209,35 +221,35 @@ fn errors(table: &ValidationTable) -> Vec<ErrorSeries> {
         .collect()
 }
 
-fn workspace(e: &Evaluation, table: &ValidationTable) -> Vec<WorkspacePoint> {
+fn workspace(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> Vec<WorkspacePoint> {
     let of = |name: &str| table.models.iter().find(|m| m.name == name).map(|m| &m.errors_mm[0]);
     let (Some(nominal), Some(sphere)) = (of("nominal"), of("sphere")) else {
         return Vec::new();
     };
-    e.shots
+    m.shots(LaserShot::VALIDATE)
         .iter()
         .zip(nominal.iter().zip(sphere))
         .map(|(shot, (n, c))| WorkspacePoint {
-            at_m: e.sphere.tcp_m(&shot.q, None).into(),
+            at_m: e.calibration.tcp_m(&shot.q, None).into(),
             nominal_mm: *n,
             calibrated_mm: *c,
         })
         .collect()
 }
 
-/// Predicted errors against actual errors, with the base aligned.
-fn prediction(e: &Evaluation, table: &ValidationTable) -> Prediction {
+/// Predicted errors against those found with the base aligned.
+fn prediction(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> Prediction {
     let found = table
         .models
         .iter()
         .find(|m| m.name == "sphere")
         .map(|m| m.errors_mm[1].as_slice());
-    let pairs_mm: Vec<(f64, f64)> = e
-        .shots
+    let pairs_mm: Vec<(f64, f64)> = m
+        .shots(LaserShot::VALIDATE)
         .iter()
         .zip(found.unwrap_or_default())
         .map(|(shot, error)| {
-            let variance = e.sphere.tcp_covariance_in_base(&shot.q).trace().max(0.0);
+            let variance = e.calibration.tcp_covariance_in_base(&shot.q).trace().max(0.0);
             (variance.sqrt() * 1e3, *error)
         })
         .collect();
@@ -250,7 +262,7 @@ fn prediction(e: &Evaluation, table: &ValidationTable) -> Prediction {
 }
 
 fn residuals(m: &Measurements, e: &Evaluation) -> Vec<ResidualPoint> {
-    let residual = &e.sphere.residual;
+    let residual = &e.calibration.residual;
     residual
         .rows
         .iter()

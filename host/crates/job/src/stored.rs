@@ -2,7 +2,7 @@
 
 use super::run_report;
 use super::{JobError, Measurements, evaluate, read, summarise};
-use spherecal_campaign::telemetry::Trace;
+use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_report::render;
 use spherecal_store::{CalibrationStore, RunInfo, StoreError};
 
@@ -13,7 +13,7 @@ const CONTACT_TRACES: &str = "contact_traces";
 ///
 /// # Errors
 /// When the store fails.
-pub fn contact_traces(store: &mut dyn CalibrationStore, run: i64) -> Result<Vec<Trace>, StoreError> {
+pub fn contact_traces(store: &mut dyn CalibrationStore, run: i64) -> Result<Vec<ContactTrace>, StoreError> {
     let stored = store.result(run, CONTACT_TRACES)?;
     Ok(stored
         .and_then(|json| serde_json::from_str(&json).ok())
@@ -24,7 +24,7 @@ pub fn contact_traces(store: &mut dyn CalibrationStore, run: i64) -> Result<Vec<
 ///
 /// # Errors
 /// When the store fails.
-pub fn put_contact_traces(store: &mut dyn CalibrationStore, run: i64, traces: &[Trace]) -> Result<(), JobError> {
+pub fn put_contact_traces(store: &mut dyn CalibrationStore, run: i64, traces: &[ContactTrace]) -> Result<(), JobError> {
     let json = serde_json::to_string(traces).map_err(|e| JobError::Encode {
         what: "the force traces",
         message: e.to_string(),
@@ -35,7 +35,7 @@ pub fn put_contact_traces(store: &mut dyn CalibrationStore, run: i64, traces: &[
 /// The input of the report of a stored run.
 pub struct StoredReport {
     measurements: Measurements,
-    traces: Vec<Trace>,
+    traces: Vec<ContactTrace>,
     created_utc: String,
 }
 

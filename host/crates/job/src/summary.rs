@@ -10,8 +10,8 @@ use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
 use super::{Evaluation, JobError, LinkRecord, Measurements};
-use spherecal_identify::ParameterEstimate;
 use spherecal_identify::validate::{Alignment, Statistics};
+use spherecal_identify::{ExpectedError, ParameterEstimate, Verdict};
 use spherecal_sim::Injected;
 
 /// Poses, counted.
@@ -131,19 +131,6 @@ pub struct ContactSummary {
     pub early_crossings: u32,
 }
 
-/// May the result be used?
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Verdict {
-    /// Exit code 0 instead of 3.
-    pub trusted: bool,
-    /// Removed share of the nominal mean error.
-    pub improvement: Option<f64>,
-    /// Why not, or what to keep in mind; the most important first.
-    pub reasons: Vec<String>,
-    /// What to do next.
-    pub next: String,
-}
-
 /// The whole document.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
@@ -157,6 +144,8 @@ pub struct Summary {
     pub robot: String,
     /// Link, as on the command line.
     pub link_name: String,
+    /// Whether the arm was a simulation in this program.
+    pub simulated: bool,
     /// Poses.
     pub poses: PoseCounts,
     /// Device time, in s.
@@ -193,11 +182,10 @@ pub struct Summary {
 /// When a recording cannot be encoded for the hash.
 pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> {
     let finite = |value: f64| value.is_finite().then_some(value);
-    let i = &e.sphere.identifiability;
-    let r = &e.sphere.residual;
+    let i = &e.calibration.identifiability;
+    let r = &e.calibration.residual;
     let validation = e
-        .table
-        .as_ref()
+        .table()
         .map_or_else(ValidationSummary::default, |table| ValidationSummary {
             n: table.n,
             models: table
@@ -219,6 +207,7 @@ pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> 
         seed: m.seed,
         robot: m.robot.name.to_string(),
         link_name: m.link_name.clone(),
+        simulated: m.simulated(),
         poses: PoseCounts {
             planned: m.plan.planned,
             reachable: m.plan.reachable,
@@ -236,7 +225,7 @@ pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> 
             redundant: i.redundant.clone(),
             dependencies: i.dependencies.clone(),
         },
-        parameters: e.sphere.parameters.clone(),
+        parameters: e.calibration.parameters.clone(),
         residual: ResidualSummary {
             rms_mm: r.rms_mm,
             mean_mm: r.mean_mm,
@@ -258,9 +247,9 @@ pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> 
             .collect(),
         faults: m.faults.clone(),
         link: LinkSummary::of(&m.link),
-        verdict: verdict(m, e, &validation),
+        verdict: e.verdict.clone(),
         validation,
-        remarks: e.remarks.clone(),
+        remarks: e.notes.clone(),
     })
 }
 
@@ -278,80 +267,11 @@ fn hash(recordings: &[Recording]) -> Result<String, JobError> {
     Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
 }
 
-/// A nest that moved farther than this under the test pull is not reliably seated, in m.
-const DOUBTFUL_SEAT_M: f64 = 1e-3;
-
-fn verdict(m: &Measurements, e: &Evaluation, validation: &ValidationSummary) -> Verdict {
-    let mut against = Vec::new();
-    let mut mind = Vec::new();
-    let mut improvement = None;
-    match (validation.models.get("nominal"), validation.models.get("sphere")) {
-        (Some(nominal), Some(sphere)) => {
-            let (n, s) = (nominal.arcs, sphere.arcs);
-            if n.mean_mm > 0.0 {
-                improvement = Some(1.0 - s.mean_mm / n.mean_mm);
-            }
-            if s.mean_mm >= n.mean_mm {
-                against.push(format!(
-                    "the calibrated robot is not better than the nominal one: mean {:.3} mm against {:.3} mm",
-                    s.mean_mm, n.mean_mm
-                ));
-            } else if s.max_mm >= n.max_mm {
-                against.push(format!(
-                    "the largest error is {:.3} mm, with the nominal model {:.3} mm",
-                    s.max_mm, n.max_mm
-                ));
-            }
-        }
-        _ => mind.push("no laser tracker judged the result: only the residuals of the fit support it".to_owned()),
-    }
-    let lost = m.plan.recorded().saturating_sub(m.recordings.len());
-    if lost > 0 {
-        mind.push(format!("{lost} of {} poses were not recorded", m.plan.recorded()));
-    }
-    let worst = m.couplings.iter().fold(0.0f64, |w, c| w.max(c.test_m));
-    if worst > DOUBTFUL_SEAT_M {
-        mind.push(format!(
-            "a nest moved by {:.2} mm under the test pull: check its seat",
-            worst * 1e3
-        ));
-    }
-    let outliers = e.sphere.residual.outliers.len();
-    if 5 * outliers > m.recordings.len() {
-        against.push(format!(
-            "{outliers} of {} recordings are outliers: the seating cannot be trusted",
-            m.recordings.len()
-        ));
-    } else if outliers > 0 {
-        mind.push(format!("{outliers} of {} recordings are outliers", m.recordings.len()));
-    }
-    let blind: Vec<&str> = e
-        .sphere
-        .parameters
-        .iter()
-        .filter(|p| p.free && p.sigma > p.prior_sigma)
-        .map(|p| p.name.as_str())
-        .collect();
-    if !blind.is_empty() {
-        mind.push(format!("the data say nothing about {}", blind.join(", ")));
-    }
-    if !m.faults.is_empty() {
-        mind.push(format!(
-            "{} faults during the run; it recovered from all of them",
-            m.faults.len()
-        ));
-    }
-    let trusted = against.is_empty();
-    let next = if trusted {
-        "Load calibrated.urdf or calibrated.toml into your controller or planner; report.html shows its accuracy over the workspace."
-    } else {
-        "Do not load this model: check the residuals and faults in report.html, and measure again."
-    };
-    against.append(&mut mind);
-    Verdict {
-        trusted,
-        improvement,
-        reasons: against,
-        next: next.to_owned(),
-    }
+/// The expected error in words.
+pub fn expected_words(e: &ExpectedError) -> String {
+    format!(
+        "Expected error of the full model over the workspace, as far as the model knows: mean {:.3} mm (95 % interval \
+         {:.3} to {:.3} mm), 95 % of the workspace below {:.3} mm",
+        e.mean, e.interval[0], e.interval[1], e.p95
+    )
 }

@@ -7,9 +7,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::link::{controller, distant};
-use super::{JobError, Link, Prepared, tour};
+use super::{JobError, Link, Prepared};
 use spherecal_campaign::{self as campaign, Assignment, Observer, Operator};
-use spherecal_link::{Cell, Device};
+use spherecal_link::{Device, LocalDevice};
 use spherecal_model::chain::{Chain, TcpPose, quaternion, rotation_of};
 use spherecal_sim::{OperatorCall, hand_guided_arm};
 
@@ -198,13 +198,13 @@ pub fn teach(
     observer: &mut dyn Observer,
     interrupt: &AtomicBool,
 ) -> Result<Waypoints, JobError> {
-    let tour = tour(&prepared.plan);
+    let plan = &prepared.plan;
     let done = std::collections::BTreeSet::new();
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
         procedure: &prepared.config.procedure,
-        tour: &tour,
+        plan,
         done: &done,
         seated: &[],
         options: prepared.config.campaign.options(),
@@ -216,9 +216,12 @@ pub fn teach(
         let controller = controller(prepared, link, folder)?;
         let height_m = prepared.config.plan.approach_height_m;
         let (robot, tool) = (&prepared.robot, &prepared.tool);
-        let (drive, call) = hand_guided_arm(robot, tool, &prepared.plant, &tour.home, height_m)?;
+        let (drive, call) = hand_guided_arm(robot, tool, &prepared.plant, &plan.home.joints, height_m)?;
         simulated = Simulated(call);
-        (Box::new(Cell::new(controller, drive, robot.dof())?), &mut simulated)
+        (
+            Box::new(LocalDevice::new(controller, drive, robot.dof())?),
+            &mut simulated,
+        )
     };
     let taught = campaign::teach(&assignment, device.as_mut(), operator, observer, interrupt)?;
     Ok(Waypoints {

@@ -1,11 +1,15 @@
-//! The files of a result, beside the database.
+//! The files of a result: one writer for every calibration.
 
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+
+use spherecal_identify::{EvaluateError, GeometryOnly};
+use spherecal_shared::robot::MdhRow;
 
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
-use spherecal_campaign::telemetry::Trace;
-use spherecal_model::robots::{self, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf};
+use spherecal_campaign::telemetry::ContactTrace;
+use spherecal_model::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf};
 use spherecal_report::render;
 
 /// Paths of what was written.
@@ -31,9 +35,140 @@ impl Files {
     }
 }
 
-/// Writes `summary.json`, `calibrated.toml`, `calibrated.urdf`, `kinematics.yaml` and `report.html`
-/// into `folder`. `traces` are the forces of the contacts; `created` is the date of the
-/// measurement.
+/// What is written of a result.
+pub(crate) struct Results<'a> {
+    /// The nominal robot with its files' frames.
+    pub(crate) nominal: &'a RobotModel,
+    /// The calibration and its verdict.
+    pub(crate) evaluation: &'a Evaluation,
+    /// The document that other programs read.
+    pub(crate) summary: &'a serde_json::Value,
+    /// What the files say first: what was calibrated, from what.
+    pub(crate) origin: String,
+    /// The page; none where it was not asked for.
+    pub(crate) report: Option<&'a str>,
+}
+
+/// Writes `summary.json`, `calibrated.toml`, `calibrated.urdf`, `kinematics.yaml`,
+/// `offsets.yaml` and `report.html` into `folder`, which is made where it does not exist.
+///
+/// # Errors
+/// A folder or file that cannot be written.
+pub(crate) fn write_results(folder: &Path, results: &Results<'_>) -> Result<Files, JobError> {
+    std::fs::create_dir_all(folder).map_err(|source| JobError::Write {
+        path: folder.display().to_string(),
+        source,
+    })?;
+    let Results {
+        nominal, evaluation, ..
+    } = results;
+    let mut files = Files::default();
+    files.put(folder, "summary.json", &format!("{:#}\n", results.summary))?;
+    let alone = evaluation.calibration.geometry_only().map_err(EvaluateError::from)?;
+    let mut model = RobotModel::clone(nominal);
+    model.robot = alone.robot.clone();
+    model.tool.tcp_m = model.tcp_in_flange(alone.tool.tcp_m);
+    let rows = model.rows();
+    let notes = notes(results, &model, &alone);
+    let toml = toml_file::write(&model, &notes) + &effects_toml(evaluation);
+    files.put(folder, "calibrated.toml", &toml)?;
+    files.put(folder, "calibrated.urdf", &write_urdf(nominal, &rows, &notes))?;
+    files.put(
+        folder,
+        "kinematics.yaml",
+        &write_kinematics_yaml(nominal, &rows, &notes),
+    )?;
+    files.put(folder, "offsets.yaml", &write_offsets_yaml(nominal, &rows, &notes))?;
+    if let Some(html) = results.report {
+        files.put(folder, "report.html", html)?;
+    }
+    Ok(files)
+}
+
+/// What a calibrated file says of its origin.
+fn notes(results: &Results<'_>, model: &RobotModel, alone: &GeometryOnly) -> Vec<String> {
+    let evaluation = results.evaluation;
+    let verdict = &evaluation.verdict;
+    let mut notes = vec![results.origin.clone()];
+    if let Some(table) = evaluation.table()
+        && let (Some(nominal), Some(sphere)) = (table.model("nominal"), table.model("sphere"))
+    {
+        notes.push(format!(
+            "full model: mean error {:.3} mm, nominally {:.3} mm, on {} laser measurements (base measured by arcs)",
+            sphere.arcs.mean_mm, nominal.arcs.mean_mm, table.n
+        ));
+    } else if let Some(judged) = &evaluation.judged
+        && let (Some(nominal), Some(calibrated)) = (judged.model("nominal"), judged.model("calibrated"))
+    {
+        let (nominal, calibrated) = (nominal.errors(), calibrated.errors());
+        notes.push(format!(
+            "full model: mean error {:.3} mm, nominally {:.3} mm, over {} samples ({})",
+            calibrated.mean_mm, nominal.mean_mm, calibrated.n, judged.by
+        ));
+    }
+    notes.push(match alone.expected_error_mm {
+        Some(e) => format!(
+            "this file holds geometry alone: expected error {:.3} mm in the mean over the workspace (95 % interval {:.3} \
+             to {:.3} mm), {:.3} mm of it against the full model",
+            e.mean, e.interval[0], e.interval[1], alone.apart_mm
+        ),
+        None => format!(
+            "this file holds geometry alone: {:.3} mm in the mean from the full model over the workspace",
+            alone.apart_mm
+        ),
+    });
+    notes.push(
+        if verdict.may_be_used {
+            "may be used"
+        } else {
+            "NOT TO BE TRUSTED"
+        }
+        .to_owned(),
+    );
+    notes.push(format!(
+        "TCP {} mm in the flange frame {}",
+        spherecal_identify::evaluate::millimetres(&model.tool.tcp_m),
+        model.frame_names.1
+    ));
+    notes
+}
+
+/// The effects that a bare table cannot hold, for the TOML.
+fn effects_toml(evaluation: &Evaluation) -> String {
+    let c = &evaluation.calibration;
+    let list = |values: &[f64]| {
+        let words: Vec<String> = values.iter().map(|v| format!("{v:?}")).collect();
+        format!("[{}]", words.join(", "))
+    };
+    let pairs = |values: &[[f64; 2]]| {
+        let words: Vec<String> = values.iter().map(|v| list(v)).collect();
+        format!("[{}]", words.join(", "))
+    };
+    let mut out = String::from(
+        "\n# The full model: its own table of links (the tables above are the best geometry alone), and what a table cannot\n\
+         # hold. Angle of a joint: theta + q - compliance tau + sum over k of (cos_k cos(k q) + sin_k sin(k q)).\n\
+         [calibration]\n",
+    );
+    let links = |f: &dyn Fn(&MdhRow<f64>) -> f64| list(&c.robot.joints.iter().map(|j| f(&j.mdh)).collect::<Vec<f64>>());
+    let _ = writeln!(out, "alpha_rad = {}", links(&|r| r.alpha));
+    let _ = writeln!(out, "a_m = {}", links(&|r| r.a));
+    let _ = writeln!(out, "theta_rad = {}", links(&|r| r.theta));
+    let _ = writeln!(out, "d_m = {}", links(&|r| r.d));
+    let _ = writeln!(out, "beta_rad = {}", links(&|r| r.beta));
+    let _ = writeln!(out, "tcp_m = {}", list(&c.tool.tcp_m));
+    let _ = writeln!(out, "method = \"{}\"", c.method);
+    let _ = writeln!(out, "model = \"{}\"", c.model);
+    let _ = writeln!(out, "may_be_used = {}", evaluation.verdict.may_be_used);
+    let _ = writeln!(out, "compliance_rad_per_nm = {}", list(&c.compliance_rad_per_nm));
+    let _ = writeln!(out, "bending_rad_per_nm = {}", pairs(&c.bending_rad_per_nm));
+    let _ = writeln!(out, "tilt_rad_per_nm = {}", list(&c.tilt_rad_per_nm));
+    let harmonics: Vec<String> = c.harmonics_rad.iter().map(|h| pairs(h)).collect();
+    let _ = writeln!(out, "harmonics_rad = [{}]", harmonics.join(", "));
+    out
+}
+
+/// Writes the files of a run into `folder`; `traces` are the forces of the contacts,
+/// `created` says when the run was measured.
 ///
 /// # Errors
 /// A folder or file that cannot be written.
@@ -42,67 +177,32 @@ pub fn write(
     m: &Measurements,
     e: &Evaluation,
     summary: &Summary,
-    traces: &[Trace],
+    traces: &[ContactTrace],
     created: &str,
 ) -> Result<Files, JobError> {
-    std::fs::create_dir_all(folder).map_err(|source| JobError::Write {
-        path: folder.display().to_string(),
-        source,
-    })?;
-    let mut files = Files::default();
-    let text = serde_json::to_string_pretty(summary).map_err(|e| JobError::Encode {
+    let document = serde_json::to_value(summary).map_err(|e| JobError::Encode {
         what: "summary.json",
         message: e.to_string(),
     })?;
-    files.put(folder, "summary.json", &(text + "\n"))?;
     let nominal = robots::load(&m.config.robot)?;
-    let mut model = nominal.clone();
-    model.robot = e.sphere.robot.clone();
-    model.tool.tcp_m = model.tcp_in_flange(e.sphere.tool.tcp_m);
-    let notes = notes(m, summary);
-    files.put(folder, "calibrated.toml", &toml_file::write(&model, &notes))?;
-    files.put(folder, "calibrated.urdf", &write_urdf(&nominal, &model.rows(), &notes))?;
-    files.put(
+    let report = render(&run_report(m, e, summary, traces, created))?;
+    write_results(
         folder,
-        "kinematics.yaml",
-        &write_kinematics_yaml(&nominal, &model.rows(), &notes),
-    )?;
-    files.put(
-        folder,
-        "offsets.yaml",
-        &write_offsets_yaml(&nominal, &model.rows(), &notes),
-    )?;
-    let report = run_report(m, e, summary, traces, created);
-    files.put(folder, "report.html", &render(&report)?)?;
-    Ok(files)
-}
-
-/// The origin stated in a calibrated file.
-fn notes(m: &Measurements, summary: &Summary) -> Vec<String> {
-    let mut notes = vec![format!(
-        "{}, calibrated by spherecal {} from {} recordings on {} spheres (seed {}, link {})",
-        summary.robot,
-        summary.version,
-        summary.poses.recorded,
-        m.spheres.len(),
-        summary.seed,
-        summary.link_name
-    )];
-    if let (Some(nominal), Some(sphere)) = (
-        summary.validation.models.get("nominal"),
-        summary.validation.models.get("sphere"),
-    ) {
-        notes.push(format!(
-            "mean error {:.3} mm, with the nominal model {:.3} mm, on {} laser measurements; {}",
-            sphere.arcs.mean_mm,
-            nominal.arcs.mean_mm,
-            summary.validation.n,
-            if summary.verdict.trusted {
-                "may be used"
-            } else {
-                "NOT TO BE TRUSTED"
-            }
-        ));
-    }
-    notes
+        &Results {
+            nominal: &nominal,
+            evaluation: e,
+            summary: &document,
+            origin: format!(
+                "{}{}, calibrated by spherecal {} from {} recordings on {} spheres (seed {}, link {})",
+                if m.simulated() { "SIMULATED: " } else { "" },
+                summary.robot,
+                summary.version,
+                summary.poses.recorded,
+                m.spheres.len(),
+                summary.seed,
+                summary.link_name
+            ),
+            report: Some(&report),
+        },
+    )
 }

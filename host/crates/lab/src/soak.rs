@@ -11,7 +11,7 @@ use serde::Serialize;
 use spherecal_shared::protocol::host::Recording;
 
 use spherecal_campaign::{self as campaign, Assignment, Observer, Outcome, Progress, Stage};
-use spherecal_job::{JobError, Prepared, Site, StoreJournal, create_run, device, tour};
+use spherecal_job::{JobError, Prepared, Site, StoreJournal, create_run, device};
 use spherecal_link::Arrival;
 use spherecal_store::SessionEnd;
 use spherecal_store::time::now_utc;
@@ -75,13 +75,13 @@ const DRIFT: f64 = 0.10;
 /// Any error that stops a lap.
 pub fn soak(prepared: &Prepared, site: Site<'_>, hours: f64) -> Result<Soak, JobError> {
     let begun = Instant::now();
-    let tour = tour(&prepared.plan);
+    let plan = &prepared.plan;
     let mut cell = device(prepared, site.link, site.folder)?;
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
         procedure: &prepared.procedure()?,
-        tour: &tour,
+        plan,
         done: &BTreeSet::new(),
         seated: &[],
         options: prepared.config.campaign.options(),

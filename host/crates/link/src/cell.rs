@@ -8,7 +8,7 @@ use super::{Controller, Device, Drive, LinkError};
 
 /// A controller and a drive, stepped one control period at a time. The clock counts periods, missed
 /// ones included.
-pub struct Cell {
+pub struct LocalDevice {
     controller: Box<dyn Controller>,
     drive: Box<dyn Drive>,
     hello: DriveHello,
@@ -18,7 +18,7 @@ pub struct Cell {
     ticks: u64,
 }
 
-impl Cell {
+impl LocalDevice {
     /// Joins a controller and a drive for a robot with `joints` joints.
     ///
     /// # Errors
@@ -60,7 +60,7 @@ impl Cell {
     }
 }
 
-impl Device for Cell {
+impl Device for LocalDevice {
     fn now_us(&self) -> u64 {
         let periods = self.ticks.saturating_sub(1).saturating_add(self.missed);
         periods.saturating_mul(u64::from(self.hello.period_us))

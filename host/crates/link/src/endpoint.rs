@@ -71,7 +71,7 @@ pub struct HostEndpoint {
     foreign: u32,
     /// Random part of every session number; the count of handshakes is the other part.
     nonce: u32,
-    greetings: u32,
+    handshakes: u32,
     lost_session: bool,
     /// Newest time that the controller has stated, in µs.
     device_us: u64,
@@ -102,16 +102,16 @@ impl HostEndpoint {
 
     /// The session of the last handshake.
     pub fn session(&self) -> SessionId {
-        self.session_of(self.greetings)
+        self.session_of(self.handshakes)
     }
 
-    fn session_of(&self, greetings: u32) -> SessionId {
-        self.nonce.wrapping_add(greetings).to_le_bytes()
+    fn session_of(&self, handshakes: u32) -> SessionId {
+        self.nonce.wrapping_add(handshakes).to_le_bytes()
     }
 
     /// The session of the next handshake.
     pub fn next_session(&self) -> SessionId {
-        self.session_of(self.greetings.wrapping_add(1))
+        self.session_of(self.handshakes.wrapping_add(1))
     }
 
     /// Whether the controller has said that it does not know this session: it was restarted, or
@@ -144,7 +144,7 @@ impl HostEndpoint {
             self.pending = None;
             self.next_event = None;
             self.early.clear();
-            self.greetings = self.greetings.wrapping_add(1);
+            self.handshakes = self.handshakes.wrapping_add(1);
             self.lost_session = false;
             1
         } else {
@@ -264,7 +264,7 @@ impl HostEndpoint {
                 Event::Banner(_) => {
                     // A late event of an earlier session of this endpoint says nothing new. Before
                     // the first session it may be all that a foreign controller says.
-                    let late = (0..self.greetings).any(|k| self.session_of(k) == message.session);
+                    let late = (0..self.handshakes).any(|k| self.session_of(k) == message.session);
                     self.lost_session |= self.next_event.is_some() && !late;
                     if late {
                         return;

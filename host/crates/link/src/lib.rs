@@ -8,7 +8,7 @@
 //! ```text
 //!   campaign ─ HostEndpoint ──bytes──▶ Controller ◀─DriveState── Drive
 //!                    ▲                  │      └───DriveCommand──▶ │
-//!                    └──────bytes───────┘   Cell: one tick of both
+//!                    └──────bytes───────┘   LocalDevice: one tick of both
 //! ```
 //!
 //! | mode | [`Controller`] | [`Drive`] |
@@ -38,7 +38,7 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::{FrameError, LinkCounters};
 use spherecal_shared::protocol::host::Refusal;
 
-pub use cell::{Cell, check_hello};
+pub use cell::{LocalDevice, check_hello};
 pub use endpoint::{Arrival, HostEndpoint, Timing};
 pub use fault::fault_name;
 pub use in_process::{InProcess, controller_in_process};

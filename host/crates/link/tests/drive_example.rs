@@ -1,7 +1,7 @@
 //! The example `drive`: the controller moves it over TCP.
 
 use spherecal_link::tcp::{DriveServer, TcpDrive, check_limits, listen};
-use spherecal_link::{Arrival, Cell, Device as _, Drive as _, HostEndpoint, Timing, controller_in_process};
+use spherecal_link::{Arrival, Device as _, Drive as _, HostEndpoint, LocalDevice, Timing, controller_in_process};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
 use spherecal_shared::protocol::host::{Command, Event, Phase};
@@ -21,7 +21,12 @@ fn point_arm() -> Robot {
 }
 
 /// Steps the cell until an event is `wanted`, for at most `periods`.
-fn run_until(cell: &mut Cell, host: &mut HostEndpoint, periods: usize, wanted: impl Fn(&Arrival) -> bool) -> bool {
+fn run_until(
+    cell: &mut LocalDevice,
+    host: &mut HostEndpoint,
+    periods: usize,
+    wanted: impl Fn(&Arrival) -> bool,
+) -> bool {
     (0..periods).any(|_| {
         let (mut down, mut up, mut arrived) = (Vec::new(), Vec::new(), Vec::new());
         host.transmit(cell.now_us(), &mut down).expect("framed");
@@ -45,7 +50,7 @@ fn the_controller_moves_the_example() {
     let robot = point_arm();
     check_limits(&tcp.hello().limits, &robot).expect("the limits of the robot");
     let controller = controller_in_process(7).expect("a controller");
-    let mut cell = Cell::new(controller, Box::new(tcp), 7).expect("a cell");
+    let mut cell = LocalDevice::new(controller, Box::new(tcp), 7).expect("a cell");
     let mut host = HostEndpoint::new(Timing::default());
     let target = [0.1, 0.5, -0.1, -1.4, 0.1, 0.9, 0.2];
     let mut tool = iiwa7_tool();

@@ -1,83 +1,10 @@
 //! What identification works on: an experiment as plain data, SI units.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 use spherecal_shared::MAX_JOINTS;
-use spherecal_shared::robot::{Robot, Tool};
+use spherecal_shared::robot::{Pose, Robot, Tool};
 
 use crate::{CalibrationPlate, DataError};
-
-/// A frame seen from another: rotation and origin.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Pose {
-    /// Rotation: columns are the frame's axes in the other frame.
-    #[cfg_attr(feature = "schema", schemars(with = "[[f64; 3]; 3]"))]
-    pub rotation: Matrix3<f64>,
-    /// Origin in the other frame, in m.
-    #[cfg_attr(feature = "schema", schemars(with = "[f64; 3]"))]
-    pub translation_m: Vector3<f64>,
-}
-
-impl Default for Pose {
-    fn default() -> Self {
-        Self {
-            rotation: Matrix3::identity(),
-            translation_m: Vector3::zeros(),
-        }
-    }
-}
-
-impl Pose {
-    /// A point of this frame, seen from the other, in m.
-    #[inline]
-    pub fn point(&self, p: &Vector3<f64>) -> Vector3<f64> {
-        self.rotation * p + self.translation_m
-    }
-
-    /// A point of the other frame, seen from this one, in m.
-    #[inline]
-    pub fn inverse_point(&self, p: &Vector3<f64>) -> Vector3<f64> {
-        self.rotation.tr_mul(&(p - self.translation_m))
-    }
-
-    /// Rotation vector of the rotation, in rad.
-    pub fn rotation_vector(&self) -> Vector3<f64> {
-        Rotation3::from_matrix_unchecked(self.rotation).scaled_axis()
-    }
-
-    /// The rigid motion that takes `from` closest to `onto` in least squares.
-    ///
-    /// `None` for no points. Where the points do not fix the rotation (fewer
-    /// than three, or on a line), the one whose z axis stays upright is taken.
-    pub fn fit(from: &[Vector3<f64>], onto: &[Vector3<f64>]) -> Option<Self> {
-        let n = from.len().min(onto.len());
-        if n == 0 {
-            return None;
-        }
-        let mean = |v: &[Vector3<f64>]| v.iter().take(n).sum::<Vector3<f64>>() / n as f64;
-        let (a, b) = (mean(from), mean(onto));
-        let mut h = Matrix3::zeros();
-        let mut size = 0.0;
-        for (p, q) in from.iter().zip(onto) {
-            h += (q - b) * (p - a).transpose();
-            size += (p - a).norm_squared();
-        }
-        // Too weak to turn a fit that the points determine, enough to settle one that they do not.
-        let mut upright = Matrix3::identity() * 0.1;
-        upright[(2, 2)] = 1.0;
-        h += upright * (1e-12 * (size + 1e-6));
-        let svd = h.svd(true, true);
-        let (u, vt) = (svd.u?, svd.v_t?);
-        let mut flip = Matrix3::identity();
-        flip[(2, 2)] = (u * vt).determinant().signum();
-        let rotation = u * flip * vt;
-        Some(Self {
-            rotation,
-            translation_m: b - rotation * a,
-        })
-    }
-}
 
 /// What an observation may be used for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -9,7 +9,7 @@ use super::grid::{Grid, GridPose};
 use super::order::{order, spread};
 use super::path::{Obstacle, Rules, move_angle};
 use super::times::{RECORD_S, VISIT_S, motion_s, turn_s};
-use super::types::{Plan, PosePlan, Rejection, SpherePlan, Waypoint};
+use super::types::{Plan, PlannedPose, Rejection, Visit, Waypoint};
 use spherecal_identify::Sphere;
 use spherecal_model::chain::{Chain, TcpPose, quaternion};
 
@@ -112,7 +112,7 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
                 }
             };
             let poses = sequence(&chain, &request.rules, &start, &chosen, first_id);
-            plan.spheres.push(SpherePlan {
+            plan.spheres.push(Visit {
                 sphere_id: sphere.id,
                 place,
                 position_m: start.neutral.position.into(),
@@ -264,8 +264,8 @@ pub(super) fn waypoint(pose: &TcpPose, joints: Vec<f64>) -> Waypoint {
     }
 }
 
-fn posed(id: u32, via: bool, pose: &TcpPose, joints: Vec<f64>) -> PosePlan {
-    PosePlan {
+fn posed(id: u32, via: bool, pose: &TcpPose, joints: Vec<f64>) -> PlannedPose {
+    PlannedPose {
         id,
         via,
         orientation: quaternion(&pose.rotation),
@@ -284,10 +284,10 @@ pub(super) fn sequence(
     start: &Start,
     chosen: &[GridPose],
     first_id: u32,
-) -> Vec<PosePlan> {
+) -> Vec<PlannedPose> {
     let poses: Vec<TcpPose> = chosen.iter().map(|g| g.pose).collect();
     let tour = order(&start.neutral, &poses);
-    let mut out: Vec<PosePlan> = Vec::new();
+    let mut out: Vec<PlannedPose> = Vec::new();
     let mut here = (start.neutral, start.joints.clone());
     let mut vias = 0;
     for next in tour.into_iter().filter_map(|k| chosen.get(k)) {
@@ -320,7 +320,7 @@ pub(super) fn sequence(
 }
 
 /// Predicted time of turning through the poses and recording, in s.
-pub(super) fn turning_time(start: &TcpPose, poses: &[PosePlan]) -> f64 {
+pub(super) fn turning_time(start: &TcpPose, poses: &[PlannedPose]) -> f64 {
     let mut here = *start;
     let mut time = 0.0;
     for pose in poses {

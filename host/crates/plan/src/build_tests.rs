@@ -12,7 +12,7 @@ fn the_papers_grid_is_reachable_as_the_reference_says() {
     let cell = Cell::iiwa7();
     let plan = paper_plan(&cell).expect("a plan");
     assert_eq!(plan.planned, 1875);
-    let counts: Vec<usize> = plan.spheres.iter().map(SpherePlan::recorded).collect();
+    let counts: Vec<usize> = plan.spheres.iter().map(Visit::recorded).collect();
     assert_eq!(counts, [613, 615, 615]);
     assert_eq!(plan.reachable, 1843);
     assert_eq!(plan.rejected.len(), 32);

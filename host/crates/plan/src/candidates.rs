@@ -51,7 +51,7 @@ const TRIES: usize = 6;
 
 /// A sphere in one placement and one branch.
 #[derive(Clone)]
-pub(super) struct Visit {
+pub(super) struct CandidateVisit {
     pub(super) sphere_id: u32,
     pub(super) place: u32,
     pub(super) direction: Vector3<f64>,
@@ -78,7 +78,7 @@ pub(super) fn visits(
     rules: &Rules,
     range: &Range,
     home: &Waypoint,
-) -> Result<Vec<Visit>, PlanError> {
+) -> Result<Vec<CandidateVisit>, PlanError> {
     let mut visits = Vec::new();
     for (place, plate) in (0..).zip(&cell.plates) {
         let yaw = tool_yaw(cell, chain, rules, plate)?;
@@ -95,7 +95,7 @@ pub(super) fn visits(
                     }
                 }
             }
-            visits.extend(starts.into_iter().map(|start| Visit {
+            visits.extend(starts.into_iter().map(|start| CandidateVisit {
                 sphere_id: sphere.id,
                 place,
                 direction: cell.approach_direction(plate),
@@ -168,11 +168,11 @@ pub(super) fn candidates(
     chain: &Chain,
     rules: &Rules,
     range: &Range,
-    visits: &[Visit],
+    visits: &[CandidateVisit],
     count: usize,
 ) -> Vec<Candidate> {
     let share = count.div_ceil(visits.len().max(1));
-    let of = |(index, visit): (usize, &Visit)| -> Vec<Candidate> {
+    let of = |(index, visit): (usize, &CandidateVisit)| -> Vec<Candidate> {
         (0..TRIES * share)
             .filter_map(|k| {
                 let pose = wide(range, &visit.start, 1 + k, index);

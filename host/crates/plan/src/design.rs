@@ -4,7 +4,7 @@
 //! A first small design over all visits shows which visits are worth an approach and a coupling.
 //! Then the poses are chosen on those visits alone.
 
-use super::candidates::{Candidate, Visit};
+use super::candidates::{Candidate, CandidateVisit};
 use super::cell::Cell;
 use super::design_problem::{DesignProblem, model_of, predictions};
 use super::design_request::DesignRequest;
@@ -82,7 +82,7 @@ fn design_problem(cell: &Cell, request: &DesignRequest) -> Result<DesignProblem,
 /// always the one that the others replace best, while there are too many or while the time of a
 /// visit is better spent on more poses of the others. One visit of each sphere in each placement
 /// stays.
-fn worthwhile(scouted: DesignProblem, request: &DesignRequest) -> Vec<Visit> {
+fn worthwhile(scouted: DesignProblem, request: &DesignRequest) -> Vec<CandidateVisit> {
     let most = match request.contacts {
         0 => usize::MAX,
         contacts => contacts.max(scouted.groups()),

@@ -6,14 +6,14 @@ use std::collections::BTreeSet;
 use nalgebra::Vector3;
 
 use super::build::{home, robot_time, sequence};
-use super::candidates::{Candidate, Visit, candidates, visits};
+use super::candidates::{Candidate, CandidateVisit, candidates, visits};
 use super::cell::Cell;
 use super::design_request::DesignRequest;
 use super::error::PlanError;
 use super::grid::GridPose;
 use super::optimal::{Design, Problem};
 use super::travel::{Travel, tour};
-use super::types::{Plan, SpherePlan, Waypoint};
+use super::types::{Plan, Visit, Waypoint};
 use spherecal_identify::{DesignModel, Options};
 use spherecal_model::chain::Chain;
 use spherecal_model::halton::halton;
@@ -25,7 +25,7 @@ const VALIDATION: usize = 200;
 pub(super) struct DesignProblem {
     pub(super) chain: Chain,
     pub(super) home: Waypoint,
-    pub(super) visits: Vec<Visit>,
+    pub(super) visits: Vec<CandidateVisit>,
     pub(super) candidates: Vec<Candidate>,
     pub(super) problem: Problem,
     /// Number of candidates before any were removed.
@@ -133,7 +133,7 @@ impl DesignProblem {
         };
         let used = |v: usize| chosen.iter().any(|c| self.candidates[*c].visit == v);
         let indices: Vec<usize> = (0..self.visits.len()).filter(|v| used(*v)).collect();
-        let visits: Vec<&Visit> = indices.iter().map(|v| &self.visits[*v]).collect();
+        let visits: Vec<&CandidateVisit> = indices.iter().map(|v| &self.visits[*v]).collect();
         let mut first_id = 0;
         for (k, over_home) in tour(cell, &self.chain, &self.home, &visits) {
             let visit = visits[k];
@@ -149,7 +149,7 @@ impl DesignProblem {
                 .collect();
             let sequence = sequence(&self.chain, &request.rules, &visit.start, &poses, first_id);
             first_id += poses.len() as u32;
-            plan.spheres.push(SpherePlan {
+            plan.spheres.push(Visit {
                 sphere_id: visit.sphere_id,
                 place: visit.place,
                 position_m: visit.start.neutral.position.into(),

@@ -2,7 +2,7 @@ use spherecal_shared::robot::iiwa7_tool;
 
 use super::*;
 use crate::test_support::assert_continuous;
-use crate::{PlatePose, SpherePlan, paper_plan};
+use crate::{PlatePose, Visit, paper_plan};
 
 fn quick(poses: usize) -> DesignRequest {
     let mut request = DesignRequest::new(poses);
@@ -122,13 +122,7 @@ fn arms_without_an_elbow_and_several_placements_are_planned() {
     println!("ur10e: one place {:?}, two places {:?}", promised(&one), promised(&two));
     assert!(two.spheres.iter().any(|s| s.place == 1));
     let places: Vec<usize> = (0..2)
-        .map(|k| {
-            two.spheres
-                .iter()
-                .filter(|s| s.place == k)
-                .map(SpherePlan::recorded)
-                .sum()
-        })
+        .map(|k| two.spheres.iter().filter(|s| s.place == k).map(Visit::recorded).sum())
         .collect();
     assert!(places.iter().all(|count| *count >= 10), "{places:?}");
     let from_plan = predicted_accuracy(&cell, &two, &request.options).expect("a valid plan");

@@ -50,4 +50,4 @@ pub use order::{move_size, order};
 pub use path::{Obstacle, Rules};
 pub use place::suggest;
 pub use teach::teach;
-pub use types::{Accuracy, Plan, PosePlan, Rejection, SpherePlan, Waypoint};
+pub use types::{Accuracy, Plan, PlannedPose, Rejection, Visit, Waypoint};

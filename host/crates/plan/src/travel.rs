@@ -1,6 +1,6 @@
 //! Travel time to a pose, and the order of visits with the least travel.
 
-use super::candidates::{Candidate, Visit, way_is_clear};
+use super::candidates::{Candidate, CandidateVisit, way_is_clear};
 use super::cell::Cell;
 use super::order::round_trip;
 use super::path::move_angle;
@@ -13,14 +13,14 @@ use spherecal_model::chain::Chain;
 #[derive(Clone)]
 pub(super) struct Travel<'a> {
     candidates: &'a [Candidate],
-    visits: &'a [Visit],
+    visits: &'a [CandidateVisit],
     /// Time from the nearest chosen pose, in s, by candidate.
     reach_s: Vec<f64>,
 }
 
 impl<'a> Travel<'a> {
     /// Nothing chosen.
-    pub(super) fn new(candidates: &'a [Candidate], visits: &'a [Visit]) -> Self {
+    pub(super) fn new(candidates: &'a [Candidate], visits: &'a [CandidateVisit]) -> Self {
         let mut travel = Self {
             candidates,
             visits,
@@ -72,7 +72,7 @@ impl<'a> Travel<'a> {
 
 /// The order of visits with the least travel, from home and back, and for each visit whether its
 /// path leads over home: it does if the straight joint motion from the previous visit is not clear.
-pub(super) fn tour(cell: &Cell, chain: &Chain, home: &Waypoint, visits: &[&Visit]) -> Vec<(usize, bool)> {
+pub(super) fn tour(cell: &Cell, chain: &Chain, home: &Waypoint, visits: &[&CandidateVisit]) -> Vec<(usize, bool)> {
     let at = |k: usize| visits.get(k).map_or(&home.joints, |v| &v.start.approach.joints);
     let n = visits.len();
     let over_home = |a: usize, b: usize| motion_s(at(a), &home.joints) + motion_s(&home.joints, at(b));

@@ -19,9 +19,20 @@ pub struct Waypoint {
     pub joints: Vec<f64>,
 }
 
+impl Default for Waypoint {
+    fn default() -> Self {
+        Self {
+            position_m: [0.0; 3],
+            orientation: [1.0, 0.0, 0.0, 0.0],
+            elbow_rad: None,
+            joints: Vec::new(),
+        }
+    }
+}
+
 /// A pose about a sphere: the TCP at its centre.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PosePlan {
+pub struct PlannedPose {
     /// Id of the pose, unique within the plan.
     pub id: u32,
     /// Only passed through, not recorded. Such a pose keeps the motion continuous.
@@ -40,7 +51,7 @@ pub struct PosePlan {
 /// A sphere may be visited more than once, in other placements of the plate or
 /// other branches of the inverse kinematics.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SpherePlan {
+pub struct Visit {
     /// Id of the sphere, as in the plate's certificate.
     pub sphere_id: u32,
     /// Which placement of the plate.
@@ -56,7 +67,7 @@ pub struct SpherePlan {
     /// Direction of the descent in F0, a unit vector.
     pub approach_direction: [f64; 3],
     /// Poses in the order of motion.
-    pub poses: Vec<PosePlan>,
+    pub poses: Vec<PlannedPose>,
 }
 
 /// What plans of old did.
@@ -64,7 +75,7 @@ fn over_home() -> bool {
     true
 }
 
-impl SpherePlan {
+impl Visit {
     /// Poses that are recorded.
     pub fn recorded(&self) -> usize {
         self.poses.iter().filter(|p| !p.via).count()
@@ -94,14 +105,14 @@ pub struct Accuracy {
 }
 
 /// The whole plan, in the order of execution.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Name of the robot that it was made for.
     pub robot: String,
     /// Safe start and end of all motions (the paper's homeFrame).
     pub home: Waypoint,
     /// Visits to the spheres.
-    pub spheres: Vec<SpherePlan>,
+    pub spheres: Vec<Visit>,
     /// Poses that were considered.
     pub planned: usize,
     /// Poses of them that the arm reaches.
@@ -117,9 +128,14 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// Whether the plate is moved during the plan.
+    pub fn several_places(&self) -> bool {
+        self.spheres.iter().any(|visit| visit.place != 0)
+    }
+
     /// Poses that are recorded, over all visits.
     pub fn recorded(&self) -> usize {
-        self.spheres.iter().map(SpherePlan::recorded).sum()
+        self.spheres.iter().map(Visit::recorded).sum()
     }
 
     /// Number of rejected poses by reason, in words.

@@ -8,7 +8,8 @@ use std::fmt::Write as _;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::input::{ContactTrace, Correlation, ErrorSeries, Prediction, ResidualPoint};
+use super::input::{Correlation, ErrorSeries, Prediction, ResidualPoint};
+use spherecal_campaign::telemetry::ContactTrace;
 
 /// A figure that could not be drawn.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -61,7 +62,7 @@ pub(super) fn colour(name: &str) -> RGBColor {
         "laser" => 2,
         "paper_nelder_mead" => 3,
         "bound" => 4,
-        "laser_structured" => 5,
+        "laser_full" => 5,
         "calibrated_table_only" => 6,
         _ => 7,
     }]
@@ -235,10 +236,11 @@ pub(super) fn histogram(series: &[&ErrorSeries], what: &str) -> Result<String, C
     })
 }
 
-/// The force of one contact with its trigger (Figure 5).
-pub(super) fn force(trace: &ContactTrace) -> Result<String, ChartError> {
-    draw((760, 270), &format!("Force trace, {}", trace.title), |area| {
-        let (mut t0, mut t1, mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY, 0.0f64, trace.threshold_n);
+/// The force of one contact, its trigger and the force that declares contact, in
+/// N (Figure 5).
+pub(super) fn force(trace: &ContactTrace, threshold_n: f64) -> Result<String, ChartError> {
+    draw((760, 270), &format!("Force trace, sphere {}", trace.sphere), |area| {
+        let (mut t0, mut t1, mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY, 0.0f64, threshold_n);
         for &(t, f) in &trace.samples {
             (t0, t1) = (t0.min(t), t1.max(t));
             (low, high) = (low.min(f), high.max(f));
@@ -246,21 +248,17 @@ pub(super) fn force(trace: &ContactTrace) -> Result<String, ChartError> {
         if !(t1 > t0) {
             (t0, t1) = (0.0, 1.0);
         }
-        let zero = trace.trigger_s.unwrap_or(t0);
+        let zero = trace.trigger_s;
         let pad = 0.08 * (high - low).max(1.0);
         let mut chart = axes!(
             area,
             (t0 - zero)..(t1 - zero),
             (low - pad)..(high + pad),
-            if trace.trigger_s.is_some() {
-                "time from the trigger (s)"
-            } else {
-                "time (s)"
-            },
+            "time from the trigger (s)",
             "force (N)"
         );
         chart.draw_series(DashedLineSeries::new(
-            [(t0 - zero, trace.threshold_n), (t1 - zero, trace.threshold_n)],
+            [(t0 - zero, threshold_n), (t1 - zero, threshold_n)],
             6,
             5,
             SOFT.stroke_width(1),
@@ -269,18 +267,16 @@ pub(super) fn force(trace: &ContactTrace) -> Result<String, ChartError> {
             trace.samples.iter().map(|&(t, f)| (t - zero, f)),
             SERIES[1].stroke_width(2),
         ))?;
-        if trace.trigger_s.is_some() {
-            chart.draw_series(LineSeries::new(
-                [(0.0, low - pad), (0.0, high + pad)],
-                ALARM.stroke_width(1),
-            ))?;
-            let at = trace
-                .samples
-                .iter()
-                .min_by(|a, b| (a.0 - zero).abs().total_cmp(&(b.0 - zero).abs()))
-                .map_or(trace.threshold_n, |s| s.1);
-            chart.draw_series([Circle::new((0.0, at), 5, ALARM.filled())])?;
-        }
+        chart.draw_series(LineSeries::new(
+            [(0.0, low - pad), (0.0, high + pad)],
+            ALARM.stroke_width(1),
+        ))?;
+        let at = trace
+            .samples
+            .iter()
+            .min_by(|a, b| (a.0 - zero).abs().total_cmp(&(b.0 - zero).abs()))
+            .map_or(threshold_n, |s| s.1);
+        chart.draw_series([Circle::new((0.0, at), 5, ALARM.filled())])?;
         Ok(())
     })
 }

@@ -7,7 +7,8 @@ use super::input::{
     ErrorSeries, ErrorTable, Headline, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
 };
 use spherecal_identify::Target;
-use spherecal_identify::study::{Judge, Judged, ModelErrors, Study};
+use spherecal_identify::evaluate::{Errors, Judge, Judged, JudgedModel};
+use spherecal_identify::study::Study;
 
 fn rows(judged: &Judged) -> Vec<ModelRow> {
     judged
@@ -36,29 +37,31 @@ fn thinned<T>(items: &[T]) -> Vec<&T> {
     items.iter().step_by(items.len().div_ceil(DRAWN).max(1)).collect()
 }
 
-fn distances(m: &ModelErrors) -> Vec<f64> {
+fn distances(m: &JudgedModel) -> Vec<f64> {
     m.samples.iter().map(|s| s.distance_mm).collect()
 }
 
 /// The report of a study; `created` is its date, in words.
 pub fn study_report(study: &Study, created: &str) -> ReportInput {
-    let calibration = &study.calibration;
-    let loaded = &study.loaded;
-    let errors = |name: &str| {
-        study
-            .validation
-            .model(name)
-            .map(ModelErrors::errors)
-            .unwrap_or_default()
+    let evaluation = &study.evaluation;
+    let calibration = &evaluation.calibration;
+    let recordings = &study.recordings;
+    let judged = evaluation.judged.as_ref();
+    let errors = |name: &str| -> Errors {
+        let model = judged.and_then(|j| j.model(name));
+        model.map(JudgedModel::errors).unwrap_or_default()
     };
     let (nominal, calibrated) = (errors("nominal"), errors("calibrated"));
-    let v = &study.verdict;
-    let name = loaded.model.robot.name.as_str();
-    let sentence = if v.improvement > 0.0 {
+    let v = &evaluation.verdict;
+    let name = study.model.robot.name.as_str();
+    let gain = v.improvement.unwrap_or_default();
+    let sentence = if judged.is_none() {
+        format!("The {name} was calibrated, but nothing judged the result.")
+    } else if gain > 0.0 {
         format!(
             "The calibrated {name} is {:.0} % more accurate: its mean position error fell from {:.3} mm to {:.3} mm, \
              the largest from {:.3} mm to {:.3} mm.",
-            v.improvement * 100.0,
+            gain * 100.0,
             nominal.mean_mm,
             calibrated.mean_mm,
             nominal.max_mm,
@@ -84,10 +87,10 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         ),
         (
             "Recordings".to_owned(),
-            study.used.len().to_string(),
+            evaluation.used.len().to_string(),
             format!(
                 "{} left out, {} outliers",
-                study.rejected.len(),
+                evaluation.rejected.len(),
                 calibration.residual.outliers.len()
             ),
         ),
@@ -97,15 +100,18 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
             "determined by the data".to_owned(),
         ),
     ];
-    let mut error_tables = vec![ErrorTable {
-        title: format!("Position errors on {} samples", calibrated.n),
-        caption: format!(
-            "Judged by {}. \"Table only\" is the part that a URDF can hold: links without compliance and encoder errors.",
-            study.validation.by
-        ),
-        rows: rows(&study.validation),
-    }];
-    if let Some(holdout) = &study.holdout {
+    let mut error_tables = Vec::new();
+    if let Some(judged) = judged {
+        error_tables.push(ErrorTable {
+            title: format!("Position errors on {} samples", calibrated.n),
+            caption: format!(
+                "Judged by {}. \"Table only\" is what a URDF can hold: links without compliance and encoder errors.",
+                judged.by
+            ),
+            rows: rows(judged),
+        });
+    }
+    if let Some(holdout) = &evaluation.holdout {
         error_tables.push(ErrorTable {
             title: format!("Held out by {}", holdout.column),
             caption: holdout.pooled.by.clone(),
@@ -119,23 +125,27 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
             });
         }
     }
-    let errors = study
-        .validation
-        .models
+    let errors = judged
         .iter()
+        .flat_map(|j| &j.models)
         .filter(|m| m.name != "calibrated_table_only")
         .map(|m| ErrorSeries {
             name: m.name.clone(),
             errors_mm: distances(m),
         })
         .collect();
-    let place = |p: u32| loaded.places.name(p).to_owned();
+    let place = |p: u32| recordings.places.name(p).to_owned();
     let named: HashSet<usize> = calibration.residual.outliers.iter().map(|o| o.index).collect();
     let rows_drawn = thinned(&calibration.residual.rows);
     let residuals = rows_drawn
         .iter()
         .filter_map(|r| {
-            let group = match loaded.experiment.observations.get(*study.used.get(r.index)?)?.target {
+            let group = match recordings
+                .experiment
+                .observations
+                .get(*evaluation.used.get(r.index)?)?
+                .target
+            {
                 Target::Sphere { sphere, place: p } => match place(p) {
                     name if name.is_empty() => format!("sphere {sphere}"),
                     name => format!("sphere {sphere}, {name}"),
@@ -149,23 +159,23 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
             })
         })
         .collect();
-    let mut outliers: Vec<(String, String)> = study
+    let mut outliers: Vec<(String, String)> = evaluation
         .rejected
         .iter()
         .take(LISTED)
         .map(|(i, mm)| {
             (
-                loaded.describe(*i),
-                format!("left out: {mm:.1} mm beyond what any calibration could correct"),
+                recordings.describe(*i),
+                format!("left out: {mm:.1} mm from where any calibration could bring it"),
             )
         })
         .collect();
     let found = &calibration.residual.outliers;
     outliers.extend(found.iter().take(LISTED).filter_map(|o| {
-        let row = loaded.describe(*study.used.get(o.index)?);
+        let row = recordings.describe(*evaluation.used.get(o.index)?);
         Some((row, o.why.clone()))
     }));
-    for count in [study.rejected.len(), found.len()] {
+    for count in [evaluation.rejected.len(), found.len()] {
         if let Some(more) = count.checked_sub(LISTED).filter(|more| *more > 0) {
             outliers.push((format!("and {more} more"), "listed up to 200 of each kind".to_owned()));
         }
@@ -182,12 +192,16 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         title: format!("{name}: calibration report"),
         subtitle: format!(
             "{created} · {} data, {} recordings · {} joints",
-            if loaded.closed_loop { "closed-loop" } else { "absolute" },
-            loaded.samples.len(),
-            loaded.model.robot.dof()
+            if recordings.closed_loop() {
+                "closed-loop"
+            } else {
+                "absolute"
+            },
+            recordings.samples.len(),
+            study.model.robot.dof()
         ),
         headline: Headline {
-            trusted: v.trusted,
+            trusted: v.may_be_used,
             sentence,
             reasons: v.reasons.clone(),
             next: v.next.clone(),
@@ -195,8 +209,9 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         },
         error_tables,
         errors,
-        workspace: workspace(&study.validation),
+        workspace: judged.map(workspace).unwrap_or_default(),
         contacts: Vec::new(),
+        contact_threshold_n: 0.0,
         triggers: Vec::new(),
         stillness: Vec::new(),
         stillness_tables: Vec::new(),
@@ -205,7 +220,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         residuals,
         outliers,
         correlation: correlation(calibration),
-        prediction: Some(prediction(study)),
+        prediction: judged.map(|j| prediction(study, j)),
         fit_tables: vec![group_table(&calibration.groups, place)],
         health_tables: Vec::new(),
         notes,
@@ -229,57 +244,62 @@ fn workspace(judged: &Judged) -> Vec<WorkspacePoint> {
         .collect()
 }
 
-fn prediction(study: &Study) -> Prediction {
-    let found = study
-        .validation
+fn prediction(study: &Study, judged: &Judged) -> Prediction {
+    let evaluation = &study.evaluation;
+    let found = judged
         .model("calibrated")
         .map(|m| m.samples.as_slice())
         .unwrap_or_default();
-    let judges: Vec<Judge<'_>> = study.judges().collect();
+    let judges: Vec<Judge<'_>> = study.recordings.judges(evaluation.cross_validated).collect();
     let pairs_mm = thinned(found)
         .iter()
         .filter_map(|s| {
             let q = &judges.get(s.index)?.observation.q;
-            let sigma = study.predicted_sigma_mm(q);
+            let sigma = evaluation.predicted_sigma_mm(q);
             sigma.is_finite().then_some((sigma, s.distance_mm))
         })
         .collect();
     Prediction {
-        mean_mm: study.predicted_mm.0,
-        max_mm: study.predicted_mm.1,
+        mean_mm: evaluation.predicted_mm.0,
+        max_mm: evaluation.predicted_mm.1,
         pairs_mm,
     }
 }
 
 fn provenance(study: &Study, created: &str) -> Vec<(String, String)> {
-    let loaded = &study.loaded;
+    let evaluation = &study.evaluation;
+    let recordings = &study.recordings;
+    let judged_by = evaluation.judged.as_ref().map_or("nothing", |j| j.by.as_str());
     let mut out = vec![
         ("program".to_owned(), format!("spherecal {}", env!("CARGO_PKG_VERSION"))),
         ("written".to_owned(), created.to_owned()),
         (
             "robot".to_owned(),
-            format!("{} ({} joints)", loaded.model.robot.name, loaded.model.robot.dof()),
+            format!("{} ({} joints)", study.model.robot.name, study.model.robot.dof()),
         ),
         (
             "frames".to_owned(),
             format!(
                 "root {}, flange {}",
-                loaded.model.frame_names.0, loaded.model.frame_names.1
+                study.model.frame_names.0, study.model.frame_names.1
             ),
         ),
-        ("data".to_owned(), loaded.file.clone()),
-        ("judged by".to_owned(), study.validation.by.clone()),
+        ("data".to_owned(), recordings.file.clone()),
+        ("judged by".to_owned(), judged_by.to_owned()),
         (
             "estimator".to_owned(),
-            format!("{}, {} model", study.calibration.method, study.calibration.model),
+            format!(
+                "{}, {} model",
+                evaluation.calibration.method, evaluation.calibration.model
+            ),
         ),
         (
             "noise found".to_owned(),
-            format!("{:.2} times the assumed", study.calibration.noise_scale),
+            format!("{:.2} times the assumed", evaluation.calibration.noise_scale),
         ),
         ("time taken".to_owned(), format!("{:.2} s", study.wall_s)),
     ];
-    if let Ok(options) = toml::to_string(&study.options) {
+    if let Ok(options) = toml::to_string(&evaluation.options) {
         let words: Vec<&str> = options.lines().filter(|l| !l.trim().is_empty()).collect();
         out.push(("options".to_owned(), words.join("; ")));
     }

@@ -1,5 +1,7 @@
 //! The input of a report: plain data, with every section optional.
 
+use spherecal_campaign::telemetry::ContactTrace;
+
 /// The verdict in words.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Headline {
@@ -59,19 +61,6 @@ pub struct WorkspacePoint {
     pub nominal_mm: f64,
     /// Error of the calibrated model, in mm.
     pub calibrated_mm: f64,
-}
-
-/// The force while a sphere was approached (Figure 5 of the paper).
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ContactTrace {
-    /// Which contact.
-    pub title: String,
-    /// Time, in s, and force against the approach, in N.
-    pub samples: Vec<(f64, f64)>,
-    /// When contact was declared, in s.
-    pub trigger_s: Option<f64>,
-    /// Force that declares contact, in N.
-    pub threshold_n: f64,
 }
 
 /// A histogram of one quantity, such as the latency of the trigger.
@@ -180,8 +169,10 @@ pub struct ReportInput {
     pub errors: Vec<ErrorSeries>,
     /// Errors over the workspace.
     pub workspace: Vec<WorkspacePoint>,
-    /// Force traces.
+    /// Force traces of the contacts (Figure 5 of the paper).
     pub contacts: Vec<ContactTrace>,
+    /// Force that declares contact, in N.
+    pub contact_threshold_n: f64,
     /// Latency and overshoot of the trigger over all contacts.
     pub triggers: Vec<Histogram>,
     /// How still the arm held.

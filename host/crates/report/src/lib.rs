@@ -20,8 +20,8 @@ mod time_charts;
 pub use charts::ChartError;
 pub use from_study::study_report;
 pub use input::{
-    ContactTrace, Correlation, Curves, ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, ParameterRow,
-    Prediction, ReportInput, ResidualPoint, SimpleTable, WorkspacePoint,
+    Correlation, Curves, ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, ParameterRow, Prediction, ReportInput,
+    ResidualPoint, SimpleTable, WorkspacePoint,
 };
 pub use page::render;
 

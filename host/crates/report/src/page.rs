@@ -346,10 +346,10 @@ fn contacts(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>
     }
     for trace in &input.contacts {
         let words = html! {
-            (trace.title) ": force against the approach, threshold " (format!("{:.1} N", trace.threshold_n))
-            " (dashed)" @if trace.trigger_s.is_some() { ", the trigger marked" } "."
+            "Sphere " (trace.sphere) ": force against the approach, threshold "
+            (format!("{:.1} N", input.contact_threshold_n)) " (dashed), the trigger marked."
         };
-        drawn.push(figures.figure(&charts::force(trace)?, &words));
+        drawn.push(figures.figure(&charts::force(trace, input.contact_threshold_n)?, &words));
     }
     Ok(Some(html! { @for f in &drawn { (f) } }))
 }

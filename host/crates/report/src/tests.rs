@@ -1,6 +1,7 @@
 //! Tests that the page is complete, escapes what users write, and makes no network request.
 
 use super::*;
+use spherecal_campaign::telemetry::ContactTrace;
 
 /// A report with something in every section, and with hostile names.
 pub(super) fn full() -> ReportInput {
@@ -49,7 +50,7 @@ pub(super) fn full() -> ReportInput {
             })
             .collect(),
         contacts: vec![ContactTrace {
-            title: evil.to_owned(),
+            sphere: 1,
             samples: (0..800)
                 .map(|k| {
                     (
@@ -58,9 +59,9 @@ pub(super) fn full() -> ReportInput {
                     )
                 })
                 .collect(),
-            trigger_s: Some(0.65),
-            threshold_n: 7.5,
+            trigger_s: 0.65,
         }],
+        contact_threshold_n: 7.5,
         triggers: vec![Histogram {
             what: evil.to_owned(),
             of: evil.to_owned(),
@@ -158,7 +159,7 @@ fn every_model_has_a_colour_of_its_own() {
         "nominal",
         "sphere",
         "laser",
-        "laser_structured",
+        "laser_full",
         "paper_nelder_mead",
         "bound",
         "calibrated_table_only",

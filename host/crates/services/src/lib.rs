@@ -25,6 +25,8 @@ mod guard;
 mod listen;
 pub mod live;
 mod offer;
+#[cfg(feature = "grpc")]
+mod serve;
 mod server;
 pub mod web;
 

@@ -152,4 +152,4 @@ async fn serve(
 }
 
 #[cfg(feature = "grpc")]
-use super::grpc::serve;
+use super::serve::serve;

@@ -31,7 +31,7 @@ pub struct StoredRun {
     pub laser: Vec<LaserShot>,
     /// The nonces under which the sessions started a handshake with the controller, with session
     /// and handshake number of each.
-    pub greetings: BTreeMap<u32, (i64, i64)>,
+    pub handshakes: BTreeMap<u32, (i64, i64)>,
 }
 
 impl StoredRun {
@@ -106,12 +106,12 @@ pub trait CalibrationStore: Send {
     /// When the store fails.
     fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError>;
 
-    /// Stores the `nonce` under which a session performs handshake number `greeting` with the
+    /// Stores the `nonce` under which a session performs handshake number `handshake` with the
     /// controller.
     ///
     /// # Errors
     /// When the store fails.
-    fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError>;
+    fn put_handshake(&mut self, run: i64, session: i64, handshake: i64, nonce: u32) -> Result<(), StoreError>;
 
     /// Writes a batch of events in one transaction. A recording that is already stored is not
     /// written again.

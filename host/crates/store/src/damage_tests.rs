@@ -58,7 +58,7 @@ fn an_older_schema_is_brought_forward() {
         let recordings = store.recordings(info.run).expect("read");
         let first: Vec<_> = recordings.iter().map(|r| (r.sphere, r.q[0].mean)).collect();
         assert_eq!(first, FIRST_ANGLES);
-        assert!(store.greetings(info.run).expect("the new table").is_empty());
+        assert!(store.handshakes(info.run).expect("the new table").is_empty());
     }
     let mut store = SqlStore::open(&path).expect("opened");
     let session = store.begin_session(1, "now").expect("a session");
@@ -66,7 +66,7 @@ fn an_older_schema_is_brought_forward() {
     let arrival = Event::Recording(recording(900, 0.5));
     let number = i64::from(1);
     store.append(1, &[placed(session, number, &arrival)]).expect("stored");
-    store.put_greeting(1, session, 1, 77).expect("stored");
+    store.put_handshake(1, session, 1, 77).expect("stored");
     assert_eq!(store.recordings(1).expect("read").len(), 4);
     drop(store);
     let bytes = std::fs::read(&path).expect("read");

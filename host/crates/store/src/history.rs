@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Robot;
 
-use spherecal_model::Pose;
+use spherecal_model::fit_pose;
 use spherecal_model::halton::halton;
 
 use crate::time::{days, utc};
@@ -80,7 +80,7 @@ impl Fingerprint {
         }
         let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vector3::from(*p)).collect::<Vec<_>>();
         let (from, to) = (vectors(&self.points_m), vectors(&other.points_m));
-        let pose = Pose::fit(&from, &to)?;
+        let pose = fit_pose(&from, &to)?;
         let sum: f64 = from.iter().zip(&to).map(|(a, b)| (pose.point(a) - b).norm()).sum();
         Some(sum / from.len() as f64 * 1e3)
     }
@@ -133,7 +133,10 @@ pub fn read(store: &mut dyn CalibrationStore, arm: &str) -> Result<Vec<Past>, St
             robot: info.robot.name.to_string(),
             arm: info.arm,
             state: info.state,
-            trusted: summary["verdict"]["trusted"].as_bool(),
+            // Earlier versions called it `trusted`.
+            trusted: summary["verdict"]["may_be_used"]
+                .as_bool()
+                .or_else(|| summary["verdict"]["trusted"].as_bool()),
             recorded: summary["poses"]["recorded"].as_u64(),
             residual_rms_mm: summary["residual"]["rms_mm"].as_f64(),
             nominal_mm: models["nominal"]["mean_mm"].as_f64(),

@@ -85,7 +85,7 @@ impl SqlStore {
 
     /// The nonces under which the sessions of a run started a handshake with the controller, with
     /// session and handshake number.
-    pub(super) fn greetings(&mut self, run: i64) -> Result<BTreeMap<u32, (i64, i64)>, StoreError> {
+    pub(super) fn handshakes(&mut self, run: i64) -> Result<BTreeMap<u32, (i64, i64)>, StoreError> {
         let rows = self.rows("SELECT * FROM greetings WHERE run = $1", run)?;
         rows.iter()
             .map(|row| {

@@ -63,8 +63,8 @@ impl CalibrationStore for SqlStore {
         SqlStore::set_state(self, run, state)
     }
 
-    fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError> {
-        SqlStore::put_greeting(self, run, session, greeting, nonce)
+    fn put_handshake(&mut self, run: i64, session: i64, handshake: i64, nonce: u32) -> Result<(), StoreError> {
+        SqlStore::put_handshake(self, run, session, handshake, nonce)
     }
 
     fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
@@ -112,7 +112,7 @@ impl SqlStore {
             phases: self.phases(run)?,
             faults: self.faults(run)?,
             laser: self.laser(run)?,
-            greetings: self.greetings(run)?,
+            handshakes: self.handshakes(run)?,
         })
     }
 }

@@ -174,9 +174,15 @@ impl SqlStore {
         })
     }
 
-    /// Stores the `nonce` under which a session performs handshake number `greeting` with the
+    /// Stores the `nonce` under which a session performs handshake number `handshake` with the
     /// controller.
-    pub(super) fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError> {
+    pub(super) fn put_handshake(
+        &mut self,
+        run: i64,
+        session: i64,
+        handshake: i64,
+        nonce: u32,
+    ) -> Result<(), StoreError> {
         self.set_durable(true)?;
         self.block(async |connection| {
             sqlx::query(
@@ -185,7 +191,7 @@ impl SqlStore {
             )
             .bind(run)
             .bind(session)
-            .bind(greeting)
+            .bind(handshake)
             .bind(i64::from(nonce))
             .execute(connection)
             .await

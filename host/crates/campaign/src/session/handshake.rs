@@ -6,30 +6,30 @@ use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 use super::Session;
 use super::order::{ANSWER_S, Waited};
 use crate::CampaignError;
-use crate::recovery::GREET_S;
+use crate::recovery::HANDSHAKE_S;
 
 impl Session<'_> {
-    /// Greets the controller and checks who it is.
+    /// Begins a session with the controller and checks its banner.
     pub(crate) fn handshake(&mut self, joints: usize) -> Result<(), CampaignError> {
         self.joints = joints;
         self.in_handshake = true;
         let session = self.endpoint.next_session();
         self.journal.handshake(session)?;
-        if let Err(error) = self.order("greet", Command::Hello) {
+        if let Err(error) = self.order("answer the handshake", Command::Hello) {
             // A controller that does not understand the handshake may still state why.
-            return match (self.greet_again(joints), error) {
+            return match (self.check_identity(joints), error) {
                 (Err(why), CampaignError::Timeout { .. }) => Err(why),
                 (_, error) => Err(error),
             };
         }
         let Waited::Got(banner) = self.wait("send its banner", ANSWER_S, |s| s.banner.clone())? else {
             // A controller that was left in a fault reports the fault before its banner.
-            return self.greet_again(joints);
+            return self.check_identity(joints);
         };
         check_banner(&banner, joints)
     }
 
-    fn greet_again(&self, joints: usize) -> Result<(), CampaignError> {
+    fn check_identity(&self, joints: usize) -> Result<(), CampaignError> {
         match &self.banner {
             Some(banner) => check_banner(banner, joints),
             None if self.endpoint.foreign() > 0 => Err(CampaignError::Schema {
@@ -63,7 +63,7 @@ impl Session<'_> {
             self.check_interrupt()?;
             self.step()?;
             let silent_s = self.now_us().saturating_sub(start) as f64 * 1e-6;
-            if silent_s > GREET_S {
+            if silent_s > HANDSHAKE_S {
                 return Err(CampaignError::Lost { silent_s });
             }
         }

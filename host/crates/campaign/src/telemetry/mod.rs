@@ -1,12 +1,23 @@
-//! The control loop's samples for people: an MCAP file that Foxglove and
-//! PlotJuggler open, and the force trace of every contact.
+//! Telemetry for people: an MCAP file that Foxglove and PlotJuggler open, and
+//! the force trace of every contact.
 //!
-//! Stands beside the campaign as one more [`Observer`](crate::Observer):
-//! what comes from the controller passes by and is written down; nothing goes
-//! back. A file that cannot be written never stops a measurement.
+//! ```text
+//!   Event ─▶ TelemetryRecorder ─┬─▶ messages ─▶ TelemetryWriter ─▶ telemetry.mcap ─▶ TelemetryReader
+//!                               └─▶ ContactTracer ─▶ ContactTrace
+//! ```
+//!
+//! The recorder is an [`Observer`](crate::Observer) of the campaign: events pass
+//! through it, and nothing goes back to the controller. A file that cannot be
+//! written never stops a measurement. Writer and reader share the types in
+//! [`messages`].
 
+mod contact;
+pub mod messages;
+mod reader;
 mod recorder;
 mod writer;
 
-pub use recorder::{TelemetryRecorder, Trace};
-pub use writer::{TelemetryError, TelemetrySample, TelemetryWriter};
+pub use contact::{ContactTrace, ContactTracer};
+pub use reader::{Period, TelemetryReader};
+pub use recorder::TelemetryRecorder;
+pub use writer::{TelemetryError, TelemetryWriter};

@@ -1,49 +1,33 @@
-//! The observer that writes telemetry down and keeps the force of every contact.
+//! The observer that writes telemetry to a file and keeps the force trace of
+//! every contact.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
-use spherecal_shared::protocol::host::{Event, Phase, Sample};
+use spherecal_shared::protocol::host::{Event, Sample};
 use spherecal_shared::timing::SampleClock;
 
-use super::writer::{TelemetryError, TelemetrySample, TelemetryWriter};
+use super::contact::{ContactTrace, ContactTracer};
+use super::writer::{TelemetryError, TelemetryWriter};
 use crate::{Moved, Observer, Progress};
 use spherecal_link::Arrival;
 
-/// How much of a contact is kept before and after its trigger, in µs.
+/// Device time that is kept of a contact before its trigger and after it, in µs.
 const KEPT_US: u64 = 1_500_000;
-/// Samples of an approach kept at most.
-const KEPT_SAMPLES: usize = 6000;
 
-/// The force against the approach around one contact.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Trace {
-    /// Id of the sphere.
-    pub sphere: u32,
-    /// Device time of the trigger, in s.
-    pub trigger_s: f64,
-    /// Device time, in s, and force against the approach, in N.
-    pub samples: Vec<(f64, f64)>,
-}
-
-/// One sample of an approach: time (µs), force (N) and setpoint (m) in F0.
-type Kept = (u64, [f32; 3], [f32; 3]);
-
-/// An observer around another: telemetry goes to a file on its way.
+/// An observer around another one. It writes telemetry to a file and hands every
+/// event on.
 pub struct TelemetryRecorder<O: Observer> {
     inner: O,
-    joints: usize,
     writer: Option<TelemetryWriter<BufWriter<File>>>,
     path: PathBuf,
     problem: Option<String>,
     /// Device time of each sample.
     clock: SampleClock,
-    recent: VecDeque<Kept>,
-    open: Option<(u32, u64)>,
-    traces: Vec<Trace>,
+    tracer: ContactTracer,
+    traces: Vec<ContactTrace>,
 }
 
 impl<O: Observer> TelemetryRecorder<O> {
@@ -53,13 +37,11 @@ impl<O: Observer> TelemetryRecorder<O> {
         let path = free_name(directory);
         let mut recorder = Self {
             inner,
-            joints,
             writer: None,
             path,
             problem: None,
-            clock: SampleClock::new(1000),
-            recent: VecDeque::new(),
-            open: None,
+            clock: SampleClock::new(),
+            tracer: ContactTracer::new(KEPT_US, KEPT_US),
             traces: Vec::new(),
         };
         let names: Vec<String> = (1..=joints).map(|k| format!("joint_{k}")).collect();
@@ -82,8 +64,8 @@ impl<O: Observer> TelemetryRecorder<O> {
 
     /// Closes the file. The inner observer, the file if it is whole, and the
     /// force traces of the contacts.
-    pub fn finish(mut self) -> (O, Option<PathBuf>, Vec<Trace>) {
-        self.close_trace();
+    pub fn finish(mut self) -> (O, Option<PathBuf>, Vec<ContactTrace>) {
+        self.traces.extend(self.tracer.finish());
         let written = match self.writer.take().map(TelemetryWriter::finish) {
             Some(Ok(())) => Some(self.path.clone()),
             Some(Err(error)) => {
@@ -96,77 +78,14 @@ impl<O: Observer> TelemetryRecorder<O> {
     }
 
     fn sample(&mut self, sample: &Sample) {
-        let time_us = self.clock.time_us(sample.tick);
-        let n = self.joints.min(sample.q.len());
-        let phase = format!("{:?}", sample.phase).to_lowercase();
-        let result = self.writer.as_mut().map(|writer| {
-            writer.write(&TelemetrySample {
-                time_ns: time_us * 1000,
-                q: &sample.q[..n],
-                dq: &sample.dq[..n],
-                tau: &sample.tau[..n],
-                command: &sample.command[..n],
-                force_n: sample.force_n,
-                torque_nm: sample.torque_nm,
-                tcp_m: sample.tcp_m,
-                setpoint_m: sample.setpoint_m,
-                phase: &phase,
-                phase_number: sample.phase as u8,
-                flags: sample.flags,
-            })
-        });
+        let Some(time_us) = self.clock.time_us(sample.tick) else {
+            return;
+        };
+        let result = self.writer.as_mut().map(|writer| writer.write(time_us, sample));
         if let Some(Err(error)) = result {
             self.give_up(&error);
         }
-        match sample.phase {
-            Phase::Taring | Phase::Approaching | Phase::Coupling => {
-                if self.recent.len() >= KEPT_SAMPLES {
-                    self.recent.pop_front();
-                }
-                self.recent.push_back((time_us, sample.force_n, sample.setpoint_m));
-            }
-            _ => self.close_trace(),
-        }
-        if self.open.is_some_and(|(_, trigger)| time_us > trigger + KEPT_US) {
-            self.close_trace();
-        }
-    }
-
-    /// Ends the trace at hand; forgets an approach without contact.
-    fn close_trace(&mut self) {
-        let Some((sphere, trigger_us)) = self.open.take() else {
-            self.recent.clear();
-            return;
-        };
-        // The way that the setpoint went until the trigger is the approach.
-        let before: Vec<&Kept> = self.recent.iter().filter(|k| k.0 <= trigger_us).collect();
-        let direction = match (before.first(), before.last()) {
-            (Some(first), Some(last)) => {
-                let way: [f64; 3] = core::array::from_fn(|k| f64::from(last.2[k]) - f64::from(first.2[k]));
-                let length = way.iter().map(|w| w * w).sum::<f64>().sqrt();
-                if length > 1e-4 {
-                    way.map(|w| w / length)
-                } else {
-                    [0.0, 0.0, -1.0]
-                }
-            }
-            _ => [0.0, 0.0, -1.0],
-        };
-        let samples = self
-            .recent
-            .iter()
-            .filter(|k| k.0 + KEPT_US >= trigger_us)
-            .map(|(time_us, force, _)| {
-                let against = -(0..3).map(|k| f64::from(force[k]) * direction[k]).sum::<f64>();
-                (*time_us as f64 * 1e-6, against)
-            })
-            .collect();
-        self.traces.push(Trace {
-            sphere,
-            trigger_s: trigger_us as f64 * 1e-6,
-            samples,
-        });
-        self.recent.clear();
+        self.traces.extend(self.tracer.sample(time_us, sample));
     }
 }
 
@@ -174,7 +93,7 @@ impl<O: Observer> Observer for TelemetryRecorder<O> {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
         self.clock.observe(&arrival.body);
         match &arrival.body {
-            Event::Contact(contact) => self.open = Some((contact.sphere, contact.time_us)),
+            Event::Contact(contact) => self.tracer.contact(contact),
             Event::Telemetry(samples) => {
                 for sample in samples {
                     self.sample(sample);
@@ -208,4 +127,92 @@ fn free_name(directory: &Path) -> PathBuf {
         .map(|k| directory.join(format!("telemetry-{k}.mcap")))
         .find(|p| !p.exists())
         .unwrap_or(first)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::TelemetryReader;
+    use super::*;
+    use crate::Silent;
+    use spherecal_shared::protocol::host::{Banner, Contact, Phase, PhaseChange, SessionId};
+
+    fn arrival(body: Event) -> Arrival {
+        Arrival {
+            session: SessionId::default(),
+            event: 0,
+            sent_us: 0,
+            body,
+        }
+    }
+
+    /// Telemetry times (ns) and the contact's trace of a session with a drive of
+    /// the given control period.
+    fn session(period_us: u32) -> (Vec<u64>, ContactTrace) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut recorder = TelemetryRecorder::new(Silent, folder.path(), 7, &BTreeMap::new());
+        let sample = |tick| Sample {
+            tick,
+            phase: Phase::Approaching,
+            ..Sample::default()
+        };
+        let batch = |ticks: core::ops::Range<u64>| Event::Telemetry(ticks.map(sample).collect());
+        let period = u64::from(period_us);
+        let events = [
+            batch(97..100),
+            Event::Banner(Banner {
+                protocol: 1,
+                schema: 0,
+                version: heapless::String::new(),
+                build: heapless::String::new(),
+                joints: 7,
+                period_us,
+                first_event: 1,
+            }),
+            Event::Phase(PhaseChange {
+                phase: Phase::Approaching,
+                from: Phase::Taring,
+                time_us: 5_000_000,
+                tick: 100,
+            }),
+            batch(100..103),
+            Event::Contact(Contact {
+                sphere: 2,
+                time_us: 5_000_000 + 2 * period,
+                force_n: 7.5,
+                peak_n: 7.5,
+                tare_n: [0.0; 3],
+                tcp_m: [0.0; 3],
+                travel_m: 0.05,
+                latency_ticks: 20,
+                early_crossings: 0,
+            }),
+            batch(103..105),
+        ];
+        for event in events {
+            recorder.event(0, &arrival(event));
+        }
+        let (_, path, mut traces) = recorder.finish();
+        let bytes = std::fs::read(path.expect("a whole file")).expect("readable");
+        let periods = TelemetryReader::new(&bytes).expect("MCAP");
+        let times = periods.map(|p| p.expect("a sample").time_ns).collect();
+        (times, traces.pop().expect("a trace"))
+    }
+
+    // Fails if the times of telemetry or of a contact's trace assume a control
+    // period of 1 ms, or if samples get a time before the period is known.
+    #[test]
+    fn times_follow_the_period_of_the_drive() {
+        for period_us in [1000, 2000] {
+            let (times, trace) = session(period_us);
+            let expected: Vec<u64> = (0..5)
+                .map(|k| 5_000_000_000 + k * u64::from(period_us) * 1000)
+                .collect();
+            assert_eq!(times, expected, "{period_us} µs");
+            let period_s = f64::from(period_us) * 1e-6;
+            assert!((trace.trigger_s - (5.0 + 2.0 * period_s)).abs() < 1e-9, "{trace:?}");
+            for (k, (time_s, _)) in (0..).zip(&trace.samples) {
+                assert!((time_s - (5.0 + f64::from(k) * period_s)).abs() < 1e-9, "{trace:?}");
+            }
+        }
+    }
 }

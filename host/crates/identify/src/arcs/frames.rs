@@ -151,7 +151,7 @@ pub fn frames_from_arcs(
     let mut base_variance = [0.0; 6];
     let mut tool_variance = [0.0; 3];
     let mut add_base = |moved: &Pose| {
-        let shift = moved.translation_m - base.translation_m;
+        let shift = moved.position - base.position;
         let turn = small_turn(&(moved.rotation * base.rotation.transpose()));
         for k in 0..3 {
             base_variance[k] += shift[k] * shift[k];
@@ -349,7 +349,7 @@ fn base_from(chain: &Chain, first: &Fitted, second: &Fitted) -> Result<Pose, Las
     let rotation = seen * planned.transpose();
     Ok(Pose {
         rotation,
-        translation_m: foot(&ma, &mb) - rotation * foot(&a, &b),
+        position: foot(&ma, &mb) - rotation * foot(&a, &b),
     })
 }
 

@@ -2,15 +2,15 @@
 //! against each other.
 
 use std::collections::HashSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use spherecal_shared::robot::{Inertia, Tool};
 
 use super::StudyError;
-use super::align::{Flange, reference_of};
-use super::judge::Judge;
-use crate::{Experiment, Observation, Options, Reference, Set, Target, paper_plate};
+use crate::evaluate::Flange;
+use crate::recordings::{Recordings, Rows, Sample};
+use crate::{Experiment, Observation, Options, Set, Target, paper_plate};
 use spherecal_model::input::{InputError, Labels, Progress, Row, Table, TableFormat, read_csv_file, read_plate_file};
 use spherecal_model::robots::{self, RobotModel};
 
@@ -20,6 +20,9 @@ const MOST_PLACES: usize = 200;
 /// Most spheres in one table, as on one plate.
 const MOST_SPHERES: usize = 100;
 
+/// Name of the plate of the paper's Table 1, in place of a file.
+pub const PAPER_PLATE: &str = "paper";
+
 /// What the user asks for.
 #[derive(Clone, Debug, Default)]
 pub struct Request {
@@ -27,7 +30,7 @@ pub struct Request {
     pub robot: String,
     /// Table of poses.
     pub data: PathBuf,
-    /// The plate's certificate; Table 1 of the paper without it.
+    /// The plate's certificate: a file, or [`PAPER_PLATE`].
     pub plate: Option<PathBuf>,
     /// Nominal TCP in the flange frame, in mm; the robot's own without it.
     pub tool_mm: Option<[f64; 3]>,
@@ -47,110 +50,15 @@ pub struct Request {
     pub options: Options,
 }
 
-/// Where one row of the user's tables came from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sample {
-    /// Line of the file, from 1.
-    pub line: u64,
-    /// Placement of the plate: also for points given in the plate's frame.
-    pub place: u32,
-    /// Value of the hold-out column: its number in [`Loaded::labels`].
-    pub label: u32,
-}
-
-/// The rows of a table of validation points.
-#[derive(Clone, Debug, Default)]
-pub struct Rows {
-    /// File, for messages.
-    pub file: String,
-    /// Joint angles and targets.
-    pub observations: Vec<Observation>,
-    /// Where each came from.
-    pub samples: Vec<Sample>,
-}
-
 /// Everything that a study is made from.
 #[derive(Clone, Debug)]
 pub struct Loaded {
     /// The robot with its files' frames.
     pub model: RobotModel,
-    /// Nominal robot, tool (in the last frame of the table) and plate, with
-    /// every row of the data file.
-    pub experiment: Experiment,
-    /// The data file.
-    pub file: String,
-    /// Where each observation came from, in the same order.
-    pub samples: Vec<Sample>,
-    /// Rows that judge the result: the validation file's.
-    pub validation: Rows,
-    /// Names of the placements.
-    pub places: Labels,
-    /// Values of the hold-out column.
-    pub labels: Labels,
-    /// Whether the data are closed-loop.
-    pub closed_loop: bool,
-    /// Whether the user gave the plate.
-    pub plate_given: bool,
+    /// The rows of the files.
+    pub recordings: Recordings,
     /// What the user should know about how the data were taken.
     pub notes: Vec<String>,
-}
-
-impl Loaded {
-    /// Name of row `i` of the data file for people: its line, and place and sphere
-    /// where it has them.
-    pub fn describe(&self, i: usize) -> String {
-        let (Some(observation), Some(sample)) = (self.experiment.observations.get(i), self.samples.get(i)) else {
-            return String::new();
-        };
-        let row = format!("{} line {}", self.file, sample.line);
-        let Target::Sphere { sphere, place } = observation.target else {
-            return row;
-        };
-        match self.places.name(place) {
-            "" => format!("{row} (sphere {sphere})"),
-            place => format!("{row} (sphere {sphere}, place {place})"),
-        }
-    }
-}
-
-impl Loaded {
-    /// Row `i` of the data file as a judge that the result calls `index`.
-    pub(super) fn judge(&self, index: usize, i: usize) -> Judge<'_> {
-        Judge {
-            index,
-            observation: &self.experiment.observations[i],
-            place: self.samples[i].place,
-        }
-    }
-
-    /// The rows that no fit sees: those of the data file that are set aside, then
-    /// the validation file's.
-    pub(super) fn set_aside(&self) -> impl Iterator<Item = Judge<'_>> {
-        let data = self
-            .experiment
-            .observations
-            .iter()
-            .zip(&self.samples)
-            .filter(|(o, _)| o.set == Set::Validate);
-        let file = self.validation.observations.iter().zip(&self.validation.samples);
-        data.chain(file)
-            .enumerate()
-            .map(|(index, (observation, sample))| Judge {
-                index,
-                observation,
-                place: sample.place,
-            })
-    }
-
-    /// The rows that judge a result: all of the data file's in a cross-validation,
-    /// else those that no fit sees.
-    pub(super) fn judges(&self, cross_validated: bool) -> Box<dyn Iterator<Item = Judge<'_>> + '_> {
-        if cross_validated {
-            Box::new((0..self.samples.len()).map(|i| self.judge(i, i)))
-        } else {
-            Box::new(self.set_aside())
-        }
-    }
 }
 
 /// Loads what a request names; `progress` is called while tables are read.
@@ -163,7 +71,9 @@ pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loa
     set_tool(&mut model, request)?;
     borrow_masses(&mut model, &mut notes);
     let mut spheres = Vec::new();
-    if let Some(path) = &request.plate {
+    if request.plate.as_deref() == Some(Path::new(PAPER_PLATE)) {
+        spheres = paper_plate();
+    } else if let Some(path) = &request.plate {
         let plate = read_plate_file(path)?;
         notes.extend(plate.notes);
         spheres = plate.spheres;
@@ -185,14 +95,14 @@ pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loa
         .observations
         .iter()
         .any(|o| matches!(o.target, Target::Sphere { .. }));
+    if closed_loop && request.plate.is_none() {
+        return Err(no_plate());
+    }
     let mut validation = Rows::default();
     if let Some(path) = &request.validate {
         format.label = None;
         let table = read_csv_file(path, &format, &mut places, progress)?;
         validation = rows(table, None, &places, &mut labels, false);
-    }
-    if request.plate.is_none() && closed_loop {
-        spheres = paper_plate();
     }
     let experiment = Experiment {
         robot: model.robot.clone(),
@@ -203,18 +113,34 @@ pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loa
     if !closed_loop {
         check_unit(&experiment, &data.file)?;
     }
-    Ok(Loaded {
-        model,
-        experiment,
+    let recordings = Recordings {
         file: data.file,
         samples: data.samples,
         validation,
         places,
         labels,
-        closed_loop,
-        plate_given: request.plate.is_some(),
+        holdout: request.holdout.clone(),
+        ..Recordings::new(experiment)
+    };
+    Ok(Loaded {
+        model,
+        recordings,
         notes,
     })
+}
+
+/// Contacts without a plate: nothing gives them a scale.
+fn no_plate() -> StudyError {
+    InputError::Field {
+        file: "command line".to_owned(),
+        field: "--plate".to_owned(),
+        value: "missing".to_owned(),
+        remedy: "contacts with spheres give the robot no scale without the spheres' certified positions: give \
+                 --plate FILE.toml ([[sphere]] tables with id, x_mm, y_mm, z_mm, sigma_mm), or --plate paper for \
+                 Table 1 of the paper"
+            .to_owned(),
+    }
+    .into()
 }
 
 /// The hold-out names a column that the table has.
@@ -415,14 +341,5 @@ fn rows(table: Table, label: Option<&str>, places: &Labels, labels: &mut Labels,
         observations: observations.collect(),
         samples,
         file: table.file,
-    }
-}
-
-/// The frame that a row's target is given in: points of closed-loop data live in
-/// the plate's frame.
-pub(super) fn frame_of(target: &Target, place: u32, closed_loop: bool) -> Reference {
-    match (reference_of(target), closed_loop) {
-        (Reference::Tracker, true) => Reference::Place(place),
-        (reference, _) => reference,
     }
 }

@@ -4,34 +4,21 @@
 //! database.
 //!
 //! ```text
-//! Request ─ load ─ align ─ identify ─ judge ─ verdict ─ Study
+//! Request ─ load ─▶ Recordings ─ evaluate ─▶ Study
 //! ```
-//!
-//! Vocabulary: a *sample* is one row of the user's table; a *frame* is where
-//! targets are given in (the tracker's, or the plate's in one of its *places*);
-//! to *align* is to find where frames and tool stand, with the robot's nominal
-//! geometry, before anything is identified; to *judge* is to predict samples
-//! that the fit has not seen.
 
-mod align;
-mod judge;
 mod load;
-mod plate;
-mod run;
-mod tune;
-mod verdict;
 
-pub use align::{Alignment, align};
-pub use judge::{Errors, Judge, Judged, ModelErrors, Predictor, SampleError, Tcp, judge};
-pub use load::{Loaded, Request, Rows, Sample, load};
-pub use run::{Fold, Holdout, Step, Study, millimetres, study};
-pub use verdict::{Verdict, verdict};
+pub use load::{Loaded, PAPER_PLATE, Request, load};
+
+use std::time::Instant;
 
 use spherecal_model::DataError;
-use spherecal_model::input::InputError;
-use spherecal_model::robots::RobotFileError;
+use spherecal_model::input::{InputError, Progress};
+use spherecal_model::robots::{RobotFileError, RobotModel};
 
-use crate::IdentifyError;
+use crate::evaluate::{self, EvaluateError, EvaluateOptions, Evaluation, evaluate, millimetres};
+use crate::{IdentifyError, Recordings};
 
 /// Why a calibration from files could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -45,6 +32,9 @@ pub enum StudyError {
     /// The data could not be used, or nothing could be fitted to them.
     #[error(transparent)]
     Identify(#[from] IdentifyError),
+    /// The data could not be evaluated.
+    #[error(transparent)]
+    Evaluate(EvaluateError),
 }
 
 impl From<DataError> for StudyError {
@@ -56,11 +46,99 @@ impl From<DataError> for StudyError {
 impl StudyError {
     /// Whether the user's input is at fault (exit code 2) and not the job (1).
     pub fn is_input(&self) -> bool {
+        let input = |e: &IdentifyError| !matches!(e, IdentifyError::Singular { .. } | IdentifyError::Diverged { .. });
         match self {
             Self::Robot(_) | Self::Input(_) => true,
-            Self::Identify(e) => !matches!(e, IdentifyError::Singular { .. } | IdentifyError::Diverged { .. }),
+            Self::Identify(e) | Self::Evaluate(EvaluateError::Identify(e)) => input(e),
+            Self::Evaluate(_) => true,
         }
     }
+
+    /// Of an evaluation of the rows of a file.
+    fn of(error: EvaluateError, file: &str) -> Self {
+        match error {
+            EvaluateError::Identify(error) => error.into(),
+            EvaluateError::NotThisRobot {
+                field,
+                median_mm,
+                remedy,
+            } => InputError::Field {
+                file: file.to_owned(),
+                field: field.to_owned(),
+                value: format!("{median_mm:.1} mm"),
+                remedy,
+            }
+            .into(),
+            EvaluateError::Holdout { column, what, remedy } => InputError::Columns {
+                file: file.to_owned(),
+                what: format!("--holdout {column}: {what}"),
+                remedy,
+            }
+            .into(),
+            error => Self::Evaluate(error),
+        }
+    }
+}
+
+/// How far a study has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// A table is being read.
+    Reading(Progress),
+    /// Its rows are evaluated.
+    Evaluating(evaluate::Step),
+}
+
+/// A calibration from files with everything that is known about it.
+#[derive(Clone, Debug)]
+pub struct Study {
+    /// The robot with its files' frames.
+    pub model: RobotModel,
+    /// The rows of the files.
+    pub recordings: Recordings,
+    /// The calibration and its verdict.
+    pub evaluation: Evaluation,
+    /// What the user should know.
+    pub notes: Vec<String>,
+    /// Time taken, in s.
+    pub wall_s: f64,
+}
+
+/// Runs a study from files.
+///
+/// # Errors
+/// Input that cannot be used, or no convergence.
+pub fn study(request: &Request, progress: &mut dyn FnMut(Step)) -> Result<Study, StudyError> {
+    let start = Instant::now();
+    let Loaded {
+        model,
+        recordings,
+        mut notes,
+    } = load(request, &mut |read| progress(Step::Reading(read)))?;
+    let options = EvaluateOptions {
+        identify: request.options.clone(),
+        ..EvaluateOptions::default()
+    };
+    let evaluation = evaluate(&recordings, &options, &mut |step| progress(Step::Evaluating(step)))
+        .map_err(|error| StudyError::of(error, &recordings.file))?;
+    if let Some(given) = evaluation.given_tcp_m {
+        let found = model.tcp_in_flange(evaluation.nominal.tcp_m.into());
+        notes.push(format!(
+            "the tool is not where it was said: the data put the TCP at {} mm in the flange frame, {:.1} mm from the \
+             nominal {} mm; it was taken from the data",
+            millimetres(&found),
+            (evaluation.nominal.tcp_m - given).norm() * 1e3,
+            millimetres(&model.tool.tcp_m),
+        ));
+    }
+    notes.extend(evaluation.notes.iter().cloned());
+    Ok(Study {
+        model,
+        recordings,
+        evaluation,
+        notes,
+        wall_s: start.elapsed().as_secs_f64(),
+    })
 }
 
 #[cfg(test)]

@@ -32,7 +32,7 @@ fn real_closed_loop_data_of_an_iiwa_14_place_by_place() {
             &mut |_| {},
         )
         .unwrap();
-        let holdout = study.holdout.as_ref().unwrap();
+        let holdout = study.evaluation.holdout.as_ref().unwrap();
         assert_eq!(holdout.folds.len(), 3);
         let calibrated = holdout.pooled.model("calibrated").unwrap();
         assert!(
@@ -46,28 +46,112 @@ fn real_closed_loop_data_of_an_iiwa_14_place_by_place() {
             calibrated.distances_mm
         );
         assert!(holdout.pooled.model("nominal").unwrap().errors().mean_mm > 0.6);
-        assert!(study.verdict.trusted, "{:?}", study.verdict);
+        assert!(study.evaluation.verdict.may_be_used, "{:?}", study.evaluation.verdict);
     }
 }
 
-/// Without a plate the default does not fit, and is not forced on the data.
+// Fails if contacts without a plate are identified: nothing gives them a scale.
 #[test]
-fn a_missing_plate_is_taken_from_the_robot_and_said() {
-    let study = study(
-        &Request {
-            robot: data("iiwa14.urdf").display().to_string(),
-            data: data("mukca_iiwa14.csv"),
-            ..Request::default()
-        },
-        &mut |_| {},
-    )
-    .unwrap();
+fn a_missing_plate_is_refused() {
+    let request = Request {
+        robot: data("iiwa14.urdf").display().to_string(),
+        data: data("mukca_iiwa14.csv"),
+        ..Request::default()
+    };
+    let error = study(&request, &mut |_| {}).unwrap_err();
+    assert!(error.is_input());
+    let words = error.to_string();
     assert!(
-        study.notes.iter().any(|n| n.contains("50.0 mm apart by the data")),
-        "{:?}",
-        study.notes
+        words.contains("--plate") && words.contains("scale") && words.contains("--plate paper"),
+        "{words}"
     );
-    assert!(study.validation.model("calibrated").unwrap().errors().mean_mm < 0.25);
+    // Table 1 of the paper is another plate than this one, and is said to be.
+    let request = Request {
+        plate: Some("paper".into()),
+        ..request
+    };
+    let error = study(&request, &mut |_| {}).unwrap_err();
+    assert!(error.to_string().contains("50.0 mm apart by the data"), "{error}");
+}
+
+// Fails if a sphere is held out where the others leave the plate free to turn: the
+// figure would be that of the plate.
+#[test]
+fn a_hold_out_by_sphere_is_refused_where_two_spheres_hold_the_plate() {
+    let directory = tempfile::tempdir().unwrap();
+    let plate = directory.path().join("plate.toml");
+    std::fs::write(&plate, SOCKETS).unwrap();
+    let request = Request {
+        robot: data("iiwa14.urdf").display().to_string(),
+        data: data("mukca_iiwa14.csv"),
+        plate: Some(plate),
+        holdout: Some("sphere".to_owned()),
+        ..Request::default()
+    };
+    let error = study(&request, &mut |_| {}).unwrap_err();
+    assert!(
+        error.is_input() && error.to_string().contains("free to turn"),
+        "{error}"
+    );
+}
+
+// Fails if rows that the model is made from may judge it.
+#[test]
+fn a_validation_file_of_calibration_rows_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, check) = (directory.path().join("t.csv"), directory.path().join("c.csv"));
+    let text = tracker_table(120, &[]);
+    std::fs::write(&path, &text).unwrap();
+    // One row of the other file is a copy.
+    let lines: Vec<&str> = text.lines().collect();
+    let other = tracker_table(160, &[]);
+    let apart: Vec<&str> = other.lines().skip(121).collect();
+    std::fs::write(&check, format!("{}\n{}\n{}\n", lines[0], apart.join("\n"), lines[7])).unwrap();
+    let request = Request {
+        robot: "iiwa7".to_owned(),
+        data: path.clone(),
+        validate: Some(check.clone()),
+        ignore_columns: vec!["shift".to_owned()],
+        ..Request::default()
+    };
+    let error = study(&request, &mut |_| {}).unwrap_err();
+    assert!(error.is_input());
+    assert!(
+        error.to_string().contains("1 of 41 validation rows") && error.to_string().contains("line 8"),
+        "{error}"
+    );
+    // Without it they judge.
+    std::fs::write(&check, format!("{}\n{}\n", lines[0], apart.join("\n"))).unwrap();
+    let found = study(&request, &mut |_| {}).unwrap();
+    assert!(!found.evaluation.cross_validated);
+    assert_eq!(found.evaluation.judged.unwrap().models[0].samples.len(), 40);
+}
+
+// Fails if copies of rows narrow the stated uncertainty, or are not named.
+#[test]
+fn copied_rows_count_once_and_are_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("t.csv");
+    let text = tracker_table(80, &[]);
+    let request = Request {
+        robot: "iiwa7".to_owned(),
+        data: path.clone(),
+        ignore_columns: vec!["shift".to_owned()],
+        ..Request::default()
+    };
+    std::fs::write(&path, &text).unwrap();
+    let once = study(&request, &mut |_| {}).unwrap().evaluation;
+    let rows = text.split_once('\n').unwrap().1;
+    std::fs::write(&path, format!("{text}{rows}{rows}")).unwrap();
+    let thrice = study(&request, &mut |_| {}).unwrap().evaluation;
+    assert_eq!((thrice.used.len(), thrice.repeated.len()), (80, 160));
+    assert_eq!(thrice.calibration.covariance, once.calibration.covariance);
+    assert_eq!(thrice.verdict.expected_error_mm, once.verdict.expected_error_mm);
+    assert!(
+        thrice.verdict.reasons.iter().any(|r| r.contains("line 82 repeats")),
+        "{:?}",
+        thrice.verdict.reasons
+    );
 }
 
 /// A plate that cannot be is refused with what the data say.
@@ -144,7 +228,8 @@ fn gross_errors_among_many_rows_are_all_left_out() {
             rows = p.rows;
         }
     })
-    .unwrap();
+    .unwrap()
+    .evaluation;
     let left_out: Vec<usize> = study.rejected.iter().map(|r| r.0).collect();
     assert_eq!((left_out.as_slice(), rows), (wrong.as_slice(), 25_000));
     assert!(study.rejected.iter().all(|r| (r.1 - 300.0).abs() < 5.0));
@@ -170,7 +255,7 @@ fn a_hold_out_takes_a_column_of_few_values() {
         holdout: Some("Shift".to_owned()),
         ..Request::default()
     };
-    let found = study(&request, &mut |_| {}).unwrap().holdout.unwrap();
+    let found = study(&request, &mut |_| {}).unwrap().evaluation.holdout.unwrap();
     let names: Vec<_> = found.folds.iter().map(|f| f.value.as_str()).collect();
     assert_eq!(names, ["s0", "s1", "s2"]);
     assert_eq!(found.pooled.models[0].samples.len(), 300);

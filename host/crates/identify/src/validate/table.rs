@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::Pose;
+use spherecal_model::fit_pose;
 
 /// How a model's base frame is brought into the tracker frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -161,7 +162,7 @@ pub fn validate(
         require_finite(&model.name, &model.points_m)?;
         let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vector3::from(*p)).collect::<Vec<_>>();
         // There are points, so there is a fit.
-        let fitted = Pose::fit(&vectors(&model.points_m), &vectors(measured_m)).unwrap_or(*arc_base);
+        let fitted = fit_pose(&vectors(&model.points_m), &vectors(measured_m)).unwrap_or(*arc_base);
         let bases = [arc_base, &fitted, model.own_base.as_ref().unwrap_or(arc_base)];
         let errors_mm = bases.map(|base| errors_mm(base, &model.points_m, measured_m));
         Ok(ModelErrors {

@@ -13,10 +13,10 @@ use spherecal_plan::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
-    /// By the predicted TCP error over the workspace.
+    /// The poses that leave the least TCP error over the workspace.
     #[default]
     Optimal,
-    /// Spread over the grid: each sphere is visited once, in small turns.
+    /// Poses spread over the grid. Each sphere is visited once, with small turns between poses.
     Grid,
 }
 
@@ -24,37 +24,38 @@ pub enum Choice {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlanSection {
-    /// Number of poses over all spheres; 0 for every reachable one of the grid.
+    /// Number of poses over all spheres. 0: every reachable pose of the grid.
     pub poses: usize,
-    /// Use the paper's whole grid by the paper's rules. Overrides the other fields of this section.
+    /// Take the paper's whole grid by the paper's rules. The other fields of this section then have no effect on
+    /// the choice of poses.
     pub paper: bool,
-    /// Wanted mean TCP error, in mm, base aligned. The planner uses the fewest optimal poses that
-    /// are predicted to reach it, instead of `poses`.
+    /// Required mean TCP error after alignment of the base, in mm. The plan then has as few optimal poses as
+    /// promise it, whatever `poses` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accuracy_mm: Option<f64>,
     /// How the poses are chosen.
     pub choice: Choice,
-    /// Largest number of contacts of an optimal plan, but at least one per sphere; 0 for as many as
-    /// are worthwhile.
+    /// Largest number of contacts of an optimal plan. Each sphere has at least one. 0: as many as are worth
+    /// their time.
     pub contacts: usize,
-    /// Travel time to an optimal pose, in units of a recording's time, at which half of the pose's
-    /// gain is discounted. A small value saves robot time, a large one saves poses. Default: 60
-    /// divided by the number of poses.
+    /// Weight of robot time in an optimal plan, as a number of recordings: a pose counts half when the way to it
+    /// takes as long as this many recordings. A small value saves robot time, a large one poses.
+    /// Left out: 60 divided by the number of poses.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub patience: Option<f64>,
-    /// How wide optimal poses may lie.
+    /// How far optimal poses may turn away from the upright pose.
     pub range: Range,
     /// The grid about each sphere.
     pub grid: Grid,
-    /// What configurations and moves must keep.
+    /// Margins that configurations and moves must keep.
     pub rules: Rules,
-    /// Height of the approach frames above the spheres' centres, in m.
+    /// Height of the approach waypoints above the sphere centres, in m.
     pub approach_height_m: f64,
-    /// Margin of the TCP around the box of the plan's positions and paths, in m;
-    /// procedure.limits.workspace is narrowed to it.
+    /// Margin around the box that holds the plan's poses and paths, in m. `procedure.limits.workspace` is narrowed
+    /// to the box with this margin.
     pub workspace_margin_m: f64,
-    /// How far the TCP may go below the centre of the lowest sphere, in m; sets
-    /// procedure.limits.plate, unless that is given.
+    /// How far the TCP may go below the centre of the lowest sphere, in m. `procedure.limits.plate` is set from
+    /// it, unless that is given.
     pub plate_margin_m: f64,
 }
 
@@ -121,17 +122,17 @@ impl PlanSection {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CampaignSection {
-    /// Failed attempts after which a sphere is given up.
+    /// Number of failed attempts after which a sphere is given up.
     pub attempts: u32,
-    /// Failures after which a single pose is given up.
+    /// Number of failures after which a pose is given up.
     pub pose_attempts: u32,
-    /// Poses given up, in percent, after which the campaign stops.
+    /// Share of poses given up, in percent, at which the campaign stops.
     pub rejected_percent: u32,
-    /// Delay from a command's cause to its start, in ms. A lossy link must deliver an event and a
-    /// command within this time, or recordings depend on it.
+    /// Time from an event to the start of the command that answers it, in ms. The link must carry the event up and
+    /// the command down within this time; otherwise the recordings depend on the link.
     pub lead_ms: u32,
-    /// Largest error of the taught waypoints along each axis, in m, in both directions: quick
-    /// hand-guiding (the paper's, Section 4.2).
+    /// Largest error of the waypoints along each axis, in m: it stands for quick hand-guiding (Section 4.2 of the
+    /// paper). It has no effect where `cell.waypoints` or `--waypoints` gives taught ones.
     pub taught_error_m: f64,
 }
 
@@ -164,7 +165,7 @@ impl CampaignSection {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LaserSection {
-    /// Whether it is measured (in simulation).
+    /// Whether the simulated tracker measures the arm, too, as a reference.
     pub enabled: bool,
 }
 

@@ -3,12 +3,13 @@
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use spherecal_identify::study::{Errors, Judge, Judged, Study};
+use spherecal_identify::evaluate::{Errors, Judge, Judged};
+use spherecal_identify::study::Study;
 
 /// Hash over the bits of the recordings in order: joint angles, then torques.
 fn recordings_sha256(study: &Study) -> String {
     let mut hash = Sha256::new();
-    for o in &study.loaded.experiment.observations {
+    for o in &study.recordings.experiment.observations {
         for value in o.q.iter().chain(o.tau.iter().flatten()) {
             hash.update(value.to_bits().to_le_bytes());
         }
@@ -54,10 +55,14 @@ fn judged_json(judged: &Judged, closed_loop: bool) -> Value {
 
 /// The summary of a study.
 pub fn summary_json(study: &Study) -> Value {
-    let calibration = &study.calibration;
-    let closed_loop = study.loaded.closed_loop;
+    let evaluation = &study.evaluation;
+    let recordings = &study.recordings;
+    let calibration = &evaluation.calibration;
+    let closed_loop = recordings.closed_loop();
     let identifiability = &calibration.identifiability;
-    let given = study.given_tcp_m.unwrap_or_else(|| study.loaded.experiment.tool.tcp());
+    let given = evaluation
+        .given_tcp_m
+        .unwrap_or_else(|| recordings.experiment.tool.tcp());
     let parameters: Vec<Value> = calibration
         .parameters
         .iter()
@@ -81,25 +86,25 @@ pub fn summary_json(study: &Study) -> Value {
         .iter()
         .take(LISTED)
         .filter_map(|o| {
-            let row = study.loaded.describe(*study.used.get(o.index)?);
+            let row = recordings.describe(*evaluation.used.get(o.index)?);
             Some(json!({ "row": row, "why": o.why }))
         })
         .collect();
-    let rejected: Vec<Value> = study
+    let rejected: Vec<Value> = evaluation
         .rejected
         .iter()
         .take(LISTED)
-        .map(|(i, mm)| json!({ "row": study.loaded.describe(*i), "distance_mm": mm }))
+        .map(|(i, mm)| json!({ "row": recordings.describe(*i), "distance_mm": mm }))
         .collect();
-    let planned = study.loaded.samples.len();
-    let names: Vec<&str> = study.loaded.places.names().collect();
+    let planned = recordings.samples.len();
+    let names: Vec<&str> = recordings.places.names().collect();
     let frames: Vec<Value> = calibration
         .frames
         .iter()
         .map(|f| {
             json!({
                 "frame": f.reference,
-                "base_xyz_m": f.base.translation_m.as_slice(),
+                "base_xyz_m": f.base.position.as_slice(),
                 "base_rpy_rad": spherecal_model::robots::frames::to_rpy(&f.base.rotation),
             })
         })
@@ -107,12 +112,12 @@ pub fn summary_json(study: &Study) -> Value {
     let mut value = json!({
         "command": "identify",
         "version": env!("CARGO_PKG_VERSION"),
-        "seed": study.options.seed,
-        "robot": study.loaded.model.robot.name.as_str(),
+        "seed": evaluation.options.seed,
+        "robot": study.model.robot.name.as_str(),
         "method": calibration.method,
         "model": calibration.model,
         "closed_loop": closed_loop,
-        "poses": { "planned": planned, "reachable": planned, "recorded": study.used.len(), "rejected": study.rejected.len() },
+        "poses": { "planned": planned, "reachable": planned, "recorded": evaluation.used.len(), "rejected": evaluation.rejected.len() },
         "simulated_s": Value::Null,
         "wall_s": study.wall_s,
         "real_time_factor": Value::Null,
@@ -123,7 +128,7 @@ pub fn summary_json(study: &Study) -> Value {
             "noise_amplification": finite(identifiability.noise_amplification),
         },
         "parameters": parameters,
-        "tool_mm": study.loaded.model.tcp_in_flange(calibration.tool.tcp_m).map(|x| x * 1e3),
+        "tool_mm": study.model.tcp_in_flange(calibration.tool.tcp_m).map(|x| x * 1e3),
         "frames": frames,
         "places": names,
         "residual": {
@@ -132,21 +137,21 @@ pub fn summary_json(study: &Study) -> Value {
         },
         "noise_scale": calibration.noise_scale,
         "effective_parameters": calibration.effective_parameters,
-        "predicted": { "mean_mm": study.predicted_mm.0, "max_mm": study.predicted_mm.1 },
-        "validation": judged_json(&study.validation, closed_loop),
-        "verdict": study.verdict,
+        "predicted": { "mean_mm": evaluation.predicted_mm.0, "max_mm": evaluation.predicted_mm.1 },
+        "validation": evaluation.judged.as_ref().map_or_else(|| json!({ "n": 0, "models": {} }), |j| judged_json(j, closed_loop)),
+        "verdict": evaluation.verdict,
         "notes": study.notes,
         "recordings_sha256": recordings_sha256(study),
         "faults": [],
         "link": { "frames": 0, "crc_errors": 0, "lost": 0, "resent": 0, "duplicates": 0 },
     });
-    if !study.cross_validated {
-        let judges: Vec<Judge<'_>> = study.judges().collect();
-        let aligned = study.validation.base_aligned(&judges);
+    if let Some(judged) = evaluation.judged.as_ref().filter(|_| !evaluation.cross_validated) {
+        let judges: Vec<Judge<'_>> = recordings.judges(false).collect();
+        let aligned = judged.base_aligned(&judges);
         value["validation"]["models_base_aligned"] = models_json(&aligned, closed_loop);
     }
-    value["validation"]["cross_validated"] = json!(study.cross_validated);
-    if let Some(holdout) = &study.holdout {
+    value["validation"]["cross_validated"] = json!(evaluation.cross_validated);
+    if let Some(holdout) = &evaluation.holdout {
         let folds: Vec<Value> = holdout
             .folds
             .iter()

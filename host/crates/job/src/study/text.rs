@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use spherecal_identify::study::{Judged, ModelErrors, Study, millimetres};
+use spherecal_identify::evaluate::{Errors, Judged, JudgedModel, millimetres};
+use spherecal_identify::study::Study;
 
 /// Name of a model for people.
 fn title(name: &str) -> &str {
@@ -47,24 +48,24 @@ fn table(out: &mut String, judged: &Judged) {
 /// A study in words.
 pub fn summary_text(study: &Study) -> String {
     let mut out = String::new();
-    let errors = |name: &str| {
-        study
-            .validation
-            .model(name)
-            .map(ModelErrors::errors)
-            .unwrap_or_default()
+    let evaluation = &study.evaluation;
+    let judged = evaluation.judged.as_ref();
+    let errors = |name: &str| -> Errors {
+        let model = judged.and_then(|j| j.model(name));
+        model.map(JudgedModel::errors).unwrap_or_default()
     };
     let (nominal, calibrated) = (errors("nominal"), errors("calibrated"));
-    let v = &study.verdict;
+    let v = &evaluation.verdict;
+    let gain = v.improvement.unwrap_or_default();
     let _ = writeln!(
         out,
-        "{}: mean error {:.3} mm, with the nominal model {:.3} mm ({} {:.0} %). {}",
-        study.loaded.model.robot.name,
+        "{}: mean error {:.3} mm, nominally {:.3} mm ({} {:.0} %). {}",
+        study.model.robot.name,
         calibrated.mean_mm,
         nominal.mean_mm,
-        if v.improvement >= 0.0 { "better by" } else { "worse by" },
-        v.improvement.abs() * 100.0,
-        if v.trusted {
+        if gain >= 0.0 { "better by" } else { "worse by" },
+        gain.abs() * 100.0,
+        if v.may_be_used {
             "The result may be used."
         } else {
             "DO NOT USE this result."
@@ -73,10 +74,14 @@ pub fn summary_text(study: &Study) -> String {
     for reason in &v.reasons {
         let _ = writeln!(out, "  - {reason}");
     }
-    let n = calibrated.n;
-    let _ = writeln!(out, "\nValidation on {n} samples ({}):", study.validation.by);
-    table(&mut out, &study.validation);
-    if let Some(holdout) = &study.holdout {
+    if let Some(e) = v.expected_error_mm {
+        let _ = writeln!(out, "{}", crate::summary::expected_words(&e));
+    }
+    if let Some(judged) = judged {
+        let _ = writeln!(out, "\nValidation on {} samples ({}):", calibrated.n, judged.by);
+        table(&mut out, judged);
+    }
+    if let Some(holdout) = &evaluation.holdout {
         let _ = writeln!(
             out,
             "\nHeld out by {} ({} values):",
@@ -85,7 +90,7 @@ pub fn summary_text(study: &Study) -> String {
         );
         table(&mut out, &holdout.pooled);
     }
-    let calibration = &study.calibration;
+    let calibration = &evaluation.calibration;
     let id = &calibration.identifiability;
     let free = calibration.parameters.iter().filter(|p| p.free).count();
     let identified = calibration.parameters.iter().filter(|p| p.identified).count();
@@ -95,10 +100,10 @@ pub fn summary_text(study: &Study) -> String {
         "\nFit ({}, {} model): {} rows, residual {:.3} mm rms, {} outliers, {} left out",
         calibration.method,
         calibration.model,
-        study.used.len(),
+        evaluation.used.len(),
         residual.rms_mm,
         residual.outliers.len(),
-        study.rejected.len()
+        evaluation.rejected.len()
     );
     let _ = writeln!(
         out,
@@ -112,9 +117,9 @@ pub fn summary_text(study: &Study) -> String {
     let _ = writeln!(
         out,
         "TCP {} mm in the flange frame; predicted error of a position {:.3} mm (1 sigma), at most {:.3} mm",
-        millimetres(&study.loaded.model.tcp_in_flange(calibration.tool.tcp_m)),
-        study.predicted_mm.0,
-        study.predicted_mm.1
+        millimetres(&study.model.tcp_in_flange(calibration.tool.tcp_m)),
+        evaluation.predicted_mm.0,
+        evaluation.predicted_mm.1
     );
     if !study.notes.is_empty() {
         let _ = writeln!(out, "\nNotes:");

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::case::{Case, Ended, Finish, Trial};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{FaultsError, bar};
-use spherecal_sim::inject::{Entry, PRESETS, Plan, When};
+use spherecal_sim::inject::{Entry, FaultPlan, PRESETS, When};
 
 /// Largest accepted ratio of the error with faults to the undisturbed error.
 const WORSE: f64 = 1.2;
@@ -116,7 +116,7 @@ impl CampaignTable {
 }
 
 /// A plan of one to four random faults within `ticks`.
-fn random_plan(seed: u64, ticks: u64) -> Plan {
+fn random_plan(seed: u64, ticks: u64) -> FaultPlan {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let count = rng.random_range(1..=MOST);
     let faults = (0..count).map(|_| Entry {
@@ -124,7 +124,7 @@ fn random_plan(seed: u64, ticks: u64) -> Plan {
         when: When::Tick(rng.random_range(500..ticks.max(501))),
         for_s: None,
     });
-    Plan {
+    FaultPlan {
         faults: faults.collect(),
         seed,
         host_link: None,

@@ -10,21 +10,22 @@ use super::FaultsError;
 use super::judge::{Judged, look};
 use super::run_journal::RunJournal;
 use spherecal_campaign::measure_laser;
-use spherecal_campaign::{self as campaign, Assignment, CampaignError, Outcome, Silent, Tour};
+use spherecal_campaign::{self as campaign, Assignment, CampaignError, Outcome, Silent};
 use spherecal_identify::validate::{Prediction, validate};
-use spherecal_identify::{Experiment, Observation, Set, Target, identify};
-use spherecal_job::{Choice, Config, JobError, Prepared, prepare, simulated_tracker, tour};
+use spherecal_identify::{EvaluateError, Experiment, Observation, Set, Target, identify};
+use spherecal_job::{Choice, Config, JobError, Prepared, prepare, simulated_tracker};
 use spherecal_link::JournalError;
 use spherecal_link::{Device, LinkError, controller_in_process};
 use spherecal_model::LaserShot;
-use spherecal_sim::inject::{FaultyCell, FaultyDrive, Happened, HostKilled, Plan};
+use spherecal_plan::Plan;
+use spherecal_sim::inject::{FaultPlan, FaultyCell, FaultyDrive, Happened, HostKilled};
 
 /// One arm, its shortened tour, and the result of its undisturbed run.
 pub struct Case {
     /// Seed of the arm.
     pub seed: u64,
     prepared: Prepared,
-    tour: Tour,
+    plan: Plan,
     shots: Vec<LaserShot>,
     /// Control periods of the undisturbed run.
     pub ticks: u64,
@@ -122,15 +123,15 @@ impl Case {
         let prepared = prepare(&configuration(seed, finish))?;
         let mut case = Self {
             seed,
-            tour: tour(&prepared.plan),
+            plan: prepared.plan.clone(),
             shots: Vec::new(),
             ticks: 0,
             error_mm: 0.0,
             prepared,
         };
-        let clean = case.run(&Plan::default())?;
+        let clean = case.run(&FaultPlan::default())?;
         let faultless =
-            clean.ended == Ended::Finished && clean.bad.is_empty() && clean.recordings.len() == case.tour.poses();
+            clean.ended == Ended::Finished && clean.bad.is_empty() && clean.recordings.len() == case.plan.recorded();
         if !faultless {
             return Err(FaultsError::Clean {
                 seed,
@@ -157,19 +158,19 @@ impl Case {
     ///
     /// # Errors
     /// A plant, a controller or a plan that cannot be created.
-    pub fn run(&self, plan: &Plan) -> Result<Trial, FaultsError> {
+    pub fn run(&self, plan: &FaultPlan) -> Result<Trial, FaultsError> {
         match self.prepared.robot.dof() {
             6 => self.run_with::<6>(plan),
             _ => self.run_with::<7>(plan),
         }
     }
 
-    fn run_with<const N: usize>(&self, plan: &Plan) -> Result<Trial, FaultsError> {
+    fn run_with<const N: usize>(&self, plan: &FaultPlan) -> Result<Trial, FaultsError> {
         let (robot, tool) = (&self.prepared.robot, &self.prepared.tool);
-        let home: &[f64; N] = self.tour.home.as_slice().try_into().map_err(|_| {
+        let home: &[f64; N] = self.plan.home.joints.as_slice().try_into().map_err(|_| {
             JobError::from(LinkError::OtherRobot {
                 drive: N,
-                robot: self.tour.home.len(),
+                robot: self.plan.home.joints.len(),
             })
         })?;
         let (drive, judgement) = Judged::new(robot, tool, &self.prepared.plant, home).map_err(JobError::from)?;
@@ -188,7 +189,7 @@ impl Case {
                 robot,
                 tool,
                 procedure: &procedure,
-                tour: &self.tour,
+                plan: &self.plan,
                 done: &done,
                 seated: &seated,
                 options: self.prepared.config.campaign.options(),
@@ -272,7 +273,8 @@ impl Case {
             spheres: self.prepared.spheres.clone(),
             observations: observations.collect(),
         };
-        let found = identify(&experiment, &self.prepared.config.identify).map_err(JobError::from)?;
+        let failed = |error| JobError::from(EvaluateError::Identify(error));
+        let found = identify(&experiment, &self.prepared.config.identify).map_err(failed)?;
         let points = self.shots.iter().map(|s| found.tcp_m(&s.q, None).into());
         let models = [Prediction {
             name: "spheres".to_owned(),
@@ -280,7 +282,9 @@ impl Case {
             own_base: Some(found.base),
         }];
         let measured: Vec<[f64; 3]> = self.shots.iter().map(|s| s.point_m).collect();
-        let table = validate(&measured, &found.base, &models).map_err(JobError::from)?;
+        let table = validate(&measured, &found.base, &models)
+            .map_err(EvaluateError::from)
+            .map_err(JobError::from)?;
         Ok(table.models.first().map_or(f64::NAN, |m| m.best_fit.mean_mm))
     }
 }

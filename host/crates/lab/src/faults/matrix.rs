@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::case::{Case, Ended, Finish, Trial};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{FaultsError, bar};
-use spherecal_sim::inject::{PRESETS, Plan, Preset, When};
+use spherecal_sim::inject::{FaultPlan, PRESETS, Preset, When};
 
 /// Ticks at the beginning and at the end of a run that are left out: handshake and shutdown.
 const EDGE_TICKS: u64 = 500;
@@ -43,7 +43,7 @@ impl Default for MatrixOptions {
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Row {
     /// The fault that was injected.
-    pub upset: String,
+    pub fault: String,
     /// Runs.
     pub runs: usize,
     /// Runs without a report from the controller: the fault had no effect.
@@ -203,9 +203,9 @@ pub fn run(options: &MatrixOptions) -> Result<MatrixTable, FaultsError> {
     let trials = runs
         .into_par_iter()
         .map(|(number, preset, case, tick)| {
-            let plan = Plan {
+            let plan = FaultPlan {
                 seed: tick,
-                ..Plan::of(preset.what, When::Tick(tick))
+                ..FaultPlan::of(preset.what, When::Tick(tick))
             };
             let trial = case.run(&plan)?;
             bar.inc(1);
@@ -221,7 +221,7 @@ pub fn run(options: &MatrixOptions) -> Result<MatrixTable, FaultsError> {
     let mut rows: Vec<Row> = presets
         .iter()
         .map(|preset| Row {
-            upset: preset.name.to_owned(),
+            fault: preset.name.to_owned(),
             ..Row::default()
         })
         .collect();
@@ -266,7 +266,7 @@ impl fmt::Display for MatrixTable {
             writeln!(
                 f,
                 "{:18} {:5} {:6} {:10} {:8} {:9} {:8} {:7} {:7} {:4} {:5} {:5} {:6.2} {:6.0}  {}",
-                r.upset,
+                r.fault,
                 r.runs,
                 r.borne,
                 r.documented,
@@ -284,7 +284,7 @@ impl fmt::Display for MatrixTable {
             )?;
         }
         for r in self.rows.iter().filter(|r| !r.broken.is_empty()) {
-            writeln!(f, "\n{}: not as documented", r.upset)?;
+            writeln!(f, "\n{}: not as documented", r.fault)?;
             for line in &r.broken {
                 writeln!(f, "  {line}")?;
             }

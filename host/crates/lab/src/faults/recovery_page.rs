@@ -3,7 +3,7 @@
 // Fails if the page differs from what the code does. `SPHERECAL_BLESS=1` writes the tables.
 #[test]
 fn the_page_is_what_the_code_does() {
-    use spherecal_campaign::recovery::{GREET_S, LOST_S, table};
+    use spherecal_campaign::recovery::{HANDSHAKE_S, LOST_S, table};
 
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/recovery.md");
     let text = std::fs::read_to_string(path).expect("the page");
@@ -23,7 +23,7 @@ fn the_page_is_what_the_code_does() {
         text, whole,
         "docs/recovery.md differs from the code: SPHERECAL_BLESS=1 rewrites its tables"
     );
-    for value in [format!("{LOST_S} s"), format!("{GREET_S} s")] {
+    for value in [format!("{LOST_S} s"), format!("{HANDSHAKE_S} s")] {
         assert!(text.contains(&value), "{value}");
     }
 }

@@ -74,10 +74,10 @@ impl RunJournal {
         match self {
             Self::Memory(memory) => Ok(Box::new(memory)),
             Self::File { store, run, .. } => {
-                let greetings = store.read_run(*run).map_err(JobError::from)?.greetings;
+                let handshakes = store.read_run(*run).map_err(JobError::from)?.handshakes;
                 let session = store.begin_session(*run, &now_utc()).map_err(JobError::from)?;
                 let path = store.path().to_owned();
-                let journal = StoreJournal::live(store.as_mut(), *run, session, greetings);
+                let journal = StoreJournal::live(store.as_mut(), *run, session, handshakes);
                 let lock = file_lock(path.clone());
                 Ok(Box::new(HostFaultJournal::new(journal, faults.clone(), path, lock)))
             }

@@ -3,7 +3,9 @@
 
 use plotters::prelude::*;
 
-use super::{LASER, LASER_OPTIMUM, NOMINAL, Reproduction, SPHERE, SPHERE_MAP};
+use spherecal_identify::Estimator;
+
+use super::Reproduction;
 
 const SIZE: (u32, u32) = (720, 480);
 /// Force at which contact is declared, in N.
@@ -23,14 +25,28 @@ pub(super) fn all(r: &Reproduction) -> Result<Vec<(&'static str, String)>, Box<d
         ("figure_10.svg", points(r)?),
         (
             "figure_11.svg",
-            histogram(r, "Figure 11. Validation errors", &[NOMINAL, SPHERE, LASER, SPHERE_MAP])?,
+            histogram(
+                r,
+                "Figure 11. Validation errors",
+                &[
+                    Estimator::Nominal,
+                    Estimator::PaperNelderMead,
+                    Estimator::LaserNelderMead,
+                    Estimator::Sphere,
+                ],
+            )?,
         ),
         (
             "figure_12.svg",
             histogram(
                 r,
                 "Figure 12. Validation errors of calibrated models",
-                &[LASER, SPHERE, LASER_OPTIMUM, SPHERE_MAP],
+                &[
+                    Estimator::LaserNelderMead,
+                    Estimator::PaperNelderMead,
+                    Estimator::Laser,
+                    Estimator::Sphere,
+                ],
             )?,
         ),
     ];
@@ -110,8 +126,11 @@ fn points(r: &Reproduction) -> Drawn {
 
 /// Figures 11 and 12: histograms of the errors with the arc-measured base, as
 /// outlines that can lie over each other.
-fn histogram(r: &Reproduction, title: &str, models: &[&str]) -> Drawn {
-    let chosen: Vec<_> = models.iter().filter_map(|name| r.validation.model(name)).collect();
+fn histogram(r: &Reproduction, title: &str, models: &[Estimator]) -> Drawn {
+    let chosen: Vec<_> = models
+        .iter()
+        .filter_map(|name| r.validation.model(name.name()))
+        .collect();
     let largest = chosen.iter().map(|m| m.arcs.max_mm).fold(0.1, f64::max);
     let bins = 30;
     let width = largest * 1.02 / f64::from(bins);

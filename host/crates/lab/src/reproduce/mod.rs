@@ -2,8 +2,8 @@
 //! beside the published numbers, its redundancy analysis, the frozen simplex of its Table 6, and
 //! the results of better estimators on the same recordings.
 //!
-//! Works on plain data ([`Recordings`]) from a stored campaign or from a synthetic world
-//! ([`Trial`]).
+//! Works on plain data ([`Recordings`]): they may come from a stored campaign or from
+//! a synthetic world ([`Trial`](crate::worlds::Trial)).
 //!
 //! ```text
 //! Recordings ─ reproduce ─▶ Reproduction ─ write ─▶ reproduce.txt · reproduce.json · figure_*.svg
@@ -11,7 +11,6 @@
 
 mod figures;
 mod published;
-mod source;
 mod tables;
 
 use std::path::{Path, PathBuf};
@@ -20,65 +19,23 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Tool;
 
-use crate::worlds::Trial;
-use spherecal_identify::arcs::{LaserError, Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
 use spherecal_identify::paper::{self, Procedure, Run};
-use spherecal_identify::validate::{Prediction, ValidateError, ValidationTable, validate};
-use spherecal_identify::{Calibration, Experiment, IdentifyError, Method, Options, Pairs, Target, identify};
-use spherecal_model::chain::Chain;
+use spherecal_identify::validate::ValidationTable;
+use spherecal_identify::{
+    Estimator, EvaluateError, EvaluateOptions, Experiment, IdentifyError, Method, Options, Recordings, Verdict,
+    evaluate,
+};
 
 pub use tables::{Redundancy, Side, Table};
 
-/// Names of the models in the validation table.
-pub const NOMINAL: &str = "nominal";
-/// The paper's sphere calibration: mini-batch Nelder-Mead.
-pub const SPHERE: &str = "sphere";
-/// The paper's laser calibration: Nelder-Mead on absolute errors.
-pub const LASER: &str = "laser";
-/// Its optimum: Gauss-Newton on the same pairs and parameters.
-pub const SPHERE_OPTIMUM: &str = "sphere, optimum";
-/// The laser calibration's optimum.
-pub const LASER_OPTIMUM: &str = "laser, optimum";
-/// The structured estimator on the same contacts.
-pub const SPHERE_MAP: &str = "sphere, map";
-/// The full model on the same laser points.
-pub const LASER_MAP: &str = "laser, map";
-
-/// What one robot recorded; SI units.
-#[derive(Clone, Debug)]
-pub struct Recordings {
-    /// Contacts: nominal robot and tool, certificate, observations.
-    pub spheres: Experiment,
-    /// Laser points for the calibration: nominal robot and tool.
-    pub laser: Experiment,
-    /// Arcs of joints 1 and 2.
-    pub base_arcs: Vec<MeasuredArc>,
-    /// Arcs of the last three joints.
-    pub tool_arcs: Vec<MeasuredArc>,
-    /// Base and tool if they were measured in another way; otherwise they come from the arcs.
-    pub frames: Option<MeasuredFrames>,
-    /// Validation measurements.
-    pub validation: Vec<Measured>,
-    /// Force on the tool during one contact (Figure 5): time in s, force in N.
-    pub contact_force: Vec<(f64, f64)>,
-    /// Seed of the random choices: the 300 poses, the mini-batches.
-    pub seed: u64,
-}
-
-impl From<&Trial> for Recordings {
-    fn from(trial: &Trial) -> Self {
-        Self {
-            spheres: trial.spheres.clone(),
-            laser: trial.laser.clone(),
-            base_arcs: trial.base_arcs.clone(),
-            tool_arcs: trial.tool_arcs.clone(),
-            frames: Some(trial.frames.clone()),
-            validation: trial.validation.clone(),
-            contact_force: Vec::new(),
-            seed: trial.seed,
-        }
-    }
-}
+/// The models of the study besides nominal and sphere.
+const MODELS: [Estimator; 5] = [
+    Estimator::PaperNelderMead,
+    Estimator::LaserNelderMead,
+    Estimator::GaussNewton,
+    Estimator::Laser,
+    Estimator::LaserFull,
+];
 
 /// The study's results.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -103,7 +60,10 @@ pub struct Reproduction {
     pub scaled_over_optimum: f64,
     /// Conclusions, in words.
     pub findings: Vec<String>,
-    /// TCPs of the laser calibration and of the validation in F0, in m (Figure 10).
+    /// Whether the sphere calibration may be used.
+    #[serde(skip_deserializing)]
+    pub verdict: Verdict,
+    /// TCPs of the laser calibration and validation in F0, in m (Figure 10).
     pub points_m: [Vec<[f64; 3]>; 2],
     /// Force during a contact (Figure 5): s, N.
     pub contact_force: Vec<(f64, f64)>,
@@ -112,20 +72,15 @@ pub struct Reproduction {
 /// Why the study could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ReproduceError {
-    /// An estimator failed.
-    #[error("{model}: {source}")]
-    Identify {
-        /// The model.
-        model: &'static str,
-        /// Why.
-        source: IdentifyError,
-    },
-    /// The arcs gave no frames.
+    /// The recordings could not be evaluated.
     #[error(transparent)]
-    Arcs(#[from] LaserError),
-    /// The models could not be validated.
-    #[error(transparent)]
-    Validate(#[from] ValidateError),
+    Evaluate(#[from] EvaluateError),
+    /// The paper's estimator failed.
+    #[error("the paper's Nelder-Mead: {0}")]
+    Paper(#[from] IdentifyError),
+    /// No instrument measured what the study compares with.
+    #[error("the recordings hold no tracker's calibration and validation points: measure with [laser] enabled = true")]
+    NoTracker,
     /// A file could not be written.
     #[error("{path}: {reason}: choose another folder with --out")]
     Write {
@@ -136,102 +91,72 @@ pub enum ReproduceError {
     },
 }
 
-/// Repeats the paper's study on recordings.
+/// Makes the paper's study from recordings. `seed` draws the 300 poses and the
+/// mini-batches; `contact_force` is the force on the tool during one contact (time in
+/// s, force in N; Figure 5).
 ///
 /// # Errors
 /// Data that an estimator, the arcs or the validation refuse.
-pub fn reproduce(recordings: &Recordings) -> Result<Reproduction, ReproduceError> {
-    let frames = match &recordings.frames {
-        Some(frames) => frames.clone(),
-        None => frames_from_arcs(&recordings.spheres.robot, &recordings.base_arcs, &recordings.tool_arcs)?,
-    };
-    let tool = Tool {
-        tcp_m: frames.tool_m,
-        ..recordings.spheres.tool
-    };
-    let with_tool = |experiment: &Experiment| Experiment {
-        tool,
-        ..experiment.clone()
-    };
-    let (spheres, laser) = (with_tool(&recordings.spheres), with_tool(&recordings.laser));
-    let named = |model: &'static str| move |source| ReproduceError::Identify { model, source };
+pub fn reproduce(
+    recordings: &Recordings,
+    seed: u64,
+    contact_force: &[(f64, f64)],
+) -> Result<Reproduction, ReproduceError> {
+    let tracker = recordings.tracker.as_ref().ok_or(ReproduceError::NoTracker)?;
     let plain = Options {
-        seed: recordings.seed,
+        seed,
         ..Options::default()
     };
+    let asked = EvaluateOptions {
+        identify: plain.clone(),
+        align: false,
+        choose_model: false,
+        cross_validate: false,
+        models: MODELS.to_vec(),
+        bound: None,
+    };
+    let evaluation = evaluate(recordings, &asked, &mut |_| {})?;
+    let reference = evaluation.reference.as_ref().ok_or(ReproduceError::NoTracker)?;
+    let validation = reference.table.clone().ok_or(ReproduceError::NoTracker)?;
+    let frames = &reference.frames;
 
-    // The paper's two calibrations, and the optimum of the fitness of each.
+    // The paper's own search, step by step, with the tool as it was measured.
+    let spheres = Experiment {
+        tool: Tool {
+            tcp_m: frames.tool_m,
+            ..recordings.experiment.tool
+        },
+        ..recordings.experiment.clone()
+    };
     let procedure = Procedure::default();
     let simplex_options = Options {
         method: Method::NelderMead,
-        ..plain.clone()
+        ..plain
     };
-    let (problem, options) = paper::problem(&spheres, &simplex_options, &procedure).map_err(named(SPHERE))?;
-    let simplex = paper::mini_batches(&problem, &procedure, recordings.seed);
+    let (problem, options) = paper::problem(&spheres, &simplex_options, &procedure)?;
+    let simplex = paper::mini_batches(&problem, &procedure, seed);
     let sphere = problem.calibration(&spheres, &options, &simplex.x);
-    let best = problem.solve(false).map_err(named(SPHERE_OPTIMUM))?;
+    let best = problem.solve(false)?;
     let least = problem.objective_mm2(&best).max(f64::MIN_POSITIVE);
     let scaled = paper::scaled(&problem);
-    let pairs = Options {
-        method: Method::GaussNewton,
-        pairs: Pairs::Norm,
-        subset: options.subset.clone(),
-        ..plain.clone()
-    };
-    let sphere_optimum = identify(&spheres, &pairs).map_err(named(SPHERE_OPTIMUM))?;
-    let absolute = |method| Options {
-        method,
-        base: Some(frames.base),
-        ..plain.clone()
-    };
-    let laser_simplex = identify(&laser, &absolute(Method::NelderMead)).map_err(named(LASER))?;
-    let laser_optimum = identify(&laser, &absolute(Method::GaussNewton)).map_err(named(LASER_OPTIMUM))?;
-    // The same recordings, done better.
-    let sphere_map = identify(&recordings.spheres, &plain).map_err(named(SPHERE_MAP))?;
-    let laser_map = identify(&recordings.laser, &plain).map_err(named(LASER_MAP))?;
-
-    let chain = Chain::unchecked(&recordings.spheres.robot, &tool);
-    let nominal = |q: &[f64]| chain.tcp_of(&chain.frames(q));
-    let mut models = vec![Prediction {
-        name: NOMINAL.to_owned(),
-        points_m: recordings.validation.iter().map(|m| nominal(&m.q).into()).collect(),
-        own_base: None,
-    }];
-    let calibrations = [
-        (SPHERE, &sphere, false),
-        (LASER, &laser_simplex, true),
-        (SPHERE_OPTIMUM, &sphere_optimum, false),
-        (LASER_OPTIMUM, &laser_optimum, true),
-        (SPHERE_MAP, &sphere_map, false),
-        (LASER_MAP, &laser_map, true),
-    ];
-    models.extend(calibrations.map(|(name, calibration, absolute)| Prediction {
-        name: name.to_owned(),
-        points_m: predict(calibration, &recordings.validation),
-        own_base: absolute.then_some(calibration.base),
-    }));
-    let measured: Vec<_> = recordings.validation.iter().map(|m| m.point_m).collect();
-    let validation = validate(&measured, &frames.base, &models)?;
 
     let seen = |p: &[f64; 3]| frames.base.inverse_point(&Vector3::from(*p));
-    let laser_points = recordings.laser.observations.iter().filter_map(|o| match &o.target {
-        Target::Point(p) => Some(seen(p)),
-        _ => None,
-    });
-    let points: [Vec<Vector3<f64>>; 2] = [laser_points.collect(), measured.iter().map(seen).collect()];
-    let redundancy = tables::redundancy(&recordings.spheres);
+    let laser_points = tracker.calibration.iter().map(|m| seen(&m.point_m));
+    let measured = tracker.validation.iter().map(|m| seen(&m.point_m));
+    let points: [Vec<Vector3<f64>>; 2] = [laser_points.collect(), measured.collect()];
+    let redundancy = tables::redundancy(&recordings.experiment);
     let tables = vec![
-        tables::spheres(&recordings.spheres, &sphere_map),
+        tables::spheres(&recordings.experiment, &evaluation.calibration),
         tables::parameters(&redundancy),
         tables::spread(3, &points[0]),
         tables::spread(4, &points[1]),
-        tables::calibrated(&sphere, &sphere_map),
+        tables::calibrated(&sphere, &evaluation.calibration),
     ];
     let mut reproduction = Reproduction {
         counts: [
-            recordings.spheres.observations.len(),
-            recordings.laser.observations.len(),
-            recordings.validation.len(),
+            recordings.experiment.observations.len(),
+            tracker.calibration.len(),
+            tracker.validation.len(),
         ],
         tables,
         table_5: tables::table_5(&validation),
@@ -242,16 +167,12 @@ pub fn reproduce(recordings: &Recordings) -> Result<Reproduction, ReproduceError
         scaled_over_optimum: scaled.objective_mm2 / least,
         simplex,
         findings: Vec::new(),
+        verdict: evaluation.verdict,
         points_m: points.map(|p| p.into_iter().map(Into::into).collect()),
-        contact_force: recordings.contact_force.clone(),
+        contact_force: contact_force.to_vec(),
     };
     reproduction.findings = tables::findings(&reproduction);
     Ok(reproduction)
-}
-
-/// TCPs that a calibration predicts in F0, in m.
-fn predict(calibration: &Calibration, measured: &[Measured]) -> Vec<[f64; 3]> {
-    measured.iter().map(|m| calibration.tcp_m(&m.q, None).into()).collect()
 }
 
 impl Reproduction {
@@ -306,6 +227,14 @@ impl std::fmt::Display for Reproduction {
         )?;
         for finding in &self.findings {
             writeln!(f, "- {finding}")?;
+        }
+        if self.verdict.may_be_used {
+            writeln!(f, "\nThe sphere calibration may be used.")?;
+        } else {
+            writeln!(f, "\nThe sphere calibration is NOT to be trusted.")?;
+        }
+        for reason in &self.verdict.reasons {
+            writeln!(f, "- {reason}")?;
         }
         Ok(())
     }

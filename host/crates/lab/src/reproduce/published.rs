@@ -1,5 +1,7 @@
 //! The numbers that the paper prints in its Tables 1 to 6.
 
+use spherecal_identify::Estimator;
+
 /// Table 1: centres of the spheres in the world frame, in mm.
 pub(super) const TABLE_1_MM: [[f64; 3]; 3] = [[0.0, 0.0, 0.0], [300.009, 0.0, 0.0], [150.049, 260.051, 0.0]];
 
@@ -19,11 +21,11 @@ pub(super) const TABLE_4_MM: [[f64; 4]; 3] = [
     [750.930, 227.457, 137.178, 1135.052],
 ];
 
-/// Table 5: name in this report, and mean, std, min, max in mm.
-pub(super) const TABLE_5_MM: [(&str, [f64; 4]); 3] = [
-    (super::LASER, [0.645, 0.192, 0.168, 0.932]),
-    (super::SPHERE, [0.677, 0.206, 0.225, 0.990]),
-    (super::NOMINAL, [1.403, 0.392, 0.325, 2.381]),
+/// Table 5: model, and mean, std, min, max in mm.
+pub(super) const TABLE_5_MM: [(Estimator, [f64; 4]); 3] = [
+    (Estimator::LaserNelderMead, [0.645, 0.192, 0.168, 0.932]),
+    (Estimator::PaperNelderMead, [0.677, 0.206, 0.225, 0.990]),
+    (Estimator::Nominal, [1.403, 0.392, 0.325, 2.381]),
 ];
 
 /// Table 6: rows of alpha (rad), a (mm), theta (rad), d (mm).

@@ -6,11 +6,11 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Tool;
 
+use super::Reproduction;
 use super::published::{TABLE_1_MM, TABLE_2_REDUNDANT, TABLE_3_MM, TABLE_4_MM, TABLE_5_MM, TABLE_6};
-use super::{LASER, LASER_MAP, LASER_OPTIMUM, NOMINAL, Reproduction, SPHERE, SPHERE_MAP, SPHERE_OPTIMUM};
 use spherecal_identify::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use spherecal_identify::validate::{Alignment, ValidationTable};
-use spherecal_identify::{Calibration, Experiment, Target, halton_configurations};
+use spherecal_identify::{Calibration, Estimator, Experiment, Target, halton_configurations};
 use spherecal_plan::laser::Spread;
 
 /// One number, published and ours.
@@ -224,23 +224,23 @@ pub(super) fn spread(number: u32, points: &[Vector3<f64>]) -> Table {
 /// Table 5: validation with the arc-measured base.
 pub(super) fn table_5(validation: &ValidationTable) -> Table {
     let shown = [
-        LASER,
-        SPHERE,
-        NOMINAL,
-        LASER_OPTIMUM,
-        SPHERE_OPTIMUM,
-        LASER_MAP,
-        SPHERE_MAP,
+        Estimator::LaserNelderMead,
+        Estimator::PaperNelderMead,
+        Estimator::Nominal,
+        Estimator::Laser,
+        Estimator::GaussNewton,
+        Estimator::LaserFull,
+        Estimator::Sphere,
     ];
     let rows = shown.into_iter().filter_map(|name| {
-        let s = validation.model(name)?.statistics(Alignment::Arcs);
+        let s = validation.model(name.name())?.statistics(Alignment::Arcs);
         let published = TABLE_5_MM.iter().find(|(n, _)| *n == name).map(|(_, v)| *v);
         let ours = [s.mean_mm, s.std_mm, s.min_mm, s.max_mm];
         let sides = ours.into_iter().enumerate().map(|(k, ours)| Side {
             published: published.map(|p| p[k]),
             ours,
         });
-        Some((name.to_owned(), sides.collect()))
+        Some((name.name().to_owned(), sides.collect()))
     });
     Table {
         number: 5,
@@ -248,14 +248,14 @@ pub(super) fn table_5(validation: &ValidationTable) -> Table {
         columns: ["mean", "std", "min", "max"].map(str::to_owned).to_vec(),
         rows: rows.collect(),
         decimals: 3,
-        note: "laser, sphere: the paper's stopped simplex; optimum: the same fitness, minimised; \
-               map: the structured estimator on the same recordings."
+        note: "*_nelder_mead: the paper's stopped simplex; gauss_newton, laser: the same fitness, minimised; \
+               sphere, laser_full: the full model from the same recordings."
             .to_owned(),
     }
 }
 
-/// Table 6: the table calibrated by the paper's simplex, and by the better estimator.
-pub(super) fn calibrated(simplex: &Calibration, map: &Calibration) -> Table {
+/// Table 6: the calibrated table by the paper's simplex, and by the better estimator.
+pub(super) fn calibrated(simplex: &Calibration, full: &Calibration) -> Table {
     let row = |calibration: &Calibration, i: usize| {
         calibration
             .robot
@@ -274,7 +274,7 @@ pub(super) fn calibrated(simplex: &Calibration, map: &Calibration) -> Table {
             sides.collect()
         };
         rows.push((format!("{i} simplex"), side(row(simplex, i), published)));
-        rows.push((format!("{i} map"), side(row(map, i), None)));
+        rows.push((format!("{i} full"), side(row(full, i), None)));
     }
     Table {
         number: 6,
@@ -289,14 +289,14 @@ pub(super) fn calibrated(simplex: &Calibration, map: &Calibration) -> Table {
 /// Conclusions of the study, in words.
 pub(super) fn findings(r: &Reproduction) -> Vec<String> {
     let zeros = r.simplex.zeros().len();
-    let mean = |name| {
+    let mean = |name: Estimator| {
         r.validation
-            .model(name)
+            .model(name.name())
             .map_or((f64::NAN, f64::NAN), |m| (m.arcs.mean_mm, m.arcs.max_mm))
     };
-    let fitted = |name| r.validation.model(name).map_or(f64::NAN, |m| m.best_fit.mean_mm);
+    let fitted = |name: Estimator| r.validation.model(name.name()).map_or(f64::NAN, |m| m.best_fit.mean_mm);
     let evaluations: usize = r.simplex.searches.iter().map(|s| s.0).sum();
-    let (sphere, laser) = (mean(SPHERE_MAP), mean(LASER_OPTIMUM));
+    let (sphere, laser) = (mean(Estimator::Sphere), mean(Estimator::Laser));
     let gap_um = (sphere.1 - laser.1) * 1e3;
     vec![
         format!(
@@ -310,26 +310,26 @@ pub(super) fn findings(r: &Reproduction) -> Vec<String> {
             r.simplex_over_optimum, r.scaled_over_optimum
         ),
         format!(
-            "The same contacts, structured estimator: {:.3} mm mean, {:.3} max (paper's sphere {:.3}, nominal {:.3}).",
+            "The same contacts, full model: {:.3} mm mean, {:.3} max (paper's sphere {:.3}, nominal {:.3}).",
             sphere.0,
             sphere.1,
-            mean(SPHERE).0,
-            mean(NOMINAL).0
+            mean(Estimator::PaperNelderMead).0,
+            mean(Estimator::Nominal).0
         ),
         format!(
-            "Maximum error of spheres (map) over that of the laser's geometry model, paper's protocol: {gap_um:+.0} um \
+            "Maximum error of spheres (full model) over that of the laser's geometry model, paper's protocol: {gap_um:+.0} um \
              (published: +58 um)."
         ),
         format!(
             "An equally well modelled laser calibration has {:.3} mm against {:.3} from spheres (base fitted): {} ahead by {:.3} mm.",
-            fitted(LASER_MAP),
-            fitted(SPHERE_MAP),
-            if fitted(LASER_MAP) < fitted(SPHERE_MAP) {
+            fitted(Estimator::LaserFull),
+            fitted(Estimator::Sphere),
+            if fitted(Estimator::LaserFull) < fitted(Estimator::Sphere) {
                 "the laser stays"
             } else {
                 "the spheres are"
             },
-            (fitted(SPHERE_MAP) - fitted(LASER_MAP)).abs(),
+            (fitted(Estimator::Sphere) - fitted(Estimator::LaserFull)).abs(),
         ),
     ]
 }

@@ -5,10 +5,10 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::{Hold, Listener};
-use spherecal_campaign::{self as campaign, Assignment, Nowhere, Observer, Outcome};
+use spherecal_campaign::{self as campaign, Assignment, NoJournal, Observer, Outcome};
 use spherecal_job::link::{controller, distant};
-use spherecal_job::{ConfigError, JobError, Link, Prepared, tour};
-use spherecal_link::{Cell, Device};
+use spherecal_job::{ConfigError, JobError, Link, Prepared};
+use spherecal_link::{Device, LocalDevice};
 use spherecal_sim::simulated_arm;
 
 /// Holds for `hold_ticks` control periods at `places` poses, spread evenly over the plan; passes
@@ -24,16 +24,16 @@ pub fn hold(
     observer: &mut dyn Observer,
     interrupt: &AtomicBool,
 ) -> Result<(Vec<Hold>, Outcome), JobError> {
-    let mut tour = tour(&prepared.plan);
-    // The plate is not moved for it.
-    tour.stops.retain(|stop| stop.place == 0);
-    let recorded = tour.poses();
+    let mut plan = prepared.plan.clone();
+    // Nobody moves the plate for it.
+    plan.spheres.retain(|visit| visit.place == 0);
+    let recorded = plan.recorded();
     let chosen: BTreeSet<usize> = (0..places)
         .map(|k| (2 * k + 1) * recorded / (2 * places).max(1))
         .collect();
-    let poses = tour.stops.iter_mut().flat_map(|s| &mut s.poses);
-    for (number, pose) in poses.filter(|p| p.record).enumerate() {
-        pose.record = chosen.contains(&number);
+    let poses = plan.spheres.iter_mut().flat_map(|s| &mut s.poses);
+    for (number, pose) in poses.filter(|p| !p.via).enumerate() {
+        pose.via = !chosen.contains(&number);
     }
     let mut procedure = prepared.config.procedure;
     procedure.record.samples = hold_ticks;
@@ -44,7 +44,7 @@ pub fn hold(
         robot: &prepared.robot,
         tool: &prepared.tool,
         procedure: &procedure,
-        tour: &tour,
+        plan: &plan,
         done: &done,
         seated: &[],
         options: prepared.config.campaign.options(),
@@ -54,11 +54,11 @@ pub fn hold(
         device
     } else {
         let controller = controller(prepared, link, folder)?;
-        let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &tour.home)?;
-        Box::new(Cell::new(controller, drive, joints)?)
+        let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &plan.home.joints)?;
+        Box::new(LocalDevice::new(controller, drive, joints)?)
     };
     let mut listener = Listener::new(observer, joints);
-    let (outcome, result) = campaign::run(&assignment, device.as_mut(), &mut Nowhere, &mut listener, interrupt);
+    let (outcome, result) = campaign::run(&assignment, device.as_mut(), &mut NoJournal, &mut listener, interrupt);
     let holds = listener.finish();
     result?;
     Ok((holds, outcome))

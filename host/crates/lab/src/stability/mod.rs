@@ -16,6 +16,7 @@ mod report;
 use nalgebra::Vector3;
 use serde::Serialize;
 use spherecal_shared::protocol::host::{Event, Phase};
+use spherecal_shared::timing::SampleClock;
 
 use spherecal_campaign::{Observer, Progress};
 use spherecal_link::Arrival;
@@ -45,12 +46,15 @@ pub struct Hold {
     pub mean: Vec<f64>,
     /// Tick and joint angles (rad) of every sample that arrived.
     pub samples: Vec<(u64, Vec<f64>)>,
+    /// Control period of the drive, in s; 0 if the controller did not tell it.
+    pub period_s: f64,
 }
 
 /// Keeps the samples of recordings and passes everything on to another observer.
 pub struct Listener<'a> {
     inner: &'a mut dyn Observer,
     joints: usize,
+    clock: SampleClock,
     open: Option<Hold>,
     holds: Vec<Hold>,
 }
@@ -61,6 +65,7 @@ impl<'a> Listener<'a> {
         Self {
             inner,
             joints,
+            clock: SampleClock::new(),
             open: None,
             holds: Vec::new(),
         }
@@ -79,6 +84,7 @@ impl<'a> Listener<'a> {
 
 impl Observer for Listener<'_> {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
+        self.clock.observe(&arrival.body);
         match &arrival.body {
             Event::Phase(change) if change.phase == Phase::Recording => {
                 self.close();
@@ -94,6 +100,7 @@ impl Observer for Listener<'_> {
                     open.sphere = recording.sphere;
                     open.pose = recording.pose;
                     open.count = recording.count;
+                    open.period_s = self.clock.period_s().unwrap_or_default();
                     open.mean = recording.q.iter().map(|q| q.mean).collect();
                 }
             }
@@ -195,14 +202,14 @@ struct Window {
     counts: [u32; PARTS],
 }
 
-/// Cuts a hold into windows of `window_s` (s; samples are `period_s` apart) and measures how still
+/// Cuts a hold into windows of `window_s` (s) and measures how still
 /// it was, with the robot `chain`.
 ///
 /// # Errors
 /// [`TooShort`] with fewer than two whole windows.
-pub fn analyse(hold: &Hold, chain: &Chain, window_s: f64, period_s: f64) -> Result<Held, TooShort> {
+pub fn analyse(hold: &Hold, chain: &Chain, window_s: f64) -> Result<Held, TooShort> {
     let n = hold.mean.len();
-    let ticks = ((window_s / period_s).round() as u64).max(PARTS as u64);
+    let ticks = ((window_s / hold.period_s).round() as u64).max(PARTS as u64);
     let start = (hold.end_tick + 1).saturating_sub(u64::from(hold.count));
     let most = (u64::from(hold.count) / ticks) as usize;
     let empty = Window {
@@ -330,6 +337,7 @@ mod tests {
             end_tick: 10_500,
             mean,
             samples,
+            period_s: 1e-3,
         }
     }
 
@@ -338,7 +346,7 @@ mod tests {
     #[test]
     fn noise_and_drift_are_told_apart() {
         let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
-        let still = analyse(&hold(0.0), &chain, 1.0, 1e-3).expect("ten windows");
+        let still = analyse(&hold(0.0), &chain, 1.0).expect("ten windows");
         assert_eq!((still.windows, still.samples), (10, (10_000, 10_000)));
         for joint in &still.joints_urad {
             // 10 µrad over 1,000 samples.
@@ -349,7 +357,7 @@ mod tests {
             "{:?}",
             still.joints_urad
         );
-        let drifting = analyse(&hold(1e-6), &chain, 1.0, 1e-3).expect("ten windows");
+        let drifting = analyse(&hold(1e-6), &chain, 1.0).expect("ten windows");
         let joint = &drifting.joints_urad[3];
         assert!((joint.drift_per_s - 1.0).abs() < 0.1, "{joint:?}");
         assert!((joint.first + 4.5).abs() < 1.0 && !joint.within());
@@ -359,15 +367,32 @@ mod tests {
         assert!((0.2..0.9).contains(&tcp), "{tcp} µm/s");
     }
 
+    // Fails if windows assume a control period of 1 ms.
+    #[test]
+    fn windows_follow_the_period_of_the_drive() {
+        let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
+        let slow = Hold {
+            period_s: 2e-3,
+            ..hold(0.0)
+        };
+        let held = analyse(&slow, &chain, 1.0).expect("twenty windows");
+        assert_eq!(held.windows, 20);
+        let unknown = Hold {
+            period_s: 0.0,
+            ..hold(0.0)
+        };
+        assert!(analyse(&unknown, &chain, 1.0).is_err());
+    }
+
     // Fails if lost telemetry counts as a window, or if an empty hold is accepted.
     #[test]
     fn windows_with_holes_are_left_out() {
         let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
         let mut holed = hold(0.0);
         holed.samples.retain(|(tick, _)| !(2_600..2_700).contains(tick));
-        assert_eq!(analyse(&holed, &chain, 1.0, 1e-3).expect("nine windows").windows, 9);
+        assert_eq!(analyse(&holed, &chain, 1.0).expect("nine windows").windows, 9);
         holed.samples.clear();
-        let error = analyse(&holed, &chain, 1.0, 1e-3).expect_err("nothing was heard");
+        let error = analyse(&holed, &chain, 1.0).expect_err("nothing was heard");
         assert!(error.to_string().contains("0 of 10000 samples"), "{error}");
     }
 }

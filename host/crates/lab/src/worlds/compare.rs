@@ -6,8 +6,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::estimators::{Estimator, judge};
+use super::estimators::judge;
 use super::record::{PlannedPose, WorldError, paper_poses, record_poses};
+use spherecal_identify::Estimator;
 use spherecal_identify::validate::{Alignment, Statistics};
 use spherecal_sim::worlds::World;
 

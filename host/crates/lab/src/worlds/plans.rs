@@ -7,8 +7,8 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use super::compare::{Cell, CompareOptions, compare};
-use super::estimators::Estimator;
 use super::record::{WorldError, planned_poses};
+use spherecal_identify::Estimator;
 use spherecal_identify::validate::Alignment;
 use spherecal_plan::{self as plan, DesignRequest, Plan, PlanError};
 use spherecal_sim::worlds::World;
@@ -164,7 +164,7 @@ pub fn compare_plans(options: &PlanOptions) -> Result<PlanTable, WorldError> {
         let plan = chosen.plan().map_err(|e| WorldError::Grid(e.to_string()))?;
         let compared = compare(&CompareOptions {
             worlds: options.worlds.clone(),
-            estimators: vec![Estimator::Map],
+            estimators: vec![Estimator::Sphere],
             seeds: options.seeds.clone(),
             poses: Some(planned_poses(&plan)),
             progress: options.progress,

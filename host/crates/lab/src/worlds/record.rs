@@ -9,7 +9,7 @@ use rand_distr::{Distribution, StandardNormal};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 use spherecal_identify::arcs::{LaserError, Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
-use spherecal_identify::{Experiment, Observation, Pose, Set, Target, paper_plate};
+use spherecal_identify::{Experiment, Observation, Pose, Set, Target, fit_pose, paper_plate};
 use spherecal_plan as plan;
 use spherecal_plan::laser::{self, Arc, LaserPlan, LaserPlanError};
 use spherecal_sim::plant::{PlantConfig, PlantError, StillArm, TrueCell};
@@ -205,7 +205,7 @@ pub fn record_poses(world: World, seed: u64, poses: &[PlannedPose]) -> Result<Tr
     let sideways = off.0.random_range(0.0..std::f64::consts::TAU);
     frames.tool_m[0] += plant.tracker.remount_m * sideways.cos();
     frames.tool_m[1] += plant.tracker.remount_m * sideways.sin();
-    frames.base.translation_m += off.direction() * plant.tracker.restation_m;
+    frames.base.position += off.direction() * plant.tracker.restation_m;
 
     // The tracker sees each sphere's centre ten times.
     let seen: Vec<_> = truth
@@ -215,7 +215,7 @@ pub fn record_poses(world: World, seed: u64, poses: &[PlannedPose]) -> Result<Tr
         .map(|s| tracker.inverse_point(s) + off.vector(plant.tracker.sigma_m / 10f64.sqrt()))
         .collect();
     let certified: Vec<_> = paper_plate().iter().map(|s| Vector3::from(s.position_m)).collect();
-    let plate = Pose::fit(&certified, &seen).unwrap_or_default();
+    let plate = fit_pose(&certified, &seen).unwrap_or_default();
 
     let laser = Experiment {
         robot: iiwa7(),
@@ -258,7 +258,7 @@ fn tracker_frame(plant: &PlantConfig) -> Pose {
     let [roll, pitch, yaw] = plant.tracker.rpy_rad;
     Pose {
         rotation: *Rotation3::from_euler_angles(roll, pitch, yaw).matrix(),
-        translation_m: Vector3::from(plant.tracker.position_m),
+        position: Vector3::from(plant.tracker.position_m),
     }
 }
 
@@ -268,7 +268,7 @@ impl Trial {
         let tracker = tracker_frame(&self.plant);
         Pose {
             rotation: tracker.rotation.transpose(),
-            translation_m: -tracker.rotation.tr_mul(&tracker.translation_m),
+            position: -tracker.rotation.tr_mul(&tracker.position),
         }
     }
 }

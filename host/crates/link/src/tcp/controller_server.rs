@@ -11,7 +11,7 @@ use std::time::Duration;
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 
 use super::TcpError;
-use crate::{Cell, Device, LinkError};
+use crate::{Device, LinkError, LocalDevice};
 
 /// Bytes that may wait for a host in real time. A host that falls behind further is disconnected.
 const BACKLOG: usize = 1 << 20;
@@ -58,7 +58,7 @@ impl Turns {
 ///
 /// # Errors
 /// The cell fails, or the listener fails. A host that disconnects is not an error.
-pub fn serve_hosts(cell: &mut Cell, listener: &TcpListener, once: bool) -> Result<(), LinkError> {
+pub fn serve_hosts(cell: &mut LocalDevice, listener: &TcpListener, once: bool) -> Result<(), LinkError> {
     if cell.hello().lock_step {
         loop {
             let (stream, _) = listener.accept().map_err(|e| TcpError::of("the host link", e))?;
@@ -75,7 +75,7 @@ pub fn serve_hosts(cell: &mut Cell, listener: &TcpListener, once: bool) -> Resul
     loop {
         if host.is_none() {
             match listener.accept() {
-                Ok((stream, _)) => host = Host::greet(cell, stream).ok(),
+                Ok((stream, _)) => host = Host::handshake(cell, stream).ok(),
                 Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
                 Err(e) => return Err(TcpError::of("the host link", e).into()),
             }
@@ -97,7 +97,7 @@ pub fn serve_hosts(cell: &mut Cell, listener: &TcpListener, once: bool) -> Resul
 }
 
 /// The drive's hello, framed for the host.
-fn hello_frame(cell: &Cell) -> std::io::Result<Vec<u8>> {
+fn hello_frame(cell: &LocalDevice) -> std::io::Result<Vec<u8>> {
     let mut bytes = vec![0; MAX_FRAME];
     let length = frame::encode(cell.hello(), 0, cell.now_us(), &mut bytes).map_err(std::io::Error::other)?;
     bytes.truncate(length);
@@ -106,12 +106,12 @@ fn hello_frame(cell: &Cell) -> std::io::Result<Vec<u8>> {
 
 /// Lock-step: the host's bytes, one period, the controller's bytes; repeated until the host
 /// disconnects.
-fn turn_by_turn(cell: &mut Cell, mut stream: TcpStream) -> Result<(), LinkError> {
-    let greeted = stream
+fn turn_by_turn(cell: &mut LocalDevice, mut stream: TcpStream) -> Result<(), LinkError> {
+    let sent = stream
         .set_nonblocking(false)
         .and_then(|()| stream.set_nodelay(true))
         .and_then(|()| stream.write_all(&hello_frame(cell)?));
-    if greeted.is_err() {
+    if sent.is_err() {
         return Ok(());
     }
     let (mut turns, mut up, mut buffer) = (Turns::default(), Vec::new(), vec![0; 4 * MAX_FRAME]);
@@ -140,7 +140,7 @@ struct Host {
 }
 
 impl Host {
-    fn greet(cell: &Cell, mut stream: TcpStream) -> std::io::Result<Self> {
+    fn handshake(cell: &LocalDevice, mut stream: TcpStream) -> std::io::Result<Self> {
         stream.set_nonblocking(false)?;
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(Duration::from_millis(1)))?;

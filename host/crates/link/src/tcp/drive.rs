@@ -31,19 +31,19 @@ const LOOK: Duration = Duration::from_micros(40);
 pub struct TcpDrive {
     wire: Wire,
     hello: DriveHello,
-    pace: Option<Pace>,
+    schedule: Option<Schedule>,
     heard: bool,
     missed: u32,
 }
 
 /// The clock of the controller of a real-time drive.
-struct Pace {
+struct Schedule {
     start: std::time::Instant,
     period_us: u64,
     watch: PeriodWatch,
 }
 
-impl Pace {
+impl Schedule {
     fn new(period_us: u32) -> Self {
         let period_us = u64::from(period_us);
         Self {
@@ -69,7 +69,7 @@ impl Pace {
     }
 
     /// Notes a tick; returns the number of periods that passed without one.
-    fn beat(&mut self) -> u32 {
+    fn tick(&mut self) -> u32 {
         let now_us = self.now_us();
         let missed = self.watch.record(now_us);
         self.watch = PeriodWatch::new(self.period_us, now_us);
@@ -88,16 +88,16 @@ impl TcpDrive {
             TcpError::Silent { peer, seconds, .. } => TcpError::NotADrive { peer, seconds },
             other => other,
         })?;
-        let pace = if hello.lock_step {
+        let schedule = if hello.lock_step {
             wire.patience(Some(ANSWER))?;
             None
         } else {
-            Some(Pace::new(hello.period_us))
+            Some(Schedule::new(hello.period_us))
         };
         Ok(Self {
             wire,
             hello,
-            pace,
+            schedule,
             heard: false,
             missed: 0,
         })
@@ -113,23 +113,25 @@ impl TcpDrive {
             self.heard = true;
             self.wire.never_wait()?;
             // The ticks begin with the first state.
-            self.pace = Some(Pace::new(self.hello.period_us));
+            self.schedule = Some(Schedule::new(self.hello.period_us));
             return Ok(());
         }
-        let Some(pace) = &mut self.pace else { return Ok(()) };
-        std::thread::sleep(pace.until_early());
+        let Some(schedule) = &mut self.schedule else {
+            return Ok(());
+        };
+        std::thread::sleep(schedule.until_early());
         let mut fresh = false;
         loop {
             while let Some((_, newer)) = self.wire.expect("a drive state")? {
                 *state = newer;
                 fresh = true;
             }
-            if fresh || pace.is_late() {
+            if fresh || schedule.is_late() {
                 break;
             }
             std::thread::sleep(LOOK);
         }
-        self.missed = pace.beat();
+        self.missed = schedule.tick();
         Ok(())
     }
 }
@@ -144,7 +146,7 @@ impl Drive for TcpDrive {
             let time_us = command.tick.wrapping_mul(u64::from(self.hello.period_us));
             self.wire.send(command, time_us)?;
         }
-        if self.pace.is_some() {
+        if self.schedule.is_some() {
             self.newest(state)?;
         } else {
             *state = self

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   spherecal run ──[host link]──▶ controller_server ──[drive link]──▶ serve_drive (plant, simulator, gateway)
-//!        Remote                     TcpDrive ─ Cell
+//!        Remote                     TcpDrive ─ LocalDevice
 //! ```
 //!
 //! On each link the side nearer to the arm listens. The drive link carries the frames of

@@ -11,7 +11,7 @@ use super::controller_server::{Turns, serve_hosts};
 use super::wire::Wire;
 use super::{TcpDrive, TcpError, listen};
 use crate::check_hello;
-use crate::{Cell, Device, LinkError, controller_in_process};
+use crate::{Device, LinkError, LocalDevice, controller_in_process};
 
 /// How long a controller may take for one period, drive included.
 const TURN: Duration = Duration::from_mins(1);
@@ -118,7 +118,7 @@ impl Threaded {
     /// # Errors
     /// The drive has another number of joints than the robot, or the thread does not start.
     pub fn start(drive: TcpDrive, joints: usize) -> Result<Self, LinkError> {
-        let mut cell = Cell::new(controller_in_process(joints)?, Box::new(drive), joints)?;
+        let mut cell = LocalDevice::new(controller_in_process(joints)?, Box::new(drive), joints)?;
         let (listener, address) = listen("0")?;
         let thread = std::thread::Builder::new()
             .name("controller".to_owned())

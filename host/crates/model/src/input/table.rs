@@ -131,7 +131,7 @@ impl Row<'_> {
         match (self.orientation, self.point, self.sphere) {
             (Some(&[w, x, y, z]), Some(at), _) => Target::Frame(Box::new(Pose {
                 rotation: rotation(w, x, y, z),
-                translation_m: Vector3::from(at),
+                position: Vector3::from(at),
             })),
             _ if !self.points.is_empty() && (self.sphere.is_none() || self.points.iter().any(|v| !v.is_nan())) => {
                 Target::Points(self.points.chunks_exact(3).map(seen).collect())

@@ -274,7 +274,7 @@ fn several_points_and_frames_are_targets() {
         };
         let turned = pose.rotation * nalgebra::Vector3::x();
         assert!((turned - nalgebra::Vector3::y()).amax() < 1e-13, "{turned}");
-        assert_eq!(pose.translation_m, nalgebra::Vector3::new(1.0, 2.0, 3.0));
+        assert_eq!(pose.position, nalgebra::Vector3::new(1.0, 2.0, 3.0));
         // A row without its orientation is a point.
         assert_eq!(row(&table, 1).target(), Target::Point([1.0, 2.0, 3.0]));
     }

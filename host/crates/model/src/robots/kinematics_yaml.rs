@@ -103,7 +103,7 @@ fn head(notes: &[String], form: Form, root: &str, what: &str) -> String {
 /// The origins of `rows` in the form of the robot's description: form, root link,
 /// and by joint its name and its origin.
 fn calibrated(model: &RobotModel, rows: &[MdhRow<f64>]) -> (Form, String, Vec<(String, JointOrigin)>) {
-    let vendor = model.vendor();
+    let vendor = vendor::description_of(model);
     let model = vendor.as_ref().unwrap_or(model);
     let root = model.frame_names.0.clone();
     let Origin::Urdf(source) = &model.origin else {

@@ -7,7 +7,6 @@ use spherecal_shared::robot::{Inertia, LinkTransform, MdhRow, Pose, Robot, Tool}
 
 use super::frames::{compose, distance, inverse};
 use super::urdf::{Urdf, UrdfChain};
-use super::vendor;
 
 /// Where a robot came from.
 #[derive(Clone, Debug)]
@@ -83,15 +82,6 @@ impl RobotModel {
             && distance(&self.base, &Pose::identity()) < 1e-9
             && near(&self.rows(), &rows);
         same.then_some(known)
-    }
-
-    /// The description by the robot's vendor, where this one came without any: its
-    /// nominal table is that of the built-in robot.
-    pub(super) fn vendor(&self) -> Option<Self> {
-        match self.origin {
-            Origin::Urdf(_) => None,
-            _ => self.built_in().and_then(|known| vendor::nominal(&known.name)),
-        }
     }
 
     /// The table before it was calibrated, as far as the robot's name says it.

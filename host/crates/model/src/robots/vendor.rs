@@ -12,7 +12,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::fmt::Write as _;
 
-use super::model::RobotModel;
+use super::model::{Origin, RobotModel};
 use super::urdf::{Motion, Urdf, UrdfChain};
 use super::urdf_in;
 
@@ -139,8 +139,17 @@ fn franka() -> Vec<JointOrigin> {
     ])
 }
 
+/// The vendor's description of a robot that came without any and whose nominal
+/// table is that of a built-in robot.
+pub(super) fn description_of(model: &RobotModel) -> Option<RobotModel> {
+    match model.origin {
+        Origin::Urdf(_) => None,
+        _ => model.built_in().and_then(|known| nominal(&known.name)),
+    }
+}
+
 /// The nominal description of a built-in robot by its vendor, where it is known.
-pub(super) fn nominal(name: &str) -> Option<RobotModel> {
+fn nominal(name: &str) -> Option<RobotModel> {
     let (form, origins) = match name {
         "ur5e" => (
             Form::UniversalRobots,

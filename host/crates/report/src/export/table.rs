@@ -29,14 +29,6 @@ impl Column {
         }
         .unwrap_or_default()
     }
-
-    pub(super) fn clear(&mut self) {
-        match self {
-            Self::Real(v) => v.clear(),
-            Self::Whole(v) => v.clear(),
-            Self::Text(v) => v.clear(),
-        }
-    }
 }
 
 /// Named columns of the same length.

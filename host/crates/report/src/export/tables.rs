@@ -8,7 +8,7 @@ use spherecal_model::LaserShot;
 use spherecal_store::{CalibrationStore, StoreError};
 
 /// Name that a unit variant has in files.
-fn name_of(value: impl Serialize) -> String {
+pub(super) fn name_of(value: impl Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(name)) => name,
         _ => String::from("?"),

@@ -1,11 +1,12 @@
-//! The 1 kHz telemetry of a run, from its MCAP file, as one wide table.
+//! The telemetry of a run, from its MCAP file, as one wide table.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
+use spherecal_campaign::telemetry::messages::{JointStates, PhaseState, Xyz};
+use spherecal_campaign::telemetry::{Period, TelemetryReader};
 
-use super::{Column, ExportError, Format, Table, TableFile};
+use super::tables::name_of;
+use super::{ExportError, Format, Table, TableFile};
 
 /// Rows held in memory: one row group of the file.
 const ROWS: usize = 1 << 16;
@@ -17,143 +18,87 @@ pub(super) fn export(path: &Path, format: Format, folder: &Path) -> Result<Optio
         what,
     };
     let bytes = std::fs::read(path).map_err(|e| unreadable(e.to_string()))?;
-    let messages = mcap::MessageStream::new(&bytes).map_err(|e| unreadable(e.to_string()))?;
-    let mut rows = Rows::default();
-    for message in messages {
-        let message = message.map_err(|e| unreadable(e.to_string()))?;
-        let value: Value = serde_json::from_slice(&message.data)
-            .map_err(|e| unreadable(format!("a message of {}: {e}", message.channel.topic)))?;
-        // The four messages of one period have the same time; the first starts a row.
-        if message.channel.topic == "/joint_states" {
-            rows.end_row(format, folder)?;
+    let mut reader = TelemetryReader::new(&bytes)
+        .map_err(|e| unreadable(e.to_string()))?
+        .peekable();
+    let joints = match reader.peek() {
+        Some(Ok(first)) => first.joint_states.as_ref().map_or(0, |j| j.position.len()),
+        _ => 0,
+    };
+    let mut rows: Vec<Period> = Vec::new();
+    let mut file: Option<TableFile> = None;
+    while reader.peek().is_some() {
+        rows.clear();
+        for period in reader.by_ref().take(ROWS) {
+            rows.push(period.map_err(|e| unreadable(e.to_string()))?);
         }
-        rows.take(&message.channel.topic, message.log_time, &value);
+        let table = table(&rows, joints);
+        let mut out = match file.take() {
+            Some(out) => out,
+            None => TableFile::create(folder, format, &table)?,
+        };
+        out.append(&table)?;
+        file = Some(out);
     }
-    rows.end_row(format, folder)?;
-    rows.finish(format, folder)
+    file.map(TableFile::finish).transpose()
 }
 
-#[derive(Default)]
-struct Rows {
-    table: Option<Table>,
-    file: Option<TableFile>,
-    row: BTreeMap<String, Cell>,
-    order: Vec<String>,
+/// The columns of some control periods. A message that the file lacks leaves NaN,
+/// no text and flags that are not set.
+fn table(rows: &[Period], joints: usize) -> Table {
+    let mut t = Table::new("telemetry");
+    t.whole("time_ns", rows.iter().map(|r| r.time_ns));
+    type OfJoints = for<'a> fn(&'a JointStates<'static>) -> &'a [f32];
+    let parts: [(&str, &str, OfJoints); 4] = [
+        ("q", "rad", |j| &j.position),
+        ("dq", "rad_s", |j| &j.velocity),
+        ("tau", "nm", |j| &j.effort),
+        ("command", "nm", |j| &j.command),
+    ];
+    for (name, unit, of) in parts {
+        for joint in 0..joints {
+            let value = |r: &Period| r.joint_states.as_ref().and_then(|j| of(j).get(joint).copied());
+            t.real(
+                format!("{name}{}_{unit}", joint + 1),
+                rows.iter().map(|r| real(value(r))),
+            );
+        }
+    }
+    type Vector = fn(&Period) -> Option<Xyz>;
+    let vectors: [(&str, &str, Vector); 4] = [
+        ("force", "n", |r| r.wrench.as_ref().map(|w| w.wrench.force)),
+        ("torque", "nm", |r| r.wrench.as_ref().map(|w| w.wrench.torque)),
+        ("tcp", "m", |r| r.tcp.as_ref().map(|t| t.pose.position)),
+        ("setpoint", "m", |r| r.tcp.as_ref().map(|t| t.setpoint)),
+    ];
+    type Axis = fn(Xyz) -> f32;
+    let axes: [(&str, Axis); 3] = [("x", |v| v.x), ("y", |v| v.y), ("z", |v| v.z)];
+    for (name, unit, of) in vectors {
+        for (axis, part) in axes {
+            t.real(
+                format!("{name}_{axis}_{unit}"),
+                rows.iter().map(|r| real(of(r).map(part))),
+            );
+        }
+    }
+    t.text(
+        "phase",
+        rows.iter()
+            .map(|r| r.phase.map_or_else(String::new, |p| name_of(p.phase))),
+    );
+    type Flag = fn(&PhaseState) -> bool;
+    let flags: [(&str, Flag); 3] = [
+        ("saturated", |p| p.saturated),
+        ("rate_limited", |p| p.rate_limited),
+        ("near_singular", |p| p.near_singular),
+    ];
+    for (name, of) in flags {
+        t.whole(name, rows.iter().map(|r| i64::from(r.phase.as_ref().is_some_and(of))));
+    }
+    t
 }
 
-enum Cell {
-    Real(f64),
-    Whole(i64),
-    Text(String),
-}
-
-impl Rows {
-    fn put(&mut self, name: String, cell: Cell) {
-        if self.table.is_none() && !self.row.contains_key(&name) {
-            self.order.push(name.clone());
-        }
-        self.row.insert(name, cell);
-    }
-
-    fn real(&mut self, name: String, value: &Value) {
-        self.put(name, Cell::Real(value.as_f64().unwrap_or(f64::NAN)));
-    }
-
-    fn xyz(&mut self, name: &str, unit: &str, value: &Value) {
-        for axis in ["x", "y", "z"] {
-            self.real(format!("{name}_{axis}_{unit}"), &value[axis]);
-        }
-    }
-
-    /// Takes one message into the present row.
-    fn take(&mut self, topic: &str, time_ns: u64, value: &Value) {
-        match topic {
-            "/joint_states" => {
-                self.put("time_ns".to_owned(), Cell::Whole(time_ns as i64));
-                for (field, name, unit) in [
-                    ("position", "q", "rad"),
-                    ("velocity", "dq", "rad_s"),
-                    ("effort", "tau", "nm"),
-                    ("command", "command", "nm"),
-                ] {
-                    for (value, joint) in value[field].as_array().into_iter().flatten().zip(1..) {
-                        self.real(format!("{name}{joint}_{unit}"), value);
-                    }
-                }
-            }
-            "/wrench" => {
-                self.xyz("force", "n", &value["wrench"]["force"]);
-                self.xyz("torque", "nm", &value["wrench"]["torque"]);
-            }
-            "/tcp" => {
-                self.xyz("tcp", "m", &value["pose"]["position"]);
-                self.xyz("setpoint", "m", &value["setpoint"]);
-            }
-            "/phase" => {
-                let phase = value["phase"].as_str().unwrap_or_default().to_owned();
-                self.put("phase".to_owned(), Cell::Text(phase));
-                for flag in ["saturated", "rate_limited", "near_singular"] {
-                    let set = value[flag].as_bool().unwrap_or(false);
-                    self.put(flag.to_owned(), Cell::Whole(i64::from(set)));
-                }
-            }
-            _ => {}
-        }
-    }
-
-    fn end_row(&mut self, format: Format, folder: &Path) -> Result<(), ExportError> {
-        if self.row.is_empty() {
-            return Ok(());
-        }
-        let (row, order) = (&self.row, &self.order);
-        let table = self.table.get_or_insert_with(|| {
-            let mut table = Table::new("telemetry");
-            for name in order {
-                let column = match row.get(name) {
-                    Some(Cell::Whole(_)) => Column::Whole(Vec::new()),
-                    Some(Cell::Text(_)) => Column::Text(Vec::new()),
-                    _ => Column::Real(Vec::new()),
-                };
-                table.columns.push((name.clone(), column));
-            }
-            table
-        });
-        for (name, column) in &mut table.columns {
-            match (column, self.row.remove(name)) {
-                (Column::Real(v), cell) => v.push(if let Some(Cell::Real(x)) = cell { x } else { f64::NAN }),
-                (Column::Whole(v), cell) => v.push(if let Some(Cell::Whole(x)) = cell { x } else { 0 }),
-                (Column::Text(v), cell) => v.push(if let Some(Cell::Text(x)) = cell {
-                    x
-                } else {
-                    String::new()
-                }),
-            }
-        }
-        self.row.clear();
-        if table.rows() >= ROWS {
-            self.flush(format, folder)?;
-        }
-        Ok(())
-    }
-
-    fn flush(&mut self, format: Format, folder: &Path) -> Result<(), ExportError> {
-        let Some(table) = &mut self.table else { return Ok(()) };
-        if self.file.is_none() {
-            self.file = Some(TableFile::create(folder, format, table)?);
-        }
-        if let Some(file) = &mut self.file {
-            file.append(table)?;
-        }
-        for (_, column) in &mut table.columns {
-            column.clear();
-        }
-        Ok(())
-    }
-
-    fn finish(mut self, format: Format, folder: &Path) -> Result<Option<PathBuf>, ExportError> {
-        if self.table.as_ref().is_some_and(|t| t.rows() > 0) {
-            self.flush(format, folder)?;
-        }
-        self.file.map(TableFile::finish).transpose()
-    }
+/// A number of the file; NaN where there is none.
+fn real(value: Option<f32>) -> f64 {
+    value.map_or(f64::NAN, f64::from)
 }

@@ -24,7 +24,6 @@ mod live;
 mod operate;
 mod peer;
 mod robot;
-mod serve;
 mod store_client;
 mod store_server;
 mod tracker;
@@ -35,7 +34,10 @@ pub use live::Publisher;
 pub use store_client::RemoteStore;
 pub use tracker::{RemoteTracker, TrackerFactory};
 
-pub(crate) use serve::serve;
+pub(crate) use live::{LiveService, MAX_LIVE};
+pub(crate) use robot::RobotService;
+pub(crate) use store_server::StoreService;
+pub(crate) use tracker::TrackerService;
 
 /// The messages and services, as compiled from `spherecal.proto`.
 #[allow(missing_docs, unreachable_pub, clippy::all, clippy::pedantic)]
@@ -44,7 +46,7 @@ pub mod proto {
 }
 
 /// The services' description of themselves, for reflection.
-const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/spherecal.bin"));
+pub(crate) const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/spherecal.bin"));
 
 /// Largest message, in bytes: a whole grid's recordings are about 1 MB.
-const MAX_MESSAGE: usize = 64 << 20;
+pub(crate) const MAX_MESSAGE: usize = 64 << 20;

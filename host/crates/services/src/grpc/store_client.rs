@@ -14,7 +14,7 @@ use super::convert;
 use super::peer::{Credentials, connect};
 use super::proto::calibration_store_client::CalibrationStoreClient;
 use super::proto::{
-    BeginSessionRequest, EventBatch, EventPlace, Greeting, LaserShots, ListRunsRequest, PlacedEvent, Rejection,
+    BeginSessionRequest, EventBatch, EventPlace, Handshake, LaserShots, ListRunsRequest, PlacedEvent, Rejection,
     ResultName, Run, RunData, RunId, RunState, StoredResult,
 };
 use crate::ServiceError;
@@ -119,14 +119,14 @@ impl RemoteStore {
             .map(|_| ())
     }
 
-    fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), ServiceError> {
-        let message = Greeting {
+    fn put_handshake(&mut self, run: i64, session: i64, handshake: i64, nonce: u32) -> Result<(), ServiceError> {
+        let message = Handshake {
             run,
             session,
-            greeting,
+            handshake,
             nonce,
         };
-        self.ask(async |c| c.put_greeting(message).await).map(|_| ())
+        self.ask(async |c| c.put_handshake(message).await).map(|_| ())
     }
 
     fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), ServiceError> {
@@ -218,10 +218,10 @@ impl RemoteStore {
             phases: Vec::new(),
             faults: Vec::new(),
             laser: convert::laser(data.laser).map_err(|e| self.nonsense(e))?,
-            greetings: data
-                .greetings
+            handshakes: data
+                .handshakes
                 .iter()
-                .map(|g| (g.nonce, (g.session, g.greeting)))
+                .map(|g| (g.nonce, (g.session, g.handshake)))
                 .collect(),
         };
         for event in data.events {
@@ -293,8 +293,8 @@ impl CalibrationStore for RemoteStore {
         RemoteStore::set_state(self, run, state).map_err(remote)
     }
 
-    fn put_greeting(&mut self, run: i64, session: i64, greeting: i64, nonce: u32) -> Result<(), StoreError> {
-        RemoteStore::put_greeting(self, run, session, greeting, nonce).map_err(remote)
+    fn put_handshake(&mut self, run: i64, session: i64, handshake: i64, nonce: u32) -> Result<(), StoreError> {
+        RemoteStore::put_handshake(self, run, session, handshake, nonce).map_err(remote)
     }
 
     fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {

@@ -8,7 +8,7 @@ use tonic::{Request, Response, Status};
 use super::convert::{self, Malformed};
 use super::proto::calibration_store_server::CalibrationStore;
 use super::proto::{
-    BeginSessionRequest, Done, EventBatch, EventPlace, Greeting, LaserShots, ListRunsRequest, NewRun, Rejection,
+    BeginSessionRequest, Done, EventBatch, EventPlace, Handshake, LaserShots, ListRunsRequest, NewRun, Rejection,
     ResultName, Run, RunData, RunId, RunList, RunState, SessionEnd, SessionId, StoredResult,
 };
 use crate::SharedStore;
@@ -106,13 +106,13 @@ fn data(store: &mut dyn spherecal_store::CalibrationStore, run: i64) -> Result<R
             .filter_map(|body| convert::event(0, 0, body))
             .collect(),
         laser: convert::laser_out(&stored.laser),
-        greetings: stored
-            .greetings
+        handshakes: stored
+            .handshakes
             .iter()
-            .map(|(&nonce, &(session, greeting))| Greeting {
+            .map(|(&nonce, &(session, handshake))| Handshake {
                 run,
                 session,
-                greeting,
+                handshake,
                 nonce,
             })
             .collect(),
@@ -141,11 +141,11 @@ impl CalibrationStore for StoreService {
         .await
     }
 
-    async fn put_greeting(&self, request: Request<Greeting>) -> Result<Response<Done>, Status> {
+    async fn put_handshake(&self, request: Request<Handshake>) -> Result<Response<Done>, Status> {
         let m = request.into_inner();
         self.with(move |store| {
             store
-                .put_greeting(m.run, m.session, m.greeting, m.nonce)
+                .put_handshake(m.run, m.session, m.handshake, m.nonce)
                 .map(|()| Done {})
         })
         .await

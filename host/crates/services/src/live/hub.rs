@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use serde::Serialize;
 use tokio::sync::{broadcast, mpsc};
 
-use super::{End, Frame, Message, Scene, Touch};
+use super::{End, Frame, LiveContact, Message, Scene};
 
 /// Messages that may wait for a browser before it is sent the whole state again.
 const NEWS: usize = 64;
@@ -28,7 +28,7 @@ struct Kept {
     scene: Scene,
     frame: Option<Frame>,
     forces: VecDeque<(f64, f32)>,
-    touch: Option<Touch>,
+    contact: Option<LiveContact>,
     notes: VecDeque<String>,
     end: Option<End>,
 }
@@ -141,7 +141,7 @@ impl Hub {
                 scene: scene.clone(),
                 frame: None,
                 forces: VecDeque::new(),
-                touch: None,
+                contact: None,
                 notes: VecDeque::new(),
                 end: None,
             },
@@ -174,8 +174,8 @@ impl Hub {
             for text in &kept.notes {
                 add(&Message::Note { text: text.clone() });
             }
-            if let Some(touch) = &kept.touch {
-                add(&Message::Touch(touch.clone()));
+            if let Some(contact) = &kept.contact {
+                add(&Message::Contact(contact.clone()));
             }
             if let Some(frame) = &kept.frame {
                 add(&Message::Frame(Frame {
@@ -208,7 +208,7 @@ fn keep(kept: &mut Kept, message: &Message) {
                 ..frame.clone()
             });
         }
-        Message::Touch(touch) => kept.touch = Some(touch.clone()),
+        Message::Contact(contact) => kept.contact = Some(contact.clone()),
         Message::Note { text } => {
             kept.notes.push_back(text.clone());
             if kept.notes.len() > NOTES {
@@ -223,6 +223,7 @@ fn keep(kept: &mut Kept, message: &Message) {
 mod tests {
     use super::*;
     use crate::live::{WAITING, Watch};
+    use spherecal_campaign::telemetry::ContactTrace;
     use spherecal_campaign::{Observer as _, Progress};
     use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
@@ -336,17 +337,20 @@ mod tests {
             force_n: [0.0, 0.0, 7.5],
             forces: vec![(1.23, 4.56)],
         };
-        let touch = Touch {
-            sphere: 1,
+        let contact = LiveContact {
             force_n: 7.7,
             travel_mm: 59.3,
-            samples: vec![(-0.5, 0.25)],
+            trace: ContactTrace {
+                sphere: 1,
+                trigger_s: 12.5,
+                samples: vec![(12.0, 0.25)],
+            },
         };
         let note = Message::Note { text: "x".to_owned() };
         let all = [
             Message::Scene(scene("a")),
             Message::Frame(frame),
-            Message::Touch(touch),
+            Message::Contact(contact),
             note,
             Message::End(end()),
         ];

@@ -1,7 +1,8 @@
 //! Shows a run to others while it is in progress: on the web page, from any machine.
 //!
-//! Vocabulary: a run's *scene* does not change (robot, plate, number of poses). A *frame* is its
-//! present state. A *touch* is the force around one contact. Its *end* is the result.
+//! Vocabulary: a run's *scene* is what does not change (robot, plate, how many
+//! poses); a *frame* is what it is doing now; a *contact* the force trace
+//! around one contact; its *end* says what came of it.
 //!
 //! ```text
 //!   campaign ─▶ Watch (an Observer) ─▶ bounded channel ─┬─▶ Hub ─▶ every browser
@@ -20,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::Phase;
 
 use spherecal_campaign::Stage;
+use spherecal_campaign::telemetry::ContactTrace;
 
 pub use hub::{Hub, RunId};
 pub use scatter::Scatter;
@@ -38,7 +40,7 @@ pub enum Message {
     /// Its present state, about twenty times per second.
     Frame(Frame),
     /// A contact, half a second after its trigger.
-    Touch(Touch),
+    Contact(LiveContact),
     /// A remark for people.
     Note {
         /// In words.
@@ -59,7 +61,7 @@ pub struct Frame {
     pub sphere: u32,
     /// Poses recorded or given up.
     pub done: usize,
-    /// Poses of the tour.
+    /// Poses that the plan records.
     pub poses: usize,
     /// Contacts so far.
     pub contacts: usize,
@@ -86,17 +88,15 @@ pub struct Frame {
     pub forces: Vec<(f64, f32)>,
 }
 
-/// The force around one contact.
+/// A contact and the force around it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Touch {
-    /// Id of the sphere.
-    pub sphere: u32,
+pub struct LiveContact {
     /// Force against the approach when contact was declared, in N.
     pub force_n: f64,
     /// Distance descended, in mm.
     pub travel_mm: f64,
-    /// Time from the trigger (s) and magnitude of the force (N).
-    pub samples: Vec<(f64, f32)>,
+    /// The force around it: the largest of every 4 ms.
+    pub trace: ContactTrace,
 }
 
 /// What came of a run.

@@ -8,7 +8,8 @@ use spherecal_shared::robot::{Robot, Tool};
 use spherecal_shared::timing::SampleClock;
 use tokio::sync::mpsc::{self, error::TrySendError};
 
-use super::{End, Frame, Message, Scatter, Scene, Touch};
+use super::{End, Frame, LiveContact, Message, Scatter, Scene};
+use spherecal_campaign::telemetry::{ContactTrace, ContactTracer};
 use spherecal_campaign::{Observer, Progress};
 use spherecal_link::Arrival;
 
@@ -22,11 +23,9 @@ const POINTS: usize = 1000;
 /// Time shown before and after the trigger of a contact, in µs.
 const BEFORE_US: u64 = 1_000_000;
 const AFTER_US: u64 = 500_000;
-/// Device time covered by one point of a touch, in µs.
-const TOUCH_US: u64 = 4_000;
-/// Samples kept for a touch: slightly more than 1.5 s at 1 kHz.
-const RECENT: usize = 2_000;
-/// Messages other than frames that may wait for space in the channel.
+/// Device time that one point of a contact's trace stands for, in µs.
+const TRACE_POINT_US: u64 = 4_000;
+/// Messages other than frames that wait for a place in the channel.
 const URGENT: usize = 16;
 
 /// Estimated remaining time, in s, from the poses done in this session; `None` until there are
@@ -49,8 +48,8 @@ pub struct Watch {
     /// Device time of each sample.
     clock: SampleClock,
     points: VecDeque<(u64, f32)>,
-    recent: VecDeque<(u64, f32)>,
-    touched: Option<Contact>,
+    tracer: ContactTracer,
+    contact: Option<Contact>,
     begun: Instant,
     told: Option<Instant>,
 }
@@ -65,10 +64,10 @@ impl Watch {
             scatter: Scatter::new(robot, tool),
             progress: Progress::default(),
             sample: None,
-            clock: SampleClock::new(1000),
+            clock: SampleClock::new(),
             points: VecDeque::new(),
-            recent: VecDeque::new(),
-            touched: None,
+            tracer: ContactTracer::new(BEFORE_US, AFTER_US),
+            contact: None,
             begun: Instant::now(),
             told: None,
         };
@@ -104,8 +103,10 @@ impl Watch {
     }
 
     fn sample(&mut self, sample: &Sample) {
-        let time_us = self.clock.time_us(sample.tick);
-        // A hundredth of a newton is finer than a picture can show.
+        let Some(time_us) = self.clock.time_us(sample.tick) else {
+            return;
+        };
+        // A hundredth of a newton is more than a picture shows.
         let force = (sample.force_n.iter().map(|f| f * f).sum::<f32>().sqrt() * 100.0).round() / 100.0;
         match self.points.back_mut() {
             Some(last) if last.0 / POINT_US == time_us / POINT_US => last.1 = last.1.max(force),
@@ -116,35 +117,29 @@ impl Watch {
                 self.points.push_back((time_us, force));
             }
         }
-        if self.recent.len() >= RECENT {
-            self.recent.pop_front();
-        }
-        self.recent.push_back((time_us, force));
-        if self.touched.is_some_and(|c| time_us > c.time_us + AFTER_US) {
-            self.touch();
+        if let Some(trace) = self.tracer.sample(time_us, sample) {
+            self.trace(trace);
         }
         self.sample = Some(*sample);
     }
 
-    fn touch(&mut self) {
-        let Some(contact) = self.touched.take() else { return };
-        let mut samples: Vec<(f64, f32)> = Vec::new();
-        let mut last = None;
-        for &(time_us, force) in &self.recent {
-            if time_us + BEFORE_US < contact.time_us || time_us > contact.time_us + AFTER_US {
-                continue;
+    fn trace(&mut self, mut trace: ContactTrace) {
+        let Some(contact) = self.contact.take() else { return };
+        let point = |time_s: f64| (time_s * 1e6).round() as u64 / TRACE_POINT_US;
+        trace.samples.dedup_by(|next, kept| {
+            let same = point(next.0) == point(kept.0);
+            if same {
+                kept.1 = kept.1.max(next.1);
             }
-            match samples.last_mut() {
-                Some(point) if last == Some(time_us / TOUCH_US) => point.1 = point.1.max(force),
-                _ => samples.push(((time_us as f64 - contact.time_us as f64) * 1e-6, force)),
-            }
-            last = Some(time_us / TOUCH_US);
+            same
+        });
+        for (_, force_n) in &mut trace.samples {
+            *force_n = (*force_n * 100.0).round() / 100.0;
         }
-        self.tell(Message::Touch(Touch {
-            sphere: contact.sphere,
+        self.tell(Message::Contact(LiveContact {
             force_n: contact.force_n,
             travel_mm: contact.travel_m * 1e3,
-            samples,
+            trace,
         }));
     }
 
@@ -191,7 +186,8 @@ impl Observer for Watch {
             Event::Telemetry(samples) => samples.iter().for_each(|sample| self.sample(sample)),
             Event::Contact(contact) => {
                 self.scatter.contact();
-                self.touched = Some(*contact);
+                self.tracer.contact(contact);
+                self.contact = Some(*contact);
             }
             Event::Recording(recording) => self.scatter.record(recording),
             _ => {}

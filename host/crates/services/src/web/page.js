@@ -26,7 +26,7 @@ function hear({ id, message: told }) {
     for (const old of runs.values()) {
       if (old.end && old.scene.robot === message.robot && old.scene.arm === message.arm) runs.delete(old.id);
     }
-    runs.set(id, { id, scene: message, frame: null, forces: [], touch: null, notes: [], end: null, q: [...message.home_rad], frames: 0 });
+    runs.set(id, { id, scene: message, frame: null, forces: [], contact: null, notes: [], end: null, q: [...message.home_rad], frames: 0 });
     if (!byHand || !runs.has(chosen) || runs.get(chosen).end) {
       chosen = id;
       byHand = false;
@@ -42,7 +42,7 @@ function hear({ id, message: told }) {
     run.forces.push(...message.forces);
     const oldest = (run.forces.at(-1)?.[0] ?? 0) - SPAN;
     if (run.forces.length && run.forces[0][0] < oldest - 5) run.forces = run.forces.filter(p => p[0] >= oldest);
-  } else if (kind === "touch") run.touch = message;
+  } else if (kind === "contact") run.contact = message;
   else if (kind === "note") run.notes.unshift(message.text);
   else if (kind === "end") {
     run.end = message;
@@ -92,7 +92,7 @@ function describe(run) {
   say("residual", frame.residual_mm === null ? "–" : `${frame.residual_mm.toFixed(2)} mm`);
   say("time", `${clock(frame.device_s)} (${(frame.device_s / Math.max(frame.wall_s, 0.1)).toFixed(0)}×)`);
   say("force", `${(run.forces.at(-1)?.[1] ?? 0).toFixed(1)} N`);
-  say("touch", run.touch ? `sphere ${run.touch.sphere}: ${run.touch.force_n.toFixed(1)} N after ${run.touch.travel_mm.toFixed(1)} mm` : "none yet");
+  say("last-contact", run.contact ? `sphere ${run.contact.trace.sphere}: ${run.contact.force_n.toFixed(1)} N after ${run.contact.travel_mm.toFixed(1)} mm` : "none yet");
   joints(run);
 }
 
@@ -169,8 +169,9 @@ function draw(now) {
   remarks(run);
   const newest = run.forces.at(-1)?.[0] ?? 0;
   plot(at("curve"), run.forces, { t0: newest - SPAN, t1: newest, threshold: run.scene.trigger_n, label: t => clock(Math.max(0, t)) });
-  const touch = run.touch?.samples ?? [];
-  plot(at("contact"), touch, { t0: -1, t1: 0.5, threshold: run.scene.trigger_n, trigger: run.touch ? [0, run.touch.force_n] : null, label: t => `${+t.toFixed(2)} s` });
+  const trace = run.contact?.trace;
+  const sinceTrigger = (trace?.samples ?? []).map(([time, force]) => [time - trace.trigger_s, force]);
+  plot(at("contact"), sinceTrigger, { t0: -1, t1: 0.5, threshold: run.scene.trigger_n, trigger: run.contact ? [0, run.contact.force_n] : null, label: t => `${+t.toFixed(2)} s` });
 }
 
 function line(words, kind) {

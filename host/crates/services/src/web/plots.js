@@ -36,7 +36,7 @@ export function plot(canvas, points, { t0, t1, threshold, trigger, label }) {
   // Letting go of a magnet takes ten times the force of a touch: it is said, and not drawn to its end.
   const high = Math.min(Math.max(threshold * 1.35, peak * 1.1), threshold * 4);
   const x = t => left + ((t - t0) / (t1 - t0)) * (width - left - right);
-  const y = n => height - bottom - (Math.min(n, high) / high) * (height - top - bottom);
+  const y = n => height - bottom - (Math.max(Math.min(n, high), -high / 20) / high) * (height - top - bottom);
   pen.lineWidth = 1;
   pen.textAlign = "right";
   pen.textBaseline = "middle";

@@ -15,7 +15,7 @@ use super::faulty_drive::FaultyDrive;
 use super::host_faults::HostFaults;
 use super::host_killed::{HostKilled, end_process};
 use super::listener::Listener;
-use super::plan::{InjectError, Plan};
+use super::plan::{FaultPlan, InjectError};
 use super::scheduler::Scheduler;
 use spherecal_link::{Controller, Device, LinkError, check_hello};
 
@@ -85,13 +85,13 @@ impl FaultyCell {
     /// Joins a controller and a drive for a robot with `joints` joints.
     ///
     /// # Errors
-    /// A drive that [`Cell`](spherecal_link::Cell) would refuse, a plan with a number out of range,
+    /// A drive that [`LocalDevice`](spherecal_link::LocalDevice) would refuse, a plan with a number out of range,
     /// or a plan that needs the simulated arm where there is none.
     pub fn new(
         mut controller: Box<dyn Controller>,
         drive: FaultyDrive,
         joints: usize,
-        plan: &Plan,
+        plan: &FaultPlan,
         restart: Restart,
     ) -> Result<Self, FaultyCellError> {
         plan.check(joints)?;

@@ -1,7 +1,7 @@
 //! Fault injection: which faults occur and when, and the device that injects them.
 //!
 //! Vocabulary: an [`InjectedFault`] is one fault. A [`When`] is its start, by tick, by phase or at
-//! random. An [`Entry`] is both with a duration. A [`Plan`] is the list in a TOML file, with the
+//! random. An [`Entry`] is both with a duration. A [`FaultPlan`] is the list in a TOML file, with the
 //! seed of the random draws. [`PRESETS`] has one plan for each fault.
 //!
 //! ```text
@@ -11,7 +11,7 @@
 //!                 └─ HostFaults ────────▶ journal            the host's own computer
 //! ```
 //!
-//! The device replaces [`Cell`](spherecal_link::Cell) and does the same while no fault is due. It
+//! The device replaces [`LocalDevice`](spherecal_link::LocalDevice) and does the same while no fault is due. It
 //! reads the controller's phase from the host link's bytes, as any listener may. So the same plan
 //! works in-process, in QEMU and with a drive behind a socket. Faults of the arm itself need the
 //! simulated arm.
@@ -32,5 +32,5 @@ pub use faulty_cell::{FaultyCell, FaultyCellError, Happened, Restart};
 pub use faulty_drive::FaultyDrive;
 pub use host_faults::{FileLock, HostFaultJournal, HostFaults};
 pub use host_killed::HostKilled;
-pub use plan::{Entry, InjectError, Plan, When};
+pub use plan::{Entry, FaultPlan, InjectError, When};
 pub use presets::{PRESETS, Preset, preset, table};

@@ -79,7 +79,7 @@ pub struct Entry {
 /// Everything that goes wrong in a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Plan {
+pub struct FaultPlan {
     /// Seed of the random choices.
     #[serde(default)]
     pub seed: u64,
@@ -172,7 +172,7 @@ impl Entry {
     }
 }
 
-impl Plan {
+impl FaultPlan {
     /// A plan of one fault.
     pub fn of(what: InjectedFault, when: When) -> Self {
         Self {
@@ -268,7 +268,7 @@ mod tests {
         for preset in PRESETS {
             let plan = preset.plan();
             let text = plan.to_toml();
-            assert_eq!(Plan::parse(preset.name, &text).expect(&text), plan, "{text}");
+            assert_eq!(FaultPlan::parse(preset.name, &text).expect(&text), plan, "{text}");
             plan.check(7).expect(preset.name);
             assert_eq!(plan.faults[0].what.name(), preset.name);
         }
@@ -285,19 +285,19 @@ mod tests {
             "[[fault]]\nwhat = { human_push = { force = [1.0, 0.0, 0.0] } }\nwhen = { tick = 5 }",
             "[[fault]]\nwhat = \"state_frozen\"\nwhen = { phase = { name = \"recordin\" } }",
         ] {
-            assert!(Plan::parse("a.toml", text).is_err(), "{text}");
+            assert!(FaultPlan::parse("a.toml", text).is_err(), "{text}");
         }
         let text = "[[fault]]\nwhat = { state_nan = { joint = 8 } }\nwhen = { tick = 5 }\n";
-        let error = Plan::parse("a.toml", text)
+        let error = FaultPlan::parse("a.toml", text)
             .expect("TOML")
             .check(7)
             .expect_err("joint 8");
         assert_eq!(error.to_string(), "fault 1: joint is 8: give a value from 1 to 7");
-        assert!(matches!(Plan::load("no such"), Err(InjectError::Unknown { .. })));
-        let full = Plan::load("disk_full").expect("a preset");
+        assert!(matches!(FaultPlan::load("no such"), Err(InjectError::Unknown { .. })));
+        let full = FaultPlan::load("disk_full").expect("a preset");
         let error = full.check_without_file().expect_err("no file").to_string();
         assert!(error.contains("disk_full") && error.contains("--store"), "{error}");
-        let killed = Plan::load("host_killed").expect("a preset");
+        let killed = FaultPlan::load("host_killed").expect("a preset");
         killed.check_without_file().expect("nothing of a file");
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use spherecal_shared::protocol::host::{Fault, Phase};
 
 use super::fault::{InjectedFault, Status};
-use super::plan::{InjectError, Plan, When};
+use super::plan::{FaultPlan, InjectError, When};
 use crate::lossy::Lossy;
 
 /// A plan with a name.
@@ -30,8 +30,8 @@ pub struct Preset {
 
 impl Preset {
     /// As a plan.
-    pub fn plan(&self) -> Plan {
-        Plan::of(self.what, self.when)
+    pub fn plan(&self) -> FaultPlan {
+        FaultPlan::of(self.what, self.when)
     }
 }
 
@@ -310,7 +310,7 @@ pub fn preset(name: &str) -> Option<&'static Preset> {
     PRESETS.iter().find(|p| p.name == name)
 }
 
-impl Plan {
+impl FaultPlan {
     /// A preset by its name, or a file.
     ///
     /// # Errors

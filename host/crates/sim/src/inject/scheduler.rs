@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use spherecal_shared::protocol::host::Phase;
 
 use super::fault::InjectedFault;
-use super::plan::{Entry, Plan, When};
+use super::plan::{Entry, FaultPlan, When};
 
 /// What the scheduler keeps of one entry.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +32,7 @@ fn ticks(seconds: f64, period_s: f64) -> u64 {
 }
 
 impl Scheduler {
-    pub(super) fn new(plan: &Plan, period_s: f64) -> Self {
+    pub(super) fn new(plan: &FaultPlan, period_s: f64) -> Self {
         let rows = plan.faults.iter().map(|entry| Row {
             entry: *entry,
             due: if let When::Tick(tick) = entry.when {
@@ -100,7 +100,7 @@ impl Scheduler {
 mod tests {
     use super::*;
 
-    fn run(plan: &Plan, ticks: u64, phases: &[(u64, Phase, u32)]) -> Vec<(u64, bool)> {
+    fn run(plan: &FaultPlan, ticks: u64, phases: &[(u64, Phase, u32)]) -> Vec<(u64, bool)> {
         let mut scheduler = Scheduler::new(plan, 1e-3);
         let mut seen = Vec::new();
         for tick in 1..=ticks {
@@ -115,7 +115,7 @@ mod tests {
     // Fails if a fault starts at another tick than its file says, or has another duration.
     #[test]
     fn beginnings_and_ends_are_where_the_file_puts_them() {
-        let at = |when, for_s| Plan {
+        let at = |when, for_s| FaultPlan {
             seed: 3,
             host_link: None,
             faults: vec![Entry {

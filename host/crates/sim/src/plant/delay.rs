@@ -1,9 +1,10 @@
 //! Delays between controller and joints, and the lag of the actuators.
 //!
-//! Each tick sends one command and one state. Each arrives after its delay, and never before what was sent earlier.
+//! Each tick sends one command and one state. Each arrives after its delay, and never before an
+//! earlier message.
 //!
-//! - **Command**: the drive holds a command from its arrival until the next one arrives. Arrivals lie anywhere within
-//!   a tick; the plant, which holds one torque for a tick, takes the mean over the tick.
+//! - **Command**: the drive holds a command until the next one arrives. Arrivals may lie anywhere
+//!   within a tick. The plant holds one torque for a tick, so it uses the mean over the tick.
 //! - **State**: the controller sees the newest state that has arrived, so a delay of 1.5 ms shows as one of 2 ms.
 //! - **Lag**: the torque follows the held command as a first-order system.
 
@@ -19,7 +20,7 @@ use super::sensors::{Sensed, TICK_S};
 /// Control period, in µs.
 const TICK_US: i64 = 1000;
 
-/// Messages on their way, with the time at which each arrives, in µs.
+/// Messages in transit, with their arrival times in µs.
 type Line<T> = VecDeque<(i64, T)>;
 
 /// Delay lines of commands and states.
@@ -49,7 +50,7 @@ impl<const N: usize> Delays<N> {
         }
     }
 
-    /// Other delays from now on. What is on its way arrives as it would have.
+    /// Changes the delays from now on. Messages in transit keep their arrival times.
     pub(super) fn set(&mut self, config: DriveConfig) {
         self.config = config;
     }
@@ -59,14 +60,14 @@ impl<const N: usize> Delays<N> {
         self.config == DriveConfig::default() && self.commands.is_empty() && self.states.is_empty()
     }
 
-    /// A tick without delays: only time and torque are kept.
+    /// A tick without delays: updates only time and torque.
     pub(super) fn pass(&mut self, command: &SVector<f64, N>) {
         self.now_us += TICK_US;
         self.held = *command;
         self.actuator = *command;
     }
 
-    /// Brakes: nothing that is on its way to the actuators acts any more.
+    /// Brakes: messages in transit to the actuators have no effect any more.
     pub(super) fn brake(&mut self, torque: &SVector<f64, N>) {
         self.now_us += TICK_US;
         self.commands.clear();
@@ -104,7 +105,8 @@ impl<const N: usize> Delays<N> {
         (self.held * for_s + gap * (lag * (1.0 - left))) / TICK_S
     }
 
-    /// Sends the state at the end of a tick; returns the newest that has arrived, or `seen` where none has.
+    /// Sends the state at the end of a tick; returns the newest that has arrived, or `seen` if none
+    /// has.
     pub(super) fn state(&mut self, state: &Sensed<N>, seen: &Sensed<N>) -> Sensed<N> {
         let arrival = self.arrival(self.config.state_delay_s, self.states.back().map(|s| s.0));
         self.states.push_back((arrival, *state));
@@ -168,7 +170,7 @@ mod tests {
             .unzip()
     }
 
-    // Fails if a delay is longer or shorter than stated, or a part of a tick is lost.
+    // Fails if a delay is longer or shorter than stated, or if a part of a tick is lost.
     #[test]
     fn a_constant_delay_is_what_it_says() {
         let config = DriveConfig {
@@ -187,7 +189,7 @@ mod tests {
         assert_eq!((none, fresh), (vec![1.0, 2.0, 3.0, 4.0], vec![1, 2, 3, 4]));
     }
 
-    // Fails if jitter lets a state overtake an older one, or makes it earlier than the constant part.
+    // Fails if jitter lets a state overtake an older one, or if it shortens the constant delay.
     #[test]
     fn nothing_overtakes() {
         let config = DriveConfig {
@@ -215,7 +217,8 @@ mod tests {
         assert_eq!([age(40), age(80), age(140), age(180)], [0, 3, 0, 3]);
     }
 
-    // Fails if the lag has another time constant, or the mean over a tick is not the integral of the response.
+    // Fails if the lag has another time constant, or if the mean over a tick is not the integral of
+    // the response.
     #[test]
     fn actuators_lag_exponentially() {
         let lag = 3e-3;

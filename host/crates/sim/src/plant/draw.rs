@@ -1,4 +1,4 @@
-//! How each error source is drawn from its stream of the seed.
+//! Draws each error source from its stream of the seed.
 
 use core::f64::consts::TAU;
 
@@ -12,11 +12,11 @@ use super::error::PlantError;
 use super::joint::{JointError, Memory, Tone};
 use super::world::{MAX_SPHERES, Stream, TrueCell, between, normal, normal3, rpy, stream};
 
-/// Waves that stand in for a Gaussian process (random Fourier features). Their squares add up to its variance,
-/// whatever their number.
+/// Number of waves that replace a Gaussian process (random Fourier features). Their squares add up
+/// to its variance for any number.
 const FEATURES: u32 = 16;
 
-/// The true geometry, and the factor that the draws were scaled by.
+/// The true geometry, and the factor by which the draws were scaled.
 pub(super) fn draw_geometry<const N: usize>(
     nominal: &Robot,
     tool: &Tool,
@@ -76,8 +76,9 @@ fn scaled_deviations(nominal: &Robot, drawn: &Robot, factor: f64) -> Robot {
     robot
 }
 
-/// Rescales the geometry of a cell until the nominal robot with the true tool errs by `mean_m` in the mean on
-/// `reference` (encoder angles, rad; the 500 configurations of [`mean_difference`] where there are none).
+/// Rescales the geometry of a cell until the mean error of the nominal robot with the true tool is
+/// `mean_m` on `reference` (encoder angles, rad; if empty, the 500 configurations of
+/// [`mean_difference`]).
 pub(super) fn scale_to_overall_mean<const N: usize>(
     cell: &mut TrueCell<N>,
     nominal: &Robot,
@@ -93,7 +94,7 @@ pub(super) fn scale_to_overall_mean<const N: usize>(
     };
     let drawn = cell.robot.clone();
     let ideal = Arm::<f64, N>::new(nominal, &cell.tool)?;
-    // The mean error grows with the factor: bisection, to a nanometre or so.
+    // The mean error grows with the factor: bisection to about a nanometre.
     let (mut low, mut high) = (0.0, 8.0);
     for step in 0..31 {
         let factor = f64::midpoint(low, high);
@@ -239,7 +240,8 @@ pub(super) fn draw_joint_errors<const N: usize>(config: &PlantConfig) -> [JointE
                 error.tones.push(tone);
             }
         }
-        // Ten tones were drawn here once. They still are, so that a seed names the same robot as ever.
+        // Earlier versions drew ten tones here. The draws stay, so that a seed still gives the same
+        // robot.
         for _ in 0..8 {
             normal(&mut rng);
             between(&mut rng, [0.0, TAU]);
@@ -251,7 +253,7 @@ pub(super) fn draw_joint_errors<const N: usize>(config: &PlantConfig) -> [JointE
     })
 }
 
-/// Smooth errors of the joint, and errors of two joints together, on streams of their own.
+/// Smooth errors of the joint, and errors of two joints together, each on its own stream.
 pub(super) fn draw_joint_functions<const N: usize>(config: &PlantConfig, errors: &mut [JointError; N]) {
     let e = &config.encoder;
     let share = (2.0 / f64::from(FEATURES)).sqrt();
@@ -315,7 +317,7 @@ pub(super) fn draw_bending<const N: usize>(config: &PlantConfig) -> ([[f64; 2]; 
     (links, pair(c.base_rad_per_nm, c.base_sigma_rad_per_nm))
 }
 
-/// What of each joint depends on the way that it came.
+/// The state of each joint that depends on its path.
 pub(super) fn draw_memory<const N: usize>(config: &PlantConfig) -> [Memory; N] {
     let (l, e) = (&config.lost_motion, &config.encoder);
     let mut rng = stream(config.seed, Stream::LostMotion);

@@ -1,20 +1,18 @@
-//! How the plant's state moves on by one sub-step.
+//! Advances the plant's state by one sub-step.
 //!
-//! **Free space**: classic Runge-Kutta of order 4 on `M q̈ = tau − c − g − b q̇`.
-//! Smooth, so a whole control tick in one step conserves energy to far better
-//! than 1e-6 over a second.
+//! **Free space**: classic Runge-Kutta of order 4 on `M q̈ = tau − c − g − b q̇`. The motion is
+//! smooth, so one step per control tick conserves energy to far better than 1e-6 over a second.
 //!
-//! **Contact, or dry joint friction**: linearly implicit (semi-implicit Euler
-//! whose stiff forces are taken at the end of the step):
+//! **Contact, or dry joint friction**: linearly implicit (semi-implicit Euler with the stiff forces
+//! at the end of the step):
 //!
 //! `(M + h D + h² K) Δv = h (tau − c − g + f − h K v)`, then `q += h (v + Δv)`
 //!
-//! with `K`, `D` of the pads, of regularised friction and of the joint springs.
-//! It is stable for any pad stiffness, friction slope and sub-step, and only
-//! ever damps the stiff parts. Dry joint friction is Coulomb's law exactly, to
-//! a creep of 1 µrad/s: each joint either sticks (a very steep viscous law) or
-//! slips (constant torque), found by a small active-set iteration on the
-//! velocity at the end of the step.
+//! with `K`, `D` of the pads, of regularised friction and of the joint springs. It is stable for
+//! any pad stiffness, friction slope and sub-step, and only ever damps the stiff parts. Dry joint
+//! friction follows Coulomb's law exactly, except for a creep of 1 µrad/s: each joint either sticks
+//! (a very steep viscous law) or slips (constant torque). A small active-set iteration on the
+//! velocity at the end of the step decides which.
 //!
 //! With joint elasticity the motors are eliminated joint by joint (a Schur
 //! complement on the diagonal), so the system stays N by N.
@@ -43,9 +41,9 @@ pub(super) struct Motion<const N: usize> {
     pub(super) motor: SVector<f64, N>,
     /// Motor velocities, in rad/s.
     pub(super) motor_v: SVector<f64, N>,
-    /// Direction in which each joint slips, 0 where it sticks.
+    /// Direction in which each joint slips; 0 if it sticks.
     pub(super) slip: [f64; N],
-    /// Mass matrix and bias of the sub-step before, where it was a stiff one.
+    /// Mass matrix and bias of the previous sub-step, if it was a stiff one.
     before: Option<(SMatrix<f64, N, N>, SVector<f64, N>)>,
 }
 
@@ -72,11 +70,11 @@ pub(super) struct Elastic<const N: usize> {
     pub(super) motor: [f64; N],
 }
 
-/// Forces on the arm from outside during one sub-step.
+/// External forces on the arm during one sub-step.
 pub(super) struct Load<'a, const N: usize> {
     /// Actuator torque, in N m.
     pub(super) tau: &'a SVector<f64, N>,
-    /// Torque from outside on the links (disturbance), in N m.
+    /// External torque on the links (disturbance), in N m.
     pub(super) extra: &'a SVector<f64, N>,
     /// Forces at points: point in F0 (m), force (N).
     pub(super) pulls: &'a [(Vector3<f64>, Vector3<f64>)],
@@ -106,10 +104,9 @@ impl<const N: usize> Motion<N> {
         self.before = None;
     }
 
-    /// One explicit step in free space from the frames `start` of the present
-    /// angles, under the torque `tau`; `None` where the
-    /// mass matrix is not positive definite. Returns the mean torque that the
-    /// sensors see.
+    /// One explicit step in free space from the frames `start` of the present angles, under the
+    /// torque `tau`. Returns the mean torque that the sensors see; `None` if the mass matrix is not
+    /// positive definite.
     pub(super) fn step_free(
         &mut self,
         arm: &Arm<f64, N>,
@@ -151,8 +148,8 @@ impl<const N: usize> Motion<N> {
         }))
     }
 
-    /// One linearly implicit step; `None` where the system is not positive
-    /// definite. Returns the torque that the sensors see.
+    /// One linearly implicit step. Returns the torque that the sensors see; `None` if the system is
+    /// not positive definite.
     pub(super) fn step_stiff(
         &mut self,
         frames: &[Pose<f64>; N],
@@ -165,7 +162,7 @@ impl<const N: usize> Motion<N> {
             bodies.mass_matrix(),
             bodies.coriolis(&self.v.data.0[0]) + bodies.gravity(),
         );
-        // Extrapolated to the middle of the step: second order for what is smooth.
+        // Extrapolated to the middle of the step: second order for the smooth parts.
         let (mut system, middle) = match &self.before {
             Some((mass_before, bias_before)) => (mass * 1.5 - mass_before * 0.5, bias * 1.5 - bias_before * 0.5),
             None => (mass, bias),
@@ -220,8 +217,8 @@ impl<const N: usize> Motion<N> {
         let before = self.v;
         let change = self.solve_with_friction(&joints.coulomb, &system, &impulse, &before, h)?;
         self.v += change;
-        // With contact the end velocity, which the implicit forces are written
-        // for; without it the mean of both ends, which is of second order.
+        // With contact, the end velocity, for which the implicit forces are written. Without
+        // contact, the mean of both ends, which is of second order.
         self.q += if pressed {
             self.v * h
         } else {
@@ -275,7 +272,7 @@ impl<const N: usize> Motion<N> {
                 return Some(self.finish_elastic(elastic, &change, &motor_change, modes, h));
             }
         }
-        // No consistent set in six tries: let every doubtful joint stick.
+        // No consistent set after six tries: every doubtful joint sticks.
         let change = Cholesky::new(&system)?.solve(&impulse);
         Some(self.finish_elastic(elastic, &change, &(-self.motor_v), [0.0; N], h))
     }
@@ -298,8 +295,7 @@ impl<const N: usize> Motion<N> {
     }
 }
 
-/// Adds one contact point, linearised about the present state; false where it
-/// does not press.
+/// Adds one contact point, linearised about the present state. Returns false if it does not press.
 #[inline]
 fn add_touch<const N: usize>(
     touch: &Touch,
@@ -315,7 +311,7 @@ fn add_touch<const N: usize>(
         velocity += columns[i] * v[i];
     }
     let approach = -touch.normal.dot(&velocity);
-    // A gap that closes within the step is met by the spring alone.
+    // If a gap closes within the step, only the spring acts.
     let (k, d) = (touch.stiffness, if touch.depth > 0.0 { touch.damping } else { 0.0 });
     let force = k * (touch.depth + h * approach) + d * approach;
     if force <= 0.0 {

@@ -1,10 +1,10 @@
-//! What stands between a joint's encoder and its link, one joint at a time.
+//! The mechanics between a joint's encoder and its link, one joint at a time.
 //!
 //! ```text
 //!   encoder e ─ h(e), scatter ─▶ gear ─ deflection(τ), lost motion ─▶ link
 //! ```
 //!
-//! With the encoder on the link the second half is seen by the encoder and drops out.
+//! An encoder on the link sees the second half, which then cancels.
 
 use super::world::normal;
 use rand_chacha::ChaCha8Rng;
@@ -58,7 +58,7 @@ impl JointError {
     }
 }
 
-/// How a joint gives under the torque that it transmits.
+/// How a joint deflects under the torque that it transmits.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Deflection {
     /// Linear part, in rad/(N m).
@@ -69,7 +69,7 @@ pub(super) struct Deflection {
     pub(super) hysteresis: f64,
 }
 
-/// Torque over which the torque hysteresis changes sides, in N m.
+/// Torque scale over which the torque hysteresis changes sides, in N m.
 const HYSTERESIS_NM: f64 = 0.5;
 
 impl Deflection {
@@ -93,16 +93,16 @@ impl Deflection {
     }
 }
 
-/// What of one joint depends on the way that it came.
+/// The state of one joint that depends on its path.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Memory {
     /// Largest lost motion, in rad.
     pub(super) half_width: f64,
-    /// Travel over which lost motion changes sides, in rad.
+    /// Travel scale over which lost motion changes sides, in rad.
     pub(super) travel: f64,
     /// Standard deviation of the scatter, in rad.
     pub(super) scatter: f64,
-    /// Travel over which the scatter is drawn anew, in rad.
+    /// Travel after which the scatter is drawn again, in rad.
     pub(super) scatter_travel: f64,
 }
 
@@ -123,7 +123,7 @@ pub(super) struct Trace {
 }
 
 impl Trace {
-    /// The joint moves by `by` (rad) without turning round.
+    /// The joint moves by `by` (rad) without reversing.
     pub(super) fn moved(&mut self, memory: &Memory, by: f64, rng: &mut ChaCha8Rng) {
         if by == 0.0 {
             return;
@@ -152,7 +152,8 @@ mod tests {
         scatter_travel: 2e-3,
     };
 
-    // Fails if the way is cut into steps and the lost motion then differs, or if it depends on anything but the way.
+    // Fails if the lost motion depends on the steps into which a path is cut, or on anything but
+    // the path.
     #[test]
     fn lost_motion_depends_on_the_way_alone() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -171,7 +172,7 @@ mod tests {
         assert!((one.lost - (-1.0 + 2.0 * (-0.7f64).exp()) * 1e-4).abs() < 1e-9);
     }
 
-    // Fails if scatter has another size than stated, repeats after a long way, or changes at rest.
+    // Fails if scatter has another size than stated, repeats after a long path, or changes at rest.
     #[test]
     fn scatter_is_new_after_a_long_way_and_kept_at_rest() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);

@@ -1,4 +1,5 @@
-//! One control tick of the plant's motion: what the nest meets, which integrator fits, and the sub-steps.
+//! One control tick of the plant's motion: finds contacts, chooses the integrator, and runs the
+//! sub-steps.
 
 use nalgebra::{SVector, Vector3};
 use spherecal_shared::robot::{Dynamics, Pose};
@@ -71,8 +72,8 @@ impl<const N: usize> Plant<N> {
         mean
     }
 
-    /// Whether this tick meets nothing stiff: no contact within reach, no dry
-    /// friction, no end stop, no push.
+    /// Whether this tick has no stiff force: no contact within reach, no dry friction, no end stop,
+    /// no push.
     fn is_smooth(&self, tcp: &Pose<f64>) -> bool {
         let inside = |i: usize| {
             let (low, high) = self.joints.stops[i];
@@ -144,7 +145,7 @@ impl<const N: usize> Plant<N> {
         }
     }
 
-    /// The TCP at the given frames; the displacement by bending is renewed.
+    /// The TCP at the given frames; updates the displacement by bending.
     fn shifted_tcp(&mut self, frames: &[Pose<f64>; N]) -> Pose<f64> {
         let mut tcp = self.world.arm.tcp_frame(frames);
         if self.world.bends() {

@@ -36,11 +36,12 @@ pub struct Plant<const N: usize> {
     last: Sensed<N>,
     /// Mean transmitted torque of the last tick, in N m.
     transmitted: SVector<f64, N>,
-    /// The torque that the joints' deflection has followed so far, in N m.
+    /// The torque that the joints' deflection has reached so far, in N m.
     deflecting: [f64; N],
     /// Motor minus encoder angles, in rad.
     lead: [f64; N],
-    /// What of the joints depends on the way that they came, and the link angles (rad) up to which it is known.
+    /// The state of the joints that depends on their path, and the link angles (rad) up to which it
+    /// is known.
     slow: SlowState<N>,
     traced: [f64; N],
     /// The arm remembers its way.
@@ -60,9 +61,9 @@ pub struct Plant<const N: usize> {
     pub(super) disturbance: SVector<f64, N>,
     pub(super) magnet_on: bool,
     pub(super) obstacle: Option<Obstacle>,
-    /// Spheres that were taken away come back once the nest is clear of their places.
+    /// Whether removed spheres return once the nest is clear of them.
     pub(super) spheres_return: bool,
-    /// A sphere that is being shoved aside (from 0), and how far still, in m, F0.
+    /// A sphere that is being pushed aside (from 0), and its remaining displacement, in m, F0.
     pub(super) shoved: Option<(usize, Vector3<f64>)>,
     pub(super) payload_kg: f64,
     pub(super) session: TrackerSession,
@@ -74,7 +75,7 @@ pub struct Plant<const N: usize> {
 /// Ticks from one step of the warm-up to the next.
 const WARM_TICKS: u64 = 1000;
 
-/// Centroid of the sphere centres that are there, over the number of all.
+/// Sum of the present sphere centres, divided by the number of all spheres.
 pub(super) fn centroid_of(spheres: &[Option<Vector3<f64>>]) -> Vector3<f64> {
     let sum: Vector3<f64> = spheres.iter().flatten().sum();
     sum / spheres.len().max(1) as f64
@@ -199,11 +200,11 @@ impl<const N: usize> Plant<N> {
         Ok(plant)
     }
 
-    /// Advances 1 ms with the joint torques `tau` (N m, base to flange) held,
-    /// and returns what real hardware then shows.
+    /// Advances 1 ms with constant joint torques `tau` (N m, base to flange), and returns what real
+    /// hardware then shows.
     ///
-    /// Torque beyond a joint's limit is cut to it; a command that is not finite
-    /// is refused as a whole and the last good one stays.
+    /// Torque beyond a joint's limit is cut to it. A command that is not finite is refused as a
+    /// whole and the last good one stays.
     pub fn step(&mut self, tau: &[f64; N]) -> Sensed<N> {
         let refused = !tau.iter().all(|t| t.is_finite());
         let mut saturated = false;
@@ -234,8 +235,8 @@ impl<const N: usize> Plant<N> {
         self.shown
     }
 
-    /// Advances 1 ms with the brakes closed: the joints stop and stay where they
-    /// are, and the sensors read what then loads them.
+    /// Advances 1 ms with the brakes closed: the joints stop and stay, and the sensors read their
+    /// load.
     pub fn step_braked(&mut self) -> Sensed<N> {
         self.motion.brake();
         self.return_spheres();

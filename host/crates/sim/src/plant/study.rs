@@ -1,9 +1,9 @@
 //! The arm without dynamics: it goes from pose to pose and rests there.
 //!
-//! Recordings of a run never come from here; they come from the controller's
-//! samples while the nest is seated. This serves the static worlds, where an
-//! hour of simulated motion a robot is too dear, and the shots of the tracker.
-//! Static errors, and those that depend on time and on the way, are the plant's.
+//! Recordings of a run never come from here; they come from the controller's samples while the nest
+//! is seated. This module serves the static worlds, where an hour of simulated motion per robot is
+//! too expensive, and the shots of the tracker. Static errors, and those that depend on time and
+//! path, are the plant's.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use rand::RngExt;
@@ -15,7 +15,7 @@ use super::config::{PlantConfig, ReadingConfig};
 use super::coupling::Coupling;
 use super::world::{SlowState, Stream, TrueCell, normal, stream};
 
-/// What a person or a program reads of an arm at rest.
+/// The readings of an arm at rest.
 #[derive(Clone, Copy, Debug)]
 pub struct Rest<const N: usize> {
     /// Encoder angles as read, in rad: early, with averaged noise.
@@ -35,14 +35,14 @@ pub enum SeatOn {
     Plate,
 }
 
-/// Where an arm stands still, and what it remembers of its way there.
+/// An arm at rest and the state that depends on its path.
 #[derive(Clone, Debug)]
 pub(super) struct Standing<const N: usize> {
     /// Geometry of the moment.
     arm: Arm<f64, N>,
     slow: SlowState<N>,
     rng: ChaCha8Rng,
-    /// Encoder angles where it stands, in rad; none before the first pose.
+    /// Encoder angles of its position, in rad; none before the first pose.
     at: Option<[f64; N]>,
     time_s: f64,
 }
@@ -63,14 +63,14 @@ impl<const N: usize> Standing<N> {
         self.time_s += for_s;
         if cell.warming.is_on() {
             let robot = cell.warming.robot(&cell.robot, self.time_s);
-            // Grown by micrometres, the arm stays a possible one.
+            // The arm grows by micrometres only, so it stays valid.
             if let Ok(arm) = Arm::new(&robot, &cell.tool) {
                 self.arm = arm;
             }
         }
     }
 
-    /// Moves the joints to `q`, and what they remember of the way; returns the move.
+    /// Moves the joints to `q` and updates their path-dependent state; returns the move.
     pub(super) fn move_to(&mut self, cell: &TrueCell<N>, q: &[f64; N]) -> [f64; N] {
         let by = self.at.map_or([0.0; N], |at| core::array::from_fn(|i| q[i] - at[i]));
         self.slow.moved(&cell.memory, &by);
@@ -90,12 +90,13 @@ impl<const N: usize> Standing<N> {
         core::array::from_fn(|i| gravity[i] + cell.torque_bias[i])
     }
 
-    /// Angles as read at encoder angles `q`, where the arm came by the move `by`: early in some rows.
+    /// The reading at encoder angles `q` after the move `by`: early in some rows.
     pub(super) fn read(&mut self, config: &ReadingConfig, q: &[f64; N], by: &[f64; N]) -> [f64; N] {
         let mut read = *q;
         if config.early_share > 0.0 && self.rng.random::<f64>() < config.early_share {
             let farthest = by.iter().fold(0.0_f64, |most, b| most.max(b.abs()));
-            // A short move does not reach the full deceleration: what is left is never more than the move.
+            // A short move does not reach the full deceleration, so the rest never exceeds the
+            // move.
             let to_go = (0.5 * config.deceleration_rad_s2 * config.early_s * config.early_s).min(farthest);
             for (angle, by) in read.iter_mut().zip(by) {
                 *angle -= if farthest > 0.0 { to_go * by / farthest } else { 0.0 };
@@ -105,7 +106,7 @@ impl<const N: usize> Standing<N> {
     }
 }
 
-/// An arm that stands still wherever it is looked at.
+/// An arm that stands still at every reading.
 #[derive(Clone, Debug)]
 pub struct StillArm<'a, const N: usize> {
     cell: &'a TrueCell<N>,
@@ -147,13 +148,13 @@ impl<'a, const N: usize> StillArm<'a, N> {
         self.read(q, &by)
     }
 
-    /// Lets go of the sphere: the next contact is a new coupling.
+    /// Leaves the sphere: the next contact is a new coupling.
     pub fn decouple(&mut self) {
         self.coupling.near = false;
     }
 
-    /// Goes to the contact with a ball centred at `centre` (m, F0, as it is at the start of the run), near the encoder
-    /// angles `guess` (rad), and rests. `None` where it cannot be reached.
+    /// Goes to the contact with a ball centred at `centre` (m, F0, at the start of the run), near
+    /// the encoder angles `guess` (rad), and rests. `None` if it is out of reach.
     pub fn go_to_contact(&mut self, guess: &[f64; N], centre: &Vector3<f64>) -> Option<Rest<N>> {
         let by = self.standing.move_to(self.cell, guess);
         let nest = &self.config.nest;
@@ -172,7 +173,7 @@ impl<'a, const N: usize> StillArm<'a, N> {
 
     /// Encoder angles (rad) nearest to `guess` at which the ball sits centred at `centre` (m, F0).
     ///
-    /// `None` where Newton's method does not get there within 0.1 µm: out of reach or singular.
+    /// `None` if Newton's method does not converge to 0.1 µm: out of reach or singular.
     fn encoder_angles_at(&self, guess: &[f64; N], centre: &Vector3<f64>) -> Option<[f64; N]> {
         let nest = &self.config.nest;
         let plate = self.cell.plate.rotation;
@@ -206,7 +207,7 @@ impl<'a, const N: usize> StillArm<'a, N> {
         ((reached.position - target(&reached)).norm() < 1e-7).then_some(q)
     }
 
-    /// Reads the arm at encoder angles `q`, where it came by the move `by`.
+    /// Reads the arm at encoder angles `q` after the move `by`.
     fn read(&mut self, q: &[f64; N], by: &[f64; N]) -> Rest<N> {
         let (link, tcp) = self.standing.tcp(self.cell, q);
         let mut read = self.standing.read(&self.config.reading, q, by);

@@ -1,7 +1,8 @@
 //! Drift of links and plate while the cell warms up.
 //!
-//! Everything grows with one law, `w(t) = (exp(−t₀/T) − exp(−(t₀+t)/T)) / (1 − exp(−1 h/T))`: zero at the start of the
-//! run, `t₀` after power-on, and so scaled that the first hour after power-on makes 1.
+//! Everything grows with one law, `w(t) = (exp(−t₀/T) − exp(−(t₀+t)/T)) / (1 − exp(−1 h/T))`. It is
+//! zero at the start of the run, `t₀` after power-on, and scaled so that the first hour after
+//! power-on gives 1.
 
 use nalgebra::Vector3;
 use rand::RngExt;
@@ -62,7 +63,7 @@ impl Warming {
         (at(since) - at(since + time_s)) / (1.0 - at(HOUR_S))
     }
 
-    /// `robot`, as it is at the start of the run, at another time (s).
+    /// `robot`, given at the start of the run, at another time (s).
     pub(super) fn robot(&self, robot: &Robot, time_s: f64) -> Robot {
         let share = self.share(time_s);
         let mut robot = robot.clone();

@@ -1,9 +1,7 @@
-//! The static truth of one cell: what the seed drew. The dynamic plant and the
-//! static worlds both stand on it. Nothing here reaches the controller, the
-//! campaign or the identification.
+//! The static truth of one cell, as drawn from the seed. The dynamic plant and the static worlds
+//! both use it. It never reaches the controller, the campaign or the identification.
 //!
-//! Each error source has a random stream of its own, so that switching one off
-//! leaves the others as they were.
+//! Each error source has its own random stream, so switching one off does not change the others.
 //!
 //! From an encoder's angle `e` to the link's, joint by joint ([`super::joint`]):
 //!
@@ -12,8 +10,8 @@
 //!   link = gear − deflection(τ) − lost         τ: torque transmitted to the link
 //! ```
 //!
-//! The TCP follows from the links by the true geometry, which grows as the cell
-//! warms up, and is displaced by the bending of links and base.
+//! The TCP follows from the links by the true geometry, which grows as the cell warms up, and is
+//! displaced by the bending of links and base.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -84,7 +82,7 @@ pub(super) fn between(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
     low + (high - low) * rng.random::<f64>()
 }
 
-/// Slow state of all joints: what depends on the way that the arm came.
+/// State of all joints that depends on the arm's path.
 #[derive(Clone, Debug)]
 pub struct SlowState<const N: usize> {
     pub(super) traces: [Trace; N],
@@ -92,7 +90,7 @@ pub struct SlowState<const N: usize> {
 }
 
 impl<const N: usize> SlowState<N> {
-    /// The state at the start of a run; scatter is drawn, no joint has lost motion.
+    /// The state at the start of a run: scatter is drawn, and no joint has lost motion.
     pub(super) fn new(seed: u64, memory: &[Memory; N], which: Stream) -> Self {
         let mut rng = stream(seed, which);
         let traces = core::array::from_fn(|i| Trace {
@@ -106,7 +104,7 @@ impl<const N: usize> SlowState<N> {
         Self { traces, rng }
     }
 
-    /// The joints move by `by` (rad), none of them turns round on the way.
+    /// The joints move by `by` (rad); none of them reverses.
     pub(super) fn moved(&mut self, memory: &[Memory; N], by: &[f64; N]) {
         for i in 0..N {
             if !memory[i].is_off() {
@@ -123,7 +121,7 @@ impl<const N: usize> SlowState<N> {
     }
 }
 
-/// Everything that was drawn of one cell: the true arm, tool, plate and spheres.
+/// All draws of one cell: the true arm, tool, plate and spheres.
 #[derive(Clone, Debug)]
 pub struct TrueCell<const N: usize> {
     /// The true arm with its true tool.
@@ -163,8 +161,8 @@ pub struct TrueCell<const N: usize> {
 }
 
 impl<const N: usize> TrueCell<N> {
-    /// Draws a cell around the nominal robot. What `geometry.overall_mean_m` says is held on 500 configurations
-    /// in joint space.
+    /// Draws a cell around the nominal robot. `geometry.overall_mean_m` applies to 500
+    /// configurations in joint space.
     ///
     /// # Errors
     /// A configuration or robot that is refused.
@@ -172,7 +170,8 @@ impl<const N: usize> TrueCell<N> {
         Self::draw_on(nominal, nominal_tool, config, &[])
     }
 
-    /// The same with the configurations (rad) on which `geometry.overall_mean_m` is held.
+    /// Like [`Self::draw`], with the configurations (rad) to which `geometry.overall_mean_m`
+    /// applies.
     ///
     /// # Errors
     /// A configuration or robot that is refused.
@@ -287,7 +286,7 @@ impl<const N: usize> TrueCell<N> {
         }
     }
 
-    /// Encoder angles that belong to motor-side angles (link plus deflection).
+    /// Encoder angles for motor-side angles (link plus deflection).
     pub fn encoder_angles(&self, motor: &[f64; N]) -> [f64; N] {
         let mut lead = [0.0; N];
         for _ in 0..3 {
@@ -319,12 +318,14 @@ impl<const N: usize> TrueCell<N> {
         motor
     }
 
-    /// Link angles of an arm at rest in free space whose encoders read `encoder`, without slow effects.
+    /// Link angles of an arm at rest in free space whose encoders read `encoder`, without
+    /// path-dependent effects.
     pub fn link_angles_at_rest(&self, encoder: &[f64; N]) -> [f64; N] {
         self.link_angles(&self.arm, encoder, None)
     }
 
-    /// The same with the geometry `arm` of the moment and the slow state of the joints.
+    /// Like [`Self::link_angles_at_rest`], with the present geometry `arm` and the path-dependent
+    /// state of the joints.
     pub(super) fn link_angles(&self, arm: &Arm<f64, N>, encoder: &[f64; N], slow: Option<&SlowState<N>>) -> [f64; N] {
         let mut motor = self.motor_angles(encoder);
         if let Some(slow) = slow {
@@ -345,8 +346,9 @@ impl<const N: usize> TrueCell<N> {
         self.tilt != [0.0; 2] || self.bending.iter().any(|b| *b != [0.0; 2])
     }
 
-    /// Displacement of the point `p` (m, F0) by bending of links and base under
-    /// the weight of all that they carry, in m.
+    /// Displacement of the point `p` (m, F0) by bending of links and base under the weight that
+    /// they carry, in m.
+    ///
     pub(super) fn bending(&self, frames: &[Pose<f64>; N], p: &Vector3<f64>) -> Vector3<f64> {
         let mut shift = Vector3::zeros();
         let (mut mass, mut moment) = (0.0, Vector3::zeros());

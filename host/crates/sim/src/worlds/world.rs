@@ -1,4 +1,4 @@
-//! The worlds W0 to W5 (`docs/design/identification.md`).
+//! The worlds W0 to W5: `docs/design/identification.md` describes W0 to W4, [`PlantConfig::as_measured`] W5.
 
 use serde::{Deserialize, Serialize};
 

@@ -12,8 +12,9 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::align::target_of;
-use super::load::frame_of;
+use super::align::{frame_of, target_of};
+use spherecal_model::fit_pose;
+
 use crate::{Observation, Pose, Reference, Sphere, Target};
 
 /// Statistics of distances, in mm.
@@ -93,7 +94,7 @@ pub struct SampleError {
 
 /// One model's errors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct ModelErrors {
+pub struct JudgedModel {
     /// Model.
     pub name: String,
     /// By sample.
@@ -104,7 +105,7 @@ pub struct ModelErrors {
     pub distances_mm: Vec<(u32, u32, u32, f64)>,
 }
 
-impl ModelErrors {
+impl JudgedModel {
     /// Statistics over the samples.
     pub fn errors(&self) -> Errors {
         let d: Vec<f64> = self.samples.iter().map(|s| s.distance_mm).collect();
@@ -124,12 +125,12 @@ pub struct Judged {
     /// What was judged, in words.
     pub by: String,
     /// By model, in the order asked for.
-    pub models: Vec<ModelErrors>,
+    pub models: Vec<JudgedModel>,
 }
 
 impl Judged {
     /// A model's errors by name.
-    pub fn model(&self, name: &str) -> Option<&ModelErrors> {
+    pub fn model(&self, name: &str) -> Option<&JudgedModel> {
         self.models.iter().find(|m| m.name == name)
     }
 
@@ -147,7 +148,7 @@ impl Judged {
             }
             let from: Vec<_> = pairs.iter().map(|p| p.1).collect();
             let onto: Vec<_> = pairs.iter().map(|p| p.2).collect();
-            let Some(pose) = Pose::fit(&from, &onto) else { continue };
+            let Some(pose) = fit_pose(&from, &onto) else { continue };
             for (k, tcp, truth) in pairs {
                 if let Some(slot) = model.samples.get_mut(k) {
                     *slot = error(slot.index, &tcp, &(pose.point(&tcp) - truth));
@@ -211,16 +212,16 @@ pub fn judge(
 /// row, the TCP, and the truth.
 type Loose<K> = BTreeMap<K, Vec<(usize, Vector3<f64>, Vector3<f64>)>>;
 
-fn judge_one(model: &Predictor<'_>, judges: &[Judge<'_>], spheres: &[Sphere], closed_loop: bool) -> ModelErrors {
+fn judge_one(model: &Predictor<'_>, judges: &[Judge<'_>], spheres: &[Sphere], closed_loop: bool) -> JudgedModel {
     let frames: HashMap<Reference, &Pose> = model.frames.iter().map(|(r, p)| (*r, p)).collect();
     let tcps: Vec<Vector3<f64>> = judges
         .par_iter()
         .map(|j| (model.tcp_m)(&j.observation.q, j.observation.tau.as_deref()))
         .collect();
-    let mut out = ModelErrors {
+    let mut out = JudgedModel {
         name: model.name.to_owned(),
         samples: Vec::with_capacity(judges.len()),
-        ..ModelErrors::default()
+        ..JudgedModel::default()
     };
     let (mut contacts, mut points) = (Loose::<(u32, u32)>::new(), Loose::<Reference>::new());
     for (judge, tcp) in judges.iter().zip(&tcps) {
@@ -243,7 +244,7 @@ fn judge_one(model: &Predictor<'_>, judges: &[Judge<'_>], spheres: &[Sphere], cl
         // A frame of its own: the best rigid fit of the rows themselves.
         let from: Vec<_> = own.iter().map(|l| l.1).collect();
         let onto: Vec<_> = own.iter().map(|l| l.2).collect();
-        let pose = Pose::fit(&from, &onto).unwrap_or_default();
+        let pose = fit_pose(&from, &onto).unwrap_or_default();
         for (index, tcp, truth) in own {
             out.samples.push(error(*index, tcp, &(pose.point(tcp) - truth)));
         }
@@ -254,7 +255,7 @@ fn judge_one(model: &Predictor<'_>, judges: &[Judge<'_>], spheres: &[Sphere], cl
 
 /// One sphere is one point: distances to the mean over its own rows, and between
 /// those means against the certificate.
-fn judge_contacts(out: &mut ModelErrors, contacts: &Loose<(u32, u32)>, spheres: &[Sphere]) {
+fn judge_contacts(out: &mut JudgedModel, contacts: &Loose<(u32, u32)>, spheres: &[Sphere]) {
     let mut means: Vec<((u32, u32), Vector3<f64>)> = Vec::with_capacity(contacts.len());
     for (key, own) in contacts {
         let mean = own.iter().map(|l| l.1).sum::<Vector3<f64>>() / own.len() as f64;

@@ -20,7 +20,7 @@ pub(super) fn choose(experiment: &Experiment, options: &Options) -> (Options, Op
         ("theta", priors::OFFSET_SIGMA_RAD * WIDER),
     ];
     let touched = |name: &str| options.parameters.0.keys().any(|k| k.starts_with(name));
-    let has_priors = matches!(options.method, Method::Map | Method::Geometry);
+    let has_priors = matches!(options.method, Method::Full | Method::Geometry);
     if !has_priors || wide.iter().any(|(name, _)| touched(name)) {
         return (options.clone(), None);
     }

@@ -1,14 +1,15 @@
-//! A short tour of the spheres, a journal in memory and the cell of one process,
+//! A short plan of the spheres, a journal in memory and the cell of one process,
 //! for tests that run a campaign.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
-use spherecal::campaign::{Assignment, CampaignError, Options, Outcome, Silent, Stop, Tour, TourPose, run};
+use spherecal::campaign::{Assignment, CampaignError, Options, Outcome, Silent, run};
 use spherecal::job::{Link, Measurements, Prepared, Site, measure, read};
-use spherecal::link::{Arrival, Cell, Device, Drive, controller_in_process};
+use spherecal::link::{Arrival, Device, Drive, LocalDevice, controller_in_process};
 use spherecal::link::{Journal, JournalError};
+use spherecal::plan::{Plan, PlannedPose, Visit, Waypoint};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::simulated_arm;
 use spherecal::store::{CalibrationStore as _, SqlStore};
@@ -72,12 +73,12 @@ pub fn solve(arm: &Arm<f64, 7>, position: Vector3<f64>, rotation: Matrix3<f64>, 
     q.data.0[0]
 }
 
-/// A tour of `spheres` (indices into the plate) with one pose for each angle
+/// A plan of `spheres` (indices into the plate) with one pose for each angle
 /// (rad) in `turns`, about F0's x axis, planned on the nominal arm.
 ///
 /// # Panics
 /// When a pose is out of reach.
-pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
+pub fn short_plan(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Plan {
     let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("an arm");
     let [roll, pitch, yaw] = config.cell.first().rpy_rad;
     let plate = Rotation3::from_euler_angles(roll, pitch, yaw);
@@ -85,7 +86,11 @@ pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
     let x = (plate * Vector3::x() - down * down.dot(&(plate * Vector3::x()))).normalize();
     let facing = Matrix3::from_columns(&[x, down.cross(&x), down]);
     let seed = [0.0, 0.5, 0.0, -1.5, 0.0, 1.1, 0.0];
-    let stops = spheres
+    let waypoint = |q: [f64; 7]| Waypoint {
+        joints: q.to_vec(),
+        ..Waypoint::default()
+    };
+    let visits = spheres
         .iter()
         .map(|&k| {
             let centre =
@@ -98,54 +103,55 @@ pub fn tour(config: &PlantConfig, spheres: &[usize], turns: &[f64]) -> Tour {
                     let rotation = Rotation3::from_axis_angle(&Vector3::x_axis(), angle).matrix() * facing;
                     let q = solve(&arm, centre, rotation, approach);
                     let quaternion = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
-                    TourPose {
-                        pose,
+                    PlannedPose {
+                        id: pose,
                         orientation: [quaternion.w, quaternion.i, quaternion.j, quaternion.k],
                         elbow_rad: elbow(&arm.frames(&q)).map(|e| e.angle),
-                        posture: q.to_vec(),
-                        record: true,
+                        joints: q.to_vec(),
+                        via: false,
                     }
                 })
                 .collect();
-            Stop {
-                sphere: k as u32 + 1,
+            Visit {
+                sphere_id: k as u32 + 1,
                 place: 0,
-                centre_m: centre.into(),
+                position_m: centre.into(),
                 over_home: true,
-                approach: approach.to_vec(),
-                direction: down.into(),
+                approach: waypoint(approach),
+                approach_direction: down.into(),
                 poses,
             }
         })
         .collect();
     let above = Vector3::from(config.cell.first().origin_m) - down * 0.15;
-    Tour {
-        home: solve(&arm, above, facing, seed).to_vec(),
-        stops,
+    Plan {
+        home: waypoint(solve(&arm, above, facing, seed)),
+        spheres: visits,
+        ..Plan::default()
     }
 }
 
-/// The simulated iiwa 7 of `config`, at the tour's home.
+/// The simulated iiwa 7 of `config`, at the plan's home.
 ///
 /// # Panics
 /// When there is no such plant.
-pub fn plant(config: &PlantConfig, tour: &Tour) -> Box<dyn Drive> {
-    simulated_arm(&iiwa7(), &iiwa7_tool(), config, &tour.home).expect("a plant")
+pub fn plant(config: &PlantConfig, plan: &Plan) -> Box<dyn Drive> {
+    simulated_arm(&iiwa7(), &iiwa7_tool(), config, &plan.home.joints).expect("a plant")
 }
 
 /// The controller in this process, on `drive`.
 ///
 /// # Panics
 /// When the drive is not an arm of seven joints.
-pub fn cell(drive: Box<dyn Drive>) -> Cell {
-    Cell::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell")
+pub fn cell(drive: Box<dyn Drive>) -> LocalDevice {
+    LocalDevice::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell")
 }
 
-/// Carries out `tour` with the default procedure on whatever stands behind the
+/// Carries out `plan` with the default procedure on whatever stands behind the
 /// host link, all but the (sphere, pose) pairs in `done`.
 pub fn carry_out(
     device: &mut dyn Device,
-    tour: &Tour,
+    plan: &Plan,
     done: &BTreeSet<(u32, u32)>,
 ) -> (Memory, Outcome, Result<(), CampaignError>) {
     let (robot, tool, procedure) = (iiwa7(), iiwa7_tool(), Procedure::default());
@@ -153,7 +159,7 @@ pub fn carry_out(
         robot: &robot,
         tool: &tool,
         procedure: &procedure,
-        tour,
+        plan,
         done,
         seated: &[],
         options: Options::default(),

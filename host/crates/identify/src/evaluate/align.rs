@@ -17,9 +17,10 @@ use rand::RngExt as _;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use spherecal_model::fit_pose;
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{LinkTransform, Pose as Frame, Robot};
+use spherecal_shared::robot::{LinkTransform, Robot};
 
 use crate::{Experiment, Observation, Pose, Reference, Set, Sphere, Target};
 
@@ -39,7 +40,7 @@ const STEPS: usize = 60;
 
 /// Frames and tool of a data set, with a robot of given geometry.
 #[derive(Clone, Debug)]
-pub struct Alignment {
+pub struct NominalFrames {
     /// Tool centre point in the last frame of the table, in m.
     pub tcp_m: Vector3<f64>,
     /// F0 seen from each frame.
@@ -51,7 +52,7 @@ pub struct Alignment {
     pub median_m: f64,
 }
 
-impl Alignment {
+impl NominalFrames {
     /// Pose of a frame.
     pub fn frame(&self, reference: Reference) -> Option<&Pose> {
         self.frames.iter().find(|(r, _)| *r == reference).map(|(_, pose)| pose)
@@ -66,19 +67,19 @@ impl Alignment {
 }
 
 /// The frame Fn of a robot's table.
-pub(super) struct Flange(Vec<LinkTransform<f64>>);
+pub(crate) struct Flange(Vec<LinkTransform<f64>>);
 
 impl Flange {
-    pub(super) fn new(robot: &Robot) -> Self {
+    pub(crate) fn new(robot: &Robot) -> Self {
         Self(robot.joints.iter().map(|j| LinkTransform::from(&j.mdh)).collect())
     }
 
     /// At joint angles `q` (rad).
-    pub(super) fn at(&self, q: &[f64]) -> Frame<f64> {
-        let mut frames = [Frame::identity(); MAX_JOINTS];
+    pub(crate) fn at(&self, q: &[f64]) -> Pose<f64> {
+        let mut frames = [Pose::identity(); MAX_JOINTS];
         let count = self.0.len().min(q.len()).min(MAX_JOINTS);
         frames_into(&self.0, q, &mut frames[..count]);
-        count.checked_sub(1).map_or_else(Frame::identity, |last| frames[last])
+        count.checked_sub(1).map_or_else(Pose::identity, |last| frames[last])
     }
 }
 
@@ -87,6 +88,15 @@ pub(super) fn reference_of(target: &Target) -> Reference {
     match target {
         Target::Point(_) | Target::Points(_) | Target::Frame(_) => Reference::Tracker,
         Target::Sphere { place, .. } => Reference::Place(*place),
+    }
+}
+
+/// The frame that a row's target is given in: points of closed-loop data live in
+/// the plate's frame.
+pub(super) fn frame_of(target: &Target, place: u32, closed_loop: bool) -> Reference {
+    match (reference_of(target), closed_loop) {
+        (Reference::Tracker, true) => Reference::Place(place),
+        (reference, _) => reference,
     }
 }
 
@@ -139,7 +149,7 @@ impl Problem {
                 .collect();
             median(&mut d)
         };
-        let mut best = Pose::fit(&from, &onto).unwrap_or_default();
+        let mut best = fit_pose(&from, &onto).unwrap_or_default();
         let mut least = middle(&best);
         if own.len() >= 4 {
             for _ in 0..TRIPLETS {
@@ -147,7 +157,7 @@ impl Problem {
                 if pick[0] == pick[1] || pick[1] == pick[2] || pick[0] == pick[2] {
                     continue;
                 }
-                let Some(pose) = Pose::fit(&pick.map(|k| from[k]), &pick.map(|k| onto[k])) else {
+                let Some(pose) = fit_pose(&pick.map(|k| from[k]), &pick.map(|k| onto[k])) else {
                     continue;
                 };
                 let now = middle(&pose);
@@ -210,7 +220,7 @@ impl Problem {
                 let mut next = guess.clone();
                 for (f, pose) in next.frames.iter_mut().enumerate() {
                     let turn = Vector3::new(step[6 * f + 3], step[6 * f + 4], step[6 * f + 5]);
-                    pose.translation_m += Vector3::new(step[6 * f], step[6 * f + 1], step[6 * f + 2]);
+                    pose.position += Vector3::new(step[6 * f], step[6 * f + 1], step[6 * f + 2]);
                     pose.rotation = Rotation3::new(turn) * pose.rotation;
                 }
                 if self.free_tool {
@@ -249,7 +259,7 @@ pub(super) fn target_of(target: &Target, spheres: &[Sphere]) -> Vector3<f64> {
             let known = spheres.iter().find(|s| s.id == *sphere);
             known.map_or_else(Vector3::zeros, |s| Vector3::from(s.position_m))
         }
-        Target::Frame(pose) => pose.translation_m,
+        Target::Frame(pose) => pose.position,
         Target::Points(points) => points
             .iter()
             .flatten()
@@ -260,7 +270,7 @@ pub(super) fn target_of(target: &Target, spheres: &[Sphere]) -> Vector3<f64> {
 
 /// Aligns the calibration set of an experiment with a robot of given geometry;
 /// `free_tool` estimates the tool as well, else it stays nominal.
-pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Alignment {
+pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> NominalFrames {
     let flange = Flange::new(robot);
     let calibrating = |o: &&Observation| o.set == Set::Calibrate;
     let mut references: Vec<Reference> = Vec::new();
@@ -313,7 +323,7 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Alignme
         .map(|(index, o)| (index, problem.residual(&item(o), &guess).norm()))
         .collect();
     let mut d: Vec<f64> = distances_m.iter().map(|d| d.1).collect();
-    Alignment {
+    NominalFrames {
         tcp_m: guess.tool,
         median_m: median(&mut d),
         frames: problem.references.into_iter().zip(guess.frames).collect(),

@@ -8,15 +8,8 @@ use std::collections::{BTreeMap, HashMap};
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::StudyError;
 use super::align::Flange;
-use crate::{Experiment, Sphere, Target};
-use spherecal_model::input::InputError;
-
-/// Uncertainty (m, 1 sigma) of sphere positions that were taken from the nominal robot.
-const GUESSED_SIGMA_M: f64 = 1e-3;
-/// The default plate is given up when its distances are off by more than this (m).
-const WRONG_PLATE_M: f64 = 0.005;
+use crate::{Experiment, Target};
 
 /// Most pairs of spheres that a message lists.
 const LISTED: usize = 3;
@@ -133,56 +126,4 @@ pub(super) fn contradiction(experiment: &Experiment, limit: f64) -> Option<Strin
         "{}{more}; give the right plate with --plate FILE.toml",
         off.get(..LISTED).unwrap_or(&off).join("; ")
     ))
-}
-
-/// Without a plate of the user's: keeps Table 1 of the paper where the data
-/// agree with it, else takes the spheres' positions from the nominal robot.
-///
-/// # Errors
-/// Data whose places have no sphere in common with all others.
-pub(super) fn fall_back(experiment: &mut Experiment, notes: &mut Vec<String>) -> Result<(), StudyError> {
-    let Some(words) = contradiction(experiment, WRONG_PLATE_M).or_else(|| unknown(experiment)) else {
-        return Ok(());
-    };
-    let means = means(experiment);
-    let mut ids: Vec<u32> = means.keys.iter().map(|k| k.1).collect();
-    ids.sort_unstable();
-    ids.dedup();
-    let places: Vec<u32> = means.keys.iter().map(|k| k.0).collect();
-    let found: HashMap<(u32, u32), Vector3<f64>> = means.keys.iter().copied().zip(means.at.iter().copied()).collect();
-    let at = |place: u32, id: u32| found.get(&(place, id)).copied();
-    let complete = places.into_iter().find(|&p| ids.iter().all(|&id| at(p, id).is_some()));
-    let (Some(place), Some(&first)) = (complete, ids.first()) else {
-        return Err(InputError::Field {
-            file: "command line".to_owned(),
-            field: "--plate".to_owned(),
-            value: "missing".to_owned(),
-            remedy: format!("{words} (assumed: Table 1 of the paper)"),
-        }
-        .into());
-    };
-    let origin = at(place, first).unwrap_or_default();
-    experiment.spheres = ids
-        .iter()
-        .map(|&id| Sphere {
-            id,
-            position_m: (at(place, id).unwrap_or_default() - origin).into(),
-            sigma_m: if id == first { 0.0 } else { GUESSED_SIGMA_M },
-        })
-        .collect();
-    notes.push(format!(
-        "no --plate was given and Table 1 of the paper does not fit ({words}); the spheres' positions were taken from \
-         the nominal robot, so the robot's scale comes from it as well: certified positions would do better"
-    ));
-    Ok(())
-}
-
-/// A sphere of the data that the plate does not have, in words.
-fn unknown(experiment: &Experiment) -> Option<String> {
-    experiment.observations.iter().find_map(|o| match &o.target {
-        Target::Sphere { sphere, .. } if !experiment.spheres.iter().any(|s| s.id == *sphere) => Some(format!(
-            "sphere {sphere} is not on the plate; give the plate with --plate FILE.toml"
-        )),
-        _ => None,
-    })
 }

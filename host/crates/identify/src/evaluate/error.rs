@@ -1,0 +1,61 @@
+//! Why recordings could not be evaluated.
+
+use super::Estimator;
+use crate::IdentifyError;
+use crate::arcs::LaserError;
+use crate::validate::ValidateError;
+
+/// Why recordings could not be evaluated.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum EvaluateError {
+    /// The calibration failed.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// Another model failed.
+    #[error("{estimator}: {source}")]
+    Model {
+        /// Which.
+        estimator: Estimator,
+        /// Why.
+        source: IdentifyError,
+    },
+    /// The arcs gave no frames.
+    #[error(transparent)]
+    Arcs(#[from] LaserError),
+    /// The models could not be validated.
+    #[error(transparent)]
+    Validate(#[from] ValidateError),
+    /// No calibration of this robot explains the data.
+    #[error("{field} is {median_mm:.1} mm: {remedy}")]
+    NotThisRobot {
+        /// What is wrong.
+        field: &'static str,
+        /// Median distance of the TCP from its targets after alignment, in mm.
+        median_mm: f64,
+        /// What to check.
+        remedy: String,
+    },
+    /// Rows that are to judge the result are rows that it is made from.
+    #[error(
+        "{copies} of {judges} validation rows are copies of calibration rows (the first: {first}): they judge nothing; \
+         give rows that were measured apart"
+    )]
+    Seen {
+        /// How many.
+        copies: usize,
+        /// Validation rows in all.
+        judges: usize,
+        /// The first of them.
+        first: String,
+    },
+    /// The hold-out cannot be made.
+    #[error("hold-out by {column}: {what}: {remedy}")]
+    Holdout {
+        /// The column.
+        column: String,
+        /// Why not.
+        what: String,
+        /// What to do.
+        remedy: String,
+    },
+}

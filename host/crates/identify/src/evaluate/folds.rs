@@ -1,0 +1,240 @@
+//! Judgement by samples: of a fit by rows that it has not seen, and of folds of
+//! the rows by fits of the others.
+
+use std::collections::{HashMap, HashSet};
+
+use rayon::prelude::*;
+use spherecal_shared::robot::Robot;
+
+use super::align::Flange;
+use super::fit::{Fit, fit, thinned};
+use super::judge::{Judge, Judged, Predictor, judge};
+use super::{EvaluateError, EvaluateOptions};
+use crate::{Options, Pose, Recordings, Reference, Target};
+
+/// Folds of the cross-validation that stands in where no validation was given.
+pub(super) const FOLDS: usize = 5;
+/// Rows that each fit of a cross-validation uses, spread evenly over those that it
+/// may see. The figure of the result is then that of a fit of fewer rows.
+const FOLD_ROWS: usize = 50_000;
+/// Most values of a hold-out column: each takes a fit.
+const MOST_HELD_OUT: usize = 200;
+
+/// One value of the hold-out column.
+#[derive(Clone, Debug)]
+pub struct Fold {
+    /// The value.
+    pub value: String,
+    /// The samples that have it, judged by a fit without them.
+    pub judged: Judged,
+}
+
+/// All values of a column, held out one after the other.
+#[derive(Clone, Debug)]
+pub struct HeldOut {
+    /// The column.
+    pub column: String,
+    /// By value.
+    pub folds: Vec<Fold>,
+    /// All of them together.
+    pub pooled: Judged,
+}
+
+/// The models that are judged: nominal geometry, calibrated, and the calibrated
+/// table alone, as a URDF holds it.
+fn predictors<'a>(nominal: &'a Robot, fit: &'a Fit) -> Vec<Predictor<'a>> {
+    let frames: Vec<(Reference, Pose)> = fit.calibration.frames.iter().map(|f| (f.reference, f.base)).collect();
+    let calibration = &fit.calibration;
+    let (given, tcp) = (fit.nominal.tcp_m, calibration.tool.tcp());
+    let (before, after) = (Flange::new(nominal), Flange::new(&calibration.robot));
+    vec![
+        Predictor {
+            name: "nominal",
+            tcp_m: Box::new(move |q, _| before.at(q).point(&given)),
+            frames: fit.nominal.frames.clone(),
+        },
+        Predictor {
+            name: "calibrated",
+            tcp_m: Box::new(move |q, tau| calibration.tcp_m(q, tau)),
+            frames: frames.clone(),
+        },
+        Predictor {
+            name: "calibrated_table_only",
+            tcp_m: Box::new(move |q, _| after.at(q).point(&tcp)),
+            frames,
+        },
+    ]
+}
+
+/// Judges rows by a fit.
+pub(super) fn judged(recordings: &Recordings, fit: &Fit, judges: &[Judge<'_>], by: &str) -> Judged {
+    judge(
+        &predictors(&recordings.experiment.robot, fit),
+        judges,
+        &recordings.experiment.spheres,
+        recordings.closed_loop(),
+        by,
+    )
+}
+
+/// Fits without some rows and judges those, fold by fold.
+fn folds(
+    recordings: &Recordings,
+    asked: &EvaluateOptions,
+    options: &Options,
+    train: &[usize],
+    folds: &[(String, Vec<usize>)],
+) -> Result<Vec<Fold>, EvaluateError> {
+    folds
+        .par_iter()
+        .map(|(value, out)| {
+            let held: HashSet<usize> = out.iter().copied().collect();
+            let rest: Vec<usize> = train.iter().copied().filter(|i| !held.contains(i)).collect();
+            let rest = thinned(&recordings.experiment, &rest, FOLD_ROWS);
+            let fit = fit(&recordings.experiment, asked, options, &rest, false)?;
+            let judges: Vec<Judge<'_>> = out.iter().map(|&i| recordings.judge(i, i)).collect();
+            Ok(Fold {
+                value: value.clone(),
+                judged: judged(recordings, &fit, &judges, value),
+            })
+        })
+        .collect()
+}
+
+/// Several folds as one judgement.
+fn pool(folds: impl IntoIterator<Item = Judged>, by: &str) -> Judged {
+    let mut all = Judged {
+        by: by.to_owned(),
+        ..Judged::default()
+    };
+    for fold in folds {
+        all.extend(fold);
+    }
+    for model in &mut all.models {
+        model.samples.sort_by_key(|s| s.index);
+    }
+    all
+}
+
+/// The cross-validation of the rows that a fit used: by place of the plate where
+/// there are three or more, else by each fifth of the rows.
+pub(super) fn cross_validate(
+    recordings: &Recordings,
+    asked: &EvaluateOptions,
+    options: &Options,
+    used: &[usize],
+) -> Result<Judged, EvaluateError> {
+    let by_place = recordings.closed_loop() && recordings.places.len() >= 3;
+    let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
+    if by_place {
+        groups.extend(recordings.places.names().map(|name| (name.to_owned(), Vec::new())));
+        for &i in used {
+            let place = recordings.samples.get(i).map_or(0, |s| s.place);
+            if let Some(group) = groups.get_mut(place as usize) {
+                group.1.push(i);
+            }
+        }
+    } else {
+        let fold = |k: usize| used.iter().copied().skip(k).step_by(FOLDS).collect();
+        groups.extend((0..FOLDS).map(|k| (format!("fold {}", k + 1), fold(k))));
+    }
+    groups.retain(|g| !g.1.is_empty());
+    let mut words = if by_place {
+        "cross-validation: each place predicted by a fit of the others".to_owned()
+    } else {
+        "cross-validation: each fifth of the rows predicted by a fit of the others".to_owned()
+    };
+    if used.len() > FOLD_ROWS {
+        words += &format!(", of which it used {FOLD_ROWS} at most");
+    }
+    let folds = folds(recordings, asked, options, used, &groups)?;
+    Ok(pool(folds.into_iter().map(|f| f.judged), &words))
+}
+
+/// Holds each value of a column out in turn.
+pub(super) fn hold_out(
+    recordings: &Recordings,
+    asked: &EvaluateOptions,
+    options: &Options,
+    used: &[usize],
+    column: &str,
+) -> Result<HeldOut, EvaluateError> {
+    let groups = groups(recordings, used);
+    let refuse = |what: String, remedy: String| EvaluateError::Holdout {
+        column: column.to_owned(),
+        what,
+        remedy,
+    };
+    if groups.len() < 2 {
+        return Err(refuse(
+            "the column has one value only".to_owned(),
+            "name a column with at least two values, such as place".to_owned(),
+        ));
+    }
+    if groups.len() > MOST_HELD_OUT {
+        return Err(refuse(
+            format!("the column has {} values, and each takes a fit", groups.len()),
+            format!("name a column with at most {MOST_HELD_OUT} values"),
+        ));
+    }
+    if let Some(what) = free_frame(recordings, used, &groups) {
+        return Err(refuse(
+            what,
+            "hold out by place, or by a column of your own, such as regions of the joints; by sphere only with at least \
+             four spheres on the plate"
+                .to_owned(),
+        ));
+    }
+    let folds = folds(recordings, asked, options, used, &groups)?;
+    let pooled = pool(
+        folds.iter().map(|f| f.judged.clone()),
+        &format!("each {column} predicted by a fit of the others"),
+    );
+    Ok(HeldOut {
+        column: column.to_owned(),
+        folds,
+        pooled,
+    })
+}
+
+/// The values of the hold-out column with their rows, in the order in which they appear.
+fn groups(recordings: &Recordings, used: &[usize]) -> Vec<(String, Vec<usize>)> {
+    let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
+    let mut numbers: HashMap<u32, usize> = HashMap::new();
+    for &i in used {
+        let label = recordings.samples[i].label;
+        let group = *numbers.entry(label).or_insert_with(|| {
+            groups.push((recordings.labels.name(label).to_owned(), Vec::new()));
+            groups.len() - 1
+        });
+        groups[group].1.push(i);
+    }
+    groups
+}
+
+/// Why a hold-out would judge the frame and not the robot: a sphere is left out, and
+/// one or two others of its place leave the plate's frame free to turn.
+fn free_frame(recordings: &Recordings, used: &[usize], groups: &[(String, Vec<usize>)]) -> Option<String> {
+    let touched = |i: usize| match recordings.experiment.observations.get(i).map(|o| &o.target) {
+        Some(&Target::Sphere { sphere, place }) => Some((place, sphere)),
+        _ => None,
+    };
+    for (value, out) in groups {
+        let held: HashSet<usize> = out.iter().copied().collect();
+        let rest: HashSet<(u32, u32)> = used
+            .iter()
+            .filter(|i| !held.contains(i))
+            .filter_map(|&i| touched(i))
+            .collect();
+        for (place, sphere) in out.iter().filter_map(|&i| touched(i)) {
+            let others = rest.iter().filter(|(p, _)| *p == place).count();
+            if !rest.contains(&(place, sphere)) && (1..3).contains(&others) {
+                return Some(format!(
+                    "without \"{value}\" only {others} of the spheres near sphere {sphere} are left: they leave the \
+                     plate free to turn, so the figure would be that of the plate's turn and not of the robot"
+                ));
+            }
+        }
+    }
+    None
+}

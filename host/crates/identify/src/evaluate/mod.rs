@@ -1,0 +1,387 @@
+//! One evaluation of one robot's recordings: align, identify, compare, judge.
+//!
+//! ```text
+//! Recordings ─ fit (align · gross errors · priors · model · identify) ─▶ Calibration
+//!            ├ reference (other estimators, an instrument's table)
+//!            ├ folds (rows that the fit has not seen, cross-validation, hold-out)
+//!            └ verdict ─▶ Evaluation
+//! ```
+//!
+//! Works on plain data. The main job, the calibration from files, the study of the
+//! paper and the comparison of estimators all call [`evaluate`]; they differ in what
+//! they ask for ([`EvaluateOptions`]).
+//!
+//! Vocabulary: a *sample* is one row of the data; a *frame* is where targets are
+//! given in (the tracker's, or the plate's in one of its *places*); to *align* is to
+//! find where frames and tool stand, with the robot's nominal geometry, before
+//! anything is identified; to *judge* is to predict samples that the fit has not seen.
+
+mod align;
+mod error;
+mod fit;
+mod folds;
+mod judge;
+mod plate;
+mod reference;
+mod repeats;
+mod tune;
+
+use nalgebra::Vector3;
+
+pub use align::{NominalFrames, align};
+pub use error::EvaluateError;
+pub use folds::{Fold, HeldOut};
+pub use judge::{Errors, Judge, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
+pub use reference::{Estimator, Reference, ReferenceModel};
+
+pub(crate) use align::Flange;
+
+use crate::recordings::Recordings;
+use crate::validate::ValidationTable;
+use crate::verdict::{Evidence, Verdict, verdict};
+use crate::{Calibration, IdentifyError, Options};
+use fit::{Fit, fit};
+
+/// Most rows that are left out and have a note each.
+const NOTED: usize = 20;
+/// Median distance (m) after alignment beyond which these are not data of this robot.
+const HOPELESS_M: f64 = 0.025;
+/// Distances of the plate that differ by more than this (m) from the data's explain such data.
+const WRONG_PLATE_M: f64 = 0.010;
+
+/// What an evaluation does besides identifying.
+#[derive(Clone, Debug)]
+pub struct EvaluateOptions {
+    /// How to identify.
+    pub identify: Options,
+    /// Align frames and tool first: leaves gross errors out, takes a tool that is far
+    /// from what was said from the data, and chooses the width of the geometric priors.
+    pub align: bool,
+    /// Choose the richest model that does not overfit.
+    pub choose_model: bool,
+    /// Cross-validate where nothing else judges the result.
+    pub cross_validate: bool,
+    /// Other estimators to compare with, where an independent instrument measured.
+    pub models: Vec<Estimator>,
+    /// Options of [`Estimator::Bound`]: what a simulation may tell and a user cannot know.
+    pub bound: Option<Options>,
+}
+
+impl Default for EvaluateOptions {
+    fn default() -> Self {
+        Self {
+            identify: Options::default(),
+            align: true,
+            choose_model: true,
+            cross_validate: true,
+            models: Vec::new(),
+            bound: None,
+        }
+    }
+}
+
+/// How far an evaluation has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The frames are aligned, priors and model chosen and the model fitted.
+    Fitting {
+        /// Rows of the calibration set.
+        rows: usize,
+    },
+    /// Another estimator is fitted.
+    Comparing {
+        /// Which.
+        estimator: Estimator,
+    },
+    /// The result is judged.
+    Judging {
+        /// Fits that are judged.
+        fits: usize,
+        /// Rows that judge them.
+        rows: usize,
+    },
+}
+
+/// A calibration with everything that is known about it.
+#[derive(Clone, Debug)]
+pub struct Evaluation {
+    /// Options that were used, after all choices from the data.
+    pub options: Options,
+    /// Rows that the fit used, in the order of the calibration's observations.
+    pub used: Vec<usize>,
+    /// Rows left out as gross errors, with their distance in mm.
+    pub rejected: Vec<(usize, f64)>,
+    /// Rows that are copies of another: the copy, and what it repeats. They count once.
+    pub repeated: Vec<(usize, usize)>,
+    /// Frames and tool with the nominal geometry.
+    pub nominal: NominalFrames,
+    /// The tool (m, last frame of the table) as it was given, where the data said
+    /// another and it was taken from them.
+    pub given_tcp_m: Option<Vector3<f64>>,
+    /// The result.
+    pub calibration: Calibration,
+    /// What an independent instrument says, where there was one.
+    pub reference: Option<Reference>,
+    /// Errors of rows that the fit has not seen; none where there are no such rows
+    /// and none could be left out.
+    pub judged: Option<Judged>,
+    /// Whether those are a cross-validation of the calibration data.
+    pub cross_validated: bool,
+    /// The hold-out that was asked for.
+    pub holdout: Option<HeldOut>,
+    /// Predicted standard deviation of the TCP (root of the summed variances)
+    /// over the judging rows: mean and largest, in mm.
+    pub predicted_mm: (f64, f64),
+    /// Whether the result may be used, and why.
+    pub verdict: Verdict,
+    /// What the user should know.
+    pub notes: Vec<String>,
+    closed_loop: bool,
+}
+
+impl Evaluation {
+    /// Errors of all models on the independent instrument's points.
+    pub fn table(&self) -> Option<&ValidationTable> {
+        self.reference.as_ref().and_then(|r| r.table.as_ref())
+    }
+
+    /// Predicted standard deviation of the TCP at joint angles `q`, in mm: the root
+    /// of the summed variances; in closed loops that of the robot's own frame.
+    pub fn predicted_sigma_mm(&self, q: &[f64]) -> f64 {
+        sigma_mm(&self.calibration, q, self.closed_loop)
+    }
+}
+
+/// Evaluates the recordings of one robot; `progress` is called before each step.
+///
+/// # Errors
+/// Data or options that cannot be used, data of another robot, or no convergence.
+pub fn evaluate(
+    recordings: &Recordings,
+    options: &EvaluateOptions,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Evaluation, EvaluateError> {
+    let (train, repeated) = training_rows(recordings)?;
+    progress(Step::Fitting { rows: train.len() });
+    let fit = fit(&recordings.experiment, options, &options.identify, &train, true)?;
+    if options.align {
+        plausible(recordings, &fit)?;
+    }
+    let mut notes = fit.chosen.clone();
+    note_rejected(recordings, &fit, &mut notes);
+    if let Some((copy, first)) = repeated.first() {
+        notes.push(format!(
+            "{} rows are copies of others and count once; the first: {} repeats {}",
+            repeated.len(),
+            recordings.describe(*copy),
+            recordings.describe(*first)
+        ));
+    }
+    let reference = match &recordings.tracker {
+        Some(tracker) => Some(reference::reference(
+            recordings,
+            tracker,
+            options,
+            &fit.options,
+            &fit.calibration,
+            &mut notes,
+            progress,
+        )?),
+        None => None,
+    };
+    let table = reference.as_ref().and_then(|r| r.table.as_ref());
+    let judges: Vec<Judge<'_>> = recordings.set_aside().collect();
+    let cross_validated = judges.is_empty() && table.is_none() && options.cross_validate;
+    let judged = if cross_validated {
+        progress(Step::Judging {
+            fits: folds::FOLDS,
+            rows: fit.used.len(),
+        });
+        cross_validation(recordings, options, &fit, &mut notes)?
+    } else if judges.is_empty() {
+        None
+    } else {
+        progress(Step::Judging {
+            fits: 1,
+            rows: judges.len(),
+        });
+        Some(judged_aside(recordings, &fit, &judges, &mut notes))
+    };
+    let holdout = match &recordings.holdout {
+        Some(column) => Some(folds::hold_out(recordings, options, &fit.options, &fit.used, column)?),
+        None => None,
+    };
+    let closed_loop = recordings.closed_loop();
+    let predicted_mm = predicted(recordings, &fit.calibration, cross_validated, closed_loop);
+    let verdict = verdict(&Evidence {
+        recordings,
+        options: &fit.options,
+        used: &fit.used,
+        rejected: &fit.rejected,
+        repeated: &repeated,
+        calibration: &fit.calibration,
+        judged: judged.as_ref(),
+        cross_validated,
+        holdout: holdout.as_ref(),
+        table,
+    });
+    Ok(Evaluation {
+        given_tcp_m: fit.found_tool.then(|| recordings.experiment.tool.tcp()),
+        options: fit.options,
+        used: fit.used,
+        rejected: fit.rejected,
+        repeated,
+        nominal: fit.nominal,
+        calibration: fit.calibration,
+        reference,
+        judged,
+        cross_validated,
+        holdout,
+        predicted_mm,
+        verdict,
+        notes,
+        closed_loop,
+    })
+}
+
+/// The rows of the calibration set, each once, and the copies among them with the
+/// row that each repeats.
+fn training_rows(recordings: &Recordings) -> Result<(Vec<usize>, Vec<(usize, usize)>), EvaluateError> {
+    let observations = &recordings.experiment.observations;
+    let mut train = recordings.training_rows();
+    let repeated = repeats::copies(train.iter().map(|&i| (i, &observations[i])));
+    // Validation rows stand behind all rows of the data.
+    let judges: Vec<Judge<'_>> = recordings.set_aside().collect();
+    let behind = judges.iter().map(|j| (observations.len() + j.index, j.observation));
+    let all = train.iter().map(|&i| (i, &observations[i])).chain(behind);
+    let seen: Vec<(usize, usize)> = repeats::copies(all)
+        .into_iter()
+        .filter(|(copy, of)| *copy >= observations.len() && *of < observations.len())
+        .collect();
+    if let Some((_, of)) = seen.first() {
+        return Err(EvaluateError::Seen {
+            copies: seen.len(),
+            judges: judges.len(),
+            first: recordings.describe(*of),
+        });
+    }
+    if !repeated.is_empty() {
+        let copies: std::collections::HashSet<usize> = repeated.iter().map(|r| r.0).collect();
+        train.retain(|i| !copies.contains(i));
+    }
+    Ok((train, repeated))
+}
+
+/// Names the rows that were left out.
+fn note_rejected(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) {
+    for &(i, mm) in fit.rejected.iter().take(NOTED) {
+        notes.push(format!(
+            "{}: left out, {mm:.1} mm from where any calibration of this robot could bring it",
+            recordings.describe(i)
+        ));
+    }
+    if let Some(more) = fit.rejected.len().checked_sub(NOTED).filter(|more| *more > 0) {
+        notes.push(format!("{more} more rows were left out as far off"));
+    }
+}
+
+/// The cross-validation; none, with a note, where the rows are too few to leave any out.
+fn cross_validation(
+    recordings: &Recordings,
+    options: &EvaluateOptions,
+    fit: &Fit,
+    notes: &mut Vec<String>,
+) -> Result<Option<Judged>, EvaluateError> {
+    match folds::cross_validate(recordings, options, &fit.options, &fit.used) {
+        Ok(judged) => Ok(Some(judged)),
+        Err(EvaluateError::Identify(
+            error @ (IdentifyError::TooFewObservations { .. }
+            | IdentifyError::NoVariety
+            | IdentifyError::Singular { .. }),
+        )) => {
+            notes.push(format!(
+                "no cross-validation: with a part of the rows left out, {error}"
+            ));
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// Judges a fit by the rows that were set aside, in their own frame where they are
+/// not in the frame that was said.
+fn judged_aside(recordings: &Recordings, fit: &Fit, judges: &[Judge<'_>], notes: &mut Vec<String>) -> Judged {
+    let words = format!("{} samples that the fit has not seen", judges.len());
+    let mut own = folds::judged(recordings, fit, judges, &words);
+    if let Some(off) = own.realign_if_elsewhere(judges) {
+        own.by += ", after a best rigid fit of their frame";
+        notes.push(format!(
+            "the validation points are not in the {} frame: they are {off:.0} mm off as a whole, and fit within a \
+             rigid motion, which was taken out for every model",
+            if recordings.closed_loop() {
+                "plate's"
+            } else {
+                "calibration data's"
+            }
+        ));
+    }
+    own
+}
+
+/// Refuses data that no calibration of this robot can explain, with what is
+/// probably wrong.
+fn plausible(recordings: &Recordings, fit: &Fit) -> Result<(), EvaluateError> {
+    if fit.nominal.median_m <= HOPELESS_M {
+        return Ok(());
+    }
+    let (field, remedy) = match plate::contradiction(&recordings.experiment, WRONG_PLATE_M) {
+        Some(words) => ("the plate", words),
+        None => (
+            "median distance of the robot's TCP from its targets",
+            "these are not data of this robot: check robot, joint order, signs, zero offsets and units".to_owned(),
+        ),
+    };
+    Err(EvaluateError::NotThisRobot {
+        field,
+        median_mm: fit.nominal.median_m * 1e3,
+        remedy,
+    })
+}
+
+/// Predicted deviation of the TCP over the judging rows: mean and largest, in mm.
+/// Closed loops may leave the plate's turn open (two spheres do): there it is that
+/// of the robot's own frame.
+fn predicted(
+    recordings: &Recordings,
+    calibration: &Calibration,
+    cross_validated: bool,
+    closed_loop: bool,
+) -> (f64, f64) {
+    let tracker = recordings.tracker.as_ref().map_or(&[][..], |t| &t.validation);
+    let rows: Vec<&[f64]> = match recordings.judges(cross_validated).map(|j| &*j.observation.q).collect() {
+        rows if Vec::is_empty(&rows) => tracker.iter().map(|m| &*m.q).collect(),
+        rows => rows,
+    };
+    let step = rows.len().div_ceil(200).max(1);
+    let sigma: Vec<f64> = rows
+        .iter()
+        .step_by(step)
+        .map(|q| sigma_mm(calibration, q, closed_loop))
+        .collect();
+    let e = Errors::of(&sigma);
+    (e.mean_mm, e.max_mm)
+}
+
+fn sigma_mm(calibration: &Calibration, q: &[f64], closed_loop: bool) -> f64 {
+    let covariance = if closed_loop {
+        calibration.tcp_covariance_in_base(q)
+    } else {
+        calibration.tcp_covariance(q)
+    };
+    covariance.trace().max(0.0).sqrt() * 1e3
+}
+
+/// A point in m as mm, for people.
+pub fn millimetres(p: &[f64; 3]) -> String {
+    format!("({:.2}, {:.2}, {:.2})", p[0] * 1e3, p[1] * 1e3, p[2] * 1e3)
+}

@@ -1,0 +1,268 @@
+//! The other estimators that an evaluation can compare with, and the table that an
+//! independent instrument's measurements make of all of them.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use spherecal_model::chain::Chain;
+use spherecal_shared::robot::Tool;
+
+use super::{EvaluateError, Step};
+use crate::arcs::MeasuredFrames;
+use crate::recordings::{Recordings, Tracker};
+use crate::validate::{Prediction, ValidationTable, validate};
+use crate::{Calibration, Experiment, IdentifyError, Method, Options, Override, Pose, identify, paper};
+
+/// An estimator on one kind of data. The names are those of tables and files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Estimator {
+    /// The nominal robot with the tool as the instrument measured it.
+    Nominal,
+    /// Contacts: the paper's mini-batch Nelder-Mead, 100 poses a sphere.
+    PaperNelderMead,
+    /// Contacts: Gauss-Newton on the paper's pairs and 21 parameters, 100 poses a sphere.
+    GaussNewton,
+    /// Contacts: geometry with priors.
+    Geometry,
+    /// Contacts: geometry, compliance and two harmonics.
+    TwoHarmonics,
+    /// Contacts: the calibration itself, by default the full model.
+    Sphere,
+    /// Tracker: the paper's Nelder-Mead, base and tool as measured.
+    LaserNelderMead,
+    /// Tracker: Gauss-Newton on the geometry, base and tool as measured.
+    Laser,
+    /// Tracker: the full model.
+    LaserFull,
+    /// Contacts: an estimator with [`EvaluateOptions::bound`](super::EvaluateOptions::bound).
+    Bound,
+}
+
+impl Estimator {
+    /// All of them, in the order of tables.
+    pub const ALL: [Self; 10] = [
+        Self::Nominal,
+        Self::PaperNelderMead,
+        Self::GaussNewton,
+        Self::Geometry,
+        Self::TwoHarmonics,
+        Self::Sphere,
+        Self::LaserNelderMead,
+        Self::Laser,
+        Self::LaserFull,
+        Self::Bound,
+    ];
+
+    /// Name in tables and files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Nominal => "nominal",
+            Self::PaperNelderMead => "paper_nelder_mead",
+            Self::GaussNewton => "gauss_newton",
+            Self::Geometry => "geometry",
+            Self::TwoHarmonics => "two_harmonics",
+            Self::Sphere => "sphere",
+            Self::LaserNelderMead => "laser_nelder_mead",
+            Self::Laser => "laser",
+            Self::LaserFull => "laser_full",
+            Self::Bound => "bound",
+        }
+    }
+
+    /// Whether it calibrates from the instrument's points.
+    pub const fn by_tracker(self) -> bool {
+        matches!(self, Self::LaserNelderMead | Self::Laser | Self::LaserFull)
+    }
+
+    /// Whether the rest of an evaluation goes on where it gives no model.
+    const fn optional(self) -> bool {
+        matches!(self, Self::PaperNelderMead | Self::Bound)
+    }
+}
+
+impl std::fmt::Display for Estimator {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// A calibration to compare with.
+#[derive(Clone, Debug)]
+pub struct ReferenceModel {
+    /// What made it.
+    pub estimator: Estimator,
+    /// The calibration.
+    pub calibration: Calibration,
+}
+
+/// What the independent instrument says of the calibration and of other models.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    /// Base and tool as the instrument measured them.
+    pub frames: MeasuredFrames,
+    /// The other models, in the order asked for.
+    pub models: Vec<ReferenceModel>,
+    /// All models on the instrument's validation points; none without such points.
+    pub table: Option<ValidationTable>,
+}
+
+impl Reference {
+    /// The model of an estimator.
+    pub fn model(&self, estimator: Estimator) -> Option<&Calibration> {
+        let found = self.models.iter().find(|m| m.estimator == estimator);
+        found.map(|m| &m.calibration)
+    }
+}
+
+/// Makes the models asked for, and judges all of them by the instrument's points.
+/// `options` are those of the calibration after all choices from the data.
+pub(super) fn reference(
+    recordings: &Recordings,
+    tracker: &Tracker,
+    asked: &super::EvaluateOptions,
+    options: &Options,
+    calibration: &Calibration,
+    notes: &mut Vec<String>,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Reference, EvaluateError> {
+    let frames = tracker.measured_frames(&recordings.experiment)?;
+    let mut models = Vec::new();
+    for &estimator in &asked.models {
+        if matches!(estimator, Estimator::Nominal | Estimator::Sphere)
+            || (estimator == Estimator::Bound && asked.bound.is_none())
+        {
+            continue;
+        }
+        progress(Step::Comparing { estimator });
+        match model(recordings, tracker, &frames, asked, options, estimator) {
+            Ok(calibration) => models.push(ReferenceModel { estimator, calibration }),
+            // The paper's method asks for contacts with several spheres.
+            Err(IdentifyError::Method { .. }) if estimator.optional() => {}
+            Err(error) if estimator.optional() => notes.push(format!("{estimator} gave no model: {error}")),
+            Err(source) => return Err(EvaluateError::Model { estimator, source }),
+        }
+    }
+    let table = if tracker.validation.is_empty() {
+        None
+    } else {
+        Some(table(recordings, tracker, &frames, calibration, &models)?)
+    };
+    Ok(Reference { frames, models, table })
+}
+
+/// Identifies by one of the other estimators.
+fn model(
+    recordings: &Recordings,
+    tracker: &Tracker,
+    frames: &MeasuredFrames,
+    asked: &super::EvaluateOptions,
+    options: &Options,
+    estimator: Estimator,
+) -> Result<Calibration, IdentifyError> {
+    let with_tool = |experiment: &Experiment| Experiment {
+        tool: Tool {
+            tcp_m: frames.tool_m,
+            ..experiment.tool
+        },
+        ..experiment.clone()
+    };
+    let contacts = &recordings.experiment;
+    let by = |method: Method| Options {
+        method,
+        ..options.clone()
+    };
+    let absolute = |method: Method| Options {
+        base: Some(frames.base),
+        ..by(method)
+    };
+    match estimator {
+        Estimator::PaperNelderMead => identify(&with_tool(contacts), &by(Method::NelderMead)),
+        Estimator::GaussNewton => {
+            let contacts = with_tool(contacts);
+            let per_sphere = paper::Procedure::default().poses_per_sphere;
+            let options = Options {
+                subset: Some(paper::subset(&contacts, per_sphere, options.seed)),
+                ..by(Method::GaussNewton)
+            };
+            identify(&contacts, &options)
+        }
+        Estimator::Geometry => identify(contacts, &by(Method::Geometry)),
+        Estimator::TwoHarmonics => {
+            let mut options = Options {
+                harmonics: 2,
+                ..by(Method::Full)
+            };
+            for name in ["bending", "tilt"] {
+                let fixed = Override {
+                    free: Some(false),
+                    ..Override::default()
+                };
+                options.parameters.0.insert(name.to_owned(), fixed);
+            }
+            identify(contacts, &options)
+        }
+        // The paper holds base and tool at what the arcs gave.
+        Estimator::LaserNelderMead => {
+            identify(&with_tool(&tracker.experiment(contacts)), &absolute(Method::NelderMead))
+        }
+        Estimator::Laser => identify(
+            &with_tool(&tracker.experiment(contacts)),
+            &absolute(Method::GaussNewton),
+        ),
+        Estimator::LaserFull => identify(&tracker.experiment(contacts), &absolute(Method::Full)),
+        Estimator::Bound => identify(contacts, asked.bound.as_ref().unwrap_or(options)),
+        Estimator::Nominal | Estimator::Sphere => identify(contacts, options),
+    }
+}
+
+/// Table 5 of the paper. Nominal and paper-like models have base and tool from the
+/// arcs, as in the paper; the full models have their own tool.
+fn table(
+    recordings: &Recordings,
+    tracker: &Tracker,
+    frames: &MeasuredFrames,
+    calibration: &Calibration,
+    models: &[ReferenceModel],
+) -> Result<ValidationTable, EvaluateError> {
+    let experiment = &recordings.experiment;
+    let tool = Tool {
+        tcp_m: frames.tool_m,
+        ..experiment.tool
+    };
+    let chain = Chain::unchecked(&experiment.robot, &tool);
+    let mut predictions = vec![prediction(tracker, Estimator::Nominal, None, |q| {
+        chain.tcp_of(&chain.frames(q))
+    })];
+    // A model from contacts stands where the instrument saw the plate.
+    let own = |estimator: Estimator, calibration: &Calibration| {
+        if estimator.by_tracker() {
+            return Some(calibration.base);
+        }
+        tracker.plate.map(|plate| Pose {
+            rotation: plate.rotation * calibration.base.rotation,
+            position: plate.point(&calibration.base.position),
+        })
+    };
+    let all =
+        std::iter::once((Estimator::Sphere, calibration)).chain(models.iter().map(|m| (m.estimator, &m.calibration)));
+    for (estimator, calibration) in all {
+        predictions.push(prediction(tracker, estimator, own(estimator, calibration), |q| {
+            calibration.tcp_m(q, None)
+        }));
+    }
+    let measured: Vec<[f64; 3]> = tracker.validation.iter().map(|m| m.point_m).collect();
+    Ok(validate(&measured, &frames.base, &predictions)?)
+}
+
+fn prediction(
+    tracker: &Tracker,
+    estimator: Estimator,
+    own_base: Option<Pose>,
+    tcp: impl Fn(&[f64]) -> Vector3<f64>,
+) -> Prediction {
+    Prediction {
+        name: estimator.name().to_owned(),
+        points_m: tracker.validation.iter().map(|m| tcp(&m.q).into()).collect(),
+        own_base,
+    }
+}

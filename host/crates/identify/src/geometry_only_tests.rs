@@ -1,0 +1,55 @@
+//! The geometry alone against the full model that it stands for.
+
+use nalgebra::Vector3;
+use spherecal_model::chain::Chain;
+use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+
+use crate::{Experiment, Method, Observation, Options, Set, Target, halton_configurations, identify};
+
+// Fails if the geometry alone is not closer to the full model than the full model's
+// own table without its effects, or if its stated error is not its true one within
+// 15 % on configurations that it was not fitted at.
+#[test]
+fn geometry_alone_takes_up_the_mean_of_compliance() {
+    let (robot, tool) = (iiwa7(), iiwa7_tool());
+    let chain = Chain::unchecked(&robot, &tool);
+    // Joints that yield under a load that turns with them.
+    let yielding = |q: &[f64]| -> Vec<f64> { q.iter().map(|q| q - 6e-4 * (q.sin() + 0.5)).collect() };
+    let observations = halton_configurations(&robot, 300).into_iter().map(|q| Observation {
+        target: Target::Point(chain.tcp_of(&chain.frames(&yielding(&q))).into()),
+        q,
+        tau: None,
+        set: Set::Calibrate,
+    });
+    let experiment = Experiment {
+        robot: robot.clone(),
+        tool,
+        spheres: Vec::new(),
+        observations: observations.collect(),
+    };
+    let full = identify(&experiment, &Options::default()).unwrap();
+    let alone = full.geometry_only().unwrap();
+    let judging: Vec<Vec<f64>> = halton_configurations(&robot, 900).split_off(700);
+    let truth: Vec<Vector3<f64>> = judging
+        .iter()
+        .map(|q| chain.tcp_of(&chain.frames(&yielding(q))))
+        .collect();
+    let error_mm = |robot: &spherecal_shared::robot::Robot, tool: &spherecal_shared::robot::Tool| {
+        let chain = Chain::unchecked(robot, tool);
+        let own: Vec<Vector3<f64>> = judging.iter().map(|q| chain.tcp_of(&chain.frames(q))).collect();
+        let base = spherecal_model::fit_pose(&own, &truth).unwrap();
+        let sum: f64 = own.iter().zip(&truth).map(|(a, b)| (base.point(a) - b).norm()).sum();
+        sum * 1e3 / judging.len() as f64
+    };
+    let (bare, best) = (error_mm(&full.robot, &full.tool), error_mm(&alone.robot, &alone.tool));
+    assert!(best < bare, "{best} mm against {bare} mm");
+    let stated = alone.expected_error_mm.unwrap().mean;
+    assert!((stated / best - 1.0).abs() < 0.15, "stated {stated} mm, true {best} mm");
+    // A geometry has nothing to lose.
+    let plain = Options {
+        method: Method::Geometry,
+        ..Options::default()
+    };
+    let plain = identify(&experiment, &plain).unwrap();
+    assert!(plain.geometry_only().unwrap().apart_mm < 1e-3);
+}

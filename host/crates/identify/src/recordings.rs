@@ -1,0 +1,232 @@
+//! What was measured on one robot, as plain data: the input of
+//! [`evaluate`](crate::evaluate()).
+
+use nalgebra::Vector3;
+use spherecal_model::input::Labels;
+use spherecal_model::{Experiment, Observation, Pose, Set, Target};
+
+use crate::arcs::{LaserError, Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
+use crate::evaluate::Judge;
+
+/// Where one row of the data came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sample {
+    /// Line of the file, from 1.
+    pub line: u64,
+    /// Placement of the plate: also for points given in the plate's frame.
+    pub place: u32,
+    /// Value of the hold-out column: its number in [`Recordings::labels`].
+    pub label: u32,
+}
+
+/// The rows of a table of validation points.
+#[derive(Clone, Debug, Default)]
+pub struct Rows {
+    /// File, for messages.
+    pub file: String,
+    /// Joint angles and targets.
+    pub observations: Vec<Observation>,
+    /// Where each came from.
+    pub samples: Vec<Sample>,
+}
+
+/// What an independent instrument, such as a laser tracker, measured on the same robot.
+#[derive(Clone, Debug, Default)]
+pub struct Tracker {
+    /// Points for a calibration from the tracker alone.
+    pub calibration: Vec<Measured>,
+    /// Arcs of joints 1 and 2.
+    pub base_arcs: Vec<MeasuredArc>,
+    /// Arcs of the last three joints.
+    pub tool_arcs: Vec<MeasuredArc>,
+    /// Base and tool where they were measured otherwise; from the arcs if none.
+    pub frames: Option<MeasuredFrames>,
+    /// The plate in the tracker frame, where it was measured.
+    pub plate: Option<Pose>,
+    /// Points that judge the models.
+    pub validation: Vec<Measured>,
+}
+
+impl Tracker {
+    /// Base and tool as the instrument measured them.
+    ///
+    /// # Errors
+    /// Arcs that do not give them.
+    pub(crate) fn measured_frames(&self, experiment: &Experiment) -> Result<MeasuredFrames, LaserError> {
+        match &self.frames {
+            Some(frames) => Ok(frames.clone()),
+            None => frames_from_arcs(&experiment.robot, &self.base_arcs, &self.tool_arcs),
+        }
+    }
+
+    /// The calibration points as an experiment with the nominal robot and tool.
+    pub(crate) fn experiment(&self, contacts: &Experiment) -> Experiment {
+        let observation = |m: &Measured| Observation {
+            q: m.q.clone(),
+            tau: None,
+            target: Target::Point(m.point_m),
+            set: Set::Calibrate,
+        };
+        Experiment {
+            robot: contacts.robot.clone(),
+            tool: contacts.tool,
+            spheres: Vec::new(),
+            observations: self.calibration.iter().map(observation).collect(),
+        }
+    }
+}
+
+/// What a campaign noted besides its recordings.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CampaignRecord {
+    /// Poses that were to be recorded.
+    pub planned: usize,
+    /// Largest motion of a seated nest under the test pull, in m.
+    pub worst_seat_m: f64,
+    /// Faults, all recovered from.
+    pub faults: usize,
+    /// Whether the arm was a simulation.
+    pub simulated: bool,
+}
+
+/// Everything that was measured on one robot. SI units.
+#[derive(Clone, Debug)]
+pub struct Recordings {
+    /// Nominal robot, tool (in the last frame of the table) and plate, with every row.
+    pub experiment: Experiment,
+    /// The file of the rows, for messages; empty where there was none.
+    pub file: String,
+    /// Where each observation came from, in the same order.
+    pub samples: Vec<Sample>,
+    /// Further rows that only judge the result.
+    pub validation: Rows,
+    /// Names of the placements.
+    pub places: Labels,
+    /// Values of the hold-out column.
+    pub labels: Labels,
+    /// Name of the hold-out column; none where nothing is held out.
+    pub holdout: Option<String>,
+    /// The independent instrument's measurements, where there was one.
+    pub tracker: Option<Tracker>,
+    /// What the campaign noted, where there was one.
+    pub campaign: Option<CampaignRecord>,
+}
+
+impl Recordings {
+    /// The recordings of an experiment without anything else.
+    pub fn new(experiment: Experiment) -> Self {
+        let place = |o: &Observation| match o.target {
+            Target::Sphere { place, .. } => place,
+            _ => 0,
+        };
+        let samples: Vec<Sample> = (1..)
+            .zip(&experiment.observations)
+            .map(|(line, o)| Sample {
+                line,
+                place: place(o),
+                label: 0,
+            })
+            .collect();
+        let mut places = Labels::default();
+        match samples.iter().map(|s| s.place).max() {
+            None | Some(0) => {
+                places.number("");
+            }
+            // Numbers that were not given in turn have no names.
+            Some(last) if last as usize >= samples.len() => {}
+            Some(last) => {
+                for place in 0..=last {
+                    places.number(&place.to_string());
+                }
+            }
+        }
+        Self {
+            experiment,
+            file: String::new(),
+            samples,
+            validation: Rows::default(),
+            places,
+            labels: Labels::default(),
+            holdout: None,
+            tracker: None,
+            campaign: None,
+        }
+    }
+
+    /// Whether the rows are contacts with spheres.
+    pub fn closed_loop(&self) -> bool {
+        let contact = |o: &Observation| matches!(o.target, Target::Sphere { .. });
+        self.experiment.observations.iter().any(contact)
+    }
+
+    /// Name of row `i` for people: its line, and place and sphere where it has them.
+    pub fn describe(&self, i: usize) -> String {
+        let (Some(observation), Some(sample)) = (self.experiment.observations.get(i), self.samples.get(i)) else {
+            return String::new();
+        };
+        let row = if self.file.is_empty() {
+            format!("row {}", sample.line)
+        } else {
+            format!("{} line {}", self.file, sample.line)
+        };
+        let Target::Sphere { sphere, place } = observation.target else {
+            return row;
+        };
+        match self.places.name(place) {
+            "" => format!("{row} (sphere {sphere})"),
+            place => format!("{row} (sphere {sphere}, place {place})"),
+        }
+    }
+
+    /// Rows of the calibration set.
+    pub(crate) fn training_rows(&self) -> Vec<usize> {
+        let calibrates = |&i: &usize| self.experiment.observations[i].set == Set::Calibrate;
+        (0..self.experiment.observations.len()).filter(calibrates).collect()
+    }
+
+    /// Row `i` as a judge that the result calls `index`.
+    pub(crate) fn judge(&self, index: usize, i: usize) -> Judge<'_> {
+        Judge {
+            index,
+            observation: &self.experiment.observations[i],
+            place: self.samples.get(i).map_or(0, |s| s.place),
+        }
+    }
+
+    /// The rows that no fit sees: those of the data that are set aside, then the
+    /// validation file's.
+    pub(crate) fn set_aside(&self) -> impl Iterator<Item = Judge<'_>> {
+        let data = self
+            .experiment
+            .observations
+            .iter()
+            .zip(&self.samples)
+            .filter(|(o, _)| o.set == Set::Validate);
+        let file = self.validation.observations.iter().zip(&self.validation.samples);
+        data.chain(file)
+            .enumerate()
+            .map(|(index, (observation, sample))| Judge {
+                index,
+                observation,
+                place: sample.place,
+            })
+    }
+
+    /// The rows that judge a result: all rows of the data in a cross-validation,
+    /// else those that no fit sees.
+    pub fn judges(&self, cross_validated: bool) -> Box<dyn Iterator<Item = Judge<'_>> + '_> {
+        if cross_validated {
+            Box::new((0..self.experiment.observations.len()).map(|i| self.judge(i, i)))
+        } else {
+            Box::new(self.set_aside())
+        }
+    }
+
+    /// The tracker's validation points seen in F0 through its measured base, in m.
+    pub fn validation_points_in_base_m(&self, frames: &MeasuredFrames) -> Vec<Vector3<f64>> {
+        let points = self.tracker.iter().flat_map(|t| &t.validation);
+        points
+            .map(|m| frames.base.inverse_point(&Vector3::from(m.point_m)))
+            .collect()
+    }
+}

@@ -1,0 +1,80 @@
+//! Residuals of a fit, row by row and by sphere and place.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::calibration::{GroupFit, Outlier, Residual, ResidualRow};
+use super::chain::N;
+use super::map::Fit;
+use super::normal::Root;
+use super::parameters::Reference;
+
+/// Residuals at the final state, by observation and by group.
+pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
+    let (state, layout) = (&fit.state, &fit.layout);
+    let mut rows = Vec::with_capacity(fit.prepared.len());
+    let mut columns = [Vector3::zeros(); N];
+    for (observation, &weight) in fit.prepared.iter().zip(&fit.weights) {
+        let k = state.at(observation);
+        for j in 0..layout.n {
+            columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
+        }
+        let covariance = fit
+            .whitening
+            .covariance(&columns[..layout.n], observation.sphere.is_some());
+        let residual = state.residual(observation, &k.tcp);
+        let deviation = Root::new(&covariance).times(&residual).norm() / fit.scale;
+        let rotation = state.bases.get(observation.reference).map(|b| b.rotation);
+        let error = rotation.unwrap_or_else(Matrix3::identity) * residual * 1000.0;
+        rows.push(ResidualRow {
+            index: observation.index,
+            error_mm: error.into(),
+            deviation,
+            weight,
+        });
+    }
+    let length = |row: &ResidualRow| Vector3::from(row.error_mm).norm();
+    let mean_square = |of: &[f64]| (of.iter().map(|x| x * x).sum::<f64>() / of.len().max(1) as f64).sqrt();
+    let lengths: Vec<f64> = rows.iter().map(length).collect();
+    let groups = fit
+        .groups
+        .iter()
+        .map(|group| {
+            let own: Vec<f64> = group.members.iter().map(|&i| lengths[i]).collect();
+            let chi_square = group
+                .members
+                .iter()
+                .map(|&i| rows[i].deviation.powi(2) * fit.weights[i])
+                .sum::<f64>();
+            GroupFit {
+                reference: layout
+                    .references
+                    .get(group.reference)
+                    .copied()
+                    .unwrap_or(Reference::Tracker),
+                sphere: group.sphere.and_then(|s| layout.spheres.get(s).copied()),
+                count: own.len(),
+                rms_mm: mean_square(&own),
+                chi_square,
+                per_freedom: chi_square / (3.0 * own.len().max(1) as f64),
+            }
+        })
+        .collect();
+    // A deviation of five: beyond what the tails of the noise explain.
+    let outliers = rows.iter().filter(|row| row.deviation > 5.0).map(|row| Outlier {
+        index: row.index,
+        why: format!(
+            "{:.3} mm from its target, {:.1} times the noise: counted with weight {:.2}",
+            length(row),
+            row.deviation,
+            row.weight
+        ),
+    });
+    let residual = Residual {
+        rms_mm: mean_square(&lengths),
+        mean_mm: lengths.iter().sum::<f64>() / lengths.len().max(1) as f64,
+        max_mm: lengths.iter().copied().fold(0.0, f64::max),
+        outliers: outliers.collect(),
+        rows,
+    };
+    (residual, groups)
+}

@@ -1,0 +1,232 @@
+//! What is checked, each check with its number and limit.
+
+use super::{Check, Evidence};
+use crate::Method;
+
+/// Smallest share of the nominal mean error that a calibration should remove.
+const SMALL_GAIN: f64 = 0.05;
+/// Factor on the nominal largest error where the rows themselves judge: single rows
+/// differ by chance.
+const WORST_ROW: f64 = 1.5;
+/// Most of the rows that may be outliers.
+const MOST_OUTLIERS: f64 = 0.2;
+/// A seated nest that moves further under the test pull is doubtful, in mm.
+const DOUBTFUL_SEAT_MM: f64 = 1.0;
+
+/// All checks, the most important first.
+pub fn checks(evidence: &Evidence<'_>) -> Vec<Check> {
+    let mut checks = Vec::new();
+    against_nominal(evidence, &mut checks);
+    held_out(evidence, &mut checks);
+    parameters(evidence, &mut checks);
+    rows(evidence, &mut checks);
+    campaign(evidence, &mut checks);
+    checks
+}
+
+/// Whether the calibrated robot is better than the nominal one.
+fn against_nominal(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    let by = match (evidence.table, evidence.judged) {
+        (Some(_), _) => "on the independent instrument's points",
+        (None, Some(_)) if evidence.cross_validated => "in cross-validation",
+        _ => "on rows that the fit has not seen",
+    };
+    let Some(found) = evidence.compared() else {
+        checks.push(Check::new(
+            "judged",
+            None,
+            None,
+            false,
+            "nothing judged the result: give --validate, or more rows".to_owned(),
+        ));
+        return;
+    };
+    let (nominal, calibrated) = (found.nominal, found.calibrated);
+    let better = calibrated.0 < nominal.0;
+    let comparison = format!("mean {:.3} mm against {:.3} mm {by}", calibrated.0, nominal.0);
+    checks.push(Check::new(
+        "better_than_nominal",
+        Some(calibrated.0),
+        Some(nominal.0),
+        better,
+        if better {
+            format!("the calibrated robot is better than the nominal one: {comparison}")
+        } else {
+            format!("the calibrated robot is not better than the nominal one: {comparison}")
+        },
+    ));
+    if better {
+        let gain = 1.0 - calibrated.0 / nominal.0;
+        let words = format!("the gain is {:.0} %: {comparison}", gain * 100.0);
+        let enough = gain >= SMALL_GAIN;
+        checks.push(Check::new("gain", Some(gain), Some(SMALL_GAIN), enough, words).qualifying());
+        let limit = if evidence.table.is_some() { 1.0 } else { WORST_ROW } * nominal.1;
+        checks.push(Check::new(
+            "largest_error",
+            Some(calibrated.1),
+            Some(limit),
+            calibrated.1 <= limit,
+            format!(
+                "the worst sample is {:.3} mm off {by}, {:.3} mm nominally",
+                calibrated.1, nominal.1
+            ),
+        ));
+    }
+    let independent = evidence.table.is_some() || !evidence.cross_validated;
+    checks.push(
+        Check::new(
+            "independent_validation",
+            None,
+            None,
+            independent,
+            if independent {
+                format!("the result was judged {by}")
+            } else {
+                "no separate validation was given; the errors are from cross-validation and hold where the data are"
+                    .to_owned()
+            },
+        )
+        .qualifying(),
+    );
+}
+
+/// Whether it is better also on the values of a column that were held out.
+fn held_out(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    let Some(holdout) = evidence.holdout else { return };
+    let of = |name: &str| holdout.pooled.model(name).map_or(0.0, |m| m.errors().mean_mm);
+    let (nominal, calibrated) = (of("nominal"), of("calibrated"));
+    let better = calibrated < nominal;
+    checks.push(Check::new(
+        "held_out",
+        Some(calibrated),
+        Some(nominal),
+        better,
+        format!(
+            "held out by {}, the calibrated robot is {}better than the nominal one: mean {calibrated:.3} mm against \
+             {nominal:.3} mm",
+            holdout.column,
+            if better { "" } else { "not " },
+        ),
+    ));
+}
+
+/// Whether the data determine what was estimated.
+fn parameters(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    let calibration = evidence.calibration;
+    let free = || calibration.parameters.iter().filter(|p| p.free);
+    let blind: Vec<&str> = if matches!(calibration.method, Method::Full | Method::Geometry) {
+        free()
+            .filter(|p| !p.identified && p.sigma > p.prior_sigma)
+            .map(|p| p.name.as_str())
+            .collect()
+    } else {
+        free().filter(|p| !p.moved).map(|p| p.name.as_str()).collect()
+    };
+    let has_priors = matches!(calibration.method, Method::Full | Method::Geometry);
+    let words = match (blind.is_empty(), has_priors) {
+        (true, _) => "every estimated parameter is determined by the data or by its prior".to_owned(),
+        (false, true) => format!("the data say nothing about {}", blind.join(", ")),
+        (false, false) => format!(
+            "these parameters were never identified but are used: {}",
+            blind.join(", ")
+        ),
+    };
+    let check = Check::new(
+        "parameters_determined",
+        Some(blind.len() as f64),
+        Some(0.0),
+        blind.is_empty(),
+        words,
+    );
+    checks.push(if has_priors { check.qualifying() } else { check });
+    let rows = evidence.used.len() as f64;
+    let least = (calibration.effective_parameters + 6.0) / 3.0;
+    let check = Check::new(
+        "enough_rows",
+        Some(rows),
+        Some(least),
+        rows > least,
+        if rows > least {
+            format!("{rows} rows for {:.0} parameters", calibration.effective_parameters)
+        } else {
+            format!(
+                "{rows} rows are too few for {:.0} parameters: measure more poses",
+                calibration.effective_parameters
+            )
+        },
+    );
+    // An independent judge speaks for a result of few rows.
+    let judged = evidence.table.is_some() || (evidence.judged.is_some() && !evidence.cross_validated);
+    checks.push(if judged { check.qualifying() } else { check });
+}
+
+/// Whether the rows agree with the model and with each other.
+fn rows(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    let all = evidence.used.len() + evidence.rejected.len();
+    let bad = evidence.rejected.len() + evidence.calibration.residual.outliers.len();
+    let share = bad as f64 / all.max(1) as f64;
+    let words = format!("{bad} of {all} rows are outliers");
+    checks.push(Check::new(
+        "outliers",
+        Some(share),
+        Some(MOST_OUTLIERS),
+        share <= MOST_OUTLIERS,
+        if share <= MOST_OUTLIERS {
+            words.clone()
+        } else {
+            format!("{words}: find out why")
+        },
+    ));
+    if bad > 0 && share <= MOST_OUTLIERS {
+        checks.push(Check::new("no_outliers", Some(bad as f64), Some(0.0), false, words).qualifying());
+    }
+    if let Some((copy, first)) = evidence.repeated.first() {
+        let words = format!(
+            "{} rows are copies of others and count once; the first: {} repeats {}",
+            evidence.repeated.len(),
+            evidence.recordings.describe(*copy),
+            evidence.recordings.describe(*first)
+        );
+        let count = evidence.repeated.len() as f64;
+        checks.push(Check::new("copied_rows", Some(count), Some(0.0), false, words).qualifying());
+    }
+}
+
+/// What the campaign noted.
+fn campaign(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    let Some(campaign) = evidence.recordings.campaign else {
+        return;
+    };
+    if campaign.simulated {
+        let words = "SIMULATED: the arm was a simulation; the result says nothing of a real robot".to_owned();
+        checks.insert(0, Check::new("real_arm", None, None, false, words).qualifying());
+    }
+    let recorded = evidence.recordings.experiment.observations.len();
+    let lost = campaign.planned.saturating_sub(recorded);
+    let mut note = |name, value: f64, limit: f64, words: String| {
+        checks.push(Check::new(name, Some(value), Some(limit), value <= limit, words).qualifying());
+    };
+    note(
+        "poses_recorded",
+        lost as f64,
+        0.0,
+        format!("{lost} of {} poses were not recorded", campaign.planned),
+    );
+    let worst = campaign.worst_seat_m * 1e3;
+    note(
+        "seats_held",
+        worst,
+        DOUBTFUL_SEAT_MM,
+        if worst > DOUBTFUL_SEAT_MM {
+            format!("a nest moved by {worst:.2} mm under the test pull: look at its seat")
+        } else {
+            format!("the nests moved by {worst:.2} mm at most under the test pull")
+        },
+    );
+    note(
+        "faults",
+        campaign.faults as f64,
+        0.0,
+        format!("{} faults on the way, all recovered from", campaign.faults),
+    );
+}

@@ -1,0 +1,159 @@
+//! May the result be used? In numbers, in words, and as the exit code.
+//!
+//! One verdict for every way in which a calibration is made. [`checks`] looks at the
+//! evidence and lists what was found, each check with its number and limit;
+//! [`expected_error`] says how large the TCP's error is over the workspace.
+//!
+//! ```text
+//! Evidence ─┬ checks ─────────┬▶ Verdict
+//!           └ expected_error ─┘
+//! ```
+
+mod checks;
+mod expected;
+
+use serde::Serialize;
+
+use crate::evaluate::{HeldOut, Judged};
+use crate::recordings::Recordings;
+use crate::validate::ValidationTable;
+use crate::{Calibration, Options};
+
+pub use checks::checks;
+pub use expected::{ExpectedError, expected_error};
+
+/// Everything that a check may look at.
+#[derive(Clone, Copy)]
+pub struct Evidence<'a> {
+    /// What was measured.
+    pub recordings: &'a Recordings,
+    /// Options of the fit, after all choices from the data.
+    pub options: &'a Options,
+    /// Rows that the fit used, in the order of the calibration's observations.
+    pub used: &'a [usize],
+    /// Rows left out as gross errors, with their distance in mm.
+    pub rejected: &'a [(usize, f64)],
+    /// Rows that are copies of another.
+    pub repeated: &'a [(usize, usize)],
+    /// The result.
+    pub calibration: &'a Calibration,
+    /// Errors of rows that the fit has not seen, by model: `nominal`, `calibrated`.
+    pub judged: Option<&'a Judged>,
+    /// Whether those are a cross-validation of the calibration data.
+    pub cross_validated: bool,
+    /// The hold-out that was asked for.
+    pub holdout: Option<&'a HeldOut>,
+    /// Errors on the points of an independent instrument: `nominal`, `sphere`, others.
+    pub table: Option<&'a ValidationTable>,
+}
+
+/// One thing that was checked.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Check {
+    /// Its name, which does not change from version to version.
+    pub name: &'static str,
+    /// What was found; none where it is not a number.
+    pub value: Option<f64>,
+    /// What it is held against.
+    pub limit: Option<f64>,
+    /// Whether the result passed.
+    pub passed: bool,
+    /// What a failure does: it refuses the result, or only qualifies it.
+    pub refuses: bool,
+    /// What was found, in words, with unit.
+    pub words: String,
+}
+
+impl Check {
+    /// A check whose failure refuses the result.
+    pub fn new(name: &'static str, value: Option<f64>, limit: Option<f64>, passed: bool, words: String) -> Self {
+        Self {
+            name,
+            value: value.filter(|v| v.is_finite()),
+            limit: limit.filter(|v| v.is_finite()),
+            passed,
+            refuses: true,
+            words,
+        }
+    }
+
+    /// The same check, whose failure only qualifies the result.
+    #[must_use]
+    pub fn qualifying(self) -> Self {
+        Self { refuses: false, ..self }
+    }
+}
+
+/// Whether a result may be used.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Verdict {
+    /// Exit code 0 instead of 3.
+    pub may_be_used: bool,
+    /// Error of the TCP to expect over the workspace, in mm; none where it cannot be told.
+    pub expected_error_mm: Option<ExpectedError>,
+    /// Share of the nominal mean error that is gone, by the independent instrument or
+    /// else by rows that the fit has not seen; none where nothing judged.
+    pub improvement: Option<f64>,
+    /// What was checked.
+    pub checks: Vec<Check>,
+    /// Words of the checks that failed: first those that refuse, then those that qualify.
+    pub reasons: Vec<String>,
+    /// What to do next.
+    pub next: String,
+}
+
+/// Mean and largest error of the nominal and of the calibrated robot, in mm.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Compared {
+    pub(crate) nominal: (f64, f64),
+    pub(crate) calibrated: (f64, f64),
+}
+
+impl Evidence<'_> {
+    /// What judges best: the independent instrument with the base as it measured it,
+    /// else the rows that the fit has not seen.
+    pub(crate) fn compared(&self) -> Option<Compared> {
+        if let Some(table) = self.table {
+            let of = |name| table.model(name).map(|m| (m.arcs.mean_mm, m.arcs.max_mm));
+            return Some(Compared {
+                nominal: of("nominal")?,
+                calibrated: of("sphere")?,
+            });
+        }
+        let of = |name: &str| {
+            let errors = self.judged?.model(name)?.errors();
+            (errors.n > 0).then_some((errors.mean_mm, errors.max_mm))
+        };
+        Some(Compared {
+            nominal: of("nominal")?,
+            calibrated: of("calibrated")?,
+        })
+    }
+}
+
+/// Judges a result by all of its evidence.
+pub fn verdict(evidence: &Evidence<'_>) -> Verdict {
+    let checks = checks(evidence);
+    let failed = |refuses: bool| checks.iter().filter(move |c| !c.passed && c.refuses == refuses);
+    let may_be_used = failed(true).next().is_none();
+    let reasons = failed(true).chain(failed(false)).map(|c| c.words.clone()).collect();
+    let compared = evidence.compared();
+    let next = if !may_be_used {
+        "Do not load this model: remove the causes named above, or measure more poses over a wider range of orientations \
+         and elbow positions, and run again."
+    } else if evidence.table.is_some() || !evidence.cross_validated {
+        "Load calibrated.urdf or calibrated.toml into your controller or planner; report.html says how good it is where."
+    } else {
+        "Load calibrated.urdf or calibrated.toml, and check it on a few points of your own with --validate."
+    };
+    Verdict {
+        may_be_used,
+        expected_error_mm: expected_error(evidence),
+        improvement: compared
+            .filter(|c| c.nominal.0 > 0.0)
+            .map(|c| 1.0 - c.calibrated.0 / c.nominal.0),
+        reasons,
+        next: next.to_owned(),
+        checks,
+    }
+}
