@@ -564,7 +564,7 @@ pub(crate) fn whitened_row(
     weight: f64,
     all: &mut [Vector3<f64>],
 ) -> Row {
-    let pose = Pose::new(state, layout, observation, whitening, weight);
+    let pose = PoseColumns::new(state, layout, observation, whitening, weight);
     all.fill(Vector3::zeros());
     let group = Group {
         reference: observation.reference,

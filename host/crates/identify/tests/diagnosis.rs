@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use spherecal_identify::diagnosis::{Alternative, Course, Diagnosis, diagnose, workspace};
 use spherecal_identify::{Experiment, Observation, Options, Pose, Set, Target, identify, paper_plate};
-use spherecal_model::Chain;
+use spherecal_model::{Chain, fit_pose};
 use spherecal_shared::robot::{Robot, Tool, iiwa7, iiwa7_tool};
 
 /// Couplings in their order: a sphere's id each.
@@ -100,7 +100,7 @@ fn measured(seed: u64, inject: Inject<'_>) -> Trial {
     let spheres = paper_plate();
     let plate = Pose {
         rotation: *Rotation3::from_axis_angle(&Vector3::z_axis(), 2.6).matrix(),
-        translation_m: Vector3::new(0.6, 0.03, 0.32),
+        position: Vector3::new(0.6, 0.03, 0.32),
     };
     let neutral = [0.1, 0.7, -0.2, -1.4, 0.2, 0.9, 0.0];
     let mut observations = Vec::new();
@@ -181,7 +181,7 @@ fn sound_data_name_nothing_and_the_expected_error_holds() {
         let calibration = identify(&trial.experiment, &Options::default()).expect("sound data");
         let found: Vec<_> = over.iter().map(|q| calibration.tcp_m(q, None)).collect();
         let real: Vec<_> = over.iter().map(|q| trial.robot.tcp(q, &[0.0; 7])).collect();
-        let frame = Pose::fit(&found, &real).expect("points in space");
+        let frame = fit_pose(&found, &real).expect("points in space");
         let errors = found.iter().zip(&real).map(|(a, b)| (frame.point(a) - b).norm());
         let mean_mm = errors.sum::<f64>() / over.len() as f64 * 1e3;
         let expected = diagnosis.expected;

@@ -17,7 +17,6 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
-use serde::Serialize;
 use spherecal_shared::robot::kinematics::frames_into;
 use spherecal_shared::robot::{LinkTransform, Pose as Frame, Robot, Tool};
 
@@ -25,6 +24,7 @@ use super::dense::transposed_product;
 use super::discrepancy::Discrepancy;
 use super::linear::{Linear, Posture};
 use crate::error::IdentifyError;
+use crate::verdict::ExpectedError;
 use spherecal_model::halton::halton;
 
 /// Configurations of a workspace.
@@ -33,17 +33,6 @@ pub const WORKSPACE: usize = 200;
 const DRAWS: (usize, usize) = (32, 10);
 /// Share of the draws inside the interval.
 const INSIDE: f64 = 0.95;
-
-/// Error of the TCP to expect over the workspace, in mm.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct ExpectedError {
-    /// Mean over the workspace.
-    pub mean: f64,
-    /// 95 % of the workspace has an error below this.
-    pub p95: f64,
-    /// 95 % interval of the mean.
-    pub interval: [f64; 2],
-}
 
 /// The workspace of a robot with its tool: joint angles (rad) of 200 configurations.
 ///

@@ -16,7 +16,7 @@ mod words;
 
 pub use alternatives::{Alternative, Family};
 pub use course::Course;
-pub use expected::{ExpectedError, WORKSPACE, workspace};
+pub use expected::{WORKSPACE, workspace};
 pub use scan::{FamilyTest, Finding};
 
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -32,6 +32,7 @@ use crate::calibration::finish;
 use crate::error::IdentifyError;
 use crate::options::Options;
 use crate::parameters::{Kind, Parameter};
+use crate::verdict::ExpectedError;
 use crate::{map, priors};
 use spherecal_model::Experiment;
 
