@@ -290,6 +290,20 @@ impl Calibration {
             .collect()
     }
 
+    /// How the TCP depends on the free parameters at joint angles `q` (3 rows, axes of
+    /// F0), and where the arm stands.
+    pub(crate) fn workspace_rows(&self, q: &[f64]) -> (DMatrix<f64>, crate::diagnosis::linear::Posture) {
+        let inner = &self.inner;
+        let load = inner.nominal.load(q, None);
+        let k = inner.state.evaluate(&pad(q), &load);
+        let r = DMatrix::from_iterator(3, 3, self.base.rotation.transpose().iter().copied());
+        let columns: DMatrix<f64> = r * self.prediction_columns(q, false);
+        (
+            columns.select_columns(&inner.columns),
+            crate::diagnosis::linear::Posture::new(&inner.layout, &k, q, &load),
+        )
+    }
+
     /// Correlation matrix of the free parameters.
     pub fn correlation(&self) -> DMatrix<f64> {
         let c = &self.covariance;

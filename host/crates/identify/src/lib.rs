@@ -49,6 +49,7 @@ pub mod arcs;
 mod calibration;
 mod chain;
 mod choice;
+pub mod diagnosis;
 mod distance;
 mod effects;
 mod error;

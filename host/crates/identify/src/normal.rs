@@ -82,6 +82,16 @@ impl Root {
         Self(self.0.map(|x| x * factor))
     }
 
+    /// `L`, 3 x 3 lower triangular.
+    pub(crate) fn inverse(&self) -> Matrix3<f64> {
+        let [a, b, d, ba, da, db] = self.0;
+        let (x, y, z) = (1.0 / a, 1.0 / b, 1.0 / d);
+        let yx = -ba * x * y;
+        let zy = -db * y * z;
+        let zx = -(da * x + db * yx) * z;
+        Matrix3::new(x, 0.0, 0.0, yx, y, 0.0, zx, zy, z)
+    }
+
     /// `ln |L⁻¹|`.
     pub(crate) fn log_determinant(&self) -> f64 {
         let [a, b, d, ..] = self.0;
@@ -533,6 +543,52 @@ impl PoseColumns {
                 (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
             }
         }
+    }
+}
+
+/// One observation's whitened residual and what whitened it.
+pub(crate) struct Row {
+    /// Whitener of a vector in F0, robust weight included.
+    pub(crate) root: Root,
+    /// Whitened residual.
+    pub(crate) residual: Vector3<f64>,
+}
+
+/// The whitened columns of one observation over the whole layout, into `all`,
+/// and its residual.
+pub(crate) fn whitened_row(
+    state: &State,
+    layout: &Layout,
+    observation: &Prepared,
+    whitening: &Whitening,
+    weight: f64,
+    all: &mut [Vector3<f64>],
+) -> Row {
+    let pose = PoseColumns::new(state, layout, observation, whitening, weight);
+    all.fill(Vector3::zeros());
+    let group = Group {
+        reference: observation.reference,
+        sphere: observation.sphere,
+        members: Vec::new(),
+    };
+    for (c, column, sign) in places(layout, &group) {
+        all[column] = pose.own[c] * sign;
+    }
+    let mut phi = vec![0.0; layout.basis()];
+    for j in 0..layout.n {
+        pose.basis(layout, j, observation, &mut phi);
+        for (k, value) in phi.iter().enumerate() {
+            all[layout.joint(j) + k] = pose.joints[j] * *value;
+        }
+    }
+    let k = state.at(observation);
+    let joints: Vec<_> = (0..layout.n)
+        .map(|j| k.frames[j].z().cross(&(k.tcp - k.frames[j].position)))
+        .collect();
+    let covariance = whitening.covariance(&joints, observation.sphere.is_some());
+    Row {
+        root: Root::new(&covariance).scaled(weight.sqrt()),
+        residual: pose.residual,
     }
 }
 

@@ -29,7 +29,7 @@ pub const BENDING_SIGMA: f64 = 1.5e-6;
 pub const HARMONIC_SIGMA_RAD: f64 = 2e-4;
 
 /// The row of one kind: nominal value, prior and its reason, free or fixed.
-pub(super) fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -> Parameter {
+pub(crate) fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -> Parameter {
     let (name, unit) = name_of(kind, layout);
     let last = layout.n.saturating_sub(1);
     let row = |i: usize| experiment.robot.joints.get(i).map(|j| j.mdh).unwrap_or_default();

@@ -1,0 +1,247 @@
+//! The expected error: how far the TCP of a model is from where it really is, over
+//! the whole workspace.
+//!
+//! The *workspace* is a set of configurations spread over the joint ranges whose
+//! TCP lies in front of the arm ([`workspace`]); the poses of the measurement play
+//! no part in it. The error is that of the arm's shape: the best rigid motion of
+//! all points is taken out, because where the base stands is not the model's merit.
+//!
+//! Draws from the posterior of the extended model
+//! ([`discrepancy`](super::discrepancy)) are differences between what may be true
+//! and what was estimated. Each draw gives one mean error over the workspace; their
+//! mean is the expected error, and their quantiles its interval. So the interval
+//! holds what the noise leaves open, what the model may leave out, and how well the
+//! sizes of both are known.
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{ChiSquared, Distribution, StandardNormal};
+use spherecal_shared::robot::kinematics::frames_into;
+use spherecal_shared::robot::{LinkTransform, Pose as Frame, Robot, Tool};
+
+use super::dense::transposed_product;
+use super::discrepancy::Discrepancy;
+use super::linear::{Linear, Posture};
+use crate::error::IdentifyError;
+use crate::verdict::ExpectedError;
+use spherecal_model::halton::halton;
+
+/// Configurations of a workspace.
+pub const WORKSPACE: usize = 200;
+/// Sets of amplitudes that are drawn, and draws with each.
+const DRAWS: (usize, usize) = (32, 10);
+/// Share of the draws inside the interval.
+const INSIDE: f64 = 0.95;
+
+/// The workspace of a robot with its tool: joint angles (rad) of 200 configurations.
+///
+/// They are spread evenly over 95 % of each joint's range (at most half a turn
+/// either way), and kept where the TCP is in front of the arm: x from -0.05 to
+/// 1.0 m, y within 0.6 m, z from 0.13 to 1.15 m, scaled by the arm's reach over
+/// 1.4 m. That is the box of the paper's Table 4 for any arm.
+pub fn workspace(robot: &Robot, tool: &Tool) -> Vec<Vec<f64>> {
+    let links: Vec<LinkTransform<f64>> = robot.joints.iter().map(|j| LinkTransform::from(&j.mdh)).collect();
+    let mut frames = vec![Frame::identity(); links.len()];
+    let mut tcp = |q: &[f64]| -> Vector3<f64> { frames_into(&links, q, &mut frames).point(&tool.tcp()) };
+    let configuration = |k: usize| -> Vec<f64> {
+        let joint = |(j, of): (usize, &spherecal_shared::robot::Joint)| {
+            let l = &of.limits;
+            let middle = 0.5 * (l.min_rad + l.max_rad);
+            let half = (0.5 * (l.max_rad - l.min_rad)).min(core::f64::consts::PI);
+            middle + 0.95 * half * (2.0 * halton(k, j) - 1.0)
+        };
+        robot.joints.iter().enumerate().map(joint).collect()
+    };
+    let reach = (1..=500).map(|k| tcp(&configuration(k)).norm()).fold(0.1, f64::max);
+    let scale = reach / 1.4;
+    let inside = |p: &Vector3<f64>| {
+        (-0.05..=1.0).contains(&(p.x / scale)) && (p.y / scale).abs() <= 0.6 && (0.13..=1.15).contains(&(p.z / scale))
+    };
+    let found: Vec<Vec<f64>> = (1..20_000)
+        .map(configuration)
+        .filter(|q| inside(&tcp(q)))
+        .take(WORKSPACE)
+        .collect();
+    if found.len() == WORKSPACE {
+        return found;
+    }
+    // An arm that hardly comes before its base: anywhere in its joint ranges.
+    (1..=WORKSPACE).map(configuration).collect()
+}
+
+/// Takes the best-fitting rigid motion of all points out of displacements.
+#[derive(Clone, Debug)]
+pub(crate) struct Rigid {
+    basis: DMatrix<f64>,
+}
+
+impl Rigid {
+    pub(crate) fn new(points: &[Vector3<f64>]) -> Self {
+        let mut b = DMatrix::zeros(3 * points.len(), 6);
+        let middle = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
+        for (k, p) in points.iter().enumerate() {
+            for axis in 0..3 {
+                let e: Vector3<f64> = Vector3::ith(axis, 1.0);
+                b[(3 * k + axis, axis)] = 1.0;
+                let turn = e.cross(&(p - middle));
+                for i in 0..3 {
+                    b[(3 * k + i, 3 + axis)] = turn[i];
+                }
+            }
+        }
+        Self { basis: b.qr().q() }
+    }
+
+    /// Removes the motion from each column.
+    pub(crate) fn remove(&self, columns: &mut DMatrix<f64>) {
+        let share = transposed_product(&self.basis, columns);
+        columns.gemm(-1.0, &self.basis, &share, 1.0);
+    }
+}
+
+/// What may be true minus what was estimated, over the workspace.
+#[derive(Clone, Debug)]
+pub(crate) struct Field {
+    rigid: Rigid,
+    /// One draw a column, 3 x configurations, in m, aligned.
+    draws: DMatrix<f64>,
+}
+
+impl Field {
+    /// Draws the error of a fit. `rows` gives the columns of the model at a
+    /// configuration in units of the linear model's scale (3 x m), and the posture.
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(crate) fn draw(
+        linear: &Linear,
+        discrepancy: &Discrepancy,
+        configurations: &[(DMatrix<f64>, Posture)],
+    ) -> Result<Self, IdentifyError> {
+        let count = configurations.len();
+        let (m, all) = (discrepancy.m, discrepancy.w.ncols());
+        let points: Vec<Vector3<f64>> = configurations.iter().map(|c| c.1.tcp).collect();
+        let rigid = Rigid::new(&points);
+        let mut g = DMatrix::zeros(3 * count, all);
+        let mut rest: Vec<DMatrix<f64>> = Vec::new();
+        for (k, (rows, posture)) in configurations.iter().enumerate() {
+            g.view_mut((3 * k, 0), (3, m)).copy_from(rows);
+            let (z, own) = discrepancy.prediction(posture);
+            g.view_mut((3 * k, m), (3, all - m)).copy_from(&z);
+            if rest.is_empty() {
+                rest = own.iter().map(|o| DMatrix::zeros(3 * count, o.ncols())).collect();
+            }
+            for (to, from) in rest.iter_mut().zip(&own) {
+                to.rows_mut(3 * k, 3).copy_from(from);
+            }
+        }
+        rigid.remove(&mut g);
+        for block in &mut rest {
+            rigid.remove(block);
+        }
+        let estimate = g.columns(0, m) * &linear.estimate;
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let spread = ChiSquared::new(discrepancy.freedom.max(1.0)).ok();
+        let mut draws = DMatrix::zeros(3 * count, DRAWS.0 * DRAWS.1);
+        for h in 0..DRAWS.0 {
+            let mut d = discrepancy.sigmas(|_| true);
+            for group in &discrepancy.groups {
+                let factor = group.drawn(rng.random());
+                group.columns.iter().for_each(|c| d[*c] = factor);
+            }
+            let mut amplitudes = Vec::with_capacity(discrepancy.components.len());
+            for component in &discrepancy.components {
+                let amplitude = component.drawn(rng.random());
+                d.rows_mut(component.at, component.kept).fill(amplitude);
+                amplitudes.push(amplitude);
+            }
+            let chi: f64 = spread.map_or(discrepancy.freedom, |s| s.sample(&mut rng));
+            let s2 = discrepancy.s2 * discrepancy.freedom / f64::max(chi, 1e-3 * discrepancy.freedom);
+            let factor = discrepancy.factor(&d, s2, 0, all)?;
+            let mean = factor.solve_vector(&(d.component_mul(&discrepancy.wy) / s2));
+            let mut normal = |n: usize| DVector::from_fn(n, |_, _| StandardNormal.sample(&mut rng));
+            let mut w = DMatrix::zeros(all, DRAWS.1);
+            for mut column in w.column_iter_mut() {
+                let white: DVector<f64> = normal(all);
+                column.copy_from(&(&mean + factor.draw(&white)).component_mul(&d));
+            }
+            let mut own = &g * w;
+            for mut column in own.column_iter_mut() {
+                column -= &estimate;
+                for (block, amplitude) in rest.iter().zip(&amplitudes) {
+                    if *amplitude > 0.0 && block.ncols() > 0 {
+                        let white: DVector<f64> = normal(block.ncols());
+                        column.gemv(*amplitude, block, &white, 1.0);
+                    }
+                }
+                let sigma = (s2 * linear.joint_variance).sqrt();
+                for (k, (_, posture)) in configurations.iter().enumerate() {
+                    let white: DVector<f64> = normal(posture.joints.len());
+                    for (along, z) in posture.joints.iter().zip(white.iter()) {
+                        for axis in 0..3 {
+                            column[3 * k + axis] += along[axis] * z * sigma;
+                        }
+                    }
+                }
+            }
+            draws.columns_mut(h * DRAWS.1, DRAWS.1).copy_from(&own);
+        }
+        Ok(Self { rigid, draws })
+    }
+
+    /// The expected error of a model whose TCP is `off` (m, 3 x configurations) from
+    /// the estimate's; of the estimate itself without.
+    pub(crate) fn expected(&self, off: Option<&[Vector3<f64>]>) -> ExpectedError {
+        let (means, p95) = self.errors(off);
+        summary(means, &p95)
+    }
+
+    /// Mean error and its 95 % quantile over the workspace, by draw, in m.
+    pub(crate) fn errors(&self, off: Option<&[Vector3<f64>]>) -> (Vec<f64>, Vec<f64>) {
+        let mut shift = DMatrix::zeros(self.draws.nrows(), 1);
+        for (k, v) in off.into_iter().flatten().enumerate() {
+            for axis in 0..3 {
+                shift[(3 * k + axis, 0)] = v[axis];
+            }
+        }
+        self.rigid.remove(&mut shift);
+        let mut means = Vec::with_capacity(self.draws.ncols());
+        let mut p95 = Vec::with_capacity(self.draws.ncols());
+        for column in self.draws.column_iter() {
+            let mut lengths: Vec<f64> = (0..column.len() / 3)
+                .map(|k| {
+                    let at = |axis: usize| column[3 * k + axis] - shift[3 * k + axis];
+                    Vector3::new(at(0), at(1), at(2)).norm()
+                })
+                .collect();
+            means.push(lengths.iter().sum::<f64>() / lengths.len().max(1) as f64);
+            lengths.sort_by(f64::total_cmp);
+            p95.push(quantile(&lengths, INSIDE));
+        }
+        (means, p95)
+    }
+}
+
+fn summary(mut means: Vec<f64>, p95: &[f64]) -> ExpectedError {
+    let count = means.len().max(1) as f64;
+    means.sort_by(f64::total_cmp);
+    ExpectedError {
+        mean: means.iter().sum::<f64>() / count * 1e3,
+        p95: p95.iter().sum::<f64>() / count * 1e3,
+        interval: [
+            quantile(&means, 0.5 * (1.0 - INSIDE)) * 1e3,
+            quantile(&means, 0.5 * (1.0 + INSIDE)) * 1e3,
+        ],
+    }
+}
+
+/// Quantile of sorted values, between neighbours in proportion.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else {
+        return 0.0;
+    };
+    let at = share * last as f64;
+    let (low, high) = (at.floor() as usize, at.ceil() as usize);
+    sorted[low] + (sorted[high] - sorted[low]) * (at - low as f64)
+}

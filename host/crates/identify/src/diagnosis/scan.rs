@@ -1,0 +1,411 @@
+//! Score tests of named causes: is the certificate right, did the plate slip, did an
+//! encoder jump?
+//!
+//! Every *alternative* is a set of columns `A` in the space of the residuals. With
+//! `P` the inverse of the covariance of the data by the extended model (the causes
+//! that are functions of posture included, see [`discrepancy`](super::discrepancy)),
+//! its score is `s = Aᵀ P y`, its information `V = Aᵀ P A`, and under the model
+//! `sᵀ V⁻¹ s` is chi-square with as many degrees of freedom as columns. The effect is
+//! `V⁻¹ s` with covariance `V⁻¹`. The most significant alternative is taken into the
+//! model, and the others are tested again, until none is left. The limits hold for
+//! all alternatives together (Bonferroni).
+
+use nalgebra::{DMatrix, DVector};
+use serde::Serialize;
+
+use super::alternatives::{Alternative, Family};
+use super::causes::Cause;
+use super::columns::alternatives;
+use super::course::Course;
+use super::dense::transposed_product;
+use super::discrepancy::Discrepancy;
+use super::linear::Linear;
+use super::tail::{log_tail, sigmas};
+use super::words::{next, short, words};
+use crate::error::IdentifyError;
+use crate::parameters::Layout;
+
+/// Chance of a false finding over all alternatives of a sound experiment.
+pub(crate) const FALSE_FINDINGS: f64 = 1e-3;
+/// Standard deviations beyond which a common scale error of the certificate is
+/// found: one test, weak, because only the priors of the lengths speak to it.
+pub(crate) const SCALE_LIMIT: f64 = 2.6;
+/// Findings at most.
+const MOST: usize = 4;
+/// An alternative whose effect is less certain than this, in m or rad, is not seen
+/// by the data at all.
+const UNSEEN: f64 = 5e-3;
+/// An alternative that takes up this share of another's effect may be meant instead.
+const ALIKE: f64 = 0.9;
+/// Alternatives at most that compete with the causes of the extended model.
+const CANDIDATES: usize = 12;
+
+/// A cause that the data speak for.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// What it is.
+    pub alternative: Alternative,
+    /// In words, with size and uncertainty.
+    pub words: String,
+    /// Size, in mm (mrad for joints, parts per thousand for the scale).
+    pub size: f64,
+    /// Its standard deviation, same unit.
+    pub sigma: f64,
+    /// As many standard deviations of one normal variable as it is unlikely.
+    pub sigmas: f64,
+    /// Chance of it in a sound experiment, all alternatives counted: logarithm to
+    /// the base 10.
+    pub log10_p: f64,
+    /// Mean TCP error over the workspace that it causes in the calibration, in mm.
+    pub harm_mm: f64,
+    /// Other causes that explain the same data.
+    pub or: Vec<String>,
+    /// Indices of the observations that it concerns.
+    pub rows: Vec<usize>,
+    /// What to do about it.
+    pub next: &'static str,
+    #[serde(skip)]
+    pub(crate) columns: Vec<(DVector<f64>, f64)>,
+    #[serde(skip)]
+    pub(crate) effect: DVector<f64>,
+}
+
+/// The largest statistic of a family, found or not.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct FamilyTest {
+    /// The family.
+    pub family: Family,
+    /// Alternatives tested.
+    pub tested: usize,
+    /// Largest statistic, as standard deviations of one normal variable.
+    pub sigmas: f64,
+    /// What it must stay under.
+    pub limit: f64,
+    /// Whether a cause of this family was found. A statistic may be over its limit
+    /// without it: a cause of another family explains the same data better.
+    pub found: bool,
+}
+
+/// One alternative with its columns and what was computed of them.
+struct Trial {
+    alternative: Alternative,
+    /// Whitened columns.
+    columns: DMatrix<f64>,
+    /// `L⁻¹ D Wᵀ A / s`.
+    half: DMatrix<f64>,
+    /// `Aᵀ P y`.
+    score: DVector<f64>,
+}
+
+/// Tests every alternative. Returns what was found, strongest first, the largest
+/// statistic of each family, and the extended model with what was found in it.
+///
+/// A score under the model alone, which is cheap, says which alternatives deserve a
+/// closer look. Each of these is then taken into the extended model, whose causes
+/// compete with it: a certificate that is wrong looks much like a deflection that
+/// depends on joint 1, and the evidence says which explains the data with less.
+///
+/// # Errors
+/// Equations that have no solution.
+pub(crate) fn scan(
+    linear: &Linear,
+    layout: &Layout,
+    course: &Course,
+    mut model: Discrepancy,
+) -> Result<(Vec<Finding>, Vec<FamilyTest>, Discrepancy), IdentifyError> {
+    let mut trials: Vec<Trial> = alternatives(linear, layout, course)
+        .into_iter()
+        .map(|(alternative, columns)| Trial {
+            alternative,
+            columns,
+            half: DMatrix::zeros(0, 0),
+            score: DVector::zeros(0),
+        })
+        .collect();
+    let count = trials.len();
+    let with_causes = model.sigmas(Cause::of_posture);
+    prepare(linear, &model, &with_causes, model.s2, &mut trials)?;
+    let mut families = Selection::new(model.s2, count, &trials).families();
+    let mut plain = model.sigmas(|_| false);
+    // Lengths keep their prior: it is what the scale is tested against.
+    for &c in model.groups.iter().filter(|g| g.lengths).flat_map(|g| &g.columns) {
+        plain[c] = 1.0;
+    }
+    prepare(linear, &model, &plain, linear.s2, &mut trials)?;
+    let mut selection = Selection::new(linear.s2, count, &trials);
+    let mut findings: Vec<Finding> = Vec::new();
+    while findings.len() < MOST {
+        let mut best: Option<(f64, usize, Discrepancy)> = None;
+        for index in selection.shortlist() {
+            let columns = selection.wide(index);
+            let trial = model.with(linear, &columns)?;
+            let freedom = selection.trials[index].score.len();
+            let gain = 2.0 * (trial.log_evidence(linear)? - model.log_evidence(linear)?);
+            // The width of its prior is no argument against it.
+            let log_p = log_tail(gain + trial.named_volume(columns.len())?, freedom);
+            if log_p < selection.limit(&selection.trials[index].alternative)
+                && best.as_ref().is_none_or(|b| log_p < b.0)
+            {
+                best = Some((log_p, index, trial));
+            }
+        }
+        let Some((log_p, index, with)) = best else { break };
+        let finding = selection.finding(index, log_p, &with, linear)?;
+        let family = finding.alternative.family();
+        for test in families.iter_mut().filter(|t| t.family == family) {
+            test.found = true;
+            test.sigmas = test.sigmas.max(finding.sigmas);
+        }
+        findings.push(finding);
+        selection.chosen.push(index);
+        model = with;
+    }
+    Ok((findings, families, model))
+}
+
+/// Scores and half products of all trials with a covariance of noise `s2` and of the
+/// columns of the extended model with sigmas `d`.
+fn prepare(
+    linear: &Linear,
+    model: &Discrepancy,
+    d: &DVector<f64>,
+    s2: f64,
+    trials: &mut [Trial],
+) -> Result<(), IdentifyError> {
+    let all = model.w.ncols();
+    let factor = model.factor(d, s2, 0, all)?;
+    let mean = factor.solve_vector(&(d.component_mul(&model.wy) / s2)).component_mul(d);
+    let residual = (&linear.y - &model.w * mean) / s2;
+    let mut scaled = model.w.transpose();
+    for (mut row, d) in scaled.row_iter_mut().zip(d.iter()) {
+        row.scale_mut(*d);
+    }
+    let total: usize = trials.iter().map(|t| t.columns.ncols()).sum();
+    let mut wide = DMatrix::zeros(3 * linear.rows.len(), total);
+    let mut at = 0;
+    for trial in trials.iter() {
+        wide.columns_mut(at, trial.columns.ncols()).copy_from(&trial.columns);
+        at += trial.columns.ncols();
+    }
+    let mut half = &scaled * &wide;
+    factor.half_mut(&mut half);
+    half /= s2;
+    let score = transposed_product(&wide, &DMatrix::from_columns(&[residual]));
+    let mut at = 0;
+    for trial in trials {
+        let k = trial.columns.ncols();
+        trial.half = half.columns(at, k).into_owned();
+        trial.score = score.rows(at, k).column(0).into_owned();
+        at += k;
+    }
+    Ok(())
+}
+
+/// The statistics of trials, given those that were chosen before.
+struct Selection<'a> {
+    s2: f64,
+    count: usize,
+    chosen: Vec<usize>,
+    trials: &'a [Trial],
+}
+
+impl<'a> Selection<'a> {
+    fn new(s2: f64, count: usize, trials: &'a [Trial]) -> Self {
+        Self {
+            s2,
+            count,
+            chosen: Vec::new(),
+            trials,
+        }
+    }
+
+    /// `Aᵀ P B`.
+    fn information(&self, a: &Trial, b: &Trial) -> DMatrix<f64> {
+        a.columns.tr_mul(&b.columns) / self.s2 - a.half.tr_mul(&b.half)
+    }
+
+    /// Score and information of a trial given those chosen before.
+    fn given(&self, trial: &Trial) -> (DVector<f64>, DMatrix<f64>) {
+        let mut v = self.information(trial, trial);
+        let mut s = trial.score.clone();
+        if self.chosen.is_empty() {
+            return (s, v);
+        }
+        let chosen: Vec<&Trial> = self.chosen.iter().map(|c| &self.trials[*c]).collect();
+        let size: usize = chosen.iter().map(|c| c.score.len()).sum();
+        let mut inner = DMatrix::zeros(size, size);
+        let mut cross = DMatrix::zeros(size, s.len());
+        let mut score = DVector::zeros(size);
+        let mut row = 0;
+        for a in &chosen {
+            let mut column = 0;
+            for b in &chosen {
+                let (r, c) = (a.score.len(), b.score.len());
+                inner.view_mut((row, column), (r, c)).copy_from(&self.information(a, b));
+                column += c;
+            }
+            let k = a.score.len();
+            cross.rows_mut(row, k).copy_from(&self.information(a, trial));
+            score.rows_mut(row, k).copy_from(&a.score);
+            row += k;
+        }
+        if let Ok(inverse) = inner.pseudo_inverse(1e-9) {
+            let solved = inverse * &cross;
+            v -= cross.tr_mul(&solved);
+            s -= solved.tr_mul(&score);
+        }
+        (s, v)
+    }
+
+    /// Effect, its covariance and log tail probability of a trial; `None` where the
+    /// data do not see it.
+    fn test(&self, index: usize) -> Option<(DVector<f64>, DMatrix<f64>, f64)> {
+        let trial = &self.trials[index];
+        let (s, v) = self.given(trial);
+        let eigen = v.symmetric_eigen();
+        let mut statistic = 0.0;
+        let mut freedom = 0;
+        let mut inverse = DMatrix::zeros(s.len(), s.len());
+        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            if *value > UNSEEN.powi(-2) {
+                let along = vector.dot(&s);
+                statistic += along * along / value;
+                freedom += 1;
+                inverse.ger(1.0 / value, &vector, &vector, 1.0);
+            }
+        }
+        if freedom == 0 {
+            return None;
+        }
+        Some((&inverse * s, inverse, log_tail(statistic, freedom)))
+    }
+
+    fn limit(&self, alternative: &Alternative) -> f64 {
+        match alternative {
+            Alternative::CertificateScale => log_tail(SCALE_LIMIT * SCALE_LIMIT, 1),
+            _ => (FALSE_FINDINGS / self.count.max(1) as f64).ln(),
+        }
+    }
+
+    /// The alternatives that deserve a closer look: over their limit, and of those
+    /// that differ only in instant or region the strongest.
+    fn shortlist(&self) -> Vec<usize> {
+        let mut over: Vec<(f64, usize)> = (0..self.trials.len())
+            .filter(|k| !self.chosen.contains(k))
+            .filter_map(|k| Some((self.test(k)?.2, k)))
+            .filter(|(log_p, k)| *log_p < self.limit(&self.trials[*k].alternative))
+            .collect();
+        over.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut kept: Vec<usize> = Vec::new();
+        for (_, k) in over {
+            let like = |other: &usize| self.trials[*other].alternative.is_like(&self.trials[k].alternative);
+            if kept.len() < CANDIDATES && !kept.iter().any(like) {
+                kept.push(k);
+            }
+        }
+        kept
+    }
+
+    /// The columns of a trial with a prior that does not hold them.
+    fn wide(&self, index: usize) -> Vec<(DVector<f64>, f64)> {
+        let trial = &self.trials[index];
+        let Some((effect, covariance, _)) = self.test(index) else {
+            return Vec::new();
+        };
+        let size = (effect.norm_squared() + covariance.trace()).sqrt();
+        let column = |c: usize| (trial.columns.column(c).into_owned(), 10.0 * size);
+        (0..trial.columns.ncols()).map(column).collect()
+    }
+
+    /// The largest statistic of each family.
+    fn families(&self) -> Vec<FamilyTest> {
+        let mut tests: Vec<FamilyTest> = Vec::new();
+        for index in 0..self.trials.len() {
+            let Some((_, _, log_p)) = self.test(index) else {
+                continue;
+            };
+            let alternative = &self.trials[index].alternative;
+            let (family, own) = (alternative.family(), sigmas(log_p));
+            match tests.iter_mut().find(|t| t.family == family) {
+                Some(test) => {
+                    test.tested += 1;
+                    test.sigmas = test.sigmas.max(own);
+                }
+                None => tests.push(FamilyTest {
+                    family,
+                    tested: 1,
+                    sigmas: own,
+                    found: false,
+                    limit: sigmas(self.limit(alternative)),
+                }),
+            }
+        }
+        tests.sort_by_key(|t| t.family);
+        tests
+    }
+
+    /// A finding, its effect from the model `with` it.
+    fn finding(&self, index: usize, log_p: f64, with: &Discrepancy, linear: &Linear) -> Result<Finding, IdentifyError> {
+        let trial = &self.trials[index];
+        let columns = self.wide(index);
+        let (effect, covariance) = with.named_effect(&columns)?;
+        let shift = effect.rows(0, effect.len().min(3)).into_owned();
+        let size = shift.norm() * 1e3;
+        let along = if shift.norm() > 0.0 {
+            shift.normalize()
+        } else {
+            shift.clone()
+        };
+        let k = shift.len();
+        let sigma = along.dot(&(covariance.view((0, 0), (k, k)) * &along)).max(0.0).sqrt() * 1e3;
+        let signed = if effect.len() == 1 { effect[0] * 1e3 } else { size };
+        let concerned = |k: &usize| trial.columns.rows(3 * k, 3).norm_squared() > 0.0;
+        let rows = (0..linear.rows.len())
+            .filter(concerned)
+            .map(|k| linear.rows[k].index)
+            .collect();
+        let mut or: Vec<String> = self.alike(index).into_iter().map(|a| short(&a)).collect();
+        or.dedup();
+        Ok(Finding {
+            alternative: trial.alternative,
+            words: words(&trial.alternative, &shift, sigma),
+            size: signed,
+            sigma,
+            sigmas: sigmas(log_p),
+            log10_p: (log_p + (self.count.max(1) as f64).ln()).min(0.0) / core::f64::consts::LN_10,
+            harm_mm: 0.0,
+            or,
+            rows,
+            next: next(&trial.alternative),
+            columns,
+            effect,
+        })
+    }
+
+    /// Other alternatives that move the data nearly as this one does, one of each
+    /// kind.
+    fn alike(&self, index: usize) -> Vec<Alternative> {
+        let own = &self.trials[index];
+        let Some((effect, _, _)) = self.test(index) else {
+            return Vec::new();
+        };
+        let mut found: Vec<Alternative> = Vec::new();
+        let (_, v) = self.given(own);
+        let strength = (effect.dot(&(&v * &effect))).max(1e-300);
+        for (k, other) in self.trials.iter().enumerate() {
+            let like = |a: &Alternative| a.is_like(&other.alternative);
+            if k == index || like(&own.alternative) || found.iter().any(like) {
+                continue;
+            }
+            // How much of the best effect the other's columns take up.
+            let cross = self.information(other, own) * &effect;
+            let Ok(inverse) = self.information(other, other).pseudo_inverse(UNSEEN.powi(-2)) else {
+                continue;
+            };
+            if cross.dot(&(inverse * &cross)) > ALIKE * strength {
+                found.push(other.alternative);
+            }
+        }
+        found
+    }
+}

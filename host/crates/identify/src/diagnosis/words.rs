@@ -1,0 +1,125 @@
+//! A cause in words: what it is, how large it is, and what to do about it.
+
+use nalgebra::DVector;
+
+use super::alternatives::Alternative;
+use crate::parameters::Reference;
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+fn place_name(reference: Reference) -> String {
+    match reference {
+        Reference::Tracker => "the tracker".to_owned(),
+        Reference::Place(0) => "the plate".to_owned(),
+        Reference::Place(place) => format!("the plate (place {place})"),
+    }
+}
+
+fn share(time: f64) -> String {
+    format!("{:.0} %", 100.0 * time)
+}
+
+/// The cause without its size.
+pub(crate) fn short(alternative: &Alternative) -> String {
+    match *alternative {
+        Alternative::Certificate { sphere, axis } => format!("the certificate of sphere {sphere} ({})", AXES[axis]),
+        Alternative::CertificateScale => "the scale of the certificate".to_owned(),
+        Alternative::Slip { reference, time, .. } => {
+            format!("{} slipped after {} of the time", place_name(reference), share(time))
+        }
+        Alternative::Drift { reference } => format!("{} drifted", place_name(reference)),
+        Alternative::SphereMoved { sphere, time } => {
+            format!("sphere {sphere} moved after {} of the time", share(time))
+        }
+        Alternative::Seat { coupling } => format!("coupling {} sat elsewhere", coupling + 1),
+        Alternative::EncoderStep { joint, time } => {
+            format!("encoder {} jumped after {} of the time", joint + 1, share(time))
+        }
+        Alternative::EncoderDrift { joint } => format!("encoder {} drifted", joint + 1),
+        Alternative::JointRegion {
+            joint,
+            from_rad,
+            to_rad,
+        } => format!(
+            "joint {} between {:.0} and {:.0} degrees",
+            joint + 1,
+            from_rad.to_degrees(),
+            to_rad.to_degrees()
+        ),
+    }
+}
+
+/// The cause with its size.
+pub(crate) fn words(alternative: &Alternative, shift: &DVector<f64>, sigma: f64) -> String {
+    let mm = |k: usize| shift.get(k).copied().unwrap_or_default() * 1e3;
+    let size = shift.norm() * 1e3;
+    let vector = || format!("({:+.3}, {:+.3}, {:+.3}) mm", mm(0), mm(1), mm(2));
+    match *alternative {
+        Alternative::Certificate { sphere, axis } => format!(
+            "the certificate of sphere {sphere} is wrong: {} is off by {:.3} ± {sigma:.3} mm",
+            AXES[axis],
+            mm(0)
+        ),
+        Alternative::CertificateScale => format!(
+            "the certificate's scale is wrong: the robot's lengths make its distances {:.2} ± {sigma:.2} in a thousand too {}",
+            mm(0).abs(),
+            if mm(0) > 0.0 { "long" } else { "short" }
+        ),
+        Alternative::Slip { reference, time, .. } => format!(
+            "{} slipped by {size:.3} ± {sigma:.3} mm, {}, after {} of the time",
+            place_name(reference),
+            vector(),
+            share(time)
+        ),
+        Alternative::Drift { reference } => format!(
+            "{} drifted by {size:.3} ± {sigma:.3} mm, {}, from first to last pose",
+            place_name(reference),
+            vector()
+        ),
+        Alternative::SphereMoved { sphere, time } => format!(
+            "sphere {sphere} moved by {size:.3} ± {sigma:.3} mm, {}, between two couplings, after {} of the time",
+            vector(),
+            share(time)
+        ),
+        Alternative::Seat { coupling } => format!(
+            "coupling {} sat {size:.3} ± {sigma:.3} mm from the others on its sphere, {}",
+            coupling + 1,
+            vector()
+        ),
+        Alternative::EncoderStep { joint, time } => format!(
+            "the encoder of joint {} jumped by {:+.3} ± {sigma:.3} mrad after {} of the time",
+            joint + 1,
+            mm(0),
+            share(time)
+        ),
+        Alternative::EncoderDrift { joint } => format!(
+            "the encoder of joint {} drifted by {:+.3} ± {sigma:.3} mrad from first to last pose",
+            joint + 1,
+            mm(0)
+        ),
+        Alternative::JointRegion { .. } => {
+            format!("{} is off by {:+.3} ± {sigma:.3} mrad", short(alternative), mm(0))
+        }
+    }
+}
+
+/// What to do about a cause.
+pub(crate) fn next(alternative: &Alternative) -> &'static str {
+    match alternative {
+        Alternative::Certificate { .. } => {
+            "compare this sphere's coordinates in the plate file with its certificate, or have the plate measured again"
+        }
+        Alternative::CertificateScale => {
+            "check the unit and the scale of the plate file against its certificate, and the robot's nominal lengths"
+        }
+        Alternative::Slip { .. } | Alternative::Drift { .. } => {
+            "fasten the plate, let it reach the temperature of the room, and measure again"
+        }
+        Alternative::SphereMoved { .. } => "fasten this sphere and measure again",
+        Alternative::Seat { .. } => "clean nest and sphere, and repeat this coupling or leave its rows out",
+        Alternative::EncoderStep { .. } | Alternative::EncoderDrift { .. } => {
+            "look for a slipping encoder or a lost reference of this joint, master it, and measure again"
+        }
+        Alternative::JointRegion { .. } => "check encoder and gear of this joint in this range",
+    }
+}

@@ -1,0 +1,331 @@
+//! Score tests and expected error on drawn robots, with and without injected errors.
+//!
+//! The robots here are drawn by this file alone: geometry, once-per-turn encoder
+//! errors, noise of joints and of seating. Their sizes are not those of the priors.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use spherecal_identify::diagnosis::{Alternative, Course, Diagnosis, diagnose, workspace};
+use spherecal_identify::{Experiment, Observation, Options, Pose, Set, Target, identify, paper_plate};
+use spherecal_model::{Chain, fit_pose};
+use spherecal_shared::robot::{Robot, Tool, iiwa7, iiwa7_tool};
+
+/// Couplings in their order: a sphere's id each.
+const VISITS: [u32; 6] = [1, 2, 1, 3, 2, 1];
+/// Poses of each coupling.
+const POSES: usize = 25;
+/// Noise of each joint in each pose, in rad.
+const WHITE_RAD: f64 = 4e-5;
+/// Repeatability of a seat, in m.
+const SEATING_M: f64 = 3e-6;
+
+fn normal(rng: &mut ChaCha8Rng, sigma: f64) -> f64 {
+    let z: f64 = StandardNormal.sample(rng);
+    z * sigma
+}
+
+/// One robot with its errors.
+struct Drawn {
+    chain: Chain,
+    /// Amplitude (rad) and phase of each encoder's error.
+    encoders: Vec<(f64, f64)>,
+}
+
+impl Drawn {
+    fn new(rng: &mut ChaCha8Rng) -> Self {
+        let (mut robot, mut tool): (Robot, Tool) = (iiwa7(), iiwa7_tool());
+        for joint in robot.joints.iter_mut().skip(1) {
+            joint.mdh.a += normal(rng, 2e-4);
+            joint.mdh.d += normal(rng, 2e-4);
+            joint.mdh.alpha += normal(rng, 4e-4);
+            joint.mdh.theta += normal(rng, 7e-4);
+        }
+        tool.tcp_m = tool.tcp_m.map(|x| x + normal(rng, 8e-4));
+        Self {
+            chain: Chain::unchecked(&robot, &tool),
+            encoders: (0..7)
+                .map(|_| (normal(rng, 1.5e-4), rng.random_range(0.0..core::f64::consts::TAU)))
+                .collect(),
+        }
+    }
+
+    /// TCP in F0, in m, where the encoders read `q` and the joints are off by `white`.
+    fn tcp(&self, q: &[f64], white: &[f64]) -> Vector3<f64> {
+        let stand: Vec<f64> = q
+            .iter()
+            .zip(&self.encoders)
+            .zip(white)
+            .map(|((q, (size, phase)), white)| q + size * (q + phase).sin() + white)
+            .collect();
+        self.chain.pose(&stand).position
+    }
+
+    /// Encoder angles nearest to `q` that bring the TCP to `target` (F0, m).
+    fn reach(&self, q: &[f64], target: &Vector3<f64>, white: &[f64]) -> Option<Vec<f64>> {
+        let mut q = q.to_vec();
+        for _ in 0..40 {
+            let tcp = self.tcp(&q, white);
+            let miss = target - tcp;
+            if miss.norm() < 1e-11 {
+                return Some(q);
+            }
+            let frames = self.chain.frames(&q);
+            let columns: Vec<Vector3<f64>> = frames.iter().map(|f| f.z().cross(&(tcp - f.position))).collect();
+            let square = columns.iter().fold(Matrix3::zeros(), |s, c| s + c * c.transpose());
+            let pull = square.try_inverse()? * miss;
+            for (angle, column) in q.iter_mut().zip(&columns) {
+                *angle += column.dot(&pull).clamp(-0.3, 0.3);
+            }
+        }
+        None
+    }
+}
+
+/// What is injected at one pose: its time (0 to 1), sphere, coupling, the sphere's
+/// centre (plate, m) and the encoders' readings (rad).
+type Inject<'a> = &'a dyn Fn(f64, u32, usize, &mut Vector3<f64>, &mut [f64]);
+
+struct Trial {
+    robot: Drawn,
+    experiment: Experiment,
+    course: Course,
+}
+
+/// Measures a drawn robot.
+fn measured(seed: u64, inject: Inject<'_>) -> Trial {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let robot = Drawn::new(&mut rng);
+    let spheres = paper_plate();
+    let plate = Pose {
+        rotation: *Rotation3::from_axis_angle(&Vector3::z_axis(), 2.6).matrix(),
+        position: Vector3::new(0.6, 0.03, 0.32),
+    };
+    let neutral = [0.1, 0.7, -0.2, -1.4, 0.2, 0.9, 0.0];
+    let mut observations = Vec::new();
+    let mut coupling = Vec::new();
+    let count = VISITS.len() * POSES;
+    for (visit, &sphere) in VISITS.iter().enumerate() {
+        let centre = spheres
+            .iter()
+            .find(|s| s.id == sphere)
+            .expect("on the plate")
+            .position_m;
+        let mut recorded = 0;
+        while recorded < POSES {
+            let time = observations.len() as f64 / (count - 1) as f64;
+            let start: Vec<f64> = neutral.iter().map(|q| q + rng.random_range(-1.1..1.1)).collect();
+            let mut target = Vector3::from(centre);
+            let mut encoders = [0.0; 7];
+            inject(time, sphere, visit, &mut target, &mut encoders);
+            let target = plate.point(&target) + Vector3::from_fn(|_, _| normal(&mut rng, SEATING_M));
+            let white: Vec<f64> = (0..7).map(|_| normal(&mut rng, WHITE_RAD)).collect();
+            let Some(q) = robot.reach(&start, &target, &white) else {
+                continue;
+            };
+            if robot.chain.limit_margin(&q) < 0.05 {
+                continue;
+            }
+            observations.push(Observation {
+                q: q.iter().zip(&encoders).map(|(q, off)| q + off).collect(),
+                tau: None,
+                target: Target::Sphere { sphere, place: 0 },
+                set: Set::Calibrate,
+            });
+            coupling.push(visit);
+            recorded += 1;
+        }
+    }
+    let time = (0..count).map(|k| k as f64 / (count - 1) as f64).collect();
+    Trial {
+        robot,
+        experiment: Experiment {
+            robot: iiwa7(),
+            tool: iiwa7_tool(),
+            spheres,
+            observations,
+        },
+        course: Course { coupling, time },
+    }
+}
+
+fn sound(seed: u64) -> Trial {
+    measured(seed, &|_, _, _, _, _| ())
+}
+
+fn diagnosed(trial: &Trial) -> Diagnosis {
+    let over = workspace(&trial.experiment.robot, &trial.experiment.tool);
+    diagnose(&trial.experiment, &Options::default(), &trial.course, &over).expect("sound data")
+}
+
+/// Whether the strongest finding, or one that explains the same data, is `wanted`.
+fn named(diagnosis: &Diagnosis, wanted: impl Fn(&Alternative) -> bool, words: &str) -> bool {
+    diagnosis
+        .findings
+        .first()
+        .is_some_and(|f| wanted(&f.alternative) || f.or.iter().any(|w| w.contains(words)))
+}
+
+// Fails if a sound experiment is blamed for anything, or if the expected error is
+// not that of the robots over the workspace.
+#[test]
+fn sound_data_name_nothing_and_the_expected_error_holds() {
+    let seeds = [1, 2, 3, 4];
+    let mut inside = 0;
+    for seed in seeds {
+        let trial = sound(seed);
+        let diagnosis = diagnosed(&trial);
+        assert!(diagnosis.findings.is_empty(), "seed {seed}: {:?}", diagnosis.findings);
+        let over = workspace(&trial.experiment.robot, &trial.experiment.tool);
+        let calibration = identify(&trial.experiment, &Options::default()).expect("sound data");
+        let found: Vec<_> = over.iter().map(|q| calibration.tcp_m(q, None)).collect();
+        let real: Vec<_> = over.iter().map(|q| trial.robot.tcp(q, &[0.0; 7])).collect();
+        let frame = fit_pose(&found, &real).expect("points in space");
+        let errors = found.iter().zip(&real).map(|(a, b)| (frame.point(a) - b).norm());
+        let mean_mm = errors.sum::<f64>() / over.len() as f64 * 1e3;
+        let expected = diagnosis.expected;
+        // The joint noise of a single pose is in the statement and not in `real`.
+        inside += usize::from(mean_mm < expected.interval[1]);
+        assert!(
+            mean_mm > 0.4 * expected.mean && mean_mm < 2.0 * expected.mean,
+            "seed {seed}: {mean_mm} mm against {expected:?}"
+        );
+        let nominal = Chain::unchecked(&trial.experiment.robot, &trial.experiment.tool);
+        let of_nominal = diagnosis.expected_error_of(|q| nominal.pose(q).position);
+        assert!(of_nominal.mean > 3.0 * expected.mean, "{of_nominal:?}");
+        let chance = diagnosis.chance_not_better(|q| calibration.tcp_m(q, None), |q| nominal.pose(q).position);
+        assert!(chance < 0.01, "{chance}");
+    }
+    assert!(inside >= seeds.len() - 1, "{inside} of {}", seeds.len());
+}
+
+// Fails if one coordinate of the certificate that is wrong by 0.2 mm is not named
+// with its size.
+#[test]
+fn a_wrong_coordinate_of_the_certificate_is_named() {
+    for (seed, sphere, axis) in [(11, 0, 0), (12, 2, 1), (13, 1, 0)] {
+        let mut trial = sound(seed);
+        trial.experiment.spheres[sphere].position_m[axis] += 2e-4;
+        let diagnosis = diagnosed(&trial);
+        assert!(
+            named(
+                &diagnosis,
+                |a| matches!(a, Alternative::Certificate { .. }),
+                "certificate"
+            ),
+            "seed {seed}: {:?}",
+            diagnosis.findings
+        );
+        let found = &diagnosis.findings[0];
+        assert!(found.sigma > 0.0 && found.harm_mm > 0.0 && !found.next.is_empty() && !found.rows.is_empty());
+    }
+}
+
+// Fails if a certificate whose distances are all too long by 3.3 in a thousand passes.
+#[test]
+fn a_wrong_scale_of_the_certificate_is_named() {
+    let mut trial = sound(21);
+    for sphere in &mut trial.experiment.spheres {
+        sphere.position_m = sphere.position_m.map(|x| x * 1.0033);
+    }
+    let diagnosis = diagnosed(&trial);
+    let found = diagnosis.findings.first().expect("the scale is wrong");
+    assert_eq!(found.alternative, Alternative::CertificateScale, "{found:?}");
+    assert!((found.size - 3.3).abs() < 3.0 * found.sigma.max(0.4), "{found:?}");
+}
+
+// Fails if a slip of the plate by 0.3 mm half way is not named with size and instant.
+#[test]
+fn a_slip_of_the_plate_is_named() {
+    let trial = measured(31, &|time, _, _, sphere, _| {
+        if time > 0.5 {
+            sphere.x += 3e-4;
+        }
+    });
+    let diagnosis = diagnosed(&trial);
+    let found = diagnosis.findings.first().expect("the plate slipped");
+    let Alternative::Slip { time, .. } = found.alternative else {
+        panic!("{found:?}");
+    };
+    assert!((time - 0.5).abs() < 0.1, "{found:?}");
+    assert!((found.size - 0.3).abs() < 4.0 * found.sigma.max(0.02), "{found:?}");
+    assert!(found.rows.iter().all(|r| *r >= 60), "{:?}", found.rows);
+}
+
+// Fails if a sphere that moved by 0.5 mm between two couplings is not named.
+#[test]
+fn a_sphere_that_moved_is_named() {
+    let trial = measured(41, &|_, id, visit, sphere, _| {
+        if id == 1 && visit >= 2 {
+            sphere.y += 5e-4;
+        }
+    });
+    let diagnosis = diagnosed(&trial);
+    let moved = |a: &Alternative| matches!(a, Alternative::SphereMoved { sphere: 1, .. });
+    assert!(named(&diagnosis, moved, "sphere 1 moved"), "{:?}", diagnosis.findings);
+}
+
+// Fails if a single coupling that is 0.3 mm off is not named.
+#[test]
+fn a_coupling_that_is_off_is_named() {
+    let trial = measured(51, &|_, _, visit, sphere, _| {
+        if visit == 2 {
+            *sphere += Vector3::new(2e-4, -2e-4, 1e-4);
+        }
+    });
+    let diagnosis = diagnosed(&trial);
+    let off = |a: &Alternative| matches!(a, Alternative::Seat { coupling: 2 });
+    assert!(named(&diagnosis, off, "coupling 3"), "{:?}", diagnosis.findings);
+}
+
+// Fails if a jump of 1 mrad or a drift of 2 mrad of one encoder is not named with its
+// joint.
+#[test]
+fn an_encoder_that_jumps_or_drifts_is_named() {
+    let jumped = measured(61, &|time, _, _, _, encoders| {
+        if time > 0.5 {
+            encoders[2] += 1e-3;
+        }
+    });
+    let diagnosis = diagnosed(&jumped);
+    let step = |a: &Alternative| matches!(a, Alternative::EncoderStep { joint: 2, .. });
+    assert!(named(&diagnosis, step, "encoder 3 jumped"), "{:?}", diagnosis.findings);
+    let drifted = measured(62, &|time, _, _, _, encoders| encoders[3] += 2e-3 * time);
+    let diagnosis = diagnosed(&drifted);
+    let drift = |a: &Alternative| matches!(a, Alternative::EncoderDrift { joint: 3 });
+    assert!(
+        named(&diagnosis, drift, "encoder 4 drifted"),
+        "{:?}",
+        diagnosis.findings
+    );
+}
+
+// Fails if 12 rows on one sphere are said to give a robot that is surely better than
+// the nominal one.
+#[test]
+fn few_rows_on_one_sphere_do_not_look_like_a_calibration() {
+    let trial = sound(71);
+    let full = diagnosed(&trial);
+    let mut few = sound(71);
+    few.experiment.observations.truncate(12);
+    few.course.coupling.truncate(12);
+    few.course.time.truncate(12);
+    let diagnosis = diagnosed(&few);
+    assert!(
+        diagnosis.expected.mean > 3.0 * full.expected.mean,
+        "{:?} against {:?}",
+        diagnosis.expected,
+        full.expected
+    );
+}
+
+// Fails if data of an arm whose link is 20 mm longer pass as those of the arm described.
+#[test]
+fn another_robots_data_are_noticed() {
+    let mut trial = sound(81);
+    trial.experiment.robot.joints[4].mdh.d += 0.02;
+    let diagnosis = diagnosed(&trial);
+    let moved = diagnosis.moved.expect("lengths have priors");
+    assert!(moved.sigmas > 10.0, "{moved:?}");
+}
