@@ -183,7 +183,7 @@ fn mistakes(good: &str) -> Vec<Mistake> {
             "metres as millimetres, far from the tracker",
             column(6, &|x| (3000.0 + x * 1e-3).to_string())
                 .lines()
-                .map(|l| l.to_owned())
+                .map(std::borrow::ToOwned::to_owned)
                 .enumerate()
                 .map(|(n, l)| {
                     let mut c: Vec<String> = l.split(',').map(str::to_owned).collect();

@@ -199,13 +199,13 @@ mod tests {
             ("cell.plate.spheres_m is 9", |c| c.plate.spheres_m = vec![[0.0; 3]; 9]),
             ("cell.plate.spheres_m is NaN", |c| c.plate.spheres_m[1][2] = f64::NAN),
             ("cell.plate.certificate_sigma_m is -1", |c| {
-                c.plate.certificate_sigma_m = -1.0
+                c.plate.certificate_sigma_m = -1.0;
             }),
             ("cell.plate.sphere_radius_m is 25.4", |c| c.plate.sphere_radius_m = 25.4),
             ("cell.plate.surface_below_m is 0.02", |c| c.plate.surface_below_m = 0.02),
             ("cell.placements is 0", |c| c.placements.clear()),
             ("cell.placements.origin_m is 470", |c| {
-                c.placements[0].origin_m[0] = 470.0
+                c.placements[0].origin_m[0] = 470.0;
             }),
             ("cell.placements.rpy_rad is 150", |c| c.placements[0].rpy_rad[2] = 150.0),
         ];

@@ -106,7 +106,7 @@ impl Open {
 
 /// A listener that keeps the bounds of this module.
 pub(crate) struct Listener {
-    listener: TcpListener,
+    socket: TcpListener,
     open: Arc<Open>,
     /// Ends with the listener.
     sweeper: tokio::task::JoinHandle<()>,
@@ -124,7 +124,7 @@ impl Listener {
             }
         });
         Self {
-            listener,
+            socket: listener,
             open,
             sweeper,
         }
@@ -133,7 +133,7 @@ impl Listener {
     /// The next connection. A failed accept is repeated.
     pub(crate) async fn next(&self) -> (Connection, SocketAddr) {
         loop {
-            match self.listener.accept().await {
+            match self.socket.accept().await {
                 Ok((stream, peer)) => {
                     // Without this option small messages are delayed, but still arrive.
                     let _ = stream.set_nodelay(true);
@@ -196,7 +196,7 @@ impl axum::serve::Listener for Listener {
     }
 
     fn local_addr(&self) -> io::Result<SocketAddr> {
-        self.listener.local_addr()
+        self.socket.local_addr()
     }
 }
 

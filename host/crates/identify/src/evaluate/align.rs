@@ -301,7 +301,7 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Nominal
     let chosen = experiment.observations.iter().filter(calibrating).filter(|o| {
         let frame = numbers.get(&reference_of(&o.target)).copied().unwrap_or_default();
         seen[frame] += 1;
-        (seen[frame] - 1) % stride == 0
+        (seen[frame] - 1).is_multiple_of(stride)
     });
     let problem = Problem {
         items: chosen.map(item).collect(),

@@ -66,7 +66,7 @@ pub(super) fn thinned(experiment: &Experiment, rows: &[usize], most: usize) -> V
         };
         let count = seen.entry((reference_of(target), sphere)).or_default();
         *count += 1;
-        (*count - 1) % step == 0
+        (*count - 1).is_multiple_of(step)
     });
     keep
 }

@@ -138,7 +138,7 @@ fn read(
             });
         }
         reader.push(&splitter, cells, places)?;
-        if reader.row % REPORTED == 0 {
+        if reader.row.is_multiple_of(REPORTED) {
             progress(Progress {
                 rows: reader.row,
                 bytes: lines.bytes(),

@@ -4,7 +4,7 @@
 //! `x [mm]` is `x_mm`. Every column is known, mapped by the robot's joint names or
 //! by the caller, or ignored because the caller says so; any other is refused.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::error::InputError;
 use crate::excerpt;
@@ -252,8 +252,8 @@ fn check_joint_columns(format: &TableFormat) -> Result<(), InputError> {
             format!("name the columns of all {} joints, base to flange", format.joints),
         ));
     }
-    let mut seen = HashMap::new();
-    match names.iter().find(|name| seen.insert(plain(name), ()).is_some()) {
+    let mut seen = HashSet::new();
+    match names.iter().find(|name| !seen.insert(plain(name))) {
         Some(name) => Err(refuse(
             format!("\"{}\"", excerpt(name)),
             "stands twice: give each joint a column of its own".to_owned(),

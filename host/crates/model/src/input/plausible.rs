@@ -90,7 +90,7 @@ fn radians_as_degrees(table: &Table, header: &Header) -> Result<(), InputError> 
         .iter()
         .position(|q| q.to_degrees().abs() == largest)
         .unwrap_or_default();
-    if largest > TURN_RAD || largest < 0.5 {
+    if !(0.5..=TURN_RAD).contains(&largest) {
         return Ok(());
     }
     let (k, joint) = (at / table.joints.max(1), at % table.joints.max(1));
@@ -125,7 +125,7 @@ fn metres_as_millimetres(table: &Table, header: &Header) -> Result<(), InputErro
         largest = largest.max(value.abs() * 1e3);
     }
     // All zero is one point in its own frame; a robot's workspace is wider than 10 mm.
-    if largest > 10.0 || largest < 0.05 {
+    if !(0.05..=10.0).contains(&largest) {
         return Ok(());
     }
     Err(refuse(

@@ -136,12 +136,11 @@ fn triple(path: &str, field: impl Fn() -> String, text: &str, largest: f64) -> R
     let mut out = [0.0; 3];
     let mut words = text.split_whitespace();
     for slot in &mut out {
-        *slot = match words.next() {
-            Some(word) => number(path, &field, word)?,
-            None => {
-                let remedy = "write three numbers separated by spaces";
-                return Err(value_error(path, field(), text, remedy));
-            }
+        *slot = if let Some(word) = words.next() {
+            number(path, &field, word)?
+        } else {
+            let remedy = "write three numbers separated by spaces";
+            return Err(value_error(path, field(), text, remedy));
         };
         if slot.abs() > largest {
             let remedy = format!("write numbers of at most {largest}: lengths are in m, angles in rad");

@@ -287,12 +287,11 @@ pub(super) fn draw_compliance<const N: usize>(config: &PlantConfig) -> [f64; N] 
     let c = &config.compliance;
     let mut rng = stream(config.seed, Stream::Compliance);
     core::array::from_fn(|i| {
-        let drawn = match c.joints_rad_per_nm.get(i) {
-            Some(range) => between(&mut rng, *range),
-            None => {
-                let factor = between(&mut rng, [1.0 - c.spread, 1.0 + c.spread]);
-                c.joint_rad_per_nm * factor
-            }
+        let drawn = if let Some(range) = c.joints_rad_per_nm.get(i) {
+            between(&mut rng, *range)
+        } else {
+            let factor = between(&mut rng, [1.0 - c.spread, 1.0 + c.spread]);
+            c.joint_rad_per_nm * factor
         };
         let stiffness = config.elasticity.stiffness_nm_rad;
         if config.elasticity.enabled && stiffness > 0.0 {
