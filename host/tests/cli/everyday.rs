@@ -145,7 +145,7 @@ fn a_run_is_exported_as_tables() {
     let output = spherecal(folder.path(), &["export", "--csv", "--run", "7", "--out", "a"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(
-        text(&output.stderr).contains("give one from 1 to 1"),
+        text(&output.stderr).contains("give a number from 1 to 1"),
         "{}",
         text(&output.stderr)
     );

@@ -111,7 +111,7 @@ fn bad_input_is_refused_by_name() {
     );
     config(
         "[procedure.couple]\nhold = 4\n",
-        &["unknown field `hold`", "config --print"],
+        &["line 2", "`hold` is not known here", "config --print"],
     );
     config("[cell.plate]\nspheres_m = []\n", &["cell.plate.spheres_m is 0"]);
     config(

@@ -170,7 +170,7 @@ fn over_a_link_a_person_leads_the_arm() {
     }
     assert!(child.wait().expect("it ends").success(), "{asked:?}");
     assert_eq!(asked.len(), 3);
-    assert!(asked[1].contains("over sphere 2"), "{asked:?}");
+    assert!(asked[1].contains("above sphere 2"), "{asked:?}");
     plant.ended_well();
     let output = spherecal(
         folder.path(),

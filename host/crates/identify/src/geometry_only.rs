@@ -18,8 +18,8 @@ use crate::{
 
 /// Configurations of the workspace that the geometry is fitted at; as many others judge it.
 const CONFIGURATIONS: usize = 200;
-/// What a point is worth (m): far below every prior, so that the points decide.
-const POINT_M: f64 = 1e-6;
+/// Least noise of a point (m), for a model without effects: far below every prior.
+const LEAST_NOISE_M: f64 = 1e-6;
 /// Noise of a joint (rad): so small that all directions of the error count alike.
 const JOINT_RAD: f64 = 1e-9;
 
@@ -56,13 +56,16 @@ pub(crate) fn geometry_only(calibration: &Calibration) -> Result<GeometryOnly, I
         spheres: Vec::new(),
         observations: observations.collect(),
     };
+    let bare = Table::of(&calibration.robot, &calibration.tool, calibration, fitted);
     let options = Options {
         method: Method::Geometry,
         student_t: 0.0,
         base: Some(Pose::default()),
         noise: Noise {
             joint_rad: JOINT_RAD,
-            point_m: POINT_M,
+            // What the effects add to the bare table is noise to a geometry: with less, directions
+            // that hardly move the TCP would be bent to fit it.
+            point_m: bare.rms_m().max(LEAST_NOISE_M),
             estimate: false,
             inflation: 1.0,
             ..Noise::default()
@@ -70,19 +73,49 @@ pub(crate) fn geometry_only(calibration: &Calibration) -> Result<GeometryOnly, I
         ..Options::default()
     };
     let found = crate::identify(&experiment, &options)?;
-    let flange = Flange::new(&found.robot);
-    let tcp = found.tool.tcp();
-    let own: Vec<Vector3<f64>> = judging.iter().map(|q| flange.at(q).point(&tcp)).collect();
-    let full: Vec<Vector3<f64>> = judging.iter().map(|q| calibration.tcp_m(q, None)).collect();
-    let base = fit_pose(&own, &full).unwrap_or_else(Pose::identity);
-    let off: Vec<Vector3<f64>> = own.iter().zip(&full).map(|(a, b)| base.point(a) - b).collect();
-    let apart_mm = off.iter().map(Vector3::norm).sum::<f64>() / off.len().max(1) as f64 * 1e3;
+    let best = Table::of(&found.robot, &found.tool, calibration, judging);
+    let bare = Table::of(&calibration.robot, &calibration.tool, calibration, judging);
+    // Where the effects leave nothing to take up, the table stays as it is.
+    let (robot, tool, table) = if best.mean_mm() < bare.mean_mm() {
+        (found.robot, found.tool, best)
+    } else {
+        (calibration.robot.clone(), calibration.tool, bare)
+    };
     Ok(GeometryOnly {
-        robot: found.robot,
-        tool: found.tool,
-        apart_mm,
-        expected_error_mm: ExpectedError::of(calibration, judging, Some(&off)),
+        robot,
+        tool,
+        apart_mm: table.mean_mm(),
+        expected_error_mm: ExpectedError::of(calibration, judging, Some(&table.off)),
     })
+}
+
+/// A table of links and a tool against the full model.
+struct Table {
+    /// From the full model's TCP to the table's at each configuration, the base aligned (m).
+    off: Vec<Vector3<f64>>,
+}
+
+impl Table {
+    fn of(robot: &Robot, tool: &Tool, full: &Calibration, configurations: &[Vec<f64>]) -> Self {
+        let flange = Flange::new(robot);
+        let tcp = tool.tcp();
+        let own: Vec<Vector3<f64>> = configurations.iter().map(|q| flange.at(q).point(&tcp)).collect();
+        let full: Vec<Vector3<f64>> = configurations.iter().map(|q| full.tcp_m(q, None)).collect();
+        let base = fit_pose(&own, &full).unwrap_or_else(Pose::identity);
+        Self {
+            off: own.iter().zip(&full).map(|(a, b)| base.point(a) - b).collect(),
+        }
+    }
+
+    fn mean_mm(&self) -> f64 {
+        self.off.iter().map(Vector3::norm).sum::<f64>() / self.off.len().max(1) as f64 * 1e3
+    }
+
+    /// Root mean square of one coordinate (m).
+    fn rms_m(&self) -> f64 {
+        let sum: f64 = self.off.iter().map(Vector3::norm_squared).sum();
+        (sum / (3 * self.off.len()).max(1) as f64).sqrt()
+    }
 }
 
 #[cfg(test)]

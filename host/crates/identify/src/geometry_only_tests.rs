@@ -54,3 +54,47 @@ fn geometry_alone_takes_up_the_mean_of_the_effects() {
     let plain = identify(&experiment, &plain).unwrap();
     assert!(plain.geometry_only().unwrap().apart_mm < 1e-3);
 }
+
+// Fails if directions that hardly move the TCP are bent to fit the effects: with the
+// TCP on the last axis a table of any length would do for them.
+#[test]
+fn directions_that_hardly_move_the_tcp_stay_where_they_are() {
+    let robot = iiwa7();
+    let tool = spherecal_shared::robot::Tool {
+        tcp_m: [0.0, 0.0, 0.04],
+        ..iiwa7_tool()
+    };
+    let chain = Chain::unchecked(&robot, &tool);
+    // Effects of several orders and of neighbours, which no table takes up.
+    let yielding = |q: &[f64]| -> Vec<f64> {
+        let next = |j: usize| q[(j + 1) % q.len()];
+        (0..q.len())
+            .map(|j| q[j] - 6e-4 * q[j].cos() - 4e-4 * (2.0 * q[j] + next(j)).sin())
+            .collect()
+    };
+    let observations = halton_configurations(&robot, 200).into_iter().map(|q| Observation {
+        target: Target::Point(chain.tcp_of(&chain.frames(&yielding(&q))).into()),
+        q,
+        tau: None,
+        set: Set::Calibrate,
+    });
+    let experiment = Experiment {
+        robot: robot.clone(),
+        tool,
+        spheres: Vec::new(),
+        observations: observations.collect(),
+    };
+    let full = identify(&experiment, &Options::default()).unwrap();
+    let alone = full.geometry_only().unwrap();
+    for (own, table) in full.robot.joints.iter().zip(&alone.robot.joints) {
+        let (own, table) = (own.mdh, table.mdh);
+        assert!(
+            (own.a - table.a).abs() < 0.02 && (own.d - table.d).abs() < 0.02,
+            "{table:?}"
+        );
+        assert!(
+            (own.alpha - table.alpha).abs() < 0.02 && (own.theta - table.theta).abs() < 0.1,
+            "{table:?}"
+        );
+    }
+}

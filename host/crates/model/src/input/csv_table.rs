@@ -163,8 +163,17 @@ fn read(
     Ok(table)
 }
 
+/// Texts that a spreadsheet writes in place of the result of a formula that failed.
+const FORMULA_ERRORS: [&str; 8] = [
+    "#DIV/0!", "#N/A", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!", "#SPILL!",
+];
+
+/// Whether a line is a comment: it begins with `#`, but not with the error of a
+/// spreadsheet's formula (`#DIV/0!`, `#N/A`), which is a cell and must be refused.
 fn comment(line: &str) -> bool {
-    line.trim_start().starts_with('#')
+    let line = line.trim_start();
+    let first = line.split([',', ';', '\t']).next().unwrap_or_default().trim_end();
+    line.starts_with('#') && !FORMULA_ERRORS.contains(&first)
 }
 
 fn refuse_line(file: &str, line: u64, what: &str, remedy: &str) -> InputError {
