@@ -1,7 +1,7 @@
 //! The external controller of the paper. It sends poses one by one, receives recordings, has them
 //! stored, and handles faults.
 //!
-//! Vocabulary: the *plan* ([`Plan`]) lists what the arm visits: home, and one [`Visit`] per sphere
+//! Vocabulary: the *plan* ([`Plan`]) lists what the arm visits: home, and one [`Visit`](spherecal_plan::Visit) per sphere
 //! with its poses. An *attempt* is one approach to a sphere. The *journal* stores events before
 //! they are acknowledged.
 //!

@@ -1,12 +1,12 @@
 //! Synthetic static experiments: compares estimators on robots whose errors are known.
 //!
 //! Vocabulary. A *world* is a kind of error ([`World`]). A *truth* is one robot drawn from it
-//! ([`Truth`]): geometry, tool, and effects outside any geometric model. A *trial* is what that
+//! ([`TrueCell`](spherecal_sim::plant::TrueCell)): geometry, tool, and effects outside any geometric model. A *trial* is what that
 //! robot would record ([`Trial`]): contacts on the paper's grid of 1,843 reachable poses, laser
 //! points, arcs, and validation points. These are plain data for [`identify`](spherecal_identify);
 //! the truth is kept apart for the judge.
 //!
-//! This module uses neither plant nor controller. It has no dynamics: the arm stands where its
+//! This module uses neither controller nor dynamics: the arm stands where its
 //! errors put it. So one trial takes milliseconds, and a study of hundreds is possible
 //! ([`compare`]).
 //!

@@ -1,7 +1,7 @@
 //! Joint origins as YAML, in and out: the calibration that ROS descriptions load.
 //!
 //! Two forms of vendors and a plain one are read and written, see
-//! [`vendor`](super::vendor). A file holds joint origins only: no masses, no limits.
+//! the module `vendor`. A file holds joint origins only: no masses, no limits.
 //! [`write_offsets_yaml`] writes the differences to the nominal origins, for a
 //! xacro that adds them itself.
 

@@ -103,7 +103,7 @@ impl Default for ReadingConfig {
 /// Delays between controller and joints, and the lag of the actuators.
 ///
 /// The controller sees the newest state that has arrived; the drive holds a command until the next one arrives
-/// ([`super::delay`] says how a part of a tick counts).
+/// (the module `delay` says how a part of a tick counts).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DriveConfig {

@@ -3,7 +3,7 @@
 //!
 //! Each error source has its own random stream, so switching one off does not change the others.
 //!
-//! From an encoder's angle `e` to the link's, joint by joint ([`super::joint`]):
+//! From an encoder's angle `e` to the link's, joint by joint (module `joint`):
 //!
 //! ```text
 //!   gear = e + h(e, other) + scatter          harmonics, gear, smooth and cross-joint errors
