@@ -99,7 +99,7 @@ def arguments(about):
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("port", type=int, help="port on this machine; 0 takes any")
     parser.add_argument("--real-time", action="store_true", help="by the clock, without waiting for commands")
-    parser.add_argument("--once", action="store_true", help="end when the first controller has gone")
+    parser.add_argument("--once", action="store_true", help="end when the first controller disconnects")
     return parser
 
 
@@ -128,7 +128,7 @@ def serve(arm, limits, args):
         connection.close()
         arm.brake()
         tick += 1
-        print(f"a controller has gone at tick {tick}; {wire.damaged} damaged frames", flush=True)
+        print(f"a controller disconnected at tick {tick}; {wire.damaged} damaged frames", flush=True)
         if args.once:
             return
 

@@ -229,7 +229,7 @@ fn a_drive_that_does_not_fit_is_refused_with_a_remedy() {
         changed(&|h| {
             h.limits.pop();
         }),
-        &["6 joints", "the robot 7", "choose the robot"],
+        &["6 joints", "the robot has 7", "choose the robot"],
     );
     expect(
         changed(&|h| h.period_us = 20_000),

@@ -256,7 +256,7 @@ fn a_full_disk_is_told_and_costs_nothing() {
         let number = i64::from(pose);
         if let Err(error) = store.append(1, &[placed(1, number, &late)]) {
             assert!(matches!(error, StoreError::Full { .. }), "{error}");
-            assert!(error.to_string().contains("room"), "{error}");
+            assert!(error.to_string().contains("free space"), "{error}");
             refused += 1;
         }
     }

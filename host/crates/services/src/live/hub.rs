@@ -309,7 +309,9 @@ mod tests {
         let (known, _) = hub.listen().expect("open");
         assert_eq!(known.len(), 1 + NOTES + 1);
         assert!(
-            known.last().is_some_and(|text| text.contains("without a word")),
+            known
+                .last()
+                .is_some_and(|text| text.contains("disconnected without a result")),
             "{known:?}"
         );
         hub.close();
