@@ -411,7 +411,7 @@ fn mistakes(good: &str) -> Vec<Mistake> {
             ROBOT_TOML,
             "a robot's field misspelt",
             "bad.toml",
-            toml.replacen("alpha", "alfa", 1),
+            toml.replacen("alpha =", "alfa =", 1),
             &["`alfa` is not known here", "`alpha`"],
         ),
         with(
@@ -419,7 +419,7 @@ fn mistakes(good: &str) -> Vec<Mistake> {
             "limits the wrong way round",
             "bad.toml",
             toml.replacen("min_rad = -6", "min_rad = 9", 1),
-            &["bad.toml: joint 1: limits"],
+            &["bad.toml: joint 1: max_rad"],
         ),
         with(
             ROBOT_URDF,
