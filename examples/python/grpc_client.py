@@ -7,7 +7,7 @@
 
 It asks the robot what it is, moves it over the first sphere of the plan,
 approaches, records each pose, lets go, goes home, and prints one line of JSON
-for each recording. Messages and their units: host/proto/spherecal/v1/spherecal.proto.
+for each recording. Messages and their units: host/crates/services/proto/spherecal/v1/spherecal.proto.
 """
 
 import json
@@ -17,7 +17,7 @@ import sys
 
 import grpc
 
-PROTO = pathlib.Path(__file__).resolve().parents[2] / "host" / "proto"
+PROTO = pathlib.Path(__file__).resolve().parents[2] / "host" / "crates" / "services" / "proto"
 sys.path.insert(0, str(PROTO))
 protos, services = grpc.protos_and_services("spherecal/v1/spherecal.proto")
 
