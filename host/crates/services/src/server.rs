@@ -126,6 +126,7 @@ impl Drop for Server {
 
 /// Serves the page, and nothing else, until it is stopped.
 #[cfg(not(feature = "grpc"))]
+#[expect(clippy::unused_async, reason = "the form of the function that serves gRPC too")]
 async fn serve(
     listener: TcpListener,
     guard: Guard,
