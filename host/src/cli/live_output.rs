@@ -41,6 +41,7 @@ impl LiveOutput {
                 report: Some(stored_reports()),
                 ..Page::default()
             };
+            #[allow(clippy::needless_update, reason = "without gRPC a page is all that is offered")]
             let offer = Offer {
                 page: Some((page, false)),
                 ..Offer::default()
