@@ -5,11 +5,14 @@ use std::process::Command;
 
 use spherecal_tests::qemu::image;
 
-/// The program, built from the sources as they are now.
+/// The program with all its features, built from the sources as they are now.
+///
+/// The build is that of the test `cli`, of the whole workspace: a build of the
+/// program alone would leave its features out, and compile for minutes.
 fn program() -> String {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let built = Command::new(env!("CARGO"))
-        .args(["build", "--quiet", "--package", "spherecal", "--bin", "spherecal"])
+        .args(["test", "--workspace", "--no-run", "--quiet", "--test", "cli"])
         .args(["--message-format", "json"])
         .current_dir(root)
         .output()
@@ -18,7 +21,9 @@ fn program() -> String {
     let text = String::from_utf8(built.stdout).expect("text");
     text.lines()
         .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
-        .find_map(|line| line.get("executable")?.as_str().map(str::to_owned))
+        .filter(|artifact| artifact["target"]["kind"] == serde_json::json!(["bin"]))
+        .filter(|artifact| artifact["target"]["name"] == "spherecal")
+        .find_map(|artifact| artifact["executable"].as_str().map(str::to_owned))
         .expect("an executable")
 }
 
