@@ -89,7 +89,9 @@ fn the_hand_leads_the_arm_over_every_sphere() {
             continue;
         }
         // From there the run touches every sphere at the first attempt.
-        waypoints.apply(&mut prepared).expect("its own waypoints");
+        waypoints
+            .apply(&prepared.robot, &prepared.tool, &mut prepared.plan)
+            .expect("its own waypoints");
         let plan = prepared.plan.clone();
         assert_eq!(plan.spheres[0].approach.joints, waypoints.waypoint[0].joints_rad);
         let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &plan.home.joints)
@@ -134,14 +136,19 @@ fn waypoints_that_cannot_be_meant_are_refused() {
     let refused = |change: &dyn Fn(&mut TaughtWaypoints), words: &[&str]| {
         let mut changed = good.clone();
         change(&mut changed);
-        let error = changed.apply(&mut prepared.clone()).expect_err("refused");
+        let error = changed
+            .apply(&prepared.robot, &prepared.tool, &mut prepared.plan.clone())
+            .expect_err("refused");
         assert!(error.is_input());
         let said = error.to_string();
         for word in words {
             assert!(said.contains(word), "does not say \"{word}\": {said}");
         }
     };
-    assert!(good.apply(&mut prepared.clone()).is_ok());
+    assert!(
+        good.apply(&prepared.robot, &prepared.tool, &mut prepared.plan.clone())
+            .is_ok()
+    );
     refused(
         &|w| w.robot = "panda".to_owned(),
         &["taught with \"panda\"", "\"iiwa7\"", "with this robot"],
