@@ -213,7 +213,7 @@ pub fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device
             let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
             check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
             if !drive.hello().lock_step {
-                return Ok(Some(Box::new(Threaded::start(drive, joints)?)));
+                return Ok(Some(Box::new(Threaded::start(Box::new(drive), joints)?)));
             }
             let controller = controller_in_process(joints)?;
             Ok(Some(Box::new(LocalDevice::new(controller, Box::new(drive), joints)?)))
