@@ -25,6 +25,7 @@ mod plan;
 mod progress;
 mod reports;
 mod robot;
+mod robot_sides;
 mod run;
 mod serve;
 mod servers;

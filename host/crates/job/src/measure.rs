@@ -95,7 +95,7 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
-        procedure: &prepared.procedure()?,
+        procedure: &site.link.adapt(prepared.procedure()?),
         plan,
         done: &done,
         seated: &seated,

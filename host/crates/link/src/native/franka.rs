@@ -230,7 +230,11 @@ impl FrankaDrive {
 
     /// Asks for the error recovery once the reflex has lasted for a while.
     fn recover(&mut self) -> Result<(), ClientError> {
-        let Some(client) = self.client.as_mut().filter(|_| self.state.robot_mode == RobotMode::Reflex) else {
+        let Some(client) = self
+            .client
+            .as_mut()
+            .filter(|_| self.state.robot_mode == RobotMode::Reflex)
+        else {
             self.reflex = None;
             return Ok(());
         };

@@ -110,6 +110,9 @@ mod tests {
             assert!((exact..=1.25 * exact + 1.0).contains(&found), "{share}: {found}");
         }
         assert_eq!((histogram.max_us(), histogram.count()), (1000, 1000));
-        assert_eq!(histogram.bins().map(|(_, _, count)| u64::from(count)).sum::<u64>(), 1000);
+        assert_eq!(
+            histogram.bins().map(|(_, _, count)| u64::from(count)).sum::<u64>(),
+            1000
+        );
     }
 }

@@ -25,7 +25,7 @@ use std::time::Duration;
 pub use event::DriveEvent;
 pub use franka::{FrankaDrive, FrankaOptions, collision_behavior};
 pub use histogram::Histogram;
-pub use kuka::{KukaDrive, KukaOptions};
+pub use kuka::{KukaDrive, KukaError, KukaOptions};
 pub use monitor::{DriveRecord, Monitor};
 
 /// Joints of every arm with such an interface.
