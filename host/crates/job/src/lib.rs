@@ -13,6 +13,7 @@
 mod bound;
 mod config;
 mod document;
+mod drive_timing;
 mod error;
 mod evaluate;
 mod host_faults;
@@ -33,6 +34,7 @@ mod write;
 
 pub use bound::bound_options;
 pub use config::{CampaignSection, CellSection, Choice, Config, ConfigError, LaserSection, PlanSection, ToolSection};
+pub use drive_timing::{Bin, DriveTiming, Spread};
 pub use error::JobError;
 pub use evaluate::{Measurements, evaluate};
 pub use host_faults::file_lock;
