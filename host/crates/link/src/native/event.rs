@@ -5,6 +5,8 @@ use std::time::Duration;
 /// Something that a person should know of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DriveEvent {
+    /// How the controller's thread is scheduled.
+    Scheduled(spherecal_realtime::Granted),
     /// The robot accepts torques from now on.
     Started,
     /// A Franka robot ended the motion: a reflex, the user stop, a safety function.
@@ -37,6 +39,7 @@ pub enum DriveEvent {
 impl std::fmt::Display for DriveEvent {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
+            Self::Scheduled(granted) => granted.fmt(f),
             Self::Started => f.write_str("the robot accepts torques"),
             Self::FrankaEnded(end) => end.fmt(f),
             Self::FrankaNotReady { mode, errors } => {

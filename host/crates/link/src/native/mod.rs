@@ -19,6 +19,7 @@ mod franka;
 mod histogram;
 mod kuka;
 mod monitor;
+mod wake_ups;
 
 use std::time::Duration;
 
@@ -27,6 +28,7 @@ pub use franka::{FrankaDrive, FrankaOptions, collision_behavior};
 pub use histogram::Histogram;
 pub use kuka::{KukaDrive, KukaError, KukaOptions};
 pub use monitor::{DriveRecord, Monitor};
+pub use wake_ups::WakeUps;
 
 /// Joints of every arm with such an interface.
 pub const JOINTS: usize = 7;

@@ -57,6 +57,12 @@ impl Monitor {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).record
     }
 
+    /// Adds an event of the thread that runs the drive, before its loop.
+    pub(crate) fn announce(&self, event: DriveEvent) {
+        let mut shared = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        shared.events.push_back(event);
+    }
+
     /// The oldest event that was not read yet.
     pub fn next_event(&self) -> Option<DriveEvent> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).events.pop_front()

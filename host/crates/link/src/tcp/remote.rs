@@ -10,7 +10,7 @@ use spherecal_shared::protocol::drive::DriveHello;
 use super::controller_server::{Turns, serve_hosts};
 use super::wire::Wire;
 use super::{TcpError, listen};
-use crate::native::Monitor;
+use crate::native::{DriveEvent, Monitor};
 use crate::{Device, Drive, LinkError, LocalDevice, check_hello, controller_in_process};
 
 /// How long a controller may take for one period, drive included.
@@ -106,7 +106,8 @@ impl Device for Remote {
 }
 
 /// A controller in a thread of this process, for a drive in real time. Slow work of the host (a
-/// database, a screen) then never delays a tick.
+/// database, a screen) then never delays a tick. For a robot's own interface it is a real-time
+/// thread, as far as the system permits.
 pub struct Threaded {
     remote: Option<Remote>,
     thread: Option<JoinHandle<Result<(), LinkError>>>,
@@ -122,9 +123,15 @@ impl Threaded {
         let monitor = drive.monitor();
         let mut cell = LocalDevice::new(controller_in_process(joints)?, drive, joints)?;
         let (listener, address) = listen("0")?;
+        let native = monitor.clone();
         let thread = std::thread::Builder::new()
             .name("controller".to_owned())
-            .spawn(move || serve_hosts(&mut cell, &listener, true))
+            .spawn(move || {
+                if let Some(monitor) = native {
+                    monitor.announce(DriveEvent::Scheduled(spherecal_realtime::enter()));
+                }
+                serve_hosts(&mut cell, &listener, true)
+            })
             .map_err(|source| LinkError::Transport {
                 link: "the controller's thread".to_owned(),
                 source,
