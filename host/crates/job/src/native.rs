@@ -1,6 +1,8 @@
 //! Robots that are driven over their own interface: which one, with which settings, and simulated
 //! ones for the other side.
 
+use std::time::Duration;
+
 use spherecal_fci::client as fci;
 use spherecal_fri::client as fri;
 use spherecal_link::native::{FrankaDrive, FrankaOptions, KukaDrive, KukaOptions, collision_behavior};
@@ -38,9 +40,14 @@ impl Link {
     }
 }
 
+/// How long a robot may be silent before the drive reports it. Nothing can be commanded without a
+/// state, and the robot's own clock says how many periods were missed.
+const SILENCE: Duration = Duration::from_millis(500);
+
 fn franka(host: &str, port: u16) -> fci::Config {
     fci::Config {
         port,
+        state_timeout: SILENCE,
         ..fci::Config::new(host)
     }
 }
@@ -60,6 +67,7 @@ pub fn drive(model: &RobotModel, procedure: &Procedure, link: &Link) -> Result<B
         Link::Fri(address) => {
             let mut config = fri::Config::new(fri::Limits::IIWA_7);
             config.address = *address;
+            config.timeout = SILENCE;
             Ok(Box::new(KukaDrive::listen(&KukaOptions {
                 config,
                 torque_rate: procedure.law.torque_rate_nm_s,
