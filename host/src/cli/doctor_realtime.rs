@@ -45,7 +45,9 @@ impl RealTime {
     /// Measures for `seconds`.
     pub(super) fn measure(seconds: f64) -> Result<Self, CliError> {
         if !(0.1..=3600.0).contains(&seconds) {
-            return Err(CliError::input(format!("--realtime={seconds}: give 0.1 to 3600 seconds")));
+            return Err(CliError::input(format!(
+                "--realtime={seconds}: give 0.1 to 3600 seconds"
+            )));
         }
         let found = WakeUps::measure(Duration::from_secs_f64(seconds)).map_err(CliError::job)?;
         let late = &found.lateness;

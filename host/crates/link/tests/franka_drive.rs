@@ -72,7 +72,9 @@ impl Held {
 
     fn step(&mut self) {
         let command = self.command();
-        self.drive.exchange(Some(&command), &mut self.state).expect("the link lives");
+        self.drive
+            .exchange(Some(&command), &mut self.state)
+            .expect("the link lives");
         let monitor = self.drive.monitor().expect("a monitor");
         while let Some(event) = monitor.next_event() {
             self.events.push(event);
@@ -124,7 +126,10 @@ fn the_arm_is_held_and_every_period_has_its_tick() {
         assert!(record.cycles >= 900 && record.stops == 0, "{record:?}");
         drop(held);
         let seen = side.shut_down();
-        assert!((seen.load_kg - 0.7).abs() < 1e-9 && seen.commands_after_stop == 0, "{seen:?}");
+        assert!(
+            (seen.load_kg - 0.7).abs() < 1e-9 && seen.commands_after_stop == 0,
+            "{seen:?}"
+        );
     }
 }
 
@@ -178,7 +183,11 @@ fn a_restarted_robot_is_found_again() {
     side.shut_down();
     let last = held.state.tick;
     held.until("the loss", |h| h.drive.version().is_none());
-    assert!(held.state.tick <= last + 2, "no state came, so no tick may pass: {} {last}", held.state.tick);
+    assert!(
+        held.state.tick <= last + 2,
+        "no state came, so no tick may pass: {} {last}",
+        held.state.tick
+    );
     let config = RobotConfig {
         address,
         ..RobotConfig::for_tests(Version::V10)
@@ -209,7 +218,9 @@ fn the_loop_allocates_nothing() {
                 tau,
                 enable: true,
             };
-            held.drive.exchange(Some(&command), &mut held.state).expect("the link lives");
+            held.drive
+                .exchange(Some(&command), &mut held.state)
+                .expect("the link lives");
         }
     });
     assert_eq!(held.state.status, DriveStatus::Ready);

@@ -66,7 +66,10 @@ fn cabinet(sign: f64, share: f64) -> (CabinetSide, SocketAddr) {
         measured_sign: sign,
         ..CabinetConfig::new()
     };
-    (CabinetSide::start(config, Box::new(Iiwa::new(share))).expect("a cabinet"), client)
+    (
+        CabinetSide::start(config, Box::new(Iiwa::new(share))).expect("a cabinet"),
+        client,
+    )
 }
 
 fn listen(address: SocketAddr) -> Result<KukaDrive, LinkError> {
@@ -116,20 +119,15 @@ fn run(
 fn the_sign_is_found_and_the_arm_is_held() {
     for (sign, found) in [(1.0, TorqueSign::OfActuator), (-1.0, TorqueSign::OfLink)] {
         let (side, client) = cabinet(sign, 1.0);
-        side.controls().command.store(true, Ordering::Relaxed);
         let mut drive = listen(client).expect("a cabinet");
         assert_eq!(drive.hello().torque_sign, found);
         assert!(drive.hello().compensates_gravity && !drive.hello().lock_step);
         let (mut state, mut events) = (DriveState::default(), Vec::new());
         drive.exchange(None, &mut state).expect("a state");
-        let toggled = Instant::now();
+        side.controls().command.store(true, Ordering::Relaxed);
         run(&mut drive, &mut state, &mut events, |_, events| {
-            // The application starts its motion again if nobody answered the first.
-            let on = toggled.elapsed().as_millis() % 600 > 50 || events.contains(&DriveEvent::Started);
-            side.controls().command.store(on, Ordering::Relaxed);
             events.contains(&DriveEvent::Started)
         });
-        side.controls().command.store(true, Ordering::Relaxed);
         let start = state.q.clone();
         let at = start.clone();
         let mut tick = state.tick;
@@ -183,6 +181,8 @@ fn a_safety_stop_is_an_emergency_stop() {
 #[test]
 fn a_sign_that_cannot_be_told_is_refused() {
     let (_side, client) = cabinet(1.0, 0.0);
-    let Err(error) = listen(client) else { panic!("a sign was guessed") };
+    let Err(error) = listen(client) else {
+        panic!("a sign was guessed")
+    };
     assert!(error.to_string().contains("stretched forwards"), "{error}");
 }
