@@ -67,7 +67,7 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
     let side = RobotSide::start(side, Box::new(arm))
         .map_err(|error| CliError::input(format!("cannot listen at {asked}: {error}; is another robot running?")))?;
     announce(&format!(
-        "Franka Control Interface, version {number} ({}), on {}",
+        "Franka Control Interface, version {number} ({}), on franka:{}",
         config.robot,
         side.address()
     ));
@@ -109,7 +109,10 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     let interrupt = interrupt()?;
     let side = CabinetSide::start(side, Box::new(arm))
         .map_err(|error| CliError::job(format!("cannot send to {client}: {error}")))?;
-    announce(&format!("Fast Robot Interface ({}), sending to {client}", config.robot));
+    announce(&format!(
+        "Fast Robot Interface ({}), sending to fri:{client}",
+        config.robot
+    ));
     // The application: a person confirms each motion at once.
     side.controls().command.store(true, Ordering::Relaxed);
     let mut without_motion = Instant::now();
