@@ -9,7 +9,7 @@
 mod linux;
 
 /// Priority of the real-time thread, 1 to 99: above ordinary threads and most interrupts of a
-/// PREEMPT_RT kernel (50).
+/// `PREEMPT_RT` kernel (50).
 pub const PRIORITY: i32 = 80;
 /// Stack that is touched before the loop, in bytes.
 const STACK: usize = 256 * 1024;
@@ -50,6 +50,7 @@ impl std::fmt::Display for Granted {
 }
 
 /// Makes the calling thread a real-time thread. Call it once, at the thread's start.
+#[must_use]
 pub fn enter() -> Granted {
     touch_stack();
     #[cfg(target_os = "linux")]
@@ -64,6 +65,7 @@ pub fn enter() -> Granted {
 
 /// Writes to the stack, so that the loop meets no page fault there.
 #[inline(never)]
+#[allow(clippy::large_stack_arrays, reason = "the stack is what is to be touched")]
 fn touch_stack() {
     let mut stack = [0_u8; STACK];
     for byte in stack.iter_mut().step_by(PAGE) {
