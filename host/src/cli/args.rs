@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use spherecal_job::{self as job, Config, JobError, Link, Prepared, Waypoints};
+use spherecal_job::{self as job, Config, JobError, Link, Prepared, TaughtWaypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation};
 
@@ -158,7 +158,8 @@ impl RunArgs {
     pub fn prepare(&self) -> Result<Prepared, JobError> {
         let mut prepared = job::prepare(&self.configuration()?)?;
         if let Some(path) = &self.waypoints {
-            Waypoints::read(path)?.apply(&mut prepared)?;
+            let waypoints = TaughtWaypoints::read(path)?;
+            waypoints.apply(&prepared.robot, &prepared.tool, &mut prepared.plan)?;
         }
         Ok(prepared)
     }

@@ -30,6 +30,7 @@ pub mod study;
 mod summary;
 mod teach;
 mod tracker;
+mod waypoints;
 mod write;
 
 pub use bound::bound_options;
@@ -48,6 +49,7 @@ pub use run_report::run_report;
 pub use spherecal_identify::{Evaluation, Verdict};
 pub use stored::{StoredReport, contact_traces, put_contact_traces, stored_report};
 pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, expected_words, summarise};
-pub use teach::{TaughtWaypoint, Waypoints, teach};
+pub use teach::teach;
 pub use tracker::simulated_tracker;
+pub use waypoints::{TaughtWaypoint, TaughtWaypoints};
 pub use write::{Files, write};

@@ -4,7 +4,8 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::{Config, JobError, Waypoints};
+use super::waypoints::TaughtWaypoints;
+use super::{Config, JobError};
 use spherecal_identify::Sphere;
 use spherecal_link::Drive;
 use spherecal_model::chain::Chain;
@@ -55,7 +56,14 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
     if taught.is_empty() {
         plan::teach(&mut plan, &chain, config.campaign.taught_error_m, config.seed);
     }
-    let mut prepared = Prepared {
+    if !taught.is_empty() {
+        let waypoints = TaughtWaypoints {
+            robot: model.robot.name.to_string(),
+            waypoint: taught.clone(),
+        };
+        waypoints.apply(&model.robot, &tool, &mut plan)?;
+    }
+    Ok(Prepared {
         config: config.clone(),
         robot: model.robot.clone(),
         model,
@@ -63,15 +71,7 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         spheres: cell.spheres,
         plan,
         plant,
-    };
-    if !taught.is_empty() {
-        let waypoints = Waypoints {
-            robot: prepared.robot.name.to_string(),
-            waypoint: taught.clone(),
-        };
-        waypoints.apply(&mut prepared)?;
-    }
-    Ok(prepared)
+    })
 }
 
 /// Adds a reachable placement to the error of a plate that is out of reach.
