@@ -25,7 +25,8 @@ pub struct RunArgs {
     pub paper: bool,
     /// Connection to controller and arm. sim: both simulated in this program. qemu: controller on
     /// an emulated board. serial:DEVICE or serial:DEVICE@BAUD: a controller board. tcp:HOST:PORT: a
-    /// drive (simulator or gateway). controller:HOST:PORT: `spherecal controller`. grpc:HOST:PORT
+    /// drive (simulator or gateway). franka:HOST: a Panda or FR3. fri:PORT: a KUKA LBR that sends to
+    /// this port. controller:HOST:PORT: `spherecal controller`. grpc:HOST:PORT
     /// or grpcs:HOST:PORT: `spherecal serve`.
     #[arg(long, help_heading = "Connection", value_name = "LINK", default_value_t = Link::Sim)]
     pub link: Link,
@@ -117,6 +118,12 @@ impl RunArgs {
     /// A file or a value that cannot be used.
     pub fn configuration(&self) -> Result<Config, JobError> {
         let mut config = base(self.config.as_deref(), self.seed)?;
+        // Without a configuration, a robot that tells which one it is decides.
+        if self.config.is_none()
+            && let Some(robot) = self.link.robot()?
+        {
+            robot.clone_into(&mut config.robot);
+        }
         if let Some(poses) = self.poses {
             if poses == 0 {
                 return Err(spherecal_job::ConfigError::Range {
