@@ -10,9 +10,12 @@
 //! ```
 
 mod cells;
+mod columns;
+mod csv_row;
 mod csv_table;
 mod error;
 mod header;
+mod header_names;
 mod lines;
 mod numbers;
 mod plate;
@@ -20,9 +23,9 @@ mod plausible;
 mod table;
 
 pub use cells::MOST_COLUMNS;
+pub use columns::{MOST_TARGETS, TableFormat};
 pub use csv_table::{MOST_FILE_BYTES, MOST_ROWS, Progress, read_csv, read_csv_file};
 pub use error::InputError;
-pub use header::{MOST_TARGETS, TableFormat};
 pub use lines::MOST_LINE_BYTES;
 pub use numbers::triple;
 pub use plate::{Plate, read_plate, read_plate_file};

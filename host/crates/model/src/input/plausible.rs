@@ -4,8 +4,8 @@
 //! whole: radians in a column of degrees are all small, degrees in a column of
 //! radians are mostly beyond a turn. The error names the first such row.
 
+use super::columns::{Column, Header};
 use super::error::InputError;
-use super::header::{Column, Header};
 use super::table::Table;
 
 /// Rows below which the numbers say too little.

@@ -1,0 +1,139 @@
+//! The names of columns: spelling, units, and which name a wrong one is near to.
+
+use super::columns::{Column, MOST_TARGETS, TableFormat};
+use crate::excerpt;
+
+/// One degree, in rad.
+pub(super) const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+/// A name in lower case, with a unit in brackets as its ending.
+pub(super) fn plain(name: &str) -> String {
+    let name = name.trim().to_lowercase();
+    let Some(inner) = name.strip_suffix(']').or_else(|| name.strip_suffix(')')) else {
+        return name;
+    };
+    let Some((start, unit)) = inner.rsplit_once(['[', '(']) else {
+        return name;
+    };
+    let unit = match unit.trim() {
+        "°" | "degree" | "degrees" => "deg",
+        "nm" | "n m" | "n·m" => "nm",
+        unit => unit,
+    };
+    format!("{}_{unit}", start.trim_end())
+}
+
+/// A joint's angle: `name`, `name_rad` or `name_deg`.
+pub(super) fn angle_unit(name: &str) -> (&str, f64) {
+    match name.strip_suffix("_deg") {
+        Some(rest) => (rest, DEGREE),
+        None => (name.strip_suffix("_rad").unwrap_or(name), 1.0),
+    }
+}
+
+pub(super) fn number(text: &str, most: usize) -> Option<usize> {
+    text.parse::<usize>()
+        .ok()
+        .filter(|n| (1..=most).contains(n) && !text.starts_with(['+', '0']))
+}
+
+/// A column as every table may name it.
+pub(super) fn fixed(name: &str) -> Option<Column> {
+    match name {
+        "" => return Some(Column::Blank),
+        "sphere" => return Some(Column::Sphere),
+        "place" => return Some(Column::Place),
+        "set" => return Some(Column::Set),
+        "qw" => return Some(Column::Quaternion(0)),
+        "qx" => return Some(Column::Quaternion(1)),
+        "qy" => return Some(Column::Quaternion(2)),
+        "qz" => return Some(Column::Quaternion(3)),
+        _ => {}
+    }
+    if let Some(rest) = name.strip_prefix("tau") {
+        let joint = number(rest.strip_suffix("_nm").unwrap_or(rest), 99)?;
+        return Some(Column::Torque { joint: joint - 1 });
+    }
+    if let [b'r', row @ b'1'..=b'3', column @ b'1'..=b'3'] = name.as_bytes() {
+        return Some(Column::Rotation(
+            usize::from(row - b'1') * 3 + usize::from(column - b'1'),
+        ));
+    }
+    let (stem, scale) = angle_unit(name);
+    if let Some(joint) = stem.strip_prefix('q').and_then(|rest| number(rest, 99)) {
+        return Some(Column::Angle {
+            joint: joint - 1,
+            scale,
+        });
+    }
+    let (stem, unit) = name.split_once('_')?;
+    let scale = match unit {
+        "mm" => 1e-3,
+        "m" => 1.0,
+        _ => return None,
+    };
+    let axis = match stem.as_bytes().first()? {
+        b'x' => 0,
+        b'y' => 1,
+        b'z' => 2,
+        _ => return None,
+    };
+    let target = match stem.get(1..)? {
+        "" => 0,
+        rest => number(rest, MOST_TARGETS)?,
+    };
+    Some(Column::Coordinate { target, axis, scale })
+}
+
+/// Two columns with the same key would fill the same cell.
+pub(super) fn key(column: Column) -> Option<(u8, usize, usize)> {
+    Some(match column {
+        Column::Angle { joint, .. } => (0, joint, 0),
+        Column::Torque { joint } => (1, joint, 0),
+        Column::Coordinate { target, axis, .. } => (2, target, axis),
+        Column::Quaternion(k) => (3, k, 0),
+        Column::Rotation(k) => (4, k, 0),
+        Column::Sphere => (5, 0, 0),
+        Column::Place => (6, 0, 0),
+        Column::Set => (7, 0, 0),
+        Column::Label => (8, 0, 0),
+        Column::Ignored | Column::Blank => return None,
+    })
+}
+
+/// Columns that a table may have, for a message.
+pub(super) fn known(format: &TableFormat) -> String {
+    let n = format.joints;
+    let joints = if format.joint_columns.is_empty() {
+        format!("q1..q{n} (rad) or q1_deg..q{n}_deg")
+    } else {
+        "the joint columns that you named".to_owned()
+    };
+    let names = match format.joint_names.as_slice() {
+        [first, .., last] if format.joint_columns.is_empty() => {
+            format!(", the robot's own {}..{}", excerpt(first), excerpt(last))
+        }
+        _ => String::new(),
+    };
+    format!(
+        "{joints}{names}, tau1..tau{n}, x_mm,y_mm,z_mm (or x_m.., or x1_mm..z{MOST_TARGETS}_mm for several targets), qw,qx,qy,qz or \
+         r11..r33, sphere, place, set"
+    )
+}
+
+/// The known name that an unknown one is nearest to, and what may be wrong with it.
+pub(super) fn hint(name: &str, format: &TableFormat) -> Option<String> {
+    if ["x", "y", "z"].contains(&name) {
+        return Some(format!("\"{name}\" has no unit: name it {name}_mm or {name}_m"));
+    }
+    if name.chars().count() > 20 {
+        return None;
+    }
+    ["sphere", "place", "set", "x_mm", "y_mm", "z_mm", "q1", "q1_deg", "tau1"]
+        .into_iter()
+        .chain(format.joint_names.iter().map(String::as_str))
+        .map(|known| (strsim::levenshtein(name, &known.to_lowercase()), known))
+        .min_by_key(|found| found.0)
+        .filter(|found| found.0 <= 2 && found.0 < name.chars().count())
+        .map(|found| format!("did you mean \"{}\"?", excerpt(found.1)))
+}
