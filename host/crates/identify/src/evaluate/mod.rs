@@ -36,6 +36,7 @@ pub use reference::{Estimator, Reference, ReferenceModel};
 
 pub(crate) use align::Flange;
 
+use crate::diagnosis::{Course, Diagnosis, diagnose, workspace};
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
 use crate::verdict::{Evidence, Verdict, verdict};
@@ -132,6 +133,8 @@ pub struct Evaluation {
     /// Predicted standard deviation of the TCP (root of the summed variances)
     /// over the judging rows: mean and largest, in mm.
     pub predicted_mm: (f64, f64),
+    /// What the residuals tell; none where it could not be computed.
+    pub diagnosis: Option<Diagnosis>,
     /// Whether the result may be used, and why.
     pub verdict: Verdict,
     /// What the user should know.
@@ -213,6 +216,7 @@ pub fn evaluate(
     };
     let closed_loop = recordings.closed_loop();
     let predicted_mm = predicted(recordings, &fit.calibration, cross_validated, closed_loop);
+    let diagnosis = diagnosed(recordings, &fit, &mut notes);
     let verdict = verdict(&Evidence {
         recordings,
         options: &fit.options,
@@ -224,8 +228,10 @@ pub fn evaluate(
         cross_validated,
         holdout: holdout.as_ref(),
         table,
+        diagnosis: diagnosis.as_ref(),
     });
     Ok(Evaluation {
+        diagnosis,
         given_tcp_m: fit.found_tool.then(|| recordings.experiment.tool.tcp()),
         options: fit.options,
         used: fit.used,
@@ -270,6 +276,20 @@ fn training_rows(recordings: &Recordings) -> Result<(Vec<usize>, Vec<(usize, usi
         train.retain(|i| !copies.contains(i));
     }
     Ok((train, repeated))
+}
+
+/// What the residuals of the rows that the fit used tell; none, with a note, where the
+/// equations have no solution.
+fn diagnosed(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) -> Option<Diagnosis> {
+    let experiment = fit.experiment(&recordings.experiment);
+    let over = workspace(&experiment.robot, &experiment.tool);
+    match diagnose(&experiment, &fit.options, &Course::in_order(&experiment), &over) {
+        Ok(diagnosis) => Some(diagnosis),
+        Err(error) => {
+            notes.push(format!("the residuals could not be tested: {error}"));
+            None
+        }
+    }
 }
 
 /// Names the rows that were left out.

@@ -1,5 +1,6 @@
 //! What is checked, each check with its number and limit.
 
+use super::diagnosed::diagnosed;
 use super::{Check, Evidence};
 use crate::Method;
 
@@ -16,6 +17,7 @@ const DOUBTFUL_SEAT_MM: f64 = 1.0;
 /// All checks, the most important first.
 pub fn checks(evidence: &Evidence<'_>) -> Vec<Check> {
     let mut checks = Vec::new();
+    diagnosed(evidence, &mut checks);
     against_nominal(evidence, &mut checks);
     held_out(evidence, &mut checks);
     parameters(evidence, &mut checks);

@@ -10,10 +10,12 @@
 //! ```
 
 mod checks;
+mod diagnosed;
 mod expected;
 
 use serde::Serialize;
 
+use crate::diagnosis::Diagnosis;
 use crate::evaluate::{HeldOut, Judged};
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
@@ -45,6 +47,8 @@ pub struct Evidence<'a> {
     pub holdout: Option<&'a HeldOut>,
     /// Errors on the points of an independent instrument: `nominal`, `sphere`, others.
     pub table: Option<&'a ValidationTable>,
+    /// What the residuals tell; none where it could not be computed.
+    pub diagnosis: Option<&'a Diagnosis>,
 }
 
 /// One thing that was checked.
