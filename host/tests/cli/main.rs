@@ -19,6 +19,7 @@ mod mistakes;
 mod page;
 mod paths;
 mod processes;
+mod refused;
 #[cfg(feature = "services")]
 mod services;
 mod support;

@@ -64,6 +64,8 @@ pub struct EvaluateOptions {
     pub cross_validate: bool,
     /// Other estimators to compare with, where an independent instrument measured.
     pub models: Vec<Estimator>,
+    /// Mean error of the TCP (mm) that was asked for: a worse result is refused.
+    pub accuracy_mm: Option<f64>,
     /// Options of [`Estimator::Bound`]: what a simulation may tell and a user cannot know.
     pub bound: Option<Options>,
 }
@@ -76,6 +78,7 @@ impl Default for EvaluateOptions {
             choose_model: true,
             cross_validate: true,
             models: Vec::new(),
+            accuracy_mm: None,
             bound: None,
         }
     }
@@ -195,6 +198,7 @@ pub fn evaluate(
     let table = reference.as_ref().and_then(|r| r.table.as_ref());
     let judges: Vec<Judge<'_>> = recordings.set_aside().collect();
     let cross_validated = judges.is_empty() && table.is_none() && options.cross_validate;
+    let mut realigned_mm = None;
     let judged = if cross_validated {
         progress(Step::Judging {
             fits: folds::FOLDS,
@@ -208,7 +212,9 @@ pub fn evaluate(
             fits: 1,
             rows: judges.len(),
         });
-        Some(judged_aside(recordings, &fit, &judges, &mut notes))
+        let (judged, off) = judged_aside(recordings, &fit, &judges, &mut notes);
+        realigned_mm = off;
+        Some(judged)
     };
     let holdout = match &recordings.holdout {
         Some(column) => Some(folds::hold_out(recordings, options, &fit.options, &fit.used, column)?),
@@ -229,6 +235,13 @@ pub fn evaluate(
         holdout: holdout.as_ref(),
         table,
         diagnosis: diagnosis.as_ref(),
+        nominal_tcp_m: if fit.found_tool {
+            fit.nominal.tcp_m
+        } else {
+            recordings.experiment.tool.tcp()
+        },
+        accuracy_mm: options.accuracy_mm,
+        realigned_mm,
     });
     Ok(Evaluation {
         diagnosis,
@@ -283,7 +296,11 @@ fn training_rows(recordings: &Recordings) -> Result<(Vec<usize>, Vec<(usize, usi
 fn diagnosed(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) -> Option<Diagnosis> {
     let experiment = fit.experiment(&recordings.experiment);
     let over = workspace(&experiment.robot, &experiment.tool);
-    match diagnose(&experiment, &fit.options, &Course::in_order(&experiment), &over) {
+    let course = match &recordings.course {
+        Some(course) => course.of_rows(&fit.used),
+        None => Course::in_order(&experiment),
+    };
+    match diagnose(&experiment, &fit.options, &course, &over) {
         Ok(diagnosis) => Some(diagnosis),
         Err(error) => {
             notes.push(format!("the residuals could not be tested: {error}"));
@@ -329,11 +346,17 @@ fn cross_validation(
 }
 
 /// Judges a fit by the rows that were set aside, in their own frame where they are
-/// not in the frame that was said.
-fn judged_aside(recordings: &Recordings, fit: &Fit, judges: &[Judge<'_>], notes: &mut Vec<String>) -> Judged {
+/// not in the frame that was said; with how far (mm) they were off as a whole then.
+fn judged_aside(
+    recordings: &Recordings,
+    fit: &Fit,
+    judges: &[Judge<'_>],
+    notes: &mut Vec<String>,
+) -> (Judged, Option<f64>) {
     let words = format!("{} samples that the fit has not seen", judges.len());
     let mut own = folds::judged(recordings, fit, judges, &words);
-    if let Some(off) = own.realign_if_elsewhere(judges) {
+    let elsewhere = own.realign_if_elsewhere(judges);
+    if let Some(off) = elsewhere {
         own.by += ", after a best rigid fit of their frame";
         notes.push(format!(
             "the validation points are not in the {} frame: they are {off:.0} mm off as a whole, and fit within a \
@@ -345,7 +368,7 @@ fn judged_aside(recordings: &Recordings, fit: &Fit, judges: &[Judge<'_>], notes:
             }
         ));
     }
-    own
+    (own, elsewhere)
 }
 
 /// Refuses data that no calibration of this robot can explain, with what is

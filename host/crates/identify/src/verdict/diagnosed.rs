@@ -1,14 +1,12 @@
 //! Checks of the residuals: which causes the data name, and whether the result is better
 //! than the nominal robot over the whole workspace.
 
-use spherecal_model::Chain;
-
 use super::{Check, Evidence};
 use crate::diagnosis::{Diagnosis, Family, Finding};
 
-/// A cause that adds less than this share of the expected error qualifies the result;
-/// one that adds more refuses it.
-const HARMLESS: f64 = 0.25;
+/// A cause that adds less than this share of the expected error qualifies the result: it
+/// is named, and the expected error holds it. One that adds more refuses the result.
+const HARMLESS: f64 = 0.5;
 /// The same in mm: less than the repeatability of any arm.
 const HARMLESS_MM: f64 = 0.01;
 /// Largest chance that the result is no better than the nominal robot.
@@ -35,6 +33,7 @@ pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
 
 /// One check for each family of causes.
 fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
+    let harmless = (HARMLESS * diagnosis.expected.mean).max(HARMLESS_MM);
     for test in &diagnosis.families {
         let (name, sound) = match test.family {
             Family::Certificate => ("certificate", "every sphere is where its certificate says"),
@@ -64,11 +63,7 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
         };
         let check = Check::new(name, Some(test.sigmas), Some(test.limit), found.is_empty(), words);
         let harm: f64 = found.iter().map(|f| f.harm_mm).fold(0.0, f64::max);
-        checks.push(if harm < (HARMLESS * diagnosis.expected.mean).max(HARMLESS_MM) {
-            check.qualifying()
-        } else {
-            check
-        });
+        checks.push(if harm < harmless { check.qualifying() } else { check });
     }
 }
 
@@ -100,8 +95,7 @@ fn in_words(evidence: &Evidence<'_>, finding: &Finding) -> String {
 
 /// Whether the calibrated robot is better than the nominal one over the workspace.
 fn over_the_workspace(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
-    let experiment = &evidence.recordings.experiment;
-    let nominal = Chain::unchecked(&experiment.robot, &experiment.tool);
+    let nominal = evidence.nominal();
     let calibrated_tcp = |q: &[f64]| evidence.calibration.tcp_m(q, None);
     let nominal_tcp = |q: &[f64]| nominal.pose(q).position;
     let calibrated = diagnosis.expected_error_of(calibrated_tcp);

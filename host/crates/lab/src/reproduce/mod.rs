@@ -113,6 +113,7 @@ pub fn reproduce(
         choose_model: false,
         cross_validate: false,
         models: MODELS.to_vec(),
+        accuracy_mm: None,
         bound: None,
     };
     let evaluation = evaluate(recordings, &asked, &mut |_| {})?;

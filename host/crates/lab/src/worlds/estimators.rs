@@ -68,6 +68,7 @@ pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable,
         choose_model: false,
         cross_validate: false,
         models: estimators.to_vec(),
+        accuracy_mm: None,
         bound,
     };
     let found = evaluate(&Recordings::from(trial), &options, &mut |_| {})
