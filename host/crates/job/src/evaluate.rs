@@ -6,10 +6,10 @@ use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording}
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::bound::bound_options;
+use super::course::course;
 use super::link_record::LinkRecord;
 use super::{Config, JobError, Link};
 use spherecal_identify::arcs::{Measured, MeasuredArc};
-use spherecal_identify::diagnosis::Course;
 use spherecal_identify::{
     CampaignRecord, Estimator, EvaluateOptions, Evaluation, Experiment, Observation, Options, Recordings, Set, Sphere,
     Target, Tracker,
@@ -105,41 +105,9 @@ impl Measurements {
                 faults: self.faults.len(),
                 simulated: self.simulated(),
             }),
-            course: Some(self.course()),
+            course: Some(course(&self.recordings, &self.couplings)),
             ..Recordings::new(self.experiment())
         }
-    }
-
-    /// When and in which coupling each recording was made.
-    ///
-    /// A recording belongs to the last coupling of its sphere before it. The clock of
-    /// a controller that was restarted begins again: then the order alone counts.
-    fn course(&self) -> Course {
-        let mut coupling = Vec::with_capacity(self.recordings.len());
-        let mut count = 0;
-        let mut before = None;
-        for recording in &self.recordings {
-            let seated = |c: &&Coupled| c.sphere == recording.sphere && c.time_us <= recording.start_us;
-            let latest = self.couplings.iter().filter(seated).map(|c| c.time_us).max();
-            let now = Some((recording.sphere, latest));
-            if before.is_some() && before != now {
-                count += 1;
-            }
-            before = now;
-            coupling.push(count);
-        }
-        let starts: Vec<u64> = self.recordings.iter().map(|r| r.start_us).collect();
-        let time = match (starts.first(), starts.last()) {
-            (Some(first), Some(last)) if first < last && starts.is_sorted() => {
-                let span = (last - first) as f64;
-                starts.iter().map(|start| (start - first) as f64 / span).collect()
-            }
-            _ => {
-                let last = starts.len().saturating_sub(1).max(1) as f64;
-                (0..starts.len()).map(|k| k as f64 / last).collect()
-            }
-        };
-        Course { coupling, time }
     }
 
     /// The laser shots of a purpose.

@@ -12,6 +12,7 @@
 
 mod bound;
 mod config;
+mod course;
 mod document;
 mod error;
 mod evaluate;

@@ -130,7 +130,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
             "Expected error".to_owned(),
             format!("{:.3} mm", e.mean),
             format!(
-                "mean over the workspace, as far as the model knows; 95 % interval {:.3} to {:.3} mm",
+                "mean over the workspace; 95 % interval {:.3} to {:.3} mm",
                 e.interval[0], e.interval[1]
             ),
         ));

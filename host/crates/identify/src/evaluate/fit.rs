@@ -52,9 +52,9 @@ fn only<'a>(experiment: &'a Experiment, keep: &[usize]) -> Cow<'a, Experiment> {
 }
 
 impl Fit {
-    /// The experiment that the calibration was identified from.
-    pub(super) fn experiment<'a>(&self, experiment: &'a Experiment) -> Cow<'a, Experiment> {
-        let mut own = only(experiment, &self.used);
+    /// The experiment that the calibration was identified from, with some of its rows.
+    pub(super) fn experiment<'a>(&self, experiment: &'a Experiment, rows: &[usize]) -> Cow<'a, Experiment> {
+        let mut own = only(experiment, rows);
         if self.found_tool {
             own.to_mut().tool.tcp_m = self.nominal.tcp_m.into();
         }

@@ -21,6 +21,7 @@ mod error;
 mod fit;
 mod folds;
 mod judge;
+mod options;
 mod plate;
 mod reference;
 mod repeats;
@@ -32,6 +33,7 @@ pub use align::{NominalFrames, align};
 pub use error::EvaluateError;
 pub use folds::{Fold, HeldOut};
 pub use judge::{Errors, Judge, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
+pub use options::{EvaluateOptions, Step};
 pub use reference::{Estimator, Reference, ReferenceModel};
 
 pub(crate) use align::Flange;
@@ -41,7 +43,7 @@ use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
 use crate::verdict::{Evidence, Verdict, verdict};
 use crate::{Calibration, IdentifyError, Options};
-use fit::{Fit, fit};
+use fit::{Fit, fit, thinned};
 
 /// Most rows that are left out and have a note each.
 const NOTED: usize = 20;
@@ -50,61 +52,9 @@ const HOPELESS_M: f64 = 0.025;
 /// Distances of the plate that differ by more than this (m) from the data's explain such data.
 const WRONG_PLATE_M: f64 = 0.010;
 
-/// What an evaluation does besides identifying.
-#[derive(Clone, Debug)]
-pub struct EvaluateOptions {
-    /// How to identify.
-    pub identify: Options,
-    /// Align frames and tool first: leaves gross errors out, takes a tool that is far
-    /// from what was said from the data, and chooses the width of the geometric priors.
-    pub align: bool,
-    /// Choose the richest model that does not overfit.
-    pub choose_model: bool,
-    /// Cross-validate where nothing else judges the result.
-    pub cross_validate: bool,
-    /// Other estimators to compare with, where an independent instrument measured.
-    pub models: Vec<Estimator>,
-    /// Mean error of the TCP (mm) that was asked for: a worse result is refused.
-    pub accuracy_mm: Option<f64>,
-    /// Options of [`Estimator::Bound`]: what a simulation may tell and a user cannot know.
-    pub bound: Option<Options>,
-}
-
-impl Default for EvaluateOptions {
-    fn default() -> Self {
-        Self {
-            identify: Options::default(),
-            align: true,
-            choose_model: true,
-            cross_validate: true,
-            models: Vec::new(),
-            accuracy_mm: None,
-            bound: None,
-        }
-    }
-}
-
-/// How far an evaluation has come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
-    /// The frames are aligned, priors and model chosen and the model fitted.
-    Fitting {
-        /// Rows of the calibration set.
-        rows: usize,
-    },
-    /// Another estimator is fitted.
-    Comparing {
-        /// Which.
-        estimator: Estimator,
-    },
-    /// The result is judged.
-    Judging {
-        /// Fits that are judged.
-        fits: usize,
-        /// Rows that judge them.
-        rows: usize,
-    },
-}
+/// Most rows whose residuals are searched for causes: the search takes time and memory in
+/// proportion to the rows.
+const DIAGNOSED: usize = 600;
 
 /// A calibration with everything that is known about it.
 #[derive(Clone, Debug)]
@@ -222,7 +172,11 @@ pub fn evaluate(
     };
     let closed_loop = recordings.closed_loop();
     let predicted_mm = predicted(recordings, &fit.calibration, cross_validated, closed_loop);
-    let diagnosis = diagnosed(recordings, &fit, &mut notes);
+    let diagnosis = if options.diagnose {
+        diagnosed(recordings, &fit, &mut notes)
+    } else {
+        None
+    };
     let verdict = verdict(&Evidence {
         recordings,
         options: &fit.options,
@@ -291,17 +245,28 @@ fn training_rows(recordings: &Recordings) -> Result<(Vec<usize>, Vec<(usize, usi
     Ok((train, repeated))
 }
 
-/// What the residuals of the rows that the fit used tell; none, with a note, where the
-/// equations have no solution.
+/// What the residuals of the rows that the fit used tell, of at most [`DIAGNOSED`] of
+/// them; none, with a note, where the equations have no solution.
 fn diagnosed(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) -> Option<Diagnosis> {
-    let experiment = fit.experiment(&recordings.experiment);
+    let rows = thinned(&recordings.experiment, &fit.used, DIAGNOSED);
+    let experiment = fit.experiment(&recordings.experiment, &rows);
     let over = workspace(&experiment.robot, &experiment.tool);
     let course = match &recordings.course {
-        Some(course) => course.of_rows(&fit.used),
+        Some(course) => course.of_rows(&rows),
         None => Course::in_order(&experiment),
     };
     match diagnose(&experiment, &fit.options, &course, &over) {
-        Ok(diagnosis) => Some(diagnosis),
+        Ok(mut diagnosis) => {
+            if rows.len() < fit.used.len() {
+                diagnosis.renumber(&fit.used, &rows);
+                notes.push(format!(
+                    "the causes in the residuals and the expected error are from {} of {} rows, spread evenly",
+                    rows.len(),
+                    fit.used.len()
+                ));
+            }
+            Some(diagnosis)
+        }
         Err(error) => {
             notes.push(format!("the residuals could not be tested: {error}"));
             None
