@@ -308,7 +308,7 @@ fn not_trusted(poses: &str, inject: Option<&str>, words: &[&str]) {
 // and not to be trusted.
 #[test]
 fn a_run_of_three_poses_is_not_trusted() {
-    not_trusted("3", None, &["3 rows are too few", "expected error over the workspace"]);
+    not_trusted("3", None, &["3 rows are too few", "one sphere cannot tell the scale"]);
 }
 
 // Fails if a run is trusted in which a sphere moved by 3 mm under the nest.

@@ -48,8 +48,8 @@ mod tests {
             end_us: start_us + 1,
             count: 1,
             gaps: 0,
-            q: Default::default(),
-            tau: Default::default(),
+            q: std::iter::empty().collect(),
+            tau: std::iter::empty().collect(),
             tcp_spread_m: 0.0,
             force_n: [0.0; 3],
         }
