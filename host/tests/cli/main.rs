@@ -20,6 +20,7 @@ mod page;
 mod paths;
 mod processes;
 mod refused;
+mod robot_sides;
 #[cfg(feature = "services")]
 mod services;
 mod support;
