@@ -7,6 +7,7 @@
 use std::io::Write;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 
@@ -15,8 +16,12 @@ use super::exit::{CliError, Exit};
 use super::out::errln;
 use super::robot_sides;
 use spherecal_job::{self as job, Config, JobError, Link};
+use spherecal_link::native::enter_real_time;
 use spherecal_link::tcp::{DriveServer, TcpDrive, controller_server, listen};
-use spherecal_link::{Drive, LinkError, LocalDevice, controller_in_process};
+use spherecal_link::{Device, Drive, LinkError, LocalDevice, controller_in_process};
+
+/// Interval at which a controller prints what its robot reported.
+const EVENTS: Duration = Duration::from_millis(100);
 
 /// Arguments of `plant`.
 #[derive(Args, Clone, Debug)]
@@ -172,6 +177,19 @@ pub(super) fn controller(args: &ControllerArgs) -> Result<Exit, CliError> {
     announce(&format!(
         "controller, {joints} joints, {way}: host link on tcp:{address}"
     ));
+    if let Some(monitor) = Device::monitor(&cell) {
+        // The words are written by another thread: this one keeps the period.
+        let reader = monitor.clone();
+        std::thread::spawn(move || {
+            loop {
+                while let Some(event) = reader.next_event() {
+                    errln!("{event}");
+                }
+                std::thread::sleep(EVENTS);
+            }
+        });
+        enter_real_time(&monitor);
+    }
     let result = controller_server::serve_hosts(&mut cell, &listener, args.once);
     let link = cell.drive_counters();
     errln!(

@@ -227,7 +227,8 @@ impl KukaDrive {
         }
         let may_start = self.tick >= self.resume_at;
         match self.state.session {
-            SessionState::Idle | SessionState::MonitoringWait => DriveStatus::Disabled,
+            SessionState::Idle => DriveStatus::Disabled,
+            // In MONITORING_WAIT too: the start waits until the connection is good.
             _ if self.client.is_enabled() || may_start => DriveStatus::Ready,
             _ => DriveStatus::Disabled,
         }

@@ -30,6 +30,12 @@ pub use kuka::{KukaDrive, KukaError, KukaOptions};
 pub use monitor::{DriveRecord, Monitor};
 pub use wake_ups::WakeUps;
 
+/// Makes the calling thread a real-time thread, as far as the system permits, and reports how it went. For the thread
+/// that steps a drive with this monitor; call it once, before the loop.
+pub fn enter_real_time(monitor: &Monitor) {
+    monitor.announce(DriveEvent::Scheduled(spherecal_realtime::enter()));
+}
+
 /// Joints of every arm with such an interface.
 pub const JOINTS: usize = 7;
 /// How long a robot may be silent before the drive gives up.

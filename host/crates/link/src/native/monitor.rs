@@ -58,7 +58,7 @@ impl Monitor {
     }
 
     /// Adds an event of the thread that runs the drive, before its loop.
-    pub(crate) fn announce(&self, event: DriveEvent) {
+    pub(super) fn announce(&self, event: DriveEvent) {
         let mut shared = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         shared.events.push_back(event);
     }

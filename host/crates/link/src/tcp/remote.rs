@@ -10,7 +10,7 @@ use spherecal_shared::protocol::drive::DriveHello;
 use super::controller_server::{Turns, serve_hosts};
 use super::wire::Wire;
 use super::{TcpError, listen};
-use crate::native::{DriveEvent, Monitor};
+use crate::native::{Monitor, enter_real_time};
 use crate::{Device, Drive, LinkError, LocalDevice, check_hello, controller_in_process};
 
 /// How long a controller may take for one period, drive included.
@@ -128,7 +128,7 @@ impl Threaded {
             .name("controller".to_owned())
             .spawn(move || {
                 if let Some(monitor) = native {
-                    monitor.announce(DriveEvent::Scheduled(spherecal_realtime::enter()));
+                    enter_real_time(&monitor);
                 }
                 serve_hosts(&mut cell, &listener, true)
             })
