@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use spherecal_model::{read_text, read_toml};
 
-use super::args::StoredArgs;
+use super::args::{BadValue, StoredArgs};
 use super::exit::{CliError, Exit};
 use super::out::outln;
 use super::stages;
@@ -67,6 +67,9 @@ pub struct IdentifyArgs {
     /// Hold each value of this column out in turn: place, a column of your own, or sphere where the plate has four or more.
     #[arg(long, value_name = "COLUMN")]
     pub holdout: Option<String>,
+    /// Mean error of the TCP over the workspace that is asked for, in mm: a worse result is refused.
+    #[arg(long, value_name = "MM", requires = "data", value_parser = accuracy)]
+    pub accuracy_mm: Option<f64>,
     /// Columns with the joint angles, base to flange, instead of q1..qn (rad; degrees if the name
     /// ends in _deg).
     #[arg(long, value_name = "A,B,C", value_delimiter = ',')]
@@ -91,6 +94,16 @@ pub struct IdentifyArgs {
 
 /// Largest file of options, in bytes.
 const MOST_CONFIG_BYTES: u64 = 1 << 20;
+
+/// An accuracy in mm, from 1 um to 100 mm.
+fn accuracy(text: &str) -> Result<f64, BadValue> {
+    let mm: f64 = text.parse().map_err(|_| BadValue("give a length in mm, such as 0.2"))?;
+    if (1e-3..=100.0).contains(&mm) {
+        Ok(mm)
+    } else {
+        Err(BadValue("give a length in mm from 0.001 to 100"))
+    }
+}
 
 /// The request that the arguments describe.
 ///
@@ -128,6 +141,7 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, Stu
         payload_com_mm: point("--payload-com-mm", &args.payload_com_mm)?,
         validate: args.validate.clone(),
         holdout: args.holdout.clone(),
+        accuracy_mm: args.accuracy_mm,
         joint_columns: args.joint_columns.clone(),
         ignore_columns: args.ignore_columns.clone(),
         options,

@@ -115,10 +115,15 @@ pub(super) fn verdict(summary: &Summary) -> String {
     let v = &summary.verdict;
     let mut out = match (v.may_be_used, v.improvement) {
         (true, Some(share)) => format!(
-            "The calibration may be used: {:.0} % of the mean error is gone.\n",
-            share * 100.0
+            "The calibration may be used: {:.0} % of the mean error is gone{}.\n",
+            share * 100.0,
+            if summary.validation.models.is_empty() {
+                ", by the expected error over the workspace"
+            } else {
+                ", by the laser tracker"
+            }
         ),
-        (true, None) => "The calibration may be used, judged by its own residuals alone.\n".to_owned(),
+        (true, None) => "The calibration may be used.\n".to_owned(),
         (false, _) => "The calibration is NOT to be trusted.\n".to_owned(),
     };
     if summary.simulated {

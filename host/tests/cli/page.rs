@@ -69,6 +69,7 @@ fn a_run_serves_its_own_page() {
     for (path, words) in [
         ("/", "<title>spherecal"),
         ("/page.js", "EventSource"),
+        ("/page.js", "SIMULATED: "),
         ("/arm.js", "chain"),
         ("/plots.js", "plot"),
         ("/past.js", "history"),

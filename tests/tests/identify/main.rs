@@ -8,6 +8,7 @@ mod plan_worlds;
 mod refusals;
 mod reproduce;
 mod simplex;
+mod verdicts;
 mod worlds;
 mod worlds_compare;
 mod worlds_generator;

@@ -6,6 +6,7 @@ use spherecal_model::input::Labels;
 use spherecal_model::{Experiment, Observation, Pose, Set, Target};
 
 use crate::arcs::{LaserError, Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
+use crate::diagnosis::Course;
 use crate::evaluate::Judge;
 
 /// Where one row of the data came from.
@@ -77,12 +78,16 @@ impl Tracker {
 }
 
 /// What a campaign noted besides its recordings.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct CampaignRecord {
     /// Poses that were to be recorded.
     pub planned: usize,
     /// Largest motion of a seated nest under the test pull, in m.
     pub worst_seat_m: f64,
+    /// The sphere on which that was.
+    pub worst_seat_sphere: Option<u32>,
+    /// Poses that were given up: sphere, pose.
+    pub given_up: Vec<(u32, u32)>,
     /// Faults, all recovered from.
     pub faults: usize,
     /// Whether the arm was a simulation.
@@ -110,6 +115,9 @@ pub struct Recordings {
     pub tracker: Option<Tracker>,
     /// What the campaign noted, where there was one.
     pub campaign: Option<CampaignRecord>,
+    /// When and in which coupling each observation was made; without it, rows on one
+    /// sphere that follow each other count as one coupling.
+    pub course: Option<Course>,
 }
 
 impl Recordings {
@@ -150,6 +158,7 @@ impl Recordings {
             holdout: None,
             tracker: None,
             campaign: None,
+            course: None,
         }
     }
 

@@ -8,7 +8,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use spherecal_identify::diagnosis::{Alternative, Course, Diagnosis, diagnose, workspace};
-use spherecal_identify::{Experiment, Observation, Options, Pose, Set, Target, identify, paper_plate};
+use spherecal_identify::{
+    EvaluateOptions, Experiment, Observation, Options, Pose, Recordings, Set, Target, Verdict, evaluate, identify,
+    paper_plate,
+};
 use spherecal_model::{Chain, fit_pose};
 use spherecal_shared::robot::{Robot, Tool, iiwa7, iiwa7_tool};
 
@@ -328,4 +331,65 @@ fn another_robots_data_are_noticed() {
     let diagnosis = diagnosed(&trial);
     let moved = diagnosis.moved.expect("lengths have priors");
     assert!(moved.sigmas > 10.0, "{moved:?}");
+}
+
+fn evaluated(experiment: Experiment) -> Verdict {
+    let recordings = Recordings::new(experiment);
+    let evaluation = evaluate(&recordings, &EvaluateOptions::default(), &mut |_| ()).expect("readable data");
+    evaluation.verdict
+}
+
+// Fails if the verdict of sound data refuses, or if one of a wrong certificate, a plate
+// that slipped, an encoder that jumped or another arm does not refuse and name the cause.
+#[test]
+fn the_verdict_refuses_what_the_residuals_name() {
+    let verdict = evaluated(sound(91).experiment);
+    assert!(verdict.may_be_used, "{:?}", verdict.reasons);
+    let expected = verdict.expected_error_mm.expect("it can be told");
+    assert!(expected.interval[0] < expected.mean && expected.mean < expected.interval[1]);
+
+    let mut certificate = sound(92).experiment;
+    certificate.spheres[2].position_m[0] += 1e-3;
+    let slip = measured(93, &|time, _, _, sphere, _| {
+        if time > 0.5 {
+            sphere.x += 1e-3;
+        }
+    });
+    let encoder = measured(94, &|time, _, _, _, encoders| {
+        if time > 0.5 {
+            encoders[1] += 3e-3;
+        }
+    });
+    let mut scale = sound(95).experiment;
+    for sphere in &mut scale.spheres {
+        sphere.position_m = sphere.position_m.map(|x| x * 1.0033);
+    }
+    for (experiment, cause) in [
+        (certificate, "certificate"),
+        (slip.experiment, "slipped"),
+        (encoder.experiment, "encoder"),
+        (scale, "scale"),
+    ] {
+        let verdict = evaluated(experiment);
+        assert!(!verdict.may_be_used, "{cause}: {:?}", verdict.checks);
+        assert!(
+            verdict.reasons.iter().any(|r| r.contains(cause)),
+            "{cause}: {:?}",
+            verdict.reasons
+        );
+    }
+}
+
+// Fails if 12 rows on one sphere may be used.
+#[test]
+fn the_verdict_refuses_few_rows_on_one_sphere() {
+    let mut few = sound(96).experiment;
+    few.observations.truncate(12);
+    let verdict = evaluated(few);
+    assert!(!verdict.may_be_used, "{:?}", verdict.checks);
+    assert!(
+        verdict.checks.iter().any(|c| c.name == "scale_observed" && !c.passed),
+        "{:?}",
+        verdict.checks
+    );
 }

@@ -6,6 +6,7 @@ use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording}
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::bound::bound_options;
+use super::course::course;
 use super::link_record::LinkRecord;
 use super::{Config, JobError, Link};
 use spherecal_identify::arcs::{Measured, MeasuredArc};
@@ -86,7 +87,7 @@ impl Measurements {
 
     /// Everything that the evaluation looks at, as plain data.
     pub fn to_recordings(&self) -> Recordings {
-        let worst_seat_m = self.couplings.iter().fold(0.0f64, |w, c| w.max(c.test_m));
+        let worst = self.couplings.iter().max_by(|a, b| a.test_m.total_cmp(&b.test_m));
         Recordings {
             tracker: (!self.laser.is_empty()).then(|| Tracker {
                 calibration: self.shots(LaserShot::CALIBRATE),
@@ -98,10 +99,13 @@ impl Measurements {
             }),
             campaign: Some(CampaignRecord {
                 planned: self.plan.recorded(),
-                worst_seat_m,
+                worst_seat_m: worst.map_or(0.0, |c| c.test_m),
+                worst_seat_sphere: worst.map(|c| c.sphere),
+                given_up: self.rejected.iter().copied().collect(),
                 faults: self.faults.len(),
                 simulated: self.simulated(),
             }),
+            course: Some(course(&self.recordings, &self.couplings)),
             ..Recordings::new(self.experiment())
         }
     }
@@ -152,6 +156,7 @@ pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
             Estimator::Bound,
         ],
         bound,
+        accuracy_mm: m.config.plan.accuracy_mm,
         ..EvaluateOptions::default()
     };
     Ok(spherecal_identify::evaluate(&m.to_recordings(), &options, &mut |_| {})?)

@@ -12,6 +12,7 @@
 
 mod bound;
 mod config;
+mod course;
 mod document;
 mod drive_timing;
 mod error;

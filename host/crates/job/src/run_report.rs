@@ -106,11 +106,18 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
                 )
             }
         }
-        _ => format!(
-            "The {} was calibrated by touching spheres; no laser tracker judged the result. The recordings agree with the \
-             model within {:.3} mm (rms).",
-            s.robot, s.residual.rms_mm
-        ),
+        _ => match (s.verdict.expected_error_mm, s.verdict.nominal_error_mm) {
+            (Some(e), Some(n)) => format!(
+                "The {} was calibrated by touching spheres; no laser tracker judged the result. Its expected error over the \
+                 workspace is {:.3} mm in the mean (95 % interval {:.3} to {:.3} mm), that of the nominal robot {:.3} mm.",
+                s.robot, e.mean, e.interval[0], e.interval[1], n.mean
+            ),
+            _ => format!(
+                "The {} was calibrated by touching spheres; no laser tracker judged the result, and the expected error over \
+                 the workspace could not be computed.",
+                s.robot
+            ),
+        },
     };
     sentence += &against_the_laser(s);
     figures.push((
@@ -123,7 +130,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
             "Expected error".to_owned(),
             format!("{:.3} mm", e.mean),
             format!(
-                "mean over the workspace, as far as the model knows; 95 % interval {:.3} to {:.3} mm",
+                "mean over the workspace; 95 % interval {:.3} to {:.3} mm",
                 e.interval[0], e.interval[1]
             ),
         ));

@@ -274,7 +274,7 @@ fn hash(recordings: &[Recording]) -> Result<String, JobError> {
 /// The expected error in words.
 pub fn expected_words(e: &ExpectedError) -> String {
     format!(
-        "Expected error of the full model over the workspace, as far as the model knows: mean {:.3} mm (95 % interval \
+        "Expected error of the full model over the workspace: mean {:.3} mm (95 % interval \
          {:.3} to {:.3} mm), 95 % of the workspace below {:.3} mm",
         e.mean, e.interval[0], e.interval[1], e.p95
     )

@@ -3,12 +3,14 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use spherecal_identify::diagnosis::Diagnosis;
 use spherecal_identify::{EvaluateError, GeometryOnly};
 use spherecal_shared::robot::MdhRow;
 
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
 use spherecal_campaign::telemetry::ContactTrace;
+use spherecal_model::Chain;
 use spherecal_model::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf};
 use spherecal_report::render;
 
@@ -106,7 +108,10 @@ fn notes(results: &Results<'_>, model: &RobotModel, alone: &GeometryOnly) -> Vec
             calibrated.mean_mm, nominal.mean_mm, calibrated.n, judged.by
         ));
     }
-    notes.push(match alone.expected_error_mm {
+    let chain = Chain::unchecked(&alone.robot, &alone.tool);
+    let over = |d: &Diagnosis| d.expected_error_of(|q| chain.pose(q).position);
+    let expected = evaluation.diagnosis.as_ref().map(over).or(alone.expected_error_mm);
+    notes.push(match expected {
         Some(e) => format!(
             "this file holds geometry alone: expected error {:.3} mm in the mean over the workspace (95 % interval {:.3} \
              to {:.3} mm), {:.3} mm of it against the full model",

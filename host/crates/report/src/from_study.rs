@@ -54,8 +54,18 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
     let (nominal, calibrated) = (errors("nominal"), errors("calibrated"));
     let v = &evaluation.verdict;
     let name = study.model.robot.name.as_str();
-    let gain = v.improvement.unwrap_or_default();
-    let sentence = if judged.is_none() {
+    let gain = 1.0 - calibrated.mean_mm / nominal.mean_mm.max(1e-12);
+    let expected = v
+        .expected_error_mm
+        .filter(|_| evaluation.cross_validated || judged.is_none());
+    let sentence = if let (Some(e), Some(before)) = (expected, v.nominal_error_mm) {
+        // A cross-validation knows no more than where the data are.
+        format!(
+            "The expected error of the calibrated {name} over its workspace is {:.3} mm in the mean (95 % interval {:.3} \
+             to {:.3} mm), that of the nominal one {:.3} mm.",
+            e.mean, e.interval[0], e.interval[1], before.mean
+        )
+    } else if judged.is_none() {
         format!("The {name} was calibrated, but nothing judged the result.")
     } else if gain > 0.0 {
         format!(
@@ -74,14 +84,30 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         )
     };
     let identified = calibration.parameters.iter().filter(|p| p.identified).count();
-    let figures = vec![
+    let by = if evaluation.cross_validated {
+        " (cross-validation)"
+    } else {
+        ""
+    };
+    let mut figures = Vec::new();
+    if let Some(e) = v.expected_error_mm {
+        figures.push((
+            "Expected error".to_owned(),
+            format!("{:.3} mm", e.mean),
+            format!(
+                "mean over the workspace; 95 % interval {:.3} to {:.3} mm",
+                e.interval[0], e.interval[1]
+            ),
+        ));
+    }
+    figures.extend([
         (
-            "Mean error".to_owned(),
+            format!("Mean error{by}"),
             format!("{:.3} mm", calibrated.mean_mm),
             format!("nominally {:.3} mm", nominal.mean_mm),
         ),
         (
-            "Largest error".to_owned(),
+            format!("Largest error{by}"),
             format!("{:.3} mm", calibrated.max_mm),
             format!("nominally {:.3} mm", nominal.max_mm),
         ),
@@ -99,7 +125,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
             identified.to_string(),
             "determined by the data".to_owned(),
         ),
-    ];
+    ]);
     let mut error_tables = Vec::new();
     if let Some(judged) = judged {
         error_tables.push(ErrorTable {

@@ -93,7 +93,13 @@ pub(crate) fn alternatives(linear: &Linear, layout: &Layout, course: &Course) ->
                 list.push((alternative, of(&after, turned)));
             }
         }
-        list.push((Alternative::Drift { reference }, of(&|p| time(p) - 0.5, false)));
+        // From the first to the last of this frame's own observations.
+        let own = || linear.rows.iter().filter(|p| here(p)).map(time);
+        let (first, last) = (own().fold(1.0, f64::min), own().fold(0.0, f64::max));
+        if last > first {
+            let along = |p: &LinearRow| (time(p) - first) / (last - first) - 0.5;
+            list.push((Alternative::Drift { reference }, of(&along, false)));
+        }
     }
     for (s, &sphere) in layout.spheres.iter().enumerate() {
         // Between each two couplings on this sphere that follow each other.

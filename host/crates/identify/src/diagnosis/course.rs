@@ -3,6 +3,8 @@
 //! Drift, slips and bad seats are functions of time and coupling; the estimator
 //! itself needs neither.
 
+use std::collections::HashMap;
+
 use spherecal_model::{Experiment, Target};
 
 /// The course of an experiment: one entry per observation.
@@ -41,8 +43,43 @@ impl Course {
         }
     }
 
+    /// The course of some of the observations: `rows` are their numbers, in order.
+    #[must_use]
+    pub fn of_rows(&self, rows: &[usize]) -> Self {
+        let mut numbers = HashMap::new();
+        let coupling = rows.iter().map(|&row| {
+            let next = numbers.len();
+            *numbers.entry(self.coupling.get(row)).or_insert(next)
+        });
+        Self {
+            coupling: coupling.collect(),
+            time: rows
+                .iter()
+                .map(|&row| self.time.get(row).copied().unwrap_or(1.0))
+                .collect(),
+        }
+    }
+
     /// Number of couplings.
     pub fn couplings(&self) -> usize {
         self.coupling.iter().max().map_or(0, |m| m + 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Course;
+
+    // Fails if couplings that lose all their rows leave gaps in the numbers, if two
+    // couplings become one, or if a row gets the time of another.
+    #[test]
+    fn a_part_of_the_rows_keeps_couplings_and_times() {
+        let course = Course {
+            coupling: vec![0, 0, 1, 2, 2, 3],
+            time: vec![0.0, 0.2, 0.4, 0.6, 0.8, 1.0],
+        };
+        let part = course.of_rows(&[1, 3, 4, 5]);
+        assert_eq!(part.coupling, [0, 1, 1, 2]);
+        assert_eq!(part.time, [0.2, 0.6, 0.8, 1.0]);
     }
 }

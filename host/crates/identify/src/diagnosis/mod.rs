@@ -103,6 +103,18 @@ impl Diagnosis {
         not_better as f64 / own.len().max(1) as f64
     }
 
+    /// Renumbers the rows of the findings: row `k` is `rows[k]`, to be found in `all`. Both
+    /// are in ascending order.
+    pub(crate) fn renumber(&mut self, all: &[usize], rows: &[usize]) {
+        for finding in &mut self.findings {
+            let known = finding
+                .rows
+                .iter()
+                .filter_map(|k| all.binary_search(rows.get(*k)?).ok());
+            finding.rows = known.collect();
+        }
+    }
+
     /// A model's TCP minus the estimate's over the workspace, in m.
     fn off(&self, tcp_m: impl Fn(&[f64]) -> Vector3<f64>) -> Vec<Vector3<f64>> {
         let points = self.workspace.iter().zip(&self.tcp_m);

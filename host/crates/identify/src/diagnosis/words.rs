@@ -72,7 +72,7 @@ pub(crate) fn words(alternative: &Alternative, shift: &DVector<f64>, sigma: f64)
             share(time)
         ),
         Alternative::Drift { reference } => format!(
-            "{} drifted by {size:.3} ± {sigma:.3} mm, {}, from first to last pose",
+            "{} drifted by {size:.3} ± {sigma:.3} mm, {}, from its first to its last pose",
             place_name(reference),
             vector()
         ),

@@ -51,6 +51,17 @@ fn only<'a>(experiment: &'a Experiment, keep: &[usize]) -> Cow<'a, Experiment> {
     })
 }
 
+impl Fit {
+    /// The experiment that the calibration was identified from, with some of its rows.
+    pub(super) fn experiment<'a>(&self, experiment: &'a Experiment, rows: &[usize]) -> Cow<'a, Experiment> {
+        let mut own = only(experiment, rows);
+        if self.found_tool {
+            own.to_mut().tool.tcp_m = self.nominal.tcp_m.into();
+        }
+        own
+    }
+}
+
 /// At most `most` of the rows, spread evenly over each sphere and place.
 pub(super) fn thinned(experiment: &Experiment, rows: &[usize], most: usize) -> Vec<usize> {
     let step = rows.len().div_ceil(most).max(1);

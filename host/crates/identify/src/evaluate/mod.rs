@@ -21,6 +21,7 @@ mod error;
 mod fit;
 mod folds;
 mod judge;
+mod options;
 mod plate;
 mod reference;
 mod repeats;
@@ -32,15 +33,17 @@ pub use align::{NominalFrames, align};
 pub use error::EvaluateError;
 pub use folds::{Fold, HeldOut};
 pub use judge::{Errors, Judge, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
+pub use options::{EvaluateOptions, Step};
 pub use reference::{Estimator, Reference, ReferenceModel};
 
 pub(crate) use align::Flange;
 
+use crate::diagnosis::{Course, Diagnosis, diagnose, workspace};
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
 use crate::verdict::{Evidence, Verdict, verdict};
 use crate::{Calibration, IdentifyError, Options};
-use fit::{Fit, fit};
+use fit::{Fit, fit, thinned};
 
 /// Most rows that are left out and have a note each.
 const NOTED: usize = 20;
@@ -49,58 +52,9 @@ const HOPELESS_M: f64 = 0.025;
 /// Distances of the plate that differ by more than this (m) from the data's explain such data.
 const WRONG_PLATE_M: f64 = 0.010;
 
-/// What an evaluation does besides identifying.
-#[derive(Clone, Debug)]
-pub struct EvaluateOptions {
-    /// How to identify.
-    pub identify: Options,
-    /// Align frames and tool first: leaves gross errors out, takes a tool that is far
-    /// from what was said from the data, and chooses the width of the geometric priors.
-    pub align: bool,
-    /// Choose the richest model that does not overfit.
-    pub choose_model: bool,
-    /// Cross-validate where nothing else judges the result.
-    pub cross_validate: bool,
-    /// Other estimators to compare with, where an independent instrument measured.
-    pub models: Vec<Estimator>,
-    /// Options of [`Estimator::Bound`]: what a simulation may tell and a user cannot know.
-    pub bound: Option<Options>,
-}
-
-impl Default for EvaluateOptions {
-    fn default() -> Self {
-        Self {
-            identify: Options::default(),
-            align: true,
-            choose_model: true,
-            cross_validate: true,
-            models: Vec::new(),
-            bound: None,
-        }
-    }
-}
-
-/// How far an evaluation has come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
-    /// The frames are aligned, priors and model chosen and the model fitted.
-    Fitting {
-        /// Rows of the calibration set.
-        rows: usize,
-    },
-    /// Another estimator is fitted.
-    Comparing {
-        /// Which.
-        estimator: Estimator,
-    },
-    /// The result is judged.
-    Judging {
-        /// Fits that are judged.
-        fits: usize,
-        /// Rows that judge them.
-        rows: usize,
-    },
-}
+/// Most rows whose residuals are searched for causes: the search takes time and memory in
+/// proportion to the rows.
+const DIAGNOSED: usize = 600;
 
 /// A calibration with everything that is known about it.
 #[derive(Clone, Debug)]
@@ -132,6 +86,8 @@ pub struct Evaluation {
     /// Predicted standard deviation of the TCP (root of the summed variances)
     /// over the judging rows: mean and largest, in mm.
     pub predicted_mm: (f64, f64),
+    /// What the residuals tell; none where it could not be computed.
+    pub diagnosis: Option<Diagnosis>,
     /// Whether the result may be used, and why.
     pub verdict: Verdict,
     /// What the user should know.
@@ -192,6 +148,7 @@ pub fn evaluate(
     let table = reference.as_ref().and_then(|r| r.table.as_ref());
     let judges: Vec<Judge<'_>> = recordings.set_aside().collect();
     let cross_validated = judges.is_empty() && table.is_none() && options.cross_validate;
+    let mut realigned_mm = None;
     let judged = if cross_validated {
         progress(Step::Judging {
             fits: folds::FOLDS,
@@ -205,7 +162,9 @@ pub fn evaluate(
             fits: 1,
             rows: judges.len(),
         });
-        Some(judged_aside(recordings, &fit, &judges, &mut notes))
+        let (judged, off) = judged_aside(recordings, &fit, &judges, &mut notes);
+        realigned_mm = off;
+        Some(judged)
     };
     let holdout = match &recordings.holdout {
         Some(column) => Some(folds::hold_out(recordings, options, &fit.options, &fit.used, column)?),
@@ -213,6 +172,11 @@ pub fn evaluate(
     };
     let closed_loop = recordings.closed_loop();
     let predicted_mm = predicted(recordings, &fit.calibration, cross_validated, closed_loop);
+    let diagnosis = if options.diagnose {
+        diagnosed(recordings, &fit, &mut notes)
+    } else {
+        None
+    };
     let verdict = verdict(&Evidence {
         recordings,
         options: &fit.options,
@@ -224,8 +188,17 @@ pub fn evaluate(
         cross_validated,
         holdout: holdout.as_ref(),
         table,
+        diagnosis: diagnosis.as_ref(),
+        nominal_tcp_m: if fit.found_tool {
+            fit.nominal.tcp_m
+        } else {
+            recordings.experiment.tool.tcp()
+        },
+        accuracy_mm: options.accuracy_mm,
+        realigned_mm,
     });
     Ok(Evaluation {
+        diagnosis,
         given_tcp_m: fit.found_tool.then(|| recordings.experiment.tool.tcp()),
         options: fit.options,
         used: fit.used,
@@ -272,6 +245,35 @@ fn training_rows(recordings: &Recordings) -> Result<(Vec<usize>, Vec<(usize, usi
     Ok((train, repeated))
 }
 
+/// What the residuals of the rows that the fit used tell, of at most [`DIAGNOSED`] of
+/// them; none, with a note, where the equations have no solution.
+fn diagnosed(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) -> Option<Diagnosis> {
+    let rows = thinned(&recordings.experiment, &fit.used, DIAGNOSED);
+    let experiment = fit.experiment(&recordings.experiment, &rows);
+    let over = workspace(&experiment.robot, &experiment.tool);
+    let course = match &recordings.course {
+        Some(course) => course.of_rows(&rows),
+        None => Course::in_order(&experiment),
+    };
+    match diagnose(&experiment, &fit.options, &course, &over) {
+        Ok(mut diagnosis) => {
+            if rows.len() < fit.used.len() {
+                diagnosis.renumber(&fit.used, &rows);
+                notes.push(format!(
+                    "the causes in the residuals and the expected error are from {} of {} rows, spread evenly",
+                    rows.len(),
+                    fit.used.len()
+                ));
+            }
+            Some(diagnosis)
+        }
+        Err(error) => {
+            notes.push(format!("the residuals could not be tested: {error}"));
+            None
+        }
+    }
+}
+
 /// Names the rows that were left out.
 fn note_rejected(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) {
     for &(i, mm) in fit.rejected.iter().take(NOTED) {
@@ -309,11 +311,17 @@ fn cross_validation(
 }
 
 /// Judges a fit by the rows that were set aside, in their own frame where they are
-/// not in the frame that was said.
-fn judged_aside(recordings: &Recordings, fit: &Fit, judges: &[Judge<'_>], notes: &mut Vec<String>) -> Judged {
+/// not in the frame that was said; with how far (mm) they were off as a whole then.
+fn judged_aside(
+    recordings: &Recordings,
+    fit: &Fit,
+    judges: &[Judge<'_>],
+    notes: &mut Vec<String>,
+) -> (Judged, Option<f64>) {
     let words = format!("{} samples that the fit has not seen", judges.len());
     let mut own = folds::judged(recordings, fit, judges, &words);
-    if let Some(off) = own.realign_if_elsewhere(judges) {
+    let elsewhere = own.realign_if_elsewhere(judges);
+    if let Some(off) = elsewhere {
         own.by += ", after a best rigid fit of their frame";
         notes.push(format!(
             "the validation points are not in the {} frame: they are {off:.0} mm off as a whole, and fit within a \
@@ -325,7 +333,7 @@ fn judged_aside(recordings: &Recordings, fit: &Fit, judges: &[Judge<'_>], notes:
             }
         ));
     }
-    own
+    (own, elsewhere)
 }
 
 /// Refuses data that no calibration of this robot can explain, with what is

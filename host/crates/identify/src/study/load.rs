@@ -46,6 +46,8 @@ pub struct Request {
     pub joint_columns: Vec<String>,
     /// Columns that are left out.
     pub ignore_columns: Vec<String>,
+    /// Mean error of the TCP that is asked for, in mm: a worse result is refused.
+    pub accuracy_mm: Option<f64>,
     /// How to identify.
     pub options: Options,
 }

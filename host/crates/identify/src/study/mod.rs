@@ -117,6 +117,7 @@ pub fn study(request: &Request, progress: &mut dyn FnMut(Step)) -> Result<Study,
     } = load(request, &mut |read| progress(Step::Reading(read)))?;
     let options = EvaluateOptions {
         identify: request.options.clone(),
+        accuracy_mm: request.accuracy_mm,
         ..EvaluateOptions::default()
     };
     let evaluation = evaluate(&recordings, &options, &mut |step| progress(Step::Evaluating(step)))

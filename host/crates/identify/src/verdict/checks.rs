@@ -1,5 +1,7 @@
 //! What is checked, each check with its number and limit.
 
+use super::asked::{asked_accuracy, validation_agrees};
+use super::diagnosed::diagnosed;
 use super::{Check, Evidence};
 use crate::Method;
 
@@ -10,12 +12,17 @@ const SMALL_GAIN: f64 = 0.05;
 const WORST_ROW: f64 = 1.5;
 /// Most of the rows that may be outliers.
 const MOST_OUTLIERS: f64 = 0.2;
+/// Rows and poses that a check names.
+const NAMED: usize = 5;
 /// A seated nest that moves further under the test pull is doubtful, in mm.
 const DOUBTFUL_SEAT_MM: f64 = 1.0;
 
 /// All checks, the most important first.
 pub fn checks(evidence: &Evidence<'_>) -> Vec<Check> {
     let mut checks = Vec::new();
+    diagnosed(evidence, &mut checks);
+    asked_accuracy(evidence, &mut checks);
+    validation_agrees(evidence, &mut checks);
     against_nominal(evidence, &mut checks);
     held_out(evidence, &mut checks);
     parameters(evidence, &mut checks);
@@ -113,32 +120,27 @@ fn held_out(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
 /// Whether the data determine what was estimated.
 fn parameters(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
     let calibration = evidence.calibration;
-    let free = || calibration.parameters.iter().filter(|p| p.free);
-    let blind: Vec<&str> = if matches!(calibration.method, Method::Full | Method::Geometry) {
-        free()
-            .filter(|p| !p.identified && p.sigma > p.prior_sigma)
-            .map(|p| p.name.as_str())
-            .collect()
-    } else {
-        free().filter(|p| !p.moved).map(|p| p.name.as_str()).collect()
-    };
-    let has_priors = matches!(calibration.method, Method::Full | Method::Geometry);
-    let words = match (blind.is_empty(), has_priors) {
-        (true, _) => "every estimated parameter is determined by the data or by its prior".to_owned(),
-        (false, true) => format!("the data say nothing about {}", blind.join(", ")),
-        (false, false) => format!(
-            "these parameters were never identified but are used: {}",
-            blind.join(", ")
-        ),
-    };
-    let check = Check::new(
-        "parameters_determined",
-        Some(blind.len() as f64),
-        Some(0.0),
-        blind.is_empty(),
-        words,
-    );
-    checks.push(if has_priors { check.qualifying() } else { check });
+    // With priors every parameter is determined: what the data leave open is in the
+    // expected error.
+    if !matches!(calibration.method, Method::Full | Method::Geometry) {
+        let free = calibration.parameters.iter().filter(|p| p.free);
+        let blind: Vec<&str> = free.filter(|p| !p.moved).map(|p| p.name.as_str()).collect();
+        let words = if blind.is_empty() {
+            "every estimated parameter is determined by the data".to_owned()
+        } else {
+            format!(
+                "these parameters were never identified but are used: {}",
+                blind.join(", ")
+            )
+        };
+        checks.push(Check::new(
+            "parameters_determined",
+            Some(blind.len() as f64),
+            Some(0.0),
+            blind.is_empty(),
+            words,
+        ));
+    }
     let rows = evidence.used.len() as f64;
     let least = (calibration.effective_parameters + 6.0) / 3.0;
     let check = Check::new(
@@ -160,12 +162,49 @@ fn parameters(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
     checks.push(if judged { check.qualifying() } else { check });
 }
 
+/// The outliers by name: first those that were left out, with their distance, then those
+/// that the fit does not believe.
+fn outliers(evidence: &Evidence<'_>) -> String {
+    let recordings = evidence.recordings;
+    let left_out = evidence
+        .rejected
+        .iter()
+        .map(|(i, mm)| format!("{} ({mm:.1} mm)", recordings.describe(*i)));
+    let residual = &evidence.calibration.residual;
+    let doubted = residual.outliers.iter().filter_map(|o| {
+        let size = residual.rows.iter().find(|r| r.index == o.index).map(|r| {
+            let [x, y, z] = r.error_mm;
+            (x * x + y * y + z * z).sqrt()
+        });
+        let row = recordings.describe(*evidence.used.get(o.index)?);
+        Some(size.map_or_else(|| row.clone(), |mm| format!("{row} ({mm:.2} mm)")))
+    });
+    listed(left_out.chain(doubted))
+}
+
+/// The first of some names, and how many there are besides.
+fn listed(names: impl Iterator<Item = String>) -> String {
+    let mut names: Vec<String> = names.collect();
+    if let Some(more) = names.len().checked_sub(NAMED).filter(|more| *more > 0) {
+        names.truncate(NAMED);
+        names.push(format!("and {more} more"));
+    }
+    names.join(", ")
+}
+
 /// Whether the rows agree with the model and with each other.
 fn rows(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
     let all = evidence.used.len() + evidence.rejected.len();
     let bad = evidence.rejected.len() + evidence.calibration.residual.outliers.len();
     let share = bad as f64 / all.max(1) as f64;
-    let words = format!("{bad} of {all} rows are outliers");
+    let words = if bad == 0 {
+        format!("none of {all} rows is an outlier")
+    } else {
+        format!(
+            "{bad} of {all} rows are outliers, which the fit leaves out or hardly counts: {}",
+            outliers(evidence)
+        )
+    };
     checks.push(Check::new(
         "outliers",
         Some(share),
@@ -194,7 +233,7 @@ fn rows(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
 
 /// What the campaign noted.
 fn campaign(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
-    let Some(campaign) = evidence.recordings.campaign else {
+    let Some(campaign) = &evidence.recordings.campaign else {
         return;
     };
     if campaign.simulated {
@@ -210,7 +249,13 @@ fn campaign(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         "poses_recorded",
         lost as f64,
         0.0,
-        format!("{lost} of {} poses were not recorded", campaign.planned),
+        if campaign.given_up.is_empty() {
+            format!("{lost} of {} poses were not recorded", campaign.planned)
+        } else {
+            let given_up = campaign.given_up.iter();
+            let names = listed(given_up.map(|(sphere, pose)| format!("pose {pose} on sphere {sphere}")));
+            format!("{lost} of {} poses were not recorded: {names}", campaign.planned)
+        },
     );
     let worst = campaign.worst_seat_m * 1e3;
     note(
@@ -218,7 +263,10 @@ fn campaign(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         worst,
         DOUBTFUL_SEAT_MM,
         if worst > DOUBTFUL_SEAT_MM {
-            format!("a nest moved by {worst:.2} mm under the test pull: look at its seat")
+            let sphere = campaign
+                .worst_seat_sphere
+                .map_or_else(String::new, |id| format!(" on sphere {id}"));
+            format!("the nest{sphere} moved by {worst:.2} mm under the test pull: look at its seat")
         } else {
             format!("the nests moved by {worst:.2} mm at most under the test pull")
         },

@@ -1,9 +1,10 @@
 //! How large the error of the TCP is over the workspace, as far as the model knows.
 //!
-//! Robots are drawn from the calibration's posterior distribution. Each draw displaces
-//! the TCP at configurations spread over the joints' ranges; the robot's base is where
-//! the calibration puts it. The figures hold where the model is right: an error that
-//! no parameter describes is not in them.
+//! [`Diagnosis::expected_error_of`](crate::diagnosis::Diagnosis::expected_error_of)
+//! says it, with what the model leaves out. Where no diagnosis could be made, robots are
+//! drawn from the calibration's posterior distribution alone: each draw displaces the TCP
+//! at configurations spread over the joints' ranges. Those figures hold where the model
+//! is right.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 use rand::SeedableRng as _;
@@ -32,6 +33,9 @@ pub struct ExpectedError {
 /// The expected error of a calibration; none where its covariance is unknown.
 pub fn expected_error(evidence: &Evidence<'_>) -> Option<ExpectedError> {
     let calibration = evidence.calibration;
+    if let Some(diagnosis) = evidence.diagnosis {
+        return Some(diagnosis.expected_error_of(|q| calibration.tcp_m(q, None)));
+    }
     let configurations = halton_configurations(&calibration.robot, CONFIGURATIONS);
     ExpectedError::of(calibration, &configurations, None)
 }

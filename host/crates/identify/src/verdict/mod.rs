@@ -9,11 +9,17 @@
 //!           └ expected_error ─┘
 //! ```
 
+mod asked;
 mod checks;
+mod diagnosed;
 mod expected;
 
+use nalgebra::Vector3;
 use serde::Serialize;
+use spherecal_model::Chain;
+use spherecal_shared::robot::Tool;
 
+use crate::diagnosis::Diagnosis;
 use crate::evaluate::{HeldOut, Judged};
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
@@ -45,6 +51,16 @@ pub struct Evidence<'a> {
     pub holdout: Option<&'a HeldOut>,
     /// Errors on the points of an independent instrument: `nominal`, `sphere`, others.
     pub table: Option<&'a ValidationTable>,
+    /// What the residuals tell; none where it could not be computed.
+    pub diagnosis: Option<&'a Diagnosis>,
+    /// TCP of the nominal robot in the last frame of the table, in m: as it was given, or
+    /// as the data said with the nominal geometry, where that was another tool.
+    pub nominal_tcp_m: Vector3<f64>,
+    /// Mean error (mm) that was asked for.
+    pub accuracy_mm: Option<f64>,
+    /// How far (mm) the validation points stood from their said frame, where a rigid
+    /// motion of all of them was taken out.
+    pub realigned_mm: Option<f64>,
 }
 
 /// One thing that was checked.
@@ -91,8 +107,11 @@ pub struct Verdict {
     pub may_be_used: bool,
     /// Error of the TCP to expect over the workspace, in mm; none where it cannot be told.
     pub expected_error_mm: Option<ExpectedError>,
-    /// Share of the nominal mean error that is gone, by the independent instrument or
-    /// else by rows that the fit has not seen; none where nothing judged.
+    /// The same of the nominal robot.
+    pub nominal_error_mm: Option<ExpectedError>,
+    /// Share of the nominal mean error that is gone: by the independent instrument, else
+    /// by rows that were measured apart, else by the expected error over the workspace;
+    /// none where nothing judged.
     pub improvement: Option<f64>,
     /// What was checked.
     pub checks: Vec<Check>,
@@ -110,6 +129,23 @@ pub(crate) struct Compared {
 }
 
 impl Evidence<'_> {
+    /// The nominal robot.
+    pub(crate) fn nominal(&self) -> Chain {
+        let experiment = &self.recordings.experiment;
+        let tool = Tool {
+            tcp_m: self.nominal_tcp_m.into(),
+            ..experiment.tool
+        };
+        Chain::unchecked(&experiment.robot, &tool)
+    }
+
+    /// Expected error of the nominal robot over the workspace; none without a diagnosis.
+    pub(crate) fn nominal_error(&self) -> Option<ExpectedError> {
+        let nominal = self.nominal();
+        let diagnosis = self.diagnosis?;
+        Some(diagnosis.expected_error_of(|q| nominal.pose(q).position))
+    }
+
     /// What judges best: the independent instrument with the base as it measured it,
     /// else the rows that the fit has not seen.
     pub(crate) fn compared(&self) -> Option<Compared> {
@@ -137,21 +173,28 @@ pub fn verdict(evidence: &Evidence<'_>) -> Verdict {
     let failed = |refuses: bool| checks.iter().filter(move |c| !c.passed && c.refuses == refuses);
     let may_be_used = failed(true).next().is_none();
     let reasons = failed(true).chain(failed(false)).map(|c| c.words.clone()).collect();
-    let compared = evidence.compared();
+    let expected = expected_error(evidence);
+    let nominal = evidence.nominal_error();
+    let independent = evidence.table.is_some() || (evidence.judged.is_some() && !evidence.cross_validated);
+    let means = match (independent, expected, nominal) {
+        (false, Some(expected), Some(nominal)) => Some((nominal.mean, expected.mean)),
+        _ => evidence.compared().map(|c| (c.nominal.0, c.calibrated.0)),
+    };
     let next = if !may_be_used {
         "Do not load this model: remove the causes named above, or measure more poses over a wider range of orientations \
          and elbow positions, and run again."
-    } else if evidence.table.is_some() || !evidence.cross_validated {
+    } else if independent {
         "Load calibrated.urdf or calibrated.toml into your controller or planner; report.html says how good it is where."
     } else {
         "Load calibrated.urdf or calibrated.toml, and check it on a few points of your own with --validate."
     };
     Verdict {
         may_be_used,
-        expected_error_mm: expected_error(evidence),
-        improvement: compared
-            .filter(|c| c.nominal.0 > 0.0)
-            .map(|c| 1.0 - c.calibrated.0 / c.nominal.0),
+        expected_error_mm: expected,
+        nominal_error_mm: nominal,
+        improvement: means
+            .filter(|(nominal, _)| *nominal > 0.0)
+            .map(|(nominal, calibrated)| 1.0 - calibrated / nominal),
         reasons,
         next: next.to_owned(),
         checks,

@@ -56,15 +56,32 @@ pub fn summary_text(study: &Study) -> String {
     };
     let (nominal, calibrated) = (errors("nominal"), errors("calibrated"));
     let v = &evaluation.verdict;
-    let gain = v.improvement.unwrap_or_default();
-    let _ = writeln!(
-        out,
-        "{}: mean error {:.3} mm, nominally {:.3} mm ({} {:.0} %). {}",
-        study.model.robot.name,
+    let gain = 1.0 - calibrated.mean_mm / nominal.mean_mm.max(1e-12);
+    let judged_words = format!(
+        "mean error {:.3} mm, nominally {:.3} mm ({} {:.0} %)",
         calibrated.mean_mm,
         nominal.mean_mm,
         if gain >= 0.0 { "better by" } else { "worse by" },
         gain.abs() * 100.0,
+    );
+    // A cross-validation knows no more than where the data are: the headline is then
+    // the error over the workspace.
+    let headline = match v.expected_error_mm {
+        Some(e) if evaluation.cross_validated || judged.is_none() => {
+            let before = v
+                .nominal_error_mm
+                .map_or_else(String::new, |n| format!(", nominally {:.3} mm", n.mean));
+            format!(
+                "expected error over the workspace {:.3} mm in the mean (95 % interval {:.3} to {:.3} mm){before}",
+                e.mean, e.interval[0], e.interval[1]
+            )
+        }
+        _ => format!("{judged_words} on the validation rows"),
+    };
+    let _ = writeln!(
+        out,
+        "{}: {headline}. {}",
+        study.model.robot.name,
         if v.may_be_used {
             "The result may be used."
         } else {
@@ -78,7 +95,11 @@ pub fn summary_text(study: &Study) -> String {
         let _ = writeln!(out, "{}", crate::summary::expected_words(&e));
     }
     if let Some(judged) = judged {
-        let _ = writeln!(out, "\nValidation on {} samples ({}):", calibrated.n, judged.by);
+        let _ = writeln!(
+            out,
+            "\nValidation on {} samples ({}): {judged_words}",
+            calibrated.n, judged.by
+        );
         table(&mut out, judged);
     }
     if let Some(holdout) = &evaluation.holdout {

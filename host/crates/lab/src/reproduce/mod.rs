@@ -112,7 +112,9 @@ pub fn reproduce(
         align: false,
         choose_model: false,
         cross_validate: false,
+        diagnose: true,
         models: MODELS.to_vec(),
+        accuracy_mm: None,
         bound: None,
     };
     let evaluation = evaluate(recordings, &asked, &mut |_| {})?;

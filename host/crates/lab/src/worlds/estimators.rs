@@ -67,7 +67,9 @@ pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable,
         align: false,
         choose_model: false,
         cross_validate: false,
+        diagnose: false,
         models: estimators.to_vec(),
+        accuracy_mm: None,
         bound,
     };
     let found = evaluate(&Recordings::from(trial), &options, &mut |_| {})

@@ -70,12 +70,14 @@ const say = (id, words) => { const e = at(id); if (e.textContent !== words) e.te
 
 function describe(run) {
   const { scene, frame, end } = run;
-  say("name", scene.arm ? `${scene.robot} ${scene.arm}` : scene.robot);
+  // The two links whose arm is in the program itself.
+  const simulated = ["sim", "qemu"].includes(scene.link) ? "SIMULATED: " : "";
+  say("name", simulated + (scene.arm ? `${scene.robot} ${scene.arm}` : scene.robot));
   say("about", `${frame && !end ? `${STAGES[frame.stage]}, ` : ""}link ${scene.link}, begun ${scene.begun_utc.slice(11, 16)} UTC`);
   const phase = end ? (end.trusted === null ? "ended" : end.trusted ? "may be used" : "not to be used") : frame ? PHASES[frame.phase] : "starting";
   say("phase", phase);
   at("phase").className = `pill phase ${end ? (end.trusted ? "good" : "bad") : frame?.phase === "fault" ? "bad" : ""}`;
-  document.title = `${phase}, ${scene.robot} ${scene.arm} – spherecal`;
+  document.title = `${simulated}${phase}, ${scene.robot} ${scene.arm} – spherecal`;
   at("arm").setAttribute("aria-label", `${scene.robot} ${scene.arm}: ${phase}`);
   if (!frame) return;
   say("done", String(frame.done));

@@ -1,0 +1,64 @@
+//! What an evaluation is asked for, and how far it has come.
+
+use super::Estimator;
+use crate::Options;
+
+/// What an evaluation does besides identifying.
+#[derive(Clone, Debug)]
+pub struct EvaluateOptions {
+    /// How to identify.
+    pub identify: Options,
+    /// Align frames and tool first: leaves gross errors out, takes a tool that is far
+    /// from what was said from the data, and chooses the width of the geometric priors.
+    pub align: bool,
+    /// Choose the richest model that does not overfit.
+    pub choose_model: bool,
+    /// Cross-validate where nothing else judges the result.
+    pub cross_validate: bool,
+    /// Search the residuals for causes, and state the expected error with what the model
+    /// leaves out.
+    pub diagnose: bool,
+    /// Other estimators to compare with, where an independent instrument measured.
+    pub models: Vec<Estimator>,
+    /// Mean error of the TCP (mm) that was asked for: a worse result is refused.
+    pub accuracy_mm: Option<f64>,
+    /// Options of [`Estimator::Bound`]: what a simulation may tell and a user cannot know.
+    pub bound: Option<Options>,
+}
+
+impl Default for EvaluateOptions {
+    fn default() -> Self {
+        Self {
+            identify: Options::default(),
+            align: true,
+            choose_model: true,
+            cross_validate: true,
+            diagnose: true,
+            models: Vec::new(),
+            accuracy_mm: None,
+            bound: None,
+        }
+    }
+}
+
+/// How far an evaluation has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The frames are aligned, priors and model chosen and the model fitted.
+    Fitting {
+        /// Rows of the calibration set.
+        rows: usize,
+    },
+    /// Another estimator is fitted.
+    Comparing {
+        /// Which.
+        estimator: Estimator,
+    },
+    /// The result is judged.
+    Judging {
+        /// Fits that are judged.
+        fits: usize,
+        /// Rows that judge them.
+        rows: usize,
+    },
+}

@@ -1,0 +1,109 @@
+//! Checks of the stated error: by the accuracy that was asked for, and by rows that were
+//! measured apart.
+
+use super::{Check, Evidence, expected_error};
+
+/// A validation whose median error is beyond this many times the error that 95 % of the
+/// workspace should stay under contradicts the statement: another frame, tool or arm.
+const CONTRADICTS: f64 = 3.0;
+/// Least median error (mm) that contradicts: below it the instrument itself may be meant.
+const LEAST_CONTRADICTION_MM: f64 = 0.5;
+/// The same for one that only qualifies: the statement is too good.
+const TOO_GOOD: f64 = 1.0;
+
+/// Whether the result is as good as was asked for.
+pub(super) fn asked_accuracy(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    let Some(asked) = evidence.accuracy_mm else { return };
+    // Like the expected error, that of the arm's shape: where the base stands is not in it.
+    let by_instrument = evidence
+        .table
+        .and_then(|t| t.model("sphere"))
+        .map(|m| m.best_fit.mean_mm);
+    let expected = expected_error(evidence);
+    let (mean, by) = match (by_instrument, expected) {
+        (Some(mean), _) => (mean, "on the independent instrument's points, the base fitted to them"),
+        (None, Some(e)) => (e.mean, "expected over the workspace"),
+        (None, None) => {
+            let words = "the accuracy that was asked for cannot be checked: the expected error is unknown".to_owned();
+            checks.push(Check::new("asked_accuracy", None, Some(asked), false, words));
+            return;
+        }
+    };
+    let met = mean <= asked;
+    let words = if met {
+        format!("a mean error of {asked:.3} mm was asked for, and it is {mean:.3} mm {by}")
+    } else {
+        format!(
+            "a mean error of {asked:.3} mm was asked for, but it is {mean:.3} mm {by}: measure more poses, on more \
+             spheres and over a wider range of joint angles"
+        )
+    };
+    checks.push(Check::new("asked_accuracy", Some(mean), Some(asked), met, words));
+    if let (true, None, Some(e)) = (met, by_instrument, expected) {
+        let sure = e.interval[1] <= asked;
+        let words = if sure {
+            format!(
+                "also the upper end of its interval, {:.3} mm, is within {asked:.3} mm",
+                e.interval[1]
+            )
+        } else {
+            format!(
+                "the asked mean error of {asked:.3} mm is not sure: the interval of the expected error ends at {:.3} mm",
+                e.interval[1]
+            )
+        };
+        let check = Check::new("asked_accuracy_sure", Some(e.interval[1]), Some(asked), sure, words);
+        checks.push(check.qualifying());
+    }
+}
+
+/// Whether rows that were measured apart agree with the stated error.
+pub(super) fn validation_agrees(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    if let Some(off) = evidence.realigned_mm {
+        let words = format!(
+            "the validation points stand {off:.0} mm from their frame as a whole; this was taken out, so they judge the \
+             shape of the arm and not where it stands"
+        );
+        checks.push(Check::new("validation_frame", Some(off), None, false, words).qualifying());
+    }
+    if evidence.cross_validated {
+        return;
+    }
+    let (Some(judged), Some(expected)) = (evidence.judged, expected_error(evidence)) else {
+        return;
+    };
+    let Some(model) = judged.model("calibrated") else {
+        return;
+    };
+    let mut distances: Vec<f64> = model.samples.iter().map(|s| s.distance_mm).collect();
+    distances.sort_unstable_by(f64::total_cmp);
+    let Some(&median) = distances.get(distances.len() / 2) else {
+        return;
+    };
+    let limit = (CONTRADICTS * expected.p95).max(LEAST_CONTRADICTION_MM);
+    let agrees = median <= limit;
+    let stated = format!(
+        "the validation rows are {median:.3} mm off (median), and 95 % of the workspace should stay below {:.3} mm",
+        expected.p95
+    );
+    let words = if agrees {
+        stated.clone()
+    } else {
+        format!(
+            "{stated}: they contradict the calibration; check that they are of this arm with this tool, in this frame, \
+             and measured after no change to either"
+        )
+    };
+    checks.push(Check::new(
+        "validation_agrees",
+        Some(median),
+        Some(limit),
+        agrees,
+        words,
+    ));
+    let too_good = TOO_GOOD * expected.p95;
+    if agrees && median > too_good {
+        let words = format!("{stated}: trust the validation, not the expected error");
+        checks.push(Check::new("expected_error_confirmed", Some(median), Some(too_good), false, words).qualifying());
+    }
+}

@@ -1,0 +1,320 @@
+//! The verdict on wrong inputs, as a user without a laser tracker meets it: what the data
+//! contradict is refused with its reason, and what they do not is stated as large as it is.
+//!
+//! The rows come from a simulated arm; the program sees only what a user's file holds.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::sync::LazyLock;
+
+use serde_json::Value;
+
+use crate::support::{spherecal, text};
+
+const JOINTS: usize = 7;
+/// Table 1 of the paper, in mm, by sphere from 1.
+const PLATE: [[f64; 3]; 3] = [[0.0; 3], [300.009, 0.0, 0.0], [150.049, 260.051, 0.0]];
+
+/// One contact: its sphere, joint angles (rad) and torques (N m).
+#[derive(Clone, Debug)]
+struct Contact {
+    sphere: u32,
+    q: Vec<f64>,
+    tau: Vec<f64>,
+}
+
+/// The contacts of a simulated arm, measured once for all tests.
+fn measured(seed: &str) -> Vec<Contact> {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("cell.toml"), "[laser]\nenabled = false\n").expect("written");
+    let arguments = [
+        "measure",
+        "--seed",
+        seed,
+        "--poses",
+        "60",
+        "--config",
+        "cell.toml",
+        "--json",
+    ];
+    let output = spherecal(folder.path(), &arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let output = spherecal(folder.path(), &["export", "--csv"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let table = std::fs::read_to_string(folder.path().join("spherecal-out/tables/recordings.csv")).expect("a table");
+    let mut lines = table.lines();
+    let names: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    let column = |name: &str| names.iter().position(|n| *n == name).expect("a column");
+    let (sphere, q, tau) = (
+        column("sphere"),
+        (1..=JOINTS)
+            .map(|j| column(&format!("q{j}_mean_rad")))
+            .collect::<Vec<_>>(),
+        (1..=JOINTS)
+            .map(|j| column(&format!("tau{j}_mean_nm")))
+            .collect::<Vec<_>>(),
+    );
+    let contact = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        let all = |columns: &[usize]| columns.iter().map(|c| cells[*c].parse().expect("a number")).collect();
+        Contact {
+            sphere: cells[sphere].parse().expect("a number"),
+            q: all(&q),
+            tau: all(&tau),
+        }
+    };
+    lines.map(contact).collect()
+}
+
+static SOUND: LazyLock<Vec<Contact>> = LazyLock::new(|| measured("1"));
+
+/// A folder with a table of contacts and a plate.
+struct Case(tempfile::TempDir);
+
+impl Case {
+    fn new(contacts: &[Contact], plate: &[[f64; 3]]) -> Self {
+        let case = Self(tempfile::tempdir().expect("a folder"));
+        case.put("data.csv", contacts);
+        let mut certificate = String::new();
+        for (id, [x, y, z]) in (1..).zip(plate) {
+            writeln!(
+                certificate,
+                "[[sphere]]\nid = {id}\nx_mm = {x:?}\ny_mm = {y:?}\nz_mm = {z:?}\nsigma_mm = 0.0014"
+            )
+            .expect("a string");
+        }
+        std::fs::write(case.path().join("plate.toml"), certificate).expect("written");
+        case
+    }
+
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    fn put(&self, name: &str, contacts: &[Contact]) -> PathBuf {
+        let mut table = String::from("sphere");
+        for kind in ["q", "tau"] {
+            (1..=JOINTS).for_each(|j| write!(table, ",{kind}{j}").expect("a string"));
+        }
+        for contact in contacts {
+            write!(table, "\n{}", contact.sphere).expect("a string");
+            for value in contact.q.iter().chain(&contact.tau) {
+                write!(table, ",{value:?}").expect("a string");
+            }
+        }
+        let path = self.path().join(name);
+        std::fs::write(&path, table + "\n").expect("written");
+        path
+    }
+
+    fn identify_as(&self, robot: &str, more: &[&str]) -> Output {
+        let mut arguments = vec![
+            "identify",
+            "--robot",
+            robot,
+            "--data",
+            "data.csv",
+            "--plate",
+            "plate.toml",
+        ];
+        arguments.extend(more);
+        spherecal(self.path(), &arguments)
+    }
+
+    fn identify(&self, more: &[&str]) -> Output {
+        self.identify_as("iiwa7", more)
+    }
+
+    /// The verdict that the files state.
+    fn verdict(&self) -> Value {
+        let summary = std::fs::read_to_string(self.path().join("spherecal-out/summary.json")).expect("summary.json");
+        serde_json::from_str::<Value>(&summary).expect("JSON")["verdict"].take()
+    }
+
+    fn refused(&self, output: &Output, code: i32, words: &[&str]) {
+        let said = text(&output.stdout) + &text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{words:?}: {said}");
+        for word in words {
+            assert!(said.contains(word), "\"{word}\" is not said: {said}");
+        }
+        if code == 3 {
+            assert!(said.contains("DO NOT USE"), "{said}");
+            assert_eq!(self.verdict()["may_be_used"], false);
+        }
+    }
+}
+
+fn mean(verdict: &Value) -> f64 {
+    verdict["expected_error_mm"]["mean"].as_f64().expect("a number")
+}
+
+fn failed<'a>(verdict: &'a Value, name: &str) -> &'a str {
+    let checks = verdict["checks"].as_array().expect("checks");
+    let check = checks.iter().find(|c| c["name"] == name && c["passed"] == false);
+    check.unwrap_or_else(|| panic!("{name} did not fail: {checks:?}"))["words"]
+        .as_str()
+        .expect("words")
+}
+
+// Fails if sound contacts are refused, if their headline is not the expected error, or if
+// an asked accuracy that they miss is not refused.
+#[test]
+fn sound_contacts_may_be_used_up_to_their_accuracy() {
+    let case = Case::new(&SOUND, &PLATE);
+    let output = case.identify(&["--accuracy-mm", "1"]);
+    let said = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    let first = said.lines().next().expect("a headline");
+    let verdict = case.verdict();
+    let expected = format!("expected error over the workspace {:.3} mm", mean(&verdict));
+    assert!(first.contains(&expected) && first.contains("nominally"), "{first}");
+    case.refused(
+        &case.identify(&["--accuracy-mm", "0.01"]),
+        3,
+        &["0.010 mm was asked for"],
+    );
+    case.refused(
+        &case.identify(&["--accuracy-mm", "0"]),
+        2,
+        &["--accuracy-mm", "from 0.001"],
+    );
+}
+
+// Fails if a wrong coordinate or scale of the certificate, another arm's model, or an
+// encoder that jumped may be used, or is refused without its cause.
+#[test]
+fn contradicted_inputs_are_refused_with_their_cause() {
+    let mut plate = PLATE;
+    plate[2][0] += 1.0;
+    let case = Case::new(&SOUND, &plate);
+    case.refused(
+        &case.identify(&[]),
+        3,
+        &["the certificate of sphere 3 is wrong", "data.csv line"],
+    );
+
+    let case = Case::new(&SOUND, &PLATE.map(|p| p.map(|x| x * 1.0033)));
+    case.refused(&case.identify(&[]), 3, &["the certificate's scale is wrong"]);
+
+    let case = Case::new(&SOUND, &PLATE);
+    case.refused(
+        &case.identify_as("iiwa14", &[]),
+        3,
+        &["check that the robot's description is that of this arm"],
+    );
+    let output = spherecal(case.path(), &["identify", "--robot", "iiwa14", "--data", "data.csv"]);
+    case.refused(&output, 2, &["--plate", "no scale"]);
+
+    let mut jumped = SOUND.clone();
+    for contact in jumped.iter_mut().skip(30) {
+        contact.q[1] += 3e-3;
+    }
+    let case = Case::new(&jumped, &PLATE);
+    case.refused(&case.identify(&[]), 3, &["the encoder of joint 2 jumped"]);
+}
+
+// Fails if rows that cannot tell the scale may be used, if copies of rows make the result
+// better, if few rows do not make it worse, or if gross errors spoil it or are not named.
+#[test]
+fn few_copied_and_gross_rows_are_stated_as_what_they_are() {
+    let case = Case::new(&SOUND, &PLATE);
+    assert_eq!(case.identify(&[]).status.code(), Some(0));
+    let sound = mean(&case.verdict());
+
+    let one: Vec<Contact> = SOUND.iter().filter(|c| c.sphere == 1).take(12).cloned().collect();
+    let case = Case::new(&one, &PLATE);
+    case.refused(&case.identify(&[]), 3, &["one sphere cannot tell the scale"]);
+
+    let copies: Vec<Contact> = SOUND.iter().cycle().take(10 * SOUND.len()).cloned().collect();
+    let case = Case::new(&copies, &PLATE);
+    case.identify(&[]);
+    let verdict = case.verdict();
+    assert!((mean(&verdict) - sound).abs() < 1e-9, "{verdict:#}");
+    assert!(
+        failed(&verdict, "copied_rows").contains("540 rows are copies"),
+        "{verdict:#}"
+    );
+
+    let few: Vec<Contact> = SOUND.iter().step_by(3).cloned().collect();
+    let case = Case::new(&few, &PLATE);
+    case.identify(&[]);
+    assert!(mean(&case.verdict()) > 1.3 * sound, "{:#}", case.verdict());
+
+    let mut gross = SOUND.clone();
+    for contact in gross.iter_mut().step_by(10) {
+        contact.q[1] += 0.07;
+    }
+    let case = Case::new(&gross, &PLATE);
+    case.identify(&[]);
+    let verdict = case.verdict();
+    assert!(mean(&verdict) < 1.5 * sound, "{verdict:#}");
+    let words = failed(&verdict, "no_outliers");
+    assert!(
+        words.contains("6 of 60") && words.contains("data.csv line 2 "),
+        "{words}"
+    );
+}
+
+// Fails if rows of another arm, copies of the calibration rows, or a hold-out that leaves
+// the plate free to turn judge a result.
+#[test]
+fn judges_that_judge_nothing_are_refused() {
+    let case = Case::new(&SOUND, &PLATE);
+    case.put("other.csv", &measured("2"));
+    case.refused(
+        &case.identify(&["--validate", "other.csv"]),
+        3,
+        &["they contradict the calibration"],
+    );
+    case.refused(
+        &case.identify(&["--validate", "data.csv"]),
+        2,
+        &["copies of calibration rows"],
+    );
+
+    let two: Vec<Contact> = SOUND.iter().filter(|c| c.sphere < 3).cloned().collect();
+    let case = Case::new(&two, &PLATE);
+    case.refused(&case.identify(&["--holdout", "sphere"]), 2, &["free to turn"]);
+}
+
+/// A whole run without a tracker that is not to be trusted, with its reasons.
+fn not_trusted(poses: &str, inject: Option<&str>, words: &[&str]) {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("cell.toml"), "[laser]\nenabled = false\n").expect("written");
+    let mut arguments = vec!["run", "--seed", "1", "--poses", poses, "--config", "cell.toml"];
+    if let Some(plan) = inject {
+        std::fs::write(folder.path().join("faults.toml"), plan).expect("written");
+        arguments.extend(["--inject", "faults.toml"]);
+    }
+    let output = spherecal(folder.path(), &arguments);
+    let said = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(3), "{said}{}", text(&output.stderr));
+    assert!(
+        said.contains("SIMULATED. The calibration is NOT to be trusted"),
+        "{said}"
+    );
+    for word in words {
+        assert!(said.contains(word), "\"{word}\" is not said: {said}");
+    }
+    let urdf = std::fs::read_to_string(folder.path().join("spherecal-out/calibrated.urdf")).expect("a file");
+    assert!(
+        urdf.contains("SIMULATED") && urdf.contains("NOT TO BE TRUSTED"),
+        "{urdf}"
+    );
+}
+
+// Fails if a run of three poses is trusted, or its files do not say that it is simulated
+// and not to be trusted.
+#[test]
+fn a_run_of_three_poses_is_not_trusted() {
+    not_trusted("3", None, &["3 rows are too few", "one sphere cannot tell the scale"]);
+}
+
+// Fails if a run is trusted in which a sphere moved by 3 mm under the nest.
+#[test]
+fn a_run_with_a_sphere_that_moved_is_not_trusted() {
+    let plan = "[[fault]]\n[fault.what.sphere_moved]\nby_m = [0.003, 0.0, 0.0]\nover_s = 0.2\n\
+                [fault.when.phase]\nname = \"recording\"\nentry = 20\nafter_s = 0.5\n";
+    not_trusted("60", Some(plan), &["it moves the calibrated TCP by"]);
+}
