@@ -129,6 +129,15 @@ pub enum CampaignError {
         /// The last fault.
         report: FaultReport,
     },
+    /// No clear way.
+    #[error(
+        "no way to {what} was found that keeps clear of spheres, plate and arm: guide the arm by hand to a place above \
+         the plate, then continue with --resume"
+    )]
+    Blocked {
+        /// What it should have done.
+        what: String,
+    },
     /// The controller was lost.
     #[error(
         "the controller was silent for {silent_s:.0} s and does not answer the handshake: check its power and the \

@@ -30,7 +30,6 @@ mod plausible;
 mod procedure;
 mod recover;
 pub mod recovery;
-mod retreat;
 mod retry;
 mod session;
 mod teach;

@@ -44,6 +44,12 @@ impl Places {
         places
     }
 
+    /// The spheres that were found with the plate in `placement`, and their centres in F0, in m.
+    pub(super) fn found(&self, placement: u32) -> Vec<(u32, Vector3<f64>)> {
+        let here = self.0.iter().filter(|place| place.placement == placement);
+        here.map(|place| (place.sphere, place.measured)).collect()
+    }
+
     /// Compares a coupling at `centre_m` (F0) with earlier ones.
     pub(super) fn check(&mut self, visit: &Visit, centre_m: &[f64; 3]) -> Result<(), CampaignError> {
         let (nominal, measured) = (Vector3::from(visit.position_m), Vector3::from(*centre_m));

@@ -70,7 +70,9 @@ pub(super) struct Campaign<'a> {
     rejected: Vec<Rejected>,
     pub(super) recorded: usize,
     pub(super) waypoints: Waypoints,
-    places: Places,
+    pub(super) places: Places,
+    /// Placement in which the plate stands.
+    pub(super) place: u32,
     /// Whether the nest may be on a sphere.
     pub(super) touching: bool,
 }
@@ -85,6 +87,7 @@ impl<'a> Campaign<'a> {
             recorded: 0,
             waypoints: Waypoints::new(assignment.robot, assignment.tool),
             places: Places::recall(assignment.plan, assignment.seated),
+            place: 0,
             touching: false,
         }
     }
@@ -186,7 +189,7 @@ impl<'a> Campaign<'a> {
     /// Has the plate moved to `place` unless it `stands` there, with the arm at home. Returns
     /// whether the arm moved home for that.
     pub(super) fn have_plate(
-        &self,
+        &mut self,
         session: &mut Session<'_>,
         stands: &mut Option<u32>,
         place: u32,
@@ -199,6 +202,7 @@ impl<'a> Campaign<'a> {
         self.travel(session, "reach the home frame", &plan.home.joints)?;
         session.stage(Stage::Plate, 0, plan);
         session.plate(place)?;
+        self.place = place;
         *stands = Some(place);
         Ok(true)
     }

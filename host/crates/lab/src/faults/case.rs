@@ -309,6 +309,7 @@ fn stop(error: &CampaignError) -> Ended {
         | CampaignError::GivenUp { .. }
         | CampaignError::Motion { .. }
         | CampaignError::Rejected { .. }
+        | CampaignError::Blocked { .. }
         | CampaignError::Lost { .. }
         | CampaignError::Moved { .. } => Ended::Stopped(text),
         _ => Ended::Unexplained(text),
