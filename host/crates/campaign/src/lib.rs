@@ -35,6 +35,7 @@ mod session;
 mod teach;
 pub mod telemetry;
 mod tracker;
+mod words;
 
 use std::collections::BTreeSet;
 
@@ -53,6 +54,7 @@ pub use retry::{DescentEnd, Waypoints};
 pub use session::Session;
 pub use teach::{NoJournal, Operator, Taught, teach};
 pub use tracker::{LaserMeasurementError, Tracker, TrackerError, measure_laser};
+pub use words::describe;
 
 /// How a campaign behaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

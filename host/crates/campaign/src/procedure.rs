@@ -8,7 +8,7 @@ use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultRep
 
 use super::observe::{Observer, Stage};
 use super::outcome::{Outcome, Rejected};
-use super::places::Places;
+use super::places::{Places, SHIFTED_M};
 use super::recovery::policy;
 use super::retry::{DescentEnd, Waypoints};
 use super::session::{Session, Waited};
@@ -23,7 +23,12 @@ enum AtSphere {
     Finished,
     /// A fault; the arm holds.
     Fault(FaultReport, Option<u32>),
+    /// The sphere is this far from where it was at the same visit before, in m. The nest is off it.
+    Shifted(f64),
 }
+
+/// Couplings in a row that must show a shift, so that one bad seat is not taken for a moved sphere.
+const SHIFTED_COUPLINGS: u32 = 3;
 
 /// Runs a campaign to its end or to a typed stop. Returns the outcome in both cases.
 pub fn run(
@@ -159,6 +164,9 @@ impl<'a> Campaign<'a> {
             if self.pending(visit).is_empty() {
                 continue;
             }
+            if stands.is_some_and(|place| place != visit.place) {
+                self.compare(session)?;
+            }
             let at_home = self.have_plate(session, &mut stands, visit.place)?;
             let straight = at_home || (!visit.over_home && left.is_some_and(|l| l + 1 == number));
             let faults = session.faults.len();
@@ -176,6 +184,7 @@ impl<'a> Campaign<'a> {
             left = (!lost && session.faults.len() == faults).then_some(number);
         }
         if away {
+            self.compare(session)?;
             self.with_reconnect(session, None, |campaign, session, _| {
                 session.stage(Stage::Home, 0, plan);
                 campaign.travel(session, "reach the home frame", &plan.home.joints)
@@ -183,6 +192,23 @@ impl<'a> Campaign<'a> {
         }
         session.drain(20)?;
         session.stage(Stage::Done, 0, plan);
+        Ok(())
+    }
+
+    /// Couples once more with every sphere of the present placement, at its first visit of this
+    /// session, and compares: a sphere or a plate that moved in between makes the recordings
+    /// worthless. It comes after the recordings, which it does not disturb.
+    fn compare(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        let plan = self.assignment.plan;
+        let mut compared = BTreeSet::new();
+        for visit in &plan.spheres {
+            let here = visit.place == self.place && self.places.has_coupled(visit);
+            if here && compared.insert(visit.sphere_id) {
+                self.with_reconnect(session, Some(visit), |campaign, session, _| {
+                    campaign.sphere(session, visit)
+                })?;
+            }
+        }
         Ok(())
     }
 
@@ -236,6 +262,8 @@ impl<'a> Campaign<'a> {
         let mut approach = visit.approach.joints.clone();
         // Descents in a row that did not find the seat.
         let mut missed = 0;
+        // Couplings in a row that found the sphere elsewhere, and the smallest distance, in m.
+        let (mut shifted, mut least_m) = (0, f64::INFINITY);
         loop {
             session.stage(Stage::Approach, visit.sphere_id, plan);
             self.travel(session, "reach the approach frame", &approach)?;
@@ -245,6 +273,25 @@ impl<'a> Campaign<'a> {
                 AtSphere::Finished => {
                     self.touching = false;
                     return Ok(());
+                }
+                AtSphere::Shifted(by_m) => {
+                    self.touching = false;
+                    shifted += 1;
+                    least_m = by_m.min(least_m);
+                    session.note(&format!(
+                        "sphere {}: {:.2} mm from where it was; coupling again",
+                        visit.sphere_id,
+                        by_m * 1e3
+                    ));
+                    if shifted >= SHIFTED_COUPLINGS {
+                        return Err(CampaignError::Shifted {
+                            sphere: visit.sphere_id,
+                            by_mm: least_m * 1e3,
+                            limit_mm: SHIFTED_M * 1e3,
+                            couplings: shifted,
+                        });
+                    }
+                    continue;
                 }
                 AtSphere::Fault(report, pose) => (report, pose),
             };
@@ -322,6 +369,13 @@ impl<'a> Campaign<'a> {
                     return Err(moved);
                 }
                 self.waypoints.seated(visit, &coupled);
+                let by_m = self.places.shift_m(visit, &coupled.centre_m);
+                if by_m > SHIFTED_M {
+                    return Ok(match self.leave(session)? {
+                        None => AtSphere::Shifted(by_m),
+                        Some(report) => AtSphere::Fault(report, None),
+                    });
+                }
             }
             Waited::Fault(report) => return Ok(AtSphere::Fault(report, None)),
         }

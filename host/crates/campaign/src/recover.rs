@@ -3,11 +3,11 @@
 
 use spherecal_shared::protocol::host::{Command, FaultReport, Refusal};
 
+use super::CampaignError;
 use super::observe::Stage;
 use super::procedure::{Campaign, joints};
 use super::recovery::policy;
 use super::session::Session;
-use super::CampaignError;
 use spherecal_plan::{Scene, Visit};
 
 /// Time limit of a free motion, in s of device time: half a turn takes an arm 8 s.
@@ -203,21 +203,19 @@ impl Campaign<'_> {
     }
 
     /// One free motion on a clear way. Returns the fault, if one came.
-    fn go(
-        &self,
-        session: &mut Session<'_>,
-        what: &str,
-        target: &[f64],
-    ) -> Result<Option<FaultReport>, CampaignError> {
+    fn go(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<Option<FaultReport>, CampaignError> {
         let way = match (self.scene(), self.posture(session)) {
-            (Some(scene), Some(q)) => scene.way(&q, target).ok_or_else(|| CampaignError::Blocked {
-                what: what.to_owned(),
-            })?,
+            (Some(scene), Some(q)) => scene
+                .way(&q, target)
+                .ok_or_else(|| CampaignError::Blocked { what: what.to_owned() })?,
             // Before the first sample nothing is known of the arm.
             _ => vec![target.to_vec()],
         };
         if way.len() > 1 {
-            session.note(&format!("the straight motion to {what} is not clear: {} vias", way.len() - 1));
+            session.note(&format!(
+                "the straight motion to {what} is not clear: {} vias",
+                way.len() - 1
+            ));
         }
         for target in way {
             let target = joints(&target);

@@ -215,7 +215,8 @@ impl Scene {
         let axes: Vec<Unit<Vector3<f64>>> = choices.iter().map(|c| Unit::new_normalize(*c)).collect();
         for tilt in TILTS {
             for axis in &axes {
-                let side = Unit::new_normalize(axis.cross(&if axis.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() }));
+                let side =
+                    Unit::new_normalize(axis.cross(&if axis.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() }));
                 for k in 0..DIRECTIONS {
                     let around = Rotation3::from_axis_angle(axis, TAU * f64::from(k) / f64::from(DIRECTIONS));
                     choices.push(Rotation3::from_axis_angle(&(around * side), tilt) * axis.into_inner());
@@ -302,3 +303,7 @@ fn join(trees: &[Vec<(Vec<f64>, usize)>; 2], meeting: &[f64]) -> Vec<Vec<f64>> {
     way.extend(trees[1].first().map(|(root, _)| root.clone()));
     way
 }
+
+#[cfg(test)]
+#[path = "way_tests.rs"]
+mod tests;
