@@ -71,8 +71,8 @@ pub fn run(
 
 pub(super) struct Campaign<'a> {
     pub(super) assignment: &'a Assignment<'a>,
-    done: BTreeSet<(u32, u32)>,
-    rejected: Vec<Rejected>,
+    pub(super) done: BTreeSet<(u32, u32)>,
+    pub(super) rejected: Vec<Rejected>,
     pub(super) recorded: usize,
     pub(super) waypoints: Waypoints,
     pub(super) places: Places,
@@ -195,44 +195,6 @@ impl<'a> Campaign<'a> {
         Ok(())
     }
 
-    /// Couples once more with every sphere of the present placement, at its first visit of this
-    /// session, and compares: a sphere or a plate that moved in between makes the recordings
-    /// worthless. It comes after the recordings, which it does not disturb.
-    fn compare(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
-        let plan = self.assignment.plan;
-        let mut compared = BTreeSet::new();
-        for visit in &plan.spheres {
-            let here = visit.place == self.place && self.places.has_coupled(visit);
-            if here && compared.insert(visit.sphere_id) {
-                self.with_reconnect(session, Some(visit), |campaign, session, _| {
-                    campaign.sphere(session, visit)
-                })?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Has the plate moved to `place` unless it `stands` there, with the arm at home. Returns
-    /// whether the arm moved home for that.
-    pub(super) fn have_plate(
-        &mut self,
-        session: &mut Session<'_>,
-        stands: &mut Option<u32>,
-        place: u32,
-    ) -> Result<bool, CampaignError> {
-        if *stands == Some(place) {
-            return Ok(false);
-        }
-        let plan = self.assignment.plan;
-        session.stage(Stage::Home, 0, plan);
-        self.travel(session, "reach the home frame", &plan.home.joints)?;
-        session.stage(Stage::Plate, 0, plan);
-        session.plate(place)?;
-        self.place = place;
-        *stands = Some(place);
-        Ok(true)
-    }
-
     /// Poses of a visit that are neither recorded nor given up, the poses to pass through on the
     /// way, and those after the last: they lead to where the nest leaves the sphere.
     fn pending<'s>(&self, visit: &'s Visit) -> Vec<&'s PlannedPose> {
@@ -255,7 +217,7 @@ impl<'a> Campaign<'a> {
     }
 
     /// All poses of one sphere, with as many attempts as are needed and allowed.
-    fn sphere(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<(), CampaignError> {
+    pub(super) fn sphere(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<(), CampaignError> {
         let plan = self.assignment.plan;
         let mut in_vain = 0;
         let mut failures: BTreeMap<u32, u32> = BTreeMap::new();
@@ -426,52 +388,6 @@ impl<'a> Campaign<'a> {
             self.let_go(session, visit, report)?;
         }
         Ok(AtSphere::Finished)
-    }
-
-    /// Counts the latest recording, if it is new.
-    pub(super) fn count(&mut self, session: &mut Session<'_>) {
-        let Some(recording) = session.recorded.take() else {
-            return;
-        };
-        if self.done.insert(recording) {
-            self.recorded += 1;
-            session.progress.done = self.done.len();
-            session.report_progress();
-        }
-    }
-
-    fn give_up_pose(
-        &mut self,
-        session: &mut Session<'_>,
-        sphere: u32,
-        pose: u32,
-        report: &FaultReport,
-    ) -> Result<(), CampaignError> {
-        let reason = format!("{:?} while {:?}", report.fault, report.phase);
-        if self.done.contains(&(sphere, pose)) {
-            return Ok(());
-        }
-        self.reject(session, sphere, pose, &reason)
-    }
-
-    fn reject(&mut self, session: &mut Session<'_>, sphere: u32, pose: u32, reason: &str) -> Result<(), CampaignError> {
-        session.journal().reject(sphere, pose, reason)?;
-        session.note(&format!("sphere {sphere}, pose {pose}: given up ({reason})"));
-        self.done.insert((sphere, pose));
-        self.rejected.push(Rejected {
-            sphere,
-            pose,
-            reason: reason.to_owned(),
-        });
-        session.progress.done = self.done.len();
-        let planned = self.assignment.plan.recorded();
-        if self.rejected.len() * 100 > planned * self.assignment.options.rejected_percent as usize {
-            return Err(CampaignError::Rejected {
-                rejected: self.rejected.len(),
-                planned,
-            });
-        }
-        Ok(())
     }
 }
 
