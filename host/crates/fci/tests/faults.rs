@@ -5,7 +5,8 @@ mod common;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use common::{Network, config, deviation, eventually, hold, robot, robot_with};
+use common::{Network, config, deviation, hold, robot, robot_with};
+use spherecal_cyclic::testing::eventually;
 use spherecal_fci::client::{Client, ClientError, EndCause};
 use spherecal_fci::robot::{READY, RobotConfig, Tolerance};
 use spherecal_fci::wire::{RobotMode, RobotState, Version};

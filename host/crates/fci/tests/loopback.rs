@@ -4,7 +4,8 @@ mod common;
 
 use std::sync::atomic::Ordering;
 
-use common::{config, deviation, eventually, hold, robot};
+use common::{config, deviation, hold, robot};
+use spherecal_cyclic::testing::eventually;
 use spherecal_fci::client::{Client, ClientError, EndCause, Limits, Observer};
 use spherecal_fci::robot::READY;
 use spherecal_fci::wire::{CollisionBehavior, Load, RobotError, RobotMode, RobotState, Status, Version};
@@ -328,7 +329,7 @@ fn a_second_client_is_turned_away() {
     let mut first = Client::connect(&config(side.address())).expect("a connection");
     let second = Client::connect(&config(side.address()));
     assert!(
-        matches!(second, Err(ClientError::Closed | ClientError::Io { .. })),
+        matches!(second, Err(ClientError::Closed | ClientError::Io(_))),
         "{:?}",
         second.err()
     );

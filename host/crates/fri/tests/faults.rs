@@ -5,7 +5,8 @@ mod common;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use common::{Network, cabinet, cabinet_with, commanding, config, deviation, eventually, hold, rise};
+use common::{Network, cabinet, cabinet_with, commanding, config, deviation, hold, rise};
+use spherecal_cyclic::testing::eventually;
 use spherecal_fri::client::{Client, ClientError, EndCause, State};
 use spherecal_fri::robot::{CabinetConfig, CabinetSide, START};
 use spherecal_fri::wire::SessionState;

@@ -5,7 +5,8 @@ mod common;
 use std::net::UdpSocket;
 use std::time::Duration;
 
-use common::{LOCAL, config};
+use common::config;
+use spherecal_cyclic::testing::LOCAL;
 use spherecal_fri::client::{Client, ClientError, EndCause, Observer, State};
 use spherecal_fri::wire::*;
 

@@ -3,6 +3,8 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use spherecal_cyclic::SocketError;
+
 use crate::wire::{Command, ErrorSet, RobotMode, Status, WireError};
 
 /// Why the client failed.
@@ -35,13 +37,8 @@ pub enum ClientError {
         permitted: Vec<u16>,
     },
     /// A system call failed.
-    #[error("cannot {action}: {source}")]
-    Io {
-        /// What was tried.
-        action: &'static str,
-        /// What the system says.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] SocketError),
     /// The robot sent bytes that are no message.
     #[error("the robot sent an invalid message: {0}")]
     Wire(#[from] WireError),

@@ -4,7 +4,9 @@ use std::io::ErrorKind;
 use std::net::{SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::time::{Duration, Instant};
 
-use super::tcp::{Answer, Tcp, io};
+use spherecal_cyclic::{Inbox, io_error as io};
+
+use super::tcp::{Answer, Tcp};
 use super::{ClientError, Config};
 use crate::wire::{
     Command, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotState, Status, Version,
@@ -40,14 +42,11 @@ pub(super) struct Link {
     pub(super) version: Version,
     pub(super) statistics: Statistics,
     pub(super) newest: RobotState,
-    udp: UdpSocket,
+    inbox: Inbox<{ MAX_STATE_SIZE + 1 }>,
     /// Where the newest state came from: the address that commands go to.
     robot: Option<SocketAddr>,
     last_id: Option<u64>,
-    received: [u8; MAX_STATE_SIZE + 1],
     response_timeout: Duration,
-    state_timeout: Duration,
-    spin: Duration,
 }
 
 impl Link {
@@ -65,9 +64,7 @@ impl Link {
             .ok_or_else(|| host(none()))?;
         let udp = UdpSocket::bind((config.local, 0)).map_err(io("open a UDP port"))?;
         let port = udp.local_addr().map_err(io("open a UDP port"))?.port();
-        udp.set_read_timeout(Some(config.state_timeout.max(Duration::from_micros(1))))
-            .map_err(io("set a timeout"))?;
-        busy_poll(&udp, config)?;
+        let inbox = Inbox::new(udp, config.state_timeout, config.spin, config.busy_poll_us)?;
 
         let mut untried: Vec<Version> = config.versions.clone();
         let mut robot = 0;
@@ -76,7 +73,7 @@ impl Link {
             let (tcp, payload) = Tcp::connect(address, version, port, config.connect_timeout, config.response_timeout)?;
             let answer = ConnectAnswer::decode(&payload)?;
             if answer.status == Status::Success {
-                return Self::agreed(config, tcp, udp, version);
+                return Self::agreed(config, tcp, inbox, version);
             }
             tcp.shut_down();
             robot = answer.version;
@@ -91,7 +88,12 @@ impl Link {
         })
     }
 
-    fn agreed(config: &Config, tcp: Tcp, udp: UdpSocket, version: Version) -> Result<Self, ClientError> {
+    fn agreed(
+        config: &Config,
+        tcp: Tcp,
+        inbox: Inbox<{ MAX_STATE_SIZE + 1 }>,
+        version: Version,
+    ) -> Result<Self, ClientError> {
         let mut link = Self {
             tcp,
             version,
@@ -100,13 +102,10 @@ impl Link {
                 ..Statistics::default()
             },
             newest: RobotState::default(),
-            udp,
+            inbox,
             robot: None,
             last_id: None,
-            received: [0; MAX_STATE_SIZE + 1],
             response_timeout: config.response_timeout,
-            state_timeout: config.state_timeout,
-            spin: config.spin,
         };
         // The first state may take longer than the period: the robot has to start its transmission.
         let deadline = Instant::now() + config.connect_timeout;
@@ -124,40 +123,13 @@ impl Link {
     pub(super) fn receive(&mut self) -> Result<u64, ClientError> {
         let before = self.last_id;
         let states_before = self.statistics.states;
-        let start = Instant::now();
-        let spin_end = start + self.spin;
         let mut taken = false;
-        // Without waiting: everything that has come already.
-        self.udp.set_nonblocking(true).map_err(io("use the UDP port"))?;
-        loop {
-            match self.udp.recv_from(&mut self.received) {
-                Ok((size, from)) => taken |= self.take(size, from)?,
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                    if taken || Instant::now() >= spin_end {
-                        break;
-                    }
-                    std::hint::spin_loop();
-                }
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(io("receive a state")(error)),
-            }
+        let mut wait = self.inbox.wait()?;
+        while let Some((size, from)) = self.inbox.next(&mut wait, taken)? {
+            taken |= self.take(size, from)?;
         }
         if !taken {
-            self.udp.set_nonblocking(false).map_err(io("use the UDP port"))?;
-            while !taken {
-                match self.udp.recv_from(&mut self.received) {
-                    Ok((size, from)) => taken = self.take(size, from)?,
-                    Err(error) => match error.kind() {
-                        ErrorKind::WouldBlock | ErrorKind::TimedOut => return Err(self.silent(start)),
-                        ErrorKind::Interrupted => {}
-                        _ => return Err(io("receive a state")(error)),
-                    },
-                }
-                // Old or foreign datagrams must not keep the client waiting for ever.
-                if !taken && start.elapsed() > self.state_timeout {
-                    return Err(self.silent(start));
-                }
-            }
+            return Err(self.silent(wait.elapsed()));
         }
         let (Some(before), Some(now)) = (before, self.last_id) else {
             return Ok(0);
@@ -166,11 +138,11 @@ impl Link {
         Ok(now.saturating_sub(before).saturating_sub(1))
     }
 
-    fn silent(&self, since: Instant) -> ClientError {
+    fn silent(&self, after: Duration) -> ClientError {
         if self.tcp.is_closed() {
             ClientError::Closed
         } else {
-            ClientError::Silent { after: since.elapsed() }
+            ClientError::Silent { after }
         }
     }
 
@@ -180,7 +152,7 @@ impl Link {
             self.statistics.foreign += 1;
             return Ok(false);
         }
-        let state = RobotState::decode(self.version, &self.received[..size])?;
+        let state = RobotState::decode(self.version, self.inbox.bytes(size))?;
         if self.last_id.is_some_and(|last| state.message_id <= last) {
             self.statistics.stale += 1;
             return Ok(false);
@@ -202,7 +174,7 @@ impl Link {
         };
         let mut bytes = [0; MAX_COMMAND_SIZE];
         let size = command.encode(self.version, &mut bytes);
-        self.udp.send_to(&bytes[..size], robot).map_err(io("send a command"))?;
+        self.inbox.send(&bytes[..size], robot)?;
         self.statistics.commands += 1;
         Ok(())
     }
@@ -228,23 +200,5 @@ impl Link {
         let answer = self.request(&Request::GetRobotModel)?;
         let text = String::from_utf8(answer.body).map_err(|_| crate::wire::WireError::NotText)?;
         Ok(Some(text))
-    }
-}
-
-#[cfg(target_os = "linux")]
-fn busy_poll(udp: &UdpSocket, config: &Config) -> Result<(), ClientError> {
-    if let Some(us) = config.busy_poll_us {
-        socket2::SockRef::from(udp)
-            .set_busy_poll(us)
-            .map_err(io("set SO_BUSY_POLL; it may need the right CAP_NET_ADMIN"))?;
-    }
-    Ok(())
-}
-
-#[cfg(not(target_os = "linux"))]
-fn busy_poll(_udp: &UdpSocket, config: &Config) -> Result<(), ClientError> {
-    match config.busy_poll_us {
-        None => Ok(()),
-        Some(_) => Err(io("set SO_BUSY_POLL")(std::io::Error::from(ErrorKind::Unsupported))),
     }
 }

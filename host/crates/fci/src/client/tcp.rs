@@ -4,6 +4,8 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
+use spherecal_cyclic::io_error as io;
+
 use super::ClientError;
 use crate::wire::{Command, HEADER_SIZE, Header, MAX_RESPONSE, Request, Response, Status, Version};
 
@@ -79,7 +81,7 @@ impl Tcp {
         request.encode(self.version, id, &mut bytes)?;
         self.stream.write_all(&bytes).map_err(|error| match error.kind() {
             ErrorKind::BrokenPipe | ErrorKind::ConnectionReset => ClientError::Closed,
-            _ => io("send a request")(error),
+            _ => io("send a request")(error).into(),
         })?;
         Ok(id)
     }
@@ -177,7 +179,7 @@ impl Tcp {
                     ErrorKind::WouldBlock | ErrorKind::TimedOut => return Ok(None),
                     ErrorKind::Interrupted => {}
                     ErrorKind::ConnectionReset | ErrorKind::BrokenPipe => return Err(ClientError::Closed),
-                    _ => return Err(io("read a response")(error)),
+                    _ => return Err(io("read a response")(error).into()),
                 },
             }
         }
@@ -187,9 +189,4 @@ impl Tcp {
         // The connection may be gone already; there is nobody to tell.
         let _ = self.stream.shutdown(std::net::Shutdown::Both);
     }
-}
-
-/// Names what failed.
-pub(super) fn io(action: &'static str) -> impl Fn(std::io::Error) -> ClientError {
-    move |source| ClientError::Io { action, source }
 }

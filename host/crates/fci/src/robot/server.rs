@@ -2,10 +2,11 @@
 
 use std::io::ErrorKind;
 use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+use spherecal_cyclic::{PeriodClock, Published, Side};
 
 use super::arm::Arm;
 use super::config::RobotConfig;
@@ -57,10 +58,7 @@ pub struct Controls {
 /// A running robot side. It ends when it is dropped.
 pub struct RobotSide {
     address: SocketAddr,
-    controls: Arc<Controls>,
-    statistics: Arc<Mutex<RobotStatistics>>,
-    end: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    side: Side<Controls, RobotStatistics>,
 }
 
 impl RobotSide {
@@ -73,36 +71,25 @@ impl RobotSide {
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
         let udp = UdpSocket::bind((address.ip(), 0))?;
-        let controls = Arc::new(Controls::default());
-        let statistics = Arc::new(Mutex::new(RobotStatistics::default()));
-        let end = Arc::new(AtomicBool::new(false));
-        let server = Server {
-            supervisor: Supervisor::new(config.clone(), arm.state()),
-            model: config.model.clone().unwrap_or_else(|| super::FR3_URDF.to_owned()),
-            config,
-            listener,
-            udp,
-            arm,
-            session: None,
-            state: RobotState::default(),
-            message_id: 0,
-            stopped_at: None,
-            count: RobotStatistics::default(),
-            next: Instant::now(),
-            controls: Arc::clone(&controls),
-            statistics: Arc::clone(&statistics),
-            end: Arc::clone(&end),
-        };
-        let thread = std::thread::Builder::new()
-            .name("fci-robot".into())
-            .spawn(|| server.run())?;
-        Ok(Self {
-            address,
-            controls,
-            statistics,
-            end,
-            thread: Some(thread),
-        })
+        let side = Side::start("fci-robot", move |shared| {
+            Server {
+                supervisor: Supervisor::new(config.clone(), arm.state()),
+                model: config.model.clone().unwrap_or_else(|| super::FR3_URDF.to_owned()),
+                config,
+                listener,
+                udp,
+                arm,
+                session: None,
+                state: RobotState::default(),
+                message_id: 0,
+                stopped_at: None,
+                count: RobotStatistics::default(),
+                clock: PeriodClock::start(PERIOD),
+                shared,
+            }
+            .run();
+        })?;
+        Ok(Self { address, side })
     }
 
     /// Where the robot listens.
@@ -112,32 +99,17 @@ impl RobotSide {
 
     /// What a person at the robot does.
     pub fn controls(&self) -> &Controls {
-        &self.controls
+        self.side.controls()
     }
 
     /// What the robot counted so far.
     pub fn statistics(&self) -> RobotStatistics {
-        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner)
+        self.side.statistics()
     }
 
     /// Switches the robot off and waits for its thread.
-    pub fn shut_down(mut self) -> RobotStatistics {
-        self.join();
-        self.statistics()
-    }
-
-    fn join(&mut self) {
-        self.end.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            // A panic of the thread has been printed already.
-            let _ = thread.join();
-        }
-    }
-}
-
-impl Drop for RobotSide {
-    fn drop(&mut self) {
-        self.join();
+    pub fn shut_down(self) -> RobotStatistics {
+        self.side.shut_down()
     }
 }
 
@@ -154,26 +126,24 @@ struct Server {
     /// The first state that showed the end of the last motion.
     stopped_at: Option<u64>,
     count: RobotStatistics,
-    next: Instant,
-    controls: Arc<Controls>,
-    statistics: Arc<Mutex<RobotStatistics>>,
-    end: Arc<AtomicBool>,
+    clock: PeriodClock,
+    shared: Arc<Published<Controls, RobotStatistics>>,
 }
 
 impl Server {
     fn run(mut self) {
-        self.next = Instant::now() + PERIOD;
-        while !self.end.load(Ordering::Relaxed) {
+        while !self.shared.has_ended() {
             self.period();
         }
     }
 
     fn period(&mut self) {
         let on = |flag: &AtomicBool| flag.load(Ordering::Relaxed);
+        let controls = &self.shared.controls;
         let (user_stop, safety_stop, guiding) = (
-            on(&self.controls.user_stop),
-            on(&self.controls.safety_stop),
-            on(&self.controls.guiding),
+            on(&controls.user_stop),
+            on(&controls.safety_stop),
+            on(&controls.guiding),
         );
         self.supervisor.set_person(user_stop, safety_stop, guiding);
         let answer = self.wait_for_answer();
@@ -201,7 +171,8 @@ impl Server {
         self.count.periods += 1;
         self.count.mode = Some(self.state.robot_mode);
         self.count.load_kg = self.supervisor.load().mass;
-        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.count;
+        self.count.slipped = self.clock.slipped();
+        self.shared.publish(self.count);
     }
 
     fn send_state(&mut self) {
@@ -224,22 +195,15 @@ impl Server {
     /// state. Clients' requests are served meanwhile.
     fn wait_for_answer(&mut self) -> Option<RobotCommand> {
         let mut answer = None;
-        if let Some(left) = self.next.checked_duration_since(Instant::now()) {
-            std::thread::sleep(left);
-        }
+        self.clock.sleep();
         self.take_commands(&mut answer);
-        let until = self.next + self.config.tolerance.patience;
-        while answer.is_none() && self.supervisor.is_moving() && Instant::now() < until {
+        let patience = self.config.tolerance.patience;
+        while answer.is_none() && self.supervisor.is_moving() && self.clock.is_patient(patience) {
             std::thread::sleep(Duration::from_micros(100));
             self.serve();
             self.take_commands(&mut answer);
         }
-        self.next += PERIOD;
-        let late = Instant::now().saturating_duration_since(self.next);
-        if late > PERIOD {
-            self.count.slipped += late.as_millis() as u64;
-            self.next = Instant::now() + PERIOD;
-        }
+        self.clock.advance();
         answer
     }
 

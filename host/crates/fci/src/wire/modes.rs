@@ -1,47 +1,12 @@
 //! The enumerations of state and Move request.
 
+use spherecal_cyclic::wire_enum;
+
 use super::WireError;
-
-/// An enumeration on the wire: its variants with their numbers and the names that the maker gives them.
-macro_rules! wire_enum {
-    ($(#[$doc:meta])* $name:ident, $field:literal { $($(#[$vdoc:meta])* $variant:ident = $number:literal, $text:literal;)+ }) => {
-        $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-        pub enum $name { $($(#[$vdoc])* $variant = $number,)+ }
-
-        impl $name {
-            /// All values, in the order of their numbers.
-            pub const ALL: &'static [Self] = &[$(Self::$variant),+];
-
-            /// The number on the wire.
-            pub const fn number(self) -> u8 { self as u8 }
-
-            /// The value with this number.
-            ///
-            /// # Errors
-            /// [`WireError::UnknownValue`] for a number without meaning.
-            pub const fn from_number(number: u32) -> Result<Self, WireError> {
-                match number {
-                    $($number => Ok(Self::$variant),)+
-                    value => Err(WireError::UnknownValue { field: $field, value }),
-                }
-            }
-
-            /// The name as the maker's documentation writes it.
-            pub const fn name(self) -> &'static str {
-                match self { $(Self::$variant => $text,)+ }
-            }
-        }
-
-        impl std::fmt::Display for $name {
-            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result { f.write_str(self.name()) }
-        }
-    };
-}
 
 wire_enum! {
     /// What the robot does as a whole.
-    RobotMode, "robot_mode" {
+    RobotMode(u32), "robot_mode" {
         /// None of the others; brakes closed, for example.
         Other = 0, "Other";
         /// Ready for a motion.
@@ -61,7 +26,7 @@ wire_enum! {
 
 wire_enum! {
     /// The motion generator in a state.
-    MotionGeneratorMode, "motion_generator_mode" {
+    MotionGeneratorMode(u32), "motion_generator_mode" {
         /// No motion.
         Idle = 0, "Idle";
         /// Joint positions.
@@ -79,7 +44,7 @@ wire_enum! {
 
 wire_enum! {
     /// The controller in a state.
-    ControllerMode, "controller_mode" {
+    ControllerMode(u32), "controller_mode" {
         /// The robot's own joint impedance.
         JointImpedance = 0, "Joint impedance";
         /// The robot's own Cartesian impedance.
@@ -93,7 +58,7 @@ wire_enum! {
 
 wire_enum! {
     /// The controller that a Move request asks for.
-    MoveControllerMode, "controller_mode" {
+    MoveControllerMode(u32), "controller_mode" {
         /// The robot's own joint impedance.
         JointImpedance = 0, "Joint impedance";
         /// The robot's own Cartesian impedance.
@@ -105,7 +70,7 @@ wire_enum! {
 
 wire_enum! {
     /// The motion generator that a Move request asks for. Its numbers are not those of [`MotionGeneratorMode`].
-    MoveGeneratorMode, "motion_generator_mode" {
+    MoveGeneratorMode(u32), "motion_generator_mode" {
         /// Joint positions.
         JointPosition = 0, "Joint position";
         /// Joint velocities. Torque motions of version 5 ask for this one and send zeros.

@@ -281,8 +281,8 @@ impl Request {
                 out.extend_from_slice(&udp_port.to_le_bytes());
             }
             Self::Move(request) => {
-                out.extend_from_slice(&u32::from(request.controller.number()).to_le_bytes());
-                out.extend_from_slice(&u32::from(request.generator.number()).to_le_bytes());
+                out.extend_from_slice(&request.controller.number().to_le_bytes());
+                out.extend_from_slice(&request.generator.number().to_le_bytes());
                 for deviation in [&request.path, &request.goal] {
                     numbers(out, &[deviation.translation, deviation.rotation, deviation.elbow]);
                 }

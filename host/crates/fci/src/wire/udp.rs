@@ -270,10 +270,13 @@ impl RobotState {
         if single {
             write.zeros(UNNAMED_V10);
         }
-        write.put(&[self.motion_generator_mode.number(), self.controller_mode.number()]);
+        write.put(&[
+            self.motion_generator_mode.number() as u8,
+            self.controller_mode.number() as u8,
+        ]);
         write.put(&self.errors.encode());
         write.put(&self.reflex_reason.encode());
-        write.put(&[self.robot_mode.number()]);
+        write.put(&[self.robot_mode.number() as u8]);
         put(&mut write, &[self.control_command_success_rate]);
         debug_assert_eq!(write.written(), version.state_size());
         write.written()

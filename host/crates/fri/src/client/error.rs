@@ -3,6 +3,8 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use spherecal_cyclic::SocketError;
+
 use crate::wire::{ClientCommandMode, Quality, SafetyState, SessionState, WireError};
 
 /// Why the client failed.
@@ -17,13 +19,8 @@ pub enum ClientError {
         source: std::io::Error,
     },
     /// A system call failed.
-    #[error("cannot {action}: {source}")]
-    Io {
-        /// What was tried.
-        action: &'static str,
-        /// What the system says.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] SocketError),
     /// The cabinet sent bytes that are no message.
     #[error("the cabinet sent an invalid message: {0}")]
     Wire(#[from] WireError),

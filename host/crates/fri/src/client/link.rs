@@ -1,8 +1,8 @@
 //! The socket: what [`Client`](super::Client) and [`Observer`](super::Observer) share.
 
-use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr, UdpSocket};
-use std::time::{Duration, Instant};
+
+use spherecal_cyclic::Inbox;
 
 use super::{ClientError, Config, State, VelocityFilter};
 use crate::JOINTS;
@@ -53,7 +53,7 @@ pub(super) struct Received {
 pub(super) struct Link {
     pub(super) statistics: Statistics,
     pub(super) state: State,
-    udp: UdpSocket,
+    inbox: Inbox<{ MAX_MESSAGE_SIZE + 1 }>,
     cabinet: Option<IpAddr>,
     answer_to: Option<SocketAddr>,
     newest: Option<MonitoringMessage>,
@@ -62,27 +62,18 @@ pub(super) struct Link {
     unanswered: u32,
     sequence: u32,
     reflected: Option<u32>,
-    received: [u8; MAX_MESSAGE_SIZE + 1],
-    timeout: Duration,
-    spin: Duration,
     checksum: bool,
-}
-
-pub(super) fn io(action: &'static str) -> impl Fn(std::io::Error) -> ClientError {
-    move |source| ClientError::Io { action, source }
 }
 
 impl Link {
     pub(super) fn open(config: &Config) -> Result<Self, ClientError> {
         let address = config.address;
         let udp = UdpSocket::bind(address).map_err(|source| ClientError::Listen { address, source })?;
-        udp.set_read_timeout(Some(config.timeout.max(Duration::from_micros(1))))
-            .map_err(io("set a timeout"))?;
-        busy_poll(&udp, config)?;
+        let inbox = Inbox::new(udp, config.timeout, config.spin, config.busy_poll_us)?;
         Ok(Self {
             statistics: Statistics::default(),
             state: State::default(),
-            udp,
+            inbox,
             cabinet: config.cabinet,
             answer_to: None,
             newest: None,
@@ -90,15 +81,12 @@ impl Link {
             unanswered: 0,
             sequence: 0,
             reflected: None,
-            received: [0; MAX_MESSAGE_SIZE + 1],
-            timeout: config.timeout,
-            spin: config.spin,
             checksum: config.checksum,
         })
     }
 
     pub(super) fn address(&self) -> Result<SocketAddr, ClientError> {
-        self.udp.local_addr().map_err(io("read the port"))
+        Ok(self.inbox.address()?)
     }
 
     /// Waits for a message that is newer than the last one, takes the newest that has come, and updates `self.state`.
@@ -106,39 +94,13 @@ impl Link {
     pub(super) fn receive(&mut self) -> Result<Received, ClientError> {
         let mut found = Received::default();
         let messages_before = self.statistics.messages;
-        let start = Instant::now();
-        let spin_end = start + self.spin;
         let mut taken = false;
-        self.udp.set_nonblocking(true).map_err(io("use the UDP port"))?;
-        loop {
-            match self.udp.recv_from(&mut self.received) {
-                Ok((size, from)) => taken |= self.take(size, from, &mut found)?,
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                    if taken || Instant::now() >= spin_end {
-                        break;
-                    }
-                    std::hint::spin_loop();
-                }
-                Err(error) if retry(&error) => {}
-                Err(error) => return Err(io("receive a message")(error)),
-            }
+        let mut wait = self.inbox.wait()?;
+        while let Some((size, from)) = self.inbox.next(&mut wait, taken)? {
+            taken |= self.take(size, from, &mut found)?;
         }
         if !taken {
-            self.udp.set_nonblocking(false).map_err(io("use the UDP port"))?;
-            while !taken {
-                match self.udp.recv_from(&mut self.received) {
-                    Ok((size, from)) => taken = self.take(size, from, &mut found)?,
-                    Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
-                        return Err(ClientError::Silent { after: start.elapsed() });
-                    }
-                    Err(error) if retry(&error) => {}
-                    Err(error) => return Err(io("receive a message")(error)),
-                }
-                // Old or foreign datagrams must not keep the client waiting for ever.
-                if !taken && start.elapsed() > self.timeout {
-                    return Err(ClientError::Silent { after: start.elapsed() });
-                }
-            }
+            return Err(ClientError::Silent { after: wait.elapsed() });
         }
         let superseded = self.statistics.messages - messages_before - 1;
         self.statistics.superseded += superseded;
@@ -152,7 +114,7 @@ impl Link {
             self.statistics.foreign += 1;
             return Ok(false);
         }
-        let message = MonitoringMessage::decode(&self.received[..size])?;
+        let message = MonitoringMessage::decode(self.inbox.bytes(size))?;
         let mut steps = 1;
         if let Some(last) = &self.newest {
             let ahead = message.sequence.wrapping_sub(last.sequence);
@@ -242,36 +204,10 @@ impl Link {
         };
         let mut bytes = [0; MAX_MESSAGE_SIZE];
         let size = command.encode(&mut bytes, self.checksum)?;
-        self.udp.send_to(&bytes[..size], to).map_err(io("send a command"))?;
+        self.inbox.send(&bytes[..size], to)?;
         self.sequence = self.sequence.wrapping_add(1);
         self.unanswered = 0;
         self.statistics.commands += 1;
         Ok(())
-    }
-}
-
-/// Errors of a UDP socket after which it works on: a signal, or an answer that met a closed port.
-fn retry(error: &std::io::Error) -> bool {
-    matches!(
-        error.kind(),
-        ErrorKind::Interrupted | ErrorKind::ConnectionRefused | ErrorKind::ConnectionReset
-    )
-}
-
-#[cfg(target_os = "linux")]
-fn busy_poll(udp: &UdpSocket, config: &Config) -> Result<(), ClientError> {
-    if let Some(us) = config.busy_poll_us {
-        socket2::SockRef::from(udp)
-            .set_busy_poll(us)
-            .map_err(io("set SO_BUSY_POLL; it may need the right CAP_NET_ADMIN"))?;
-    }
-    Ok(())
-}
-
-#[cfg(not(target_os = "linux"))]
-fn busy_poll(_udp: &UdpSocket, config: &Config) -> Result<(), ClientError> {
-    match config.busy_poll_us {
-        None => Ok(()),
-        Some(_) => Err(io("set SO_BUSY_POLL")(std::io::Error::from(ErrorKind::Unsupported))),
     }
 }

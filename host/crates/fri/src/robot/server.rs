@@ -2,10 +2,11 @@
 
 use std::io::ErrorKind;
 use std::net::UdpSocket;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+use spherecal_cyclic::{PeriodClock, Published, Side};
 
 use super::arm::Arm;
 use super::cabinet::Cabinet;
@@ -50,10 +51,7 @@ pub struct Controls {
 
 /// A running cabinet. It ends when it is dropped.
 pub struct CabinetSide {
-    controls: Arc<Controls>,
-    statistics: Arc<Mutex<CabinetStatistics>>,
-    end: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    side: Side<Controls, CabinetStatistics>,
 }
 
 impl CabinetSide {
@@ -65,95 +63,66 @@ impl CabinetSide {
         let local = if config.client.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
         let udp = UdpSocket::bind(local)?;
         udp.set_nonblocking(true)?;
-        let controls = Arc::new(Controls::default());
-        let statistics = Arc::new(Mutex::new(CabinetStatistics::default()));
-        let end = Arc::new(AtomicBool::new(false));
-        let server = Server {
-            cabinet: Cabinet::new(config.clone(), arm.state()),
-            period: Duration::from_millis(config.send_period_ms.max(1).into()),
-            config,
-            udp,
-            arm,
-            sent: SessionState::Idle,
-            count: CabinetStatistics::default(),
-            next: Instant::now(),
-            controls: Arc::clone(&controls),
-            statistics: Arc::clone(&statistics),
-            end: Arc::clone(&end),
-        };
-        let thread = std::thread::Builder::new()
-            .name("fri-cabinet".into())
-            .spawn(|| server.run())?;
-        Ok(Self {
-            controls,
-            statistics,
-            end,
-            thread: Some(thread),
-        })
+        let side = Side::start("fri-cabinet", move |shared| {
+            Server {
+                cabinet: Cabinet::new(config.clone(), arm.state()),
+                clock: PeriodClock::start(Duration::from_millis(config.send_period_ms.max(1).into())),
+                config,
+                udp,
+                arm,
+                sent: SessionState::Idle,
+                count: CabinetStatistics::default(),
+                shared,
+            }
+            .run();
+        })?;
+        Ok(Self { side })
     }
 
     /// What application, persons and safety functions do.
     pub fn controls(&self) -> &Controls {
-        &self.controls
+        self.side.controls()
     }
 
     /// What the cabinet counted so far.
     pub fn statistics(&self) -> CabinetStatistics {
-        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner)
+        self.side.statistics()
     }
 
     /// Switches the cabinet off and waits for its thread.
-    pub fn shut_down(mut self) -> CabinetStatistics {
-        self.join();
-        self.statistics()
-    }
-
-    fn join(&mut self) {
-        self.end.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            // A panic of the thread has been printed already.
-            let _ = thread.join();
-        }
-    }
-}
-
-impl Drop for CabinetSide {
-    fn drop(&mut self) {
-        self.join();
+    pub fn shut_down(self) -> CabinetStatistics {
+        self.side.shut_down()
     }
 }
 
 struct Server {
     config: CabinetConfig,
     cabinet: Cabinet,
-    period: Duration,
+    clock: PeriodClock,
     udp: UdpSocket,
     arm: Box<dyn Arm>,
     /// The session's state in the newest message.
     sent: SessionState,
     count: CabinetStatistics,
-    next: Instant,
-    controls: Arc<Controls>,
-    statistics: Arc<Mutex<CabinetStatistics>>,
-    end: Arc<AtomicBool>,
+    shared: Arc<Published<Controls, CabinetStatistics>>,
 }
 
 impl Server {
     fn run(mut self) {
         self.send();
-        self.next = Instant::now() + self.period;
-        while !self.end.load(Ordering::Relaxed) {
+        while !self.shared.has_ended() {
             self.run_period();
         }
     }
 
     fn run_period(&mut self) {
-        let safety = SafetyState::from_number(self.controls.safety.load(Ordering::Relaxed).into());
+        let controls = &self.shared.controls;
+        let safety = SafetyState::from_number(controls.safety.load(Ordering::Relaxed).into());
         self.cabinet.set_controls(
-            self.controls.command.load(Ordering::Relaxed),
+            controls.command.load(Ordering::Relaxed),
             // A level that does not exist is taken for the strictest stop.
             safety.unwrap_or(SafetyState::StopLevel0),
-            self.controls.guiding.load(Ordering::Relaxed),
+            controls.guiding.load(Ordering::Relaxed),
         );
         let answer = self.wait_for_answer();
         let due = self.cabinet.answer_is_due();
@@ -163,12 +132,13 @@ impl Server {
             self.count.missing += 1;
         }
         let command = self.cabinet.decide(answer.as_ref());
-        self.arm.step(command, self.period.as_secs_f64());
+        self.arm.step(command, self.clock.period().as_secs_f64());
         self.send();
         self.count.periods += 1;
         self.count.session = Some(self.cabinet.session());
         self.count.quality = Some(self.cabinet.quality());
-        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner) = self.count;
+        self.count.slipped = self.clock.slipped();
+        self.shared.publish(self.count);
     }
 
     fn send(&mut self) {
@@ -185,22 +155,15 @@ impl Server {
     /// newest message.
     fn wait_for_answer(&mut self) -> Option<CommandMessage> {
         let mut answer = None;
-        if let Some(left) = self.next.checked_duration_since(Instant::now()) {
-            std::thread::sleep(left);
-        }
+        self.clock.sleep();
         self.take_commands(&mut answer);
-        let until = self.next + self.config.tolerance.patience;
+        let patience = self.config.tolerance.patience;
         let waits = self.cabinet.is_commanding() && self.cabinet.answer_is_due();
-        while answer.is_none() && waits && Instant::now() < until && !self.end.load(Ordering::Relaxed) {
+        while answer.is_none() && waits && self.clock.is_patient(patience) && !self.shared.has_ended() {
             std::thread::sleep(Duration::from_micros(100));
             self.take_commands(&mut answer);
         }
-        self.next += self.period;
-        let late = Instant::now().saturating_duration_since(self.next);
-        if late > self.period {
-            self.count.slipped += (late.as_nanos() / self.period.as_nanos().max(1)) as u64;
-            self.next = Instant::now() + self.period;
-        }
+        self.clock.advance();
         answer
     }
 

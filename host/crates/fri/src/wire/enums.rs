@@ -1,47 +1,12 @@
 //! The enumerations of the interface.
 
+use spherecal_cyclic::wire_enum;
+
 use super::WireError;
-
-/// An enumeration on the wire: its variants with their numbers and KUKA's names.
-macro_rules! wire_enum {
-    ($(#[$doc:meta])* $name:ident, $field:literal { $($(#[$vdoc:meta])* $variant:ident = $number:literal, $text:literal;)+ }) => {
-        $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-        pub enum $name { $($(#[$vdoc])* $variant = $number,)+ }
-
-        impl $name {
-            /// All values, in the order of their numbers.
-            pub const ALL: &'static [Self] = &[$(Self::$variant),+];
-
-            /// The number on the wire.
-            pub const fn number(self) -> u64 { self as u64 }
-
-            /// The value with this number.
-            ///
-            /// # Errors
-            /// [`WireError::UnknownValue`] for a number without meaning.
-            pub const fn from_number(number: u64) -> Result<Self, WireError> {
-                match number {
-                    $($number => Ok(Self::$variant),)+
-                    value => Err(WireError::UnknownValue { field: $field, value }),
-                }
-            }
-
-            /// KUKA's name.
-            pub const fn name(self) -> &'static str {
-                match self { $(Self::$variant => $text,)+ }
-            }
-        }
-
-        impl std::fmt::Display for $name {
-            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result { f.write_str(self.name()) }
-        }
-    };
-}
 
 wire_enum! {
     /// The state of the session.
-    SessionState, "sessionState" {
+    SessionState(u64), "sessionState" {
         /// No session.
         Idle = 0, "IDLE";
         /// The connection is not good enough for commands.
@@ -57,7 +22,7 @@ wire_enum! {
 
 wire_enum! {
     /// How well the client answers.
-    Quality, "quality" {
+    Quality(u64), "quality" {
         /// No commands possible.
         Poor = 0, "POOR";
         /// No commands possible.
@@ -71,7 +36,7 @@ wire_enum! {
 
 wire_enum! {
     /// Whether a safety function stops the robot.
-    SafetyState, "safetyState" {
+    SafetyState(u64), "safetyState" {
         /// Nothing stops the robot.
         NormalOperation = 0, "NORMAL_OPERATION";
         /// A safety stop of level 0.
@@ -85,7 +50,7 @@ wire_enum! {
 
 wire_enum! {
     /// The operating mode that a person has chosen at the pendant.
-    OperationMode, "operationMode" {
+    OperationMode(u64), "operationMode" {
         /// Manual, reduced velocity.
         T1 = 0, "T1";
         /// Manual, full velocity.
@@ -97,7 +62,7 @@ wire_enum! {
 
 wire_enum! {
     /// The state of a joint's drive.
-    DriveState, "driveState" {
+    DriveState(u64), "driveState" {
         /// Off, brake closed.
         Off = 0, "OFF";
         /// On its way from one to the other.
@@ -109,7 +74,7 @@ wire_enum! {
 
 wire_enum! {
     /// The cabinet's controller.
-    ControlMode, "controlMode" {
+    ControlMode(u64), "controlMode" {
         /// Position control.
         Position = 0, "POSITION";
         /// Cartesian impedance.
@@ -123,7 +88,7 @@ wire_enum! {
 
 wire_enum! {
     /// What the client commands.
-    ClientCommandMode, "clientCommandMode" {
+    ClientCommandMode(u64), "clientCommandMode" {
         /// Nothing.
         None = 0, "NO_COMMAND_MODE";
         /// Joint positions.
@@ -137,7 +102,7 @@ wire_enum! {
 
 wire_enum! {
     /// What the commands are laid over.
-    OverlayType, "overlayType" {
+    OverlayType(u64), "overlayType" {
         /// Nothing.
         None = 0, "NO_OVERLAY";
         /// A joint motion.
