@@ -86,7 +86,7 @@ fn from_every_pose_a_clear_way_leads_back() {
     assert!(tight * 10 < ways, "{tight} of {ways} retreats are not clear");
 }
 
-// Fails if a motion through a sphere, through the plate or out of the workspace counts as clear, or
+// Fails if a motion through a sphere, through its post or out of the workspace counts as clear, or
 // if one that only comes back in does not.
 #[test]
 fn what_is_in_the_way_is_noticed() {
@@ -105,8 +105,11 @@ fn what_is_in_the_way_is_noticed() {
     assert!(!clear.is_clear(&left, &right), "through the sphere");
     let way = clear.way(&left, &right).expect("a way over it");
     assert!(way.len() > 1);
-    let low = at(Vector3::new(0.0, -0.12, -0.055));
-    assert!(!clear.is_clear(&left, &low), "into the plate");
+    let (low, other) = (
+        at(Vector3::new(0.0, -0.12, -0.055)),
+        at(Vector3::new(0.0, 0.12, -0.055)),
+    );
+    assert!(!clear.is_clear(&low, &other), "through the post");
     assert!(clear.is_clear(&low, &left), "out of the plate's margin");
     let limits = Limits {
         workspace_max_m: [10.0, chain.pose(&left).position.y - 0.001, 10.0],
