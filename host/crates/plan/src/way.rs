@@ -148,10 +148,7 @@ impl Scene {
                 continue;
             };
             // Lets the other tree come towards it.
-            loop {
-                let Some(next) = self.grow(&mut trees[1 - side], &new, goal, side == 0) else {
-                    break;
-                };
+            while let Some(next) = self.grow(&mut trees[1 - side], &new, goal, side == 0) {
                 if next == new {
                     return Some(self.shortened(from, &join(&trees, &new), goal));
                 }
