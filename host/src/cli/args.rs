@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use spherecal_job::{self as job, Config, JobError, Link, Prepared, Waypoints};
+use spherecal_job::{self as job, Config, JobError, Link, Prepared, TaughtWaypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation};
 
@@ -25,7 +25,8 @@ pub struct RunArgs {
     pub paper: bool,
     /// Connection to controller and arm. sim: both simulated in this program. qemu: controller on
     /// an emulated board. serial:DEVICE or serial:DEVICE@BAUD: a controller board. tcp:HOST:PORT: a
-    /// drive (simulator or gateway). controller:HOST:PORT: `spherecal controller`. grpc:HOST:PORT
+    /// drive (simulator or gateway). franka:HOST: a Panda or FR3. fri:PORT: a KUKA LBR that sends to
+    /// this port. controller:HOST:PORT: `spherecal controller`. grpc:HOST:PORT
     /// or grpcs:HOST:PORT: `spherecal serve`.
     #[arg(long, help_heading = "Connection", value_name = "LINK", default_value_t = Link::Sim)]
     pub link: Link,
@@ -117,6 +118,12 @@ impl RunArgs {
     /// A file or a value that cannot be used.
     pub fn configuration(&self) -> Result<Config, JobError> {
         let mut config = base(self.config.as_deref(), self.seed)?;
+        // Without a configuration, a robot that tells which one it is decides.
+        if self.config.is_none()
+            && let Some(robot) = self.link.robot()?
+        {
+            robot.clone_into(&mut config.robot);
+        }
         if let Some(poses) = self.poses {
             if poses == 0 {
                 return Err(spherecal_job::ConfigError::Range {
@@ -151,7 +158,8 @@ impl RunArgs {
     pub fn prepare(&self) -> Result<Prepared, JobError> {
         let mut prepared = job::prepare(&self.configuration()?)?;
         if let Some(path) = &self.waypoints {
-            Waypoints::read(path)?.apply(&mut prepared)?;
+            let waypoints = TaughtWaypoints::read(path)?;
+            waypoints.apply(&prepared.robot, &prepared.tool, &mut prepared.plan)?;
         }
         Ok(prepared)
     }

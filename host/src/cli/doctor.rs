@@ -10,7 +10,8 @@ use std::process::Command;
 use clap::Args;
 use serde::Serialize;
 
-use super::exit::Exit;
+use super::doctor_realtime::RealTime;
+use super::exit::{CliError, Exit};
 use super::out::{out, outln};
 use spherecal_link::qemu::find_image;
 
@@ -26,6 +27,10 @@ pub struct DoctorArgs {
     /// Folder that results are to be written to.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
+    /// Measure for some seconds, 10 by default, how late a real-time thread wakes up at 1 kHz, and
+    /// say whether this machine can drive a robot over franka: or fri:.
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, require_equals = true, default_missing_value = "10")]
+    pub realtime: Option<f64>,
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
     pub json: bool,
@@ -54,7 +59,7 @@ struct Check {
 }
 
 /// `spherecal doctor`
-pub(super) fn run(args: &DoctorArgs) -> Exit {
+pub(super) fn run(args: &DoctorArgs) -> Result<Exit, CliError> {
     let checks = [
         folder(&args.out),
         room(&args.out),
@@ -71,18 +76,24 @@ pub(super) fn run(args: &DoctorArgs) -> Exit {
         serial(),
         real_time(),
     ];
+    let realtime = args.realtime.map(RealTime::measure).transpose()?;
     let healthy = checks.iter().all(|check| check.state != State::Fault);
     if args.json {
         let document = serde_json::json!({
             "program": concat!("spherecal ", env!("CARGO_PKG_VERSION")),
             "healthy": healthy,
             "checks": checks,
+            "realtime": realtime,
         });
         outln!("{document:#}");
     } else {
         out!("{}", text(&checks));
+        if let Some(realtime) = &realtime {
+            out!("{}", realtime.text());
+        }
     }
-    if healthy { Exit::Done } else { Exit::Failed }
+    let fit = realtime.as_ref().is_none_or(|found| found.holds_1_khz);
+    Ok(if healthy && fit { Exit::Done } else { Exit::Failed })
 }
 
 fn text(checks: &[Check]) -> String {
@@ -330,11 +341,11 @@ fn real_time() -> Check {
         "boot a kernel with PREEMPT_RT (`apt install linux-image-rt-amd64`), or use a controller board"
     } else {
         "add `@realtime - rtprio 99` to /etc/security/limits.conf and join that group; a PREEMPT_RT kernel besides, \
-         or a controller board"
+         or a controller board; `spherecal doctor --realtime` measures"
     };
     check(
         "real-time scheduling",
-        "a drive in real time (--link tcp: to a robot's gateway)",
+        "a drive in real time (--link franka:, fri:, or tcp: to a robot's gateway)",
         preemptive && allowed,
         found,
         remedy,
@@ -345,7 +356,7 @@ fn real_time() -> Check {
 fn real_time() -> Check {
     check(
         "real-time scheduling",
-        "a drive in real time (--link tcp: to a robot's gateway)",
+        "a drive in real time (--link franka:, fri:, or tcp: to a robot's gateway)",
         false,
         "unknown on this system".to_owned(),
         "use Linux with PREEMPT_RT, or a controller board",

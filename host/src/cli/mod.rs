@@ -12,6 +12,7 @@ mod command;
 #[cfg(feature = "dashboard")]
 mod dashboard;
 mod doctor;
+mod doctor_realtime;
 mod exit;
 mod export;
 mod faults;
@@ -25,6 +26,7 @@ mod plan;
 mod progress;
 mod reports;
 mod robot;
+mod robot_sides;
 mod run;
 mod serve;
 mod servers;
@@ -77,7 +79,7 @@ pub fn main() -> ExitCode {
         Some(Command::Worlds(args)) => studies::worlds(&args),
         Some(Command::Faults(args)) => faults::run(&args),
         Some(Command::Config(args)) => stages::config(&args),
-        Some(Command::Doctor(args)) => Ok(doctor::run(&args)),
+        Some(Command::Doctor(args)) => doctor::run(&args),
         Some(Command::Completions(args)) => shell::completions(&args, Cli::command()),
         Some(Command::Man(args)) => shell::man(&args, Cli::command()),
         Some(Command::Store(args)) => store::run(&args),

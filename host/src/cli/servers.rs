@@ -5,6 +5,7 @@
 //! close.
 
 use std::io::Write;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -12,7 +13,8 @@ use clap::Args;
 use super::args::{BadValue, base};
 use super::exit::{CliError, Exit};
 use super::out::errln;
-use spherecal_job::{self as job, Config, JobError};
+use super::robot_sides;
+use spherecal_job::{self as job, Config, JobError, Link};
 use spherecal_link::tcp::{DriveServer, TcpDrive, controller_server, listen};
 use spherecal_link::{Drive, LinkError, LocalDevice, controller_in_process};
 
@@ -20,8 +22,26 @@ use spherecal_link::{Drive, LinkError, LocalDevice, controller_in_process};
 #[derive(Args, Clone, Debug)]
 pub struct PlantArgs {
     /// Address for controllers. A port alone serves this machine only; port 0 takes any free port.
-    #[arg(long, value_name = "[HOST:]PORT", default_value = "7401")]
-    pub listen: String,
+    /// Default: 7401; with --fci 1337, the only port that official clients know.
+    #[arg(long, value_name = "[HOST:]PORT", conflicts_with = "fri")]
+    pub listen: Option<String>,
+    /// Be a Panda or an FR3 for clients of the Franka Control Interface, in real time.
+    #[arg(long, conflicts_with_all = ["fri", "real_time", "once"])]
+    pub fci: bool,
+    /// Version of the Franka Control Interface: 5 is a Panda; 7, 8 and 10 are an FR3.
+    #[arg(long, value_name = "5|7|8|10", requires = "fci")]
+    pub version: Option<u16>,
+    /// Be a KUKA cabinet with an LBR that sends to the client at this address, in real time.
+    #[arg(long, value_name = "HOST:PORT", conflicts_with_all = ["real_time", "once"])]
+    pub fri: Option<SocketAddr>,
+    /// Stiffness of the cabinet's joint impedance under the overlay, in N m/rad. The application
+    /// sets 0.
+    #[arg(long, value_name = "NM_RAD", requires = "fri", default_value_t = 0.0)]
+    pub stiffness: f64,
+    /// Wait up to 100 ms for each answer of a motion, so that a computer without real time causes
+    /// no reflex. A real robot does not wait.
+    #[arg(long)]
+    pub tolerant: bool,
     /// Seed of the arm's errors and noise. Use the run's seed for the same arm.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -51,15 +71,27 @@ impl PlantArgs {
 /// Arguments of `controller`.
 #[derive(Args, Clone, Debug)]
 pub struct ControllerArgs {
-    /// Drive: tcp:HOST:PORT of a simulator, a gateway or `spherecal plant`.
-    #[arg(long, value_name = "tcp:HOST:PORT", value_parser = tcp_address)]
-    pub drive: String,
+    /// Drive: tcp:HOST:PORT of a simulator, a gateway or `spherecal plant`; franka:HOST; fri:PORT.
+    #[arg(long, value_name = "LINK", value_parser = drive_link)]
+    pub drive: Link,
+    /// Configuration of the run: robot, tool and thresholds for franka: and fri:. Set
+    /// procedure.law.torque_rate_nm_s to 990 in the run's configuration for a Franka robot.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
     /// Address for hosts (`spherecal run --link controller:HOST:PORT`).
     #[arg(long, value_name = "tcp:[HOST:]PORT", value_parser = tcp_address, default_value = "tcp:7402")]
     pub host_link: String,
     /// End when the first host has disconnected.
     #[arg(long)]
     pub once: bool,
+}
+
+/// A link to a drive.
+fn drive_link(text: &str) -> Result<Link, BadValue> {
+    match text.parse() {
+        Ok(link @ (Link::Tcp(_) | Link::Franka { .. } | Link::Fri(_))) => Ok(link),
+        _ => Err(BadValue("give tcp:HOST:PORT, franka:HOST or fri:PORT")),
+    }
 }
 
 /// `tcp:ADDRESS`, without its `tcp:`.
@@ -71,7 +103,7 @@ fn tcp_address(text: &str) -> Result<String, BadValue> {
 }
 
 /// Prints the address for the process that started this one.
-fn announce(line: &str) {
+pub(super) fn announce(line: &str) {
     let mut out = std::io::stdout().lock();
     // A reader that closed the pipe does not matter to a server.
     let _ = writeln!(out, "{line}").and_then(|()| out.flush());
@@ -79,8 +111,17 @@ fn announce(line: &str) {
 
 /// `spherecal plant`
 pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
+    if args.fci {
+        return robot_sides::franka(args);
+    }
+    if let Some(client) = args.fri {
+        return robot_sides::kuka(args, client);
+    }
+    if args.tolerant {
+        return Err(CliError::input("--tolerant: give --fci or --fri with it"));
+    }
     let drive = job::simulated_drive(&args.configuration()?)?;
-    let (listener, address) = listen(&args.listen).map_err(LinkError::from)?;
+    let (listener, address) = listen(args.listen.as_deref().unwrap_or("7401")).map_err(LinkError::from)?;
     let way = if args.real_time { "in real time" } else { "in lock-step" };
     announce(&format!("drive link, {way}, on tcp:{address}"));
     let mut server = DriveServer::new(drive, args.real_time);
@@ -103,16 +144,30 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
     }
 }
 
+fn open_drive(args: &ControllerArgs) -> Result<Box<dyn Drive>, CliError> {
+    if let Link::Tcp(address) = &args.drive {
+        return Ok(Box::new(TcpDrive::connect(address).map_err(LinkError::from)?));
+    }
+    let mut config = base(args.config.as_deref(), None)?;
+    if args.config.is_none()
+        && let Some(robot) = args.drive.robot()?
+    {
+        robot.clone_into(&mut config.robot);
+    }
+    let model = job::loaded_model(&config)?;
+    Ok(job::native::drive(&model, &config.procedure, &args.drive)?)
+}
+
 /// `spherecal controller`
 pub(super) fn controller(args: &ControllerArgs) -> Result<Exit, CliError> {
-    let drive = TcpDrive::connect(&args.drive).map_err(LinkError::from)?;
+    let drive = open_drive(args)?;
     let joints = drive.hello().limits.len();
     let way = if drive.hello().lock_step {
         "lock-step"
     } else {
         "real time"
     };
-    let mut cell = LocalDevice::new(controller_in_process(joints)?, Box::new(drive), joints)?;
+    let mut cell = LocalDevice::new(controller_in_process(joints)?, drive, joints)?;
     let (listener, address) = listen(&args.host_link).map_err(LinkError::from)?;
     announce(&format!(
         "controller, {joints} joints, {way}: host link on tcp:{address}"

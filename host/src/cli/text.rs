@@ -43,6 +43,9 @@ pub(super) fn result(summary: &Summary, files: &[PathBuf]) -> String {
         summary.identifiability.rank,
         summary.identifiability.columns
     );
+    if let Some(drive) = &summary.drive {
+        let _ = writeln!(out, "Real time: {}\n", drive.words());
+    }
     out.push_str(&verdict(summary));
     if !files.is_empty() {
         out.push_str("\nFiles:\n");

@@ -19,6 +19,7 @@ mod mistakes;
 mod page;
 mod paths;
 mod processes;
+mod robot_sides;
 #[cfg(feature = "services")]
 mod services;
 mod support;

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
 use spherecal::campaign::{Assignment, Operator, Options, Silent, run};
-use spherecal::job::{Choice, Config, Link, Prepared, Waypoints, prepare, teach};
+use spherecal::job::{Choice, Config, Link, Prepared, TaughtWaypoints, prepare, teach};
 use spherecal::link::{LocalDevice, controller_in_process};
 use spherecal::model::chain::Chain;
 use spherecal::sim::simulated_arm;
@@ -38,7 +38,7 @@ fn prepared(preset: &str, seed: u64) -> Prepared {
     prepare(&config).expect("a plan")
 }
 
-fn taught(prepared: &Prepared) -> Waypoints {
+fn taught(prepared: &Prepared) -> TaughtWaypoints {
     let interrupt = AtomicBool::new(false);
     let result = teach(
         prepared,
@@ -89,7 +89,9 @@ fn the_hand_leads_the_arm_over_every_sphere() {
             continue;
         }
         // From there the run touches every sphere at the first attempt.
-        waypoints.apply(&mut prepared).expect("its own waypoints");
+        waypoints
+            .apply(&prepared.robot, &prepared.tool, &mut prepared.plan)
+            .expect("its own waypoints");
         let plan = prepared.plan.clone();
         assert_eq!(plan.spheres[0].approach.joints, waypoints.waypoint[0].joints_rad);
         let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &plan.home.joints)
@@ -131,17 +133,22 @@ fn one_seed_teaches_the_same_waypoints() {
 fn waypoints_that_cannot_be_meant_are_refused() {
     let prepared = prepared("ideal", 1);
     let good = taught(&prepared);
-    let refused = |change: &dyn Fn(&mut Waypoints), words: &[&str]| {
+    let refused = |change: &dyn Fn(&mut TaughtWaypoints), words: &[&str]| {
         let mut changed = good.clone();
         change(&mut changed);
-        let error = changed.apply(&mut prepared.clone()).expect_err("refused");
+        let error = changed
+            .apply(&prepared.robot, &prepared.tool, &mut prepared.plan.clone())
+            .expect_err("refused");
         assert!(error.is_input());
         let said = error.to_string();
         for word in words {
             assert!(said.contains(word), "does not say \"{word}\": {said}");
         }
     };
-    assert!(good.apply(&mut prepared.clone()).is_ok());
+    assert!(
+        good.apply(&prepared.robot, &prepared.tool, &mut prepared.plan.clone())
+            .is_ok()
+    );
     refused(
         &|w| w.robot = "panda".to_owned(),
         &["taught with \"panda\"", "\"iiwa7\"", "with this robot"],
@@ -165,8 +172,8 @@ fn waypoints_that_cannot_be_meant_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("waypoints.toml");
     good.write(&path).expect("written");
-    assert_eq!(Waypoints::read(&path).expect("read"), good);
+    assert_eq!(TaughtWaypoints::read(&path).expect("read"), good);
     std::fs::write(&path, "robot = \"iiwa7\"\nwaypoints = 3\n").expect("written");
-    let said = Waypoints::read(&path).expect_err("refused").to_string();
+    let said = TaughtWaypoints::read(&path).expect_err("refused").to_string();
     assert!(said.contains("waypoints.toml") && said.contains("joints_rad"), "{said}");
 }

@@ -292,7 +292,7 @@ fn a_drive_that_falls_silent_in_real_time_is_a_fault() {
         }
         let _ = stream.read_to_end(&mut Vec::new());
     });
-    let mut device = Threaded::start(TcpDrive::connect(&address).expect("a drive"), 7).expect("a controller");
+    let mut device = Threaded::start(Box::new(TcpDrive::connect(&address).expect("a drive")), 7).expect("a controller");
     let mut endpoint = HostEndpoint::new(Timing::default());
     let mut procedure = Procedure::default();
     // A busy machine may stall for long; only silence may be a fault here.

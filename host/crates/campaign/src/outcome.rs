@@ -4,6 +4,7 @@ use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{Contact, FaultReport, Statistics};
 
 use super::observe::TelemetrySummary;
+use spherecal_link::native::DriveRecord;
 
 /// A pose that was given up.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,4 +40,6 @@ pub struct Outcome {
     pub statistics: Statistics,
     /// What telemetry amounted to.
     pub telemetry: TelemetrySummary,
+    /// What the drive measured of itself, if it is a robot's own interface.
+    pub drive: Option<DriveRecord>,
 }

@@ -65,6 +65,7 @@ pub fn run(
         link: session.counters(),
         statistics: session.statistics,
         telemetry: session.telemetry,
+        drive: session.drive_record(),
     };
     (outcome, result)
 }

@@ -21,6 +21,7 @@ use spherecal_shared::protocol::host::{
 use super::observe::{Moved, Observer, Progress, Stage, TelemetrySummary, force};
 use super::{CampaignError, plausible};
 use spherecal_link::Journal;
+use spherecal_link::native::{DriveRecord, Monitor};
 use spherecal_link::{Arrival, Device, HostEndpoint, Timing};
 use spherecal_plan::Plan;
 
@@ -38,6 +39,8 @@ pub struct Session<'a> {
     journal: &'a mut dyn Journal,
     observer: &'a mut dyn Observer,
     interrupt: &'a AtomicBool,
+    /// What a robot behind its own interface reports.
+    monitor: Option<Monitor>,
     down: Vec<u8>,
     up: Vec<u8>,
     arrived: Vec<Arrival>,
@@ -84,7 +87,9 @@ impl<'a> Session<'a> {
         interrupt: &'a AtomicBool,
         lead_us: u64,
     ) -> Self {
+        let monitor = cell.monitor();
         Self {
+            monitor,
             cell,
             endpoint: HostEndpoint::new(Timing::default()),
             journal,
@@ -178,7 +183,11 @@ impl<'a> Session<'a> {
         self.endpoint
             .transmit(now_us, &mut self.down)
             .map_err(spherecal_link::LinkError::from)?;
-        self.cell.step(&self.down, &mut self.up)?;
+        let stepped = self.cell.step(&self.down, &mut self.up);
+        if stepped.is_err() || now_us.saturating_sub(self.last_progress_us) >= PROGRESS_US {
+            self.note_drive();
+        }
+        stepped?;
         let journal = &mut *self.journal;
         let joints = self.joints;
         let frames = self.endpoint.counters().frames;
@@ -199,6 +208,18 @@ impl<'a> Session<'a> {
             self.report_progress();
         }
         Ok(())
+    }
+
+    /// Passes on what the robot's own interface reported.
+    fn note_drive(&mut self) {
+        while let Some(event) = self.monitor.as_ref().and_then(Monitor::next_event) {
+            self.observer.note(&event.to_string());
+        }
+    }
+
+    /// What the drive measured of itself so far, if it is a robot's own interface.
+    pub(super) fn drive_record(&self) -> Option<DriveRecord> {
+        self.monitor.as_ref().map(Monitor::record)
     }
 
     fn hear(&mut self, arrival: &Arrival) {

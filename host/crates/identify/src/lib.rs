@@ -62,6 +62,7 @@ mod noise_scale;
 mod normal;
 mod options;
 pub mod paper;
+mod parameter_table;
 pub mod parameters;
 pub mod priors;
 mod recordings;

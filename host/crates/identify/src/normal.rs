@@ -12,98 +12,24 @@
 //! rows: `H_ij = Σ w s_ij φ_i φ_jᵀ`. Cost and memory are linear in the poses;
 //! nothing is poses by poses.
 
-use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector, Dyn, Matrix3, MatrixView, Vector3};
-use rayon::prelude::*;
+use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector, Dyn, MatrixView, Vector3};
 
+mod groups;
+mod likelihood;
+mod pose_columns;
+mod whitening;
+
+use self::groups::{add_all, by_group, places};
+use self::pose_columns::{Gradient, PoseColumns};
 use super::chain::{N, Prepared, State};
 use super::parameters::Layout;
 
+pub(crate) use self::groups::{Group, groups};
+pub(crate) use self::likelihood::{distances, likelihoods, whitened_row};
+pub(crate) use self::whitening::{Root, Whitening};
+
 /// Poses that are whitened before they are multiplied: fits the cache.
 const CHUNK: usize = 96;
-
-/// Standard deviations that whiten the residuals.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Whitening {
-    /// Variance of the joint noise, in rad².
-    pub(crate) joint: f64,
-    /// Variance of seating on a sphere, in m².
-    pub(crate) seating: f64,
-    /// Variance of a measured point, in m².
-    pub(crate) point: f64,
-}
-
-impl Whitening {
-    /// `C` at a pose, in m².
-    #[inline]
-    pub(crate) fn covariance(&self, joints: &[Vector3<f64>], on_sphere: bool) -> Matrix3<f64> {
-        let floor = if on_sphere { self.seating } else { self.point };
-        let (mut xx, mut yy, mut zz, mut xy, mut xz, mut yz) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        for j in joints {
-            xx += j.x * j.x;
-            yy += j.y * j.y;
-            zz += j.z * j.z;
-            xy += j.x * j.y;
-            xz += j.x * j.z;
-            yz += j.y * j.z;
-        }
-        let v = self.joint;
-        Matrix3::new(
-            v * xx + floor,
-            v * xy,
-            v * xz,
-            v * xy,
-            v * yy + floor,
-            v * yz,
-            v * xz,
-            v * yz,
-            v * zz + floor,
-        )
-    }
-}
-
-/// `L⁻¹` of a 3 x 3 covariance, as its six numbers.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Root([f64; 6]);
-
-impl Root {
-    #[inline]
-    pub(crate) fn new(c: &Matrix3<f64>) -> Self {
-        let a = 1.0 / c[(0, 0)].sqrt();
-        let (l10, l20) = (c[(1, 0)] * a, c[(2, 0)] * a);
-        let b = 1.0 / (c[(1, 1)] - l10 * l10).max(1e-30).sqrt();
-        let l21 = (c[(2, 1)] - l20 * l10) * b;
-        let d = 1.0 / (c[(2, 2)] - l20 * l20 - l21 * l21).max(1e-30).sqrt();
-        Self([a, b, d, -l10 * a * b, (l10 * b * l21 - l20) * a * d, -l21 * b * d])
-    }
-
-    /// The same times a factor.
-    #[inline]
-    fn scaled(self, factor: f64) -> Self {
-        Self(self.0.map(|x| x * factor))
-    }
-
-    /// `L`, 3 x 3 lower triangular.
-    pub(crate) fn inverse(&self) -> Matrix3<f64> {
-        let [a, b, d, ba, da, db] = self.0;
-        let (x, y, z) = (1.0 / a, 1.0 / b, 1.0 / d);
-        let yx = -ba * x * y;
-        let zy = -db * y * z;
-        let zx = -(da * x + db * yx) * z;
-        Matrix3::new(x, 0.0, 0.0, yx, y, 0.0, zx, zy, z)
-    }
-
-    /// `ln |L⁻¹|`.
-    pub(crate) fn log_determinant(&self) -> f64 {
-        let [a, b, d, ..] = self.0;
-        (a * b * d).ln()
-    }
-
-    #[inline]
-    pub(crate) fn times(&self, v: &Vector3<f64>) -> Vector3<f64> {
-        let [a, b, d, ba, da, db] = self.0;
-        Vector3::new(a * v.x, ba * v.x + b * v.y, da * v.x + db * v.y + d * v.z)
-    }
-}
 
 /// Information matrix and gradient over all columns of the layout, data only.
 #[derive(Clone, Debug)]
@@ -133,89 +59,6 @@ fn add_product(c: &mut [f64], a: &[f64], b: &[f64], m: usize, n: usize, k: usize
     let bt: MatrixView<'_, f64, Dyn, Dyn, Dyn, Dyn> =
         MatrixView::from_slice_with_strides_generic(&b[..n * k], Dyn(k), Dyn(n), Dyn(n), Dyn(1));
     DMatrixViewMut::from_slice(c, m, n).gemm(1.0, &a, &bt, 1.0);
-}
-
-/// Group of observations that share a reference frame and a sphere.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Group {
-    pub(crate) reference: usize,
-    pub(crate) sphere: Option<usize>,
-    /// Indices into the prepared observations.
-    pub(crate) members: Vec<usize>,
-}
-
-/// Groups in order of first appearance.
-pub(crate) fn groups(prepared: &[Prepared]) -> Vec<Group> {
-    let mut groups: Vec<Group> = Vec::new();
-    let mut at = std::collections::HashMap::new();
-    for (i, observation) in prepared.iter().enumerate() {
-        let key = (observation.reference, observation.sphere);
-        let slot = *at.entry(key).or_insert_with(|| {
-            groups.push(Group {
-                reference: key.0,
-                sphere: key.1,
-                members: Vec::new(),
-            });
-            groups.len() - 1
-        });
-        groups[slot].members.push(i);
-    }
-    groups
-}
-
-/// Poses that one task sums. Sums of as many or fewer are those of a plain loop,
-/// to the last bit; those of more do not depend on the number of threads.
-const BLOCK: usize = 16_384;
-/// Tasks whose sums are in memory together.
-const BATCH: usize = 16;
-
-/// The poses of all groups in blocks: number of the group, and its poses.
-fn blocks(groups: &[Group]) -> Vec<(usize, &[usize])> {
-    let of = |(g, group)| -> Vec<(usize, &[usize])> {
-        let group: &Group = group;
-        group.members.chunks(BLOCK).map(|members| (g, members)).collect()
-    };
-    groups.iter().enumerate().flat_map(of).collect()
-}
-
-/// Sums each group's blocks with `sum`, on all cores where there are many poses,
-/// and hands each group's total to `done`, in order. `add` adds the second sum to
-/// the first.
-fn by_group<'g, S: Send>(
-    groups: &'g [Group],
-    sum: impl Fn(&'g [usize]) -> S + Sync,
-    add: impl Fn(&mut S, &S),
-    mut done: impl FnMut(&'g Group, &S),
-) {
-    let blocks = blocks(groups);
-    let many = groups.iter().map(|g| g.members.len()).sum::<usize>() > BLOCK;
-    let mut open: Option<(usize, S)> = None;
-    for batch in blocks.chunks(BATCH) {
-        let sums: Vec<S> = if many {
-            batch.par_iter().map(|(_, members)| sum(members)).collect()
-        } else {
-            batch.iter().map(|(_, members)| sum(members)).collect()
-        };
-        for ((group, _), next) in batch.iter().zip(sums) {
-            match &mut open {
-                Some((last, total)) if last == group => add(total, &next),
-                _ => {
-                    if let Some((last, total)) = open.replace((*group, next)) {
-                        done(&groups[last], &total);
-                    }
-                }
-            }
-        }
-    }
-    if let Some((last, total)) = open {
-        done(&groups[last], &total);
-    }
-}
-
-fn add_all(to: &mut [f64], from: &[f64]) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to += from;
-    }
 }
 
 /// Sums over some poses of one group.
@@ -377,18 +220,6 @@ fn sums(
     out
 }
 
-/// Where a group's own column lies in the layout; sphere columns follow after
-/// the base's: they are the base's shifts with the sign turned.
-fn places(layout: &Layout, group: &Group) -> Vec<(usize, usize, f64)> {
-    let general = layout.general();
-    let mut places: Vec<_> = (0..general).map(|c| (c, c, 1.0)).collect();
-    places.extend((0..6).map(|k| (general + k, layout.base(group.reference) + k, 1.0)));
-    if let Some(sphere) = group.sphere {
-        places.extend((0..3).map(|k| (general + k, layout.sphere(sphere) + k, -1.0)));
-    }
-    places
-}
-
 /// Adds a group's sums for one joint to the whole.
 fn scatter(layout: &Layout, joint: usize, places: &[(usize, usize, f64)], sum: &[f64], normal: &mut Normal) {
     let own = layout.general() + 6;
@@ -407,26 +238,6 @@ fn scatter(layout: &Layout, joint: usize, places: &[(usize, usize, f64)], sum: &
                 normal.matrix[(column, row)] += value;
             }
         }
-    }
-}
-
-/// Gradient of one group: own columns, then the joints' blocks.
-struct Gradient {
-    own: Vec<f64>,
-    joints: Vec<f64>,
-}
-
-impl Gradient {
-    fn new(layout: &Layout) -> Self {
-        Self {
-            own: vec![0.0; layout.general() + 6],
-            joints: vec![0.0; layout.n * layout.basis()],
-        }
-    }
-
-    fn add(&mut self, other: &Self) {
-        add_all(&mut self.own, &other.own);
-        add_all(&mut self.joints, &other.joints);
     }
 }
 
@@ -457,202 +268,6 @@ pub(crate) fn gradient(
         }
     });
     total
-}
-
-/// One pose's whitened columns and residual.
-struct PoseColumns {
-    own: [Vector3<f64>; 5 * N + 16],
-    joints: [Vector3<f64>; N],
-    trig: [(f64, f64); N],
-    residual: Vector3<f64>,
-}
-
-impl PoseColumns {
-    #[inline]
-    fn new(state: &State, layout: &Layout, observation: &Prepared, whitening: &Whitening, weight: f64) -> Self {
-        let n = layout.n;
-        let general = layout.general();
-        let mut own = [Vector3::zeros(); 5 * N + 16];
-        let mut joints = [Vector3::zeros(); N];
-        let kinematics = state.at(observation);
-        state.columns(layout, &kinematics, &observation.load, &mut own, &mut joints);
-        let rotation = state
-            .bases
-            .get(observation.reference)
-            .map_or_else(Matrix3::identity, |base| base.rotation);
-        let arm = kinematics.tcp - state.pivot(observation.reference);
-        for axis in 0..3 {
-            // Row `axis` of R₀ is R₀ᵀ e_axis: the reference frame's axis in F0.
-            let e = rotation.row(axis).transpose();
-            own[general + axis] = e;
-            own[general + 3 + axis] = e.cross(&arm);
-        }
-        let covariance = whitening.covariance(&joints[..n], observation.sphere.is_some());
-        let root = Root::new(&covariance).scaled(weight.sqrt());
-        for column in &mut own[..general + 6] {
-            *column = root.times(column);
-        }
-        for column in &mut joints[..n] {
-            *column = root.times(column);
-        }
-        Self {
-            own,
-            joints,
-            trig: kinematics.trig,
-            residual: root.times(&state.residual(observation, &kinematics.tcp)),
-        }
-    }
-
-    /// `φ_j` of joint j.
-    #[inline]
-    fn basis(&self, layout: &Layout, j: usize, observation: &Prepared, phi: &mut [f64]) {
-        phi[0] = 1.0;
-        let mut first = 1;
-        if layout.stiffness {
-            phi[1] = -observation.load.joint[j][2];
-            first = 2;
-        }
-        let (c, s) = self.trig[j];
-        let (mut ck, mut sk) = (c, s);
-        for pair in phi[first..].chunks_exact_mut(2) {
-            pair[0] = ck;
-            pair[1] = sk;
-            (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
-        }
-    }
-
-    #[inline]
-    fn add_gradient(&self, layout: &Layout, observation: &Prepared, sum: &mut Gradient) {
-        for (to, column) in sum.own.iter_mut().zip(&self.own) {
-            *to += column.dot(&self.residual);
-        }
-        let basis = layout.basis();
-        for (j, to) in sum.joints.chunks_exact_mut(basis).enumerate() {
-            let along = self.joints[j].dot(&self.residual);
-            to[0] += along;
-            let mut first = 1;
-            if layout.stiffness {
-                to[1] -= along * observation.load.joint[j][2];
-                first = 2;
-            }
-            let (c, s) = self.trig[j];
-            let (mut ck, mut sk) = (along * c, along * s);
-            for pair in to[first..].chunks_exact_mut(2) {
-                pair[0] += ck;
-                pair[1] += sk;
-                (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
-            }
-        }
-    }
-}
-
-/// One observation's whitened residual and what whitened it.
-pub(crate) struct Row {
-    /// Whitener of a vector in F0, robust weight included.
-    pub(crate) root: Root,
-    /// Whitened residual.
-    pub(crate) residual: Vector3<f64>,
-}
-
-/// The whitened columns of one observation over the whole layout, into `all`,
-/// and its residual.
-pub(crate) fn whitened_row(
-    state: &State,
-    layout: &Layout,
-    observation: &Prepared,
-    whitening: &Whitening,
-    weight: f64,
-    all: &mut [Vector3<f64>],
-) -> Row {
-    let pose = PoseColumns::new(state, layout, observation, whitening, weight);
-    all.fill(Vector3::zeros());
-    let group = Group {
-        reference: observation.reference,
-        sphere: observation.sphere,
-        members: Vec::new(),
-    };
-    for (c, column, sign) in places(layout, &group) {
-        all[column] = pose.own[c] * sign;
-    }
-    let mut phi = vec![0.0; layout.basis()];
-    for j in 0..layout.n {
-        pose.basis(layout, j, observation, &mut phi);
-        for (k, value) in phi.iter().enumerate() {
-            all[layout.joint(j) + k] = pose.joints[j] * *value;
-        }
-    }
-    let k = state.at(observation);
-    let joints: Vec<_> = (0..layout.n)
-        .map(|j| k.frames[j].z().cross(&(k.tcp - k.frames[j].position)))
-        .collect();
-    let covariance = whitening.covariance(&joints, observation.sphere.is_some());
-    Row {
-        root: Root::new(&covariance).scaled(weight.sqrt()),
-        residual: pose.residual,
-    }
-}
-
-/// Squared whitened residual of every prepared observation.
-pub(crate) fn distances(state: &State, layout: &Layout, prepared: &[Prepared], whitening: &Whitening) -> Vec<f64> {
-    let [found] = whitened(state, layout, prepared, &[*whitening]).map(|found| found.0);
-    found
-}
-
-/// Squared whitened residuals under each whitening, and the sum of `ln |L⁻¹|`.
-fn whitened<const K: usize>(
-    state: &State,
-    layout: &Layout,
-    prepared: &[Prepared],
-    candidates: &[Whitening; K],
-) -> [(Vec<f64>, f64); K] {
-    let block = |prepared: &[Prepared]| {
-        let mut columns = [Vector3::zeros(); N];
-        let mut found: [(Vec<f64>, f64); K] = core::array::from_fn(|_| (Vec::with_capacity(prepared.len()), 0.0));
-        for observation in prepared {
-            let k = state.at(observation);
-            for j in 0..layout.n {
-                columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
-            }
-            let residual = state.residual(observation, &k.tcp);
-            for (candidate, (d2, log)) in candidates.iter().zip(&mut found) {
-                let root = Root::new(&candidate.covariance(&columns[..layout.n], observation.sphere.is_some()));
-                d2.push(root.times(&residual).norm_squared());
-                *log += root.log_determinant();
-            }
-        }
-        found
-    };
-    let add = |mut total: [(Vec<f64>, f64); K], next: [(Vec<f64>, f64); K]| {
-        for (total, next) in total.iter_mut().zip(next) {
-            total.0.extend(next.0);
-            total.1 += next.1;
-        }
-        total
-    };
-    let blocks: Vec<_> = prepared.par_chunks(BLOCK).map(block).collect();
-    blocks.into_iter().reduce(add).unwrap_or_else(|| block(&[]))
-}
-
-/// Log likelihood of the residuals under each candidate whitening, its scale at
-/// its own best; `nu` as in the estimator.
-pub(crate) fn likelihoods<const K: usize>(
-    state: &State,
-    layout: &Layout,
-    prepared: &[Prepared],
-    candidates: &[Whitening; K],
-    nu: f64,
-) -> [f64; K] {
-    let shape = |d: f64, s2: f64| {
-        if nu > 0.0 {
-            -0.5 * (nu + 3.0) * (d / (s2 * nu)).ln_1p()
-        } else {
-            -0.5 * d / s2
-        }
-    };
-    whitened(state, layout, prepared, candidates).map(|(d2, log)| {
-        let s2 = super::noise_scale::scale(&d2, 0.0, nu, 1.0);
-        log + d2.iter().map(|d| shape(*d, s2)).sum::<f64>() - 1.5 * d2.len() as f64 * s2.ln()
-    })
 }
 
 #[cfg(test)]

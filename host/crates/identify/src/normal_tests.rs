@@ -4,6 +4,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use spherecal_model::{Experiment, Observation, Set, Target, paper_plate};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
+use super::groups::BLOCK;
 use super::*;
 use crate::chain::Nominal;
 use crate::map::prepare;

@@ -13,7 +13,8 @@ use super::chain::{N, Nominal, Prepared, State, trig};
 use super::error::IdentifyError;
 use super::normal::{Root, Whitening};
 use super::options::Options;
-use super::parameters::{Kind, Layout, table};
+use super::parameter_table::table;
+use super::parameters::{Kind, Layout};
 use spherecal_model::{Experiment, Observation, Set, Sphere, Target};
 
 /// Prior of the base in planning (m and rad): flat enough, and well scaled.

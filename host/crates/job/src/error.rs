@@ -64,6 +64,12 @@ pub enum JobError {
         /// What to give instead.
         remedy: String,
     },
+    /// The link does not lead to a robot's own interface.
+    #[error("link \"{link}\" is no robot's own interface: give franka:HOST or fri:PORT")]
+    NoRobot {
+        /// As given.
+        link: String,
+    },
     /// What was to be injected was refused.
     #[error(transparent)]
     Inject(#[from] InjectError),
@@ -164,6 +170,7 @@ impl JobError {
             | Self::NoPose { .. }
             | Self::Plant(_)
             | Self::NoInjection { .. }
+            | Self::NoRobot { .. }
             | Self::Inject(_)
             | Self::Resume { .. }
             | Self::Waypoints { .. }

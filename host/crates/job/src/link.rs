@@ -1,5 +1,6 @@
 //! The links: how to reach controller and drive, and what each link connects to.
 
+use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -10,7 +11,7 @@ use spherecal_sim::inject::{self, FaultyCell, FaultyDrive, HostFaults};
 use spherecal_sim::{Injected, InjectedCounter, LossyDevice, simulated_arm};
 use spherecal_store::Peer;
 
-use super::{JobError, Prepared};
+use super::{JobError, Prepared, native};
 
 /// How controller and drive are reached.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -27,6 +28,16 @@ pub enum Link {
     Tcp(String),
     /// A controller process (`spherecal controller`) with any drive.
     Controller(String),
+    /// The controller in this process; a Panda or FR3 behind the Franka Control Interface.
+    Franka {
+        /// Address or name of the control unit.
+        host: String,
+        /// TCP port; a real robot has 1337.
+        port: u16,
+    },
+    /// The controller in this process; an LBR behind KUKA's Fast Robot Interface. Where this
+    /// computer listens for the cabinet.
+    Fri(SocketAddr),
     /// A robot behind the service `RobotController` (`spherecal serve`).
     Grpc(Peer),
 }
@@ -42,8 +53,8 @@ impl Link {
 /// A text that is no link.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "\"{text}\" is not a link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT, controller:HOST:PORT, grpc:HOST:PORT or \
-     grpcs:HOST:PORT"
+    "\"{text}\" is not a link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT, franka:HOST, fri:PORT, \
+     controller:HOST:PORT, grpc:HOST:PORT or grpcs:HOST:PORT"
 )]
 pub struct UnknownLink {
     /// As given.
@@ -63,9 +74,31 @@ impl FromStr for Link {
             Some(("serial", device)) if !device.is_empty() => Ok(Self::Serial(device.to_owned())),
             Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_owned())),
             Some(("controller", address)) if address.contains(':') => Ok(Self::Controller(address.to_owned())),
+            Some(("franka", rest)) => franka(rest).ok_or_else(|| UnknownLink { text: text.to_owned() }),
+            Some(("fri", rest)) => fri(rest).ok_or_else(|| UnknownLink { text: text.to_owned() }),
             _ => Err(UnknownLink { text: text.to_owned() }),
         }
     }
+}
+
+/// `HOST`, `HOST:PORT` or `[HOST]:PORT`, with brackets about an IPv6 address.
+fn franka(text: &str) -> Option<Link> {
+    let (host, port) = match text.rsplit_once(':') {
+        Some((host, port)) if !host.contains(':') || host.ends_with(']') => (host, port.parse().ok()?),
+        _ => (text, spherecal_fci::TCP_PORT),
+    };
+    let host = host.strip_prefix('[').and_then(|h| h.strip_suffix(']')).unwrap_or(host);
+    (!host.is_empty() && port > 0).then(|| Link::Franka {
+        host: host.to_owned(),
+        port,
+    })
+}
+
+/// `PORT` on every network card, or `ADDRESS:PORT`.
+fn fri(text: &str) -> Option<Link> {
+    let any = |port| SocketAddr::from((Ipv4Addr::UNSPECIFIED, port));
+    let address = text.parse().map(any).or_else(|_| text.parse()).ok()?;
+    (address.port() > 0).then_some(Link::Fri(address))
 }
 
 impl std::fmt::Display for Link {
@@ -76,6 +109,20 @@ impl std::fmt::Display for Link {
             Self::Serial(device) => write!(f, "serial:{device}"),
             Self::Tcp(address) => write!(f, "tcp:{address}"),
             Self::Controller(address) => write!(f, "controller:{address}"),
+            Self::Franka { host, port } => {
+                let host = if host.contains(':') {
+                    format!("[{host}]")
+                } else {
+                    host.clone()
+                };
+                if *port == spherecal_fci::TCP_PORT {
+                    write!(f, "franka:{host}")
+                } else {
+                    write!(f, "franka:{host}:{port}")
+                }
+            }
+            Self::Fri(address) if address.ip() == Ipv4Addr::UNSPECIFIED => write!(f, "fri:{}", address.port()),
+            Self::Fri(address) => write!(f, "fri:{address}"),
             Self::Grpc(peer) => peer.fmt(f),
         }
     }
@@ -159,7 +206,9 @@ fn reliable(
     };
     let drive = match link {
         Link::Tcp(address) => FaultyDrive::Other(Box::new(lock_step_drive(prepared, link, address)?)),
-        Link::Serial(_) | Link::Controller(_) | Link::Grpc(_) => return Err(no_injection(link)),
+        Link::Serial(_) | Link::Controller(_) | Link::Grpc(_) | Link::Franka { .. } | Link::Fri(_) => {
+            return Err(no_injection(link));
+        }
         Link::Sim | Link::Qemu => FaultyDrive::Simulated(simulated_arm(
             &prepared.robot,
             &prepared.tool,
@@ -213,10 +262,15 @@ pub fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device
             let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
             check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
             if !drive.hello().lock_step {
-                return Ok(Some(Box::new(Threaded::start(drive, joints)?)));
+                return Ok(Some(Box::new(Threaded::start(Box::new(drive), joints)?)));
             }
             let controller = controller_in_process(joints)?;
             Ok(Some(Box::new(LocalDevice::new(controller, Box::new(drive), joints)?)))
+        }
+        Link::Franka { .. } | Link::Fri(_) => {
+            let drive = native::drive(&prepared.model, &prepared.config.procedure, link)?;
+            check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+            Ok(Some(Box::new(Threaded::start(drive, joints)?)))
         }
         Link::Controller(address) => {
             let remote = Remote::connect(address, joints)?;
@@ -234,9 +288,7 @@ pub fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device
 pub fn controller(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Controller>, JobError> {
     match link {
         Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(folder))?)),
-        Link::Sim | Link::Serial(_) | Link::Tcp(_) | Link::Controller(_) | Link::Grpc(_) => {
-            Ok(controller_in_process(prepared.robot.dof())?)
-        }
+        _ => Ok(controller_in_process(prepared.robot.dof())?),
     }
 }
 

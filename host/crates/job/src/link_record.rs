@@ -4,8 +4,10 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_sim::Injected;
 
+use super::drive_timing::DriveTiming;
+
 /// Counters of the two ends of the host link in a session.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LinkRecord {
     /// What the host received, and what the controller received.
     pub ends: [LinkCounters; 2],
@@ -15,6 +17,9 @@ pub struct LinkRecord {
     /// Commands that came after their start.
     #[serde(default)]
     pub late: u32,
+    /// What the drive measured, if it is a robot's own interface.
+    #[serde(default)]
+    pub drive: Option<DriveTiming>,
 }
 
 impl LinkRecord {
@@ -37,6 +42,9 @@ impl LinkRecord {
         }
         self.injected = self.injected.plus(other.injected);
         self.late = self.late.saturating_add(other.late);
+        if let Some(drive) = &other.drive {
+            self.drive.get_or_insert_default().add(drive);
+        }
     }
 }
 

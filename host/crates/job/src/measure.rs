@@ -11,6 +11,7 @@ use spherecal_sim::inject::{self, HostFaultJournal};
 use spherecal_store::time::now_utc;
 use spherecal_store::{CalibrationStore, NewRun, Peer, PlannedPose, RunInfo, SessionEnd};
 
+use super::drive_timing::DriveTiming;
 use super::host_faults::file_lock;
 use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::link::{Link, connect};
@@ -62,6 +63,12 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
         Some(_) if repeats => plan.without_kills(),
         _ => plan.clone(),
     });
+    if let Link::Fri(address) = site.link {
+        site.observer.note(&format!(
+            "waiting for the cabinet at UDP port {}: start the application on the cabinet",
+            address.port()
+        ));
+    }
     let mut connected = connect(prepared, site.link, site.folder, inject.as_ref())?;
     let had = resume
         .map(|info| site.store.read_run(info.run))
@@ -95,7 +102,7 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
-        procedure: &prepared.procedure()?,
+        procedure: &site.link.adapt(prepared.procedure()?),
         plan,
         done: &done,
         seated: &seated,
@@ -128,6 +135,7 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
             ends: [outcome.link, outcome.statistics.link],
             injected: connected.injected(),
             late: outcome.statistics.late,
+            drive: outcome.drive.as_ref().map(DriveTiming::from),
         })?,
         telemetry_json: json(&outcome.telemetry)?,
     };

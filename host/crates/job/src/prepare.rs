@@ -4,7 +4,8 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::{Config, JobError, Waypoints};
+use super::waypoints::TaughtWaypoints;
+use super::{Config, JobError};
 use spherecal_identify::Sphere;
 use spherecal_link::Drive;
 use spherecal_model::chain::Chain;
@@ -12,7 +13,7 @@ use spherecal_model::robots::{self, RobotModel};
 use spherecal_model::{NominalCell, Placement};
 use spherecal_plan::{self as plan, Plan, PlanError, PlatePose};
 use spherecal_sim::plant::PlantConfig;
-use spherecal_sim::simulated_arm;
+use spherecal_sim::{RobotArm, simulated_arm};
 
 /// All data that are known before the first motion.
 #[derive(Clone, Debug)]
@@ -59,7 +60,14 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
     if taught.is_empty() {
         plan::teach(&mut plan, &chain, config.campaign.taught_error_m, config.seed);
     }
-    let mut prepared = Prepared {
+    if !taught.is_empty() {
+        let waypoints = TaughtWaypoints {
+            robot: model.robot.name.to_string(),
+            waypoint: taught.clone(),
+        };
+        waypoints.apply(&model.robot, &tool, &mut plan)?;
+    }
+    Ok(Prepared {
         config: config.clone(),
         robot: model.robot.clone(),
         model,
@@ -67,15 +75,7 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         spheres: cell.spheres,
         plan,
         plant,
-    };
-    if !taught.is_empty() {
-        let waypoints = Waypoints {
-            robot: prepared.robot.name.to_string(),
-            waypoint: taught.clone(),
-        };
-        waypoints.apply(&mut prepared)?;
-    }
-    Ok(prepared)
+    })
 }
 
 /// Adds a reachable placement to the error of a plate that is out of reach.
@@ -170,6 +170,32 @@ pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
     let home = plan::home(&cell, &chain, &config.plan.rules);
     let home = home.map_err(|error| with_a_place(error, &cell, config))?;
     Ok(simulated_arm(&model.robot, &tool, &plant, &home.joints)?)
+}
+
+/// The same arm behind a robot's own interface, for a simulated Franka robot or KUKA cabinet.
+/// `impedance`: stiffness (N m/rad) and damping (N m s/rad) that the cabinet's application sets.
+///
+/// # Errors
+/// Any error in the input; a robot with another number of joints than 7.
+pub fn simulated_robot(config: &Config, impedance: (f64, f64)) -> Result<RobotArm, JobError> {
+    let Known {
+        model,
+        tool,
+        plant,
+        cell,
+    } = known(config)?;
+    let chain = Chain::new(&model.robot, &tool)?;
+    let home = plan::home(&cell, &chain, &config.plan.rules);
+    let home = home.map_err(|error| with_a_place(error, &cell, config))?;
+    Ok(RobotArm::new(&model, &plant, &home.joints, impedance)?)
+}
+
+/// The robot with the tool of the configuration.
+///
+/// # Errors
+/// Any error in the input.
+pub fn loaded_model(config: &Config) -> Result<RobotModel, JobError> {
+    known(config).map(|known| known.model)
 }
 
 /// Nominal pose of the plate in each placement. The plant draws the true pose.

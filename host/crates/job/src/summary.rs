@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
-use super::{Evaluation, JobError, LinkRecord, Measurements};
+use super::{DriveTiming, Evaluation, JobError, LinkRecord, Measurements};
 use spherecal_identify::validate::{Alignment, Statistics};
 use spherecal_identify::{ExpectedError, ParameterEstimate, Verdict};
 use spherecal_sim::Injected;
@@ -170,6 +170,9 @@ pub struct Summary {
     pub faults: Vec<FaultReport>,
     /// Host link.
     pub link: LinkSummary,
+    /// Real-time loop of a robot's own interface.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drive: Option<DriveTiming>,
     /// Verdict.
     pub verdict: Verdict,
     /// Remarks.
@@ -247,6 +250,7 @@ pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> 
             .collect(),
         faults: m.faults.clone(),
         link: LinkSummary::of(&m.link),
+        drive: m.link.drive.clone(),
         verdict: e.verdict.clone(),
         validation,
         remarks: e.notes.clone(),

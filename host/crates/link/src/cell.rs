@@ -86,6 +86,10 @@ impl Device for LocalDevice {
     fn move_plate(&mut self, place: u32) -> bool {
         self.drive.move_plate(place)
     }
+
+    fn monitor(&self) -> Option<crate::native::Monitor> {
+        self.drive.monitor()
+    }
 }
 
 /// Checks that this program can work with a drive, for a robot with `joints` joints.

@@ -17,6 +17,8 @@
 //! | `qemu` | [`Qemu`](qemu::Qemu) | the same |
 //! | `serial:` | a board ([`Serial`]) | its own |
 //! | `tcp:` | [`InProcess`] | [`TcpDrive`](tcp::TcpDrive) |
+//! | `franka:` | [`InProcess`] | [`FrankaDrive`](native::FrankaDrive) |
+//! | `fri:` | [`InProcess`] | [`KukaDrive`](native::KukaDrive) |
 //! | `controller:` | another process ([`Remote`](tcp::Remote)) | its own |
 //! | `grpc:` | a service of `spherecal-services` | its own |
 //!
@@ -30,6 +32,7 @@ mod endpoint;
 mod fault;
 mod in_process;
 mod journal;
+pub mod native;
 pub mod qemu;
 mod serial;
 pub mod tcp;
@@ -181,6 +184,11 @@ pub trait Device: Send {
     fn move_plate(&mut self, _place: u32) -> bool {
         false
     }
+
+    /// What the drive measures of itself, if it is in this process and a robot's own interface.
+    fn monitor(&self) -> Option<native::Monitor> {
+        None
+    }
 }
 
 impl<D: Device + ?Sized> Device for Box<D> {
@@ -198,6 +206,10 @@ impl<D: Device + ?Sized> Device for Box<D> {
 
     fn move_plate(&mut self, place: u32) -> bool {
         (**self).move_plate(place)
+    }
+
+    fn monitor(&self) -> Option<native::Monitor> {
+        (**self).monitor()
     }
 }
 
@@ -248,6 +260,10 @@ impl<D: Drive + ?Sized> Drive for Box<D> {
     fn counters(&self) -> LinkCounters {
         (**self).counters()
     }
+
+    fn monitor(&self) -> Option<native::Monitor> {
+        (**self).monitor()
+    }
 }
 
 /// The drive, wherever it is: one control period at a time.
@@ -277,5 +293,10 @@ pub trait Drive: Send {
     /// What was received from the drive, if it is behind a wire.
     fn counters(&self) -> LinkCounters {
         LinkCounters::new()
+    }
+
+    /// What it measures of itself, if it speaks a robot's own interface.
+    fn monitor(&self) -> Option<native::Monitor> {
+        None
     }
 }

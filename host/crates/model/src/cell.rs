@@ -6,13 +6,22 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::data::Sphere;
-
 /// Most spheres of a plate.
 pub const MAX_SPHERES: usize = 8;
 
 /// Most placements of the plate in one run.
 const MAX_PLACEMENTS: usize = 32;
+
+/// A sphere of the plate as its certificate states it, in the plate's frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sphere {
+    /// Id that observations refer to.
+    pub id: u32,
+    /// Centre, in m.
+    pub position_m: [f64; 3],
+    /// Standard uncertainty of each coordinate (1 sigma), in m.
+    pub sigma_m: f64,
+}
 
 /// Calibration plate, by its certificate and its drawing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::{Pose, Robot, Tool};
 
-use crate::{CalibrationPlate, DataError};
+use crate::{CalibrationPlate, DataError, Sphere};
 
 /// What an observation may be used for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -49,17 +49,6 @@ pub struct Observation {
     pub target: Target,
     /// What the observation may be used for.
     pub set: Set,
-}
-
-/// A sphere of the plate as its certificate states it, in the plate's frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Sphere {
-    /// Id that observations refer to.
-    pub id: u32,
-    /// Centre, in m.
-    pub position_m: [f64; 3],
-    /// Standard uncertainty of each coordinate (1 sigma), in m.
-    pub sigma_m: f64,
 }
 
 /// Everything that an identification is made from.

@@ -22,9 +22,9 @@ pub mod robots;
 mod shot;
 mod toml_words;
 
-pub use cell::{CalibrationPlate, CellError, MAX_SPHERES, NominalCell, Placement};
+pub use cell::{CalibrationPlate, CellError, MAX_SPHERES, NominalCell, Placement, Sphere};
 pub use chain::{Chain, ChainError, TcpPose};
-pub use data::{Experiment, Observation, Set, Sphere, Target, paper_plate};
+pub use data::{Experiment, Observation, Set, Target, paper_plate};
 pub use encoding::EncodingError;
 pub use error::DataError;
 pub use file::{FileError, open_regular, read_text};

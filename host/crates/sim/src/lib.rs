@@ -2,7 +2,8 @@
 //!
 //! ```text
 //!   plant ── SimulatedArm (a Drive) ──────┐
-//!     │  └── hand-guided arm (a Drive) ───┤
+//!     │  ├── hand-guided arm (a Drive) ───┤
+//!     │  └── RobotArm: behind the robot sides of spherecal-fci and spherecal-fri
 //!     │                                   ├─▶ what spherecal-link sees of a cell
 //!     └───── SimulatedTracker             │
 //!   inject ─ FaultyCell (a Device) ───────┤
@@ -18,11 +19,13 @@ mod hand_guided;
 pub mod inject;
 mod lossy;
 pub mod plant;
+mod robot_side;
 mod simulated;
 mod tracker;
 pub mod worlds;
 
 pub use hand_guided::{OperatorCall, hand_guided_arm};
 pub use lossy::{Injected, InjectedCounter, Lossy, LossyDevice, LossyError, LossyLink};
+pub use robot_side::RobotArm;
 pub use simulated::{Disturb, SimulatedArm, SimulatedArmError, simulated_arm};
 pub use tracker::SimulatedTracker;

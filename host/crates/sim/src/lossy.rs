@@ -291,6 +291,10 @@ impl<D: Device> Device for LossyDevice<D> {
     fn move_plate(&mut self, place: u32) -> bool {
         self.inner.move_plate(place)
     }
+
+    fn monitor(&self) -> Option<spherecal_link::native::Monitor> {
+        self.inner.monitor()
+    }
 }
 
 #[cfg(test)]

@@ -113,6 +113,17 @@ impl Client {
         Ok(())
     }
 
+    /// Asks the robot to clear the errors of a reflex, and does not wait: the robot's mode in the coming states tells how
+    /// it went. No motion is taken to run afterwards.
+    ///
+    /// # Errors
+    /// [`ClientError::Closed`] or [`ClientError::Io`] if the request cannot be sent.
+    pub fn request_recovery(&mut self) -> Result<(), ClientError> {
+        self.moving = false;
+        self.answerable = false;
+        self.link.tcp.post(&Request::AutomaticErrorRecovery)
+    }
+
     /// Starts a torque motion and waits until the robot shows it. The next [`exchange`](Self::exchange) answers the
     /// first state of the motion.
     ///

@@ -30,6 +30,8 @@ pub struct Client {
     /// The session's state while the client was enabled, to tell a fall from a rise.
     before: SessionState,
     sent: [f64; JOINTS],
+    /// The newest message may be answered with torques.
+    answerable: bool,
 }
 
 impl Client {
@@ -44,6 +46,7 @@ impl Client {
             enabled: false,
             before: SessionState::Idle,
             sent: [0.0; JOINTS],
+            answerable: false,
         })
     }
 
@@ -84,22 +87,20 @@ impl Client {
     /// Forbids commands from now on. A running motion is not answered any more: the cabinet ends it with its brakes.
     pub fn disable(&mut self) {
         self.enabled = false;
+        self.answerable = false;
         self.sent = [0.0; JOINTS];
     }
 
-    /// One period: waits for the newest message and answers it by the rules of the session. `law` is called only where
-    /// its torques are sent: enabled, in COMMANDING_ACTIVE, when an answer is due. Allocates nothing.
+    /// Waits for the newest message. Answers it by the rules of the session where the answer carries no torque: the
+    /// monitoring states, and COMMANDING_WAIT if enabled. A message of COMMANDING_ACTIVE waits for
+    /// [`command`](Self::command). Allocates nothing.
     ///
     /// # Errors
     /// - [`ClientError::Ended`] if the client was enabled and the robot may not be commanded any more;
     /// - [`ClientError::Silent`] if no message comes; the client stays enabled, and the next message decides;
-    /// - [`ClientError::Wire`] if the cabinet sends an invalid message;
-    /// - [`ClientError::TorqueNotFinite`] if the law computes no number: nothing is sent.
-    pub fn exchange(
-        &mut self,
-        state: &mut State,
-        law: impl FnOnce(&State) -> [f64; JOINTS],
-    ) -> Result<Cycle, ClientError> {
+    /// - [`ClientError::Wire`] if the cabinet sends an invalid message.
+    pub fn receive(&mut self, state: &mut State) -> Result<Cycle, ClientError> {
+        self.answerable = false;
         let received = self.link.receive()?;
         state.clone_from(&self.link.state);
         let mut cycle = Cycle {
@@ -120,15 +121,70 @@ impl Client {
             .into());
         }
         self.before = state.session;
-        if state.is_commanding() {
+        if state.session == SessionState::CommandingActive {
+            self.answerable = self.enabled && self.link.answer_is_due();
+            return Ok(cycle);
+        }
+        self.sent = [0.0; JOINTS];
+        if state.session == SessionState::CommandingWait {
             if self.enabled && self.link.answer_is_due() {
-                self.command(state, law, &mut cycle)?;
+                self.link.send(mirrored(state), Some(self.sent))?;
+                cycle.answered = true;
             }
         } else {
-            self.sent = [0.0; JOINTS];
             cycle.answered = self.link.mirror_monitoring()?;
         }
         Ok(cycle)
+    }
+
+    /// Whether the newest message may be answered with torques: enabled, in COMMANDING_ACTIVE, an answer is due.
+    pub fn is_answerable(&self) -> bool {
+        self.answerable
+    }
+
+    /// Answers the newest message with these torques, without gravity, N m. Each message is answered once. Allocates
+    /// nothing.
+    ///
+    /// # Errors
+    /// [`ClientError::TorqueNotFinite`] for a torque that is not finite: nothing is sent, and the message can still be
+    /// answered. [`ClientError::NothingToAnswer`] if no torque may be sent now.
+    pub fn command(&mut self, torque: &[f64; JOINTS]) -> Result<Cycle, ClientError> {
+        if !self.answerable {
+            return Err(ClientError::NothingToAnswer);
+        }
+        if let Some(joint) = torque.iter().position(|t| !t.is_finite()) {
+            return Err(ClientError::TorqueNotFinite { joint: joint + 1 });
+        }
+        let mut cycle = Cycle {
+            answered: true,
+            commanded: true,
+            ..Cycle::default()
+        };
+        self.answerable = false;
+        self.clamp(torque, &mut cycle);
+        self.link.send(mirrored(&self.link.state), Some(self.sent))?;
+        Ok(cycle)
+    }
+
+    /// One period: waits for the newest message and answers it by the rules of the session. `law` is called only where
+    /// its torques are sent: enabled, in COMMANDING_ACTIVE, when an answer is due. Allocates nothing.
+    ///
+    /// # Errors
+    /// Those of [`receive`](Self::receive) and [`command`](Self::command).
+    pub fn exchange(
+        &mut self,
+        state: &mut State,
+        law: impl FnOnce(&State) -> [f64; JOINTS],
+    ) -> Result<Cycle, ClientError> {
+        let cycle = self.receive(state)?;
+        if !self.answerable {
+            return Ok(cycle);
+        }
+        let commanded = self.command(&law(state))?;
+        Ok(Cycle {
+            missed: cycle.missed,
+            ..commanded
+        })
     }
 
     /// Why the robot may not be commanded any more.
@@ -166,31 +222,9 @@ impl Client {
         None
     }
 
-    fn command(
-        &mut self,
-        state: &State,
-        law: impl FnOnce(&State) -> [f64; JOINTS],
-        cycle: &mut Cycle,
-    ) -> Result<(), ClientError> {
-        // The interpolated position must be mirrored, or the session falls back.
-        let position = state.interpolated_position.unwrap_or(state.q);
-        if state.session == SessionState::CommandingWait {
-            self.sent = [0.0; JOINTS];
-        } else {
-            let wanted = law(state);
-            if let Some(joint) = wanted.iter().position(|t| !t.is_finite()) {
-                return Err(ClientError::TorqueNotFinite { joint: joint + 1 });
-            }
-            self.clamp(&wanted, state, cycle);
-            cycle.commanded = true;
-        }
-        self.link.send(position, Some(self.sent))?;
-        cycle.answered = true;
-        Ok(())
-    }
-
     /// Brings the torques within the limits and keeps them as the last ones sent.
-    fn clamp(&mut self, wanted: &[f64; JOINTS], state: &State, cycle: &mut Cycle) {
+    fn clamp(&mut self, wanted: &[f64; JOINTS], cycle: &mut Cycle) {
+        let state = &self.link.state;
         let answers_apart = f64::from(state.receive_multiplier.unwrap_or(1).max(1));
         let step = self.limits.torque_rate * state.period_s() * answers_apart;
         for joint in 0..JOINTS {
@@ -204,4 +238,9 @@ impl Client {
         self.link.statistics.rate_limited += u64::from(cycle.rate_limited);
         self.link.statistics.torque_limited += u64::from(cycle.torque_limited);
     }
+}
+
+/// The position to answer with. The interpolated position must be mirrored, or the session falls back.
+fn mirrored(state: &State) -> [f64; JOINTS] {
+    state.interpolated_position.unwrap_or(state.q)
 }

@@ -7,7 +7,7 @@ use spherecal_model::robots::RobotModel;
 use spherecal_model::{CalibrationPlate, CellError, NominalCell, Placement};
 use spherecal_shared::robot::Inertia;
 
-use crate::TaughtWaypoint;
+use crate::waypoints::TaughtWaypoint;
 
 /// The known data of the real cell: tool, plate, nominal pose of the plate, and start of the
 /// descents.

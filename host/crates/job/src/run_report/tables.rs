@@ -3,7 +3,7 @@
 use spherecal_link::qemu::LOG_FILE;
 use spherecal_report::SimpleTable;
 
-use crate::{Link, Measurements, Summary};
+use crate::{DriveTiming, Link, Measurements, Spread, Summary};
 
 pub(super) fn strings(words: &[&str]) -> Vec<String> {
     words.iter().map(|w| (*w).to_owned()).collect()
@@ -103,6 +103,9 @@ pub(super) fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
             ],
         });
     }
+    if let Some(drive) = &s.drive {
+        tables.push(real_time(drive));
+    }
     if s.faults.is_empty() {
         tables[0].caption.push_str(" No fault occurred.");
     } else {
@@ -134,6 +137,30 @@ pub(super) fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
         );
     }
     tables
+}
+
+/// The histograms of the real-time loop, with bins of an octave.
+fn real_time(drive: &DriveTiming) -> SimpleTable {
+    let octave = |us: u32| 32 - us.leading_zeros();
+    let count = |spread: &Spread, k: u32| -> u64 {
+        let bins = spread.bins.iter().filter(|bin| octave(bin.from_us) == k);
+        bins.map(|bin| bin.count).sum()
+    };
+    let rows = (0..=32)
+        .map(|k| (k, count(&drive.turnaround, k), count(&drive.jitter, k)))
+        .filter(|(_, turnaround, jitter)| turnaround + jitter > 0)
+        .map(|(k, turnaround, jitter)| vec![(1_u64 << k).to_string(), turnaround.to_string(), jitter.to_string()])
+        .collect();
+    SimpleTable {
+        title: "Real time".to_owned(),
+        caption: format!(
+            "{}. Turnaround: from the arrival of a state to its command. Jitter: how far the time between two states \
+             differs from the control period.",
+            drive.words()
+        ),
+        columns: strings(&["below (us)", "turnarounds", "jitter"]),
+        rows,
+    }
 }
 
 pub(super) fn provenance(m: &Measurements, s: &Summary, created: &str) -> Vec<(String, String)> {

@@ -9,9 +9,9 @@ use spherecal_shared::protocol::drive::DriveHello;
 
 use super::controller_server::{Turns, serve_hosts};
 use super::wire::Wire;
-use super::{TcpDrive, TcpError, listen};
-use crate::check_hello;
-use crate::{Device, LinkError, LocalDevice, controller_in_process};
+use super::{TcpError, listen};
+use crate::native::{DriveEvent, Monitor};
+use crate::{Device, Drive, LinkError, LocalDevice, check_hello, controller_in_process};
 
 /// How long a controller may take for one period, drive included.
 const TURN: Duration = Duration::from_mins(1);
@@ -106,10 +106,12 @@ impl Device for Remote {
 }
 
 /// A controller in a thread of this process, for a drive in real time. Slow work of the host (a
-/// database, a screen) then never delays a tick.
+/// database, a screen) then never delays a tick. For a robot's own interface it is a real-time
+/// thread, as far as the system permits.
 pub struct Threaded {
     remote: Option<Remote>,
     thread: Option<JoinHandle<Result<(), LinkError>>>,
+    monitor: Option<Monitor>,
 }
 
 impl Threaded {
@@ -117,12 +119,19 @@ impl Threaded {
     ///
     /// # Errors
     /// The drive has another number of joints than the robot, or the thread does not start.
-    pub fn start(drive: TcpDrive, joints: usize) -> Result<Self, LinkError> {
-        let mut cell = LocalDevice::new(controller_in_process(joints)?, Box::new(drive), joints)?;
+    pub fn start(drive: Box<dyn Drive>, joints: usize) -> Result<Self, LinkError> {
+        let monitor = drive.monitor();
+        let mut cell = LocalDevice::new(controller_in_process(joints)?, drive, joints)?;
         let (listener, address) = listen("0")?;
+        let native = monitor.clone();
         let thread = std::thread::Builder::new()
             .name("controller".to_owned())
-            .spawn(move || serve_hosts(&mut cell, &listener, true))
+            .spawn(move || {
+                if let Some(monitor) = native {
+                    monitor.announce(DriveEvent::Scheduled(spherecal_realtime::enter()));
+                }
+                serve_hosts(&mut cell, &listener, true)
+            })
             .map_err(|source| LinkError::Transport {
                 link: "the controller's thread".to_owned(),
                 source,
@@ -130,6 +139,7 @@ impl Threaded {
         let mut this = Self {
             remote: None,
             thread: Some(thread),
+            monitor,
         };
         match Remote::connect(&address.to_string(), joints) {
             Ok(remote) => this.remote = Some(remote),
@@ -166,6 +176,10 @@ impl Device for Threaded {
             .into()),
         };
         result.map_err(|error| self.reason(error))
+    }
+
+    fn monitor(&self) -> Option<Monitor> {
+        self.monitor.clone()
     }
 }
 

@@ -247,3 +247,14 @@ impl Nest {
         }
     }
 }
+
+/// A flat obstacle for the TCP: a half-space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Obstacle {
+    /// A point of its surface in F0, in m.
+    pub point_m: [f64; 3],
+    /// Outward normal of its surface in F0 (any length but zero).
+    pub normal: [f64; 3],
+    /// Stiffness, in N/m; a soft body is 1e4, steel 1e6.
+    pub stiffness_n_m: f64,
+}

@@ -13,8 +13,8 @@ use rand_chacha::ChaCha8Rng;
 use spherecal_shared::robot::Pose;
 
 use super::config::{NestConfig, PlantConfig};
+use super::random::{Stream, normal, normal3, stream};
 use super::sensors::TICK_S;
-use super::world::{Stream, normal, normal3, stream};
 
 /// Largest distance of a seated sphere from the TCP, in m.
 const NEAR_M: f64 = 0.005;
@@ -57,7 +57,7 @@ impl Coupling {
         let waves = core::array::from_fn(|_| {
             let direction = normal3(&mut rng) * (2.0_f64 / 3.0).sqrt();
             let wave = normal3(&mut rng) * 10.0;
-            let phase = super::world::normal(&mut rng) * 10.0;
+            let phase = super::random::normal(&mut rng) * 10.0;
             (direction, wave, phase)
         });
         Self {

@@ -4,28 +4,10 @@
 use nalgebra::{SVector, Vector3};
 
 use super::config::DriveConfig;
+use super::contact::Obstacle;
 use super::draw::draw_spheres;
+use super::sensors::TorqueSensorFault;
 use super::simulation::{Plant, centroid_of};
-
-/// A flat obstacle for the TCP: a half-space.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Obstacle {
-    /// A point of its surface in F0, in m.
-    pub point_m: [f64; 3],
-    /// Outward normal of its surface in F0 (any length but zero).
-    pub normal: [f64; 3],
-    /// Stiffness, in N/m; a soft body is 1e4, steel 1e6.
-    pub stiffness_n_m: f64,
-}
-
-/// Fault of one joint's torque sensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum TorqueSensorFault {
-    /// Reads zero.
-    Dead,
-    /// Reads this much too high, in N m.
-    Bias(f64),
-}
 
 /// A disturbance of the plant as a value, for code that has the plant only as a drive
 /// ([`Plant::suffer`]). Joints from 0.

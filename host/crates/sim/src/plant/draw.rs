@@ -4,13 +4,13 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Rotation3, Vector3};
 use rand::RngExt;
-use spherecal_model::Placement;
+use spherecal_model::{MAX_SPHERES, Placement};
 use spherecal_shared::robot::{Arm, Inertia, Pose, Robot, Tool};
 
 use super::config::PlantConfig;
 use super::error::PlantError;
 use super::joint::{JointError, Memory, Tone};
-use super::world::{MAX_SPHERES, Stream, TrueCell, between, normal, normal3, rpy, stream};
+use super::random::{Stream, between, normal, normal3, rpy, stream};
 
 /// Number of waves that replace a Gaussian process (random Fourier features). Their squares add up
 /// to its variance for any number.
@@ -63,63 +63,6 @@ pub(super) fn draw_geometry<const N: usize>(
     Ok((scaled(factor), factor))
 }
 
-/// `nominal` plus `factor` times the deviations of `drawn` in the table of joints 2..n.
-fn scaled_deviations(nominal: &Robot, drawn: &Robot, factor: f64) -> Robot {
-    let mut robot = drawn.clone();
-    for (joint, other) in robot.joints.iter_mut().zip(&nominal.joints).skip(1) {
-        let (m, n) = (&mut joint.mdh, &other.mdh);
-        m.alpha = n.alpha + factor * (m.alpha - n.alpha);
-        m.a = n.a + factor * (m.a - n.a);
-        m.theta = n.theta + factor * (m.theta - n.theta);
-        m.d = n.d + factor * (m.d - n.d);
-    }
-    robot
-}
-
-/// Rescales the geometry of a cell until the mean error of the nominal robot with the true tool is
-/// `mean_m` on `reference` (encoder angles, rad; if empty, the 500 configurations of
-/// [`mean_difference`]).
-pub(super) fn scale_to_overall_mean<const N: usize>(
-    cell: &mut TrueCell<N>,
-    nominal: &Robot,
-    mean_m: f64,
-    reference: &[[f64; N]],
-) -> Result<(), PlantError> {
-    let own;
-    let configurations = if reference.is_empty() {
-        own = workspace::<N>(nominal).collect::<Vec<_>>();
-        &own
-    } else {
-        reference
-    };
-    let drawn = cell.robot.clone();
-    let ideal = Arm::<f64, N>::new(nominal, &cell.tool)?;
-    // The mean error grows with the factor: bisection to about a nanometre.
-    let (mut low, mut high) = (0.0, 8.0);
-    for step in 0..31 {
-        let factor = f64::midpoint(low, high);
-        cell.robot = scaled_deviations(nominal, &drawn, factor);
-        cell.arm = Arm::new(&cell.robot, &cell.tool)?;
-        cell.geometry_scale = factor;
-        if step == 30 {
-            break;
-        }
-        let sum: f64 = configurations
-            .iter()
-            .map(|q| {
-                let real = cell.tcp(&cell.link_angles_at_rest(q)).position;
-                (real - ideal.tcp_frame(&ideal.frames(q)).position).norm()
-            })
-            .sum();
-        if sum / configurations.len() as f64 <= mean_m {
-            low = factor;
-        } else {
-            high = factor;
-        }
-    }
-    Ok(())
-}
-
 /// Joint offsets of a robot that was never mastered well.
 pub(super) fn draw_offsets(robot: &mut Robot, config: &PlantConfig) {
     let g = &config.geometry;
@@ -137,7 +80,7 @@ pub(super) fn draw_offsets(robot: &mut Robot, config: &PlantConfig) {
 }
 
 /// 500 configurations in joint space, the same for every seed, in rad.
-fn workspace<const N: usize>(nominal: &Robot) -> impl Iterator<Item = [f64; N]> + '_ {
+pub(super) fn workspace<const N: usize>(nominal: &Robot) -> impl Iterator<Item = [f64; N]> + '_ {
     let mut rng = stream(0, Stream::Workspace);
     (0..500).map(move |_| {
         core::array::from_fn(|i| {

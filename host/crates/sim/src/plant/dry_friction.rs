@@ -6,23 +6,25 @@
 use nalgebra::{SMatrix, SVector};
 use spherecal_shared::linalg::Cholesky;
 
-use super::integrate::Motion;
-
 /// Speed of creep of a sticking joint at its full dry friction, in rad/s.
 const STICK_RAD_S: f64 = 1e-6;
 
-impl<const N: usize> Motion<N> {
+/// How each joint slips: its direction, or 0 where it sticks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slip<const N: usize>(pub(super) [f64; N]);
+
+impl<const N: usize> Slip<N> {
     /// Dry friction of joint `i` at speed `v`, in N m, against the motion.
     pub(super) fn dry(&self, coulomb: f64, i: usize, v: f64) -> f64 {
-        if self.slip[i] == 0.0 {
+        if self.0[i] == 0.0 {
             coulomb * (v / STICK_RAD_S).clamp(-1.0, 1.0)
         } else {
-            coulomb * self.slip[i]
+            coulomb * self.0[i]
         }
     }
 
     /// `Δv` of `system Δv = impulse − h dry(v + Δv)` by active sets.
-    pub(super) fn solve_with_friction(
+    pub(super) fn solve(
         &mut self,
         coulomb: &[f64; N],
         system: &SMatrix<f64, N, N>,
@@ -33,7 +35,7 @@ impl<const N: usize> Motion<N> {
         if coulomb.iter().all(|c| *c == 0.0) {
             return Some(Cholesky::new(system)?.solve(impulse));
         }
-        let mut modes = self.slip;
+        let mut modes = self.0;
         let mut change = SVector::zeros();
         for _ in 0..6 {
             let mut matrix = *system;
@@ -48,7 +50,7 @@ impl<const N: usize> Motion<N> {
                 break;
             }
         }
-        self.slip = modes;
+        self.0 = modes;
         Some(change)
     }
 }

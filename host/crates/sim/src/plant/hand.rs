@@ -10,8 +10,8 @@ use rand_chacha::ChaCha8Rng;
 use spherecal_shared::robot::Pose;
 
 use super::config::PlantConfig;
+use super::random::{Stream, normal, normal3, stream};
 use super::simulation::Plant;
-use super::world::{Stream, normal, normal3, stream};
 
 /// Speed of the hand, in m/s: hand-guiding keeps below 0.25.
 const SPEED_M_S: f64 = 0.10;

@@ -22,7 +22,7 @@ use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Arm, Bodies, Dynamics, Pose};
 
 use super::contact::{Touch, Touches};
-use super::dry_friction::{friction_terms, settle_modes};
+use super::dry_friction::{Slip, friction_terms, settle_modes};
 
 /// Stiffness and damping of the mechanical end stops, N m/rad and N m s/rad.
 const STOP: (f64, f64) = (2e4, 200.0);
@@ -41,8 +41,8 @@ pub(super) struct Motion<const N: usize> {
     pub(super) motor: SVector<f64, N>,
     /// Motor velocities, in rad/s.
     pub(super) motor_v: SVector<f64, N>,
-    /// Direction in which each joint slips; 0 if it sticks.
-    pub(super) slip: [f64; N],
+    /// How each joint slips.
+    pub(super) slip: Slip<N>,
     /// Mass matrix and bias of the previous sub-step, if it was a stiff one.
     before: Option<(SMatrix<f64, N, N>, SVector<f64, N>)>,
 }
@@ -91,7 +91,7 @@ impl<const N: usize> Motion<N> {
             v: SVector::zeros(),
             motor: SVector::from(*q),
             motor_v: SVector::zeros(),
-            slip: [0.0; N],
+            slip: Slip([0.0; N]),
             before: None,
         }
     }
@@ -100,7 +100,7 @@ impl<const N: usize> Motion<N> {
     pub(super) fn brake(&mut self) {
         self.v = SVector::zeros();
         self.motor_v = SVector::zeros();
-        self.slip = [0.0; N];
+        self.slip = Slip([0.0; N]);
         self.before = None;
     }
 
@@ -215,7 +215,7 @@ impl<const N: usize> Motion<N> {
             impulse[i] -= h * b * self.v[i];
         }
         let before = self.v;
-        let change = self.solve_with_friction(&joints.coulomb, &system, &impulse, &before, h)?;
+        let change = self.slip.solve(&joints.coulomb, &system, &impulse, &before, h)?;
         self.v += change;
         // With contact, the end velocity, for which the implicit forces are written. Without
         // contact, the mean of both ends, which is of second order.
@@ -228,7 +228,7 @@ impl<const N: usize> Motion<N> {
         self.motor_v = self.v;
         let gear = 1.0 - joints.beyond_sensor;
         Some(SVector::from_fn(|i, _| {
-            let friction = joints.viscous[i] * self.v[i] + self.dry(joints.coulomb[i], i, self.v[i]);
+            let friction = joints.viscous[i] * self.v[i] + self.slip.dry(joints.coulomb[i], i, self.v[i]);
             tau[i] - joints.rotor[i] * change[i] / h - gear * friction
         }))
     }
@@ -250,7 +250,7 @@ impl<const N: usize> Motion<N> {
         };
         let base = system;
         let impulse_base = impulse;
-        let mut modes = self.slip;
+        let mut modes = self.slip.0;
         for _ in 0..6 {
             system = base;
             impulse = impulse_base;
@@ -285,7 +285,7 @@ impl<const N: usize> Motion<N> {
         modes: [f64; N],
         h: f64,
     ) -> SVector<f64, N> {
-        self.slip = modes;
+        self.slip = Slip(modes);
         self.v += change;
         self.q += self.v * h;
         self.motor_v += motor_change;

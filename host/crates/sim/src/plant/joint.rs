@@ -6,8 +6,9 @@
 //!
 //! An encoder on the link sees the second half, which then cancels.
 
-use super::world::normal;
 use rand_chacha::ChaCha8Rng;
+
+use super::random::{Stream, normal, stream};
 
 /// `amplitude sin(order own + other_order other + phase)`, angles in rad.
 #[derive(Clone, Copy, Debug)]
@@ -136,6 +137,45 @@ impl Trace {
             let kept = libm::exp(-by.abs() / memory.scatter_travel);
             self.scatter = kept * self.scatter + memory.scatter * (1.0 - kept * kept).sqrt() * normal(rng);
         }
+    }
+}
+
+/// State of all joints that depends on the arm's path.
+#[derive(Clone, Debug)]
+pub(super) struct SlowState<const N: usize> {
+    pub(super) traces: [Trace; N],
+    rng: ChaCha8Rng,
+}
+
+impl<const N: usize> SlowState<N> {
+    /// The state at the start of a run: scatter is drawn, and no joint has lost motion.
+    pub(super) fn new(seed: u64, memory: &[Memory; N], which: Stream) -> Self {
+        let mut rng = stream(seed, which);
+        let traces = core::array::from_fn(|i| Trace {
+            lost: 0.0,
+            scatter: if memory[i].scatter > 0.0 {
+                memory[i].scatter * normal(&mut rng)
+            } else {
+                0.0
+            },
+        });
+        Self { traces, rng }
+    }
+
+    /// The joints move by `by` (rad); none of them reverses.
+    pub(super) fn moved(&mut self, memory: &[Memory; N], by: &[f64; N]) {
+        for i in 0..N {
+            if !memory[i].is_off() {
+                self.traces[i].moved(&memory[i], by[i], &mut self.rng);
+            }
+        }
+    }
+
+    /// The angle by which each gear leads its link, and the scatter ahead of it, taken together:
+    /// motor-side angle minus scatter, over the link and its deflection, in rad.
+    #[inline]
+    pub(super) fn lead(&self, i: usize) -> f64 {
+        self.traces[i].lost - self.traces[i].scatter
     }
 }
 

@@ -12,11 +12,19 @@
 use rand_chacha::ChaCha8Rng;
 
 use super::config::SensorConfig;
-use super::disturb::TorqueSensorFault;
-use super::world::normal;
+use super::random::normal;
 
 /// Control period, in s.
 pub(super) const TICK_S: f64 = 1e-3;
+
+/// Fault of one joint's torque sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TorqueSensorFault {
+    /// Reads zero.
+    Dead,
+    /// Reads this much too high, in N m.
+    Bias(f64),
+}
 
 /// What real hardware shows after a tick, base to flange.
 #[derive(Clone, Copy, Debug, PartialEq)]

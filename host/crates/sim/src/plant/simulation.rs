@@ -6,15 +6,16 @@ use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Arm, Dynamics, Robot, Tool};
 
 use super::config::{EncoderSide, PlantConfig};
-use super::contact::Nest;
+use super::contact::{Nest, Obstacle};
 use super::coupling::Coupling;
 use super::delay::Delays;
-use super::disturb::Obstacle;
 use super::error::PlantError;
 use super::integrate::{Elastic, Joints, Motion, STOP_MARGIN_RAD};
+use super::joint::SlowState;
+use super::random::{Stream, stream};
 use super::sensors::{Sensed, Sensors, TICK_S};
 use super::study::Standing;
-use super::world::{MAX_SPHERES, SlowState, Stream, TrueCell, stream};
+use super::world::{MAX_SPHERES, TrueCell};
 use spherecal_model::TrackerSession;
 
 /// The simulated arm with its nest, spheres, sensors and tracker.

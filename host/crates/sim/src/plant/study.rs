@@ -13,7 +13,9 @@ use spherecal_shared::robot::{Arm, Dynamics, Pose};
 
 use super::config::{PlantConfig, ReadingConfig};
 use super::coupling::Coupling;
-use super::world::{SlowState, Stream, TrueCell, normal, stream};
+use super::joint::SlowState;
+use super::random::{Stream, normal, stream};
+use super::world::TrueCell;
 
 /// The readings of an arm at rest.
 #[derive(Clone, Copy, Debug)]

@@ -9,7 +9,7 @@ use rand::RngExt;
 use spherecal_shared::robot::Robot;
 
 use super::config::PlantConfig;
-use super::world::{Stream, between, normal3, stream};
+use super::random::{Stream, between, normal3, stream};
 
 /// One hour, in s.
 const HOUR_S: f64 = 3600.0;

@@ -13,9 +13,9 @@ use nalgebra::Vector3;
 use spherecal_model::TrackerSession;
 use spherecal_shared::robot::Pose;
 
+use super::random::{Stream, normal, normal3, rpy, stream};
 use super::simulation::Plant;
 use super::study::Standing;
-use super::world::{Stream, normal, normal3, rpy, stream};
 
 /// One measurement of the laser tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]

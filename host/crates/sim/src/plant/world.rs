@@ -13,113 +13,19 @@
 //! The TCP follows from the links by the true geometry, which grows as the cell warms up, and is
 //! displaced by the bending of links and base.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-use rand_distr::StandardNormal;
+use nalgebra::Vector3;
 pub use spherecal_model::MAX_SPHERES;
 use spherecal_shared::robot::{Arm, Dynamics, Pose, Robot, Tool};
 
 use super::config::{EncoderSide, PlantConfig};
 use super::draw::{
     draw_bending, draw_compliance, draw_geometry, draw_joint_errors, draw_joint_functions, draw_masses, draw_memory,
-    draw_offsets, draw_plates, draw_spheres, scale_to_overall_mean,
+    draw_offsets, draw_plates, draw_spheres, workspace,
 };
 use super::error::PlantError;
-use super::joint::{Deflection, JointError, Memory, Trace};
+use super::joint::{Deflection, JointError, Memory, SlowState};
+use super::random::{Stream, between, normal, stream};
 use super::thermal::Warming;
-
-/// Random streams of the error sources.
-#[derive(Clone, Copy)]
-pub(super) enum Stream {
-    Geometry = 1,
-    Tool,
-    Compliance,
-    Encoder,
-    Friction,
-    Inertia,
-    Certificate,
-    Placement,
-    Bias,
-    Seating,
-    Sensors,
-    Tracker,
-    Sessions,
-    Workspace,
-    Hand,
-    Offsets,
-    Bending,
-    Smooth,
-    Cross,
-    LostMotion,
-    Scatter,
-    Thermal,
-    Reading,
-    Still,
-    Noise,
-    Delay,
-}
-
-/// The generator of one stream of a seed.
-pub(super) fn stream(seed: u64, which: Stream) -> ChaCha8Rng {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    rng.set_stream(which as u64);
-    rng
-}
-
-/// A standard normal number.
-pub(super) fn normal(rng: &mut ChaCha8Rng) -> f64 {
-    rng.sample(StandardNormal)
-}
-
-/// A vector of three standard normal numbers.
-pub(super) fn normal3(rng: &mut ChaCha8Rng) -> Vector3<f64> {
-    Vector3::new(normal(rng), normal(rng), normal(rng))
-}
-
-/// Uniform between two bounds, equal ones allowed.
-pub(super) fn between(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
-    low + (high - low) * rng.random::<f64>()
-}
-
-/// State of all joints that depends on the arm's path.
-#[derive(Clone, Debug)]
-pub struct SlowState<const N: usize> {
-    pub(super) traces: [Trace; N],
-    rng: ChaCha8Rng,
-}
-
-impl<const N: usize> SlowState<N> {
-    /// The state at the start of a run: scatter is drawn, and no joint has lost motion.
-    pub(super) fn new(seed: u64, memory: &[Memory; N], which: Stream) -> Self {
-        let mut rng = stream(seed, which);
-        let traces = core::array::from_fn(|i| Trace {
-            lost: 0.0,
-            scatter: if memory[i].scatter > 0.0 {
-                memory[i].scatter * normal(&mut rng)
-            } else {
-                0.0
-            },
-        });
-        Self { traces, rng }
-    }
-
-    /// The joints move by `by` (rad); none of them reverses.
-    pub(super) fn moved(&mut self, memory: &[Memory; N], by: &[f64; N]) {
-        for i in 0..N {
-            if !memory[i].is_off() {
-                self.traces[i].moved(&memory[i], by[i], &mut self.rng);
-            }
-        }
-    }
-
-    /// The angle by which each gear leads its link, and the scatter ahead of it, taken together:
-    /// motor-side angle minus scatter, over the link and its deflection, in rad.
-    #[inline]
-    pub(super) fn lead(&self, i: usize) -> f64 {
-        self.traces[i].lost - self.traces[i].scatter
-    }
-}
 
 /// All draws of one cell: the true arm, tool, plate and spheres.
 #[derive(Clone, Debug)]
@@ -391,7 +297,59 @@ impl<const N: usize> TrueCell<N> {
     }
 }
 
-/// Rotation by roll, pitch and yaw about fixed axes, in rad.
-pub(super) fn rpy([roll, pitch, yaw]: [f64; 3]) -> Matrix3<f64> {
-    Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
+/// `nominal` plus `factor` times the deviations of `drawn` in the table of joints 2..n.
+fn scaled_deviations(nominal: &Robot, drawn: &Robot, factor: f64) -> Robot {
+    let mut robot = drawn.clone();
+    for (joint, other) in robot.joints.iter_mut().zip(&nominal.joints).skip(1) {
+        let (m, n) = (&mut joint.mdh, &other.mdh);
+        m.alpha = n.alpha + factor * (m.alpha - n.alpha);
+        m.a = n.a + factor * (m.a - n.a);
+        m.theta = n.theta + factor * (m.theta - n.theta);
+        m.d = n.d + factor * (m.d - n.d);
+    }
+    robot
+}
+
+/// Rescales the geometry of a cell until the mean error of the nominal robot with the true tool is
+/// `mean_m` on `reference` (encoder angles, rad; if empty, the 500 configurations of
+/// [`mean_difference`]).
+fn scale_to_overall_mean<const N: usize>(
+    cell: &mut TrueCell<N>,
+    nominal: &Robot,
+    mean_m: f64,
+    reference: &[[f64; N]],
+) -> Result<(), PlantError> {
+    let own;
+    let configurations = if reference.is_empty() {
+        own = workspace::<N>(nominal).collect::<Vec<_>>();
+        &own
+    } else {
+        reference
+    };
+    let drawn = cell.robot.clone();
+    let ideal = Arm::<f64, N>::new(nominal, &cell.tool)?;
+    // The mean error grows with the factor: bisection to about a nanometre.
+    let (mut low, mut high) = (0.0, 8.0);
+    for step in 0..31 {
+        let factor = f64::midpoint(low, high);
+        cell.robot = scaled_deviations(nominal, &drawn, factor);
+        cell.arm = Arm::new(&cell.robot, &cell.tool)?;
+        cell.geometry_scale = factor;
+        if step == 30 {
+            break;
+        }
+        let sum: f64 = configurations
+            .iter()
+            .map(|q| {
+                let real = cell.tcp(&cell.link_angles_at_rest(q)).position;
+                (real - ideal.tcp_frame(&ideal.frames(q)).position).norm()
+            })
+            .sum();
+        if sum / configurations.len() as f64 <= mean_m {
+            low = factor;
+        } else {
+            high = factor;
+        }
+    }
+    Ok(())
 }

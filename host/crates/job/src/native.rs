@@ -1,0 +1,82 @@
+//! Robots that are driven over their own interface: which one, with which settings, and simulated
+//! ones for the other side.
+
+use std::time::Duration;
+
+use spherecal_fci::client as fci;
+use spherecal_fri::client as fri;
+use spherecal_link::native::{FrankaDrive, FrankaOptions, KukaDrive, KukaOptions, collision_behavior};
+use spherecal_link::{Drive, LinkError};
+use spherecal_model::robots::RobotModel;
+use spherecal_shared::procedure::Procedure;
+
+use super::{JobError, Link};
+
+/// Largest rate of a commanded torque on a Franka robot, in N m/s. The robot stops at 1,000, its
+/// client clamps to 999.
+const FRANKA_RATE_NM_S: f64 = 990.0;
+
+impl Link {
+    /// The procedure within the limits of the robot behind this link.
+    pub fn adapt(&self, mut procedure: Procedure) -> Procedure {
+        if let Self::Franka { .. } = self {
+            let rate = &mut procedure.law.torque_rate_nm_s;
+            *rate = rate.min(FRANKA_RATE_NM_S);
+        }
+        procedure
+    }
+
+    /// Asks the robot behind the link which one it is: the name of a built-in robot. `None` where
+    /// the link does not tell.
+    ///
+    /// # Errors
+    /// The robot cannot be reached.
+    pub fn robot(&self) -> Result<Option<&'static str>, JobError> {
+        let Self::Franka { host, port } = self else {
+            return Ok(None);
+        };
+        let client = fci::Client::connect(&franka(host, *port)).map_err(LinkError::device)?;
+        Ok(Some(if client.version().is_panda() { "panda" } else { "fr3" }))
+    }
+}
+
+/// How long a robot may be silent before the drive reports it. Nothing can be commanded without a
+/// state, and the robot's own clock says how many periods were missed.
+const SILENCE: Duration = Duration::from_millis(500);
+
+fn franka(host: &str, port: u16) -> fci::Config {
+    fci::Config {
+        port,
+        state_timeout: SILENCE,
+        ..fci::Config::new(host)
+    }
+}
+
+/// The drive behind a link to a robot's own interface. It declares the load of the model's tool and
+/// the thresholds of the procedure.
+///
+/// # Errors
+/// The robot cannot be reached or refuses a setting, or the link is of another kind.
+pub fn drive(model: &RobotModel, procedure: &Procedure, link: &Link) -> Result<Box<dyn Drive>, JobError> {
+    match link {
+        Link::Franka { host, port } => Ok(Box::new(FrankaDrive::connect(FrankaOptions {
+            config: franka(host, *port),
+            load: model.tool.body,
+            thresholds: collision_behavior(procedure),
+        })?)),
+        Link::Fri(address) => {
+            let mut config = fri::Config::new(fri::Limits::IIWA_7);
+            config.address = *address;
+            config.timeout = SILENCE;
+            Ok(Box::new(KukaDrive::listen(&KukaOptions {
+                config,
+                torque_rate: procedure.law.torque_rate_nm_s,
+                robot: model.robot.clone(),
+                tool: model.tool_in_table(),
+            })?))
+        }
+        other => Err(JobError::NoRobot {
+            link: other.to_string(),
+        }),
+    }
+}

@@ -1,0 +1,118 @@
+//! A histogram of times that the real-time thread can keep: a fixed array, no allocation.
+
+/// Bins: four for each doubling of the time.
+const BINS: usize = 88;
+
+/// Counts of times in µs, in bins of a quarter octave: a percentile is at most 25 % too large. Times above 4 s are in
+/// the last bin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Histogram {
+    bins: [u32; BINS],
+    count: u64,
+    max_us: u32,
+}
+
+impl Default for Histogram {
+    fn default() -> Self {
+        Self {
+            bins: [0; BINS],
+            count: 0,
+            max_us: 0,
+        }
+    }
+}
+
+/// The bin of a time.
+fn bin(us: u32) -> usize {
+    if us < 4 {
+        return us as usize;
+    }
+    let octave = us.ilog2();
+    let quarter = (us >> (octave - 2)) & 3;
+    (4 * (octave as usize - 1) + quarter as usize).min(BINS - 1)
+}
+
+/// The first time beyond a bin, in µs.
+fn end_us(bin: usize) -> u32 {
+    if bin < 4 {
+        return bin as u32 + 1;
+    }
+    let (octave, quarter) = (bin / 4 + 1, bin % 4);
+    ((4 + quarter as u32 + 1) << octave) >> 2
+}
+
+impl Histogram {
+    /// Counts a time in µs.
+    pub fn record(&mut self, us: u32) {
+        if let Some(count) = self.bins.get_mut(bin(us)) {
+            *count = count.saturating_add(1);
+        }
+        self.count += 1;
+        self.max_us = self.max_us.max(us);
+    }
+
+    /// Times that were counted.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The largest time, in µs.
+    pub fn max_us(&self) -> u32 {
+        self.max_us
+    }
+
+    /// The time that this share (0 to 1) of all counted times does not exceed, in µs; 0 without any. It is the upper
+    /// end of the time's bin, at most the largest time.
+    pub fn percentile_us(&self, share: f64) -> u32 {
+        let wanted = (share.clamp(0.0, 1.0) * self.count as f64).ceil() as u64;
+        let mut below = 0;
+        for (k, count) in self.bins.iter().enumerate() {
+            below += u64::from(*count);
+            if below >= wanted && below > 0 {
+                return end_us(k).min(self.max_us);
+            }
+        }
+        self.max_us
+    }
+
+    /// The bins that are not empty: start in µs, end in µs (the first time beyond), count.
+    pub fn bins(&self) -> impl Iterator<Item = (u32, u32, u32)> {
+        let filled = self.bins.iter().enumerate().filter(|(_, count)| **count > 0);
+        filled.map(|(k, count)| (if k == 0 { 0 } else { end_us(k - 1) }, end_us(k), *count))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a time falls into a bin that does not contain it, or bins leave gaps.
+    #[test]
+    fn every_time_is_in_its_bin() {
+        for us in (0..5_000).chain((12..22).flat_map(|k| [(1 << k) - 1, 1 << k, (1 << k) + 1])) {
+            let k = bin(us);
+            let start = if k == 0 { 0 } else { end_us(k - 1) };
+            assert!((start..end_us(k)).contains(&us), "{us} in {start}..{}", end_us(k));
+        }
+        assert_eq!(bin(u32::MAX), BINS - 1);
+    }
+
+    // Fails if a percentile is below the true one, or more than a quarter above it.
+    #[test]
+    fn percentiles_are_at_most_a_quarter_too_large() {
+        let mut histogram = Histogram::default();
+        assert_eq!(histogram.percentile_us(0.999), 0);
+        for us in 1..=1000 {
+            histogram.record(us);
+        }
+        for (share, exact) in [(0.5, 500.0), (0.9, 900.0), (0.99, 990.0), (1.0, 1000.0)] {
+            let found = f64::from(histogram.percentile_us(share));
+            assert!((exact..=1.25 * exact + 1.0).contains(&found), "{share}: {found}");
+        }
+        assert_eq!((histogram.max_us(), histogram.count()), (1000, 1000));
+        assert_eq!(
+            histogram.bins().map(|(_, _, count)| u64::from(count)).sum::<u64>(),
+            1000
+        );
+    }
+}

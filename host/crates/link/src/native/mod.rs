@@ -1,0 +1,61 @@
+//! Drives that speak a robot's own real-time interface: no gateway stands between.
+//!
+//! ```text
+//!   controller ─ LocalDevice ─ FrankaDrive ─ spherecal-fci ──TCP, UDP──▶ Panda, FR3
+//!                            └ KukaDrive ─── spherecal-fri ──UDP───────▶ LBR iiwa, LBR Med
+//! ```
+//!
+//! The robot is the clock: an exchange answers the newest state and waits for the next one. Both robots compensate
+//! gravity, so their hello says so. A stop of the robot (reflex, user stop, safety stop, session lost) becomes a
+//! [`DriveStatus`](spherecal_shared::protocol::drive::DriveStatus) that the controller takes for a fault; the robot's
+//! own words are a [`DriveEvent`]. After a stop no torque leaves until the robot is ready and the controller enables
+//! the drive again.
+//!
+//! Ticks count the periods of the commanded motion. While the brakes are closed, a state that was not read is no
+//! missed period.
+
+mod event;
+mod franka;
+mod histogram;
+mod kuka;
+mod monitor;
+mod wake_ups;
+
+use std::time::Duration;
+
+pub use event::DriveEvent;
+pub use franka::{FrankaDrive, FrankaOptions, collision_behavior};
+pub use histogram::Histogram;
+pub use kuka::{KukaDrive, KukaError, KukaOptions};
+pub use monitor::{DriveRecord, Monitor};
+pub use wake_ups::WakeUps;
+
+/// Joints of every arm with such an interface.
+pub const JOINTS: usize = 7;
+/// How long a robot may be silent before the drive gives up.
+const GIVE_UP: Duration = Duration::from_mins(1);
+/// Periods between a stop and the next attempt to move. The host sees the fault first.
+const PAUSE_TICKS: u64 = 1000;
+
+/// The torques of a command as the robot's client takes them.
+///
+/// # Errors
+/// A command for another number of joints.
+fn torques(command: &[f64]) -> Result<[f64; JOINTS], crate::LinkError> {
+    command.try_into().map_err(|_| crate::LinkError::Torques {
+        found: command.len(),
+        joints: JOINTS,
+    })
+}
+
+/// Periods of `period_us` that passed in this time, at least one.
+fn periods(time: Duration, period_us: u32) -> u32 {
+    let count = time.as_micros() / u128::from(period_us.max(1));
+    u32::try_from(count).unwrap_or(u32::MAX).max(1)
+}
+
+fn fill(joints: &mut spherecal_shared::Joints, values: &[f64; JOINTS]) {
+    joints.clear();
+    // Seven values fit: a message carries up to MAX_JOINTS.
+    let _ = joints.extend_from_slice(values);
+}

@@ -1,0 +1,228 @@
+//! The drive over the Franka Control Interface against the simulated robot side.
+
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use spherecal_fci::client::{Config, EndCause};
+use spherecal_fci::robot::{JointArm, READY, RobotConfig, RobotSide};
+use spherecal_fci::wire::{RobotError, Version};
+use spherecal_link::Drive;
+use spherecal_link::native::{DriveEvent, FrankaDrive, FrankaOptions, collision_behavior};
+use spherecal_shared::Joints;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus, TorqueSign};
+use spherecal_shared::robot::Inertia;
+
+/// What no test waits longer for.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+fn options(port: u16) -> FrankaOptions {
+    FrankaOptions {
+        config: Config {
+            port,
+            connect_timeout: Duration::from_secs(1),
+            // A loaded test machine may not run the robot's thread for a while.
+            state_timeout: Duration::from_millis(500),
+            ..Config::new("127.0.0.1")
+        },
+        load: Inertia {
+            mass_kg: 0.7,
+            ..Inertia::default()
+        },
+        thresholds: collision_behavior(&Procedure::default()),
+    }
+}
+
+/// A drive under a control law that holds the arm where it was released.
+struct Held {
+    drive: FrankaDrive,
+    state: DriveState,
+    at: Option<Vec<f64>>,
+    events: Vec<DriveEvent>,
+}
+
+impl Held {
+    fn new(port: u16) -> Self {
+        let mut drive = FrankaDrive::connect(options(port)).expect("a robot");
+        let mut state = DriveState::default();
+        drive.exchange(None, &mut state).expect("a state");
+        Self {
+            drive,
+            state,
+            at: None,
+            events: Vec::new(),
+        }
+    }
+
+    fn command(&mut self) -> DriveCommand {
+        let enable = self.state.status == DriveStatus::Ready;
+        if !enable {
+            self.at = None;
+        }
+        let at = self.at.get_or_insert_with(|| self.state.q.to_vec());
+        let law = |j: usize| 60.0 * (at[j] - self.state.q[j]) - 6.0 * self.state.dq[j];
+        let tau: Joints = (0..7).map(|j| if enable { law(j) } else { 0.0 }).collect();
+        DriveCommand {
+            tick: self.state.tick,
+            tau,
+            enable,
+        }
+    }
+
+    fn step(&mut self) {
+        let command = self.command();
+        self.drive
+            .exchange(Some(&command), &mut self.state)
+            .expect("the link lives");
+        let monitor = self.drive.monitor().expect("a monitor");
+        while let Some(event) = monitor.next_event() {
+            self.events.push(event);
+        }
+    }
+
+    /// Steps until this is so.
+    fn until(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
+        let begun = Instant::now();
+        while !done(self) {
+            assert!(begun.elapsed() < PATIENCE, "{what}: {:?} {:?}", self.state, self.events);
+            self.step();
+        }
+    }
+
+    fn moves(&self) -> bool {
+        self.events.last() == Some(&DriveEvent::Started)
+    }
+}
+
+fn robot(version: Version) -> (RobotSide, Arc<Mutex<JointArm>>) {
+    let arm = Arc::new(Mutex::new(JointArm::new(READY)));
+    let side = RobotSide::start(RobotConfig::for_tests(version), Box::new(Arc::clone(&arm))).expect("a robot side");
+    (side, arm)
+}
+
+// Fails if the hello hides that the robot compensates gravity, the load is not declared before the first motion, ticks
+// are lost or repeated while the motion runs, or a torque exceeds the robot's rate (a reflex would end the motion).
+#[test]
+fn the_arm_is_held_and_every_period_has_its_tick() {
+    for version in [Version::V5, Version::V10] {
+        let (side, _arm) = robot(version);
+        let mut held = Held::new(side.address().port());
+        let hello = held.drive.hello();
+        assert!(hello.compensates_gravity && !hello.lock_step);
+        assert_eq!((hello.torque_sign, hello.period_us), (TorqueSign::OfActuator, 1000));
+        held.until("the motion", Held::moves);
+        let (mut tick, start) = (held.state.tick, held.state.q.clone());
+        for _ in 0..1000 {
+            held.step();
+            assert_eq!(held.state.tick, tick + 1 + u64::from(held.drive.missed()));
+            tick = held.state.tick;
+        }
+        for (now, then) in held.state.q.iter().zip(&start) {
+            assert!((now - then).abs() < 0.01, "{version}: {:?}", held.state);
+        }
+        assert_eq!(held.state.status, DriveStatus::Ready);
+        let record = held.drive.monitor().expect("a monitor").record();
+        assert!(record.cycles >= 900 && record.stops == 0, "{record:?}");
+        drop(held);
+        let seen = side.shut_down();
+        assert!(
+            (seen.load_kg - 0.7).abs() < 1e-9 && seen.commands_after_stop == 0,
+            "{seen:?}"
+        );
+    }
+}
+
+// Fails if a collision does not become a fault with the robot's own name, a torque leaves after the stop, the recovery
+// is not asked for, or the motion does not go on after it.
+#[test]
+fn a_reflex_is_a_named_fault_and_the_robot_recovers() {
+    let (side, arm) = robot(Version::V10);
+    let mut held = Held::new(side.address().port());
+    held.until("the motion", Held::moves);
+    arm.lock().expect("an arm").external[4] = 200.0;
+    held.until("the reflex", |h| h.state.status == DriveStatus::Failed);
+    arm.lock().expect("an arm").external[4] = 0.0;
+    let named = held.events.iter().any(|event| {
+        matches!(event, DriveEvent::FrankaEnded(end)
+            if end.cause == EndCause::Reflex && end.errors.contains(RobotError::JointReflex))
+    });
+    assert!(named, "{:?}", held.events);
+    held.until("the next motion", Held::moves);
+    assert!(held.events.contains(&DriveEvent::Recovering));
+    let record = held.drive.monitor().expect("a monitor").record();
+    assert_eq!((record.stops, record.recoveries), (1, 1));
+    assert_eq!(side.statistics().commands_after_stop, 0);
+}
+
+// Fails if the user stop is no emergency stop for the controller, a torque leaves while it is pressed, or the arm cannot
+// be moved again once it is released.
+#[test]
+fn the_user_stop_is_an_emergency_stop() {
+    let (side, _arm) = robot(Version::V5);
+    let mut held = Held::new(side.address().port());
+    held.until("the motion", Held::moves);
+    side.controls().user_stop.store(true, Ordering::Relaxed);
+    held.until("the stop", |h| h.state.status == DriveStatus::EmergencyStop);
+    for _ in 0..200 {
+        held.step();
+        assert_eq!(held.state.status, DriveStatus::EmergencyStop);
+    }
+    side.controls().user_stop.store(false, Ordering::Relaxed);
+    held.until("the next motion", Held::moves);
+    assert_eq!(side.statistics().commands_after_stop, 0);
+}
+
+// Fails if a restarted robot ends the drive for good, or the drive repeats an old state as a new one meanwhile.
+#[test]
+fn a_restarted_robot_is_found_again() {
+    let (side, _arm) = robot(Version::V10);
+    let address = side.address();
+    let mut held = Held::new(address.port());
+    held.until("the motion", Held::moves);
+    side.shut_down();
+    let last = held.state.tick;
+    held.until("the loss", |h| h.drive.version().is_none());
+    assert!(
+        held.state.tick <= last + 2,
+        "no state came, so no tick may pass: {} {last}",
+        held.state.tick
+    );
+    let config = RobotConfig {
+        address,
+        ..RobotConfig::for_tests(Version::V10)
+    };
+    let side = RobotSide::start(config, Box::new(JointArm::new(READY))).expect("the same port");
+    held.until("the next motion", Held::moves);
+    assert!(held.events.contains(&DriveEvent::Reconnected));
+    assert!(held.state.tick > last);
+    assert_eq!(side.statistics().commands_after_stop, 0);
+}
+
+// Fails if the loop of the real-time thread allocates memory.
+#[test]
+fn the_loop_allocates_nothing() {
+    let (side, _arm) = robot(Version::V10);
+    let mut held = Held::new(side.address().port());
+    held.until("the motion", Held::moves);
+    let at = held.state.q.clone();
+    let allocated = allocation_counter::measure(|| {
+        for _ in 0..5000 {
+            let mut tau = Joints::new();
+            for j in 0..7 {
+                let law = 60.0 * (at[j] - held.state.q[j]) - 6.0 * held.state.dq[j];
+                let _ = tau.push(law);
+            }
+            let command = DriveCommand {
+                tick: held.state.tick,
+                tau,
+                enable: true,
+            };
+            held.drive
+                .exchange(Some(&command), &mut held.state)
+                .expect("the link lives");
+        }
+    });
+    assert_eq!(held.state.status, DriveStatus::Ready);
+    assert_eq!(allocated.count_total, 0, "allocations in 5000 cycles");
+}

@@ -1,0 +1,188 @@
+//! The drive over KUKA's Fast Robot Interface against the simulated cabinet.
+
+use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use spherecal_fri::client::{Config, EndCause, Limits};
+use spherecal_fri::robot::{Arm, ArmCommand, ArmState, CabinetConfig, CabinetSide, JointArm, START, Tolerance};
+use spherecal_fri::wire::SafetyState;
+use spherecal_link::native::{DriveEvent, KukaDrive, KukaOptions};
+use spherecal_link::{Drive, LinkError};
+use spherecal_shared::Joints;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus, TorqueSign};
+use spherecal_shared::robot::{self as shared, Dynamics as _, iiwa7, iiwa7_tool};
+
+/// What no test waits longer for.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// An arm whose sensors show the gravity of an iiwa 7 with the calibration tool.
+struct Iiwa {
+    joints: JointArm,
+    model: shared::Arm<f64, 7>,
+    /// How much of the gravity the sensors show.
+    share: f64,
+}
+
+impl Iiwa {
+    fn new(share: f64) -> Self {
+        let mut joints = JointArm::new(START);
+        joints.gravity = [0.0; 7];
+        Self {
+            joints,
+            model: shared::Arm::new(&iiwa7(), &iiwa7_tool()).expect("an arm"),
+            share,
+        }
+    }
+
+    fn with_gravity(&self, mut state: ArmState) -> ArmState {
+        let gravity = self.model.bodies(&self.model.frames(&state.q)).gravity();
+        for (tau, gravity) in state.tau.iter_mut().zip(gravity.iter()) {
+            *tau += self.share * gravity;
+        }
+        state
+    }
+}
+
+impl Arm for Iiwa {
+    fn state(&self) -> ArmState {
+        self.with_gravity(self.joints.state())
+    }
+
+    fn step(&mut self, command: ArmCommand, step_s: f64) -> ArmState {
+        let state = self.joints.step(command, step_s);
+        self.with_gravity(state)
+    }
+}
+
+/// A cabinet for a client at a free port, and that port.
+fn cabinet(sign: f64, share: f64) -> (CabinetSide, SocketAddr) {
+    let probe = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+    let client = probe.local_addr().expect("an address");
+    drop(probe);
+    let config = CabinetConfig {
+        client,
+        tolerance: Tolerance::tolerant(),
+        measured_sign: sign,
+        ..CabinetConfig::new()
+    };
+    (
+        CabinetSide::start(config, Box::new(Iiwa::new(share))).expect("a cabinet"),
+        client,
+    )
+}
+
+fn listen(address: SocketAddr) -> Result<KukaDrive, LinkError> {
+    let config = Config {
+        address,
+        timeout: Duration::from_millis(500),
+        ..Config::new(Limits::IIWA_7)
+    };
+    KukaDrive::listen(&KukaOptions {
+        config,
+        torque_rate: 4000.0,
+        robot: iiwa7(),
+        tool: iiwa7_tool(),
+    })
+}
+
+/// Exchanges with a law that holds the arm, until `done`.
+fn run(
+    drive: &mut KukaDrive,
+    state: &mut DriveState,
+    events: &mut Vec<DriveEvent>,
+    done: impl Fn(&DriveState, &[DriveEvent]) -> bool,
+) {
+    let begun = Instant::now();
+    let at = state.q.clone();
+    while !done(state, events) {
+        assert!(begun.elapsed() < PATIENCE, "{state:?} {events:?}");
+        let enable = state.status == DriveStatus::Ready;
+        let law = |j: usize| 60.0 * (at[j] - state.q[j]) - 6.0 * state.dq[j];
+        let tau: Joints = (0..7).map(|j| if enable { law(j) } else { 0.0 }).collect();
+        let command = DriveCommand {
+            tick: state.tick,
+            tau,
+            enable,
+        };
+        drive.exchange(Some(&command), state).expect("the link lives");
+        let monitor = drive.monitor().expect("a monitor");
+        while let Some(event) = monitor.next_event() {
+            events.push(event);
+        }
+    }
+}
+
+// Fails if the sign of the torques is guessed or wrong, the motion does not start, ticks are lost while it runs, or the
+// loop allocates memory.
+#[test]
+fn the_sign_is_found_and_the_arm_is_held() {
+    for (sign, found) in [(1.0, TorqueSign::OfActuator), (-1.0, TorqueSign::OfLink)] {
+        let (side, client) = cabinet(sign, 1.0);
+        let mut drive = listen(client).expect("a cabinet");
+        assert_eq!(drive.hello().torque_sign, found);
+        assert!(drive.hello().compensates_gravity && !drive.hello().lock_step);
+        let (mut state, mut events) = (DriveState::default(), Vec::new());
+        drive.exchange(None, &mut state).expect("a state");
+        side.controls().command.store(true, Ordering::Relaxed);
+        run(&mut drive, &mut state, &mut events, |_, events| {
+            events.contains(&DriveEvent::Started)
+        });
+        let start = state.q.clone();
+        let at = start.clone();
+        let mut tick = state.tick;
+        let allocated = allocation_counter::measure(|| {
+            for _ in 0..1000 {
+                let mut tau = Joints::new();
+                for j in 0..7 {
+                    let _ = tau.push(60.0 * (at[j] - state.q[j]) - 6.0 * state.dq[j]);
+                }
+                let command = DriveCommand {
+                    tick: state.tick,
+                    tau,
+                    enable: true,
+                };
+                drive.exchange(Some(&command), &mut state).expect("the link lives");
+                assert_eq!(state.tick, tick + 1 + u64::from(drive.missed()));
+                tick = state.tick;
+            }
+        });
+        assert_eq!(allocated.count_total, 0, "allocations in 1000 cycles");
+        for (now, then) in state.q.iter().zip(&start) {
+            assert!((now - then).abs() < 0.01, "{state:?}");
+        }
+    }
+}
+
+// Fails if a safety stop is no emergency stop with KUKA's own level, or a torque leaves after it.
+#[test]
+fn a_safety_stop_is_an_emergency_stop() {
+    let (side, client) = cabinet(1.0, 1.0);
+    let mut drive = listen(client).expect("a cabinet");
+    let (mut state, mut events) = (DriveState::default(), Vec::new());
+    drive.exchange(None, &mut state).expect("a state");
+    side.controls().command.store(true, Ordering::Relaxed);
+    run(&mut drive, &mut state, &mut events, |_, events| {
+        events.contains(&DriveEvent::Started)
+    });
+    side.controls().safety.store(2, Ordering::Relaxed);
+    run(&mut drive, &mut state, &mut events, |state, _| {
+        state.status == DriveStatus::EmergencyStop
+    });
+    let stopped = events.iter().any(|event| {
+        matches!(event, DriveEvent::KukaEnded(end)
+            if matches!(end.cause, EndCause::SafetyStop(level) if level != SafetyState::NormalOperation))
+    });
+    assert!(stopped, "{events:?}");
+    assert_eq!(side.statistics().torques_after_stop, 0);
+}
+
+// Fails if the sign is guessed where the sensors show no gravity: a wrong one would make the torque loop unstable.
+#[test]
+fn a_sign_that_cannot_be_told_is_refused() {
+    let (_side, client) = cabinet(1.0, 0.0);
+    let Err(error) = listen(client) else {
+        panic!("a sign was guessed")
+    };
+    assert!(error.to_string().contains("stretched forwards"), "{error}");
+}

@@ -1,0 +1,96 @@
+//! Runs over the robots' own interfaces, against the simulated robot sides: two processes in real
+//! time. Time is the wall clock's, so these tests bound behaviour, not bits.
+
+use std::net::UdpSocket;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::support::{Server, spherecal, text};
+
+/// Poses of the short runs.
+const POSES: &str = "2";
+
+/// Runs over `link`; the robot must record every pose and never stop.
+fn run(folder: &Path, link: &str) -> Value {
+    let output = spherecal(
+        folder,
+        &["run", "--poses", POSES, "--json", "--link", link, "--out", "cell"],
+    );
+    let said = text(&output.stderr);
+    // Two poses are too few for a result that may be used.
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{said}");
+    let summary: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+    assert_eq!(summary["poses"]["recorded"], 2, "{said}");
+    let drive = &summary["drive"];
+    assert_eq!(drive["stops"], 0, "{said}");
+    assert!(
+        drive["cycles"].as_u64().is_some_and(|cycles| cycles > 20_000),
+        "{drive}"
+    );
+    // Every cycle is in the histogram of the turnaround.
+    let bins = drive["turnaround"]["bins"].as_array().expect("a histogram");
+    let counted: u64 = bins.iter().filter_map(|bin| bin["count"].as_u64()).sum();
+    assert_eq!(Some(counted), drive["cycles"].as_u64());
+    let report = std::fs::read_to_string(folder.join("cell/report.html")).expect("a report");
+    assert!(report.contains("Real time") && report.contains("turnarounds"));
+    summary
+}
+
+// Fails if a run over the Franka Control Interface loses a pose, the robot stops it by a reflex, the robot that answers
+// is not the one that is calibrated, or the report does not show how the real-time loop did.
+#[test]
+#[ignore = "slow: 40 s of real time"]
+fn slow_a_run_over_the_franka_control_interface() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let arguments = ["plant", "--fci", "--version", "5", "--listen", "0", "--tolerant"];
+    let robot = Server::start(&arguments);
+    let summary = run(folder.path(), &robot.peer);
+    assert_eq!(summary["robot"], "panda");
+}
+
+// Fails if a run over KUKA's Fast Robot Interface loses a pose or the cabinet ends the motion.
+#[test]
+#[ignore = "slow: 40 s of real time"]
+fn slow_a_run_over_kukas_fast_robot_interface() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    let client = probe.local_addr().expect("an address");
+    drop(probe);
+    let robot = Server::start(&["plant", "--fri", &client.to_string(), "--tolerant"]);
+    let summary = run(folder.path(), &robot.peer);
+    assert_eq!(summary["robot"], "iiwa7");
+}
+
+// Fails if a link or a plant that cannot be is accepted, or the refusal does not say what to give.
+#[test]
+fn impossible_robots_are_refused_with_the_remedy() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (arguments, code, words) in [
+        (&["run", "--link", "franka:"][..], 2, "franka:HOST"),
+        (&["run", "--link", "fri:0"], 2, "fri:PORT"),
+        (&["run", "--link", "franka:127.0.0.1:1"], 1, "activate FCI in Desk"),
+        (&["plant", "--fci", "--version", "6"], 2, "give 5, 7, 8 or 10"),
+        (&["plant", "--tolerant"], 2, "give --fci or --fri"),
+        (&["plant", "--fri", "127.0.0.1"], 2, "--fri"),
+        (&["controller", "--drive", "sim"], 2, "franka:HOST"),
+        (&["doctor", "--realtime=0"], 2, "0.1 to 3600 seconds"),
+    ] {
+        let output = spherecal(folder.path(), arguments);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        assert!(said.contains(words), "{arguments:?}: {said}");
+    }
+}
+
+// Fails if the measurement needs rights, or does not say whether the machine can hold 1 kHz.
+#[test]
+fn doctor_measures_the_wake_ups() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = spherecal(folder.path(), &["doctor", "--realtime=0.3", "--json"]);
+    let found: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+    let found = &found["realtime"];
+    assert!(found["holds_1_khz"].is_boolean(), "{found}");
+    assert!(found["wake_ups"].as_u64().is_some_and(|count| count > 0), "{found}");
+    assert!(found["p50_us"].as_u64() <= found["p999_us"].as_u64(), "{found}");
+}
