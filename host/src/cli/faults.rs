@@ -3,7 +3,7 @@
 use clap::Args;
 
 use super::exit::{CliError, Exit};
-use spherecal_lab::faults::{CampaignOptions, MatrixOptions, campaign, matrix};
+use spherecal_lab::faults::{CampaignOptions, MatrixOptions, WorstOptions, campaign, matrix, worst};
 use spherecal_sim::inject::{FaultPlan, PRESETS};
 
 /// Arguments of `faults`.
@@ -30,6 +30,10 @@ pub struct FaultsArgs {
     /// Only the run with this number of the campaign, from 0, to inspect it again.
     #[arg(long, value_name = "N", requires = "campaign")]
     pub run: Option<u64>,
+    /// Instead, search with N runs for each fault for the cases that do most harm, and print them.
+    #[arg(long, value_name = "N", conflicts_with = "campaign", num_args = 0..=1, default_missing_value = "100",
+          value_parser = clap::value_parser!(u32).range(8..))]
+    pub worst: Option<u32>,
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
     pub json: bool,
@@ -54,6 +58,17 @@ pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
             runs,
             seeds: args.seeds,
             only: args.run,
+            progress: !args.json,
+        })
+        .map_err(CliError::job)?;
+        let json = serde_json::to_string_pretty(&table).map_err(CliError::job)?;
+        (table.holds(), table.to_string(), json)
+    } else if let Some(runs) = args.worst {
+        matrix::presets(&args.only).map_err(CliError::input)?;
+        let table = worst::run(&WorstOptions {
+            only: args.only.clone(),
+            runs,
+            seeds: args.seeds,
             progress: !args.json,
         })
         .map_err(CliError::job)?;

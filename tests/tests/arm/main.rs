@@ -14,5 +14,6 @@ mod plant_friction;
 mod plant_nest;
 mod plant_presets;
 mod plant_rig;
+mod recovery;
 mod robot_oracle;
 mod teach;

@@ -2,6 +2,8 @@
 
 use spherecal_shared::protocol::host::{Fault, FaultReport, Phase, Refusal};
 
+use super::words::describe;
+
 use spherecal_link::JournalError;
 
 use super::Implausible;
@@ -129,6 +131,15 @@ pub enum CampaignError {
         /// The last fault.
         report: FaultReport,
     },
+    /// No clear way.
+    #[error(
+        "no way to {what} was found that keeps clear of spheres, plate and arm: guide the arm by hand to a place above \
+         the plate, then continue with --resume"
+    )]
+    Blocked {
+        /// What it should have done.
+        what: String,
+    },
     /// The controller was lost.
     #[error(
         "the controller was silent for {silent_s:.0} s and does not answer the handshake: check its power and the \
@@ -150,6 +161,22 @@ pub enum CampaignError {
         other: u32,
         /// By how much, in mm.
         by_mm: f64,
+    },
+    /// A sphere moved a little.
+    #[error(
+        "sphere {sphere} is {by_mm:.2} mm from where it was at the same visit before, in {couplings} couplings in a row (limit \
+         {limit_mm:.2} mm): the sphere, the plate or the robot's base moved, or the arm drifts; fix the cause and begin a \
+         new run, because earlier recordings do not fit later ones"
+    )]
+    Shifted {
+        /// The sphere.
+        sphere: u32,
+        /// The smallest distance that was measured, in mm.
+        by_mm: f64,
+        /// Largest distance accepted, in mm.
+        limit_mm: f64,
+        /// Couplings that showed it.
+        couplings: u32,
     },
     /// Too many poses failed.
     #[error(
@@ -176,24 +203,14 @@ pub enum CampaignError {
     Interrupted,
 }
 
-/// A fault in words, with its numbers.
-fn describe(report: &FaultReport) -> String {
-    let joint = if report.joint == 0 {
-        String::new()
-    } else {
-        format!(", joint {}", report.joint)
-    };
-    format!(
-        "{:?} while {:?}{joint} ({:.4} beyond the limit {:.4})",
-        report.fault, report.phase, report.value, report.limit
-    )
-}
-
 /// The operator's remedy for a fault.
 pub fn remedy(fault: Fault) -> &'static str {
     match fault {
         Fault::JointPosition => "a pose is too close to a joint limit: plan with a larger margin",
-        Fault::JointVelocity => "lower procedure.turn.speed_rad_s or procedure.motion.speed_rad_s",
+        Fault::JointVelocity => {
+            "lower procedure.turn.speed_rad_s or procedure.motion.speed_rad_s; if the joint oscillates, the drive answers \
+             too late (`spherecal stability`) or declares the wrong torque_sign"
+        }
         Fault::JointTorque => "check tool mass and centre of mass, and that nothing blocks the arm",
         Fault::Force => "the arm hit something or the nest is jammed: clear the path",
         Fault::PathDeviation => "something blocks the arm: clear the path",
@@ -212,7 +229,8 @@ pub fn remedy(fault: Fault) -> &'static str {
         Fault::HostSilence => "the host link was silent: check the network and the load of this computer",
         Fault::PositionJump => "an encoder lost its position: reference the joint and restart the controller",
         Fault::TorqueSensor => {
-            "a torque sensor or a motor fails: run the drive's self-test, and have the joint inspected"
+            "a torque sensor or a motor fails: run the drive's self-test, and have the joint inspected; on a new drive, check \
+             torque_sign in its handshake"
         }
         Fault::TcpSpeed => "lower procedure.motion.speed_rad_s, and find out what pushes the arm",
         Fault::Workspace => "the path leaves procedure.limits.workspace or reaches the plate: check plate and plan",

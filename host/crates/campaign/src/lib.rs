@@ -26,16 +26,18 @@ mod observe;
 mod operate;
 mod outcome;
 mod places;
+mod plate;
 mod plausible;
 mod procedure;
 mod recover;
 pub mod recovery;
-mod retreat;
+mod rejects;
 mod retry;
 mod session;
 mod teach;
 pub mod telemetry;
 mod tracker;
+mod words;
 
 use std::collections::BTreeSet;
 
@@ -54,6 +56,7 @@ pub use retry::{DescentEnd, Waypoints};
 pub use session::Session;
 pub use teach::{NoJournal, Operator, Taught, teach};
 pub use tracker::{LaserMeasurementError, Tracker, TrackerError, measure_laser};
+pub use words::describe;
 
 /// How a campaign behaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

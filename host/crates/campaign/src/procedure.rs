@@ -8,7 +8,7 @@ use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultRep
 
 use super::observe::{Observer, Stage};
 use super::outcome::{Outcome, Rejected};
-use super::places::Places;
+use super::places::{Places, SHIFTED_M};
 use super::recovery::policy;
 use super::retry::{DescentEnd, Waypoints};
 use super::session::{Session, Waited};
@@ -23,7 +23,12 @@ enum AtSphere {
     Finished,
     /// A fault; the arm holds.
     Fault(FaultReport, Option<u32>),
+    /// The sphere is this far from where it was at the same visit before, in m. The nest is off it.
+    Shifted(f64),
 }
+
+/// Couplings in a row that must show a shift, so that one bad seat is not taken for a moved sphere.
+const SHIFTED_COUPLINGS: u32 = 3;
 
 /// Runs a campaign to its end or to a typed stop. Returns the outcome in both cases.
 pub fn run(
@@ -67,11 +72,13 @@ pub fn run(
 
 pub(super) struct Campaign<'a> {
     pub(super) assignment: &'a Assignment<'a>,
-    done: BTreeSet<(u32, u32)>,
-    rejected: Vec<Rejected>,
+    pub(super) done: BTreeSet<(u32, u32)>,
+    pub(super) rejected: Vec<Rejected>,
     pub(super) recorded: usize,
     pub(super) waypoints: Waypoints,
-    places: Places,
+    pub(super) places: Places,
+    /// Placement in which the plate stands.
+    pub(super) place: u32,
     /// Whether the nest may be on a sphere.
     pub(super) touching: bool,
 }
@@ -86,6 +93,7 @@ impl<'a> Campaign<'a> {
             recorded: 0,
             waypoints: Waypoints::new(assignment.robot, assignment.tool),
             places: Places::recall(assignment.plan, assignment.seated),
+            place: 0,
             touching: false,
         }
     }
@@ -184,26 +192,6 @@ impl<'a> Campaign<'a> {
         Ok(())
     }
 
-    /// Has the plate moved to `place` unless it `stands` there, with the arm at home. Returns
-    /// whether the arm moved home for that.
-    pub(super) fn have_plate(
-        &self,
-        session: &mut Session<'_>,
-        stands: &mut Option<u32>,
-        place: u32,
-    ) -> Result<bool, CampaignError> {
-        if *stands == Some(place) {
-            return Ok(false);
-        }
-        let plan = self.assignment.plan;
-        session.stage(Stage::Home, 0, plan);
-        self.travel(session, "reach the home frame", &plan.home.joints)?;
-        session.stage(Stage::Plate, 0, plan);
-        session.plate(place)?;
-        *stands = Some(place);
-        Ok(true)
-    }
-
     /// Poses of a visit that are neither recorded nor given up, the poses to pass through on the
     /// way, and those after the last: they lead to where the nest leaves the sphere.
     fn pending<'s>(&self, visit: &'s Visit) -> Vec<&'s PlannedPose> {
@@ -226,13 +214,15 @@ impl<'a> Campaign<'a> {
     }
 
     /// All poses of one sphere, with as many attempts as are needed and allowed.
-    fn sphere(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<(), CampaignError> {
+    pub(super) fn sphere(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<(), CampaignError> {
         let plan = self.assignment.plan;
         let mut in_vain = 0;
         let mut failures: BTreeMap<u32, u32> = BTreeMap::new();
         let mut approach = visit.approach.joints.clone();
         // Descents in a row that did not find the seat.
         let mut missed = 0;
+        // Couplings in a row that found the sphere elsewhere, and the smallest distance, in m.
+        let (mut shifted, mut least_m) = (0, f64::INFINITY);
         loop {
             session.stage(Stage::Approach, visit.sphere_id, plan);
             self.travel(session, "reach the approach frame", &approach)?;
@@ -242,6 +232,25 @@ impl<'a> Campaign<'a> {
                 AtSphere::Finished => {
                     self.touching = false;
                     return Ok(());
+                }
+                AtSphere::Shifted(by_m) => {
+                    self.touching = false;
+                    shifted += 1;
+                    least_m = by_m.min(least_m);
+                    session.note(&format!(
+                        "sphere {}: {:.2} mm from where it was; coupling again",
+                        visit.sphere_id,
+                        by_m * 1e3
+                    ));
+                    if shifted >= SHIFTED_COUPLINGS {
+                        return Err(CampaignError::Shifted {
+                            sphere: visit.sphere_id,
+                            by_mm: least_m * 1e3,
+                            limit_mm: SHIFTED_M * 1e3,
+                            couplings: shifted,
+                        });
+                    }
+                    continue;
                 }
                 AtSphere::Fault(report, pose) => (report, pose),
             };
@@ -319,6 +328,13 @@ impl<'a> Campaign<'a> {
                     return Err(moved);
                 }
                 self.waypoints.seated(visit, &coupled);
+                let by_m = self.places.shift_m(visit, &coupled.centre_m);
+                if by_m > SHIFTED_M {
+                    return Ok(match self.leave(session)? {
+                        None => AtSphere::Shifted(by_m),
+                        Some(report) => AtSphere::Fault(report, None),
+                    });
+                }
             }
             Waited::Fault(report) => return Ok(AtSphere::Fault(report, None)),
         }
@@ -369,52 +385,6 @@ impl<'a> Campaign<'a> {
             self.let_go(session, visit, report)?;
         }
         Ok(AtSphere::Finished)
-    }
-
-    /// Counts the latest recording, if it is new.
-    pub(super) fn count(&mut self, session: &mut Session<'_>) {
-        let Some(recording) = session.recorded.take() else {
-            return;
-        };
-        if self.done.insert(recording) {
-            self.recorded += 1;
-            session.progress.done = self.done.len();
-            session.report_progress();
-        }
-    }
-
-    fn give_up_pose(
-        &mut self,
-        session: &mut Session<'_>,
-        sphere: u32,
-        pose: u32,
-        report: &FaultReport,
-    ) -> Result<(), CampaignError> {
-        let reason = format!("{:?} while {:?}", report.fault, report.phase);
-        if self.done.contains(&(sphere, pose)) {
-            return Ok(());
-        }
-        self.reject(session, sphere, pose, &reason)
-    }
-
-    fn reject(&mut self, session: &mut Session<'_>, sphere: u32, pose: u32, reason: &str) -> Result<(), CampaignError> {
-        session.journal().reject(sphere, pose, reason)?;
-        session.note(&format!("sphere {sphere}, pose {pose}: given up ({reason})"));
-        self.done.insert((sphere, pose));
-        self.rejected.push(Rejected {
-            sphere,
-            pose,
-            reason: reason.to_owned(),
-        });
-        session.progress.done = self.done.len();
-        let planned = self.assignment.plan.recorded();
-        if self.rejected.len() * 100 > planned * self.assignment.options.rejected_percent as usize {
-            return Err(CampaignError::Rejected {
-                rejected: self.rejected.len(),
-                planned,
-            });
-        }
-        Ok(())
     }
 }
 

@@ -3,12 +3,12 @@
 
 use spherecal_shared::protocol::host::{Command, FaultReport, Refusal};
 
+use super::CampaignError;
 use super::observe::Stage;
 use super::procedure::{Campaign, joints};
 use super::recovery::policy;
 use super::session::Session;
-use super::{CampaignError, retreat};
-use spherecal_plan::Visit;
+use spherecal_plan::{Scene, Visit};
 
 /// Time limit of a free motion, in s of device time: half a turn takes an arm 8 s.
 const MOTION_S: f64 = 60.0;
@@ -61,16 +61,42 @@ impl Campaign<'_> {
         p.retreat_m / p.speed_m_s + p.settle_s + 20.0
     }
 
-    /// Decouples from the sphere of `visit` after a fault, in a direction that leaves the joints
-    /// room. Returns the fault, if one came. Does nothing if there was no contact.
-    fn pull_off(&self, session: &mut Session<'_>, visit: &Visit) -> Result<Option<FaultReport>, CampaignError> {
+    /// The scene in which the arm moves: the plate where it stands, and the spheres where they were
+    /// found. `None` if the planner cannot compute with the robot.
+    fn scene(&self) -> Option<Scene> {
+        let chain = self.waypoints.chain()?;
+        let found = self.places.found(self.place);
+        let limits = &self.assignment.procedure.limits;
+        Some(Scene::new(self.assignment.plan, chain, self.place, limits, &found))
+    }
+
+    /// Joint angles of the newest sample, in rad.
+    fn posture(&self, session: &Session<'_>) -> Option<Vec<f64>> {
         let n = self.assignment.robot.dof();
-        let way = match (self.waypoints.chain(), session.sample) {
-            (Some(chain), Some(sample)) if self.touching => {
-                let q: Vec<f64> = sample.q.iter().take(n).map(|q| f64::from(*q)).collect();
-                retreat::retreat(chain, self.assignment.procedure, &q, visit.approach_direction)
-            }
-            _ => visit.approach_direction,
+        let sample = session.sample?;
+        let q: Vec<f64> = sample.q.iter().take(n).map(|q| f64::from(*q)).collect();
+        (q.len() == n).then_some(q)
+    }
+
+    /// Direction of approach opposite to the best retreat from the sphere of `visit`: one that comes
+    /// no nearer to anything and leaves the joints room.
+    fn way_off(&self, session: &Session<'_>, visit: &Visit) -> [f64; 3] {
+        let straight = visit.approach_direction;
+        let (Some(scene), Some(q)) = (self.scene(), self.posture(session)) else {
+            return straight;
+        };
+        let length_m = self.assignment.procedure.decouple.retreat_m;
+        scene.retreat(&q, straight, length_m).0
+    }
+
+    /// Decouples from the sphere of `visit` after a fault, away from what the nest touches and in a
+    /// direction that leaves the joints room. Returns the fault, if one came. Does nothing if there
+    /// was no contact.
+    fn pull_off(&self, session: &mut Session<'_>, visit: &Visit) -> Result<Option<FaultReport>, CampaignError> {
+        let way = if self.touching {
+            self.way_off(session, visit)
+        } else {
+            visit.approach_direction
         };
         if way != visit.approach_direction {
             let retreat = Command::Retreat { direction: way };
@@ -136,7 +162,7 @@ impl Campaign<'_> {
         let attempts = self.assignment.options.attempts.max(1);
         let mut last = None;
         for attempt in 0..attempts {
-            let direction = visit.approach_direction;
+            let direction = self.way_off(session, visit);
             let retreat = Command::Retreat { direction };
             let Some(report) = session.carry_to_rest("retreat from the sphere", retreat, self.decouple_limit())? else {
                 self.touching = false;
@@ -154,13 +180,14 @@ impl Campaign<'_> {
         })
     }
 
-    /// A free motion, with as many attempts as are allowed.
+    /// A free motion to `target` (rad), with as many attempts as are allowed. Where the straight
+    /// joint motion would come too near to spheres, plate, arm or limits, it goes through vias. After
+    /// a fault the way is planned again from where the arm stands.
     pub(super) fn travel(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<(), CampaignError> {
         let attempts = self.assignment.options.attempts.max(1);
         let mut last = None;
         for attempt in 0..attempts {
-            let target = joints(target);
-            let Some(report) = session.carry_to_rest(what, Command::Move { target }, MOTION_S)? else {
+            let Some(report) = self.go(session, what, target)? else {
                 return Ok(());
             };
             session.rest(pause_s(&report, attempt))?;
@@ -173,5 +200,29 @@ impl Campaign<'_> {
                 report,
             })
         })
+    }
+
+    /// One free motion on a clear way. Returns the fault, if one came.
+    fn go(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<Option<FaultReport>, CampaignError> {
+        let way = match (self.scene(), self.posture(session)) {
+            (Some(scene), Some(q)) => scene
+                .way(&q, target)
+                .ok_or_else(|| CampaignError::Blocked { what: what.to_owned() })?,
+            // Before the first sample nothing is known of the arm.
+            _ => vec![target.to_vec()],
+        };
+        if way.len() > 1 {
+            session.note(&format!(
+                "the straight motion to {what} is not clear: {} vias",
+                way.len() - 1
+            ));
+        }
+        for target in way {
+            let target = joints(&target);
+            if let Some(report) = session.carry_to_rest(what, Command::Move { target }, MOTION_S)? {
+                return Ok(Some(report));
+            }
+        }
+        Ok(None)
     }
 }

@@ -73,7 +73,7 @@ pub fn teach(
     let mut nowhere = NoJournal;
     let lead_us = u64::from(assignment.options.lead_ms) * 1000;
     let mut session = Session::new(device, &mut nowhere, observer, interrupt, lead_us);
-    let campaign = Campaign::new(assignment);
+    let mut campaign = Campaign::new(assignment);
     campaign.begin(&mut session)?;
     session.stage(Stage::Home, 0, plan);
     campaign.travel(&mut session, "reach the home frame", &plan.home.joints)?;

@@ -51,6 +51,10 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
     }
+    plan.obstacles = plan::Obstacles {
+        sphere_radius_m: config.cell.plate.sphere_radius_m,
+        surface_below_m: config.cell.plate.surface_below_m,
+    };
     let chain = Chain::new(&model.robot, &tool)?;
     let taught = &config.cell.waypoints;
     if taught.is_empty() {

@@ -85,6 +85,7 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
         rejected: Vec::new(),
         robot_s: 0.0,
         promise: Vec::new(),
+        obstacles: super::scene::Obstacles::default(),
     };
     for (place, plate) in (0..).zip(&cell.plates) {
         let yaw = tool_yaw(cell, &chain, &request.rules, plate)?;

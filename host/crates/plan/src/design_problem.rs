@@ -130,6 +130,7 @@ impl DesignProblem {
             rejected: Vec::new(),
             robot_s: 0.0,
             promise: Vec::new(),
+            obstacles: super::scene::Obstacles::default(),
         };
         let used = |v: usize| chosen.iter().any(|c| self.candidates[*c].visit == v);
         let indices: Vec<usize> = (0..self.visits.len()).filter(|v| used(*v)).collect();

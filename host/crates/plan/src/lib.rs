@@ -15,7 +15,8 @@
 //! If the plate is out of reach, [`suggest`] finds a better placement.
 //!
 //! This crate does not know the plant: plans use the nominal robot and the nominal positions of the
-//! spheres. [`teach`] adds the operator's error.
+//! spheres. [`teach`] adds the operator's error. [`Scene`] plans the moves between what the plan lists:
+//! clear of spheres, plate and arm, also after a fault.
 
 mod bounds;
 mod build;
@@ -31,12 +32,14 @@ mod optimal;
 mod order;
 mod path;
 mod place;
+mod scene;
 mod teach;
 #[cfg(test)]
 mod test_support;
 mod times;
 mod travel;
 mod types;
+mod way;
 
 pub use bounds::Bounds;
 pub use build::{PlanRequest, home, paper_plan, plan, spread_plan};
@@ -49,5 +52,6 @@ pub use grid::{Grid, GridPose};
 pub use order::{move_size, order};
 pub use path::{Obstacle, Rules};
 pub use place::suggest;
+pub use scene::{Obstacles, Scene};
 pub use teach::teach;
 pub use types::{Accuracy, Plan, PlannedPose, Rejection, Visit, Waypoint};

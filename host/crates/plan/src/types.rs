@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::path::Obstacle;
+use super::scene::Obstacles;
 
 /// A configuration in free space.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -125,6 +126,9 @@ pub struct Plan {
     /// Empty if none was predicted.
     #[serde(default)]
     pub promise: Vec<Accuracy>,
+    /// What stands in the way of a free arm.
+    #[serde(default)]
+    pub obstacles: Obstacles,
 }
 
 impl Plan {

@@ -78,6 +78,10 @@ pub struct Trial {
     pub contact_n: f64,
     /// Longest time for which the contact force exceeded [`HELD_N`](super::judge::HELD_N), in s.
     pub held_s: f64,
+    /// Largest force with which the arm pressed for 0.3 s, less the magnet's, in N.
+    pub sustained_n: f64,
+    /// Largest force with which the arm pressed for 10 ms, less the magnet's, in N.
+    pub pressed_n: f64,
     /// Robot time, in s.
     pub robot_s: f64,
 }
@@ -247,6 +251,8 @@ impl Case {
             kinetic_tick: judgement.kinetic_tick,
             contact_n: judgement.contact_n,
             held_s: judgement.held_s,
+            sustained_n: judgement.sustained_n,
+            pressed_n: judgement.pressed_n,
             robot_s: device.now_us() as f64 * 1e-6,
             resumed,
             ended,
@@ -309,8 +315,10 @@ fn stop(error: &CampaignError) -> Ended {
         | CampaignError::GivenUp { .. }
         | CampaignError::Motion { .. }
         | CampaignError::Rejected { .. }
+        | CampaignError::Blocked { .. }
         | CampaignError::Lost { .. }
-        | CampaignError::Moved { .. } => Ended::Stopped(text),
+        | CampaignError::Moved { .. }
+        | CampaignError::Shifted { .. } => Ended::Stopped(text),
         _ => Ended::Unexplained(text),
     }
 }

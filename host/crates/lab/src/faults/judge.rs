@@ -27,6 +27,13 @@ pub const CONTACT_N: f64 = 280.0;
 pub const HELD_N: f64 = 140.0;
 /// Duration from which a contact is quasi-static instead of transient, in s.
 pub const HELD_S: f64 = 0.5;
+/// Force with which the arm may press for [`SUSTAINED_TICKS`], and for 10 ms, in N, after a fault. The
+/// pull of the magnet does not count, nor what an injected push adds while it lasts.
+pub const SUSTAINED_N: f64 = 20.0;
+/// See [`SUSTAINED_N`].
+pub const PEAK_N: f64 = 60.0;
+/// Ticks for which a sustained force lasts: 0.3 s.
+const SUSTAINED_TICKS: usize = 300;
 /// How long a contact force must last to count, in ticks.
 const LASTING: usize = 10;
 /// Number of consecutive ticks for which a recording's nest may be off its sphere, because pads
@@ -61,6 +68,14 @@ pub struct Judgement {
     held: u32,
     /// Longest time for which it was not, in s.
     pub held_s: f64,
+    /// Whether an injected push acts on the arm.
+    pushed: bool,
+    /// The latest forces of the contacts less the magnet's, in N.
+    pressing: std::collections::VecDeque<f64>,
+    /// Largest of these forces, in N, that lasted 0.3 s without a push.
+    pub sustained_n: f64,
+    /// Largest of these forces, in N, that lasted 10 ms without a push.
+    pub pressed_n: f64,
 }
 
 impl Judgement {
@@ -99,6 +114,25 @@ impl Judgement {
         self.peak_n = self.peak_n.max(force);
         self.held = if force > HELD_N { self.held.saturating_add(1) } else { 0 };
         self.held_s = self.held_s.max(f64::from(self.held) * 1e-3);
+        let pressing = if self.pushed {
+            0.0
+        } else {
+            (truth.contact_n + truth.magnet_n).norm()
+        };
+        self.pressing.push_front(pressing);
+        self.pressing.truncate(SUSTAINED_TICKS);
+        let least = |ticks: usize| {
+            let enough = self.pressing.len() >= ticks;
+            let least = self.pressing.iter().take(ticks).copied().fold(f64::INFINITY, f64::min);
+            if enough { least } else { 0.0 }
+        };
+        let (sustained, pressed) = if pressing > 1.0 {
+            (least(SUSTAINED_TICKS), least(LASTING))
+        } else {
+            (0.0, 0.0)
+        };
+        self.sustained_n = self.sustained_n.max(sustained);
+        self.pressed_n = self.pressed_n.max(pressed);
         let slot = self.ticks.len() % LASTING;
         self.forces[slot] = force;
         let lasting = self.forces.iter().copied().fold(f64::INFINITY, f64::min);
@@ -167,6 +201,9 @@ impl<const N: usize> Drive for Judged<N> {
 
 impl<const N: usize> Disturb for Judged<N> {
     fn disturb(&mut self, what: &Disturbance) {
+        if let Disturbance::Push(force_n) = what {
+            look(&self.judgement).pushed = force_n.iter().any(|f| *f != 0.0);
+        }
         self.arm.disturb(what);
     }
 }

@@ -1,11 +1,13 @@
 //! `spherecal faults`: injects every fault at random instants, and reports how each run ends.
 //!
-//! Two experiments on a shortened procedure ([`Case`]), on all cores:
+//! Three experiments on a shortened procedure ([`Case`]), on all cores:
 //!
 //! - the **matrix** ([`matrix`]): each fault alone, at random instants on several arms. Does the
 //!   run end as its [`Preset`](spherecal_sim::inject::Preset) says?
 //! - the **campaign** ([`campaign`]): many runs with one to four faults each. Does each end
 //!   calibrated, or with a stop that gives the reason?
+//! - the **search** ([`worst`]): at which phase, pose, direction and instant does each fault do most
+//!   harm?
 //!
 //! Only this test harness reads the plant's truth ([`judge`]), in order to judge. None of it
 //! reaches controller, campaign or identification.
@@ -17,11 +19,13 @@ pub mod matrix;
 #[cfg(test)]
 mod recovery_page;
 mod run_journal;
+pub mod worst;
 
 pub use campaign::{CampaignOptions, CampaignTable};
 pub use case::{Case, Ended, Finish, Trial};
-pub use judge::{CONTACT_N, HELD_N, HELD_S, Judgement, KINETIC_J};
+pub use judge::{CONTACT_N, HELD_N, HELD_S, Judgement, KINETIC_J, PEAK_N, SUSTAINED_N};
 pub use matrix::{MatrixOptions, MatrixTable, Row};
+pub use worst::{WorstCase, WorstOptions, WorstRow, WorstTable};
 
 /// Why an experiment could not be made at all.
 #[derive(Debug, thiserror::Error)]

@@ -1,0 +1,62 @@
+//! Counts the recordings of a campaign and the poses that it gives up.
+
+use spherecal_shared::protocol::host::FaultReport;
+
+use super::CampaignError;
+use super::outcome::Rejected;
+use super::procedure::Campaign;
+use super::session::Session;
+
+impl Campaign<'_> {
+    /// Counts the latest recording, if it is new.
+    pub(super) fn count(&mut self, session: &mut Session<'_>) {
+        let Some(recording) = session.recorded.take() else {
+            return;
+        };
+        if self.done.insert(recording) {
+            self.recorded += 1;
+            session.progress.done = self.done.len();
+            session.report_progress();
+        }
+    }
+
+    pub(super) fn give_up_pose(
+        &mut self,
+        session: &mut Session<'_>,
+        sphere: u32,
+        pose: u32,
+        report: &FaultReport,
+    ) -> Result<(), CampaignError> {
+        let reason = format!("{:?} while {:?}", report.fault, report.phase);
+        if self.done.contains(&(sphere, pose)) {
+            return Ok(());
+        }
+        self.reject(session, sphere, pose, &reason)
+    }
+
+    pub(super) fn reject(
+        &mut self,
+        session: &mut Session<'_>,
+        sphere: u32,
+        pose: u32,
+        reason: &str,
+    ) -> Result<(), CampaignError> {
+        session.journal().reject(sphere, pose, reason)?;
+        session.note(&format!("sphere {sphere}, pose {pose}: given up ({reason})"));
+        self.done.insert((sphere, pose));
+        self.rejected.push(Rejected {
+            sphere,
+            pose,
+            reason: reason.to_owned(),
+        });
+        session.progress.done = self.done.len();
+        let planned = self.assignment.plan.recorded();
+        if self.rejected.len() * 100 > planned * self.assignment.options.rejected_percent as usize {
+            return Err(CampaignError::Rejected {
+                rejected: self.rejected.len(),
+                planned,
+            });
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,121 @@
+use nalgebra::Vector3;
+use spherecal_model::chain::{Chain, TcpPose};
+use spherecal_shared::procedure::Limits;
+
+use crate::{Cell, Plan, Scene, spread_plan};
+
+fn cell() -> (Plan, Chain) {
+    let cell = Cell::iiwa7();
+    let chain = Chain::new(&cell.robot, &cell.tool).expect("an arm");
+    (spread_plan(&cell, 60).expect("a plan"), chain)
+}
+
+fn scene(plan: &Plan, chain: &Chain) -> Scene {
+    Scene::new(plan, chain, 0, &Limits::default(), &[])
+}
+
+/// The arm at a pose of a plan, moved by `by` (F0, m).
+fn beside(chain: &Chain, joints: &[f64], by: Vector3<f64>) -> Option<Vec<f64>> {
+    let pose = chain.pose(joints);
+    let moved = TcpPose {
+        position: pose.position + by,
+        elbow: None,
+        ..pose
+    };
+    chain.follow(&moved, joints)
+}
+
+// Fails if a planned move of an undisturbed run needs a via: its recordings would change.
+#[test]
+fn planned_travel_is_clear() {
+    let (plan, chain) = cell();
+    let scene = scene(&plan, &chain);
+    for visit in &plan.spheres {
+        assert!(
+            scene.is_clear(&plan.home.joints, &visit.approach.joints),
+            "sphere {}",
+            visit.sphere_id
+        );
+        assert!(scene.is_clear(&visit.approach.joints, &plan.home.joints));
+    }
+}
+
+// Fails if a retreat or a return from any pose of the plan, with the nest on the sphere or pushed
+// off it to any side, touches a sphere or the plate, or if no way is found.
+#[test]
+fn from_every_pose_a_clear_way_leads_back() {
+    let (plan, chain) = cell();
+    let scene = scene(&plan, &chain);
+    let (mut ways, mut vias, mut tight) = (0, 0, 0);
+    for visit in &plan.spheres {
+        for pose in visit.poses.iter().filter(|p| !p.via) {
+            for k in 0..5 {
+                let angle = f64::from(k) * core::f64::consts::TAU / 4.0;
+                let side = Vector3::new(angle.cos(), angle.sin(), 0.3) * if k == 4 { 0.0 } else { 0.03 };
+                let Some(q) = beside(&chain, &pose.joints, side) else {
+                    continue;
+                };
+                let (direction, clear) = scene.retreat(&q, visit.approach_direction, 0.05);
+                tight += usize::from(!clear);
+                let Some(off) = beside(&chain, &q, -Vector3::from(direction) * 0.05) else {
+                    continue;
+                };
+                let way = scene
+                    .way(&off, &visit.approach.joints)
+                    .unwrap_or_else(|| panic!("pose {} pushed to side {k}: no way", pose.id));
+                assert_eq!(way.last(), Some(&visit.approach.joints));
+                vias += way.len() - 1;
+                ways += 1;
+                // Checked again with finer steps, for the nest against the spheres alone.
+                let mut from = off;
+                for to in &way {
+                    for part in 0..=200 {
+                        let t = f64::from(part) / 200.0;
+                        let q: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + (b - a) * t).collect();
+                        let pose = chain.pose(&q);
+                        let centre = pose.rotation.inverse() * (Vector3::from(visit.position_m) - pose.position);
+                        let inside = centre.xy().norm() < 0.042 && centre.z < -0.02 && centre.z > -0.06;
+                        assert!(!inside, "the sphere's centre is in the nest's body");
+                    }
+                    from.clone_from(to);
+                }
+            }
+        }
+    }
+    assert!(ways > 200, "{ways} ways, {vias} vias, {tight} tight retreats");
+    assert!(tight * 10 < ways, "{tight} of {ways} retreats are not clear");
+}
+
+// Fails if a motion through a sphere or through its post counts as clear, or
+// if one that only comes back in does not.
+#[test]
+fn what_is_in_the_way_is_noticed() {
+    let (plan, chain) = cell();
+    let visit = &plan.spheres[0];
+    let at = |by: Vector3<f64>| {
+        let seated = beside(
+            &chain,
+            &visit.approach.joints,
+            Vector3::from(visit.approach_direction) * 0.05,
+        );
+        beside(&chain, &seated.expect("the sphere"), by).expect("within reach")
+    };
+    let clear = scene(&plan, &chain);
+    let (left, right) = (at(Vector3::new(0.0, -0.12, 0.0)), at(Vector3::new(0.0, 0.12, 0.0)));
+    assert!(!clear.is_clear(&left, &right), "through the sphere");
+    let way = clear.way(&left, &right).expect("a way over it");
+    assert!(way.len() > 1);
+    let (low, other) = (
+        at(Vector3::new(0.0, -0.12, -0.055)),
+        at(Vector3::new(0.0, 0.12, -0.055)),
+    );
+    assert!(!clear.is_clear(&low, &other), "through the post");
+    assert!(clear.is_clear(&low, &left), "out of the plate's margin");
+    let limits = Limits {
+        workspace_max_m: [10.0, chain.pose(&left).position.y - 0.001, 10.0],
+        ..Limits::default()
+    };
+    let fenced = Scene::new(&plan, &chain, 0, &limits, &[]);
+    let inside = at(Vector3::new(0.0, -0.2, 0.0));
+    assert!(fenced.is_clear(&left, &inside), "back in");
+}

@@ -1,0 +1,55 @@
+//! Recovery that does not push: retreat and return after pushes.
+
+use spherecal::lab::faults::worst::{self, WorstOptions};
+use spherecal::lab::faults::{Case, Ended, Finish, PEAK_N, SUSTAINED_N};
+use spherecal::sim::inject::{Entry, FaultPlan, InjectedFault, When};
+use spherecal_shared::protocol::host::Phase;
+
+fn one(what: InjectedFault, name: Phase, entry: u32, after_s: f64, for_s: f64) -> FaultPlan {
+    FaultPlan {
+        seed: 1,
+        host_link: None,
+        faults: vec![Entry {
+            what,
+            when: When::Phase { name, entry, after_s },
+            for_s: Some(for_s),
+        }],
+    }
+}
+
+// Fails if a run in which a person pushes the nest off its sphere, to any side and at any pose, ends
+// without all poses or a reason, or if the arm presses on the sphere in its recovery.
+#[test]
+fn a_push_off_the_sphere_is_recovered_without_pressing() {
+    let case = Case::new(2, Finish::Record).expect("a case");
+    for entry in 1..=6u32 {
+        let angle = f64::from(entry) * 1.1;
+        let push = InjectedFault::HumanPush {
+            force_n: [50.0 * angle.cos(), 50.0 * angle.sin(), 0.0],
+        };
+        let trial = case.run(&one(push, Phase::Recording, entry, 0.1, 0.5)).expect("a run");
+        assert_eq!(trial.ended, Ended::Finished, "entry {entry}: {:?}", trial.faults);
+        assert!(trial.bad.is_empty(), "{:?}", trial.bad);
+        assert!(
+            trial.sustained_n <= SUSTAINED_N && trial.pressed_n <= PEAK_N,
+            "entry {entry}: {} N for 0.3 s, {} N at most",
+            trial.sustained_n,
+            trial.pressed_n
+        );
+    }
+}
+
+// Fails if the search for the worst push finds one after which the arm presses, or a run that ends
+// without a reason.
+#[test]
+#[ignore = "slow: 48 runs"]
+fn slow_the_worst_pushes_do_not_make_the_arm_press() {
+    let table = worst::run(&WorstOptions {
+        only: vec!["human_push".to_owned()],
+        runs: 48,
+        seeds: 3,
+        progress: false,
+    })
+    .expect("a search");
+    assert!(table.holds(), "{table}");
+}
