@@ -74,13 +74,6 @@ impl Places {
         0.0
     }
 
-    /// Whether a visit has coupled in this session.
-    pub(super) fn has_coupled(&self, visit: &Visit) -> bool {
-        self.first.iter().any(|(sphere, place, joints, _)| {
-            (*sphere, *place) == (visit.sphere_id, visit.place) && *joints == visit.approach.joints
-        })
-    }
-
     /// Compares a coupling at `centre_m` (F0) with earlier ones.
     pub(super) fn check(&mut self, visit: &Visit, centre_m: &[f64; 3]) -> Result<(), CampaignError> {
         let (nominal, measured) = (Vector3::from(visit.position_m), Vector3::from(*centre_m));
@@ -141,7 +134,6 @@ mod tests {
         assert!(moved > SHIFTED_M && (moved - 3e-4).abs() < 1e-9, "{moved}");
         let mut other = one.clone();
         other.approach.joints[2] = -0.5;
-        assert!(places.has_coupled(&one) && !places.has_coupled(&other));
         assert_eq!(places.shift_m(&other, &[0.403, 0.0, 0.3]), 0.0);
     }
 
