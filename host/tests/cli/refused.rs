@@ -279,14 +279,10 @@ fn judges_that_judge_nothing_are_refused() {
 }
 
 /// A whole run without a tracker that is not to be trusted, with its reasons.
-fn not_trusted(poses: &str, inject: Option<&str>, words: &[&str]) {
+fn not_trusted(poses: &str, words: &[&str]) {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("cell.toml"), "[laser]\nenabled = false\n").expect("written");
-    let mut arguments = vec!["run", "--seed", "1", "--poses", poses, "--config", "cell.toml"];
-    if let Some(plan) = inject {
-        std::fs::write(folder.path().join("faults.toml"), plan).expect("written");
-        arguments.extend(["--inject", "faults.toml"]);
-    }
+    let arguments = ["run", "--seed", "1", "--poses", poses, "--config", "cell.toml"];
     let output = spherecal(folder.path(), &arguments);
     let said = text(&output.stdout);
     assert_eq!(output.status.code(), Some(3), "{said}{}", text(&output.stderr));
@@ -308,13 +304,25 @@ fn not_trusted(poses: &str, inject: Option<&str>, words: &[&str]) {
 // and not to be trusted.
 #[test]
 fn a_run_of_three_poses_is_not_trusted() {
-    not_trusted("3", None, &["3 rows are too few", "one sphere cannot tell the scale"]);
+    not_trusted("3", &["3 rows are too few", "one sphere cannot tell the scale"]);
 }
 
-// Fails if a run is trusted in which a sphere moved by 3 mm under the nest.
+// Fails if a run in which a sphere moved by 3 mm under the nest goes on, or ends without the sphere, the size and the
+// remedy.
 #[test]
-fn a_run_with_a_sphere_that_moved_is_not_trusted() {
+fn a_run_stops_where_a_sphere_has_moved() {
+    let folder = tempfile::tempdir().expect("a folder");
     let plan = "[[fault]]\n[fault.what.sphere_moved]\nby_m = [0.003, 0.0, 0.0]\nover_s = 0.2\n\
                 [fault.when.phase]\nname = \"recording\"\nentry = 20\nafter_s = 0.5\n";
-    not_trusted("60", Some(plan), &["it moves the calibrated TCP by"]);
+    std::fs::write(folder.path().join("faults.toml"), plan).expect("written");
+    let output = spherecal(folder.path(), &["run", "--seed", "1", "--inject", "faults.toml"]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{}{said}", text(&output.stdout));
+    for word in ["sphere 1 is 2.9", "limit 0.20 mm", "begin a new run"] {
+        assert!(said.contains(word), "\"{word}\" is not said: {said}");
+    }
+    assert!(
+        !folder.path().join("spherecal-out/calibrated.urdf").exists(),
+        "no file of a calibration that did not end"
+    );
 }

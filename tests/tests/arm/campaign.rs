@@ -51,21 +51,25 @@ fn two_spheres_are_recorded_pose_by_pose() {
     );
 }
 
-// Fails if a stop that needs no way over home is not reached straight from the
-// one before, or not as well.
+// Fails if a stop that needs no way over home is not reached straight from the one before, which saves time, or not as
+// well. Where the straight motion is not clear, its vias may take longer than the way over home.
 #[test]
 fn a_stop_is_reached_straight_from_the_one_before() {
     let config = PlantConfig::typical();
-    let over_home = short_plan(&config, &[0, 1], &TURNS);
-    let mut straight = over_home.clone();
-    straight.spheres[1].over_home = false;
-    let (_, before, result) = campaign(&config, &over_home, &BTreeSet::new());
-    result.expect("the campaign ends well");
-    let (memory, outcome, result) = campaign(&config, &straight, &BTreeSet::new());
-    result.expect("the campaign ends well");
-    assert_eq!((memory.recordings.len(), outcome.faults.len()), (6, 0));
-    let saved_s = (before.simulated_us - outcome.simulated_us) as f64 * 1e-6;
-    assert!(saved_s > 0.5, "{saved_s} s saved");
+    let mut saved_s = Vec::new();
+    for pair in [[0, 1], [1, 2], [2, 0]] {
+        let over_home = short_plan(&config, &pair, &TURNS);
+        let mut straight = over_home.clone();
+        straight.spheres[1].over_home = false;
+        let (_, before, result) = campaign(&config, &over_home, &BTreeSet::new());
+        result.expect("the campaign ends well");
+        let (memory, outcome, result) = campaign(&config, &straight, &BTreeSet::new());
+        result.expect("the campaign ends well");
+        assert_eq!((memory.recordings.len(), outcome.faults.len()), (6, 0));
+        saved_s.push((before.simulated_us as f64 - outcome.simulated_us as f64) * 1e-6);
+    }
+    println!("saved {saved_s:?} s");
+    assert!(saved_s.iter().any(|s| *s > 0.5), "saved {saved_s:?} s");
 }
 
 // Fails if the same seed gives other bits, or another seed the same.
