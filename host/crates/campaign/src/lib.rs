@@ -32,6 +32,7 @@ mod procedure;
 mod recover;
 pub mod recovery;
 mod rejects;
+mod retreat;
 mod retry;
 mod session;
 mod teach;

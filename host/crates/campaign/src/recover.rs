@@ -7,6 +7,7 @@ use super::CampaignError;
 use super::observe::Stage;
 use super::procedure::{Campaign, joints};
 use super::recovery::policy;
+use super::retreat::retreat;
 use super::session::Session;
 use spherecal_plan::{Scene, Visit};
 
@@ -79,14 +80,18 @@ impl Campaign<'_> {
     }
 
     /// Direction of approach opposite to the best retreat from the sphere of `visit`: one that comes
-    /// no nearer to anything and leaves the joints room.
+    /// no nearer to anything and leaves the joints room; where there is none, the one that leaves
+    /// them most.
     fn way_off(&self, session: &Session<'_>, visit: &Visit) -> [f64; 3] {
         let straight = visit.approach_direction;
         let (Some(scene), Some(q)) = (self.scene(), self.posture(session)) else {
             return straight;
         };
         let length_m = self.assignment.procedure.decouple.retreat_m;
-        scene.retreat(&q, straight, length_m).0
+        match (scene.retreat(&q, straight, length_m), self.waypoints.chain()) {
+            ((_, false), Some(chain)) => retreat(chain, self.assignment.procedure, &q, straight),
+            ((direction, _), _) => direction,
+        }
     }
 
     /// Decouples from the sphere of `visit` after a fault, away from what the nest touches and in a

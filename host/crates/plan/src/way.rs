@@ -33,8 +33,6 @@ const TILTS: [f64; 4] = [0.5 * FRAC_PI_4, FRAC_PI_4, 1.4 * FRAC_PI_4, 1.8 * FRAC
 const DIRECTIONS: u32 = 8;
 /// Distance that a joint keeps to the limit at which it faults while the arm retreats, in rad.
 const ROOM_RAD: f64 = 0.03;
-/// Weight of a joint's missing room against missing distance to the cell.
-const JOINTS_FIRST: f64 = 10.0;
 
 impl Scene {
     /// By how much the joint motion through these angles (rad) comes too near to something, in m.
@@ -256,8 +254,7 @@ impl Scene {
         let end = self.clearances(path.last()?);
         let near = self.too_near(&refs, &vec![0.0; end.len()]);
         let near = if near <= SLACK_M { 0.0 } else { near };
-        // The last clearance is that of the joints. They need their room on the whole way: a joint at its limit ends the
-        // retreat in a fault, so this outweighs the rest.
+        // The last clearance is that of the joints. They need their room on the whole way.
         let (_, rest) = end.split_last()?;
         let left = rest.iter().copied().fold(f64::INFINITY, f64::min).min(0.0);
         let room = path[1..]
@@ -265,7 +262,7 @@ impl Scene {
             .filter_map(|q| self.clearances(q).last().copied())
             .fold(f64::INFINITY, f64::min);
         let tight = (0.5 * ROOM_RAD - room).max(0.0);
-        Some(near - left + JOINTS_FIRST * tight)
+        Some(near - left + tight)
     }
 
     /// Direction from the tool to the ball that is nearest to it, if one is near: that in which the
