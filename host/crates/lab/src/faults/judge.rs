@@ -27,7 +27,7 @@ pub const CONTACT_N: f64 = 280.0;
 pub const HELD_N: f64 = 140.0;
 /// Duration from which a contact is quasi-static instead of transient, in s.
 pub const HELD_S: f64 = 0.5;
-/// Force with which the arm may press for [`SUSTAINED_TICKS`], and for 10 ms, in N, after a fault. The
+/// Force with which the arm may press for 0.3 s, and for 10 ms, in N, after a fault. The
 /// pull of the magnet does not count, nor what an injected push adds while it lasts.
 pub const SUSTAINED_N: f64 = 20.0;
 /// See [`SUSTAINED_N`].
