@@ -318,7 +318,7 @@ fn a_run_stops_where_a_sphere_has_moved() {
     let output = spherecal(folder.path(), &["run", "--seed", "1", "--inject", "faults.toml"]);
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{}{said}", text(&output.stdout));
-    for word in ["sphere 1 is 2.9", "limit 0.20 mm", "begin a new run"] {
+    for word in ["sphere 2 is 2.9", "limit 0.20 mm", "begin a new run"] {
         assert!(said.contains(word), "\"{word}\" is not said: {said}");
     }
     assert!(
