@@ -1,13 +1,21 @@
-//! A study of the verdict: how often it refuses honest runs, and how often it names small
-//! causes, at the default plan. It prints the figures that `docs/theory.md` states.
+//! A study of the verdict: how often it refuses honest runs, how often it names small causes,
+//! and how often the interval of the expected error holds the true error. It prints the figures
+//! that `docs/theory.md` states.
+//!
+//! The environment can name the first seed and the number of robots of each world, so that a
+//! change can be designed on some robots and measured on others:
+//! `VERDICT_SEEDS=4000:40 cargo test --release -p spherecal-tests --test identify -- --ignored
+//! study_of --nocapture`.
 
 use nalgebra::{Matrix3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use spherecal::identify::validate::Alignment;
-use spherecal::identify::{EvaluateOptions, Recordings, Verdict, evaluate};
-use spherecal::lab::worlds::{PlannedPose, Trial, planned_poses, record_poses};
+use spherecal::identify::{EvaluateOptions, Recordings, Verdict, evaluate, fit_pose};
+use spherecal::lab::worlds::{PlannedPose, Trial, planned_poses, record_plant};
 use spherecal::model::Chain;
 use spherecal::plan::{Cell, DesignRequest, design};
+use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::worlds::World;
 
 /// Checks that name a cause.
@@ -22,41 +30,42 @@ const CAUSES: [&str; 8] = [
     "joint_region",
 ];
 
-/// The contacts of a trial alone, as a user without a tracker has them.
-fn verdict(trial: &Trial) -> Verdict {
-    let mut recordings = Recordings::from(trial);
-    recordings.tracker = None;
-    let options = EvaluateOptions {
-        align: false,
-        ..EvaluateOptions::default()
-    };
-    let evaluation = evaluate(&recordings, &options, &mut |_| {}).expect("readable data");
-    evaluation.verdict
+/// What is wrong with a cell, besides what its world says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Broken {
+    Nothing,
+    /// One coordinate of the certificate is wrong (m), in the plane of the spheres: normal to it,
+    /// three spheres cannot tell a wrong coordinate from a plate that is tilted.
+    Certificate(f64),
+    /// The plate slips half way (m).
+    Slip(f64),
+    /// The plate drifts from first to last contact (m).
+    Drift(f64),
+    /// The TCP sags by this (m) times the square of joint 2's angle.
+    Deflection(f64),
+    /// A share of the contacts is 3 to 6 mm off.
+    Outliers(f64),
+    /// Each joint's error depends on another joint (rad).
+    CrossJoint(f64),
+    /// Joint deflection has a term quadratic in the torque (rad/(N m)²).
+    Quadratic(f64),
+    /// Harmonics of orders 3 to 6 (rad each).
+    Harmonics(f64),
 }
 
-/// True mean error (mm) of the same calibration: on the validation points, base fitted.
-fn true_error_mm(trial: &Trial) -> f64 {
-    let options = EvaluateOptions {
-        align: false,
-        cross_validate: false,
-        diagnose: false,
-        ..EvaluateOptions::default()
-    };
-    let evaluation = evaluate(&Recordings::from(trial), &options, &mut |_| {}).expect("readable data");
-    let table = evaluation.table().expect("measured").clone();
-    table
-        .model("sphere")
-        .expect("fitted")
-        .statistics(Alignment::BestFit)
-        .mean_mm
+/// A robot that was calibrated: what its user reads, and the truth.
+struct Outcome {
+    seed: u64,
+    verdict: Verdict,
+    true_mm: f64,
 }
 
-/// Moves the plate by `by` (F0, m) in the second half of the contacts: the arm follows.
-fn slip(trial: &mut Trial, by: Vector3<f64>) {
+/// Moves what the contacts touch by `by(index, q)` (F0, m): the arm follows.
+fn move_contacts(trial: &mut Trial, mut by: impl FnMut(usize, &[f64]) -> Vector3<f64>) {
     let experiment = &mut trial.spheres;
     let chain = Chain::unchecked(&experiment.robot, &experiment.tool);
-    let half = experiment.observations.len() / 2;
-    for observation in experiment.observations.iter_mut().skip(half) {
+    for (index, observation) in experiment.observations.iter_mut().enumerate() {
+        let by = by(index, &observation.q);
         let tcp = chain.pose(&observation.q).position;
         let frames = chain.frames(&observation.q);
         let columns: Vec<Vector3<f64>> = frames.iter().map(|f| f.z().cross(&(tcp - f.position))).collect();
@@ -68,69 +77,214 @@ fn slip(trial: &mut Trial, by: Vector3<f64>) {
     }
 }
 
+/// Displacement of the TCP (F0, m) where it sags.
+fn sag(size: f64, q: &[f64]) -> Vector3<f64> {
+    Vector3::z() * (-size * q[1] * q[1])
+}
+
+fn record(world: World, broken: Broken, seed: u64, poses: &[PlannedPose]) -> Trial {
+    let mut plant = PlantConfig { seed, ..world.plant() };
+    match broken {
+        Broken::CrossJoint(rad) => plant.encoder.cross_rad = rad,
+        Broken::Quadratic(size) => plant.compliance.quadratic_rad_per_nm2 = size,
+        Broken::Harmonics(rad) => plant.encoder.harmonic_rad.extend([rad; 4]),
+        _ => {}
+    }
+    let mut trial = record_plant(world, plant, poses).expect("the built-in worlds work");
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let angle = random.random_range(0.0..core::f64::consts::TAU);
+    let sideways = Vector3::new(angle.cos(), angle.sin(), 0.0);
+    let last = (poses.len() - 1) as f64;
+    match broken {
+        Broken::Certificate(size) => {
+            let (sphere, axis) = [(1, 0), (2, 0), (2, 1), (0, 0), (1, 1)][seed as usize % 5];
+            trial.spheres.spheres[sphere].position_m[axis] += size;
+        }
+        Broken::Slip(size) => move_contacts(&mut trial, |k, _| {
+            if k < poses.len() / 2 {
+                Vector3::zeros()
+            } else {
+                sideways * size
+            }
+        }),
+        Broken::Drift(size) => move_contacts(&mut trial, |k, _| sideways * (size * k as f64 / last)),
+        Broken::Deflection(size) => {
+            // A TCP that sags stands on the sphere where its model would be above it.
+            move_contacts(&mut trial, |_, q| -sag(size, q));
+            let base = trial.base();
+            let points = trial.validation.iter().zip(&mut trial.validation_truth_m);
+            for (measured, truth) in points {
+                let moved = Vector3::from(*truth) + base.rotation * sag(size, &measured.q);
+                *truth = moved.into();
+            }
+        }
+        Broken::Outliers(share) => move_contacts(&mut trial, |_, _| {
+            let roll: f64 = random.random();
+            let along = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0)).normalize();
+            let far = random.random_range(3e-3..6e-3);
+            if roll < share { along * far } else { Vector3::zeros() }
+        }),
+        Broken::Nothing | Broken::CrossJoint(_) | Broken::Quadratic(_) | Broken::Harmonics(_) => {}
+    }
+    trial
+}
+
+/// The contacts of a trial alone, as a user without a tracker has them, and the mean error of the
+/// result at the points that a tracker would validate by, with the base fitted to them.
+fn outcome(trial: &Trial, judged: bool) -> Outcome {
+    let mut recordings = Recordings::from(trial);
+    recordings.tracker = None;
+    let options = EvaluateOptions {
+        align: false,
+        cross_validate: judged,
+        ..EvaluateOptions::default()
+    };
+    let evaluation = evaluate(&recordings, &options, &mut |_| {}).expect("readable data");
+    let points = trial.validation.iter();
+    let predicted: Vec<Vector3<f64>> = points.map(|m| evaluation.calibration.tcp_m(&m.q, None)).collect();
+    let real: Vec<Vector3<f64>> = trial.validation_truth_m.iter().map(|p| Vector3::from(*p)).collect();
+    let pose = fit_pose(&predicted, &real).expect("spread points");
+    let errors = predicted.iter().zip(&real).map(|(p, r)| (pose.point(p) - r).norm());
+    Outcome {
+        seed: trial.seed,
+        verdict: evaluation.verdict,
+        true_mm: errors.sum::<f64>() / real.len() as f64 * 1e3,
+    }
+}
+
 fn default_plan() -> Vec<PlannedPose> {
     let plan = design(&Cell::iiwa7(), &DesignRequest::new(150)).expect("the built-in cell is plannable");
     planned_poses(&plan)
 }
 
-// Prints the study. Fails if more than one of 40 honest runs is refused, or if a wrong
-// coordinate of 0.2 mm or a slip of 0.3 mm is named in fewer than 9 of 10 runs.
+/// First seed and number of robots, by the environment where it names them.
+fn seeds(first: u64, count: u64) -> std::ops::Range<u64> {
+    let asked = std::env::var("VERDICT_SEEDS").unwrap_or_default();
+    let numbers: Vec<u64> = asked.split(':').filter_map(|n| n.parse().ok()).collect();
+    match numbers[..] {
+        [first, count] => first..first + count,
+        _ => first..first + count,
+    }
+}
+
+/// All robots of one world.
+fn outcomes(
+    world: World,
+    broken: Broken,
+    seeds: std::ops::Range<u64>,
+    poses: &[PlannedPose],
+    judged: bool,
+) -> Vec<Outcome> {
+    let robot = |seed| outcome(&record(world, broken, seed, poses), judged);
+    seeds.into_par_iter().map(robot).collect()
+}
+
+/// Prints how the stated error agrees with the truth; returns the share of intervals that hold it.
+fn coverage(name: &str, found: &[Outcome]) -> f64 {
+    let (mut low, mut high, mut inside) = (0, 0, 0);
+    let mut ratios = Vec::new();
+    for outcome in found {
+        let e = outcome.verdict.expected_error_mm.expect("computed");
+        println!(
+            "  {name} {}: expected {:.3} ({:.3} to {:.3}), true {:.3}",
+            outcome.seed, e.mean, e.interval[0], e.interval[1], outcome.true_mm
+        );
+        low += usize::from(outcome.true_mm < e.interval[0]);
+        high += usize::from(outcome.true_mm > e.interval[1]);
+        inside += usize::from((e.interval[0]..=e.interval[1]).contains(&outcome.true_mm));
+        ratios.push(outcome.true_mm / e.mean);
+    }
+    ratios.sort_by(f64::total_cmp);
+    println!(
+        "{name}: {inside} of {} intervals hold the truth, {low} above it, {high} below it; true over expected: median \
+         {:.2}, {:.2} to {:.2}",
+        found.len(),
+        ratios[ratios.len() / 2],
+        ratios[0],
+        ratios[ratios.len() - 1]
+    );
+    inside as f64 / found.len() as f64
+}
+
+// Prints the study. Fails if more than one of 40 honest runs is refused, if a wrong coordinate of
+// 0.2 mm or a slip of 0.3 mm is named in fewer than 9 of 10 runs, or if the interval of the expected
+// error holds the truth in fewer than 85 % of the sound robots.
 #[test]
 #[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
 fn study_of_the_verdict() {
     let poses = default_plan();
-    let mut refused = 0;
+    let (mut refused, mut inside, mut robots) = (0, 0.0, 0.0);
     for world in [World::W0, World::W1, World::W2, World::W3, World::W4] {
-        let found: Vec<(Verdict, f64)> = (2000..2008u64)
-            .into_par_iter()
-            .map(|seed| {
-                let trial = record_poses(world, seed, &poses).expect("the built-in worlds work");
-                (verdict(&trial), true_error_mm(&trial))
-            })
-            .collect();
-        for (seed, (verdict, truth)) in (2000..).zip(&found) {
-            let e = verdict.expected_error_mm.expect("computed");
-            println!(
-                "{world} {seed}: may be used {}, expected {:.3} ({:.3} to {:.3}), true {truth:.3} {}",
-                verdict.may_be_used,
-                e.mean,
-                e.interval[0],
-                e.interval[1],
-                if verdict.may_be_used { "" } else { &verdict.reasons[0] }
-            );
-            refused += usize::from(!verdict.may_be_used);
+        let found = outcomes(world, Broken::Nothing, seeds(2000, 8), &poses, true);
+        for outcome in found.iter().filter(|o| !o.verdict.may_be_used) {
+            println!("{world} {}: refused: {}", outcome.seed, outcome.verdict.reasons[0]);
+            refused += 1;
         }
+        inside += coverage(world.name(), &found) * found.len() as f64;
+        robots += found.len() as f64;
     }
-    println!("{refused} of 40 honest runs refused");
-    let certificate = |trial: &mut Trial, k: u64| {
-        let (sphere, axis) = [(1, 0), (2, 0), (2, 1), (2, 2), (1, 1)][k as usize % 5];
-        trial.spheres.spheres[sphere].position_m[axis] += 2e-4;
-    };
-    let slipped = |trial: &mut Trial, k: u64| {
-        let angle = k as f64 * 0.7;
-        slip(trial, Vector3::new(angle.cos(), angle.sin(), 0.0) * 3e-4);
-    };
-    type Inject<'a> = &'a (dyn Fn(&mut Trial, u64) + Sync);
-    let cases: [(&str, Inject<'_>); 2] = [("certificate 0.2 mm", &certificate), ("slip 0.3 mm", &slipped)];
-    let mut least = 10;
-    for (what, inject) in cases {
-        let found: Vec<Verdict> = (3000..3010u64)
-            .into_par_iter()
-            .map(|seed| {
-                let mut trial = record_poses(World::W0, seed, &poses).expect("the built-in worlds work");
-                inject(&mut trial, seed - 3000);
-                verdict(&trial)
-            })
-            .collect();
-        let cause = |v: &&Verdict| v.checks.iter().any(|c| CAUSES.contains(&c.name) && !c.passed);
+    println!("{refused} of {robots} honest runs refused");
+    let mut least = 1.0_f64;
+    for broken in [Broken::Certificate(2e-4), Broken::Slip(3e-4)] {
+        let found = outcomes(World::W0, broken, seeds(3000, 10), &poses, true);
+        let cause = |o: &&Outcome| {
+            let checks = &o.verdict.checks;
+            checks.iter().any(|c| CAUSES.contains(&c.name) && !c.passed)
+        };
         let named = found.iter().filter(cause).count();
-        let refused = found.iter().filter(|v| !v.may_be_used).count();
-        for v in &found {
-            println!("{what}: {}", v.reasons[0]);
+        let refused = found.iter().filter(|o| !o.verdict.may_be_used).count();
+        for outcome in &found {
+            println!("{broken:?} {}: {}", outcome.seed, outcome.verdict.reasons[0]);
         }
-        println!("{what}: named in {named} of 10, refused in {refused} of 10");
-        least = least.min(named);
+        println!("{broken:?}: named in {named} of {}, refused in {refused}", found.len());
+        least = least.min(named as f64 / found.len() as f64);
     }
     assert!(refused <= 1, "{refused} honest runs refused");
-    assert!(least >= 9, "{least} of 10 named");
+    assert!(least >= 0.9, "{least} named");
+    assert!(inside >= 0.85 * robots, "{inside} of {robots} intervals hold the truth");
+}
+
+// Prints how well the interval of the expected error holds in worlds that no model describes. Fails
+// if it holds the truth in fewer than 85 % of the robots of all these worlds together.
+#[test]
+#[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
+fn study_of_broken_worlds() {
+    let poses = default_plan();
+    let (mut inside, mut robots) = (0.0, 0.0);
+    for broken in [
+        Broken::Drift(3e-4),
+        Broken::Deflection(3e-4),
+        Broken::Deflection(1e-3),
+        Broken::CrossJoint(2e-4),
+        Broken::Quadratic(5e-8),
+        Broken::Harmonics(1.5e-4),
+        Broken::Outliers(0.1),
+    ] {
+        let found = outcomes(World::W0, broken, seeds(5000, 12), &poses, false);
+        inside += coverage(&format!("{broken:?}"), &found) * found.len() as f64;
+        robots += found.len() as f64;
+    }
+    assert!(inside >= 0.85 * robots, "{inside} of {robots} intervals hold the truth");
+}
+
+// Prints what twenty contacts scattered over the cell state, and the truth. Fails if the interval of
+// the expected error of a result that may be used does not hold the truth in 85 % of the robots.
+#[test]
+#[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
+fn study_of_twenty_rows() {
+    let all = default_plan();
+    let poses: Vec<PlannedPose> = all.iter().step_by(all.len().div_ceil(20)).cloned().collect();
+    let (mut inside, mut used) = (0, 0);
+    for world in [World::W0, World::W4] {
+        let found = outcomes(world, Broken::Nothing, seeds(6000, 10), &poses, true);
+        coverage(&format!("{world}, {} rows", poses.len()), &found);
+        for outcome in &found {
+            let e = outcome.verdict.expected_error_mm.expect("computed");
+            used += usize::from(outcome.verdict.may_be_used);
+            let holds = (e.interval[0]..=e.interval[1]).contains(&outcome.true_mm);
+            inside += usize::from(outcome.verdict.may_be_used && holds);
+        }
+    }
+    println!("{used} may be used; the interval of {inside} of them holds the truth");
+    assert!(inside as f64 >= 0.85 * used as f64, "{inside} of {used}");
 }

@@ -164,13 +164,22 @@ impl Noise {
     }
 }
 
-/// Like [`record`], with any recipe and with contacts at any poses.
+/// Like [`record`], with contacts at any poses.
 ///
 /// # Errors
 /// See [`WorldError`].
 pub fn record_poses(world: World, seed: u64, poses: &[PlannedPose]) -> Result<Trial, WorldError> {
+    record_plant(world, PlantConfig { seed, ..world.plant() }, poses)
+}
+
+/// Like [`record_poses`], with a robot drawn from `plant` (its seed included) instead of the
+/// world's own laws. `world` then only says how many contacts are bad.
+///
+/// # Errors
+/// See [`WorldError`].
+pub fn record_plant(world: World, plant: PlantConfig, poses: &[PlannedPose]) -> Result<Trial, WorldError> {
+    let seed = plant.seed;
     let planned = laser_plan(seed)?;
-    let plant = PlantConfig { seed, ..world.plant() };
     let reference: Vec<[f64; 7]> = planned.validation.iter().map(|q| joints(q)).collect();
     let truth = TrueCell::draw_on(&iiwa7(), &iiwa7_tool(), &plant, &reference)?;
     let (spheres, bad) = contacts(&truth, &plant, world, seed, poses)?;
