@@ -19,10 +19,12 @@ const SCALE: f64 = 0.02;
 /// torque (their data sheets' K1, K2, K3), so some of it is always there.
 const TORQUE_SCALE: f64 = 0.05;
 /// Factors on the priors of the model's own groups that are tried.
-pub(crate) const FACTORS: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+pub(crate) const FACTORS: [f64; 9] = [0.03125, 0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 /// How well the sigma of a group's prior is known, as a standard deviation of its
-/// logarithm: within a factor of two.
-pub(crate) const FACTOR_SIGMA: f64 = core::f64::consts::LN_2;
+/// logarithm. That of lengths, twists and offsets, which are made and measured: within a
+/// factor of two. That of effects, which an arm may not have at all: within a factor of
+/// four.
+const FACTOR_SIGMA: [f64; 2] = [core::f64::consts::LN_2, 2.0 * core::f64::consts::LN_2];
 /// Columns that a wide cause keeps: those along which the data vary most.
 const KEPT: usize = 12;
 
@@ -44,14 +46,25 @@ pub(crate) struct Component {
     pub(crate) gain: f64,
 }
 
+/// What a group of parameters describes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum GroupOf {
+    /// Lengths of links.
+    Lengths,
+    /// Twists, offsets, frames.
+    Geometry,
+    /// Compliance, bending, harmonics.
+    Effects,
+}
+
 /// A group of the model's own parameters that share how well their prior is known.
 #[derive(Clone)]
 pub(crate) struct Group {
     pub(crate) columns: Vec<usize>,
     /// Whether the factor may differ from 1.
     pub(crate) open: bool,
-    /// Whether these are lengths.
-    pub(crate) lengths: bool,
+    /// What these are.
+    pub(crate) of: GroupOf,
     pub(crate) posterior: [f64; FACTORS.len()],
     pub(crate) factor: f64,
 }
@@ -123,14 +136,20 @@ impl Component {
 
 impl Group {
     /// A group of columns; a closed one keeps its prior.
-    pub(crate) fn new(columns: Vec<usize>, open: bool, lengths: bool) -> Self {
+    pub(crate) fn new(columns: Vec<usize>, open: bool, of: GroupOf) -> Self {
         Self {
             columns,
             open,
-            lengths,
+            of,
             posterior: FACTORS.map(|f| f64::from(u8::from(f == 1.0))),
             factor: 1.0,
         }
+    }
+
+    /// Logarithm of the prior density of a factor, up to a constant.
+    pub(crate) fn log_prior(&self, factor: f64) -> f64 {
+        let sigma = FACTOR_SIGMA[usize::from(self.of == GroupOf::Effects)];
+        -0.5 * (factor.ln() / sigma).powi(2)
     }
 
     /// A factor by its posterior; `u` in [0, 1).

@@ -17,11 +17,16 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::causes::{Cause, Moment, shapes};
-use super::component::{Component, FACTOR_SIGMA, FACTORS, GRID, Group, block_posterior, component, half_cauchy, noise};
+use super::component::{Component, FACTORS, GRID, Group, block_posterior, component, half_cauchy, noise};
 use super::course::Course;
 use super::dense::{Factor, transposed_product};
 use super::linear::{Linear, Posture};
 use crate::error::IdentifyError;
+
+/// Robust weight below which a row is a gross error.
+const GROSS: f64 = 0.1;
+/// Median of chi-square with three degrees of freedom.
+const CHI_SQUARE_3_MEDIAN: f64 = 2.365_974;
 
 /// Sweeps over all amplitudes, before and after the groups' factors are found.
 const SWEEPS: (usize, usize) = (6, 3);
@@ -39,6 +44,8 @@ pub(crate) struct Discrepancy {
     pub(crate) m: usize,
     /// Noise variance with all that.
     pub(crate) s2: f64,
+    /// Variance of a sound pose's noise, in units of the whitening without robust weights.
+    pub(crate) pose_s2: f64,
     /// Degrees of freedom that it rests on.
     pub(crate) freedom: f64,
     /// Root mean square displacement of the TCP by the noise of one observation, in m.
@@ -86,6 +93,7 @@ impl Discrepancy {
             w,
             m,
             s2: linear.s2,
+            pose_s2: linear.s2,
             freedom: 1.0,
             noise_m,
             named: 0,
@@ -152,7 +160,7 @@ impl Discrepancy {
             log -= (component.amplitude / scale).powi(2).ln_1p();
         }
         for group in self.groups.iter().filter(|g| g.open) {
-            log -= 0.5 * (group.factor.ln() / FACTOR_SIGMA).powi(2);
+            log += group.log_prior(group.factor);
         }
         Ok(log)
     }
@@ -322,7 +330,6 @@ impl Discrepancy {
         let d = self.sigmas(|_| true);
         let (g, b) = self.eliminated(&d, (0, self.m), (self.m, self.w.ncols() - self.m))?;
         let (k, v) = self.marginal(&g, &b, &d.rows(0, self.m).into_owned())?;
-        let prior = FACTORS.map(|f| (-0.5 * (f.ln() / FACTOR_SIGMA).powi(2)).exp());
         for group in self.groups.iter_mut().filter(|g| g.open && !g.columns.is_empty()) {
             let block = k.select_rows(&group.columns).select_columns(&group.columns);
             let (posterior, _) = block_posterior(
@@ -330,7 +337,7 @@ impl Discrepancy {
                 &v.select_rows(&group.columns),
                 group.factor.powi(2),
                 FACTORS.map(|f| f * f),
-                prior,
+                FACTORS.map(|f| group.log_prior(f).exp()),
             );
             let log: f64 = posterior.iter().zip(FACTORS).map(|(p, f)| p * f.ln()).sum();
             group.posterior = posterior;
@@ -352,6 +359,7 @@ impl Discrepancy {
         let rows = 3.0 * linear.rows.iter().map(|p| p.weight.min(1.0)).sum::<f64>();
         self.freedom = (rows - determined).max(1.0);
         self.s2 = (residual.norm_squared() / self.freedom).max(1e-8);
+        self.pose_s2 = pose_variance(linear, &residual, rows / self.freedom).unwrap_or(self.s2);
         Ok(())
     }
 
@@ -368,4 +376,28 @@ impl Discrepancy {
         }
         (z, rest)
     }
+}
+
+/// Variance of a sound pose's noise from the residuals (weighted, 3n), in units of the whitening
+/// without robust weights; `share` is rows over degrees of freedom. None without sound rows.
+///
+/// Robust weights bend the weighted sum of squares: of data with gross errors, rows that agree
+/// weigh more than 1. The median of the squares of the sound rows is free of that.
+fn pose_variance(linear: &Linear, residual: &DVector<f64>, share: f64) -> Option<f64> {
+    let sound = |row: &super::linear::LinearRow| row.weight >= GROSS;
+    let squares = linear.rows.iter().enumerate().filter(|(_, row)| sound(row));
+    let mut squares: Vec<f64> = squares
+        .map(|(k, row)| residual.rows(3 * k, 3).norm_squared() / row.weight)
+        .collect();
+    if squares.is_empty() {
+        return None;
+    }
+    let count = squares.len();
+    let variance = if count == linear.rows.len() {
+        squares.iter().sum::<f64>() / (3.0 * count as f64)
+    } else {
+        squares.sort_unstable_by(f64::total_cmp);
+        squares[count / 2] / CHI_SQUARE_3_MEDIAN
+    };
+    Some((variance * share).max(1e-8))
 }

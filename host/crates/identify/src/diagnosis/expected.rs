@@ -175,7 +175,7 @@ impl Field {
                         column.gemv(*amplitude, block, &white, 1.0);
                     }
                 }
-                let sigma = (s2 * linear.joint_variance).sqrt();
+                let sigma = (discrepancy.pose_s2 * s2 / discrepancy.s2 * linear.joint_variance).sqrt();
                 for (k, (_, posture)) in configurations.iter().enumerate() {
                     let white: DVector<f64> = normal(posture.joints.len());
                     for (along, z) in posture.joints.iter().zip(white.iter()) {

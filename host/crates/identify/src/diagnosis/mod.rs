@@ -22,7 +22,7 @@ pub use scan::{FamilyTest, Finding};
 use nalgebra::{DMatrix, DVector, Vector3};
 use serde::Serialize;
 
-use self::component::Group;
+use self::component::{Group, GroupOf};
 use self::dense::{Factor, transposed_product};
 use self::discrepancy::Discrepancy;
 use self::expected::{Field, Rigid};
@@ -141,7 +141,12 @@ fn groups(table: &[Parameter]) -> Vec<Group> {
         columns[key(&parameter.kind)][usize::from(parameter.set_by_user)].push(i);
     }
     let group = |(key, [own, given]): (usize, [Vec<usize>; 2])| {
-        [Group::new(own, key < 9, key == 0), Group::new(given, false, key == 0)]
+        let of = match key {
+            0 => GroupOf::Lengths,
+            1 | 2 | 9 => GroupOf::Geometry,
+            _ => GroupOf::Effects,
+        };
+        [Group::new(own, key < 9, of), Group::new(given, false, of)]
     };
     let found = columns.into_iter().enumerate().flat_map(group);
     found.filter(|g| !g.columns.is_empty()).collect()

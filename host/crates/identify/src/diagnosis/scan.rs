@@ -16,6 +16,7 @@ use serde::Serialize;
 use super::alternatives::{Alternative, Family};
 use super::causes::Cause;
 use super::columns::alternatives;
+use super::component::GroupOf;
 use super::course::Course;
 use super::dense::transposed_product;
 use super::discrepancy::Discrepancy;
@@ -128,7 +129,12 @@ pub(crate) fn scan(
     let mut families = Selection::new(model.s2, count, &trials).families();
     let mut plain = model.sigmas(|_| false);
     // Lengths keep their prior: it is what the scale is tested against.
-    for &c in model.groups.iter().filter(|g| g.lengths).flat_map(|g| &g.columns) {
+    for &c in model
+        .groups
+        .iter()
+        .filter(|g| g.of == GroupOf::Lengths)
+        .flat_map(|g| &g.columns)
+    {
         plain[c] = 1.0;
     }
     prepare(linear, &model, &plain, linear.s2, &mut trials)?;
