@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::causes::{Cause, Moment, Shape};
 use super::course::Course;
 use super::dense::transposed_product;
-use super::linear::{Linear, Posture};
+use super::linear::{Linear, LinearRow, Posture};
 
 /// Amplitudes that are tried: root mean square of the TCP's displacement over the
 /// observations, in units of the noise of one observation.
@@ -25,6 +25,10 @@ pub(crate) const FACTORS: [f64; 9] = [0.03125, 0.0625, 0.125, 0.25, 0.5, 1.0, 2.
 /// factor of two. That of effects, which an arm may not have at all: within a factor of
 /// four.
 const FACTOR_SIGMA: [f64; 2] = [core::f64::consts::LN_2, 2.0 * core::f64::consts::LN_2];
+/// Robust weight below which a row is a gross error.
+const GROSS: f64 = 0.1;
+/// Median of chi-square with three degrees of freedom.
+const CHI_SQUARE_3_MEDIAN: f64 = 2.365_974;
 /// Columns that a wide cause keeps: those along which the data vary most.
 const KEPT: usize = 12;
 
@@ -181,6 +185,30 @@ pub(crate) fn noise(linear: &Linear) -> f64 {
         weight += row.weight;
     }
     (sum / f64::max(weight, 1e-12) * linear.s2).sqrt().max(1e-9)
+}
+
+/// Variance of a sound pose's noise from the residuals (weighted, 3n), in units of the whitening
+/// without robust weights; `share` is rows over degrees of freedom. None without sound rows.
+///
+/// Robust weights bend the weighted sum of squares: of data with gross errors, rows that agree
+/// weigh more than 1. The median of the squares of the sound rows is free of that.
+pub(crate) fn pose_variance(linear: &Linear, residual: &DVector<f64>, share: f64) -> Option<f64> {
+    let sound = |row: &LinearRow| row.weight >= GROSS;
+    let squares = linear.rows.iter().enumerate().filter(|(_, row)| sound(row));
+    let mut squares: Vec<f64> = squares
+        .map(|(k, row)| residual.rows(3 * k, 3).norm_squared() / row.weight)
+        .collect();
+    if squares.is_empty() {
+        return None;
+    }
+    let count = squares.len();
+    let variance = if count == linear.rows.len() {
+        squares.iter().sum::<f64>() / (3.0 * count as f64)
+    } else {
+        squares.sort_unstable_by(f64::total_cmp);
+        squares[count / 2] / CHI_SQUARE_3_MEDIAN
+    };
+    Some((variance * share).max(1e-8))
 }
 
 /// A cause on the data: its component and its block of `Z`; `None` where it does

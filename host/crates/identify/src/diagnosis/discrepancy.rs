@@ -17,16 +17,13 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::causes::{Cause, Moment, shapes};
-use super::component::{Component, FACTORS, GRID, Group, block_posterior, component, half_cauchy, noise};
+use super::component::{
+    Component, FACTORS, GRID, Group, block_posterior, component, half_cauchy, noise, pose_variance,
+};
 use super::course::Course;
 use super::dense::{Factor, transposed_product};
 use super::linear::{Linear, Posture};
 use crate::error::IdentifyError;
-
-/// Robust weight below which a row is a gross error.
-const GROSS: f64 = 0.1;
-/// Median of chi-square with three degrees of freedom.
-const CHI_SQUARE_3_MEDIAN: f64 = 2.365_974;
 
 /// Sweeps over all amplitudes, before and after the groups' factors are found.
 const SWEEPS: (usize, usize) = (6, 3);
@@ -376,28 +373,4 @@ impl Discrepancy {
         }
         (z, rest)
     }
-}
-
-/// Variance of a sound pose's noise from the residuals (weighted, 3n), in units of the whitening
-/// without robust weights; `share` is rows over degrees of freedom. None without sound rows.
-///
-/// Robust weights bend the weighted sum of squares: of data with gross errors, rows that agree
-/// weigh more than 1. The median of the squares of the sound rows is free of that.
-fn pose_variance(linear: &Linear, residual: &DVector<f64>, share: f64) -> Option<f64> {
-    let sound = |row: &super::linear::LinearRow| row.weight >= GROSS;
-    let squares = linear.rows.iter().enumerate().filter(|(_, row)| sound(row));
-    let mut squares: Vec<f64> = squares
-        .map(|(k, row)| residual.rows(3 * k, 3).norm_squared() / row.weight)
-        .collect();
-    if squares.is_empty() {
-        return None;
-    }
-    let count = squares.len();
-    let variance = if count == linear.rows.len() {
-        squares.iter().sum::<f64>() / (3.0 * count as f64)
-    } else {
-        squares.sort_unstable_by(f64::total_cmp);
-        squares[count / 2] / CHI_SQUARE_3_MEDIAN
-    };
-    Some((variance * share).max(1e-8))
 }
