@@ -13,7 +13,7 @@ const MODELS: [(&str, &str); 6] = [
     ("laser", "laser tracker, geometry"),
     ("laser_full", "laser tracker, full model"),
     ("paper_nelder_mead", "spheres, the paper's simplex"),
-    ("bound", "bound (errors' laws known)"),
+    ("known_laws", "spheres, errors' laws known"),
 ];
 
 /// The result of a run.

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording};
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::bound::bound_options;
 use super::course::course;
+use super::known_laws::known_laws_options;
 use super::link_record::LinkRecord;
 use super::{Config, JobError, Link};
 use spherecal_identify::arcs::{Measured, MeasuredArc};
@@ -141,7 +141,11 @@ impl Measurements {
 /// # Errors
 /// Data that cannot be identified or judged.
 pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
-    let bound = m.config.plant().ok().map(|plant| bound_options(&plant, m.robot.dof()));
+    let known_laws = m
+        .config
+        .plant()
+        .ok()
+        .map(|plant| known_laws_options(&plant, m.robot.dof()));
     let options = EvaluateOptions {
         identify: Options {
             seed: m.seed,
@@ -153,9 +157,9 @@ pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
             Estimator::Laser,
             Estimator::LaserFull,
             Estimator::PaperNelderMead,
-            Estimator::Bound,
+            Estimator::KnownLaws,
         ],
-        bound,
+        known_laws,
         accuracy_mm: m.config.plan.accuracy_mm,
         ..EvaluateOptions::default()
     };

@@ -10,7 +10,6 @@
 //! a service can run them elsewhere. [`evaluate`] sees only the data in the store: no plant, no
 //! link.
 
-mod bound;
 mod config;
 mod course;
 mod document;
@@ -19,6 +18,7 @@ mod error;
 mod evaluate;
 mod host_faults;
 mod journal;
+mod known_laws;
 pub mod link;
 mod link_record;
 mod measure;
@@ -34,13 +34,13 @@ mod tracker;
 mod waypoints;
 mod write;
 
-pub use bound::bound_options;
 pub use config::{CampaignSection, CellSection, Choice, Config, ConfigError, LaserSection, PlanSection, ToolSection};
 pub use drive_timing::{Bin, DriveTiming, Spread};
 pub use error::JobError;
 pub use evaluate::{Measurements, evaluate};
 pub use host_faults::file_lock;
 pub use journal::{StoreJournal, store_error};
+pub use known_laws::known_laws_options;
 pub use link::{Link, UnknownLink, device};
 pub use link_record::LinkRecord;
 pub use measure::{Measured, Site, create_run, measure, read};

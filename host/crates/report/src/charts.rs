@@ -61,7 +61,7 @@ pub(super) fn colour(name: &str) -> RGBColor {
         "sphere" | "calibrated" => 1,
         "laser" => 2,
         "paper_nelder_mead" => 3,
-        "bound" => 4,
+        "known_laws" => 4,
         "laser_full" => 5,
         "calibrated_table_only" => 6,
         _ => 7,

@@ -161,7 +161,7 @@ fn every_model_has_a_colour_of_its_own() {
         "laser",
         "laser_full",
         "paper_nelder_mead",
-        "bound",
+        "known_laws",
         "calibrated_table_only",
         "another",
     ];

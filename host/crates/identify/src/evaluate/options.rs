@@ -22,8 +22,8 @@ pub struct EvaluateOptions {
     pub models: Vec<Estimator>,
     /// Mean error of the TCP (mm) that was asked for: a worse result is refused.
     pub accuracy_mm: Option<f64>,
-    /// Options of [`Estimator::Bound`]: what a simulation may tell and a user cannot know.
-    pub bound: Option<Options>,
+    /// Options of [`Estimator::KnownLaws`]: what a simulation may tell and a user cannot know.
+    pub known_laws: Option<Options>,
 }
 
 impl Default for EvaluateOptions {
@@ -36,7 +36,7 @@ impl Default for EvaluateOptions {
             diagnose: true,
             models: Vec::new(),
             accuracy_mm: None,
-            bound: None,
+            known_laws: None,
         }
     }
 }

@@ -34,8 +34,8 @@ pub enum Estimator {
     Laser,
     /// Tracker: the full model.
     LaserFull,
-    /// Contacts: an estimator with [`EvaluateOptions::bound`](super::EvaluateOptions::bound).
-    Bound,
+    /// Contacts: the full model with [`EvaluateOptions::known_laws`](super::EvaluateOptions::known_laws).
+    KnownLaws,
 }
 
 impl Estimator {
@@ -50,7 +50,7 @@ impl Estimator {
         Self::LaserNelderMead,
         Self::Laser,
         Self::LaserFull,
-        Self::Bound,
+        Self::KnownLaws,
     ];
 
     /// Name in tables and files.
@@ -65,7 +65,7 @@ impl Estimator {
             Self::LaserNelderMead => "laser_nelder_mead",
             Self::Laser => "laser",
             Self::LaserFull => "laser_full",
-            Self::Bound => "bound",
+            Self::KnownLaws => "known_laws",
         }
     }
 
@@ -76,7 +76,7 @@ impl Estimator {
 
     /// Whether the rest of an evaluation goes on where it gives no model.
     const fn optional(self) -> bool {
-        matches!(self, Self::PaperNelderMead | Self::Bound)
+        matches!(self, Self::PaperNelderMead | Self::KnownLaws)
     }
 }
 
@@ -129,7 +129,7 @@ pub(super) fn reference(
     let mut models = Vec::new();
     for &estimator in &asked.models {
         if matches!(estimator, Estimator::Nominal | Estimator::Sphere)
-            || (estimator == Estimator::Bound && asked.bound.is_none())
+            || (estimator == Estimator::KnownLaws && asked.known_laws.is_none())
         {
             continue;
         }
@@ -210,7 +210,7 @@ fn model(
             &absolute(Method::GaussNewton),
         ),
         Estimator::LaserFull => identify(&tracker.experiment(contacts), &absolute(Method::Full)),
-        Estimator::Bound => identify(contacts, asked.bound.as_ref().unwrap_or(options)),
+        Estimator::KnownLaws => identify(contacts, asked.known_laws.as_ref().unwrap_or(options)),
         Estimator::Nominal | Estimator::Sphere => identify(contacts, options),
     }
 }

@@ -115,7 +115,7 @@ pub fn reproduce(
         diagnose: true,
         models: MODELS.to_vec(),
         accuracy_mm: None,
-        bound: None,
+        known_laws: None,
     };
     let evaluation = evaluate(recordings, &asked, &mut |_| {})?;
     let reference = evaluation.reference.as_ref().ok_or(ReproduceError::NoTracker)?;

@@ -8,9 +8,9 @@ use spherecal_identify::validate::ValidationTable;
 use spherecal_identify::{Estimator, EvaluateOptions, Options, Recordings, Target, Tracker, evaluate};
 use spherecal_sim::worlds::World;
 
-/// Options of the bound: the model, priors and noise that the trial's robot was drawn from. `None` for W4, which no
-/// such model describes.
-fn bound_options(trial: &Trial) -> Option<Options> {
+/// Options of the estimator that knows the laws: the model, priors and noise that the trial's
+/// robot was drawn from. `None` for W4, which no such model describes.
+fn known_laws_options(trial: &Trial) -> Option<Options> {
     if matches!(trial.world, World::W4 | World::W4Bad) {
         return None;
     }
@@ -19,7 +19,7 @@ fn bound_options(trial: &Trial) -> Option<Options> {
     plant.geometry.length_sigma_m *= trial.truth.geometry_scale;
     plant.geometry.alpha_sigma_rad *= trial.truth.geometry_scale;
     plant.geometry.theta_sigma_rad *= trial.truth.geometry_scale;
-    Some(spherecal_job::bound_options(&plant, iiwa7().dof()))
+    Some(spherecal_job::known_laws_options(&plant, iiwa7().dof()))
 }
 
 impl From<&Trial> for Recordings {
@@ -57,8 +57,8 @@ pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable,
         estimator: estimator.name(),
         reason,
     };
-    let bound = bound_options(trial);
-    let has_bound = bound.is_some();
+    let known_laws = known_laws_options(trial);
+    let has_known_laws = known_laws.is_some();
     let options = EvaluateOptions {
         identify: Options {
             seed: trial.seed,
@@ -70,14 +70,14 @@ pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable,
         diagnose: false,
         models: estimators.to_vec(),
         accuracy_mm: None,
-        bound,
+        known_laws,
     };
     let found = evaluate(&Recordings::from(trial), &options, &mut |_| {})
         .map_err(|e| failed(Estimator::Sphere, e.to_string()))?;
     let table = found.table().cloned();
     let table = table.ok_or_else(|| failed(Estimator::Sphere, "nothing judged it".to_owned()))?;
     for &estimator in estimators {
-        let meant = estimator != Estimator::Bound || has_bound;
+        let meant = estimator != Estimator::KnownLaws || has_known_laws;
         if meant && table.model(estimator.name()).is_none() {
             return Err(failed(estimator, found.notes.join("; ")));
         }

@@ -1,5 +1,6 @@
-//! The bound: the result of an estimator that knows the laws from which the simulated arm's errors
-//! were drawn. It never knows the errors themselves.
+//! An estimator that knows the laws from which the simulated arm's errors were drawn. It never
+//! knows the errors themselves. It is a reference and no bound: on one robot another estimator may
+//! come nearer by chance.
 //!
 //! Laws without a term in the model count as white joint noise: gear, smooth and cross-joint
 //! errors, scatter, lost motion, early readings. If seats may be bad, or joints far off, the
@@ -13,7 +14,7 @@ const ROBUST: f64 = 4.0;
 
 /// Options of an estimator with the plant's own laws as model, priors and noise, for an arm with
 /// `joints` joints.
-pub fn bound_options(plant: &PlantConfig, joints: usize) -> Options {
+pub fn known_laws_options(plant: &PlantConfig, joints: usize) -> Options {
     let on = |enabled: bool, value: f64| if enabled { value } else { 0.0 };
     let encoder = &plant.encoder;
     let orders = if encoder.harmonics {
