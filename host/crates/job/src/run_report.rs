@@ -265,6 +265,7 @@ fn prediction(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> Pred
         mean_mm: pairs_mm.iter().map(|p| p.0).sum::<f64>() / n,
         max_mm: pairs_mm.iter().map(|p| p.0).fold(0.0, f64::max),
         pairs_mm,
+        frame: "The base was fitted to the points: errors of the arm's shape alone.".to_owned(),
     }
 }
 

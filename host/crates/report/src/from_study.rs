@@ -289,6 +289,7 @@ fn prediction(study: &Study, judged: &Judged) -> Prediction {
         mean_mm: evaluation.predicted_mm.0,
         max_mm: evaluation.predicted_mm.1,
         pairs_mm,
+        frame: format!("The actual errors are those of {}.", judged.by),
     }
 }
 

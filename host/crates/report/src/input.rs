@@ -139,6 +139,8 @@ pub struct Prediction {
     pub max_mm: f64,
     /// Predicted (1 sigma) and actual error of each validation sample, in mm.
     pub pairs_mm: Vec<(f64, f64)>,
+    /// In which frame the actual errors are, as a sentence.
+    pub frame: String,
 }
 
 /// Any small table.

@@ -121,21 +121,27 @@ fn error_table(table: &ErrorTable) -> Markup {
     }
 }
 
+/// In which frame the errors of the figures are: that of the first table.
+fn frame_of_errors(input: &ReportInput) -> &str {
+    input.error_tables.first().map_or("", |t| t.caption.as_str())
+}
+
 fn accuracy(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
     if input.error_tables.is_empty() && input.errors.is_empty() {
         return Ok(None);
     }
     let all: Vec<&ErrorSeries> = input.errors.iter().filter(|s| !s.errors_mm.is_empty()).collect();
     let calibrated: Vec<&ErrorSeries> = all.iter().copied().filter(|s| s.name != "nominal").collect();
+    let frame = frame_of_errors(input);
     let mut drawn = Vec::new();
     if !all.is_empty() {
         let svg = charts::histogram(&all, "Histogram of position errors, nominal and calibrated")?;
-        let words = html! { "Position errors of all models: the distance between the histograms is the gain of the calibration." };
+        let words = html! { "Position errors of all models: the distance between the histograms is the gain of the calibration. " (frame) };
         drawn.push(figures.figure(&svg, &words));
     }
     if calibrated.len() > 1 {
         let svg = charts::histogram(&calibrated, "Histogram of position errors of the calibrated models")?;
-        let words = html! { "The calibrated models only, on a finer scale." };
+        let words = html! { "The calibrated models only, on a finer scale. " (frame) };
         drawn.push(figures.figure(&svg, &words));
     }
     let (first, rest) = input.error_tables.split_at(input.error_tables.len().min(1));
@@ -151,7 +157,7 @@ fn workspace(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
         return Ok(None);
     }
     let svg = space::workspace(&input.workspace)?;
-    let words = html! { "Every validation configuration at its position, seen from the front right and above; both panels have the same scale." };
+    let words = html! { "Every validation configuration at its position, seen from the front right and above; both panels have the same scale. " (frame_of_errors(input)) };
     let figure = figures.figure(&svg, &words);
     Ok(Some(html! { p.lead { "Position error over the workspace." } (figure) }))
 }
@@ -163,7 +169,7 @@ fn predicted(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
     if p.pairs_mm.len() > 2 {
         let words = html! {
             "Each validation sample: the error that the fit's covariance predicts against the actual error. "
-            (inside) " of " (p.pairs_mm.len()) " lie under the line of two sigma."
+            (inside) " of " (p.pairs_mm.len()) " lie under the line of two sigma. " (p.frame)
         };
         figure = Some(figures.figure(&charts::prediction(p)?, &words));
     }
@@ -171,7 +177,8 @@ fn predicted(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
         p.lead {
             "From the covariance of all parameters, a predicted position is uncertain by "
             b { (format!("{:.3} mm", p.mean_mm)) } " (1 sigma, mean over the workspace), at worst "
-            b { (format!("{:.3} mm", p.max_mm)) } "; 95 % of positions should lie within twice that."
+            b { (format!("{:.3} mm", p.max_mm)) } ". This holds where the model is right; the expected error of the \
+             verdict also holds what the model may leave out."
         }
         @if let Some(f) = figure { (f) }
     }))

@@ -111,6 +111,7 @@ pub(super) fn full() -> ReportInput {
             pairs_mm: (0..100)
                 .map(|k| (0.1 + 0.03 * wave(k, 1.0), 0.15 + 0.1 * wave(k, 3.0)))
                 .collect(),
+            frame: evil.to_owned(),
         }),
         fit_tables: vec![SimpleTable {
             title: evil.to_owned(),
@@ -149,6 +150,21 @@ fn everything_is_escaped_and_nothing_is_fetched() {
     let start = page.find("<svg").unwrap();
     let end = page[start..].find("</svg>").unwrap() + start + 6;
     roxmltree::Document::parse(&page[start..end]).unwrap();
+}
+
+// Fails if a figure of errors does not say in which frame they are: errors with the base fitted
+// to the points are smaller than those with the base as measured.
+#[test]
+fn every_figure_of_errors_names_its_frame() {
+    let mut input = full();
+    input.error_tables[0].caption = "Frames by arcs.".to_owned();
+    if let Some(prediction) = &mut input.prediction {
+        prediction.frame = "Base fitted.".to_owned();
+    }
+    let page = render(&input).unwrap();
+    // The table, two histograms and the workspace.
+    assert_eq!(page.matches("Frames by arcs.").count(), 4);
+    assert_eq!(page.matches("Base fitted.").count(), 1);
 }
 
 // Fails if two models in one figure share a colour, if a model has one colour in the table and
