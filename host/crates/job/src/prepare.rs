@@ -51,10 +51,6 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
     }
-    plan.obstacles = plan::Obstacles {
-        sphere_radius_m: config.cell.plate.sphere_radius_m,
-        surface_below_m: config.cell.plate.surface_below_m,
-    };
     let chain = Chain::new(&model.robot, &tool)?;
     let taught = &config.cell.waypoints;
     if taught.is_empty() {
@@ -142,6 +138,10 @@ fn known(config: &Config) -> Result<Known, JobError> {
         spheres: config.cell.plate.certificate(),
         plates: plate_poses(&plant.cell),
         approach_height_m: config.plan.approach_height_m,
+        obstacles: plan::Obstacles {
+            sphere_radius_m: config.cell.plate.sphere_radius_m,
+            surface_below_m: config.cell.plate.surface_below_m,
+        },
         ..plan::Cell::iiwa7()
     };
     if cell.robot != plan::Cell::iiwa7().robot {
