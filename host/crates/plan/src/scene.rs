@@ -180,11 +180,14 @@ impl Scene {
         let back = tcp + nest.z() * NEST_BACK_M;
         let n = frames.len();
         let origin = |k: usize| frames.get(k).map_or_else(Vector3::zeros, |f| f.position);
+        // A tool that is shorter than the nest, as the bare flange is, ends the last link there.
+        let in_nest = nest.z().dot(&(flange.position - back)) > 0.0;
+        let end = if in_nest { back } else { flange.position };
         // The last links, and the tool up to the nest.
         let mut links: Vec<(Vector3<f64>, Vector3<f64>, f64)> = (n.saturating_sub(4)..n - 1)
-            .map(|k| (origin(k), origin(k + 1), LINK_RADIUS_M))
+            .map(|k| (origin(k), if k + 2 == n { end } else { origin(k + 1) }, LINK_RADIUS_M))
             .collect();
-        links.push((flange.position, back, TOOL_RADIUS_M));
+        links.push((end, back, TOOL_RADIUS_M));
 
         let mut all = Vec::with_capacity(self.balls.len() + 4);
         for ball in &self.balls {

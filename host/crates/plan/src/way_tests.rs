@@ -1,6 +1,7 @@
 use nalgebra::Vector3;
 use spherecal_model::chain::{Chain, TcpPose};
 use spherecal_shared::procedure::Limits;
+use spherecal_shared::robot::{Tool, iiwa7_tool};
 
 use crate::{Cell, DesignRequest, Plan, Rules, Scene, design, spread_plan, suggest};
 
@@ -42,19 +43,22 @@ fn planned_travel_is_clear() {
 
 // Fails if the planner chooses a branch for a built-in arm in which a link is in the plate or in
 // another sphere, or from which no clear motion leads home or to the next visit. The arms of Universal
-// Robots reach the default plate with the elbow below it, too.
+// Robots reach the default plate with the elbow below it, too. Each arm has the paper's tool, and none.
 #[test]
 fn every_built_in_arm_stands_clear() {
-    for name in spherecal_shared::robot::BUILT_IN {
+    let tools = [iiwa7_tool(), Tool::default()];
+    let arms = spherecal_shared::robot::BUILT_IN.iter();
+    for (name, tool) in arms.flat_map(|name| tools.map(|tool| (name, tool))) {
         let robot = spherecal_shared::robot::built_in(name).expect("built in");
         let mut cell = Cell {
             robot,
+            tool,
             tool_yaw_rad: None,
             ..Cell::iiwa7()
         };
         let chain = Chain::new(&cell.robot, &cell.tool).expect("an arm");
-        let mut request = DesignRequest::new(40);
-        request.range.candidates = 300;
+        let mut request = DesignRequest::new(24);
+        request.range.candidates = 120;
         request.passes = 1;
         let plan = design(&cell, &request).or_else(|_| {
             cell.plates = vec![suggest(&cell, &chain, &Rules::default()).expect("a placement")];
