@@ -170,6 +170,30 @@ fn a_recording_counts_when_its_nest_has_borne_a_pull() {
     }
 }
 
+/// Fails if a recording goes on although its TCP was moved by 0.5 mm, so slowly that
+/// the arm counts as still all the time, or if it does not start anew from there.
+#[test]
+fn a_recording_starts_anew_where_its_tcp_has_moved() {
+    let mut procedure = Bench::fast_procedure();
+    procedure.record.samples = 400;
+    let mut bench = Bench::coupled_by(procedure);
+    bench.pose(0.1, true).expect("coupled");
+    bench.until(Phase::Recording, 5_000);
+    bench.run(200);
+    // The sphere creeps at 2 mm/s and takes the arm along.
+    for _ in 0..250 {
+        if let Some(sphere) = &mut bench.sphere {
+            sphere.x += 2e-6;
+        }
+        bench.run(1);
+    }
+    assert!(bench.recordings().is_empty(), "the first samples are of another place");
+    bench.run(2_000);
+    let recordings = bench.recordings();
+    assert_eq!(recordings.len(), 1);
+    assert!(recordings[0].tcp_spread_m < 1e-4, "{}", recordings[0].tcp_spread_m);
+}
+
 /// Fails if the arm does not follow a hand of 20 N, drifts after its release with
 /// a gravity error of 2 N m, or is faster than allowed at any time.
 #[test]

@@ -32,7 +32,6 @@ mod procedure;
 mod recover;
 pub mod recovery;
 mod rejects;
-mod retreat;
 mod retry;
 mod session;
 mod teach;

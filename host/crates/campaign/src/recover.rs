@@ -7,7 +7,6 @@ use super::CampaignError;
 use super::observe::Stage;
 use super::procedure::{Campaign, joints};
 use super::recovery::policy;
-use super::retreat::retreat;
 use super::session::Session;
 use spherecal_plan::{Scene, Visit};
 
@@ -79,19 +78,13 @@ impl Campaign<'_> {
         (q.len() == n).then_some(q)
     }
 
-    /// Direction of approach opposite to the best retreat from the sphere of `visit`: one that comes
-    /// no nearer to anything and leaves the joints room; where there is none, the one that leaves
-    /// them most.
+    /// Direction of approach opposite to the best retreat from the sphere of `visit`.
     fn way_off(&self, session: &Session<'_>, visit: &Visit) -> [f64; 3] {
         let straight = visit.approach_direction;
         let (Some(scene), Some(q)) = (self.scene(), self.posture(session)) else {
             return straight;
         };
-        let length_m = self.assignment.procedure.decouple.retreat_m;
-        match (scene.retreat(&q, straight, length_m), self.waypoints.chain()) {
-            ((_, false), Some(chain)) => retreat(chain, self.assignment.procedure, &q, straight),
-            ((direction, _), _) => direction,
-        }
+        scene.retreat(&q, straight, self.assignment.procedure.decouple.retreat_m)
     }
 
     /// Decouples from the sphere of `visit` after a fault, away from what the nest touches and in a
@@ -210,18 +203,9 @@ impl Campaign<'_> {
     /// One free motion on a clear way. Returns the fault, if one came.
     fn go(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<Option<FaultReport>, CampaignError> {
         let way = match (self.scene(), self.posture(session)) {
-            (Some(scene), Some(q)) => match scene.way(&q, target) {
-                Some(way) => way,
-                // The planner has checked this motion for an arm that stands where it should. The scene's capsules are
-                // thicker than some arms, so it may find no way for them.
-                None if session.faults.is_empty() => {
-                    session.note(&format!(
-                        "no way to {what} keeps all margins: going straight, as planned"
-                    ));
-                    vec![target.to_vec()]
-                }
-                None => return Err(CampaignError::Blocked { what: what.to_owned() }),
-            },
+            (Some(scene), Some(q)) => scene
+                .way(&q, target)
+                .ok_or_else(|| CampaignError::Blocked { what: what.to_owned() })?,
             // Before the first sample nothing is known of the arm.
             _ => vec![target.to_vec()],
         };

@@ -51,10 +51,6 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
     }
-    plan.obstacles = plan::Obstacles {
-        sphere_radius_m: config.cell.plate.sphere_radius_m,
-        surface_below_m: config.cell.plate.surface_below_m,
-    };
     let chain = Chain::new(&model.robot, &tool)?;
     let taught = &config.cell.waypoints;
     if taught.is_empty() {
@@ -142,6 +138,10 @@ fn known(config: &Config) -> Result<Known, JobError> {
         spheres: config.cell.plate.certificate(),
         plates: plate_poses(&plant.cell),
         approach_height_m: config.plan.approach_height_m,
+        obstacles: plan::Obstacles {
+            sphere_radius_m: config.cell.plate.sphere_radius_m,
+            surface_below_m: config.cell.plate.surface_below_m,
+        },
         ..plan::Cell::iiwa7()
     };
     if cell.robot != plan::Cell::iiwa7().robot {
@@ -160,16 +160,9 @@ fn known(config: &Config) -> Result<Known, JobError> {
 /// # Errors
 /// Any error in the input.
 pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
-    let Known {
-        model,
-        tool,
-        plant,
-        cell,
-    } = known(config)?;
-    let chain = Chain::new(&model.robot, &tool)?;
-    let home = plan::home(&cell, &chain, &config.plan.rules);
-    let home = home.map_err(|error| with_a_place(error, &cell, config))?;
-    Ok(simulated_arm(&model.robot, &tool, &plant, &home.joints)?)
+    let known = known(config)?;
+    let home = at_home(config, &known)?;
+    Ok(simulated_arm(&known.model.robot, &known.tool, &known.plant, &home)?)
 }
 
 /// The same arm behind a robot's own interface, for a simulated Franka robot or KUKA cabinet.
@@ -178,16 +171,17 @@ pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
 /// # Errors
 /// Any error in the input; a robot with another number of joints than 7.
 pub fn simulated_robot(config: &Config, impedance: (f64, f64)) -> Result<RobotArm, JobError> {
-    let Known {
-        model,
-        tool,
-        plant,
-        cell,
-    } = known(config)?;
-    let chain = Chain::new(&model.robot, &tool)?;
-    let home = plan::home(&cell, &chain, &config.plan.rules);
-    let home = home.map_err(|error| with_a_place(error, &cell, config))?;
-    Ok(RobotArm::new(&model, &plant, &home.joints, impedance)?)
+    let known = known(config)?;
+    let home = at_home(config, &known)?;
+    Ok(RobotArm::new(&known.model, &known.plant, &home, impedance)?)
+}
+
+/// Joint angles of the home frame, in rad.
+fn at_home(config: &Config, known: &Known) -> Result<Vec<f64>, JobError> {
+    let chain = Chain::new(&known.model.robot, &known.tool)?;
+    let home = plan::home(&known.cell, &chain, &config.plan.rules);
+    let home = home.map_err(|error| with_a_place(error, &known.cell, config))?;
+    Ok(home.joints)
 }
 
 /// The robot with the tool of the configuration.

@@ -5,6 +5,7 @@ use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::validate::{Alignment, ValidationTable};
 use spherecal_model::LaserShot;
 use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
+use spherecal_report::headline::{Error, compared, error_figures, expected_figure};
 use spherecal_report::{
     ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
 };
@@ -73,38 +74,22 @@ pub fn run_report(
 }
 
 fn headline(e: &Evaluation, s: &Summary) -> Headline {
-    let of = |name: &str| s.validation.models.get(name).map(|m| m.arcs);
+    let of = |name: &str| {
+        s.validation.models.get(name).map(|m| Error {
+            mean_mm: m.arcs.mean_mm,
+            max_mm: m.arcs.max_mm,
+        })
+    };
     let mut figures = Vec::new();
     let mut sentence = match (of("nominal"), of("sphere")) {
         (Some(n), Some(c)) => {
-            figures.push((
-                "Mean error".to_owned(),
-                format!("{:.3} mm", c.mean_mm),
-                format!("nominally {:.3} mm", n.mean_mm),
-            ));
-            figures.push((
-                "Largest error".to_owned(),
-                format!("{:.3} mm", c.max_mm),
-                format!("nominally {:.3} mm", n.max_mm),
-            ));
-            let gain = 1.0 - c.mean_mm / n.mean_mm.max(1e-12);
-            if gain > 0.0 {
-                format!(
-                    "Calibrated by touching spheres, the {} is {:.0} % more accurate: its mean position error fell from \
-                     {:.3} mm to {:.3} mm, the largest from {:.3} mm to {:.3} mm.",
-                    s.robot,
-                    gain * 100.0,
-                    n.mean_mm,
-                    c.mean_mm,
-                    n.max_mm,
-                    c.max_mm
-                )
-            } else {
-                format!(
-                    "The calibrated {} is not better than the nominal one: mean position error {:.3} mm, with the nominal model {:.3} mm.",
-                    s.robot, c.mean_mm, n.mean_mm
-                )
-            }
+            figures.extend(error_figures("", n, c));
+            compared(
+                &format!("Calibrated by touching spheres, the {}", s.robot),
+                &s.robot,
+                n,
+                c,
+            )
         }
         _ => match (s.verdict.expected_error_mm, s.verdict.nominal_error_mm) {
             (Some(e), Some(n)) => format!(
@@ -125,16 +110,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
         s.poses.recorded.to_string(),
         format!("{} given up, {} outliers", s.poses.rejected, s.residual.outliers),
     ));
-    if let Some(e) = s.verdict.expected_error_mm {
-        figures.push((
-            "Expected error".to_owned(),
-            format!("{:.3} mm", e.mean),
-            format!(
-                "mean over the workspace; 95 % interval {:.3} to {:.3} mm",
-                e.interval[0], e.interval[1]
-            ),
-        ));
-    }
+    figures.extend(s.verdict.expected_error_mm.as_ref().map(expected_figure));
     let identified = e.calibration.parameters.iter().filter(|p| p.identified).count();
     figures.push((
         "Parameters".to_owned(),

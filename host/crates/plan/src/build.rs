@@ -1,16 +1,15 @@
 //! From a cell to a plan.
 
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::cell::{Cell, PlatePose};
+use super::cell::Cell;
 use super::error::PlanError;
 use super::grid::{Grid, GridPose};
 use super::order::{order, spread};
-use super::path::{Obstacle, Rules, move_angle};
+use super::path::{Rules, move_angle};
+use super::start::{PlacedCell, Start, home};
 use super::times::{RECORD_S, VISIT_S, motion_s, turn_s};
-use super::types::{Plan, PlannedPose, Rejection, Visit, Waypoint};
-use spherecal_identify::Sphere;
+use super::types::{Plan, PlannedPose, Rejection, Visit};
 use spherecal_model::chain::{Chain, TcpPose, quaternion};
 
 /// What to plan.
@@ -76,24 +75,27 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
     }
     let chain = Chain::new(&cell.robot, &cell.tool)?;
     let visits = cell.spheres.len() * cell.plates.len();
+    let home = home(cell, &chain, &request.rules)?;
     let mut plan = Plan {
         robot: cell.robot.name.as_str().to_owned(),
-        home: home(cell, &chain, &request.rules)?,
+        home: home.clone(),
         spheres: Vec::new(),
         planned: 0,
         reachable: 0,
         rejected: Vec::new(),
         robot_s: 0.0,
         promise: Vec::new(),
-        obstacles: super::scene::Obstacles::default(),
+        obstacles: cell.obstacles,
     };
     for (place, plate) in (0..).zip(&cell.plates) {
-        let yaw = tool_yaw(cell, &chain, &request.rules, plate)?;
+        let placed = PlacedCell::new(cell, &chain, &request.rules, plate);
+        let yaw = placed.tool_yaw()?;
         for sphere in &cell.spheres {
-            let start = Start::new(cell, &chain, &request.rules, plate, sphere, yaw)?;
-            let (good, bad) = request
-                .grid
-                .reachable(&chain, &request.rules, &start.neutral, &start.joints);
+            let starts = placed.entered(&home, sphere.id, placed.starts(sphere, yaw)?)?;
+            let Some(start) = starts.into_iter().next() else {
+                continue;
+            };
+            let (good, bad) = request.grid.reachable(&placed, sphere.id, &start);
             let first_id = plan.planned as u32;
             plan.planned += request.grid.len(&chain);
             plan.reachable += good.len();
@@ -126,143 +128,6 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
     }
     plan.robot_s = robot_time(&plan);
     Ok(plan)
-}
-
-/// Where work at a sphere begins.
-#[derive(Clone)]
-pub(super) struct Start {
-    /// The neutral pose at the sphere's centre.
-    pub(super) neutral: TcpPose,
-    /// Its joint angles, in rad.
-    pub(super) joints: Vec<f64>,
-    /// The approach waypoint above it.
-    pub(super) approach: Waypoint,
-}
-
-impl Start {
-    /// The neutral pose with the largest distance to the joint limits, and the approach above it.
-    pub(super) fn new(
-        cell: &Cell,
-        chain: &Chain,
-        rules: &Rules,
-        plate: &PlatePose,
-        sphere: &Sphere,
-        yaw: f64,
-    ) -> Result<Self, PlanError> {
-        let neutral = cell.neutral_pose(chain, plate, sphere, yaw);
-        let refuse = |obstacle| {
-            let p = neutral.position * 1e3;
-            PlanError::SphereOutOfReach {
-                sphere: sphere.id,
-                x_mm: p.x,
-                y_mm: p.y,
-                z_mm: p.z,
-                obstacle,
-            }
-        };
-        let joints = roomiest(chain, rules, &neutral).map_err(refuse)?;
-        Self::from_joints(cell, chain, rules, plate, neutral, joints).map_err(refuse)
-    }
-
-    /// The approach above a neutral pose that is already solved.
-    pub(super) fn from_joints(
-        cell: &Cell,
-        chain: &Chain,
-        rules: &Rules,
-        plate: &PlatePose,
-        neutral: TcpPose,
-        joints: Vec<f64>,
-    ) -> Result<Self, Obstacle> {
-        let above = TcpPose {
-            position: neutral.position - cell.approach_direction(plate) * cell.approach_height_m,
-            ..neutral
-        };
-        let approach_joints = rules.follow(chain, &neutral, &joints, &above)?;
-        Ok(Self {
-            neutral,
-            joints,
-            approach: waypoint(&above, approach_joints),
-        })
-    }
-}
-
-/// The solution of a pose that keeps the rules for passing and has the largest distance to the
-/// joint limits.
-pub(super) fn roomiest(chain: &Chain, rules: &Rules, pose: &TcpPose) -> Result<Vec<f64>, Obstacle> {
-    let mut best: Option<Vec<f64>> = None;
-    let mut obstacle = Obstacle::OutOfReach;
-    for q in chain.solve(pose) {
-        match rules.passing().configuration(chain, &q) {
-            Ok(()) => {
-                let better = best
-                    .as_ref()
-                    .is_none_or(|b| chain.limit_margin(&q) > chain.limit_margin(b));
-                if better {
-                    best = Some(q);
-                }
-            }
-            Err(why) => obstacle = why,
-        }
-    }
-    best.ok_or(obstacle)
-}
-
-/// The tool's yaw: the cell's own, or the one of twelve whose worst sphere has the largest distance
-/// to the joint limits.
-pub(super) fn tool_yaw(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose) -> Result<f64, PlanError> {
-    if let Some(yaw) = cell.tool_yaw_rad {
-        return Ok(yaw);
-    }
-    let mut best: Option<(f64, f64)> = None;
-    let mut refusal = PlanError::NoSpheres;
-    for k in 0..12 {
-        let yaw = f64::from(k) * core::f64::consts::TAU / 12.0;
-        let mut room = f64::INFINITY;
-        for sphere in &cell.spheres {
-            match Start::new(cell, chain, rules, plate, sphere, yaw) {
-                Ok(start) => room = room.min(chain.limit_margin(&start.joints)),
-                Err(why) => {
-                    room = f64::NEG_INFINITY;
-                    refusal = why;
-                }
-            }
-        }
-        if room.is_finite() && best.is_none_or(|(r, _)| room > r) {
-            best = Some((room, yaw));
-        }
-    }
-    best.map(|(_, yaw)| yaw).ok_or(refusal)
-}
-
-/// Home: the neutral orientation high above the middle of the first plate.
-///
-/// # Errors
-/// There is no plate, or none within the arm's reach.
-pub fn home(cell: &Cell, chain: &Chain, rules: &Rules) -> Result<Waypoint, PlanError> {
-    let plate = cell.plates.first().ok_or(PlanError::NoPlate)?;
-    let yaw = tool_yaw(cell, chain, rules, plate)?;
-    let pose = TcpPose {
-        position: Vector3::from(plate.centre_m) - cell.approach_direction(plate) * cell.home_height_m,
-        rotation: cell.neutral(plate, yaw),
-        elbow: chain.has_elbow().then_some(0.0),
-    };
-    let joints = roomiest(chain, rules, &pose).map_err(|obstacle| PlanError::SphereOutOfReach {
-        sphere: 0,
-        x_mm: pose.position.x * 1e3,
-        y_mm: pose.position.y * 1e3,
-        z_mm: pose.position.z * 1e3,
-        obstacle,
-    })?;
-    Ok(waypoint(&pose, joints))
-}
-
-pub(super) fn waypoint(pose: &TcpPose, joints: Vec<f64>) -> Waypoint {
-    Waypoint {
-        position_m: pose.position.into(),
-        orientation: quaternion(&pose.rotation),
-        elbow_rad: pose.elbow,
-        joints,
-    }
 }
 
 fn posed(id: u32, via: bool, pose: &TcpPose, joints: Vec<f64>) -> PlannedPose {

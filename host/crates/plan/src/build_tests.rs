@@ -1,8 +1,9 @@
+use nalgebra::Vector3;
 use spherecal_shared::robot::iiwa7_tool;
 
 use super::*;
-use crate::teach;
 use crate::test_support::assert_continuous;
+use crate::{PlatePose, teach};
 
 // The reference worlds were made on this grid: 1,843 of 1,875 poses, by sphere 613, 615 and 615,
 // with 2 degrees to the limits and no rule about singularities. Fails if the grid, its axes, the

@@ -5,10 +5,11 @@ use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::build::{Start, tool_yaw};
-use super::cell::{Cell, PlatePose};
+use super::cell::Cell;
 use super::error::PlanError;
 use super::path::Rules;
+use super::scene::Scene;
+use super::start::{PlacedCell, Start};
 use super::types::Waypoint;
 use spherecal_model::chain::{Chain, TcpPose};
 use spherecal_model::halton::halton;
@@ -81,16 +82,16 @@ pub(super) fn visits(
 ) -> Result<Vec<CandidateVisit>, PlanError> {
     let mut visits = Vec::new();
     for (place, plate) in (0..).zip(&cell.plates) {
-        let yaw = tool_yaw(cell, chain, rules, plate)?;
+        let placed = PlacedCell::new(cell, chain, rules, plate);
+        let yaw = placed.tool_yaw()?;
         for sphere in &cell.spheres {
-            let first = Start::new(cell, chain, rules, plate, sphere, yaw)?;
-            let neutral = first.neutral;
-            let mut starts = vec![first];
-            if range.branches {
-                for start in others(cell, chain, rules, range, plate, &neutral) {
+            let all = placed.entered(home, sphere.id, placed.starts(sphere, yaw)?)?;
+            let mut starts: Vec<Start> = all.into_iter().take(1).collect();
+            let neutral = starts.first().map(|start| start.neutral);
+            if let Some(neutral) = neutral.filter(|_| range.branches) {
+                for start in others(&placed, range, sphere.id, &neutral) {
                     let known = starts.iter().any(|s| same_branch(chain, rules, s, &start));
-                    let (from, to) = (&home.joints, &start.approach.joints);
-                    if starts.len() < MOST_BRANCHES && !known && way_is_clear(cell, chain, plate, from, to) {
+                    if starts.len() < MOST_BRANCHES && !known && placed.straight(home, &start) {
                         starts.push(start);
                     }
                 }
@@ -108,14 +109,8 @@ pub(super) fn visits(
 
 /// Neutral poses in other branches, with the elbow at the largest distance to the joint limits;
 /// sorted by that distance.
-fn others(
-    cell: &Cell,
-    chain: &Chain,
-    rules: &Rules,
-    range: &Range,
-    plate: &PlatePose,
-    neutral: &TcpPose,
-) -> Vec<Start> {
+fn others(placed: &PlacedCell<'_>, range: &Range, sphere: u32, neutral: &TcpPose) -> Vec<Start> {
+    let (chain, rules) = (placed.chain, placed.rules);
     let elbows: Vec<Option<f64>> = match neutral.elbow {
         Some(_) => (-4..=4).map(|k| Some(f64::from(k) / 4.0 * range.elbow_rad)).collect(),
         None => vec![None],
@@ -124,11 +119,12 @@ fn others(
     for elbow in elbows {
         let pose = TcpPose { elbow, ..*neutral };
         for q in chain.solve(&pose) {
-            if rules.passing().configuration(chain, &q).is_err() {
+            let kept = rules.passing().configuration(chain, &q);
+            if kept.and_then(|()| placed.scene.standing(&q, Some(sphere))).is_err() {
                 continue;
             }
             let room = chain.limit_margin(&q);
-            if let Ok(start) = Start::from_joints(cell, chain, rules, plate, pose, q) {
+            if let Ok(start) = placed.start_at(pose, q) {
                 found.push((room, start));
             }
         }
@@ -148,29 +144,21 @@ fn same_branch(chain: &Chain, rules: &Rules, a: &Start, b: &Start) -> bool {
     }
 }
 
-/// Whether the joint motion between two configurations (rad) keeps TCP and flange above the plate:
-/// no lower than an approach, with a tolerance of a fifth of its height.
-pub(super) fn way_is_clear(cell: &Cell, chain: &Chain, plate: &PlatePose, from: &[f64], to: &[f64]) -> bool {
-    let up = plate.normal().into_inner();
-    let floor = up.dot(&Vector3::from(plate.centre_m)) + 0.8 * cell.approach_height_m;
-    (0..=40).all(|k| {
-        let t = f64::from(k) / 40.0;
-        let q: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + (b - a) * t).collect();
-        let pose = chain.pose(&q);
-        let flange = pose.position - pose.rotation * chain.tcp();
-        up.dot(&pose.position) >= floor && up.dot(&flange) >= floor
-    })
-}
-
-/// About `count` candidates of all visits together that keep the rules and are
-/// reached continuously from their visit's start.
+/// About `count` candidates of all visits together that keep the rules, are reached continuously
+/// from their visit's start, and stand clear.
 pub(super) fn candidates(
+    cell: &Cell,
     chain: &Chain,
     rules: &Rules,
     range: &Range,
     visits: &[CandidateVisit],
     count: usize,
 ) -> Vec<Candidate> {
+    let scenes: Vec<Scene> = cell
+        .plates
+        .iter()
+        .map(|plate| Scene::planned(cell, chain, plate))
+        .collect();
     let share = count.div_ceil(visits.len().max(1));
     let of = |(index, visit): (usize, &CandidateVisit)| -> Vec<Candidate> {
         (0..TRIES * share)
@@ -184,6 +172,10 @@ pub(super) fn candidates(
                 })
             })
             .take(share)
+            .filter(|candidate| {
+                let scene = scenes.get(visit.place as usize);
+                scene.is_some_and(|scene| scene.standing(&candidate.joints, Some(visit.sphere_id)).is_ok())
+            })
             .collect()
     };
     visits.par_iter().enumerate().flat_map_iter(of).collect()

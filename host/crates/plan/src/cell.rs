@@ -43,6 +43,25 @@ impl PlatePose {
     }
 }
 
+/// The parts of a cell that stand in the arm's way, as its drawing gives them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Obstacles {
+    /// Radius of the spheres, in m.
+    pub sphere_radius_m: f64,
+    /// Depth of the plate's surface below the sphere centres, in m.
+    pub surface_below_m: f64,
+}
+
+impl Default for Obstacles {
+    fn default() -> Self {
+        Self {
+            sphere_radius_m: 0.0254,
+            surface_below_m: 0.060,
+        }
+    }
+}
+
 /// Robot, tool, plate and spheres, as planned (nothing measured).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cell {
@@ -61,6 +80,8 @@ pub struct Cell {
     pub approach_height_m: f64,
     /// Height of home over the plate's centre, in m.
     pub home_height_m: f64,
+    /// The shapes of spheres and plate that the arm keeps clear of.
+    pub obstacles: Obstacles,
 }
 
 impl Cell {
@@ -75,6 +96,7 @@ impl Cell {
             tool_yaw_rad: Some(PI),
             approach_height_m: 0.050,
             home_height_m: 0.200,
+            obstacles: Obstacles::default(),
         }
     }
 

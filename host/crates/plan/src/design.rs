@@ -132,8 +132,8 @@ fn accuracy(design: &Design<'_>, request: &DesignRequest) -> Accuracy {
 /// The plan with the fewest poses whose predicted mean error is `wanted_mm`
 /// ([`Accuracy::mean_mm`]). The number of poses in the request is ignored.
 ///
-/// The number comes from a growing design. It is then raised until the plan itself, which also
-/// weighs the travel as the request says, meets the error.
+/// The number comes from a growing design. It is then lowered while the plan itself, which also weighs
+/// the travel as the request says, meets the error, or raised until it does.
 ///
 /// # Errors
 /// See [`design`]; and [`PlanError::Accuracy`] if 400 poses are not enough.
@@ -150,6 +150,7 @@ pub fn design_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Resul
         ..request.clone()
     };
     let mut poses = poses_for(cell, &most, wanted_mm)?;
+    let (mut enough, mut raised): (Option<Plan>, bool) = (None, false);
     loop {
         let patience = request.patience * request.poses as f64 / poses as f64;
         let plan = design(
@@ -161,17 +162,27 @@ pub fn design_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Resul
             },
         )?;
         let promised = plan.promise.last().map_or(f64::INFINITY, |a| a.mean_mm);
-        if promised <= wanted_mm {
-            return Ok(plan);
+        match (promised <= wanted_mm, enough) {
+            // The growing design needs more poses than one with exchanges.
+            (true, _) if poses > 1 && !raised => {
+                poses -= poses.div_ceil(10);
+                enough = Some(plan);
+            }
+            (true, _) => return Ok(plan),
+            (false, Some(plan)) => return Ok(plan),
+            (false, None) if poses >= LONGEST => {
+                return Err(PlanError::Accuracy {
+                    wanted_mm,
+                    poses,
+                    best_mm: promised,
+                });
+            }
+            (false, None) => {
+                raised = true;
+                poses = (poses + poses.div_ceil(20)).min(LONGEST);
+                enough = None;
+            }
         }
-        if poses >= LONGEST {
-            return Err(PlanError::Accuracy {
-                wanted_mm,
-                poses,
-                best_mm: promised,
-            });
-        }
-        poses = (poses + poses.div_ceil(20)).min(LONGEST);
     }
 }
 

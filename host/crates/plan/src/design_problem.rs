@@ -5,13 +5,14 @@ use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
 
-use super::build::{home, robot_time, sequence};
+use super::build::{robot_time, sequence};
 use super::candidates::{Candidate, CandidateVisit, candidates, visits};
 use super::cell::Cell;
 use super::design_request::DesignRequest;
 use super::error::PlanError;
 use super::grid::GridPose;
 use super::optimal::{Design, Problem};
+use super::start::home;
 use super::travel::{Travel, tour};
 use super::types::{Plan, Visit, Waypoint};
 use spherecal_identify::{DesignModel, Options};
@@ -56,7 +57,7 @@ impl DesignProblem {
         request: &DesignRequest,
         count: usize,
     ) -> Result<Self, PlanError> {
-        let candidates = candidates(&self.chain, &request.rules, &request.range, &self.visits, count);
+        let candidates = candidates(cell, &self.chain, &request.rules, &request.range, &self.visits, count);
         let model = model_of(cell, &request.options)?;
         let rows: Vec<Vec<f64>> = candidates
             .iter()
@@ -130,7 +131,7 @@ impl DesignProblem {
             rejected: Vec::new(),
             robot_s: 0.0,
             promise: Vec::new(),
-            obstacles: super::scene::Obstacles::default(),
+            obstacles: cell.obstacles,
         };
         let used = |v: usize| chosen.iter().any(|c| self.candidates[*c].visit == v);
         let indices: Vec<usize> = (0..self.visits.len()).filter(|v| used(*v)).collect();

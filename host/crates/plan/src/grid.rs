@@ -4,7 +4,8 @@
 use nalgebra::Rotation3;
 use serde::{Deserialize, Serialize};
 
-use super::path::{Obstacle, Rules};
+use super::path::Obstacle;
+use super::start::{PlacedCell, Start};
 use spherecal_model::chain::{Chain, TcpPose};
 
 /// The angles of a grid about the neutral pose.
@@ -73,20 +74,24 @@ impl Grid {
         poses
     }
 
-    /// The poses that the arm reaches by continuous motion from the neutral pose with joints `q`
-    /// (rad), and why it does not reach the others.
-    pub fn reachable(
+    /// The poses that the arm reaches by continuous motion from a start at a sphere, and in which it
+    /// stands clear; and what is in the way of the others.
+    pub(super) fn reachable(
         &self,
-        chain: &Chain,
-        rules: &Rules,
-        neutral: &TcpPose,
-        q: &[f64],
+        placed: &PlacedCell<'_>,
+        sphere: u32,
+        start: &Start,
     ) -> (Vec<GridPose>, Vec<(u32, Obstacle)>) {
         let (mut good, mut bad) = (Vec::new(), Vec::new());
-        for (index, pose) in (0..).zip(self.poses(neutral)) {
-            let end = rules
-                .follow(chain, neutral, q, &pose)
-                .and_then(|joints| rules.configuration(chain, &joints).map(|()| joints));
+        for (index, pose) in (0..).zip(self.poses(&start.neutral)) {
+            let end = placed
+                .rules
+                .follow(placed.chain, &start.neutral, &start.joints, &pose)
+                .and_then(|joints| {
+                    placed.rules.configuration(placed.chain, &joints)?;
+                    placed.scene.standing(&joints, Some(sphere))?;
+                    Ok(joints)
+                });
             match end {
                 Ok(joints) => good.push(GridPose { index, pose, joints }),
                 Err(obstacle) => bad.push((index, obstacle)),

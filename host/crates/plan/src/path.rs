@@ -6,6 +6,8 @@
 //! the inverse kinematics follows it without a jump, inside the joint limits and away from
 //! singularities.
 
+use core::fmt;
+
 use nalgebra::Rotation3;
 use serde::{Deserialize, Serialize};
 
@@ -42,6 +44,39 @@ pub enum Obstacle {
         /// Size of the jump over one step of the path, in degrees.
         jump_deg: f64,
     },
+    /// Nest, tool or links would be within their margin of something.
+    #[error("{part} would be {by_mm:.0} mm too near")]
+    TooNear {
+        /// To what.
+        part: Part,
+        /// How far within the margin, in mm.
+        by_mm: f64,
+    },
+    /// No clear motion leads there from home.
+    #[error("no motion from home keeps nest, tool and links clear of spheres, plate and arm")]
+    NoWay,
+}
+
+/// What an arm can come too near to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Part {
+    /// A sphere or its post.
+    Sphere(u32),
+    /// The plate.
+    Plate,
+    /// The arm's own links up to the elbow.
+    Arm,
+}
+
+impl fmt::Display for Part {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Sphere(id) => write!(f, "sphere {id} or its post"),
+            Self::Plate => write!(f, "the plate"),
+            Self::Arm => write!(f, "the arm itself"),
+        }
+    }
 }
 
 impl Obstacle {
@@ -52,6 +87,8 @@ impl Obstacle {
             Self::JointLimit { .. } => "joint limit",
             Self::Singular { .. } => "singular",
             Self::Jump { .. } => "no continuous motion",
+            Self::TooNear { .. } => "too near to sphere, plate or arm",
+            Self::NoWay => "no clear way",
         }
     }
 }

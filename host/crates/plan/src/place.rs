@@ -6,9 +6,9 @@
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
-use super::build::{Start, home, tool_yaw};
 use super::cell::{Cell, PlatePose};
 use super::path::Rules;
+use super::start::{PlacedCell, home};
 use spherecal_model::chain::{Chain, TcpPose};
 
 /// Distances of the plate's centre from the axis of joint 1, in m, by step.
@@ -57,12 +57,14 @@ fn worth(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose) -> Option
         tool_yaw_rad: None,
         ..cell.clone()
     };
-    let yaw = tool_yaw(&cell, chain, rules, plate).ok()?;
+    let yaw = PlacedCell::new(&cell, chain, rules, plate).tool_yaw().ok()?;
     cell.tool_yaw_rad = Some(yaw);
-    home(&cell, chain, rules).ok()?;
+    let home = home(&cell, chain, rules).ok()?;
+    let placed = PlacedCell::new(&cell, chain, rules, plate);
     let (mut turns, mut room) = (0, f64::INFINITY);
     for sphere in &cell.spheres {
-        let start = Start::new(&cell, chain, rules, plate, sphere, yaw).ok()?;
+        let starts = placed.starts(sphere, yaw).ok()?;
+        let start = starts.iter().find(|start| placed.straight(&home, start))?;
         room = room.min(chain.limit_margin(&start.joints));
         for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
             for angle in [-TILT, TILT] {

@@ -9,11 +9,13 @@
 //! a conical seat. Links are capsules between the origins of consecutive frames. The plate is a disc.
 
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 use spherecal_shared::procedure::Limits;
 use spherecal_shared::robot::Pose;
 
+use super::cell::{Cell, Obstacles, PlatePose};
+use super::path::{Obstacle, Part};
 use super::types::Plan;
+use spherecal_identify::Sphere;
 use spherecal_model::chain::Chain;
 
 /// Distance that nest and links keep to spheres, posts and plate, in m: the error of the nominal
@@ -36,25 +38,6 @@ const PLATE_RIM_M: f64 = 0.080;
 /// Length that counts as much as an angle of 1 rad, in m.
 const M_PER_RAD: f64 = 0.5;
 
-/// The parts of a cell that stand in the arm's way, as its drawing gives them.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Obstacles {
-    /// Radius of the spheres, in m.
-    pub sphere_radius_m: f64,
-    /// Depth of the plate's surface below the sphere centres, in m.
-    pub surface_below_m: f64,
-}
-
-impl Default for Obstacles {
-    fn default() -> Self {
-        Self {
-            sphere_radius_m: 0.0254,
-            surface_below_m: 0.060,
-        }
-    }
-}
-
 /// The surface of the plate.
 #[derive(Clone, Copy, Debug)]
 struct Surface {
@@ -66,6 +49,7 @@ struct Surface {
 /// A ball that must not be touched: a sphere, or a part of its post.
 #[derive(Clone, Copy, Debug)]
 struct Ball {
+    sphere: u32,
     centre: Vector3<f64>,
     radius: f64,
 }
@@ -74,10 +58,10 @@ struct Ball {
 #[derive(Clone, Debug)]
 pub struct Scene {
     pub(super) chain: Chain,
-    pub(super) home: Vec<f64>,
+    pub(super) home: Option<Vec<f64>>,
     balls: Vec<Ball>,
     surface: Option<Surface>,
-    limits: Limits,
+    pub(super) limits: Limits,
     /// Direction away from the plate.
     pub(super) up: Vector3<f64>,
     sphere_radius: f64,
@@ -88,7 +72,6 @@ impl Scene {
     /// `limits`. A sphere that was found elsewhere than planned is given in `found`: its id, and
     /// its centre in F0, in m.
     pub fn new(plan: &Plan, chain: &Chain, place: u32, limits: &Limits, found: &[(u32, Vector3<f64>)]) -> Self {
-        let shape = plan.obstacles;
         let visits: Vec<_> = plan.spheres.iter().filter(|visit| visit.place == place).collect();
         let up = visits
             .iter()
@@ -104,9 +87,31 @@ impl Scene {
                 centres.push((visit.sphere_id, centre));
             }
         }
+        let home = Some(plan.home.joints.clone());
+        Self::build(chain, home, up, &centres, plan.obstacles, limits)
+    }
+
+    /// The scene of a cell with the plate at its nominal pose `plate`, before there is a plan. Joint
+    /// limits and workspace are those of the default procedure.
+    pub(super) fn planned(cell: &Cell, chain: &Chain, plate: &PlatePose) -> Self {
+        let centre = |sphere: &Sphere| (sphere.id, cell.sphere_in_base(plate, sphere));
+        let centres: Vec<(u32, Vector3<f64>)> = cell.spheres.iter().map(centre).collect();
+        let up = plate.normal().into_inner();
+        Self::build(chain, None, up, &centres, cell.obstacles, &Limits::default())
+    }
+
+    fn build(
+        chain: &Chain,
+        home: Option<Vec<f64>>,
+        up: Vector3<f64>,
+        centres: &[(u32, Vector3<f64>)],
+        shape: Obstacles,
+        limits: &Limits,
+    ) -> Self {
         let mut balls = Vec::new();
-        for (_, centre) in &centres {
+        for (sphere, centre) in centres {
             balls.push(Ball {
+                sphere: *sphere,
                 centre: *centre,
                 radius: shape.sphere_radius_m,
             });
@@ -114,6 +119,7 @@ impl Scene {
                 let below = shape.sphere_radius_m
                     + (shape.surface_below_m - shape.sphere_radius_m) * (f64::from(part) - 0.5) / 3.0;
                 balls.push(Ball {
+                    sphere: *sphere,
                     centre: centre - up * below,
                     radius: POST_RADIUS_M,
                 });
@@ -128,12 +134,34 @@ impl Scene {
         });
         Self {
             chain: chain.clone(),
-            home: plan.home.joints.clone(),
+            home,
             balls,
             surface,
             limits: *limits,
             up,
             sphere_radius: shape.sphere_radius_m,
+        }
+    }
+
+    /// Whether an arm at `q` (rad) keeps its margins to spheres, posts, plate and itself. The sphere
+    /// `seated` and its post do not count: the nest sits on it.
+    ///
+    /// # Errors
+    /// The part that is nearest, and how far it is within its margin.
+    pub(super) fn standing(&self, q: &[f64], seated: Option<u32>) -> Result<(), Obstacle> {
+        let clearances = self.clearances(q);
+        let balls = self.balls.iter().map(|ball| Part::Sphere(ball.sphere));
+        let parts = balls.chain(self.surface.iter().map(|_| Part::Plate)).chain([Part::Arm]);
+        let nearest = parts
+            .zip(&clearances)
+            .filter(|(part, _)| seated.is_none_or(|id| *part != Part::Sphere(id)))
+            .min_by(|a, b| a.1.total_cmp(b.1));
+        match nearest {
+            Some((part, clearance)) if *clearance < 0.0 => Err(Obstacle::TooNear {
+                part,
+                by_mm: -clearance * 1e3,
+            }),
+            _ => Ok(()),
         }
     }
 
@@ -152,11 +180,14 @@ impl Scene {
         let back = tcp + nest.z() * NEST_BACK_M;
         let n = frames.len();
         let origin = |k: usize| frames.get(k).map_or_else(Vector3::zeros, |f| f.position);
+        // A tool that is shorter than the nest, as the bare flange is, ends the last link there.
+        let in_nest = nest.z().dot(&(flange.position - back)) > 0.0;
+        let end = if in_nest { back } else { flange.position };
         // The last links, and the tool up to the nest.
         let mut links: Vec<(Vector3<f64>, Vector3<f64>, f64)> = (n.saturating_sub(4)..n - 1)
-            .map(|k| (origin(k), origin(k + 1), LINK_RADIUS_M))
+            .map(|k| (origin(k), if k + 2 == n { end } else { origin(k + 1) }, LINK_RADIUS_M))
             .collect();
-        links.push((flange.position, back, TOOL_RADIUS_M));
+        links.push((end, back, TOOL_RADIUS_M));
 
         let mut all = Vec::with_capacity(self.balls.len() + 4);
         for ball in &self.balls {

@@ -1,9 +1,10 @@
 //! Travel time to a pose, and the order of visits with the least travel.
 
-use super::candidates::{Candidate, CandidateVisit, way_is_clear};
+use super::candidates::{Candidate, CandidateVisit};
 use super::cell::Cell;
 use super::order::round_trip;
 use super::path::move_angle;
+use super::scene::Scene;
 use super::times::{RECORD_S, motion_s, turn_s};
 use super::types::Waypoint;
 use spherecal_model::chain::Chain;
@@ -75,16 +76,20 @@ impl<'a> Travel<'a> {
 pub(super) fn tour(cell: &Cell, chain: &Chain, home: &Waypoint, visits: &[&CandidateVisit]) -> Vec<(usize, bool)> {
     let at = |k: usize| visits.get(k).map_or(&home.joints, |v| &v.start.approach.joints);
     let n = visits.len();
+    let scenes: Vec<Scene> = cell
+        .plates
+        .iter()
+        .map(|plate| Scene::planned(cell, chain, plate))
+        .collect();
     let over_home = |a: usize, b: usize| motion_s(at(a), &home.joints) + motion_s(&home.joints, at(b));
     let mut direct = vec![false; n * n];
     for a in 0..n {
         for b in 0..a {
             let same_place = visits[a].place == visits[b].place;
             let clear = same_place
-                && cell
-                    .plates
+                && scenes
                     .get(visits[a].place as usize)
-                    .is_some_and(|plate| way_is_clear(cell, chain, plate, at(a), at(b)));
+                    .is_some_and(|scene| scene.is_clear(at(a), at(b)));
             direct[a * n + b] = clear;
             direct[b * n + a] = clear;
         }

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::cell::Obstacles;
 use super::path::Obstacle;
-use super::scene::Obstacles;
 
 /// A configuration in free space.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

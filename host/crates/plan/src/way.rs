@@ -1,13 +1,11 @@
 //! Ways of a free arm that keep clear of its cell: straight joint motions, through vias where the
-//! straight motion is not clear, and the retreat from a sphere.
+//! straight motion is not clear.
 //!
 //! A motion is *clear* if it keeps every margin of the [`Scene`]. Where the arm already stands within
 //! a margin, for instance at a sphere or outside of the workspace, only motion is clear that does
 //! not come nearer. A margin that the target itself does not keep is not asked for on the way.
 
-use core::f64::consts::{FRAC_PI_4, TAU};
-
-use nalgebra::{Rotation3, Unit, Vector3};
+use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -18,26 +16,21 @@ use spherecal_model::chain::TcpPose;
 const STEP_RAD: f64 = 0.02;
 const STEP_M: f64 = 0.005;
 /// How far a clearance may shrink where it is below its margin, in m.
-const SLACK_M: f64 = 5e-4;
+pub(super) const SLACK_M: f64 = 5e-4;
 /// Heights of vias above the present place and above the target, in m.
 const LIFTS_M: [f64; 4] = [0.03, 0.07, 0.12, 0.18];
 /// Steps of a lift along its line, in m.
-const LIFT_STEP_M: f64 = 0.01;
+pub(super) const LIFT_STEP_M: f64 = 0.01;
 /// Configurations that the search draws, the length of its steps, and how far it looks beyond start
 /// and target, in rad.
 const DRAWS: u32 = 1500;
 const GROWTH_RAD: f64 = 0.15;
 const AROUND_RAD: f64 = 0.6;
-/// Angles to the first choice that a retreat tries, in rad, and directions at each angle.
-const TILTS: [f64; 4] = [0.5 * FRAC_PI_4, FRAC_PI_4, 1.4 * FRAC_PI_4, 1.8 * FRAC_PI_4];
-const DIRECTIONS: u32 = 8;
-/// Distance that a joint keeps to the limit at which it faults while the arm retreats, in rad.
-const ROOM_RAD: f64 = 0.03;
 
 impl Scene {
     /// By how much the joint motion through these angles (rad) comes too near to something, in m.
     /// At most [`SLACK_M`] is clear. `goal` has the clearances of the target.
-    fn too_near(&self, path: &[&[f64]], goal: &[f64]) -> f64 {
+    pub(super) fn too_near(&self, path: &[&[f64]], goal: &[f64]) -> f64 {
         let Some(first) = path.first() else { return 0.0 };
         let mut floor = self.clearances(first);
         let mut worst = 0.0f64;
@@ -85,7 +78,7 @@ impl Scene {
                 continue;
             }
             for end in &ends {
-                for middle in [None, Some(self.home.as_slice())] {
+                for middle in [None, self.home.as_deref()] {
                     let mut path = vec![from, start.as_slice()];
                     path.extend(middle);
                     path.push(end);
@@ -198,88 +191,6 @@ impl Scene {
             next = taken + 1;
         }
         short
-    }
-
-    /// The direction of approach (F0, a unit vector) opposite to the best retreat by `length_m` of an
-    /// arm that stands at `q` (rad), and whether that retreat is clear and leaves the joints room.
-    /// It is `approach` if that is so; else the tool's axis; else the direction from the contact;
-    /// else the one that comes least too near. The tool keeps its orientation.
-    pub fn retreat(&self, q: &[f64], approach: [f64; 3], length_m: f64) -> ([f64; 3], bool) {
-        let straight = Vector3::from(approach);
-        let pose = self.chain.pose(q);
-        let mut choices = vec![straight, pose.rotation * Vector3::z()];
-        choices.extend(self.towards_contact(q));
-        let axes: Vec<Unit<Vector3<f64>>> = choices.iter().map(|c| Unit::new_normalize(*c)).collect();
-        for tilt in TILTS {
-            for axis in &axes {
-                let side =
-                    Unit::new_normalize(axis.cross(&if axis.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() }));
-                for k in 0..DIRECTIONS {
-                    let around = Rotation3::from_axis_angle(axis, TAU * f64::from(k) / f64::from(DIRECTIONS));
-                    choices.push(Rotation3::from_axis_angle(&(around * side), tilt) * axis.into_inner());
-                }
-            }
-        }
-        let mut best = (f64::INFINITY, approach);
-        for choice in choices {
-            let Some(cost) = self.retreat_cost(q, &choice, length_m) else {
-                continue;
-            };
-            if cost <= 0.0 {
-                return (choice.into(), true);
-            }
-            if cost < best.0 {
-                best = (cost, choice.into());
-            }
-        }
-        (best.1, false)
-    }
-
-    /// What is wrong with a retreat against `direction`, in m: 0 for a clear one with room for the
-    /// joints. `None` where the arm does not reach.
-    fn retreat_cost(&self, q: &[f64], direction: &Vector3<f64>, length_m: f64) -> Option<f64> {
-        let start = self.chain.pose(q);
-        let mut path = vec![q.to_vec()];
-        let parts = (length_m / LIFT_STEP_M).ceil().max(1.0);
-        for part in 1..=parts as usize {
-            let pose = TcpPose {
-                position: start.position - direction * (length_m * part as f64 / parts),
-                elbow: None,
-                ..start
-            };
-            let next = self.chain.follow(&pose, path.last()?)?;
-            path.push(next);
-        }
-        let refs: Vec<&[f64]> = path.iter().map(Vec::as_slice).collect();
-        let end = self.clearances(path.last()?);
-        let near = self.too_near(&refs, &vec![0.0; end.len()]);
-        let near = if near <= SLACK_M { 0.0 } else { near };
-        // The last clearance is that of the joints. They need their room on the whole way.
-        let (_, rest) = end.split_last()?;
-        let left = rest.iter().copied().fold(f64::INFINITY, f64::min).min(0.0);
-        let room = path[1..]
-            .iter()
-            .filter_map(|q| self.clearances(q).last().copied())
-            .fold(f64::INFINITY, f64::min);
-        let tight = (0.5 * ROOM_RAD - room).max(0.0);
-        Some(near - left + tight)
-    }
-
-    /// Direction from the tool to the ball that is nearest to it, if one is near: that in which the
-    /// clearance shrinks fastest.
-    fn towards_contact(&self, q: &[f64]) -> Option<Vector3<f64>> {
-        let pose = self.chain.pose(q);
-        let here = self.clearances(q);
-        let nearest = (0..here.len().saturating_sub(3)).min_by(|a, b| here[*a].total_cmp(&here[*b]))?;
-        let mut gradient = Vector3::zeros();
-        for axis in 0..3 {
-            let mut moved = pose;
-            moved.elbow = None;
-            moved.position[axis] += 1e-3;
-            let joints = self.chain.follow(&moved, q)?;
-            gradient[axis] = self.clearances(&joints)[nearest] - here[nearest];
-        }
-        (-gradient).try_normalize(1e-6)
     }
 }
 

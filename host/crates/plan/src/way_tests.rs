@@ -1,8 +1,9 @@
 use nalgebra::Vector3;
 use spherecal_model::chain::{Chain, TcpPose};
 use spherecal_shared::procedure::Limits;
+use spherecal_shared::robot::{Tool, iiwa7_tool};
 
-use crate::{Cell, Plan, Scene, spread_plan};
+use crate::{Cell, DesignRequest, Plan, Rules, Scene, design, spread_plan, suggest};
 
 fn cell() -> (Plan, Chain) {
     let cell = Cell::iiwa7();
@@ -40,6 +41,51 @@ fn planned_travel_is_clear() {
     }
 }
 
+// Fails if the planner chooses a branch for a built-in arm in which a link is in the plate or in
+// another sphere, or from which no clear motion leads home or to the next visit. The arms of Universal
+// Robots reach the default plate with the elbow below it, too. Each arm has the paper's tool, and none.
+#[test]
+fn every_built_in_arm_stands_clear() {
+    let tools = [iiwa7_tool(), Tool::default()];
+    let arms = spherecal_shared::robot::BUILT_IN.iter();
+    for (name, tool) in arms.flat_map(|name| tools.map(|tool| (name, tool))) {
+        let robot = spherecal_shared::robot::built_in(name).expect("built in");
+        let mut cell = Cell {
+            robot,
+            tool,
+            tool_yaw_rad: None,
+            ..Cell::iiwa7()
+        };
+        let chain = Chain::new(&cell.robot, &cell.tool).expect("an arm");
+        let mut request = DesignRequest::new(24);
+        request.range.candidates = 120;
+        request.passes = 1;
+        let plan = design(&cell, &request).or_else(|_| {
+            cell.plates = vec![suggest(&cell, &chain, &Rules::default()).expect("a placement")];
+            design(&cell, &request)
+        });
+        let plan = plan.unwrap_or_else(|error| panic!("{name}: {error}"));
+        let scene = scene(&plan, &chain);
+        let mut here = &plan.home.joints;
+        for visit in &plan.spheres {
+            let id = visit.sphere_id;
+            if visit.over_home {
+                assert!(scene.way(here, &plan.home.joints).is_some(), "{name}: home");
+                here = &plan.home.joints;
+            }
+            let way = scene.way(here, &visit.approach.joints);
+            let way = way.unwrap_or_else(|| panic!("{name}: no way to sphere {id}"));
+            assert!(way.len() == 1, "{name}: {} vias to sphere {id}", way.len() - 1);
+            for pose in &visit.poses {
+                let clear = scene.standing(&pose.joints, Some(id));
+                assert_eq!(clear, Ok(()), "{name}: pose {} at sphere {id}", pose.id);
+            }
+            here = &visit.approach.joints;
+        }
+        assert!(scene.way(here, &plan.home.joints).is_some(), "{name}: home at the end");
+    }
+}
+
 // Fails if a retreat or a return from any pose of the plan, with the nest on the sphere or pushed
 // off it to any side, touches a sphere or the plate, or if no way is found.
 #[test]
@@ -55,8 +101,8 @@ fn from_every_pose_a_clear_way_leads_back() {
                 let Some(q) = beside(&chain, &pose.joints, side) else {
                     continue;
                 };
-                let (direction, clear) = scene.retreat(&q, visit.approach_direction, 0.05);
-                tight += usize::from(!clear);
+                let direction = scene.retreat(&q, visit.approach_direction, 0.05);
+                tight += usize::from(!scene.leaves_clear(&q, direction, 0.05));
                 let Some(off) = beside(&chain, &q, -Vector3::from(direction) * 0.05) else {
                     continue;
                 };

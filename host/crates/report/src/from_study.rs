@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 
 use super::calibration::{correlation, group_table, identifiability_words, parameter_rows};
+use super::headline::{Error, compared, error_figures, expected_figure};
 use super::input::{
     ErrorSeries, ErrorTable, Headline, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
 };
@@ -47,14 +48,17 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
     let calibration = &evaluation.calibration;
     let recordings = &study.recordings;
     let judged = evaluation.judged.as_ref();
-    let errors = |name: &str| -> Errors {
+    let errors = |name: &str| -> Error {
         let model = judged.and_then(|j| j.model(name));
-        model.map(JudgedModel::errors).unwrap_or_default()
+        let errors: Errors = model.map(JudgedModel::errors).unwrap_or_default();
+        Error {
+            mean_mm: errors.mean_mm,
+            max_mm: errors.max_mm,
+        }
     };
     let (nominal, calibrated) = (errors("nominal"), errors("calibrated"));
     let v = &evaluation.verdict;
     let name = study.model.robot.name.as_str();
-    let gain = 1.0 - calibrated.mean_mm / nominal.mean_mm.max(1e-12);
     let expected = v
         .expected_error_mm
         .filter(|_| evaluation.cross_validated || judged.is_none());
@@ -67,21 +71,8 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         )
     } else if judged.is_none() {
         format!("The {name} was calibrated, but nothing judged the result.")
-    } else if gain > 0.0 {
-        format!(
-            "The calibrated {name} is {:.0} % more accurate: its mean position error fell from {:.3} mm to {:.3} mm, \
-             the largest from {:.3} mm to {:.3} mm.",
-            gain * 100.0,
-            nominal.mean_mm,
-            calibrated.mean_mm,
-            nominal.max_mm,
-            calibrated.max_mm
-        )
     } else {
-        format!(
-            "The calibrated {name} is not better than the nominal one: mean position error {:.3} mm, with the nominal model {:.3} mm.",
-            calibrated.mean_mm, nominal.mean_mm
-        )
+        compared(&format!("The calibrated {name}"), name, nominal, calibrated)
     };
     let identified = calibration.parameters.iter().filter(|p| p.identified).count();
     let by = if evaluation.cross_validated {
@@ -90,27 +81,9 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         ""
     };
     let mut figures = Vec::new();
-    if let Some(e) = v.expected_error_mm {
-        figures.push((
-            "Expected error".to_owned(),
-            format!("{:.3} mm", e.mean),
-            format!(
-                "mean over the workspace; 95 % interval {:.3} to {:.3} mm",
-                e.interval[0], e.interval[1]
-            ),
-        ));
-    }
+    figures.extend(v.expected_error_mm.as_ref().map(expected_figure));
+    figures.extend(error_figures(by, nominal, calibrated));
     figures.extend([
-        (
-            format!("Mean error{by}"),
-            format!("{:.3} mm", calibrated.mean_mm),
-            format!("nominally {:.3} mm", nominal.mean_mm),
-        ),
-        (
-            format!("Largest error{by}"),
-            format!("{:.3} mm", calibrated.max_mm),
-            format!("nominally {:.3} mm", nominal.max_mm),
-        ),
         (
             "Recordings".to_owned(),
             evaluation.used.len().to_string(),
@@ -129,7 +102,10 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
     let mut error_tables = Vec::new();
     if let Some(judged) = judged {
         error_tables.push(ErrorTable {
-            title: format!("Position errors on {} samples", calibrated.n),
+            title: format!(
+                "Position errors on {} samples",
+                judged.model("calibrated").map_or(0, |m| m.errors().n)
+            ),
             caption: format!(
                 "Judged by {}. \"Table only\" is what a URDF can hold: links without compliance and encoder errors.",
                 judged.by

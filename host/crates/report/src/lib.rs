@@ -12,6 +12,7 @@ pub mod calibration;
 mod charts;
 pub mod export;
 mod from_study;
+pub mod headline;
 mod input;
 mod page;
 mod space;

@@ -1,0 +1,172 @@
+//! The retreat from a sphere: against which direction the arm leaves it.
+//!
+//! Poses are planned for the contact with the sphere, not for leaving it. In a strongly turned pose
+//! the straight retreat may end at a joint limit, out of reach, or at the post. The nest comes off by
+//! distance; the direction matters little.
+
+use core::f64::consts::{FRAC_PI_4, TAU};
+
+use nalgebra::{Rotation3, Unit, Vector3};
+
+use super::scene::Scene;
+use super::way::{LIFT_STEP_M, SLACK_M};
+use spherecal_model::chain::TcpPose;
+
+/// Angles to the first choice that a retreat tries, in rad, and directions at each angle.
+const TILTS: [f64; 4] = [0.5 * FRAC_PI_4, FRAC_PI_4, 1.4 * FRAC_PI_4, 1.8 * FRAC_PI_4];
+const DIRECTIONS: u32 = 8;
+/// Of these angles those to the approach direction that are tried where no retreat is clear. The
+/// plate is at a right angle to it.
+const AWAY_FROM_THE_PLATE: usize = 3;
+/// Distance that a joint keeps to the limit at which it faults while the arm retreats, in rad: the
+/// error of the nominal model, and the overshoot.
+const ROOM_RAD: f64 = 0.03;
+
+impl Scene {
+    /// The direction (towards the sphere, F0, a unit vector) opposite to the best retreat by
+    /// `length_m` of an arm that stands at `q` (rad). It is `approach` if that retreat is clear and
+    /// leaves the joints room; else the tool's axis; else the direction from the contact; else one
+    /// beside these. If none is clear, it is the one near `approach` that leaves the joints most room.
+    /// The tool keeps its orientation.
+    pub fn retreat(&self, q: &[f64], approach: [f64; 3], length_m: f64) -> [f64; 3] {
+        let straight = Vector3::from(approach);
+        let mut choices = vec![straight, self.chain.pose(q).rotation * Vector3::z()];
+        choices.extend(self.towards_contact(q));
+        let axes: Vec<Unit<Vector3<f64>>> = choices.iter().map(|c| Unit::new_normalize(*c)).collect();
+        for tilt in TILTS {
+            choices.extend(axes.iter().flat_map(|axis| beside(axis, tilt)));
+        }
+        let clear = choices
+            .into_iter()
+            .find(|choice| self.leaves_clear(q, (*choice).into(), length_m));
+        clear.map_or_else(|| self.roomiest_retreat(q, &straight, length_m), Into::into)
+    }
+
+    /// Whether the retreat of `length_m` against `direction` comes no nearer to anything than a margin
+    /// and leaves the joints room.
+    pub(super) fn leaves_clear(&self, q: &[f64], direction: [f64; 3], length_m: f64) -> bool {
+        let Some(path) = self.backed_off(q, &direction.into(), length_m) else {
+            return false;
+        };
+        let refs: Vec<&[f64]> = path.iter().map(Vec::as_slice).collect();
+        let end = path.last().map(|q| self.clearances(q)).unwrap_or_default();
+        // The last clearance is that of the joints. They need their room on the whole way.
+        let Some((_, rest)) = end.split_last() else {
+            return false;
+        };
+        self.too_near(&refs, &vec![0.0; end.len()]) <= SLACK_M
+            && rest.iter().all(|clearance| *clearance >= 0.0)
+            && self.room(&path) >= ROOM_RAD
+    }
+
+    /// Among `straight` and the directions beside it: the least tilted one that leaves the joints their
+    /// room, else the one that leaves them most.
+    fn roomiest_retreat(&self, q: &[f64], straight: &Vector3<f64>, length_m: f64) -> [f64; 3] {
+        let room = |direction: &Vector3<f64>| {
+            let path = self.backed_off(q, direction, length_m);
+            path.map_or(f64::NEG_INFINITY, |path| self.room(&path))
+        };
+        let axis = Unit::new_normalize(*straight);
+        let mut best = (room(straight), *straight);
+        for tilt in TILTS.into_iter().take(AWAY_FROM_THE_PLATE) {
+            if best.0 >= ROOM_RAD {
+                break;
+            }
+            for tilted in beside(&axis, tilt) {
+                let room = room(&tilted);
+                if room > best.0 {
+                    best = (room, tilted);
+                }
+            }
+        }
+        best.1.into()
+    }
+
+    /// The smallest distance of a joint to the end of its range after the first of these
+    /// configurations, beyond the distance at which the controller stops it, in rad.
+    fn room(&self, path: &[Vec<f64>]) -> f64 {
+        let margins = path.iter().skip(1).map(|q| self.chain.limit_margin(q));
+        margins.fold(f64::INFINITY, f64::min) - self.limits.position_margin_rad
+    }
+
+    /// The configurations of a retreat of `length_m` against `direction`, the present one first.
+    /// `None` where the arm does not reach.
+    fn backed_off(&self, q: &[f64], direction: &Vector3<f64>, length_m: f64) -> Option<Vec<Vec<f64>>> {
+        let start = self.chain.pose(q);
+        let mut path = vec![q.to_vec()];
+        let parts = (length_m / LIFT_STEP_M).ceil().max(1.0);
+        for part in 1..=parts as usize {
+            let pose = TcpPose {
+                position: start.position - direction * (length_m * part as f64 / parts),
+                elbow: None,
+                ..start
+            };
+            let next = self.chain.follow(&pose, path.last()?)?;
+            path.push(next);
+        }
+        Some(path)
+    }
+
+    /// Direction from the tool to the ball that is nearest to it, if one is near: that in which the
+    /// clearance shrinks fastest.
+    fn towards_contact(&self, q: &[f64]) -> Option<Vector3<f64>> {
+        let pose = self.chain.pose(q);
+        let here = self.clearances(q);
+        let nearest = (0..here.len().saturating_sub(3)).min_by(|a, b| here[*a].total_cmp(&here[*b]))?;
+        let mut gradient = Vector3::zeros();
+        for axis in 0..3 {
+            let mut moved = pose;
+            moved.elbow = None;
+            moved.position[axis] += 1e-3;
+            let joints = self.chain.follow(&moved, q)?;
+            gradient[axis] = self.clearances(&joints)[nearest] - here[nearest];
+        }
+        (-gradient).try_normalize(1e-6)
+    }
+}
+
+/// The directions at angle `tilt` (rad) to an axis.
+fn beside(axis: &Unit<Vector3<f64>>, tilt: f64) -> impl Iterator<Item = Vector3<f64>> + use<> {
+    let axis = *axis;
+    let side = Unit::new_normalize(axis.cross(&if axis.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() }));
+    (0..DIRECTIONS).map(move |k| {
+        let around = Rotation3::from_axis_angle(&axis, TAU * f64::from(k) / f64::from(DIRECTIONS));
+        Rotation3::from_axis_angle(&(around * side), tilt) * axis.into_inner()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Cell, spread_plan};
+    use spherecal_model::chain::Chain;
+    use spherecal_shared::procedure::Limits;
+
+    const DOWN: [f64; 3] = [0.0, 0.0, -1.0];
+
+    // Fails if an arm with room does not retreat straight, or if an arm whose straight retreat ends
+    // at a joint limit goes there anyway, or into the plate.
+    #[test]
+    fn the_retreat_keeps_clear_of_the_limits() {
+        let cell = Cell::iiwa7();
+        let chain = Chain::new(&cell.robot, &cell.tool).expect("an arm");
+        let plan = spread_plan(&cell, 3).expect("a plan");
+        let scene = Scene::new(&plan, &chain, 0, &Limits::default(), &[]);
+        let bent = &plan.spheres[0].poses[0].joints;
+        assert_eq!(scene.retreat(bent, DOWN, 0.05), DOWN);
+        // A posture from the paper's grid in which joint 6 ran into its limit.
+        let stretched = [0.075, 1.165, 0.012, -0.386, -0.299, 1.963, 0.145];
+        let room = |direction: [f64; 3]| {
+            let path = scene.backed_off(&stretched, &direction.into(), 0.05);
+            path.map_or(f64::NEG_INFINITY, |path| scene.room(&path))
+        };
+        assert!(room(DOWN) < ROOM_RAD);
+        for way in [
+            scene.retreat(&stretched, DOWN, 0.05),
+            scene.roomiest_retreat(&stretched, &DOWN.into(), 0.05),
+        ] {
+            assert!(room(way) >= ROOM_RAD, "{way:?}");
+            assert!(-way[2] > 0.4, "{way:?}");
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! Words and figures of a report's headline, the same for a run and for a study.
+
+use spherecal_identify::ExpectedError;
+
+/// A figure of a headline: name, value, and what it is.
+pub type Figure = (String, String, String);
+
+/// Mean and largest error of a model, in mm.
+#[derive(Clone, Copy, Debug)]
+pub struct Error {
+    /// Mean error.
+    pub mean_mm: f64,
+    /// Largest error.
+    pub max_mm: f64,
+}
+
+/// Says how much more accurate a robot is than the nominal one. `subject` begins the sentence, for
+/// instance "The calibrated iiwa7".
+pub fn compared(subject: &str, robot: &str, nominal: Error, calibrated: Error) -> String {
+    let gain = 1.0 - calibrated.mean_mm / nominal.mean_mm.max(1e-12);
+    if gain <= 0.0 {
+        return format!(
+            "The calibrated {robot} is not better than the nominal one: mean position error {:.3} mm, with the nominal \
+             model {:.3} mm.",
+            calibrated.mean_mm, nominal.mean_mm
+        );
+    }
+    format!(
+        "{subject} is {:.0} % more accurate: its mean position error fell from {:.3} mm to {:.3} mm, the largest from \
+         {:.3} mm to {:.3} mm.",
+        gain * 100.0,
+        nominal.mean_mm,
+        calibrated.mean_mm,
+        nominal.max_mm,
+        calibrated.max_mm
+    )
+}
+
+/// Mean and largest error as figures. `by` follows their names: how they were found, or nothing.
+pub fn error_figures(by: &str, nominal: Error, calibrated: Error) -> [Figure; 2] {
+    [
+        ("Mean error", nominal.mean_mm, calibrated.mean_mm),
+        ("Largest error", nominal.max_mm, calibrated.max_mm),
+    ]
+    .map(|(name, before, now)| {
+        (
+            format!("{name}{by}"),
+            format!("{now:.3} mm"),
+            format!("nominally {before:.3} mm"),
+        )
+    })
+}
+
+/// The expected error over the workspace as a figure.
+pub fn expected_figure(expected: &ExpectedError) -> Figure {
+    (
+        "Expected error".to_owned(),
+        format!("{:.3} mm", expected.mean),
+        format!(
+            "mean over the workspace; 95 % interval {:.3} to {:.3} mm",
+            expected.interval[0], expected.interval[1]
+        ),
+    )
+}
