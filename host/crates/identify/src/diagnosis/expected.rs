@@ -12,7 +12,7 @@
 //! mean is the expected error, and their quantiles its interval. So the interval
 //! holds what the noise leaves open, what the model may leave out, and how well the
 //! sizes of both are known. The draws take one thing for granted: that errors which
-//! no cause describes are white, so that they average out. [`SIZE_SIGMA`] widens the
+//! no cause describes are white, so that they average out. `SIZE_SIGMA` widens the
 //! interval by that.
 
 use nalgebra::{DMatrix, DVector, Vector3};
