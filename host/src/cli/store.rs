@@ -1,13 +1,13 @@
 //! `spherecal store`: checks a database, and saves the readable data of a damaged one.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
 use super::exit::{CliError, Exit};
 use super::out::outln;
 use spherecal_job as job;
-use spherecal_store::{CalibrationStore as _, SqlStore, StoreError, recover};
+use spherecal_store::{CalibrationStore as _, SqlStore, StoreError, StoreLocation, recover};
 
 /// Arguments of `store`.
 #[derive(Args, Clone, Debug)]
@@ -42,10 +42,22 @@ pub enum StoreAction {
     },
 }
 
+/// Refuses the address of a server in the place of a file, without its password.
+fn refuse_server(path: &Path) -> Result<(), CliError> {
+    match path.to_str().and_then(|text| text.parse().ok()) {
+        None | Some(StoreLocation::File(_)) => Ok(()),
+        Some(server) => Err(CliError::input(format!(
+            "{server} is a server: this command reads SQLite files. Check and restore a server's database with the \
+             server's own tools"
+        ))),
+    }
+}
+
 /// `spherecal store`
 pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
     match &args.action {
         StoreAction::Check { database } => {
+            refuse_server(database)?;
             let mut store = SqlStore::open(database)?;
             for info in store.runs()? {
                 // Reads everything, and compares it with its digests.
@@ -62,6 +74,8 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
             Ok(Exit::Done)
         }
         StoreAction::Recover { damaged, new, json } => {
+            refuse_server(damaged)?;
+            refuse_server(new)?;
             let recovered = recover(damaged, new)?;
             let recordings = recovered.tables.get("recordings").copied().unwrap_or_default();
             if *json {
