@@ -59,8 +59,21 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
         StoreAction::Check { database } => {
             refuse_server(database)?;
             let mut store = SqlStore::open(database)?;
+            let damage = store.damage()?;
+            for found in &damage {
+                outln!("run {}: {}", found.run, found.what);
+            }
+            if let Some(first) = damage.first() {
+                return Err(StoreError::Damaged {
+                    path: database.clone(),
+                    what: match damage.len() {
+                        1 => format!("run {}: {}", first.run, first.what),
+                        rows => format!("{rows} rows are not as they were written"),
+                    },
+                }
+                .into());
+            }
             for info in store.runs()? {
-                // Reads everything, and compares it with its digests.
                 let measured = job::read(&mut store, &info)?;
                 outln!(
                     "run {}: {}, {} of {} poses recorded",
@@ -86,6 +99,12 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
                 }
                 for (run, sphere, pose) in &recovered.recordings_left_out {
                     outln!("  left out because its digest differs: run {run}, sphere {sphere}, pose {pose}");
+                }
+                for run in &recovered.settings_restored {
+                    outln!("  settings of run {run}: restored from their second copy");
+                }
+                for run in &recovered.settings_doubtful {
+                    outln!("  settings of run {run}: differ from what was written and have no second copy; check them");
                 }
                 outln!(
                     "{}: {} recordings; {} is unchanged. To record what is missing, use `spherecal run --resume` on a \
