@@ -33,6 +33,7 @@ mod read;
 mod recover;
 mod runs;
 mod seal;
+mod spares;
 mod sql;
 pub mod time;
 mod write;

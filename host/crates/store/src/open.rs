@@ -15,6 +15,7 @@ use tokio::runtime::Runtime;
 
 #[cfg(feature = "postgres")]
 use super::StoreLocation;
+use super::lock::identity;
 use super::{Kind, SqlStore, StoreError};
 
 /// Version of the schema that this program writes. It also reads older versions.
@@ -299,20 +300,6 @@ async fn bring_forward(connection: &mut SqliteConnection) -> Result<(), sqlx::Er
     let mark = format!("PRAGMA application_id = {APPLICATION_ID}");
     sqlx::query(AssertSqlSafe(mark)).execute(&mut *connection).await?;
     Ok(())
-}
-
-/// Device and number of a file; `None` where the system has none.
-pub(super) fn identity(path: &Path) -> Option<(u64, u64)> {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::MetadataExt as _;
-        std::fs::metadata(path).ok().map(|file| (file.dev(), file.ino()))
-    }
-    #[cfg(not(unix))]
-    {
-        let _ = path;
-        None
-    }
 }
 
 /// Whether the path has no file yet, or only an empty one.

@@ -12,10 +12,9 @@ use std::collections::BTreeMap;
 use sqlx::any::{AnyRow, AnyTypeInfoKind};
 use sqlx::{AnyConnection, AssertSqlSafe, Row as _, ValueRef as _};
 
-use spherecal_model::Sphere;
-
 use super::digest::{self, Digest, recording_subject};
-use super::write::{put_digest, put_spares, rows};
+use super::spares::put_spares;
+use super::write::{put_digest, rows};
 use super::{SqlStore, StoreError};
 
 /// A table whose rows are sealed.
@@ -174,33 +173,6 @@ pub(super) async fn forget_removed(t: &mut AnyConnection, table: &Sealed, run: i
             .await?;
     }
     Ok(())
-}
-
-/// The certificate as text that reads back bit by bit: a line for each sphere, with its id and the
-/// bits of x, y, z and sigma.
-pub(super) fn spare_of(spheres: &[Sphere]) -> String {
-    let line = |s: &Sphere| {
-        let [x, y, z] = s.position_m;
-        let bits = [x, y, z, s.sigma_m].map(|value| format!("{:016x}", (value + 0.0).to_bits()));
-        format!("{} {}\n", s.id, bits.join(" "))
-    };
-    spheres.iter().map(line).collect()
-}
-
-/// The certificate of such a text: for each sphere its id, and x, y, z and sigma.
-pub(super) fn spheres_of(spare: &str) -> Option<Vec<(i64, [f64; 4])>> {
-    spare
-        .lines()
-        .map(|line| {
-            let mut words = line.split(' ');
-            let id = words.next()?.parse().ok()?;
-            let mut values = [0.0; 4];
-            for value in &mut values {
-                *value = f64::from_bits(u64::from_str_radix(words.next()?, 16).ok()?);
-            }
-            Some((id, values))
-        })
-        .collect()
 }
 
 /// A row that is not as it was written.

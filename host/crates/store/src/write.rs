@@ -3,10 +3,12 @@
 use sqlx::{AnyConnection, AssertSqlSafe, Connection as _};
 
 use super::digest;
-use super::seal::{self, GREETINGS, Key, LASER, POSES, RESULTS, RUNS, SESSIONS, SPARES, SPHERES, forget_removed, seal};
-use spherecal_model::{LaserShot, Sphere};
+use super::seal::{GREETINGS, Key, LASER, POSES, RESULTS, RUNS, SESSIONS, forget_removed, seal};
+use super::spares::seal_settings;
+use spherecal_model::LaserShot;
 
-use super::open::{PATIENCE, identity};
+use super::lock::identity;
+use super::open::PATIENCE;
 use super::{Kind, NewRun, SqlStore, StoreError};
 
 /// What is known of a session at its end, or so far.
@@ -348,47 +350,6 @@ impl SqlStore {
         Ok(())
     }
 }
-
-/// Seals the settings of a new run, and stores their second copy. `certificate` is sorted by id.
-async fn seal_settings(t: &mut AnyConnection, run: i64, certificate: &[Sphere]) -> Result<(), sqlx::Error> {
-    put_spares(t, run, certificate).await?;
-    for table in [RUNS, SPARES, SPHERES, POSES] {
-        seal(t, &table, run, &[]).await?;
-    }
-    Ok(())
-}
-
-/// Stores the second copy of a run's settings.
-pub(super) async fn put_spares(t: &mut AnyConnection, run: i64, certificate: &[Sphere]) -> Result<(), sqlx::Error> {
-    for name in SPARED {
-        sqlx::query(AssertSqlSafe(format!(
-            "INSERT INTO spares (run, name, value) SELECT run, '{name}', CAST({name} AS TEXT) FROM runs WHERE run = $1"
-        )))
-        .bind(run)
-        .execute(&mut *t)
-        .await?;
-    }
-    sqlx::query("INSERT INTO spares (run, name, value) VALUES ($1, 'spheres', $2)")
-        .bind(run)
-        .bind(seal::spare_of(certificate))
-        .execute(t)
-        .await
-        .map(|_| ())
-}
-
-/// Columns of a run that have a second copy: all but its number and its state.
-pub(super) const SPARED: [&str; 10] = [
-    "created_utc",
-    "seed",
-    "link",
-    "robot",
-    "robot_json",
-    "tool_json",
-    "config_toml",
-    "plan_json",
-    "program",
-    "arm",
-];
 
 pub(super) async fn put_digest(t: &mut AnyConnection, run: i64, subject: &str, digest: i64) -> Result<(), sqlx::Error> {
     sqlx::query(

@@ -34,7 +34,8 @@ pub(super) async fn columns_of(table: &str, target: &mut AnyConnection) -> Resul
 /// All rows of a table that can be read, the number of those that cannot, and whether the table was
 /// read to its end without an error.
 ///
-/// The table is read forwards and backwards, each to the first damage, and then number by number.
+/// The table is read as a whole. If that fails, it is read forwards and backwards, each to the first
+/// damage, and then number by number.
 pub(super) async fn read_table(
     table: &str,
     columns: &[String],
@@ -46,11 +47,16 @@ pub(super) async fn read_table(
         "SELECT +rowid AS number, {} FROM {table} NOT INDEXED",
         values.join(", ")
     );
+    // The whole table in the order of its pages: a damaged number does not matter to that.
+    if let Ok(all) = sqlx::query(AssertSqlSafe(select.clone())).fetch_all(&mut *source).await {
+        let rows: Vec<StoredRow> = all.iter().filter_map(|row| values_of(row, columns.len())).collect();
+        let lost = (all.len() - rows.len()) as u64;
+        return (rows, lost, lost == 0);
+    }
     let mut rows: BTreeMap<i64, StoredRow> = BTreeMap::new();
     let mut lost = 0;
     for order in ["ASC", "DESC"] {
         let mut from: Option<i64> = None;
-        let mut whole = true;
         // In steps, because an error in the middle of a step loses what the step had read.
         loop {
             let bound = match from {
@@ -63,30 +69,19 @@ pub(super) async fn read_table(
                 Ok(None) => break,
                 Ok(Some(row)) => {
                     let Ok(number) = row.try_get_unchecked::<i64, _>(0) else {
-                        whole = false;
                         break;
                     };
                     // A damaged number must not lead to a circle.
                     if from.is_some_and(|last| (order == "ASC") != (number > last) || number == last) {
-                        whole = false;
                         break;
                     }
                     from = Some(number);
-                    match values_of(&row, columns.len()) {
-                        Some(values) => {
-                            rows.insert(number, values);
-                        }
-                        None => whole = false,
+                    if let Some(values) = values_of(&row, columns.len()) {
+                        rows.insert(number, values);
                     }
                 }
-                Err(_) => {
-                    whole = false;
-                    break;
-                }
+                Err(_) => break,
             }
-        }
-        if whole {
-            return (rows.into_values().collect(), 0, true);
         }
     }
     let highest: Option<i64> = sqlx::query_scalar(AssertSqlSafe(format!("SELECT MAX(rowid) FROM {table}")))

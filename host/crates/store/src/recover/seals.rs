@@ -6,8 +6,8 @@ use sqlx::SqliteConnection;
 
 use super::Recovered;
 use super::rows::{StoredRow, read_table, run_of};
-use crate::seal::{SEALED, Value, of_row, spheres_of};
-use crate::write::SPARED;
+use crate::seal::{SEALED, Value, of_row};
+use crate::spares::{SPARED, spheres_of};
 
 /// The digests and second copies of a damaged file, as far as they can be read.
 pub(super) struct Seals {
