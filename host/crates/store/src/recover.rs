@@ -134,6 +134,7 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
     let _ = runtime.block_on(source.close());
     recovered.recordings_left_out = leave_out(&mut target, &seals)?;
     incomplete.extend(recovered.recordings_left_out.iter().map(|(run, ..)| *run));
+    target.block(async |connection| complete_runs(&recovered.settings_restored, connection).await)?;
     reopen_runs(&mut target, &incomplete)?;
     seal_anew(&mut target)?;
     drop(target);
@@ -278,6 +279,21 @@ fn leave_out(target: &mut SqlStore, seals: &Seals) -> Result<Vec<(i64, i64, i64)
         })?;
     }
     Ok(left_out)
+}
+
+/// Marks runs whose state is lost as complete, where they have the summary that is written of a
+/// measured run.
+async fn complete_runs(runs: &[i64], connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
+    for run in runs {
+        sqlx::query(
+            "UPDATE runs SET state = 'complete' WHERE run = $1 AND EXISTS \
+             (SELECT 1 FROM results WHERE results.run = $1 AND name = 'summary')",
+        )
+        .bind(*run)
+        .execute(&mut *connection)
+        .await?;
+    }
+    Ok(())
 }
 
 /// Marks runs that lack something that is measured as running.
