@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::exit::{CliError, Exit};
-use super::out::outln;
+use super::out::{errln, outln};
 use spherecal_job::open_store;
 use spherecal_report::export::{ExportError, Format, export};
 use spherecal_store::StoreLocation;
@@ -50,7 +50,7 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     // The telemetry in the folder belongs to the last run.
     let telemetry = args.out.join("telemetry.mcap");
     let telemetry = (run == last && telemetry.exists()).then_some(telemetry);
-    let files = export(
+    let exported = export(
         store.as_mut(),
         run,
         telemetry.as_deref(),
@@ -62,8 +62,14 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
         ExportError::Telemetry { .. } | ExportError::NoParquet => CliError::input(e),
         ExportError::Write { .. } => CliError::job(e),
     })?;
-    for file in files {
+    for file in &exported.files {
         outln!("{}", file.display());
+    }
+    if exported.torn_telemetry {
+        errln!(
+            "spherecal export: telemetry.mcap ends in the middle of a record, because its program was killed: the \
+             telemetry before that is exported"
+        );
     }
     Ok(Exit::Done)
 }

@@ -6,6 +6,7 @@ use super::features;
 use super::out::{out, outln};
 use super::text;
 use spherecal_job::JobError;
+use spherecal_model::write_file;
 
 /// Makes the plan, prints its summary, and writes it.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
@@ -22,7 +23,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     };
     std::fs::create_dir_all(&args.out).map_err(written)?;
     let path = args.out.join("plan.json");
-    std::fs::write(&path, json + "\n").map_err(written)?;
+    write_file(&path, json + "\n").map_err(written)?;
     out!("{}", text::plan(&prepared.plan));
     if let Some(wanted_mm) = prepared.config.plan.accuracy_mm {
         outln!(

@@ -9,6 +9,7 @@ use super::exit::{CliError, Exit};
 use super::out::outln;
 use spherecal_job::JobError;
 use spherecal_model::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_urdf};
+use spherecal_model::write_file;
 
 /// Arguments of `robot`.
 #[derive(Args, Clone, Debug)]
@@ -154,7 +155,7 @@ fn convert(model: &RobotModel, to: &Path) -> Result<(), CliError> {
             )));
         }
     };
-    std::fs::write(to, text).map_err(|source| JobError::Write {
+    write_file(to, text).map_err(|source| JobError::Write {
         path: to.display().to_string(),
         source,
     })?;

@@ -159,7 +159,10 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
         resumed(args)?
     } else {
         let prepared = args.prepare()?;
-        (open_store(&args.database(), true)?, prepared, None)
+        let mut store = open_store(&args.database(), true)?;
+        // A new run in a damaged file could not be read back.
+        store.verify()?;
+        (store, prepared, None)
     };
     // A server takes care of several writers itself.
     let _claim = match args.database() {
@@ -229,6 +232,7 @@ fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<ContactTrace>) 
 
 fn resumed(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, Prepared, Option<RunInfo>), CliError> {
     let mut store = open_store(&args.database(), false)?;
+    store.verify()?;
     let info = store.require_run_of(args.arm.as_deref().unwrap_or_default())?;
     if info.link != args.link.to_string() {
         return Err(JobError::Resume {

@@ -114,6 +114,16 @@ pub(super) fn announce(line: &str) {
     let _ = writeln!(out, "{line}").and_then(|()| out.flush());
 }
 
+/// Warns that other machines can reach a link that has neither a token nor encryption.
+pub(super) fn warn_if_open(command: &str, address: SocketAddr) {
+    if !address.ip().to_canonical().is_loopback() {
+        errln!(
+            "spherecal {command}: warning: {address} admits every machine that can reach it, without a token and \
+             without encryption: use a network of the cell alone, or give a port without a host for this machine only"
+        );
+    }
+}
+
 /// `spherecal plant`
 pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
     if args.fci {
@@ -127,6 +137,7 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
     }
     let drive = job::simulated_drive(&args.configuration()?)?;
     let (listener, address) = listen(args.listen.as_deref().unwrap_or("7401")).map_err(LinkError::from)?;
+    warn_if_open("plant", address);
     let way = if args.real_time { "in real time" } else { "in lock-step" };
     announce(&format!("drive link, {way}, on tcp:{address}"));
     let mut server = DriveServer::new(drive, args.real_time);
@@ -174,6 +185,7 @@ pub(super) fn controller(args: &ControllerArgs) -> Result<Exit, CliError> {
     };
     let mut cell = LocalDevice::new(controller_in_process(joints)?, drive, joints)?;
     let (listener, address) = listen(&args.host_link).map_err(LinkError::from)?;
+    warn_if_open("controller", address);
     announce(&format!(
         "controller, {joints} joints, {way}: host link on tcp:{address}"
     ));

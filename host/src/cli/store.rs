@@ -1,13 +1,13 @@
 //! `spherecal store`: checks a database, and saves the readable data of a damaged one.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
 use super::exit::{CliError, Exit};
 use super::out::outln;
 use spherecal_job as job;
-use spherecal_store::{CalibrationStore as _, SqlStore, StoreError, recover};
+use spherecal_store::{CalibrationStore as _, SqlStore, StoreError, StoreLocation, recover};
 
 /// Arguments of `store`.
 #[derive(Args, Clone, Debug)]
@@ -42,13 +42,38 @@ pub enum StoreAction {
     },
 }
 
+/// Refuses the address of a server in the place of a file, without its password.
+fn refuse_server(path: &Path) -> Result<(), CliError> {
+    match path.to_str().and_then(|text| text.parse().ok()) {
+        None | Some(StoreLocation::File(_)) => Ok(()),
+        Some(server) => Err(CliError::input(format!(
+            "{server} is a server: this command reads SQLite files. Check and restore a server's database with the \
+             server's own tools"
+        ))),
+    }
+}
+
 /// `spherecal store`
 pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
     match &args.action {
         StoreAction::Check { database } => {
+            refuse_server(database)?;
             let mut store = SqlStore::open(database)?;
+            let damage = store.damage()?;
+            for found in &damage {
+                outln!("run {}: {}", found.run, found.what);
+            }
+            if let Some(first) = damage.first() {
+                return Err(StoreError::Damaged {
+                    path: database.clone(),
+                    what: match damage.len() {
+                        1 => format!("run {}: {}", first.run, first.what),
+                        rows => format!("{rows} rows are not as they were written"),
+                    },
+                }
+                .into());
+            }
             for info in store.runs()? {
-                // Reads everything, and compares it with its digests.
                 let measured = job::read(&mut store, &info)?;
                 outln!(
                     "run {}: {}, {} of {} poses recorded",
@@ -62,6 +87,8 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
             Ok(Exit::Done)
         }
         StoreAction::Recover { damaged, new, json } => {
+            refuse_server(damaged)?;
+            refuse_server(new)?;
             let recovered = recover(damaged, new)?;
             let recordings = recovered.tables.get("recordings").copied().unwrap_or_default();
             if *json {
@@ -72,6 +99,12 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
                 }
                 for (run, sphere, pose) in &recovered.recordings_left_out {
                     outln!("  left out because its digest differs: run {run}, sphere {sphere}, pose {pose}");
+                }
+                for run in &recovered.settings_restored {
+                    outln!("  settings of run {run}: restored from their second copy");
+                }
+                for run in &recovered.settings_doubtful {
+                    outln!("  settings of run {run}: differ from what was written and have no second copy; check them");
                 }
                 outln!(
                     "{}: {} recordings; {} is unchanged. To record what is missing, use `spherecal run --resume` on a \

@@ -5,6 +5,7 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use spherecal_model::chain::{Chain, TcpPose, quaternion, rotation_of};
+use spherecal_model::write_file;
 use spherecal_plan::Plan;
 use spherecal_shared::robot::{Robot, Tool};
 
@@ -78,7 +79,7 @@ impl TaughtWaypoints {
             what: "the waypoints",
             message: e.to_string(),
         })?;
-        std::fs::write(path, text).map_err(|source| JobError::Write {
+        write_file(path, text).map_err(|source| JobError::Write {
             path: path.display().to_string(),
             source,
         })

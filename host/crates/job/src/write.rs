@@ -10,8 +10,8 @@ use spherecal_shared::robot::MdhRow;
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
 use spherecal_campaign::telemetry::ContactTrace;
-use spherecal_model::Chain;
 use spherecal_model::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf};
+use spherecal_model::{Chain, write_file};
 use spherecal_report::render;
 
 /// Paths of what was written.
@@ -28,7 +28,7 @@ impl Files {
     /// When it cannot be written.
     pub fn put(&mut self, folder: &Path, name: &str, text: &str) -> Result<(), JobError> {
         let path = folder.join(name);
-        std::fs::write(&path, text).map_err(|source| JobError::Write {
+        write_file(&path, text).map_err(|source| JobError::Write {
             path: path.display().to_string(),
             source,
         })?;

@@ -162,6 +162,15 @@ pub trait CalibrationStore: Send {
     /// When the store fails.
     fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError>;
 
+    /// Reads everything that a file holds, and compares it with its digests. A server vouches for
+    /// its own data.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or a row is not as it was written.
+    fn verify(&mut self) -> Result<(), StoreError> {
+        Ok(())
+    }
+
     /// Whether several robots may store their runs here.
     fn is_shared(&self) -> bool {
         !self.is_file()

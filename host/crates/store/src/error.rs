@@ -40,6 +40,16 @@ pub enum StoreError {
         /// What SQLite found.
         what: String,
     },
+    /// The file was removed or replaced while it was written to.
+    #[error(
+        "{path} was removed or replaced by another program while it was measured into: what was recorded in this \
+         session is no longer there; put the file back and continue with --resume, or measure again",
+        path = path.display()
+    )]
+    Gone {
+        /// File.
+        path: PathBuf,
+    },
     /// There is no such file.
     #[error(
         "there is no database at {path}: give the --out folder of an earlier run, or run `spherecal run` first",
@@ -157,13 +167,28 @@ impl StoreError {
         }
     }
 
+    /// What happened, without the file and the remedy.
+    pub(super) fn cause(&self) -> String {
+        match self {
+            Self::Damaged { what, .. } => what.clone(),
+            Self::Database { source, .. } => source.to_string(),
+            Self::Decode { field, source, .. } => format!("{field} does not decode ({source})"),
+            other => other.to_string(),
+        }
+    }
+
     /// Whether the input is the cause (exit code 2), not the machine.
     pub fn is_input(&self) -> bool {
         match self {
             Self::Remote { input, .. } => *input,
             other => !matches!(
                 other,
-                Self::Database { .. } | Self::Io { .. } | Self::Locked { .. } | Self::Full { .. } | Self::Server { .. }
+                Self::Gone { .. }
+                    | Self::Database { .. }
+                    | Self::Io { .. }
+                    | Self::Locked { .. }
+                    | Self::Full { .. }
+                    | Self::Server { .. }
             ),
         }
     }

@@ -5,9 +5,10 @@ use serde::Serialize;
 use spherecal_shared::protocol::host::{Contact, Coupled, Event, FaultReport, PhaseChange, Recording};
 use sqlx::any::AnyArguments;
 use sqlx::query::Query;
-use sqlx::{Any, AnyConnection, AssertSqlSafe, Connection as _};
+use sqlx::{Any, AnyConnection, AssertSqlSafe};
 
 use super::digest::{self, recording_subject};
+use super::seal::{CONTACTS, COUPLINGS, FAULTS, Key, PHASES, RECORDINGS, Sealed, forget_removed, seal};
 use super::write::{put_digest, rows};
 use super::{SqlStore, StoreError};
 
@@ -65,27 +66,19 @@ impl SqlStore {
             )
         });
         self.set_durable(measured)?;
-        self.block(async |connection| {
-            let mut t = connection.begin().await?;
+        self.write(async |t| {
             for placed in events {
                 let session = placed.session;
                 let key = (run, session, placed.event);
                 if known == Known::IsReplaced {
-                    for statement in FORGET {
-                        sqlx::query(statement)
-                            .bind(run)
-                            .bind(session)
-                            .bind(placed.event)
-                            .execute(&mut *t)
-                            .await?;
-                    }
+                    forget(t, key).await?;
                 }
                 match placed.body {
-                    Event::Phase(phase) => insert_phase(&mut t, key, phase).await?,
-                    Event::Contact(contact) => insert_contact(&mut t, key, contact).await?,
-                    Event::Coupled(coupled) => insert_coupled(&mut t, key, coupled).await?,
-                    Event::Recording(recording) => insert_recording(&mut t, run, session, recording).await?,
-                    Event::Fault(fault) => insert_fault(&mut t, key, fault).await?,
+                    Event::Phase(phase) => insert_phase(t, key, phase).await?,
+                    Event::Contact(contact) => insert_contact(t, key, contact).await?,
+                    Event::Coupled(coupled) => insert_coupled(t, key, coupled).await?,
+                    Event::Recording(recording) => insert_recording(t, run, session, recording).await?,
+                    Event::Fault(fault) => insert_fault(t, key, fault).await?,
                     Event::Banner(_)
                     | Event::Held { .. }
                     | Event::Reply { .. }
@@ -94,15 +87,14 @@ impl SqlStore {
                     | Event::Statistics(_) => {}
                 }
             }
-            t.commit().await
+            Ok(())
         })
     }
 
     /// Removes the events of a run, except recordings, that do not belong to `session` or that came
     /// after event `last` of it.
     pub(super) fn forget_after(&mut self, run: i64, session: i64, last: i64) -> Result<(), StoreError> {
-        self.block(async |connection| {
-            let mut t = connection.begin().await?;
+        self.write(async |t| {
             for statement in FORGET_AFTER {
                 sqlx::query(statement)
                     .bind(run)
@@ -111,12 +103,19 @@ impl SqlStore {
                     .execute(&mut *t)
                     .await?;
             }
-            t.commit().await
+            for table in EVENTS {
+                forget_removed(t, &table, run).await?;
+            }
+            Ok(())
         })
     }
 }
 
-type Key = (i64, i64, i64);
+/// Run, session and number of an event.
+type EventKey = (i64, i64, i64);
+
+/// The tables of events, recordings excepted.
+const EVENTS: [Sealed; 4] = [PHASES, CONTACTS, COUPLINGS, FAULTS];
 
 /// What is known of one event, recordings excepted.
 const FORGET: [&str; 4] = [
@@ -134,13 +133,42 @@ const FORGET_AFTER: [&str; 4] = [
     "DELETE FROM faults WHERE run = $1 AND (session <> $2 OR event > $3)",
 ];
 
+/// Removes one event and its digest.
+async fn forget(t: &mut AnyConnection, key: EventKey) -> Result<(), sqlx::Error> {
+    let (run, session, event) = key;
+    for (statement, table) in FORGET.iter().zip(EVENTS) {
+        if keyed(key, statement).execute(&mut *t).await?.rows_affected() > 0 {
+            sqlx::query("DELETE FROM digests WHERE run = $1 AND subject = $2")
+                .bind(run)
+                .bind(format!("{} {session} {event}", table.name))
+                .execute(&mut *t)
+                .await?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes one event, and seals it if it is new.
+async fn put(
+    t: &mut AnyConnection,
+    table: &Sealed,
+    key: EventKey,
+    insert: Query<'static, Any, AnyArguments>,
+) -> Result<(), sqlx::Error> {
+    let (run, session, event) = key;
+    if insert.execute(&mut *t).await?.rows_affected() > 0 {
+        seal(t, table, run, &[Key::Whole(session), Key::Whole(event)]).await?;
+    }
+    Ok(())
+}
+
 /// A statement on one event. Its first three values are the event's key.
-fn keyed(key: Key, statement: &'static str) -> Query<'static, Any, AnyArguments> {
+fn keyed(key: EventKey, statement: &'static str) -> Query<'static, Any, AnyArguments> {
     sqlx::query(statement).bind(key.0).bind(key.1).bind(key.2)
 }
 
-async fn insert_phase(t: &mut AnyConnection, key: Key, phase: &PhaseChange) -> Result<(), sqlx::Error> {
-    keyed(
+async fn insert_phase(t: &mut AnyConnection, key: EventKey, phase: &PhaseChange) -> Result<(), sqlx::Error> {
+    let insert = keyed(
         key,
         "INSERT INTO phases (run, session, event, phase, previous, time_us, tick) VALUES ($1, $2, $3, $4, $5, $6, $7) \
          ON CONFLICT DO NOTHING",
@@ -148,15 +176,13 @@ async fn insert_phase(t: &mut AnyConnection, key: Key, phase: &PhaseChange) -> R
     .bind(name_of(phase.phase))
     .bind(name_of(phase.from))
     .bind(phase.time_us as i64)
-    .bind(phase.tick as i64)
-    .execute(t)
-    .await
-    .map(|_| ())
+    .bind(phase.tick as i64);
+    put(t, &PHASES, key, insert).await
 }
 
-async fn insert_contact(t: &mut AnyConnection, key: Key, contact: &Contact) -> Result<(), sqlx::Error> {
+async fn insert_contact(t: &mut AnyConnection, key: EventKey, contact: &Contact) -> Result<(), sqlx::Error> {
     let ([tx, ty, tz], [px, py, pz]) = (contact.tare_n, contact.tcp_m);
-    keyed(
+    let insert = keyed(
         key,
         "INSERT INTO contacts (run, session, event, sphere, time_us, force_n, peak_n, tare_x_n, tare_y_n, tare_z_n, \
          tcp_x_m, tcp_y_m, tcp_z_m, travel_m, latency_ticks, early_crossings) \
@@ -174,15 +200,13 @@ async fn insert_contact(t: &mut AnyConnection, key: Key, contact: &Contact) -> R
     .bind(real(pz))
     .bind(real(contact.travel_m))
     .bind(i64::from(contact.latency_ticks))
-    .bind(i64::from(contact.early_crossings))
-    .execute(t)
-    .await
-    .map(|_| ())
+    .bind(i64::from(contact.early_crossings));
+    put(t, &CONTACTS, key, insert).await
 }
 
-async fn insert_coupled(t: &mut AnyConnection, key: Key, coupled: &Coupled) -> Result<(), sqlx::Error> {
+async fn insert_coupled(t: &mut AnyConnection, key: EventKey, coupled: &Coupled) -> Result<(), sqlx::Error> {
     let [x, y, z] = coupled.centre_m;
-    keyed(
+    let insert = keyed(
         key,
         "INSERT INTO couplings (run, session, event, sphere, time_us, centre_x_m, centre_y_m, centre_z_m, shift_m, \
          test_m) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
@@ -193,15 +217,13 @@ async fn insert_coupled(t: &mut AnyConnection, key: Key, coupled: &Coupled) -> R
     .bind(real(y))
     .bind(real(z))
     .bind(real(coupled.shift_m))
-    .bind(real(coupled.test_m))
-    .execute(t)
-    .await
-    .map(|_| ())
+    .bind(real(coupled.test_m));
+    put(t, &COUPLINGS, key, insert).await
 }
 
-async fn insert_fault(t: &mut AnyConnection, key: Key, fault: &FaultReport) -> Result<(), sqlx::Error> {
+async fn insert_fault(t: &mut AnyConnection, key: EventKey, fault: &FaultReport) -> Result<(), sqlx::Error> {
     // Value and limit as text: a fault may report a NaN, which a column of numbers cannot hold.
-    keyed(
+    let insert = keyed(
         key,
         "INSERT INTO faults (run, session, event, fault, phase, time_us, tick, joint, value, bound) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
@@ -212,10 +234,8 @@ async fn insert_fault(t: &mut AnyConnection, key: Key, fault: &FaultReport) -> R
     .bind(fault.tick as i64)
     .bind(i64::from(fault.joint))
     .bind(format!("{:?}", fault.value))
-    .bind(format!("{:?}", fault.limit))
-    .execute(t)
-    .await
-    .map(|_| ())
+    .bind(format!("{:?}", fault.limit));
+    put(t, &FAULTS, key, insert).await
 }
 
 async fn insert_recording(t: &mut AnyConnection, run: i64, session: i64, r: &Recording) -> Result<(), sqlx::Error> {
@@ -243,6 +263,8 @@ async fn insert_recording(t: &mut AnyConnection, run: i64, session: i64, r: &Rec
     if inserted.rows_affected() == 0 {
         return Ok(());
     }
+    let key = [Key::Whole(r.sphere.into()), Key::Whole(r.pose.into())];
+    seal(t, &RECORDINGS, run, &key).await?;
     let subject = recording_subject(r.sphere, r.pose);
     put_digest(t, run, &subject, digest::of_recording(r)).await?;
     if r.q.is_empty() || r.tau.is_empty() {

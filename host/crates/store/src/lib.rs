@@ -32,6 +32,8 @@ mod peer;
 mod read;
 mod recover;
 mod runs;
+mod seal;
+mod spares;
 mod sql;
 pub mod time;
 mod write;
@@ -51,6 +53,7 @@ pub use open::SCHEMA_VERSION;
 pub use peer::Peer;
 pub use recover::{Recovered, recover};
 pub use runs::RunInfo;
+pub use seal::Damage;
 pub use write::SessionEnd;
 
 use spherecal_model::Sphere;
@@ -73,6 +76,8 @@ pub struct SqlStore {
     path: PathBuf,
     /// Whether commits wait for the disk.
     durable: bool,
+    /// Which file it is, to notice that it was replaced.
+    identity: Option<(u64, u64)>,
     /// See [`CalibrationStore::chosen_run`].
     chosen: Option<i64>,
 }
@@ -119,5 +124,7 @@ pub struct PlannedPose {
 
 #[cfg(test)]
 mod damage_tests;
+#[cfg(test)]
+mod flip_tests;
 #[cfg(test)]
 mod tests;

@@ -15,16 +15,17 @@ use tokio::runtime::Runtime;
 
 #[cfg(feature = "postgres")]
 use super::StoreLocation;
+use super::lock::identity;
 use super::{Kind, SqlStore, StoreError};
 
 /// Version of the schema that this program writes. It also reads older versions.
-pub const SCHEMA_VERSION: i64 = 3;
+pub const SCHEMA_VERSION: i64 = 4;
 
 /// `SPHC`, in SQLite's application id: marks a database of spherecal.
 const APPLICATION_ID: i64 = 0x5350_4843;
 
 /// How long another program's lock is waited for.
-const PATIENCE: Duration = Duration::from_millis(if cfg!(test) { 300 } else { 10_000 });
+pub(super) const PATIENCE: Duration = Duration::from_millis(if cfg!(test) { 300 } else { 10_000 });
 
 /// The migrations, oldest first. A released one never changes.
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
@@ -35,6 +36,7 @@ static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
         step(1, "first", include_str!("../migrations/0001_first.sql")),
         step(2, "sessions", include_str!("../migrations/0002_sessions.sql")),
         step(3, "arm", include_str!("../migrations/0003_arm.sql")),
+        step(4, "seals", include_str!("../migrations/0004_seals.sql")),
     ])
 });
 
@@ -96,11 +98,17 @@ impl SqlStore {
             url: path.display().to_string(),
             source,
         };
-        let connection = runtime.block_on(async {
+        let (connection, older) = runtime.block_on(async {
             let mut connection = AnyConnection::connect(url).await.map_err(database)?;
+            // A database without tables has no row to seal.
+            let before: Option<i64> = sqlx::query_scalar("SELECT MAX(version) FROM _sqlx_migrations")
+                .fetch_one(&mut connection)
+                .await
+                .unwrap_or(None);
+            let older = before.is_some_and(|version| version < SCHEMA_VERSION);
             // A lock on the server keeps two programs from creating the tables at once.
             match MIGRATIONS.run(&mut connection).await {
-                Ok(()) => Ok(connection),
+                Ok(()) => Ok((connection, older)),
                 Err(MigrateError::VersionMissing(found) | MigrateError::VersionMismatch(found)) => {
                     Err(StoreError::Version {
                         path: path.clone(),
@@ -111,14 +119,19 @@ impl SqlStore {
                 Err(error) => Err(database(error.into())),
             }
         })?;
-        Ok(Self {
+        let mut store = Self {
             runtime,
             connection: Some(connection),
             kind: Kind::Postgres,
             path,
             durable: true,
+            identity: None,
             chosen: None,
-        })
+        };
+        if older {
+            store.seal_everything()?;
+        }
+        Ok(store)
     }
 
     /// Opens the database, or creates it with its folder if there is none.
@@ -158,7 +171,7 @@ impl SqlStore {
         if !fresh {
             refuse_foreign(path, io)?;
         }
-        let connection = runtime.block_on(async {
+        let (connection, version) = runtime.block_on(async {
             let failed = |source| StoreError::of(path, source);
             let version = if fresh && create {
                 make(path).await?;
@@ -184,17 +197,26 @@ impl SqlStore {
                     .await
                     .map_err(failed)?;
             }
-            Ok(connection)
+            Ok((connection, version))
         })?;
         sync_folder(path);
-        Ok(Self {
+        let mut store = Self {
             runtime,
             connection: Some(connection),
             kind: Kind::Sqlite,
             path: path.to_owned(),
             durable: true,
+            identity: identity(path),
             chosen: None,
-        })
+        };
+        if version < SCHEMA_VERSION {
+            store.seal_everything()?;
+            // The mark is last: after a kill the migration is repeated.
+            let mark = format!("PRAGMA user_version = {SCHEMA_VERSION}");
+            store.block(async |connection| sqlx::query(AssertSqlSafe(mark)).execute(connection).await.map(|_| ()))?;
+            store.settle()?;
+        }
+        Ok(store)
     }
 }
 
@@ -240,6 +262,8 @@ async fn make(path: &Path) -> Result<(), StoreError> {
             .connect()
             .await?;
         bring_forward(&mut connection).await?;
+        let mark = format!("PRAGMA user_version = {SCHEMA_VERSION}");
+        sqlx::query(AssertSqlSafe(mark)).execute(&mut connection).await?;
         connection.close().await
     };
     made.await.map_err(|source| StoreError::of(path, source))?;
@@ -269,15 +293,12 @@ async fn bring_file_forward(path: &Path) -> Result<(), sqlx::Error> {
     connection.close().await
 }
 
-/// Migrates the tables to this program's schema and marks the file. Each step is a transaction and
-/// the mark is written last, so after a kill the migration is repeated.
+/// Migrates the tables to this program's schema and marks the file as ours. Each step is a
+/// transaction. The version is marked by the caller, after everything else.
 async fn bring_forward(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
     MIGRATIONS.run(&mut *connection).await?;
-    for (pragma, value) in [("application_id", APPLICATION_ID), ("user_version", SCHEMA_VERSION)] {
-        sqlx::query(AssertSqlSafe(format!("PRAGMA {pragma} = {value}")))
-            .execute(&mut *connection)
-            .await?;
-    }
+    let mark = format!("PRAGMA application_id = {APPLICATION_ID}");
+    sqlx::query(AssertSqlSafe(mark)).execute(&mut *connection).await?;
     Ok(())
 }
 

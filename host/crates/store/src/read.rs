@@ -187,9 +187,15 @@ impl SqlStore {
 
     /// Laser shots, in the order in which they were written.
     pub(super) fn laser(&mut self, run: i64) -> Result<Vec<LaserShot>, StoreError> {
+        let shots = self.unchecked_laser(run)?;
+        self.compare(run, "laser", digest::of_laser(&shots), "the laser measurements")?;
+        Ok(shots)
+    }
+
+    /// Laser shots as they are in the file, without the check of their digest.
+    pub(super) fn unchecked_laser(&mut self, run: i64) -> Result<Vec<LaserShot>, StoreError> {
         let rows = self.rows("SELECT * FROM laser_shots WHERE run = $1 ORDER BY position", run)?;
-        let shots = rows
-            .iter()
+        rows.iter()
             .map(|row| {
                 Ok(LaserShot {
                     purpose: self.get(row, "purpose")?,
@@ -197,13 +203,12 @@ impl SqlStore {
                     point_m: self.triple(row, ["x_m", "y_m", "z_m"])?,
                 })
             })
-            .collect::<Result<Vec<_>, StoreError>>()?;
-        self.compare(run, "laser", digest::of_laser(&shots), "the laser measurements")?;
-        Ok(shots)
+            .collect()
     }
 
     /// A named result, as JSON.
     pub(super) fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError> {
+        self.require_result(run, name)?;
         self.block(async |connection| {
             sqlx::query_scalar("SELECT json FROM results WHERE run = $1 AND name = $2")
                 .bind(run)

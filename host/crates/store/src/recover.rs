@@ -1,29 +1,31 @@
 //! Copies the readable data of a damaged database into a new file.
 //!
-//! The damaged file is copied and only the copy is opened. Rows are fetched one by one by their
-//! number, so a damaged page costs only the rows on it. A lost first page is replaced by that of a
-//! fresh database, which has the same tables in the same places. The copied data are compared with
-//! their digests, and a recording that differs is left out.
+//! The damaged file is copied and only the copy is opened. Rows are read forwards, backwards and by
+//! their number, so a damaged page costs only the rows on it. A lost first page is replaced by that
+//! of a fresh database, which has the same tables in the same places. Each row is compared with its
+//! digest, and a row that differs is left out. Damaged settings are restored from their second copy.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use sqlx::sqlite::{SqliteConnectOptions, SqliteRow};
-use sqlx::{
-    AnyConnection, AssertSqlSafe, ConnectOptions as _, Connection as _, Row as _, SqliteConnection, TypeInfo as _,
-    ValueRef as _,
-};
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{AnyConnection, ConnectOptions as _, Connection as _, SqliteConnection};
 
+use self::rows::{columns_of, insert_rows, read_table, run_of};
+use self::seals::Seals;
 use super::digest::{self, recording_subject};
+use super::write::put_digest;
 use super::{SqlStore, StoreError};
 
-/// Tables, those that others refer to first.
-const TABLES: [&str; 14] = [
+mod rows;
+mod seals;
+
+/// Tables, those that others refer to first. Handshakes refer to sessions, which other tables may
+/// restore.
+const TABLES: [&str; 13] = [
     "runs",
-    "sessions",
-    "greetings",
     "spheres",
     "poses",
     "recordings",
@@ -32,13 +34,11 @@ const TABLES: [&str; 14] = [
     "couplings",
     "phases",
     "faults",
+    "sessions",
+    "greetings",
     "laser_shots",
     "results",
-    "digests",
 ];
-
-/// The search for rows of a table ends after so many numbers in a row without a row.
-const GAP: i64 = 20_000;
 
 /// What was saved of one table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -57,14 +57,20 @@ pub struct Recovered {
     /// Recordings that were left out because they differ from what was written, or lack joints:
     /// run, sphere, pose.
     pub recordings_left_out: Vec<(i64, i64, i64)>,
+    /// Runs whose settings were restored from their second copy.
+    pub settings_restored: Vec<i64>,
+    /// Runs whose settings differ from what was written, and have no second copy: they are kept as
+    /// they were read.
+    pub settings_doubtful: Vec<i64>,
     /// Whether the first page, and with it the list of tables, had to be replaced.
     pub first_page_replaced: bool,
 }
 
 /// Copies the readable data of the database at `damaged` into a new one at `new`.
 ///
-/// A run with lost data counts as unfinished in the new file, so that `--resume` records what is
-/// missing.
+/// Every row that is as it was written is kept, whatever else is damaged. A run with lost data
+/// counts as unfinished in the new file, so that `--resume` records what is missing. Everything in
+/// the new file is sealed anew.
 ///
 /// # Errors
 /// When `new` exists, `damaged` does not, a file cannot be written, or no part of `damaged` looks
@@ -97,14 +103,40 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
         path: damaged.to_owned(),
         what: source.to_string(),
     })?;
+    let seals = runtime.block_on(Seals::read(&mut source));
+    let mut incomplete = BTreeSet::new();
     for table in TABLES {
-        let saved = target.block(async |connection| copy_table(table, &mut source, connection).await)?;
+        let (rows, lost, _) = target.block(async |connection| {
+            let columns = columns_of(table, connection).await?;
+            Ok(read_table(table, &columns, &mut source).await)
+        })?;
+        let mut saved = Saved { read: 0, lost };
+        let (good, bad): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| seals.vouch_for(table, row));
+        let mut kept = good;
+        match table {
+            "runs" => kept = seals.settings(kept, &bad, &mut recovered),
+            "spheres" => kept = seals.certificate(kept, &bad),
+            _ => {
+                saved.lost += bad.len() as u64;
+                // Results are computed again; everything else has to be measured again.
+                if table != "results" {
+                    incomplete.extend(bad.iter().filter_map(|row| run_of(row)));
+                }
+            }
+        }
+        target.block(async |connection| insert_rows(table, &kept, connection, &mut saved).await)?;
+        if table == "sessions" {
+            target.block(async |connection| restore_sessions(connection).await)?;
+        }
         recovered.tables.insert(table, saved);
     }
     // An error while closing does not matter to a copy.
     let _ = runtime.block_on(source.close());
-    recovered.recordings_left_out = leave_out(&mut target)?;
-    reopen_runs(&mut target)?;
+    recovered.recordings_left_out = leave_out(&mut target, &seals)?;
+    incomplete.extend(recovered.recordings_left_out.iter().map(|(run, ..)| *run));
+    target.block(async |connection| complete_runs(&recovered.settings_restored, connection).await)?;
+    reopen_runs(&mut target, &incomplete)?;
+    seal_anew(&mut target)?;
     drop(target);
     std::fs::rename(&draft, new).map_err(|source| workshop.io(source))?;
     Ok(recovered)
@@ -206,109 +238,8 @@ async fn open_copy(copy: &Path) -> Result<SqliteConnection, sqlx::Error> {
     }
 }
 
-/// Copies the rows of one table that can be read and that are consistent.
-async fn copy_table(
-    table: &str,
-    source: &mut SqliteConnection,
-    target: &mut AnyConnection,
-) -> Result<Saved, sqlx::Error> {
-    let columns: Vec<String> = sqlx::query_scalar(AssertSqlSafe(format!(
-        "SELECT name FROM pragma_table_info('{table}') ORDER BY cid"
-    )))
-    .fetch_all(&mut *target)
-    .await?;
-    let list = columns.join(", ");
-    let marks: Vec<String> = (1..=columns.len()).map(|k| format!("${k}")).collect();
-    let insert = format!("INSERT INTO {table} ({list}) VALUES ({})", marks.join(", "));
-    // An expression has no declared type; a declared type that is not text would hang the driver.
-    let values: Vec<String> = columns.iter().map(|name| format!("+{name} AS {name}")).collect();
-    let select = format!("SELECT {} FROM {table} WHERE rowid = $1", values.join(", "));
-    let highest: Option<i64> = sqlx::query_scalar(AssertSqlSafe(format!("SELECT MAX(rowid) FROM {table}")))
-        .fetch_one(&mut *source)
-        .await
-        .ok()
-        .flatten();
-    let mut saved = Saved::default();
-    let (mut rowid, mut missing) = (0, 0);
-    let mut transaction = target.begin().await?;
-    while highest.map_or(missing < GAP, |highest| rowid < highest) && rowid < i64::MAX {
-        rowid += 1;
-        match sqlx::query(AssertSqlSafe(select.clone()))
-            .bind(rowid)
-            .fetch_optional(&mut *source)
-            .await
-        {
-            Ok(None) => missing += 1,
-            // The table, or a column that an older schema lacks, is missing: nothing of it can be
-            // read.
-            Err(_) if rowid == 1 && !has_table(table, source).await => break,
-            Err(_) => {
-                missing += 1;
-                saved.lost += 1;
-            }
-            Ok(Some(row)) => {
-                missing = 0;
-                if insert_row(&insert, &row, columns.len(), &mut transaction).await {
-                    saved.read += 1;
-                } else {
-                    saved.lost += 1;
-                }
-            }
-        }
-        // A damaged highest number must not lead to a search up to it.
-        if missing > 100 * GAP {
-            break;
-        }
-    }
-    if highest.is_none() {
-        // Behind the last row nothing was lost.
-        saved.lost = saved.lost.saturating_sub(missing.unsigned_abs());
-    }
-    transaction.commit().await?;
-    Ok(saved)
-}
-
-async fn has_table(table: &str, source: &mut SqliteConnection) -> bool {
-    let found: Result<i64, _> = sqlx::query_scalar("SELECT COUNT(*) FROM sqlite_master WHERE name = $1")
-        .bind(table)
-        .fetch_one(source)
-        .await;
-    found.is_ok_and(|count| count > 0)
-}
-
-/// Writes one row unchanged. Returns `false` if the new file refuses it (a duplicate key, a lost
-/// run, a missing number).
-async fn insert_row(insert: &str, row: &SqliteRow, columns: usize, target: &mut AnyConnection) -> bool {
-    let mut query = sqlx::query(AssertSqlSafe(insert.to_owned()));
-    for column in 0..columns {
-        let Ok(value) = row.try_get_raw(column) else {
-            return false;
-        };
-        let name = value.type_info().name().to_owned();
-        let null = value.is_null();
-        query = match name.as_str() {
-            _ if null => query.bind(None::<i64>),
-            "INTEGER" => match row.try_get_unchecked::<i64, _>(column) {
-                Ok(value) => query.bind(value),
-                Err(_) => return false,
-            },
-            "REAL" => match row.try_get_unchecked::<f64, _>(column) {
-                Ok(value) => query.bind(value),
-                Err(_) => return false,
-            },
-            "TEXT" => match row.try_get_unchecked::<String, _>(column) {
-                Ok(value) => query.bind(value),
-                Err(_) => return false,
-            },
-            // No column of ours holds anything else.
-            _ => return false,
-        };
-    }
-    query.execute(target).await.is_ok()
-}
-
 /// Removes recordings that differ from what was written, or that lack joints.
-fn leave_out(target: &mut SqlStore) -> Result<Vec<(i64, i64, i64)>, StoreError> {
+fn leave_out(target: &mut SqlStore, seals: &Seals) -> Result<Vec<(i64, i64, i64)>, StoreError> {
     let runs: Vec<i64> = target.block(async |connection| {
         sqlx::query_scalar("SELECT run FROM runs ORDER BY run")
             .fetch_all(connection)
@@ -316,15 +247,13 @@ fn leave_out(target: &mut SqlStore) -> Result<Vec<(i64, i64, i64)>, StoreError> 
     })?;
     let mut left_out = Vec::new();
     for run in runs {
-        let digests = target.digests(run)?;
         // The largest number of joints of any recording of the run. A recording with fewer has lost
         // some.
         let recordings = target.unchecked_recordings(run)?;
         let joints = recordings.iter().map(|r| r.q.len()).max().unwrap_or(0);
         for r in &recordings {
-            let subject = recording_subject(r.sphere, r.pose);
-            let whole = match digests.get(&subject) {
-                Some(digest) => *digest == digest::of_recording(r),
+            let whole = match seals.known(run, &recording_subject(r.sphere, r.pose), digest::of_recording(r)) {
+                Some(same) => same,
                 None => r.q.len() == joints && joints > 0,
             };
             if !whole {
@@ -333,7 +262,6 @@ fn leave_out(target: &mut SqlStore) -> Result<Vec<(i64, i64, i64)>, StoreError> 
         }
     }
     for (run, sphere, pose) in &left_out {
-        let subject = format!("recording {sphere} {pose}");
         target.block(async |connection| {
             let mut t = connection.begin().await?;
             for statement in [
@@ -347,27 +275,73 @@ fn leave_out(target: &mut SqlStore) -> Result<Vec<(i64, i64, i64)>, StoreError> 
                     .execute(&mut *t)
                     .await?;
             }
-            sqlx::query("DELETE FROM digests WHERE run = $1 AND subject = $2")
-                .bind(run)
-                .bind(&subject)
-                .execute(&mut *t)
-                .await?;
             t.commit().await
         })?;
     }
     Ok(left_out)
 }
 
-/// Marks runs that lack recordings as running.
-fn reopen_runs(target: &mut SqlStore) -> Result<(), StoreError> {
+/// Marks runs whose state is lost as complete, where they have the summary that is written of a
+/// measured run.
+async fn complete_runs(runs: &[i64], connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
+    for run in runs {
+        sqlx::query(
+            "UPDATE runs SET state = 'complete' WHERE run = $1 AND EXISTS \
+             (SELECT 1 FROM results WHERE results.run = $1 AND name = 'summary')",
+        )
+        .bind(*run)
+        .execute(&mut *connection)
+        .await?;
+    }
+    Ok(())
+}
+
+/// Marks runs that lack something that is measured as running.
+fn reopen_runs(target: &mut SqlStore, incomplete: &BTreeSet<i64>) -> Result<(), StoreError> {
     target.block(async |connection| {
         sqlx::query(
             "UPDATE runs SET state = 'running' WHERE \
              (SELECT COUNT(*) FROM recordings r WHERE r.run = runs.run) < \
              (SELECT COUNT(*) FROM poses p WHERE p.run = runs.run AND p.rejected IS NULL)",
         )
-        .execute(connection)
-        .await
-        .map(|_| ())
+        .execute(&mut *connection)
+        .await?;
+        for run in incomplete {
+            sqlx::query("UPDATE runs SET state = 'running' WHERE run = $1")
+                .bind(*run)
+                .execute(&mut *connection)
+                .await?;
+        }
+        Ok(())
     })
+}
+
+/// Adds an empty session where recordings or events name one that is lost.
+async fn restore_sessions(connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO sessions (run, session, started_utc, firmware, simulated_us, ticks, wall_s, link_json, \
+         telemetry_json) SELECT run, session, '', '', 0, 0, 0.0, '{}', '{}' FROM \
+         (SELECT run, session FROM recordings UNION SELECT run, session FROM contacts \
+         UNION SELECT run, session FROM phases) named WHERE $1 = 1 AND NOT EXISTS \
+         (SELECT 1 FROM sessions s WHERE s.run = named.run AND s.session = named.session)",
+    )
+    .bind(1i64)
+    .execute(connection)
+    .await
+    .map(|_| ())
+}
+
+/// Writes the digests of everything that is in the new file.
+fn seal_anew(target: &mut SqlStore) -> Result<(), StoreError> {
+    for run in target.run_numbers()? {
+        let digest = target.settings_digest(run)?;
+        let laser = target.unchecked_laser(run)?;
+        target.block(async |connection| {
+            if let Some(digest) = digest {
+                put_digest(connection, run, "run", digest).await?;
+            }
+            put_digest(connection, run, "laser", digest::of_laser(&laser)).await
+        })?;
+    }
+    target.seal_everything()
 }

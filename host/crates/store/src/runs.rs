@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use spherecal_shared::robot::{Robot, Tool};
 use sqlx::any::AnyRow;
 
+use super::seal::RUNS;
 use super::{SessionEnd, SqlStore, StoreError, digest};
 
 /// A run, without its data.
@@ -54,7 +55,19 @@ impl SqlStore {
         rows.iter().map(|row| self.run_info(row)).collect()
     }
 
-    fn run_info(&mut self, row: &AnyRow) -> Result<RunInfo, StoreError> {
+    /// One run.
+    pub(super) fn info_of(&mut self, run: i64) -> Result<Option<RunInfo>, StoreError> {
+        let rows = self.rows("SELECT * FROM runs WHERE run = $1", run)?;
+        rows.first().map(|row| self.run_info(row)).transpose()
+    }
+
+    /// The digest of a run's settings as they are stored; `None` if there is no such run.
+    pub(super) fn settings_digest(&mut self, run: i64) -> Result<Option<i64>, StoreError> {
+        let rows = self.rows("SELECT * FROM runs WHERE run = $1", run)?;
+        rows.first().map(|row| self.digest_of_settings(row)).transpose()
+    }
+
+    fn digest_of_settings(&mut self, row: &AnyRow) -> Result<i64, StoreError> {
         let run: i64 = self.get(row, "run")?;
         let spheres = self.spheres(run)?;
         let text = |column| self.get::<&str>(row, column);
@@ -66,8 +79,15 @@ impl SqlStore {
             text("plan_json")?,
         ];
         let seed = self.get::<i64>(row, "seed")? as u64;
-        let digest = digest::of_run(seed, texts, &spheres);
+        Ok(digest::of_run(seed, texts, &spheres))
+    }
+
+    fn run_info(&mut self, row: &AnyRow) -> Result<RunInfo, StoreError> {
+        let run: i64 = self.get(row, "run")?;
+        let seed = self.get::<i64>(row, "seed")? as u64;
+        let digest = self.digest_of_settings(row)?;
         self.compare(run, "run", digest, "the run's settings")?;
+        self.require_sound(run, &[RUNS])?;
         Ok(RunInfo {
             run,
             created_utc: self.get(row, "created_utc")?,

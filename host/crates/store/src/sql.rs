@@ -4,7 +4,15 @@ use std::path::Path;
 
 use spherecal_model::LaserShot;
 
+use super::seal::{
+    CONTACTS, COUPLINGS, FAULTS, GREETINGS, LASER, PHASES, POSES, RECORDINGS, SESSIONS, SPHERES, Sealed,
+};
 use super::{CalibrationStore, Kind, NewRun, Placed, RunInfo, SessionEnd, SqlStore, StoreError, StoredRun};
+
+/// What was measured in a run.
+const MEASURED: [Sealed; 10] = [
+    SESSIONS, GREETINGS, SPHERES, POSES, RECORDINGS, CONTACTS, COUPLINGS, PHASES, FAULTS, LASER,
+];
 
 impl CalibrationStore for SqlStore {
     fn path(&self) -> &Path {
@@ -91,6 +99,16 @@ impl CalibrationStore for SqlStore {
         SqlStore::put_result(self, run, name, json)
     }
 
+    fn verify(&mut self) -> Result<(), StoreError> {
+        match self.damage()?.into_iter().next() {
+            None => Ok(()),
+            Some(damage) => Err(StoreError::Damaged {
+                path: self.path.clone(),
+                what: format!("run {}: {}", damage.run, damage.what),
+            }),
+        }
+    }
+
     fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError> {
         SqlStore::result(self, run, name)
     }
@@ -102,6 +120,7 @@ impl SqlStore {
     }
 
     fn everything_of(&mut self, run: i64) -> Result<StoredRun, StoreError> {
+        self.require_sound(run, &MEASURED)?;
         Ok(StoredRun {
             sessions: self.sessions(run)?,
             spheres: self.spheres(run)?,

@@ -179,6 +179,7 @@ fn an_older_schema_is_brought_up_to_date() {
         "ALTER TABLE runs DROP COLUMN arm",
         "DROP TABLE greetings",
         "DROP TABLE digests",
+        "DROP TABLE spares",
         "DELETE FROM _sqlx_migrations WHERE version > 1",
         "PRAGMA user_version = 1",
     ] {
@@ -193,5 +194,13 @@ fn an_older_schema_is_brought_up_to_date() {
         assert_eq!((info.run, info.arm.as_str()), (run, ""));
     }
     let bytes = std::fs::read(&path).expect("read");
-    assert_eq!(bytes[60..64], 3u32.to_be_bytes());
+    assert_eq!(
+        bytes[60..64],
+        u32::try_from(SCHEMA_VERSION).expect("small").to_be_bytes()
+    );
+    let mut store = SqlStore::open(&path).expect("opened");
+    assert!(
+        store.damage().expect("readable").is_empty(),
+        "the migration seals every row"
+    );
 }

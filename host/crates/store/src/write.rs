@@ -3,8 +3,12 @@
 use sqlx::{AnyConnection, AssertSqlSafe, Connection as _};
 
 use super::digest;
+use super::seal::{GREETINGS, Key, LASER, POSES, RESULTS, RUNS, SESSIONS, forget_removed, seal};
+use super::spares::seal_settings;
 use spherecal_model::LaserShot;
 
+use super::lock::identity;
+use super::open::PATIENCE;
 use super::{Kind, NewRun, SqlStore, StoreError};
 
 /// What is known of a session at its end, or so far.
@@ -48,7 +52,7 @@ impl SqlStore {
         let mut certificate = new.spheres.clone();
         certificate.sort_by_key(|sphere| sphere.id);
         let digest = digest::of_run(new.seed, texts, &certificate);
-        self.block(async |connection| {
+        let run = self.block(async |connection| {
             // Several robots may begin at once, so the number is assigned under a lock.
             let mut t = match kind {
                 Kind::Sqlite => connection.begin_with("BEGIN IMMEDIATE").await?,
@@ -114,15 +118,17 @@ impl SqlStore {
                 insert.execute(&mut *t).await?;
             }
             put_digest(&mut t, run, "run", digest).await?;
+            seal_settings(&mut t, run, &certificate).await?;
             t.commit().await?;
             Ok(run)
-        })
+        })?;
+        self.settle()?;
+        Ok(run)
     }
 
     /// Begins a session of a run; returns its number.
     pub(super) fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, StoreError> {
-        self.block(async |connection| {
-            let mut t = connection.begin().await?;
+        self.write(async |t| {
             let session: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(session), 0) + 1 FROM sessions WHERE run = $1")
                 .bind(run)
                 .fetch_one(&mut *t)
@@ -136,14 +142,14 @@ impl SqlStore {
             .bind(started_utc)
             .execute(&mut *t)
             .await?;
-            t.commit().await?;
+            seal(t, &SESSIONS, run, &[Key::Whole(session)]).await?;
             Ok(session)
         })
     }
 
     /// Notes how a session went.
     pub(super) fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), StoreError> {
-        self.block(async |connection| {
+        self.write(async |t| {
             sqlx::query(
                 "UPDATE sessions SET simulated_us = $3, ticks = $4, wall_s = $5, link_json = $6, telemetry_json = $7, \
                  firmware = $8 WHERE run = $1 AND session = $2",
@@ -156,21 +162,23 @@ impl SqlStore {
             .bind(&end.link_json)
             .bind(&end.telemetry_json)
             .bind(&end.firmware)
-            .execute(connection)
-            .await
-            .map(|_| ())
+            .execute(&mut *t)
+            .await?;
+            seal(t, &SESSIONS, run, &[Key::Whole(session)]).await
         })
     }
 
     /// Sets the state of a run: `running`, `measured`, `complete`.
     pub(super) fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError> {
-        self.block(async |connection| {
+        // A damaged row must not get a digest that vouches for it.
+        self.require_sound(run, &[RUNS])?;
+        self.write(async |t| {
             sqlx::query("UPDATE runs SET state = $2 WHERE run = $1")
                 .bind(run)
                 .bind(state)
-                .execute(connection)
-                .await
-                .map(|_| ())
+                .execute(&mut *t)
+                .await?;
+            seal(t, &RUNS, run, &[]).await
         })
     }
 
@@ -184,7 +192,7 @@ impl SqlStore {
         nonce: u32,
     ) -> Result<(), StoreError> {
         self.set_durable(true)?;
-        self.block(async |connection| {
+        self.write(async |t| {
             sqlx::query(
                 "INSERT INTO greetings (run, session, greeting, nonce) VALUES ($1, $2, $3, $4) \
                  ON CONFLICT (run, session, greeting) DO UPDATE SET nonce = excluded.nonce",
@@ -193,9 +201,9 @@ impl SqlStore {
             .bind(session)
             .bind(handshake)
             .bind(i64::from(nonce))
-            .execute(connection)
-            .await
-            .map(|_| ())
+            .execute(&mut *t)
+            .await?;
+            seal(t, &GREETINGS, run, &[Key::Whole(session), Key::Whole(handshake)]).await
         })
     }
 
@@ -216,23 +224,22 @@ impl SqlStore {
 
     /// Marks a pose as given up, with the reason.
     pub(super) fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), StoreError> {
-        self.block(async |connection| {
+        self.write(async |t| {
             sqlx::query("UPDATE poses SET rejected = $4 WHERE run = $1 AND sphere = $2 AND pose = $3")
                 .bind(run)
                 .bind(i64::from(sphere))
                 .bind(i64::from(pose))
                 .bind(reason)
-                .execute(connection)
-                .await
-                .map(|_| ())
+                .execute(&mut *t)
+                .await?;
+            seal(t, &POSES, run, &[Key::Whole(sphere.into()), Key::Whole(pose.into())]).await
         })
     }
 
     /// Writes laser shots. They replace the stored ones of the same purposes.
     pub(super) fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError> {
         let digest = digest::of_laser(shots);
-        self.block(async |connection| {
-            let mut t = connection.begin().await?;
+        self.write(async |t| {
             sqlx::query("DELETE FROM laser_shots WHERE run = $1")
                 .bind(run)
                 .execute(&mut *t)
@@ -254,14 +261,15 @@ impl SqlStore {
                 }
                 insert.execute(&mut *t).await?;
             }
-            put_digest(&mut t, run, "laser", digest).await?;
-            t.commit().await
+            put_digest(&mut *t, run, "laser", digest).await?;
+            seal(t, &LASER, run, &[]).await?;
+            forget_removed(t, &LASER, run).await
         })
     }
 
     /// Writes a named result, as JSON. It replaces a result of the same name.
     pub(super) fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), StoreError> {
-        self.block(async |connection| {
+        self.write(async |t| {
             sqlx::query(
                 "INSERT INTO results (run, name, json) VALUES ($1, $2, $3) \
                  ON CONFLICT (run, name) DO UPDATE SET json = excluded.json",
@@ -269,9 +277,9 @@ impl SqlStore {
             .bind(run)
             .bind(name)
             .bind(json)
-            .execute(connection)
-            .await
-            .map(|_| ())
+            .execute(&mut *t)
+            .await?;
+            seal(t, &RESULTS, run, &[Key::Text(name)]).await
         })
     }
 
@@ -280,19 +288,66 @@ impl SqlStore {
         &mut self,
         work: impl AsyncFnOnce(&mut AnyConnection) -> Result<T, sqlx::Error>,
     ) -> Result<T, StoreError> {
-        let kind = self.kind;
-        let failed = |source| match kind {
+        let done = match self.connection.as_mut() {
+            Some(connection) => self.runtime.block_on(work(connection)),
+            None => Err(sqlx::Error::WorkerCrashed),
+        };
+        done.map_err(|source| self.failed(source))
+    }
+
+    /// The error of this store.
+    pub(super) fn failed(&self, source: sqlx::Error) -> StoreError {
+        match self.kind {
             Kind::Sqlite => StoreError::of(&self.path, source),
             Kind::Postgres => StoreError::Server {
                 url: self.path.display().to_string(),
                 source,
             },
-        };
-        let connection = self
-            .connection
-            .as_mut()
-            .ok_or_else(|| failed(sqlx::Error::WorkerCrashed))?;
-        self.runtime.block_on(work(connection)).map_err(failed)
+        }
+    }
+
+    /// Writes in one transaction, and brings it into the file itself.
+    pub(super) fn write<T>(
+        &mut self,
+        work: impl AsyncFnOnce(&mut AnyConnection) -> Result<T, sqlx::Error>,
+    ) -> Result<T, StoreError> {
+        let written = self.block(async |connection| {
+            let mut t = connection.begin().await?;
+            let written = work(&mut t).await?;
+            t.commit().await?;
+            Ok(written)
+        })?;
+        self.settle()?;
+        Ok(written)
+    }
+
+    /// Brings what was committed from the write-ahead log into the file and empties the log. So the
+    /// log never holds anything that was acknowledged, and its loss costs nothing. Then checks that
+    /// the file is still there.
+    ///
+    /// While another program reads, the log keeps the commit, which is on the disk there; a later
+    /// call empties it.
+    pub(super) fn settle(&mut self) -> Result<(), StoreError> {
+        if self.kind != Kind::Sqlite {
+            return Ok(());
+        }
+        let emptied = self.block(async |connection| {
+            // A reader is not waited for long: the arm waits for the acknowledgement.
+            for statement in ["PRAGMA busy_timeout = 50", "PRAGMA wal_checkpoint(TRUNCATE)"] {
+                sqlx::query(statement).fetch_all(&mut *connection).await?;
+            }
+            let patience = format!("PRAGMA busy_timeout = {}", PATIENCE.as_millis());
+            sqlx::query(AssertSqlSafe(patience)).fetch_all(connection).await
+        });
+        if let Err(error) = emptied {
+            tracing::warn!(%error, "the write-ahead log was not emptied; nothing is lost");
+        }
+        if self.identity.is_some() && identity(&self.path) != self.identity {
+            return Err(StoreError::Gone {
+                path: self.path.clone(),
+            });
+        }
+        Ok(())
     }
 }
 

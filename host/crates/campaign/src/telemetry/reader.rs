@@ -1,5 +1,9 @@
 //! Reads a telemetry file that the writer wrote, sample by sample.
 
+use mcap::McapError;
+use mcap::read::ChannelAccumulator;
+use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::Deserialize;
 
 use super::messages::{JointStates, PhaseState, Tcp, TelemetryMessage as _, Wrench};
@@ -20,14 +24,37 @@ pub struct Period {
     pub phase: Option<PhaseState>,
 }
 
+/// The longest record that is read, in bytes. A chunk of the writer has 1 MiB. The limit keeps a
+/// damaged length from taking all memory.
+const LONGEST_RECORD: usize = 64 << 20;
+/// The last bytes of a whole file.
+const END: &[u8] = mcap::MAGIC;
+
 /// Iterates over the control periods of a telemetry file, in the file's order.
 ///
 /// The messages of one control period follow each other and have one time. A
-/// message on a topic that this program does not write is skipped.
+/// message on a topic that this program does not write is skipped. Every chunk is
+/// compared with its checksum before its first message is read.
+///
+/// A file whose writer was killed ends in the middle of a record. Its whole chunks
+/// are read, and then [`is_torn`](Self::is_torn) says so. Any other damage is an
+/// error.
 pub struct TelemetryReader<'a> {
-    messages: mcap::MessageStream<'a>,
+    rest: &'a [u8],
+    records: LinearReader,
+    channels: ChannelAccumulator<'static>,
+    /// Whether the file ends as a whole one does.
+    closed: bool,
     period: Option<Period>,
     ended: bool,
+    torn: bool,
+}
+
+/// A message with the topic of its channel.
+struct Message {
+    topic: String,
+    time_ns: u64,
+    data: Vec<u8>,
 }
 
 impl<'a> TelemetryReader<'a> {
@@ -36,21 +63,72 @@ impl<'a> TelemetryReader<'a> {
     /// # Errors
     /// When they do not begin as an MCAP file.
     pub fn new(bytes: &'a [u8]) -> Result<Self, TelemetryError> {
+        if !bytes.starts_with(mcap::MAGIC) {
+            return Err(TelemetryError::NotMcap(McapError::BadMagic));
+        }
+        let options = LinearReaderOptions::default()
+            .with_record_length_limit(LONGEST_RECORD)
+            .with_prevalidate_chunk_crcs(true)
+            .with_validate_data_section_crc(true);
         Ok(Self {
-            messages: mcap::MessageStream::new(bytes).map_err(TelemetryError::NotMcap)?,
+            rest: bytes,
+            records: LinearReader::new_with_options(options),
+            channels: ChannelAccumulator::default(),
+            closed: bytes.len() >= 2 * END.len() && bytes.ends_with(END),
             period: None,
             ended: false,
+            torn: false,
         })
     }
 
+    /// Whether the file ended in the middle of a record. Known after the last period.
+    pub fn is_torn(&self) -> bool {
+        self.torn
+    }
+
+    /// The next message of the file; `None` at its end.
+    fn message(&mut self) -> Result<Option<Message>, McapError> {
+        while let Some(event) = self.records.next_event() {
+            let (opcode, data) = match event? {
+                LinearReadEvent::ReadRequest(wanted) => {
+                    let (now, rest) = self.rest.split_at(wanted.min(self.rest.len()));
+                    self.records.insert(now.len()).copy_from_slice(now);
+                    self.records.notify_read(now.len());
+                    self.rest = rest;
+                    continue;
+                }
+                LinearReadEvent::Record { data, opcode } => (opcode, data),
+            };
+            // Other records are not needed, and some of them are parsed without a check of their
+            // length.
+            if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+                continue;
+            }
+            match mcap::parse_record(opcode, data)? {
+                Record::Schema { header, data } => self.channels.add_schema_from_slice(header, &data)?,
+                Record::Channel(channel) => self.channels.add_channel(channel)?,
+                Record::Message { header, data } => {
+                    let unknown = McapError::UnknownChannel(header.sequence, header.channel_id);
+                    return Ok(Some(Message {
+                        topic: self.channels.get(header.channel_id).ok_or(unknown)?.topic.clone(),
+                        time_ns: header.log_time,
+                        data: data.into_owned(),
+                    }));
+                }
+                _ => {}
+            }
+        }
+        Ok(None)
+    }
+
     /// Takes one message. Returns the period before it, if it begins the next.
-    fn take(&mut self, message: &mcap::Message<'_>) -> Result<Option<Period>, TelemetryError> {
-        let topic = message.channel.topic.as_str();
+    fn take(&mut self, message: &Message) -> Result<Option<Period>, TelemetryError> {
+        let topic = message.topic.as_str();
         let mut next = Period {
-            time_ns: message.log_time,
+            time_ns: message.time_ns,
             ..Period::default()
         };
-        let current = self.period.as_ref().is_some_and(|p| p.time_ns == message.log_time);
+        let current = self.period.as_ref().is_some_and(|p| p.time_ns == message.time_ns);
         let target = if current {
             self.period.get_or_insert_default()
         } else {
@@ -79,10 +157,15 @@ impl Iterator for TelemetryReader<'_> {
 
     fn next(&mut self) -> Option<Self::Item> {
         while !self.ended {
-            let taken = match self.messages.next() {
-                Some(Ok(message)) => self.take(&message),
-                Some(Err(error)) => Err(TelemetryError::NotMcap(error)),
-                None => {
+            let taken = match self.message() {
+                Ok(Some(message)) => self.take(&message),
+                // The last period may lack messages: it is left out.
+                Err(McapError::UnexpectedEof) if !self.closed => {
+                    (self.ended, self.torn) = (true, true);
+                    return None;
+                }
+                Err(error) => Err(TelemetryError::NotMcap(error)),
+                Ok(None) => {
                     self.ended = true;
                     return self.period.take().map(Ok);
                 }
@@ -161,14 +244,65 @@ mod tests {
         assert!(phase.near_singular);
     }
 
-    // Fails if a file that was cut off is read as a whole one.
+    /// Samples of some seconds, in several chunks.
+    fn long() -> Vec<u8> {
+        let samples: Vec<(u64, Sample)> = (0..2500u32)
+            .map(|k| {
+                let sample = Sample {
+                    q: [k as f32 * 1e-3; MAX_JOINTS],
+                    ..Sample::default()
+                };
+                (u64::from(k) * 1000, sample)
+            })
+            .collect();
+        written(&samples)
+    }
+
+    fn read(bytes: &[u8]) -> (Result<Vec<Period>, TelemetryError>, bool) {
+        let mut reader = match TelemetryReader::new(bytes) {
+            Ok(reader) => reader,
+            Err(error) => return (Err(error), false),
+        };
+        let periods = reader.by_ref().collect();
+        (periods, reader.is_torn())
+    }
+
+    // Fails if the whole chunks of a file whose writer was killed are not read, or if such a file
+    // counts as a whole one.
     #[test]
-    fn a_file_that_was_cut_off_is_refused() {
-        let bytes = written(&[(1000, Sample::default())]);
-        let result = TelemetryReader::new(&bytes[..bytes.len() / 2]).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-        let error = result.expect_err("refused").to_string();
-        assert!(error.contains("mcap recover"), "{error}");
-        let other = TelemetryReader::new(b"no MCAP").and_then(Iterator::collect::<Result<Vec<_>, _>>);
-        assert!(other.is_err(), "{other:?}");
+    fn a_torn_file_is_read_to_its_last_whole_chunk() {
+        let bytes = long();
+        let (all, torn) = read(&bytes);
+        let all = all.expect("readable");
+        assert!(all.len() == 2500 && !torn);
+        for cut in [bytes.len() / 2, bytes.len() * 3 / 4, bytes.len() - 3] {
+            let (periods, torn) = read(&bytes[..cut]);
+            let periods = periods.expect("readable");
+            assert!(torn && !periods.is_empty(), "{} periods of {cut} bytes", periods.len());
+            assert_eq!(periods, all[..periods.len()]);
+        }
+        let (other, _) = read(b"no MCAP");
+        assert!(other.expect_err("refused").to_string().contains("mcap recover"));
+    }
+
+    // Fails if a flipped bit of a whole file ends the program, takes all memory, or changes a
+    // period in silence.
+    #[test]
+    fn a_flipped_bit_is_an_error_and_no_panic() {
+        let bytes = long();
+        let whole = read(&bytes).0.expect("readable");
+        let mut refused = 0;
+        // Every bit of the lengths and headers at the beginning, and bits all over the file.
+        let begin = 0..32 * 8;
+        let over = (0..100).map(|k| bytes.len() * 8 / 100 * k + k % 8);
+        for bit in begin.chain(over) {
+            let mut damaged = bytes.clone();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            match read(&damaged).0 {
+                Ok(periods) => assert!(periods == whole, "bit {bit} changed a period in silence"),
+                Err(_) => refused += 1,
+            }
+        }
+        assert!(refused > 90, "only {refused} were seen");
     }
 }

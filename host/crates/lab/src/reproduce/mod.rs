@@ -25,6 +25,7 @@ use spherecal_identify::{
     Estimator, EvaluateError, EvaluateOptions, Experiment, IdentifyError, Method, Options, Recordings, Verdict,
     evaluate,
 };
+use spherecal_model::write_file;
 
 pub use tables::{Redundancy, Side, Table};
 
@@ -192,7 +193,7 @@ impl Reproduction {
         let mut files = Vec::new();
         let mut write = |name: &str, text: &str| {
             let path = folder.join(name);
-            std::fs::write(&path, text).map_err(|e| failed(&path, e.to_string()))?;
+            write_file(&path, text).map_err(|e| failed(&path, e.to_string()))?;
             files.push(path);
             Ok::<(), ReproduceError>(())
         };

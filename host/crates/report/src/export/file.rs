@@ -3,6 +3,8 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
+use spherecal_model::NewFile;
+
 use super::{ExportError, Table};
 
 /// Kind of file.
@@ -20,9 +22,10 @@ enum Writer {
     Csv(csv::Writer<File>),
 }
 
-/// A file that takes a table, in one part or in several.
+/// A file that takes a table, in one part or in several. It gets its name when it is finished.
 pub struct TableFile {
     path: PathBuf,
+    new: NewFile,
     writer: Writer,
 }
 
@@ -44,7 +47,8 @@ impl TableFile {
         if format == Format::Parquet && cfg!(not(feature = "parquet")) {
             return Err(ExportError::NoParquet);
         }
-        let file = File::create(&path).map_err(|e| failed(e.to_string()))?;
+        let new = NewFile::create(&path).map_err(|e| failed(e.to_string()))?;
+        let file = new.handle().map_err(|e| failed(e.to_string()))?;
         let writer = match format {
             #[cfg(feature = "parquet")]
             Format::Parquet => {
@@ -60,7 +64,7 @@ impl TableFile {
                 Writer::Csv(writer)
             }
         };
-        Ok(Self { path, writer })
+        Ok(Self { path, new, writer })
     }
 
     /// Appends rows: a table with the same columns.
@@ -88,9 +92,14 @@ impl TableFile {
             Writer::Parquet(writer) => writer.finish().map_err(|e| e.to_string()),
             Writer::Csv(writer) => writer.flush().map_err(|e| e.to_string()),
         };
-        match result {
-            Ok(()) => Ok(self.path),
-            Err(what) => Err(self.failed(what)),
+        result.map_err(|what| self.failed(what))?;
+        let path = self.path;
+        match self.new.finish() {
+            Ok(()) => Ok(path),
+            Err(error) => Err(ExportError::Write {
+                path: path.display().to_string(),
+                what: error.to_string(),
+            }),
         }
     }
 

@@ -62,8 +62,18 @@ pub enum ExportError {
     },
 }
 
+/// What an export wrote.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Exported {
+    /// Files, in the order in which they were written.
+    pub files: Vec<PathBuf>,
+    /// Whether the telemetry ends in the middle of a record, because its writer was killed. Its
+    /// whole chunks are exported.
+    pub torn_telemetry: bool,
+}
+
 /// Writes every table of a run that has rows into `folder`. `telemetry` is the run's MCAP file, if
-/// there is one. Returns the files.
+/// there is one.
 ///
 /// # Errors
 /// When the run or its telemetry cannot be read, or a file cannot be written.
@@ -73,23 +83,25 @@ pub fn export(
     telemetry: Option<&Path>,
     format: Format,
     folder: &Path,
-) -> Result<Vec<PathBuf>, ExportError> {
+) -> Result<Exported, ExportError> {
     std::fs::create_dir_all(folder).map_err(|e| ExportError::Write {
         path: folder.display().to_string(),
         what: e.to_string(),
     })?;
-    let mut files = Vec::new();
+    let mut exported = Exported::default();
     for table in tables::of_run(store, run)? {
         if table.rows() > 0 {
             let mut file = TableFile::create(folder, format, &table)?;
             file.append(&table)?;
-            files.push(file.finish()?);
+            exported.files.push(file.finish()?);
         }
     }
     if let Some(path) = telemetry {
-        files.extend(telemetry::export(path, format, folder)?);
+        let (file, torn) = telemetry::export(path, format, folder)?;
+        exported.files.extend(file);
+        exported.torn_telemetry = torn;
     }
-    Ok(files)
+    Ok(exported)
 }
 
 #[cfg(test)]

@@ -11,26 +11,27 @@ use super::{ExportError, Format, Table, TableFile};
 /// Rows held in memory: one row group of the file.
 const ROWS: usize = 1 << 16;
 
-/// Writes the table; returns `None` if the file has no samples.
-pub(super) fn export(path: &Path, format: Format, folder: &Path) -> Result<Option<PathBuf>, ExportError> {
+/// Writes the table, if the file has samples. Also returns whether the file ends in the middle of a
+/// record.
+pub(super) fn export(path: &Path, format: Format, folder: &Path) -> Result<(Option<PathBuf>, bool), ExportError> {
     let unreadable = |what: String| ExportError::Telemetry {
         path: path.display().to_string(),
         what,
     };
     let bytes = std::fs::read(path).map_err(|e| unreadable(e.to_string()))?;
-    let mut reader = TelemetryReader::new(&bytes)
-        .map_err(|e| unreadable(e.to_string()))?
-        .peekable();
-    let joints = match reader.peek() {
-        Some(Ok(first)) => first.joint_states.as_ref().map_or(0, |j| j.position.len()),
-        _ => 0,
-    };
+    let mut reader = TelemetryReader::new(&bytes).map_err(|e| unreadable(e.to_string()))?;
+    let mut joints = 0;
     let mut rows: Vec<Period> = Vec::new();
     let mut file: Option<TableFile> = None;
-    while reader.peek().is_some() {
+    loop {
         rows.clear();
         for period in reader.by_ref().take(ROWS) {
             rows.push(period.map_err(|e| unreadable(e.to_string()))?);
+        }
+        match rows.first() {
+            None => break,
+            Some(first) if file.is_none() => joints = first.joint_states.as_ref().map_or(0, |j| j.position.len()),
+            Some(_) => {}
         }
         let table = table(&rows, joints);
         let mut out = match file.take() {
@@ -40,7 +41,8 @@ pub(super) fn export(path: &Path, format: Format, folder: &Path) -> Result<Optio
         out.append(&table)?;
         file = Some(out);
     }
-    file.map(TableFile::finish).transpose()
+    let path = file.map(TableFile::finish).transpose()?;
+    Ok((path, reader.is_torn()))
 }
 
 /// The columns of some control periods. A message that the file lacks leaves NaN,

@@ -1,0 +1,178 @@
+//! The digests of a damaged file, and the second copies of its settings.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use sqlx::SqliteConnection;
+
+use super::Recovered;
+use super::rows::{StoredRow, read_table, run_of};
+use crate::seal::{SEALED, Value, of_row};
+use crate::spares::{SPARED, spheres_of};
+
+/// The digests and second copies of a damaged file, as far as they can be read.
+pub(super) struct Seals {
+    /// Digests by run and subject.
+    by_subject: HashMap<(i64, String), i64>,
+    /// All digests. A digest covers the row's table and key, so its own key is not needed.
+    values: HashSet<i64>,
+    /// Whether the file's rows have digests: not in a file of an older schema.
+    sealed: bool,
+    /// Whether all digests could be read.
+    whole: bool,
+    /// Second copies of settings by run and name.
+    spares: BTreeMap<i64, BTreeMap<String, String>>,
+}
+
+impl Seals {
+    pub(super) async fn read(source: &mut SqliteConnection) -> Self {
+        let columns = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+        let (digests, _, whole) = read_table("digests", &columns(&["run", "subject", "digest"]), source).await;
+        let mut seals = Self {
+            by_subject: HashMap::new(),
+            values: HashSet::new(),
+            sealed: false,
+            whole,
+            spares: BTreeMap::new(),
+        };
+        for row in digests {
+            let [Value::Whole(run), Value::Text(subject), Value::Whole(digest)] = row.as_slice() else {
+                continue;
+            };
+            seals.sealed |= SEALED.iter().any(|table| subject.starts_with(table.name));
+            seals.values.insert(*digest);
+            seals.by_subject.insert((*run, subject.clone()), *digest);
+        }
+        let (spares, ..) = read_table("spares", &columns(&["run", "name", "value"]), source).await;
+        for row in spares {
+            if !seals.vouch_for("spares", &row) {
+                continue;
+            }
+            if let [Value::Whole(run), Value::Text(name), Value::Text(value)] = row.as_slice() {
+                let own = seals.spares.entry(*run).or_default();
+                own.insert(name.clone(), value.clone());
+            }
+        }
+        seals
+    }
+
+    /// Whether the digest is stored, or differs in one bit from a stored one. Of a row and a digest
+    /// that differ in one bit, the digest is the damaged one: another row has another digest in half
+    /// of all bits.
+    fn has(&self, digest: i64) -> bool {
+        self.values.contains(&digest) || (0..64).any(|bit| self.values.contains(&(digest ^ (1 << bit))))
+    }
+
+    /// Whether a digest is as it was written; `None` if that cannot be told.
+    pub(super) fn known(&self, run: i64, subject: &str, digest: i64) -> Option<bool> {
+        if self.has(digest) {
+            Some(true)
+        } else if self.by_subject.contains_key(&(run, subject.to_owned())) || (self.sealed && self.whole) {
+            Some(false)
+        } else {
+            None
+        }
+    }
+
+    /// Whether a row is as it was written, or nothing is known against it.
+    pub(super) fn vouch_for(&self, table: &str, row: &StoredRow) -> bool {
+        if !self.sealed || SEALED.iter().all(|sealed| sealed.name != table) {
+            return true;
+        }
+        // Where digests are lost, a row without one is kept.
+        self.has(of_row(table, row)) || !self.whole
+    }
+
+    /// The rows of `runs`: those that are as they were written, and those that their second copy
+    /// restores. `bad` ones without a second copy are kept as they are.
+    pub(super) fn settings(
+        &self,
+        mut good: Vec<StoredRow>,
+        bad: &[StoredRow],
+        recovered: &mut Recovered,
+    ) -> Vec<StoredRow> {
+        let there: HashSet<i64> = good.iter().filter_map(run_of).collect();
+        for (run, copies) in &self.spares {
+            if there.contains(run) {
+                continue;
+            }
+            let copied: Option<BTreeMap<&str, Value>> = SPARED
+                .iter()
+                .map(|name| {
+                    let text = copies.get(*name)?;
+                    let value = match *name {
+                        "seed" => Value::Whole(text.parse().ok()?),
+                        _ => Value::Text(text.clone()),
+                    };
+                    Some((*name, value))
+                })
+                .collect();
+            let Some(mut copied) = copied else { continue };
+            let state = bad
+                .iter()
+                .find(|row| run_of(row) == Some(*run))
+                .and_then(|row| row.get(10));
+            let state = match state {
+                Some(Value::Text(state)) if matches!(state.as_str(), "running" | "measured" | "complete") => state,
+                _ => "running",
+            };
+            copied.insert("run", Value::Whole(*run));
+            copied.insert("state", Value::Text(state.to_owned()));
+            good.push(COLUMNS.iter().filter_map(|name| copied.get(name).cloned()).collect());
+            recovered.settings_restored.push(*run);
+        }
+        let there: HashSet<i64> = good.iter().filter_map(run_of).collect();
+        for row in bad {
+            if let Some(run) = run_of(row).filter(|run| !there.contains(run)) {
+                good.push(row.clone());
+                recovered.settings_doubtful.push(run);
+            }
+        }
+        good
+    }
+
+    /// The rows of `spheres`: those that are as they were written, and those that the second copy of
+    /// the certificate restores.
+    pub(super) fn certificate(&self, mut good: Vec<StoredRow>, bad: &[StoredRow]) -> Vec<StoredRow> {
+        let key = |row: &StoredRow| match (run_of(row), row.get(1)) {
+            (Some(run), Some(Value::Whole(sphere))) => Some((run, *sphere)),
+            _ => None,
+        };
+        let mut there: HashSet<(i64, i64)> = good.iter().filter_map(key).collect();
+        for (run, copies) in &self.spares {
+            for (sphere, values) in copies
+                .get("spheres")
+                .and_then(|text| spheres_of(text))
+                .unwrap_or_default()
+            {
+                if there.insert((*run, sphere)) {
+                    let mut row = vec![Value::Whole(*run), Value::Whole(sphere)];
+                    row.extend(values.map(Value::Real));
+                    good.push(row);
+                }
+            }
+        }
+        for row in bad {
+            let copied = run_of(row).and_then(|run| self.spares.get(&run)?.get("spheres"));
+            if copied.is_none() && key(row).is_some_and(|key| there.insert(key)) {
+                good.push(row.clone());
+            }
+        }
+        good
+    }
+}
+
+/// The columns of `runs`.
+const COLUMNS: [&str; 12] = [
+    "run",
+    "created_utc",
+    "seed",
+    "link",
+    "robot",
+    "robot_json",
+    "tool_json",
+    "config_toml",
+    "plan_json",
+    "program",
+    "state",
+    "arm",
+];

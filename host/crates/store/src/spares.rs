@@ -1,0 +1,75 @@
+//! The second copy of each run's settings and certificate, from which `recover` restores a damaged
+//! row.
+
+use spherecal_model::Sphere;
+use sqlx::{AnyConnection, AssertSqlSafe};
+
+use super::seal::{POSES, RUNS, SPARES, SPHERES, seal};
+
+/// Seals the settings of a new run, and stores their second copy. `certificate` is sorted by id.
+pub(super) async fn seal_settings(t: &mut AnyConnection, run: i64, certificate: &[Sphere]) -> Result<(), sqlx::Error> {
+    put_spares(t, run, certificate).await?;
+    for table in [RUNS, SPARES, SPHERES, POSES] {
+        seal(t, &table, run, &[]).await?;
+    }
+    Ok(())
+}
+
+/// Stores the second copy of a run's settings.
+pub(super) async fn put_spares(t: &mut AnyConnection, run: i64, certificate: &[Sphere]) -> Result<(), sqlx::Error> {
+    for name in SPARED {
+        sqlx::query(AssertSqlSafe(format!(
+            "INSERT INTO spares (run, name, value) SELECT run, '{name}', CAST({name} AS TEXT) FROM runs WHERE run = $1"
+        )))
+        .bind(run)
+        .execute(&mut *t)
+        .await?;
+    }
+    sqlx::query("INSERT INTO spares (run, name, value) VALUES ($1, 'spheres', $2)")
+        .bind(run)
+        .bind(spare_of(certificate))
+        .execute(t)
+        .await
+        .map(|_| ())
+}
+
+/// Columns of a run that have a second copy: all but its number and its state.
+pub(super) const SPARED: [&str; 10] = [
+    "created_utc",
+    "seed",
+    "link",
+    "robot",
+    "robot_json",
+    "tool_json",
+    "config_toml",
+    "plan_json",
+    "program",
+    "arm",
+];
+
+/// The certificate as text that reads back bit by bit: a line for each sphere, with its id and the
+/// bits of x, y, z and sigma.
+pub(super) fn spare_of(spheres: &[Sphere]) -> String {
+    let line = |s: &Sphere| {
+        let [x, y, z] = s.position_m;
+        let bits = [x, y, z, s.sigma_m].map(|value| format!("{:016x}", (value + 0.0).to_bits()));
+        format!("{} {}\n", s.id, bits.join(" "))
+    };
+    spheres.iter().map(line).collect()
+}
+
+/// The certificate of such a text: for each sphere its id, and x, y, z and sigma.
+pub(super) fn spheres_of(spare: &str) -> Option<Vec<(i64, [f64; 4])>> {
+    spare
+        .lines()
+        .map(|line| {
+            let mut words = line.split(' ');
+            let id = words.next()?.parse().ok()?;
+            let mut values = [0.0; 4];
+            for value in &mut values {
+                *value = f64::from_bits(u64::from_str_radix(words.next()?, 16).ok()?);
+            }
+            Some((id, values))
+        })
+        .collect()
+}
