@@ -20,6 +20,7 @@ mod features;
 mod history;
 mod identify;
 mod interrupt;
+mod listening;
 mod live_output;
 mod out;
 mod plan;

@@ -1,7 +1,8 @@
 //! `spherecal plant --fci` and `--fri`: the simulated arm behind a robot's own interface, in real
 //! time.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -11,16 +12,69 @@ use spherecal_fci::wire::Version;
 use spherecal_fri::robot::{CabinetConfig, CabinetSide};
 use spherecal_fri::wire::SessionState;
 
+use clap::Args;
+
+use super::args::base;
 use super::exit::{CliError, Exit};
 use super::interrupt::interrupt;
+use super::listening::{announce, warn_if_open};
 use super::out::errln;
-use super::servers::{PlantArgs, announce};
-use spherecal_job as job;
+use spherecal_job::{self as job, Config, JobError};
 
 /// Interval at which the simulated application and Ctrl-C are looked after.
 const LOOK: Duration = Duration::from_millis(50);
 /// Time without a motion after which the simulated application starts the next one.
 const NEXT_MOTION: Duration = Duration::from_millis(500);
+
+/// Arguments of `plant`.
+#[derive(Args, Clone, Debug)]
+pub struct PlantArgs {
+    /// Address for controllers. A port alone serves this machine only; port 0 takes any free port.
+    /// Default: 7401; with --fci 1337, the only port that official clients know.
+    #[arg(long, value_name = "[HOST:]PORT", conflicts_with = "fri")]
+    pub listen: Option<String>,
+    /// Be a Panda or an FR3 for clients of the Franka Control Interface, in real time.
+    #[arg(long, conflicts_with_all = ["fri", "real_time", "once"])]
+    pub fci: bool,
+    /// Version of the Franka Control Interface: 5 is a Panda; 7, 8 and 10 are an FR3.
+    #[arg(long, value_name = "5|7|8|10", requires = "fci")]
+    pub version: Option<u16>,
+    /// Be a KUKA cabinet with an LBR that sends to the client at this address, in real time.
+    #[arg(long, value_name = "HOST:PORT", conflicts_with_all = ["real_time", "once"])]
+    pub fri: Option<SocketAddr>,
+    /// Stiffness of the cabinet's joint impedance under the overlay, in N m/rad. The application
+    /// sets 0.
+    #[arg(long, value_name = "NM_RAD", requires = "fri", default_value_t = 0.0)]
+    pub stiffness: f64,
+    /// Wait up to 100 ms for each answer of a motion, so that a computer without real time causes
+    /// no reflex. A real robot does not wait.
+    #[arg(long)]
+    pub tolerant: bool,
+    /// Seed of the arm's errors and noise. Use the run's seed for the same arm.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Configuration of the run, for the same arm and plate.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Run in real time at 1 kHz, and do not wait for commands.
+    #[arg(long)]
+    pub real_time: bool,
+    /// End when the first controller has disconnected.
+    #[arg(long)]
+    pub once: bool,
+}
+
+impl PlantArgs {
+    /// The configuration from the arguments, checked.
+    ///
+    /// # Errors
+    /// A file or a value that cannot be used.
+    pub fn configuration(&self) -> Result<Config, JobError> {
+        let config = base(self.config.as_deref(), self.seed)?;
+        config.check()?;
+        Ok(config)
+    }
+}
 
 /// `[HOST:]PORT`; a port alone is on this machine only.
 fn address(text: &str) -> Result<SocketAddr, CliError> {
@@ -30,16 +84,6 @@ fn address(text: &str) -> Result<SocketAddr, CliError> {
                 .map(|port: u16| SocketAddr::from((Ipv4Addr::LOCALHOST, port)))
         })
         .map_err(|_| CliError::input(format!("--listen: \"{text}\" is no address: give PORT or IP:PORT")))
-}
-
-/// Says that other machines can reach the robot.
-fn warn(ip: IpAddr) {
-    if !ip.is_loopback() {
-        errln!(
-            "warning: other computers can reach this simulated robot at {ip}. Its interface has no password, like \
-             the robot's own. Use it in a network that you trust"
-        );
-    }
 }
 
 /// `spherecal plant --fci`
@@ -61,7 +105,7 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
     if args.tolerant {
         side.tolerance = Tolerance::tolerant();
     }
-    warn(side.address.ip());
+    warn_if_open("plant", side.address);
     let asked = side.address;
     let interrupt = interrupt()?;
     let side = RobotSide::start(side, Box::new(arm))
@@ -105,7 +149,7 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     if args.tolerant {
         side.tolerance = spherecal_fri::robot::Tolerance::tolerant();
     }
-    warn(client.ip());
+    warn_if_open("plant", client);
     let interrupt = interrupt()?;
     let side = CabinetSide::start(side, Box::new(arm))
         .map_err(|error| CliError::job(format!("cannot send to {client}: {error}")))?;

@@ -4,8 +4,6 @@
 //! wait for it. Everything else goes to stderr. Ctrl-C ends it; the other side sees the connection
 //! close.
 
-use std::io::Write;
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -13,65 +11,16 @@ use clap::Args;
 
 use super::args::{BadValue, base};
 use super::exit::{CliError, Exit};
+use super::listening::{announce, warn_if_open};
 use super::out::errln;
-use super::robot_sides;
-use spherecal_job::{self as job, Config, JobError, Link};
+use super::robot_sides::{self, PlantArgs};
+use spherecal_job::{self as job, Link};
 use spherecal_link::native::enter_real_time;
 use spherecal_link::tcp::{DriveServer, TcpDrive, controller_server, listen};
 use spherecal_link::{Device, Drive, LinkError, LocalDevice, controller_in_process};
 
 /// Interval at which a controller prints what its robot reported.
 const EVENTS: Duration = Duration::from_millis(100);
-
-/// Arguments of `plant`.
-#[derive(Args, Clone, Debug)]
-pub struct PlantArgs {
-    /// Address for controllers. A port alone serves this machine only; port 0 takes any free port.
-    /// Default: 7401; with --fci 1337, the only port that official clients know.
-    #[arg(long, value_name = "[HOST:]PORT", conflicts_with = "fri")]
-    pub listen: Option<String>,
-    /// Be a Panda or an FR3 for clients of the Franka Control Interface, in real time.
-    #[arg(long, conflicts_with_all = ["fri", "real_time", "once"])]
-    pub fci: bool,
-    /// Version of the Franka Control Interface: 5 is a Panda; 7, 8 and 10 are an FR3.
-    #[arg(long, value_name = "5|7|8|10", requires = "fci")]
-    pub version: Option<u16>,
-    /// Be a KUKA cabinet with an LBR that sends to the client at this address, in real time.
-    #[arg(long, value_name = "HOST:PORT", conflicts_with_all = ["real_time", "once"])]
-    pub fri: Option<SocketAddr>,
-    /// Stiffness of the cabinet's joint impedance under the overlay, in N m/rad. The application
-    /// sets 0.
-    #[arg(long, value_name = "NM_RAD", requires = "fri", default_value_t = 0.0)]
-    pub stiffness: f64,
-    /// Wait up to 100 ms for each answer of a motion, so that a computer without real time causes
-    /// no reflex. A real robot does not wait.
-    #[arg(long)]
-    pub tolerant: bool,
-    /// Seed of the arm's errors and noise. Use the run's seed for the same arm.
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Configuration of the run, for the same arm and plate.
-    #[arg(long, value_name = "FILE.toml")]
-    pub config: Option<PathBuf>,
-    /// Run in real time at 1 kHz, and do not wait for commands.
-    #[arg(long)]
-    pub real_time: bool,
-    /// End when the first controller has disconnected.
-    #[arg(long)]
-    pub once: bool,
-}
-
-impl PlantArgs {
-    /// The configuration from the arguments, checked.
-    ///
-    /// # Errors
-    /// A file or a value that cannot be used.
-    pub fn configuration(&self) -> Result<Config, JobError> {
-        let config = base(self.config.as_deref(), self.seed)?;
-        config.check()?;
-        Ok(config)
-    }
-}
 
 /// Arguments of `controller`.
 #[derive(Args, Clone, Debug)]
@@ -104,23 +53,6 @@ fn tcp_address(text: &str) -> Result<String, BadValue> {
     match text.strip_prefix("tcp:") {
         Some(address) if !address.is_empty() => Ok(address.to_owned()),
         _ => Err(BadValue("give tcp:HOST:PORT")),
-    }
-}
-
-/// Prints the address for the process that started this one.
-pub(super) fn announce(line: &str) {
-    let mut out = std::io::stdout().lock();
-    // A reader that closed the pipe does not matter to a server.
-    let _ = writeln!(out, "{line}").and_then(|()| out.flush());
-}
-
-/// Warns that other machines can reach a link that has neither a token nor encryption.
-pub(super) fn warn_if_open(command: &str, address: SocketAddr) {
-    if !address.ip().to_canonical().is_loopback() {
-        errln!(
-            "spherecal {command}: warning: {address} admits every machine that can reach it, without a token and \
-             without encryption: use a network of the cell alone, or give a port without a host for this machine only"
-        );
     }
 }
 

@@ -11,6 +11,7 @@
 //! link.
 
 mod config;
+pub mod connect;
 mod course;
 mod document;
 mod drive_timing;
@@ -19,7 +20,7 @@ mod evaluate;
 mod host_faults;
 mod journal;
 mod known_laws;
-pub mod link;
+mod link;
 mod link_record;
 mod measure;
 pub mod native;
@@ -35,13 +36,14 @@ mod waypoints;
 mod write;
 
 pub use config::{CampaignSection, CellSection, Choice, Config, ConfigError, LaserSection, PlanSection, ToolSection};
+pub use connect::device;
 pub use drive_timing::{Bin, DriveTiming, Spread};
 pub use error::JobError;
 pub use evaluate::{Measurements, evaluate};
 pub use host_faults::file_lock;
 pub use journal::{StoreJournal, store_error};
 pub use known_laws::known_laws_options;
-pub use link::{Link, UnknownLink, device};
+pub use link::{Link, UnknownLink};
 pub use link_record::LinkRecord;
 pub use measure::{Measured, Site, create_run, measure, read};
 pub use open::open_store;

@@ -11,10 +11,11 @@ use spherecal_sim::inject::{self, HostFaultJournal};
 use spherecal_store::time::now_utc;
 use spherecal_store::{CalibrationStore, NewRun, Peer, PlannedPose, RunInfo, SessionEnd};
 
+use super::connect::connect;
 use super::drive_timing::DriveTiming;
 use super::host_faults::file_lock;
 use super::journal::{REPEATED_SESSION, StoreJournal};
-use super::link::{Link, connect};
+use super::link::Link;
 use super::link_record::LinkRecord;
 use super::tracker::simulated_tracker;
 use super::{Config, JobError, Measurements, Prepared};

@@ -10,7 +10,8 @@ use spherecal_link::{Drive, LinkError};
 use spherecal_model::robots::RobotModel;
 use spherecal_shared::procedure::Procedure;
 
-use super::{JobError, Link};
+use super::JobError;
+use super::link::Link;
 
 /// Largest rate of a commanded torque on a Franka robot, in N m/s. The robot stops at 1,000, its
 /// client clamps to 999.

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use super::link::{controller, distant};
+use super::connect::{controller, distant};
 use super::waypoints::{TaughtWaypoint, TaughtWaypoints};
 use super::{JobError, Link, Prepared};
 use spherecal_campaign::{self as campaign, Assignment, Observer, Operator};

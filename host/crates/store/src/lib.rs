@@ -35,6 +35,7 @@ mod runs;
 mod seal;
 mod spares;
 mod sql;
+mod statement;
 pub mod time;
 mod write;
 

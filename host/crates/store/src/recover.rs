@@ -16,7 +16,7 @@ use sqlx::{AnyConnection, ConnectOptions as _, Connection as _, SqliteConnection
 use self::rows::{columns_of, insert_rows, read_table, run_of};
 use self::seals::Seals;
 use super::digest::{self, recording_subject};
-use super::write::put_digest;
+use super::statement::put_digest;
 use super::{SqlStore, StoreError};
 
 mod rows;

@@ -12,9 +12,8 @@ use std::collections::BTreeMap;
 use sqlx::any::{AnyRow, AnyTypeInfoKind};
 use sqlx::{AnyConnection, AssertSqlSafe, Row as _, ValueRef as _};
 
-use super::digest::{self, Digest, recording_subject};
-use super::spares::put_spares;
-use super::write::{put_digest, rows};
+use super::digest::{Digest, recording_subject};
+use super::statement::rows;
 use super::{SqlStore, StoreError};
 
 /// A table whose rows are sealed.
@@ -185,33 +184,6 @@ pub struct Damage {
 }
 
 impl SqlStore {
-    /// Seals every row of every run: for a file of an older schema, whose rows have no digests.
-    pub(super) fn seal_everything(&mut self) -> Result<(), StoreError> {
-        for run in self.run_numbers()? {
-            let digests = self.digests(run)?;
-            let recordings = self.unchecked_recordings(run)?;
-            let spheres = self.spheres(run)?;
-            self.write(async |t| {
-                for r in &recordings {
-                    let subject = recording_subject(r.sphere, r.pose);
-                    if !digests.contains_key(&subject) {
-                        put_digest(t, run, &subject, digest::of_recording(r)).await?;
-                    }
-                }
-                sqlx::query("DELETE FROM spares WHERE run = $1")
-                    .bind(run)
-                    .execute(&mut *t)
-                    .await?;
-                put_spares(t, run, &spheres).await?;
-                for table in SEALED {
-                    seal(t, &table, run, &[]).await?;
-                }
-                Ok(())
-            })?;
-        }
-        Ok(())
-    }
-
     pub(super) fn run_numbers(&mut self) -> Result<Vec<i64>, StoreError> {
         self.block(async |connection| {
             sqlx::query_scalar("SELECT run FROM runs ORDER BY run")

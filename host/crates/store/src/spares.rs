@@ -4,7 +4,10 @@
 use spherecal_model::Sphere;
 use sqlx::{AnyConnection, AssertSqlSafe};
 
-use super::seal::{POSES, RUNS, SPARES, SPHERES, seal};
+use super::digest::{self, recording_subject};
+use super::seal::{POSES, RUNS, SEALED, SPARES, SPHERES, seal};
+use super::statement::put_digest;
+use super::{SqlStore, StoreError};
 
 /// Seals the settings of a new run, and stores their second copy. `certificate` is sorted by id.
 pub(super) async fn seal_settings(t: &mut AnyConnection, run: i64, certificate: &[Sphere]) -> Result<(), sqlx::Error> {
@@ -72,4 +75,33 @@ pub(super) fn spheres_of(spare: &str) -> Option<Vec<(i64, [f64; 4])>> {
             Some((id, values))
         })
         .collect()
+}
+
+impl SqlStore {
+    /// Seals every row of every run: for a file of an older schema, whose rows have no digests.
+    pub(super) fn seal_everything(&mut self) -> Result<(), StoreError> {
+        for run in self.run_numbers()? {
+            let digests = self.digests(run)?;
+            let recordings = self.unchecked_recordings(run)?;
+            let spheres = self.spheres(run)?;
+            self.write(async |t| {
+                for r in &recordings {
+                    let subject = recording_subject(r.sphere, r.pose);
+                    if !digests.contains_key(&subject) {
+                        put_digest(t, run, &subject, digest::of_recording(r)).await?;
+                    }
+                }
+                sqlx::query("DELETE FROM spares WHERE run = $1")
+                    .bind(run)
+                    .execute(&mut *t)
+                    .await?;
+                put_spares(t, run, &spheres).await?;
+                for table in SEALED {
+                    seal(t, &table, run, &[]).await?;
+                }
+                Ok(())
+            })?;
+        }
+        Ok(())
+    }
 }

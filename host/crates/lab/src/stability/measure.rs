@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::{Hold, Listener};
 use spherecal_campaign::{self as campaign, Assignment, NoJournal, Observer, Outcome};
-use spherecal_job::link::{controller, distant};
+use spherecal_job::connect::{controller, distant};
 use spherecal_job::{ConfigError, JobError, Link, Prepared};
 use spherecal_link::{Device, LocalDevice};
 use spherecal_sim::simulated_arm;
