@@ -15,10 +15,10 @@ use crate::recorder::{Recorder, RecorderSample};
 /// The recording starts anew when a joint is faster than this multiple of the
 /// speed of a still arm.
 const RESTART_FACTOR: f64 = 3.0;
-/// The recording starts anew when the computed TCP is farther than this from its
-/// place at the first sample, in m. A seated TCP rests: the noise of the encoders
-/// moves the computed one by up to 0.07 mm. A nest that was pushed off and fell
-/// back may be slow and remain within the window of the contact watch.
+/// Largest distance of the computed TCP from its place at the first sample, in m. A
+/// seated TCP rests: the noise of the encoders moves the computed one by up to 0.07
+/// mm. Beyond it, nest or sphere has moved, perhaps so slowly that the contact watch
+/// does not see it.
 const MOVED_M: f64 = 0.2e-3;
 
 /// Records a pose.
@@ -82,7 +82,9 @@ impl<const N: usize> RecordingPose<N> {
                 return Next::Stay;
             }
             self.started_s = env.elapsed_s;
-        } else if env.joint_speed > RESTART_FACTOR * turn.still_rad_s || self.recorder.spread_m() > MOVED_M {
+        } else if self.recorder.spread_m() > MOVED_M {
+            return Next::fail(Fault::ContactLost, self.recorder.spread_m(), MOVED_M);
+        } else if env.joint_speed > RESTART_FACTOR * turn.still_rad_s {
             self.recorder = Recorder::default();
             self.still_s = 0.0;
             if env.elapsed_s > turn.settle_s + 2.0 * f64::from(env.procedure.record.samples) * env.period_s {

@@ -32,7 +32,7 @@ fn a_damaged_folder_is_refused_and_recovered() {
     let good = std::fs::read(&database).expect("readable");
 
     // One digit of the fingerprint.
-    flip(&database, b"\"sigma_mm\":0.", 0);
+    flip(&database, b"{\"points_m\":[[", 0);
     let refused = check("a/calibration.db");
     assert_eq!(refused.status.code(), Some(2));
     assert!(

@@ -170,10 +170,10 @@ fn a_recording_counts_when_its_nest_has_borne_a_pull() {
     }
 }
 
-/// Fails if a recording goes on although its TCP was moved by 0.5 mm, so slowly that
-/// the arm counts as still all the time, or if it does not start anew from there.
+/// Fails if a recording counts, or only starts anew, although its TCP was moved by 0.5
+/// mm, so slowly that the arm counts as still all the time.
 #[test]
-fn a_recording_starts_anew_where_its_tcp_has_moved() {
+fn a_recording_ends_where_its_tcp_has_moved() {
     let mut procedure = Bench::fast_procedure();
     procedure.record.samples = 400;
     let mut bench = Bench::coupled_by(procedure);
@@ -187,11 +187,9 @@ fn a_recording_starts_anew_where_its_tcp_has_moved() {
         }
         bench.run(1);
     }
+    let told: Vec<_> = bench.faults().iter().map(|f| (f.fault, f.phase)).collect();
+    assert_eq!(told, [(Fault::ContactLost, Phase::Recording)]);
     assert!(bench.recordings().is_empty(), "the first samples are of another place");
-    bench.run(2_000);
-    let recordings = bench.recordings();
-    assert_eq!(recordings.len(), 1);
-    assert!(recordings[0].tcp_spread_m < 1e-4, "{}", recordings[0].tcp_spread_m);
 }
 
 /// Fails if the arm does not follow a hand of 20 N, drifts after its release with

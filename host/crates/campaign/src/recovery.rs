@@ -113,7 +113,7 @@ pub fn policy(fault: Fault) -> Policy {
             false,
         ),
         Fault::ContactLost => (
-            "the TCP is 5 mm away or faster than 15 mm/s for 10 ms, or 1 mm away under the pull that ends a recording",
+            "the TCP is 5 mm away or faster than 15 mm/s for 10 ms, 0.2 mm away in a recording, or 1 mm away under the pull that ends it",
             10,
             HOLDS,
             0.5,
