@@ -128,11 +128,6 @@ impl<const N: usize> Recorder<N> {
         self.count
     }
 
-    /// Largest distance of the computed TCP from its place at the first sample, in m.
-    pub(crate) fn spread_m(&self) -> f64 {
-        self.spread
-    }
-
     /// The recording, with the given ids.
     pub(crate) fn finish(&self, sphere: u32, pose: u32) -> Recording {
         let collect = |signals: &[Signal; N]| signals.iter().map(|s| s.finish(self.count)).collect();

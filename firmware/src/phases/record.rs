@@ -15,10 +15,10 @@ use crate::recorder::{Recorder, RecorderSample};
 /// The recording starts anew when a joint is faster than this multiple of the
 /// speed of a still arm.
 const RESTART_FACTOR: f64 = 3.0;
-/// Largest distance of the computed TCP from its place at the first sample, in m. A
-/// seated TCP rests: the noise of the encoders moves the computed one by up to 0.07
-/// mm. Beyond it, nest or sphere has moved, perhaps so slowly that the contact watch
-/// does not see it.
+/// Largest distance of the computed TCP from its place at the first sample, in m, also
+/// of a recording that started anew. A seated TCP rests: the noise of the encoders
+/// moves the computed one by up to 0.07 mm. Beyond it, nest or sphere has moved, and
+/// the contact watch sees only what is faster or farther.
 const MOVED_M: f64 = 0.2e-3;
 
 /// Records a pose.
@@ -28,6 +28,8 @@ pub(crate) struct RecordingPose<const N: usize> {
     recorder: Recorder<N>,
     still_s: f64,
     started_s: f64,
+    /// Computed TCP at the very first sample, in m.
+    place: Option<Vector3<f64>>,
     /// The pull and its start time (s), after all samples are taken.
     pull: Option<(Pull, f64)>,
 }
@@ -42,6 +44,7 @@ impl<const N: usize> RecordingPose<N> {
             recorder: Recorder::default(),
             still_s: 0.0,
             started_s: 0.0,
+            place: None,
             pull: None,
         }
     }
@@ -72,6 +75,13 @@ impl<const N: usize> RecordingPose<N> {
             return self.finish(cartesian);
         }
         let turn = &env.procedure.turn;
+        let tcp = env.snapshot.tcp.position;
+        if let Some(place) = self.place {
+            let moved = (tcp - place).norm();
+            if moved > MOVED_M {
+                return Next::fail(Fault::ContactLost, moved, MOVED_M);
+            }
+        }
         if self.recorder.count() == 0 {
             let still = cartesian.impedance.settled() && env.joint_speed <= turn.still_rad_s;
             self.still_s = if still { self.still_s + env.period_s } else { 0.0 };
@@ -82,8 +92,6 @@ impl<const N: usize> RecordingPose<N> {
                 return Next::Stay;
             }
             self.started_s = env.elapsed_s;
-        } else if self.recorder.spread_m() > MOVED_M {
-            return Next::fail(Fault::ContactLost, self.recorder.spread_m(), MOVED_M);
         } else if env.joint_speed > RESTART_FACTOR * turn.still_rad_s {
             self.recorder = Recorder::default();
             self.still_s = 0.0;
@@ -92,6 +100,7 @@ impl<const N: usize> RecordingPose<N> {
             }
             return Next::Stay;
         }
+        self.place.get_or_insert(tcp);
         let force = env.wrench.force - cartesian.tare.force;
         self.recorder.push(&RecorderSample {
             tick: env.tick,
