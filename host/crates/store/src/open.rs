@@ -71,6 +71,19 @@ pub(super) fn url_of(path: &Path) -> Result<String, StoreError> {
     Ok(url + "?mode=rw")
 }
 
+/// Takes or releases (`what`: "lock" or "unlock") the lock under which the tables of a PostgreSQL
+/// database are made. It ends with the connection at the latest.
+#[cfg(feature = "postgres")]
+async fn advisory(connection: &mut AnyConnection, what: &str) -> Result<(), sqlx::Error> {
+    // A number that other programs hardly use: the first letters of "spherecal".
+    const LOCK: i64 = 0x7370_6865_7265;
+    let statement = format!("SELECT CAST(pg_advisory_{what}({LOCK}) AS TEXT)");
+    sqlx::query(AssertSqlSafe(statement))
+        .execute(connection)
+        .await
+        .map(|_| ())
+}
+
 impl SqlStore {
     /// Opens a PostgreSQL database by its URL. Creates its tables if there are none.
     ///
@@ -100,13 +113,14 @@ impl SqlStore {
         };
         let (connection, older) = runtime.block_on(async {
             let mut connection = AnyConnection::connect(url).await.map_err(database)?;
+            // Until its rows are sealed, too, no other program looks at the tables.
+            advisory(&mut connection, "lock").await.map_err(database)?;
             // A database without tables has no row to seal.
             let before: Option<i64> = sqlx::query_scalar("SELECT MAX(version) FROM _sqlx_migrations")
                 .fetch_one(&mut connection)
                 .await
                 .unwrap_or(None);
             let older = before.is_some_and(|version| version < SCHEMA_VERSION);
-            // A lock on the server keeps two programs from creating the tables at once.
             match MIGRATIONS.run(&mut connection).await {
                 Ok(()) => Ok((connection, older)),
                 Err(MigrateError::VersionMissing(found) | MigrateError::VersionMismatch(found)) => {
@@ -131,6 +145,7 @@ impl SqlStore {
         if older {
             store.seal_everything()?;
         }
+        store.block(async |connection| advisory(connection, "unlock").await)?;
         Ok(store)
     }
 
