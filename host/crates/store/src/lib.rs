@@ -81,6 +81,8 @@ pub struct SqlStore {
     identity: Option<(u64, u64)>,
     /// See [`CalibrationStore::chosen_run`].
     chosen: Option<i64>,
+    /// Whether a [`snapshot`](Self::snapshot) is being read.
+    reading: bool,
 }
 
 /// What is known of a run before its first event.

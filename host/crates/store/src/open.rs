@@ -141,6 +141,7 @@ impl SqlStore {
             durable: true,
             identity: None,
             chosen: None,
+            reading: false,
         };
         if older {
             store.seal_everything()?;
@@ -223,6 +224,7 @@ impl SqlStore {
             durable: true,
             identity: identity(path),
             chosen: None,
+            reading: false,
         };
         if version < SCHEMA_VERSION {
             store.seal_everything()?;

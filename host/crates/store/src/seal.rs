@@ -271,6 +271,10 @@ impl SqlStore {
     /// # Errors
     /// When the database cannot be read at all.
     pub fn damage(&mut self) -> Result<Vec<Damage>, StoreError> {
+        self.snapshot(Self::damage_of_runs)
+    }
+
+    fn damage_of_runs(&mut self) -> Result<Vec<Damage>, StoreError> {
         let mut runs = self.run_numbers()?;
         let digested: Vec<i64> = self.block(async |connection| {
             sqlx::query_scalar("SELECT DISTINCT run FROM digests")

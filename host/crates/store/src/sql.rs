@@ -38,24 +38,15 @@ impl CalibrationStore for SqlStore {
     }
 
     fn newest_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
-        SqlStore::newest_run(self)
+        self.snapshot(SqlStore::newest_run)
     }
 
     fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, StoreError> {
-        SqlStore::runs_of(self, arm)
+        self.snapshot(|store| SqlStore::runs_of(store, arm))
     }
 
     fn read_run(&mut self, run: i64) -> Result<StoredRun, StoreError> {
-        // One snapshot, because another program may be writing at the same time.
-        self.execute(match self.kind {
-            Kind::Sqlite => "BEGIN",
-            Kind::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY",
-        })?;
-        let read = self.everything_of(run);
-        let ended = self.execute("ROLLBACK");
-        let read = read?;
-        ended?;
-        Ok(read)
+        self.snapshot(|store| store.everything_of(run))
     }
 
     fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, StoreError> {
@@ -110,11 +101,33 @@ impl CalibrationStore for SqlStore {
     }
 
     fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError> {
-        SqlStore::result(self, run, name)
+        self.snapshot(|store| SqlStore::result(store, run, name))
     }
 }
 
 impl SqlStore {
+    /// Reads one state of the database: another program may be writing at the same time, and rows and
+    /// their digests belong together.
+    pub(super) fn snapshot<T>(
+        &mut self,
+        read: impl FnOnce(&mut Self) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        if self.reading {
+            return read(self);
+        }
+        self.execute(match self.kind {
+            Kind::Sqlite => "BEGIN",
+            Kind::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY",
+        })?;
+        self.reading = true;
+        let found = read(self);
+        self.reading = false;
+        let ended = self.execute("ROLLBACK");
+        let found = found?;
+        ended?;
+        Ok(found)
+    }
+
     fn execute(&mut self, statement: &'static str) -> Result<(), StoreError> {
         self.block(async |connection| sqlx::query(statement).execute(connection).await.map(|_| ()))
     }

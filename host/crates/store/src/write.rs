@@ -172,7 +172,7 @@ impl SqlStore {
     /// Sets the state of a run: `running`, `measured`, `complete`.
     pub(super) fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError> {
         // A damaged row must not get a digest that vouches for it.
-        self.require_sound(run, &[RUNS])?;
+        self.snapshot(|store| store.require_sound(run, &[RUNS]))?;
         self.write(async |t| {
             sqlx::query("UPDATE runs SET state = $2 WHERE run = $1")
                 .bind(run)
