@@ -120,7 +120,7 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
                 saved.lost += bad.len() as u64;
                 // Results are computed again; everything else has to be measured again.
                 if table != "results" {
-                    incomplete.extend(bad.iter().filter_map(|row| run_of(row)));
+                    incomplete.extend(bad.iter().filter_map(run_of));
                 }
             }
         }
