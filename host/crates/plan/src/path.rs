@@ -107,7 +107,8 @@ pub struct Rules {
     pub singular_value: f64,
     /// Step of the followed path, in rad of rotation or elbow.
     pub step_rad: f64,
-    /// Largest change of any joint over one step, in rad.
+    /// Largest change of any joint over one step, in rad. Arms without a spherical shoulder and
+    /// wrist keep a third of it.
     pub jump_rad: f64,
 }
 
@@ -190,12 +191,16 @@ impl Rules {
             .ceil()
             .max(1.0) as usize;
         let passing = self.passing();
+        // Seven joints keep the rank of the TCP Jacobian where two wrist axes align, so the smallest
+        // singular value does not see that joints 5 and 7 then turn fast against each other. (FR3:
+        // 127 degrees of joint 5 over 30 of rotation ran beyond its limit.)
+        let jump_rad = if chain.closed_form() { self.jump_rad } else { self.jump_rad / 3.0 };
         let mut current = q.to_vec();
         for k in 1..=count {
             let pose = between(from, to, k as f64 / count as f64);
             let next = chain.follow(&pose, &current).ok_or(Obstacle::OutOfReach)?;
             for ((joint, a), b) in (1..).zip(&current).zip(&next) {
-                if (a - b).abs() > self.jump_rad {
+                if (a - b).abs() > jump_rad {
                     return Err(Obstacle::Jump {
                         joint,
                         jump_deg: (a - b).abs().to_degrees(),
