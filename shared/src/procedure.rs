@@ -95,7 +95,7 @@ impl Default for Law {
             torque_rate_nm_s: 4000.0,
             observer_rad_s: 60.0,
             torque_loop_gain: 6.0,
-            torque_loop_rad_s: 60.0,
+            torque_loop_rad_s: 10.0,
             torque_loop_nm: 20.0,
         }
     }

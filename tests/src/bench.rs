@@ -59,6 +59,8 @@ pub fn hello() -> DriveHello {
         compensates_gravity: false,
         torque_sign: TorqueSign::OfActuator,
         lock_step: true,
+        motor_kg_m2: Default::default(),
+        latency_us: 0,
     }
 }
 

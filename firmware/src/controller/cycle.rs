@@ -6,7 +6,7 @@ use spherecal_shared::protocol::drive::DriveCommand;
 use spherecal_shared::protocol::host::Fault;
 
 use super::{BLIND_TICKS, Controller, STILL_FILTER};
-use crate::law::{JointSetpoint, Snapshot, guide_torque, joint_torque};
+use crate::law::{JointSetpoint, Snapshot, guide_torque, joint_torque, poles};
 use crate::phases::{Activity, Env, Next};
 use crate::safety::{JointState, Violation};
 
@@ -55,7 +55,7 @@ impl<const N: usize> Controller<N> {
         let Some(configured) = &self.configured else {
             return self.disabled(tick);
         };
-        let Some(snapshot) = Snapshot::new(&configured.arm, &state.q, &state.dq) else {
+        let Some(snapshot) = Snapshot::on(&self.actuation, &configured.arm, &state.q, &state.dq) else {
             self.fail(Violation::new(Fault::Internal, 0.0, 0.0));
             return self.bridge(tick);
         };
@@ -104,9 +104,16 @@ impl<const N: usize> Controller<N> {
         if let Some(violation) = violation {
             self.fail(violation);
         }
+        // The noise of the torque sensors must not move an arm that has to rest.
+        let rests = matches!(self.activity, Activity::Recording(_)) && self.cartesian.impedance.settled();
+        let poles = if rests {
+            [0.0; N]
+        } else {
+            poles(&self.actuation.motors, gain, corner)
+        };
         let correction = self
             .torque_loop
-            .correction(&delivered, gain, corner, bound, self.period_s);
+            .correction(&delivered, gain, &poles, bound, self.period_s);
         for i in 0..N {
             wanted[i] += correction[i];
         }

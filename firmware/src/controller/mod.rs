@@ -26,7 +26,7 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, To
 use spherecal_shared::protocol::host::{Event, Fault, Phase, Refusal, Sample, Statistics};
 use spherecal_shared::robot::Arm;
 
-use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
+use crate::law::{Actuation, JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
 use crate::phases::{Activity, CartesianState};
 use crate::safety::{Admission, SafetyMonitor};
 use schedule::Schedule;
@@ -60,6 +60,7 @@ pub struct Controller<const N: usize> {
     configured: Option<Configured<N>>,
     procedure: Procedure,
     gravity_by_drive: bool,
+    actuation: Actuation<N>,
     torque_reversed: bool,
     period_s: f64,
 
@@ -97,6 +98,13 @@ pub struct Controller<const N: usize> {
     overflow: u32,
 }
 
+/// Largest delay of a drive, in µs, beyond one control period. With more, the springs
+/// that seat the nest would have to be too soft.
+const MOST_LATENCY_US: u32 = 5000;
+/// Largest inertia of a motor that a drive may declare, in kg m²: ten times the
+/// largest of the iiwa 7.
+const MOST_MOTOR: f64 = 50.0;
+
 impl<const N: usize> Default for Controller<N> {
     fn default() -> Self {
         Self {
@@ -104,6 +112,7 @@ impl<const N: usize> Default for Controller<N> {
             configured: None,
             procedure: Procedure::default(),
             gravity_by_drive: false,
+            actuation: Actuation::default(),
             torque_reversed: false,
             period_s: 1e-3,
             safety: SafetyMonitor::default(),
@@ -150,11 +159,18 @@ impl<const N: usize> Controller<N> {
         let period_s = f64::from(hello.period_us) * 1e-6;
         let fits = hello.limits.len() == N
             && hello.protocol == spherecal_shared::protocol::PROTOCOL_VERSION
-            && (1e-4..=1e-2).contains(&period_s);
+            && (1e-4..=1e-2).contains(&period_s)
+            && hello.latency_us <= MOST_LATENCY_US
+            && hello
+                .motor_kg_m2
+                .iter()
+                .all(|inertia| (0.0..=MOST_MOTOR).contains(inertia));
         if !fits {
             return Err(Refusal::Drive);
         }
         self.gravity_by_drive = hello.compensates_gravity;
+        let motors = core::array::from_fn(|i| hello.motor_kg_m2.get(i).copied().unwrap_or(0.0));
+        self.actuation = Actuation::new(motors, period_s + f64::from(hello.latency_us) * 1e-6);
         self.torque_reversed = hello.torque_sign == TorqueSign::OfLink;
         self.period_s = period_s;
         Ok(())

@@ -40,23 +40,32 @@ impl Default for Damping {
 impl Damping {
     /// Damping force for the velocity error `v_d − v` at the TCP (F0, linear part
     /// first), in N and N m. `ratio` is Lehr's damping ratio.
+    ///
+    /// A mode that is faster than the drive allows is slowed down to that frequency:
+    /// the part of its spring force beyond is taken off, by the position error `error`
+    /// (m and rad).
     #[inline]
     pub(super) fn force<const N: usize>(
         &mut self,
         snapshot: &Snapshot<N>,
         stiffness: &Stiffness,
         ratio: f64,
+        error: &Vector6<f64>,
         velocity_error: &Vector6<f64>,
     ) -> Vector6<f64> {
         let frequency = self.update(snapshot, stiffness);
+        let fastest = snapshot.fastest_rad_s;
         let y = snapshot.mobility.solve_lower(velocity_error);
         let mut modal = Vector6::zeros();
         for i in 0..6 {
-            let mut sum = 0.0;
-            for k in 0..6 {
-                sum += self.basis[(k, i)] * y[k];
+            modal[i] = 2.0 * ratio * frequency[i].min(fastest) * self.share(i, &y);
+        }
+        if frequency.iter().any(|f| *f > fastest) {
+            let y = snapshot.mobility.solve_lower(error);
+            for i in 0..6 {
+                let excess = (frequency[i] * frequency[i] - fastest * fastest).max(0.0);
+                modal[i] -= excess * self.share(i, &y);
             }
-            modal[i] = 2.0 * ratio * frequency[i] * sum;
         }
         let mut back = Vector6::zeros();
         for k in 0..6 {
@@ -67,6 +76,12 @@ impl Damping {
             back[k] = sum;
         }
         snapshot.mobility.solve_upper(&back)
+    }
+
+    /// Share of mode `i` in `y`.
+    #[inline]
+    fn share(&self, i: usize, y: &Vector6<f64>) -> f64 {
+        (0..6).map(|k| self.basis[(k, i)] * y[k]).sum()
     }
 
     /// One sweep towards the eigenvectors of `A`. Returns the modal frequencies in

@@ -118,7 +118,9 @@ impl Impedance {
         let rotation = rotation_error(&setpoint.rotation, &snapshot.tcp.rotation);
         let error = Vector6::new(position.x, position.y, position.z, rotation.x, rotation.y, rotation.z);
         let velocity_error = setpoint.velocity - snapshot.velocity;
-        let damping = self.damping.force(snapshot, &self.stiffness, ratio, &velocity_error);
+        let damping = self
+            .damping
+            .force(snapshot, &self.stiffness, ratio, &error, &velocity_error);
         self.stiffness.times(&error) + damping + setpoint.feed_forward
     }
 }

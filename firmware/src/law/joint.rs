@@ -36,13 +36,15 @@ pub fn joint_torque<const N: usize>(
 ) -> SVector<f64, N> {
     let error = SVector::<f64, N>::from_fn(|i, _| setpoint.q[i] - snapshot.q[i]);
     let rate = SVector::<f64, N>::from_fn(|i, _| setpoint.dq[i] - snapshot.dq[i]);
+    let natural_rad_s = natural_rad_s.min(snapshot.fastest_rad_s);
     let wanted = error * (natural_rad_s * natural_rad_s) + rate * (2.0 * ratio * natural_rad_s);
     let mut torque = snapshot.mass.multiply(&wanted);
     for i in 0..N {
         let alone = SVector::<f64, N>::from_fn(|k, _| if k == i { 1.0 } else { 0.0 });
         let mobility = snapshot.mass.solve_lower(&alone).norm_squared();
-        let damping = 2.0 * ratio * sqrt(LEAST_STIFFNESS / mobility);
-        torque[i] += LEAST_STIFFNESS * error[i] + damping * rate[i];
+        let stiffness = LEAST_STIFFNESS.min(snapshot.fastest_rad_s * snapshot.fastest_rad_s / mobility);
+        let damping = 2.0 * ratio * sqrt(stiffness / mobility);
+        torque[i] += stiffness * error[i] + damping * rate[i];
     }
     torque
 }

@@ -31,19 +31,20 @@ impl<const N: usize> TorqueLoop<N> {
     }
 
     /// Correction of the next torque, in N m. `measured` (N m) is the torque that
-    /// came of the last one; `pole` is in 1/s, `bound` in N m.
+    /// came of the last one; `poles`, one of each
+    /// joint, are in 1/s, `bound` is in N m.
     #[inline]
     pub(crate) fn correction(
         &mut self,
         measured: &[f64; N],
         gain: f64,
-        pole: f64,
+        poles: &[f64; N],
         bound: f64,
         period_s: f64,
     ) -> &[f64; N] {
-        let share = (pole * period_s).min(1.0);
         if let Some(reference) = &self.reference {
             for i in 0..N {
+                let share = (poles[i] * period_s).min(1.0);
                 let wanted = gain * (reference[i] - measured[i]);
                 let moved = self.correction[i] + share * (wanted - self.correction[i]);
                 self.correction[i] = moved.max(-bound).min(bound);
@@ -63,6 +64,20 @@ impl<const N: usize> TorqueLoop<N> {
     }
 }
 
+/// Negative damping that the loop may cause at a joint, in N m s/rad: half of that of
+/// a joint's own spring and gear (20 N m s/rad, `docs/design/plant.md`).
+const LOOP_DAMPING: f64 = 20.0;
+
+/// Poles of the low-pass of each joint, in 1/s, at most `corner`.
+///
+/// A motor of inertia `R` behind an elastic joint oscillates against it far above the
+/// pole `p`. There the lag of the filter is a quarter turn, and the loop of gain `g`
+/// drives the motor with `g p R` of negative damping. So `g p R` is kept below a bound.
+#[inline]
+pub(crate) fn poles<const N: usize>(motors: &[f64; N], gain: f64, corner: f64) -> [f64; N] {
+    core::array::from_fn(|i| corner / (1.0 + corner * gain * motors[i] / LOOP_DAMPING))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -76,7 +91,7 @@ mod tests {
         let friction = [1.0, -9.0, 0.0];
         let mut arrived = [0.0; 3];
         for _ in 0..2000 {
-            let correction = *feedback.correction(&arrived, 4.0, 60.0, 3.0, 1e-3);
+            let correction = *feedback.correction(&arrived, 4.0, &[60.0; 3], 3.0, 1e-3);
             let sent = core::array::from_fn(|i| wanted[i] + correction[i]);
             feedback.sent(&sent);
             arrived = core::array::from_fn(|i| sent[i] - friction[i]);

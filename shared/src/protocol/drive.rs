@@ -91,4 +91,11 @@ pub struct DriveHello {
     pub torque_sign: TorqueSign,
     /// Whether the drive waits for each command (a simulator) or runs in real time.
     pub lock_step: bool,
+    /// Inertia of each motor, seen at its joint, that lies between the commanded and
+    /// the measured torque, in kg m². Empty: none, because the drive's own torque
+    /// loop hides it. The controller derives damping and torque loop from it.
+    pub motor_kg_m2: Joints,
+    /// Delay of the drive, in µs: age of a state when it is sent, and time until the
+    /// answering command acts, together. One period is not counted.
+    pub latency_us: u32,
 }

@@ -98,6 +98,8 @@ fn the_page_shows_the_bytes_of_the_encoder() {
         compensates_gravity: false,
         torque_sign: TorqueSign::OfActuator,
         lock_step: true,
+        motor_kg_m2: Default::default(),
+        latency_us: 0,
     };
     let state = DriveState {
         tick: 300,
@@ -176,6 +178,8 @@ fn python_reads_and_writes_the_same_bytes() {
                 TorqueSign::OfActuator
             },
             lock_step: !flag,
+            motor_kg_m2: Default::default(),
+            latency_us: 0,
         };
         let json = |kind: &str, message: Value, hex: &str| serde_json::json!({"kind": kind, "sequence": sequence, "time_us": time_us, "message": message, "hex": hex});
         let values = values.as_slice();

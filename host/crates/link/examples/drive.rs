@@ -46,6 +46,8 @@ impl Arm {
                 compensates_gravity: false,
                 torque_sign: TorqueSign::OfActuator,
                 lock_step: true,
+                motor_kg_m2: Default::default(),
+                latency_us: 0,
             },
             now: DriveState {
                 q: [0.0, 0.6, 0.0, -1.5, 0.0, 1.0, 0.0].into_iter().collect(),

@@ -32,6 +32,9 @@ pub struct SimulatedArm<const N: usize> {
 impl<const N: usize> SimulatedArm<N> {
     /// A drive that moves `plant`, an arm with the nominal limits of `robot`.
     pub fn new(plant: Plant<N>, robot: &Robot) -> Self {
+        // The data sheet of the drive.
+        let motor_kg_m2 = plant.visible_motors().iter().copied().collect();
+        let latency_us = (plant.latency_s() * 1e6) as u32;
         Self {
             plant,
             hello: DriveHello {
@@ -41,6 +44,8 @@ impl<const N: usize> SimulatedArm<N> {
                 compensates_gravity: false,
                 torque_sign: TorqueSign::OfActuator,
                 lock_step: true,
+                motor_kg_m2,
+                latency_us,
             },
             tick: 0,
             seen: false,

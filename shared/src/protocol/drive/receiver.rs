@@ -102,6 +102,8 @@ mod tests {
             compensates_gravity: false,
             torque_sign: TorqueSign::OfActuator,
             lock_step: true,
+            motor_kg_m2: Default::default(),
+            latency_us: 0,
         };
         let state = DriveState {
             tick: 7,

@@ -92,6 +92,8 @@ impl FrankaDrive {
             compensates_gravity: true,
             torque_sign: TorqueSign::OfActuator,
             lock_step: false,
+            motor_kg_m2: Default::default(),
+            latency_us: 0,
         };
         Ok(Self {
             options,

@@ -134,6 +134,8 @@ impl KukaDrive {
                 compensates_gravity: true,
                 torque_sign,
                 lock_step: false,
+                motor_kg_m2: Default::default(),
+                latency_us: 0,
             },
             state,
             tick: 0,

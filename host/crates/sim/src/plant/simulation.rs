@@ -29,6 +29,8 @@ pub struct Plant<const N: usize> {
     pub(super) motion: Motion<N>,
     pub(super) sensors: Sensors<N>,
     limits: [f64; N],
+    /// Motor inertia between commanded and measured torque, beyond the nominal robot's, in kg m².
+    visible_motors: [f64; N],
     pub(super) substeps: u32,
     pub(super) free_steps: u32,
     settle_share: f64,
@@ -122,6 +124,8 @@ impl<const N: usize> Plant<N> {
             elastic,
             stops,
         };
+        let motors = joints.elastic.as_ref().map_or(joints.rotor, |elastic| elastic.motor);
+        let visible_motors = core::array::from_fn(|i| (motors[i] - limit(|j| j.rotor_kg_m2, i)).max(0.0));
         let mut motion = Motion::at_rest(&link);
         if let Some(elastic) = &joints.elastic {
             for i in 0..N {
@@ -143,6 +147,7 @@ impl<const N: usize> Plant<N> {
             sphere_homes: spheres,
             joints,
             motion,
+            visible_motors,
             sensors,
             limits: core::array::from_fn(|i| limit(|j| j.limits.torque_nm, i)),
             substeps: (TICK_S / config.substep_s).round() as u32,
@@ -258,6 +263,18 @@ impl<const N: usize> Plant<N> {
             self.delays.state(&self.last, &self.shown)
         };
         self.shown
+    }
+
+    /// What the drive's data sheet says of the motors, base to flange: the inertia that lies between
+    /// commanded and measured torque, seen at the joint, in kg m².
+    pub fn visible_motors(&self) -> &[f64; N] {
+        &self.visible_motors
+    }
+
+    /// Delay of states and commands together, without steps, in s; half of the jitter included.
+    pub fn latency_s(&self) -> f64 {
+        let drive = &self.config.drive;
+        drive.state_delay_s + drive.command_delay_s + drive.jitter_s
     }
 
     /// What the last step, or the start, showed.
