@@ -6,4 +6,5 @@ mod guard;
 mod hostile;
 mod poison;
 mod sequences;
+mod session;
 mod transitions;
