@@ -19,9 +19,9 @@ pub struct Elbow<T: Real> {
     /// Shoulder S, elbow E and wrist W in F0, in m.
     points: [Vector3<T>; 3],
     /// Derivative of the angle by the position of E relative to S, F0, in rad/m.
-    by_elbow: Vector3<T>,
+    rate_by_e: Vector3<T>,
     /// Derivative of the angle by the position of W relative to S, F0, in rad/m.
-    by_wrist: Vector3<T>,
+    rate_by_w: Vector3<T>,
 }
 
 impl<T: Real> Elbow<T> {
@@ -41,9 +41,9 @@ impl<T: Real> Elbow<T> {
             let axis = frame.z();
             let moved = |point: &Vector3<T>| axis.cross(&(point - frame.position));
             let base = if i < 1 { moved(shoulder) } else { Vector3::zeros() };
-            let mut rate = self.by_wrist.dot(&(moved(wrist) - base));
+            let mut rate = self.rate_by_w.dot(&(moved(wrist) - base));
             let elbow = if i < 3 { moved(elbow) } else { Vector3::zeros() };
-            rate += self.by_elbow.dot(&(elbow - base));
+            rate += self.rate_by_e.dot(&(elbow - base));
             *slot = rate;
         }
         gradient
@@ -81,13 +81,13 @@ pub fn elbow<T: Real>(frames: &[Pose<T>]) -> Option<Elbow<T>> {
     // A motion of W turns the line S-W, and with it the elbow (which stays in place)
     // and the reference: the angle changes by the difference of the two turns.
     let tangent_up = n.cross(&up) / up.norm_squared();
-    let by_elbow = tangent / radius;
-    let by_wrist = (tangent_up * n.z - by_elbow * n.dot(&arm)) / length;
+    let rate_by_e = tangent / radius;
+    let rate_by_w = (tangent_up * n.z - rate_by_e * n.dot(&arm)) / length;
     Some(Elbow {
         angle,
         points: [shoulder.position, elbow.position, wrist.position],
-        by_elbow,
-        by_wrist,
+        rate_by_e,
+        rate_by_w,
     })
 }
 
@@ -121,7 +121,7 @@ mod tests {
             let arm = arm(which);
             let frames = arm.frames(&q);
             let now = elbow(&frames);
-            let far = now.is_some_and(|e| e.by_elbow.norm() < 20.0 && e.by_wrist.norm() < 20.0);
+            let far = now.is_some_and(|e| e.rate_by_e.norm() < 20.0 && e.rate_by_w.norm() < 20.0);
             prop_assume!(far);
             let gradient = now.map(|e| e.gradient(&frames)).unwrap_or_default();
             for i in 0..7 {
