@@ -10,7 +10,8 @@ use nalgebra::{SVector, Vector3};
 use spherecal_shared::Joints;
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus};
+use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::protocol::host::{
     ApproachCommand, Command, Event, Fault, FaultReport, Phase, PoseCommand, Recording, Refusal,
 };
@@ -21,6 +22,21 @@ use crate::Controller;
 
 /// Home position of the tests: elbow up, tool straight down, far from every limit.
 pub(crate) const HOME: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.241_592_653_589_793, 0.0];
+
+/// The handshake of a drive for the built-in arm at 1 kHz.
+pub(crate) fn hello() -> DriveHello {
+    DriveHello {
+        protocol: PROTOCOL_VERSION,
+        session: 1,
+        limits: iiwa7().joints.iter().map(|joint| joint.limits).collect(),
+        period_us: 1000,
+        compensates_gravity: false,
+        torque_sign: TorqueSign::OfActuator,
+        lock_step: true,
+        motor_kg_m2: Joints::new(),
+        latency_us: 0,
+    }
+}
 
 /// The controller with the simple arm.
 #[derive(Clone)]
@@ -47,6 +63,12 @@ pub(crate) struct Bench {
     pub(crate) blocked: bool,
     /// Status that the drive reports.
     pub(crate) status: DriveStatus,
+    /// Session number of the drive.
+    pub(crate) session: u32,
+    /// Whether the drive adds the gravity torque itself.
+    pub(crate) gravity_by_drive: bool,
+    /// Control period, in µs.
+    pub(crate) period_us: u32,
     /// Whether the controller hears the host.
     pub(crate) host: bool,
     /// The last command.
@@ -60,8 +82,15 @@ pub(crate) struct Bench {
 impl Bench {
     /// A configured controller that holds at home.
     pub(crate) fn new(procedure: Procedure) -> Self {
+        Self::at_period(procedure, 1000)
+    }
+
+    /// The same with a drive of another period, in µs.
+    pub(crate) fn at_period(procedure: Procedure, period_us: u32) -> Self {
         let arm = Arm::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
         let mut controller = Controller::default();
+        let hello = DriveHello { period_us, ..hello() };
+        controller.connect(&hello).expect("a drive that fits");
         controller.command(Command::Robot(iiwa7())).expect("a robot");
         controller
             .command(Command::Configure {
@@ -82,6 +111,9 @@ impl Bench {
             torque_bias: SVector::zeros(),
             blocked: false,
             status: DriveStatus::Ready,
+            session: 1,
+            gravity_by_drive: false,
+            period_us,
             host: true,
             command: DriveCommand::default(),
             caught: false,
@@ -113,6 +145,7 @@ impl Bench {
     pub(crate) fn state(&self) -> DriveState {
         let joints = |v: SVector<f64, 7>| Joints::from_slice(v.as_slice()).expect("seven of eight");
         DriveState {
+            session: self.session,
             tick: self.tick,
             q: joints(self.q),
             dq: joints(self.dq),
@@ -126,7 +159,10 @@ impl Bench {
         if self.host {
             self.controller.host_heard();
         }
-        self.command = self.controller.tick(Instant::from_millis(self.tick), state);
+        self.command = self.controller.tick(
+            Instant::from_micros(self.tick.wrapping_mul(u64::from(self.period_us))),
+            state,
+        );
         while let Some(event) = self.controller.next_event() {
             self.events.push(event);
         }
@@ -167,9 +203,19 @@ impl Bench {
         }
     }
 
+    /// One period, in steps of 1 ms under the same command.
     fn integrate(&mut self) {
+        for _ in 0..self.period_us / 1000 {
+            self.step();
+        }
+    }
+
+    fn step(&mut self) {
         for i in 0..7 {
             self.tau[i] = self.command.tau[i];
+        }
+        if self.gravity_by_drive {
+            self.tau += self.arm.bodies(&self.arm.frames(&self.q.into())).gravity();
         }
         if self.blocked || !self.command.enable {
             self.dq = SVector::zeros();

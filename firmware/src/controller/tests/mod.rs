@@ -4,5 +4,7 @@ mod commands;
 mod faults;
 mod guard;
 mod hostile;
+mod poison;
 mod sequences;
+mod session;
 mod transitions;

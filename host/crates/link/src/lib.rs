@@ -80,10 +80,19 @@ pub enum LinkError {
         expected: u16,
     },
     /// The drive's control period is out of range.
-    #[error("the drive's control period is {period_us} µs: set it between 100 and 10000 µs")]
+    #[error("the drive's control period is {period_us} µs: set it between 1000 and 4000 µs")]
     Period {
         /// Its period, in µs.
         period_us: u32,
+    },
+    /// The drive answers too late.
+    #[error(
+        "the drive's delay is {latency_us} µs (latency_us of its handshake), more than 5000 µs: no gains are safe \
+         with it; run the controller nearer to the drive, or on a board"
+    )]
+    Latency {
+        /// Its delay, in µs.
+        latency_us: u32,
     },
     /// A message does not fit a frame.
     #[error("a message for the controller cannot be framed: {0}")]
