@@ -13,6 +13,7 @@ mod field;
 mod fleet;
 #[cfg(target_os = "linux")]
 mod floods;
+mod hard;
 mod kills;
 mod left_out;
 mod main_job;

@@ -1,0 +1,58 @@
+//! The simulated procedure on arms and drives that are hard to control.
+
+use crate::support::{spherecal, text};
+
+/// Name and `[plant]` of each case.
+const CASES: [(&str, &str); 9] = [
+    ("as measured", "[plant]\npreset = \"as_measured\"\n"),
+    ("harsh", "[plant]\npreset = \"harsh\"\n"),
+    ("elastic, 16,000 N m/rad", "[plant.elasticity]\nenabled = true\n"),
+    (
+        "elastic, 7,000 N m/rad",
+        "[plant.elasticity]\nenabled = true\nstiffness_nm_rad = 7000.0\n",
+    ),
+    ("rotors", "[plant.inertia]\nrotors = true\n"),
+    ("dry friction to 2 N m", "[plant.friction]\ncoulomb_nm = [1.0, 2.0]\n"),
+    ("torque noise of 0.25 N m", "[plant.sensors]\ntorque_white_nm = 0.25\n"),
+    (
+        "4 ms of delay",
+        "[plant.drive]\nstate_delay_s = 0.002\ncommand_delay_s = 0.002\n",
+    ),
+    (
+        "1.5 ms of delay with 2 ms of jitter",
+        "[plant.drive]\nstate_delay_s = 0.001\ncommand_delay_s = 0.0005\njitter_s = 0.002\n",
+    ),
+];
+
+// Fails if a run on any of these arms does not finish, loses a pose, or has more
+// than two faults.
+#[test]
+#[ignore = "slow: `scripts/test` runs it"]
+fn slow_hard_arms_finish() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (case, (name, plant)) in CASES.iter().enumerate() {
+        std::fs::write(folder.path().join("cell.toml"), plant).expect("written");
+        let out = case.to_string();
+        let arguments = ["run", "--config", "cell.toml", "--poses", "30", "--json", "--out", &out];
+        let run = spherecal(folder.path(), &arguments);
+        let summary: serde_json::Value =
+            serde_json::from_slice(&run.stdout).unwrap_or_else(|_| panic!("{name}: {}", text(&run.stderr)));
+        let faults = summary["faults"].as_array().map_or(99, Vec::len);
+        println!("{name}: {} poses, {faults} faults", summary["poses"]["recorded"]);
+        assert_eq!(summary["poses"]["recorded"], 30, "{name}: {}", text(&run.stderr));
+        assert!(faults <= 2, "{name}: {}", summary["faults"]);
+    }
+}
+
+// Fails if a drive whose delay allows no safe gains is not refused with the delay
+// and the limit before anything moves.
+#[test]
+fn a_drive_that_answers_too_late_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let cell = "[plant.drive]\nstate_delay_s = 0.003\ncommand_delay_s = 0.003\n";
+    std::fs::write(folder.path().join("cell.toml"), cell).expect("written");
+    let run = spherecal(folder.path(), &["run", "--config", "cell.toml", "--poses", "6"]);
+    assert_eq!(run.status.code(), Some(2));
+    let message = text(&run.stderr);
+    assert!(message.contains("6000 µs") && message.contains("5000 µs"), "{message}");
+}
