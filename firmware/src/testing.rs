@@ -157,7 +157,10 @@ impl Bench {
         if self.host {
             self.controller.host_heard();
         }
-        self.command = self.controller.tick(Instant::from_micros(self.tick.wrapping_mul(u64::from(self.period_us))), state);
+        self.command = self.controller.tick(
+            Instant::from_micros(self.tick.wrapping_mul(u64::from(self.period_us))),
+            state,
+        );
         while let Some(event) = self.controller.next_event() {
             self.events.push(event);
         }

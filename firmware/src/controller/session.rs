@@ -31,7 +31,9 @@ impl<const N: usize> DriveSession<N> {
         // NaN fails each comparison.
         let possible = |l: &JointLimits| {
             l.min_rad < l.max_rad
-                && [l.min_rad, l.max_rad, l.velocity_rad_s, l.torque_nm].iter().all(|x| x.is_finite())
+                && [l.min_rad, l.max_rad, l.velocity_rad_s, l.torque_nm]
+                    .iter()
+                    .all(|x| x.is_finite())
                 && l.velocity_rad_s > 0.0
                 && l.torque_nm > 0.0
         };
@@ -62,10 +64,16 @@ impl<const N: usize> Controller<N> {
     pub fn connect(&mut self, hello: &DriveHello) -> Result<(), Refusal> {
         let session = DriveSession::<N>::new(hello).ok_or(Refusal::Drive)?;
         if let Some(present) = self.session.as_ref().filter(|present| present.number == session.number) {
-            return if *present == session { Ok(()) } else { Err(Refusal::Drive) };
+            return if *present == session {
+                Ok(())
+            } else {
+                Err(Refusal::Drive)
+            };
         }
         if let Some(robot) = self.robot.as_ref().filter(|_| self.configured.is_some()) {
-            self.safety.configure(robot, Some(&session.limits)).map_err(|()| Refusal::Drive)?;
+            self.safety
+                .configure(robot, Some(&session.limits))
+                .map_err(|()| Refusal::Drive)?;
         }
         self.session_lost();
         self.session = Some(session);

@@ -19,12 +19,17 @@ fn there_is_no_torque_without_a_handshake() {
     let mut controller = Controller::<7>::default();
     controller.command(Command::Robot(iiwa7())).expect("a robot");
     let (tool, procedure) = (iiwa7_tool(), Procedure::default());
-    controller.command(Command::Configure { tool, procedure }).expect("a tool");
+    controller
+        .command(Command::Configure { tool, procedure })
+        .expect("a tool");
     for tick in 1..50 {
         let mut state = bench.state();
         state.tick = tick;
         let command = controller.tick(Instant::from_millis(tick), &state);
-        assert_eq!((command.enable, command.session, command.tick), (false, NO_SESSION, tick));
+        assert_eq!(
+            (command.enable, command.session, command.tick),
+            (false, NO_SESSION, tick)
+        );
         assert!(command.tau.iter().all(|tau| *tau == 0.0));
     }
     let target = HOME.iter().copied().collect();
@@ -169,14 +174,25 @@ fn the_tighter_limits_of_robot_and_drive_hold() {
     target[2] = iiwa7().joints[2].limits.max_rad + 0.1;
     assert_eq!(bench.go(&target), Err(Refusal::Target), "beyond the robot's range");
     bench.run(200);
-    assert!(bench.command.tau[1].abs() <= 5.0, "gravity takes more: {}", bench.command.tau[1]);
+    assert!(
+        bench.command.tau[1].abs() <= 5.0,
+        "gravity takes more: {}",
+        bench.command.tau[1]
+    );
     // The same when the robot is described after the handshake.
     let mut controller = Controller::<7>::default();
     controller.connect(&tighter).expect("a drive that fits");
     controller.command(Command::Robot(iiwa7())).expect("a robot");
     let (tool, procedure) = (iiwa7_tool(), Procedure::default());
-    controller.command(Command::Configure { tool, procedure }).expect("a tool");
-    assert!(controller.configured.as_ref().is_some_and(|c| c.torque_limits[1] == 5.0));
+    controller
+        .command(Command::Configure { tool, procedure })
+        .expect("a tool");
+    assert!(
+        controller
+            .configured
+            .as_ref()
+            .is_some_and(|c| c.torque_limits[1] == 5.0)
+    );
     // Robot and drive without a common range of a joint.
     let apart = again(|hello| {
         hello.session += 7;
