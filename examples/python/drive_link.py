@@ -13,9 +13,9 @@ import struct
 import sys
 
 # First eight bytes of each message type's schema hash: another layout, another key.
-HELLO_KEY = bytes.fromhex("b3d38d250896439f")
-STATE_KEY = bytes.fromhex("9097ec70ab1f84f7")
-COMMAND_KEY = bytes.fromhex("5c95b3c35aaf022c")
+HELLO_KEY = bytes.fromhex("6c652997a6ee9c76")
+STATE_KEY = bytes.fromhex("a14694c683ea7ec3")
+COMMAND_KEY = bytes.fromhex("4bfd99ec80fc0db9")
 
 PROTOCOL = 2
 NO_SESSION = 0  # of a command: the controller asks for the hello

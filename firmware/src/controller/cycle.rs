@@ -231,7 +231,7 @@ impl<const N: usize> Controller<N> {
 
     /// Torque of the present phase's law, in N m. It includes gravity unless the
     /// drive adds it.
-    fn torque(&mut self, snapshot: &Snapshot<N>) -> SVector<f64, N> {
+    pub(super) fn torque(&mut self, snapshot: &Snapshot<N>) -> SVector<f64, N> {
         let law = &self.procedure.law;
         let mut torque = if self.activity.is_cartesian() {
             let force = self

@@ -1,6 +1,7 @@
 //! Tests of every phase, every transition and every fault; they step the time.
 
 mod commands;
+mod details;
 mod faults;
 mod guard;
 mod hostile;
