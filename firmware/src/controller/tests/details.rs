@@ -17,11 +17,11 @@ fn arm() -> Arm<f64, 7> {
 
 /// Device time (µs) at which a phase was entered for the last time.
 fn entered_us(bench: &Bench, phase: Phase) -> u64 {
-    let times = bench.events.iter().filter_map(|event| match event {
+    let mut times = bench.events.iter().filter_map(|event| match event {
         Event::Phase(change) if change.phase == phase => Some(change.time_us),
         _ => None,
     });
-    times.last().expect("the phase was entered")
+    times.next_back().expect("the phase was entered")
 }
 
 /// The bench at the first tick of a phase of the descent.
