@@ -11,7 +11,9 @@ use super::StudyError;
 use crate::evaluate::Flange;
 use crate::recordings::{Recordings, Rows, Sample};
 use crate::{Experiment, Observation, Options, Set, Target, paper_plate};
-use spherecal_model::input::{InputError, Labels, Progress, Row, Table, TableFormat, read_csv_file, read_plate_file};
+use spherecal_model::input::{
+    InputError, Labels, Plate, Progress, Row, Table, TableFormat, read_csv, read_csv_file, read_plate_file,
+};
 use spherecal_model::robots::{self, RobotModel};
 
 /// Most placements of the plate in one table: each has six unknowns of its own,
@@ -63,23 +65,95 @@ pub struct Loaded {
     pub notes: Vec<String>,
 }
 
+/// A table of poses: a file, or text in memory.
+#[derive(Clone, Copy, Debug)]
+pub enum TableSource<'a> {
+    /// A CSV file.
+    File(&'a Path),
+    /// CSV text; `name` is for messages.
+    Text {
+        /// What messages call it.
+        name: &'a str,
+        /// The whole table, with its header line.
+        csv: &'a str,
+    },
+}
+
+impl TableSource<'_> {
+    fn read(
+        self,
+        format: &TableFormat,
+        places: &mut Labels,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Table, InputError> {
+        match self {
+            Self::File(path) => read_csv_file(path, format, places, progress),
+            Self::Text { name, csv } => read_csv(name, csv.as_bytes(), format, places),
+        }
+    }
+}
+
+/// What a caller has in memory in place of the files that a [`Request`] names.
+#[derive(Clone, Debug)]
+pub struct Sources<'a> {
+    /// The nominal robot.
+    pub model: RobotModel,
+    /// The plate's certificate; none for measured points alone.
+    pub plate: Option<Plate>,
+    /// Table of poses.
+    pub data: TableSource<'a>,
+    /// Table of poses that judge the result.
+    pub validate: Option<TableSource<'a>>,
+}
+
 /// Loads what a request names; `progress` is called while tables are read.
 ///
 /// # Errors
 /// Files that cannot be read or used, with field, value and remedy.
 pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loaded, StudyError> {
-    let mut model = robots::load(&request.robot)?;
+    let sources = Sources {
+        model: robots::load(&request.robot)?,
+        plate: request.plate.as_deref().map(plate).transpose()?,
+        data: TableSource::File(&request.data),
+        validate: request.validate.as_deref().map(TableSource::File),
+    };
+    assemble(request, sources, progress)
+}
+
+/// The plate of a file, or of the paper.
+fn plate(path: &Path) -> Result<Plate, InputError> {
+    if path == Path::new(PAPER_PLATE) {
+        return Ok(Plate {
+            spheres: paper_plate(),
+            ..Plate::default()
+        });
+    }
+    read_plate_file(path)
+}
+
+/// The same from what a caller has in memory: the request's own robot, plate and tables
+/// are not read. Both ways meet the same checks.
+///
+/// # Errors
+/// As [`load`].
+pub fn assemble(
+    request: &Request,
+    sources: Sources<'_>,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Loaded, StudyError> {
+    let Sources {
+        mut model,
+        plate,
+        data,
+        validate,
+    } = sources;
     let mut notes = Vec::new();
     set_tool(&mut model, request)?;
     borrow_masses(&mut model, &mut notes);
-    let mut spheres = Vec::new();
-    if request.plate.as_deref() == Some(Path::new(PAPER_PLATE)) {
-        spheres = paper_plate();
-    } else if let Some(path) = &request.plate {
-        let plate = read_plate_file(path)?;
-        notes.extend(plate.notes);
-        spheres = plate.spheres;
-    }
+    let certified = plate.is_some();
+    let plate = plate.unwrap_or_default();
+    notes.extend(plate.notes);
+    let spheres = plate.spheres;
     let mut format = TableFormat {
         joints: model.robot.dof(),
         joint_names: model.joint_names.clone(),
@@ -89,7 +163,7 @@ pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loa
     };
     let mut places = Labels::default();
     let mut labels = Labels::default();
-    let table = read_csv_file(&request.data, &format, &mut places, progress)?;
+    let table = data.read(&format, &mut places, progress)?;
     check_label(&table, request.holdout.as_deref())?;
     let data = rows(table, request.holdout.as_deref(), &places, &mut labels, true);
     check_places(&data)?;
@@ -97,13 +171,13 @@ pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loa
         .observations
         .iter()
         .any(|o| matches!(o.target, Target::Sphere { .. }));
-    if closed_loop && request.plate.is_none() {
+    if closed_loop && !certified {
         return Err(no_plate());
     }
     let mut validation = Rows::default();
-    if let Some(path) = &request.validate {
+    if let Some(source) = validate {
         format.label = None;
-        let table = read_csv_file(path, &format, &mut places, progress)?;
+        let table = source.read(&format, &mut places, progress)?;
         validation = rows(table, None, &places, &mut labels, false);
     }
     let experiment = Experiment {
