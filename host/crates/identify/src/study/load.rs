@@ -8,12 +8,11 @@ use nalgebra::Vector3;
 use spherecal_shared::robot::{Inertia, Tool};
 
 use super::StudyError;
+use super::sources::{Sources, TableSource, plate};
 use crate::evaluate::Flange;
 use crate::recordings::{Recordings, Rows, Sample};
-use crate::{Experiment, Observation, Options, Set, Target, paper_plate};
-use spherecal_model::input::{
-    InputError, Labels, Plate, Progress, Row, Table, TableFormat, read_csv, read_csv_file, read_plate_file,
-};
+use crate::{Experiment, Observation, Options, Set, Target};
+use spherecal_model::input::{InputError, Labels, Progress, Row, Table, TableFormat};
 use spherecal_model::robots::{self, RobotModel};
 
 /// Most placements of the plate in one table: each has six unknowns of its own,
@@ -22,9 +21,6 @@ const MOST_PLACES: usize = 200;
 /// Most spheres in one table, as on one plate.
 const MOST_SPHERES: usize = 100;
 
-/// Name of the plate of the paper's Table 1, in place of a file.
-pub const PAPER_PLATE: &str = "paper";
-
 /// What the user asks for.
 #[derive(Clone, Debug, Default)]
 pub struct Request {
@@ -32,7 +28,7 @@ pub struct Request {
     pub robot: String,
     /// Table of poses.
     pub data: PathBuf,
-    /// The plate's certificate: a file, or [`PAPER_PLATE`].
+    /// The plate's certificate: a file, or [`PAPER_PLATE`](super::PAPER_PLATE).
     pub plate: Option<PathBuf>,
     /// Nominal TCP in the flange frame, in mm; the robot's own without it.
     pub tool_mm: Option<[f64; 3]>,
@@ -65,47 +61,6 @@ pub struct Loaded {
     pub notes: Vec<String>,
 }
 
-/// A table of poses: a file, or text in memory.
-#[derive(Clone, Copy, Debug)]
-pub enum TableSource<'a> {
-    /// A CSV file.
-    File(&'a Path),
-    /// CSV text; `name` is for messages.
-    Text {
-        /// What messages call it.
-        name: &'a str,
-        /// The whole table, with its header line.
-        csv: &'a str,
-    },
-}
-
-impl TableSource<'_> {
-    fn read(
-        self,
-        format: &TableFormat,
-        places: &mut Labels,
-        progress: &mut dyn FnMut(Progress),
-    ) -> Result<Table, InputError> {
-        match self {
-            Self::File(path) => read_csv_file(path, format, places, progress),
-            Self::Text { name, csv } => read_csv(name, csv.as_bytes(), format, places),
-        }
-    }
-}
-
-/// What a caller has in memory in place of the files that a [`Request`] names.
-#[derive(Clone, Debug)]
-pub struct Sources<'a> {
-    /// The nominal robot.
-    pub model: RobotModel,
-    /// The plate's certificate; none for measured points alone.
-    pub plate: Option<Plate>,
-    /// Table of poses.
-    pub data: TableSource<'a>,
-    /// Table of poses that judge the result.
-    pub validate: Option<TableSource<'a>>,
-}
-
 /// Loads what a request names; `progress` is called while tables are read.
 ///
 /// # Errors
@@ -118,17 +73,6 @@ pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loa
         validate: request.validate.as_deref().map(TableSource::File),
     };
     assemble(request, sources, progress)
-}
-
-/// The plate of a file, or of the paper.
-fn plate(path: &Path) -> Result<Plate, InputError> {
-    if path == Path::new(PAPER_PLATE) {
-        return Ok(Plate {
-            spheres: paper_plate(),
-            ..Plate::default()
-        });
-    }
-    read_plate_file(path)
 }
 
 /// The same from what a caller has in memory: the request's own robot, plate and tables

@@ -9,8 +9,10 @@
 //! ```
 
 mod load;
+mod sources;
 
-pub use load::{Loaded, PAPER_PLATE, Request, Sources, TableSource, assemble, load};
+pub use load::{Loaded, Request, assemble, load};
+pub use sources::{PAPER_PLATE, Sources, TableSource};
 
 use std::time::Instant;
 
