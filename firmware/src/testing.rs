@@ -10,7 +10,8 @@ use nalgebra::{SVector, Vector3};
 use spherecal_shared::Joints;
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus};
+use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::protocol::host::{
     ApproachCommand, Command, Event, Fault, FaultReport, Phase, PoseCommand, Recording, Refusal,
 };
@@ -21,6 +22,18 @@ use crate::Controller;
 
 /// Home position of the tests: elbow up, tool straight down, far from every limit.
 pub(crate) const HOME: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.241_592_653_589_793, 0.0];
+
+/// The handshake of a drive for the built-in arm at 1 kHz.
+pub(crate) fn hello() -> DriveHello {
+    DriveHello {
+        protocol: PROTOCOL_VERSION,
+        limits: iiwa7().joints.iter().map(|joint| joint.limits).collect(),
+        period_us: 1000,
+        compensates_gravity: false,
+        torque_sign: TorqueSign::OfActuator,
+        lock_step: true,
+    }
+}
 
 /// The controller with the simple arm.
 #[derive(Clone)]
@@ -62,6 +75,7 @@ impl Bench {
     pub(crate) fn new(procedure: Procedure) -> Self {
         let arm = Arm::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
         let mut controller = Controller::default();
+        controller.connect(&hello()).expect("a drive that fits");
         controller.command(Command::Robot(iiwa7())).expect("a robot");
         controller
             .command(Command::Configure {

@@ -39,6 +39,14 @@ impl Real for f32 {
     }
 }
 
+/// `value` within ±`bound`. `None` if either is not a number: NaN must not turn into
+/// a limit, as it does in `value.max(-bound).min(bound)`.
+#[inline]
+pub fn bounded(value: f64, bound: f64) -> Option<f64> {
+    let within = value.max(-bound).min(bound);
+    (!value.is_nan() && !bound.is_nan()).then_some(within)
+}
+
 /// The number `value` as scalar `T`.
 #[inline(always)]
 pub(crate) fn lit<T: Real>(value: f64) -> T {

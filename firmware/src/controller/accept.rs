@@ -102,6 +102,8 @@ impl<const N: usize> Controller<N> {
             Command::ClearFault => {
                 if matches!(self.activity, Activity::Fault) {
                     self.keep_brakes = false;
+                    // No filter keeps anything of the states that led to the fault.
+                    self.forget();
                     self.enter(Activity::Idle);
                 }
                 Ok(())

@@ -6,7 +6,7 @@ use spherecal_shared::protocol::drive::DriveCommand;
 use spherecal_shared::protocol::host::Fault;
 
 use super::{BLIND_TICKS, Controller, STILL_FILTER};
-use crate::law::{JointSetpoint, Snapshot, guide_torque, joint_torque};
+use crate::law::{JointSetpoint, Snapshot, Wrench, guide_torque, joint_torque};
 use crate::phases::{Activity, Env, Next};
 use crate::safety::{JointState, Violation};
 
@@ -40,9 +40,17 @@ impl<const N: usize> Controller<N> {
     /// torque does not jump.
     fn release(&mut self) {
         self.holding = false;
-        self.observer.reset();
         self.shaper.reset();
+        self.forget();
+    }
+
+    /// Forgets what all filters have of earlier states. The torque changes on from
+    /// the last one, within its rate.
+    pub(super) fn forget(&mut self) {
+        self.observer.reset();
         self.torque_loop.reset();
+        self.filtered_dq = [0.0; N];
+        self.wrench = Wrench::default();
     }
 
     pub(super) fn control(&mut self, tick: u64, state: &JointState<N>) -> DriveCommand {
@@ -109,6 +117,16 @@ impl<const N: usize> Controller<N> {
             .correction(&delivered, gain, corner, bound, self.period_s);
         for i in 0..N {
             wanted[i] += correction[i];
+        }
+        if !wanted
+            .iter()
+            .chain(self.observer.residual().iter())
+            .all(|x| x.is_finite())
+        {
+            // A finite state of any size must not stay in a filter.
+            self.forget();
+            self.fail(Violation::new(Fault::Internal, 0.0, 0.0));
+            return self.bridge(tick);
         }
         let limits = self.effective_limits(&snapshot, &torque_limits);
         let step = self.procedure.law.torque_rate_nm_s * self.period_s;

@@ -1,9 +1,10 @@
 //! The null space: a spring-damper on the motion that leaves the TCP in place.
 //!
-//! On a spherical-rotational-spherical arm this motion has one coordinate, the
-//! elbow angle ([`spherecal_shared::robot::elbow`]), and the spring acts on that
-//! angle. It thereby follows continuous inverse kinematics at the commanded elbow
-//! angle without computing any. Another redundant arm is pulled to a posture.
+//! On an arm with seven joints this motion has one coordinate, the elbow angle
+//! ([`spherecal_shared::robot::elbow`]), and the spring acts on that angle. It
+//! thereby follows continuous inverse kinematics at the commanded elbow angle
+//! without computing any. Shoulder and wrist of the arm may be offset. An arm whose
+//! elbow angle is not defined, and one with more joints, is pulled to a posture.
 //!
 //! The projection is dynamically consistent: with `M = L Lᵀ`, the torque direction
 //! `g` becomes `L (y − W Λ Wᵀ y)`, `y = L⁻¹ g`, `W = L⁻¹ Jᵀ`, which does not
@@ -99,13 +100,7 @@ fn elbow_torque<const N: usize>(
     stiffness: f64,
     ratio: f64,
 ) -> SVector<f64, N> {
-    // Gradient of the elbow angle on null motions: the elbow's speed along its
-    // circle, divided by the radius. Joints beyond the elbow do not move it.
-    let direction = now.tangent / now.radius;
-    let mut gradient = SVector::<f64, N>::zeros();
-    for (i, frame) in snapshot.frames.iter().enumerate().take(4) {
-        gradient[i] = frame.z().cross(&(now.point - frame.position)).dot(&direction);
-    }
+    let gradient = SVector::from(now.gradient(&snapshot.frames));
     let y = project(snapshot, &snapshot.mass.solve_lower(&gradient));
     // Mobility of the elbow angle in the null space: the inverse of its inertia.
     let mobility = y.norm_squared();
@@ -123,4 +118,71 @@ fn elbow_torque<const N: usize>(
     }
     let damping = 2.0 * ratio * sqrt(stiffness / mobility);
     torque * (stiffness * difference(angle, now.angle) + damping * (rate - now_rate))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use spherecal_shared::robot::{Arm, Dynamics, built_in, iiwa7_tool};
+
+    /// Four real arms, and three with random geometry.
+    fn arm(which: usize) -> Arm<f64, 7> {
+        let names = ["iiwa7", "iiwa14", "fr3", "panda"];
+        let mut robot = built_in(names.get(which).unwrap_or(&"iiwa14")).expect("a built-in robot");
+        if which >= names.len() {
+            for (i, joint) in robot.joints.iter_mut().enumerate() {
+                let random = |k: usize| libm::sin((1 + which * 31 + i * 7 + k * 3) as f64 * 12.9898);
+                joint.mdh.alpha += 0.3 * random(0);
+                joint.mdh.a += 0.1 * random(1);
+                joint.mdh.d += 0.1 * random(2);
+            }
+        }
+        Arm::new(&robot, &iiwa7_tool()).expect("an arm")
+    }
+
+    /// The self-motion at `q`: a joint velocity of length 1 with the TCP at rest.
+    fn self_motion(jacobian: &nalgebra::SMatrix<f64, 6, 7>) -> SVector<f64, 7> {
+        // Joint k is held by the cofactor: the generalised cross product.
+        let velocity = SVector::<f64, 7>::from_fn(|k, _| {
+            let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+            sign * jacobian.remove_column(k).determinant()
+        });
+        velocity / velocity.norm()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(400))]
+        // Fails if the damping of the self-motion is not that of its inertia and of
+        // the true rate of the elbow angle (by central differences), or if the
+        // torque accelerates the TCP: with `I = q̇ᵀ M q̇ / rate²` it is
+        // `−2 ζ √(k / I) M q̇`.
+        #[test]
+        fn the_self_motion_is_damped_on_every_arm(which in 0usize..7, q in prop::array::uniform7(-1.8f64..1.8)) {
+            let arm = arm(which);
+            let snapshot = Snapshot::new(&arm, &q, &[0.0; 7]).expect("a mass matrix");
+            prop_assume!(!snapshot.near_singular);
+            let motion = self_motion(&snapshot.jacobian);
+            let at = |h: f64| elbow(&arm.frames(&core::array::from_fn(|i| q[i] + h * motion[i]))).map(|e| e.angle);
+            let h = 1e-5;
+            let (Some(now), Some(after), Some(before)) = (at(0.0), at(h), at(-h)) else {
+                return Ok(());
+            };
+            let rate = difference(after, before) / (2.0 * h);
+            prop_assume!(rate.abs() > 0.05 && rate.abs() < 20.0);
+            let dq: [f64; 7] = motion.into();
+            let moving = Snapshot::new(&arm, &q, &dq).expect("a mass matrix");
+            let (stiffness, ratio) = (8.0, 0.7);
+            let torque = NullSpace::Elbow { angle: now, rate: 0.0 }.torque(&moving, stiffness, ratio);
+            let mut matrix = arm.bodies(&arm.frames(&q)).mass_matrix();
+            arm.add_rotors(&mut matrix);
+            let momentum = matrix * motion;
+            let inertia = motion.dot(&momentum) / (rate * rate);
+            let expected = momentum * (-2.0 * ratio * sqrt(stiffness / inertia));
+            prop_assert!((torque - expected).norm() < 1e-3 * expected.norm(), "{torque} is not {expected}");
+            // The spring pulls the elbow towards its angle, not away from it.
+            let pull = NullSpace::Elbow { angle: now + 0.1, rate: 0.0 }.torque(&snapshot, stiffness, ratio);
+            prop_assert!(pull.dot(&motion) * rate > 0.0);
+        }
+    }
 }

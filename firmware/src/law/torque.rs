@@ -1,6 +1,7 @@
 //! The last stage before the drive: limits the torque and its rate.
 
 use nalgebra::SVector;
+use spherecal_shared::scalar::bounded;
 
 /// What was limited.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -41,13 +42,13 @@ impl<const N: usize> TorqueShaper<N> {
         step: f64,
     ) -> ([f64; N], Shaped) {
         // A sensor may show any value; it is used only within the limits.
-        let within = |i: usize| measured[i].max(-limits[i]).min(limits[i]);
+        let within = |i: usize| bounded(measured[i], limits[i]).unwrap_or(0.0);
         let last = self.last.unwrap_or_else(|| core::array::from_fn(within));
         let mut shaped = Shaped::default();
         let mut out = [0.0; N];
         for i in 0..N {
-            // Not `clamp`, which panics on a NaN limit.
-            let limited = wanted[i].max(-limits[i]).min(limits[i]);
+            // What is not a number asks for nothing: the torque stays as it is.
+            let limited = bounded(wanted[i], limits[i]).unwrap_or(last[i]);
             if limited != wanted[i] && shaped.saturated == 0 {
                 shaped.saturated = i as u8 + 1;
             }
@@ -79,5 +80,18 @@ mod tests {
         let mut shaper = TorqueShaper::<2>::default();
         let (tau, _) = shaper.shape(&SVector::zeros(), &[-6.9e274, 3.0], &[300.0, 300.0], 4.0);
         assert_eq!(tau, [-296.0, 0.0]);
+    }
+
+    // Fails if a wanted or a measured torque that is not a number becomes a limit.
+    #[test]
+    fn what_is_not_a_number_does_not_become_a_limit() {
+        let limits = [300.0, 300.0];
+        let mut shaper = TorqueShaper::<2>::default();
+        let (tau, _) = shaper.shape(&SVector::zeros(), &[f64::NAN, 3.0], &limits, 4.0);
+        assert_eq!(tau, [0.0, 0.0]);
+        let (before, _) = shaper.shape(&SVector::from([2.0, 3.0]), &[0.0; 2], &limits, 4.0);
+        let (tau, shaped) = shaper.shape(&SVector::from([f64::NAN, 4.0]), &[0.0; 2], &limits, 4.0);
+        assert_eq!((before, tau), ([2.0, 3.0], [2.0, 4.0]));
+        assert_eq!(shaped.saturated, 1, "it is reported");
     }
 }

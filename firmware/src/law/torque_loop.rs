@@ -8,6 +8,8 @@
 //! one period of delay. On a drive without friction and rotor inertia the loop
 //! only adds a little noise.
 
+use spherecal_shared::scalar::bounded;
+
 /// Proportional torque feedback of `N` joints with a low-pass.
 #[derive(Clone, Debug)]
 pub(crate) struct TorqueLoop<const N: usize> {
@@ -46,7 +48,7 @@ impl<const N: usize> TorqueLoop<N> {
             for i in 0..N {
                 let wanted = gain * (reference[i] - measured[i]);
                 let moved = self.correction[i] + share * (wanted - self.correction[i]);
-                self.correction[i] = moved.max(-bound).min(bound);
+                self.correction[i] = bounded(moved, bound).unwrap_or(0.0);
             }
         }
         &self.correction

@@ -38,7 +38,8 @@ impl Taring {
         }
         cartesian.tare = self.tare.mean();
         let size = cartesian.tare.force.norm();
-        if size > approach.tare_limit_n {
+        // A mean that is not a number is no tare.
+        if !(size <= approach.tare_limit_n) {
             return Next::fail(Fault::Tare, size, approach.tare_limit_n);
         }
         let stiffness = Stiffness::about(

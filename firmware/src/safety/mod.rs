@@ -18,7 +18,7 @@ use spherecal_shared::robot::{JointLimits, Robot};
 use crate::law::Shaped;
 use envelope::Envelope;
 pub(crate) use envelope::workspace_clearance;
-use plausibility::Plausibility;
+use plausibility::{Plausibility, plausible};
 pub(crate) use violation::{JointState, Violation};
 
 /// Time for which the contact force may exceed its limit, in s; impacts are shorter.
@@ -81,11 +81,6 @@ impl<const N: usize> Default for SafetyMonitor<N> {
     }
 }
 
-fn joints<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
-    let values: [f64; N] = values.try_into().ok()?;
-    values.iter().all(|x| x.is_finite()).then_some(values)
-}
-
 impl<const N: usize> SafetyMonitor<N> {
     /// Takes the limits of a checked robot.
     pub(crate) fn configure(&mut self, robot: &Robot) {
@@ -144,10 +139,7 @@ impl<const N: usize> SafetyMonitor<N> {
         limits: &Limits,
         period_s: f64,
     ) -> Admission<N> {
-        let whole = match (joints(&state.q), joints(&state.dq), joints(&state.tau)) {
-            (Some(q), Some(dq), Some(tau)) => Some(JointState { q, dq, tau }),
-            _ => None,
-        };
+        let whole = plausible(state);
         let skipped = match self.last_tick {
             None => 0,
             Some(last) if state.tick > last => u32::try_from(state.tick - last - 1).unwrap_or(u32::MAX),
@@ -261,10 +253,11 @@ impl<const N: usize> SafetyMonitor<N> {
         period_s: f64,
     ) -> Option<Violation> {
         let magnitude = force.norm();
-        self.force_ticks = if magnitude > limits.force_n {
-            self.force_ticks.saturating_add(1)
-        } else {
+        // A force that is not a number counts as too large.
+        self.force_ticks = if magnitude <= limits.force_n {
             0
+        } else {
+            self.force_ticks.saturating_add(1)
         };
         if f64::from(self.force_ticks) * period_s > FORCE_DWELL_S {
             return Some(Violation::new(Fault::Force, magnitude, limits.force_n));

@@ -5,8 +5,12 @@
 //! loses its reference jumps from one state to the next. An encoder that sticks
 //! shows the same angle although its joint is driven. A single state shows none of
 //! these.
+//!
+//! [`plausible`] stands before: it refuses a state that has a value which no arm can
+//! have, so that no filter ever sees one.
 
 use spherecal_shared::procedure::Limits;
+use spherecal_shared::protocol::drive::DriveState;
 use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::JointLimits;
 
@@ -15,6 +19,9 @@ use super::violation::{JointState, Violation};
 /// Factor on the joint's speed limit, or on its last speed, that bounds the motion
 /// between two states.
 const SPEED_FACTOR: f64 = 1.5;
+/// A last speed counts up to this multiple of the joint's speed limit. A single
+/// absurd speed must not make room for an absurd angle.
+const FASTEST_FACTOR: f64 = 20.0;
 /// Most ticks of identical states that count as "not seen": the drive may have
 /// been frozen while the arm moved.
 const MOST_UNSEEN: u64 = 500;
@@ -28,6 +35,26 @@ const TORQUE_CHANGE_NM: f64 = 0.05;
 /// N m, and this share of its torque limit. It exceeds the range of its stiction.
 const STUCK_NM: f64 = 10.0;
 const STUCK_SHARE: f64 = 0.05;
+
+/// Largest angle, speed and torque that a state may have, in rad, rad/s and N m.
+/// A robot description may state no larger limits, so no arm has larger values.
+const MOST_RAD: f64 = 1e4;
+const MOST_RAD_S: f64 = 1e3;
+const MOST_NM: f64 = 1e5;
+
+/// The values of a drive state, if an arm with `N` joints can have them: one per
+/// joint, and each a number within the range of all robots. NaN is in no range.
+pub(crate) fn plausible<const N: usize>(state: &DriveState) -> Option<JointState<N>> {
+    let within = |values: &[f64], most: f64| -> Option<[f64; N]> {
+        let values: [f64; N] = values.try_into().ok()?;
+        values.iter().all(|x| x.abs() <= most).then_some(values)
+    };
+    Some(JointState {
+        q: within(&state.q, MOST_RAD)?,
+        dq: within(&state.dq, MOST_RAD_S)?,
+        tau: within(&state.tau, MOST_NM)?,
+    })
+}
 
 /// State of the plausibility checks.
 #[derive(Clone, Debug)]
@@ -92,7 +119,8 @@ impl<const N: usize> Plausibility<N> {
         for i in 0..N {
             let moved = (state.q[i] - last.q[i]).abs();
             // By the earlier speed: the later one may be computed from the jump.
-            let speed = joints[i].velocity_rad_s.max(last.dq[i].abs());
+            let limit = joints[i].velocity_rad_s;
+            let speed = limit.max(last.dq[i].abs().min(FASTEST_FACTOR * limit));
             let most = speed * SPEED_FACTOR * elapsed_s + limits.jump_rad;
             if moved > most {
                 return Some(Violation {

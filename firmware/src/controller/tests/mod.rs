@@ -4,5 +4,6 @@ mod commands;
 mod faults;
 mod guard;
 mod hostile;
+mod poison;
 mod sequences;
 mod transitions;

@@ -223,7 +223,9 @@ pub fn remedy(fault: Fault) -> &'static str {
         Fault::StaleState => {
             "the drive does not keep its period: check the drive link; where a joint is named, check its encoder"
         }
-        Fault::NotFinite => "the drive sends values that are not numbers: check the drive or its gateway",
+        Fault::NotFinite => {
+            "the drive sends values that are not numbers or that no arm can have: check the drive or its gateway"
+        }
         Fault::Drive => "release the emergency stop and enable the drives",
         Fault::Overrun => "the controller misses its period: reduce its load",
         Fault::HostSilence => "the host link was silent: check the network and the load of this computer",

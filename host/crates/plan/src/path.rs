@@ -194,7 +194,11 @@ impl Rules {
         // Seven joints keep the rank of the TCP Jacobian where two wrist axes align, so the smallest
         // singular value does not see that joints 5 and 7 then turn fast against each other. (FR3:
         // 127 degrees of joint 5 over 30 of rotation ran beyond its limit.)
-        let jump_rad = if chain.closed_form() { self.jump_rad } else { self.jump_rad / 3.0 };
+        let jump_rad = if chain.closed_form() {
+            self.jump_rad
+        } else {
+            self.jump_rad / 3.0
+        };
         let mut current = q.to_vec();
         for k in 1..=count {
             let pose = between(from, to, k as f64 / count as f64);

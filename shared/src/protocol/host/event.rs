@@ -221,7 +221,8 @@ pub enum Fault {
     StillCoupled,
     /// Drive states are missing, repeated, frozen or out of order.
     StaleState,
-    /// A drive state has a NaN, an infinity or a wrong number of joints.
+    /// A drive state has a NaN, an infinity, a value that no arm can have, or a wrong
+    /// number of joints.
     NotFinite,
     /// The drive is not ready.
     Drive,
