@@ -2,7 +2,7 @@
 //! against each other.
 
 use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use nalgebra::Vector3;
 use spherecal_shared::robot::{Inertia, Tool};
