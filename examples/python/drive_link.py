@@ -13,11 +13,12 @@ import struct
 import sys
 
 # First eight bytes of each message type's schema hash: another layout, another key.
-HELLO_KEY = bytes.fromhex("b3d38d250896439f")
-STATE_KEY = bytes.fromhex("9097ec70ab1f84f7")
-COMMAND_KEY = bytes.fromhex("5c95b3c35aaf022c")
+HELLO_KEY = bytes.fromhex("6c652997a6ee9c76")
+STATE_KEY = bytes.fromhex("a14694c683ea7ec3")
+COMMAND_KEY = bytes.fromhex("4bfd99ec80fc0db9")
 
-PROTOCOL = 1
+PROTOCOL = 2
+NO_SESSION = 0  # of a command: the controller asks for the hello
 MAX_FRAME = 2304
 
 READY, DISABLED, EMERGENCY_STOP, FAILED = range(4)
@@ -138,7 +139,7 @@ class Reader:
 
 
 def hello_body(hello):
-    body = varint(hello["protocol"]) + varint(len(hello["limits"]))
+    body = varint(hello["protocol"]) + varint(hello["session"]) + varint(len(hello["limits"]))
     for limit in hello["limits"]:
         body += struct.pack("<4d", *limit)
     body += varint(hello["period_us"]) + bytes([hello["compensates_gravity"]])
@@ -147,15 +148,15 @@ def hello_body(hello):
 
 def state_body(state):
     joints = floats(state["q"]) + floats(state["dq"]) + floats(state["tau"])
-    return varint(state["tick"]) + joints + varint(state["status"])
+    return varint(state["session"]) + varint(state["tick"]) + joints + varint(state["status"])
 
 
 def command_body(command):
-    return varint(command["tick"]) + floats(command["tau"]) + bytes([command["enable"]])
+    return varint(command["session"]) + varint(command["tick"]) + floats(command["tau"]) + bytes([command["enable"]])
 
 
 def read_hello(reader):
-    hello = {"protocol": reader.varint(), "limits": []}
+    hello = {"protocol": reader.varint(), "session": reader.varint(), "limits": []}
     for _ in range(reader.varint()):
         # min rad, max rad, largest speed rad/s, largest torque N m
         hello["limits"].append(list(struct.unpack("<4d", reader.take(32))))
@@ -167,13 +168,14 @@ def read_hello(reader):
 
 
 def read_state(reader):
-    state = {"tick": reader.varint(), "q": reader.floats(), "dq": reader.floats(), "tau": reader.floats()}
+    state = {"session": reader.varint(), "tick": reader.varint()}
+    state.update({"q": reader.floats(), "dq": reader.floats(), "tau": reader.floats()})
     state["status"] = reader.varint()
     return state
 
 
 def read_command(reader):
-    return {"tick": reader.varint(), "tau": reader.floats(), "enable": reader.flag()}
+    return {"session": reader.varint(), "tick": reader.varint(), "tau": reader.floats(), "enable": reader.flag()}
 
 
 MESSAGES = {

@@ -20,6 +20,8 @@ PERIOD_US = 1000
 INERTIA = [2.0, 2.0, 1.0, 1.0, 0.3, 0.3, 0.1]  # kg m2, as in point_arm.toml
 DAMPING = 0.5  # N m s/rad
 LIMITS = [[-2.9, 2.9, 2.0, 100.0]] * 7  # min rad, max rad, rad/s, N m
+# Another number after each start, and never 0: the controller notices a restart.
+SESSION = int(time.time()) % 0xFFFFFFFF + 1
 START = [0.0, 0.6, 0.0, -1.5, 0.0, 1.0, 0.0]
 
 
@@ -44,11 +46,11 @@ class Arm:
 
 
 def state_of(arm, tick):
-    return {"tick": tick, "q": arm.q, "dq": arm.dq, "tau": arm.tau, "status": READY}
+    return {"session": SESSION, "tick": tick, "q": arm.q, "dq": arm.dq, "tau": arm.tau, "status": READY}
 
 
 def carry_out(arm, command):
-    if command["enable"]:
+    if command["enable"] and command["session"] == SESSION:
         arm.step(command["tau"], PERIOD_US * 1e-6)
     else:
         arm.brake()
@@ -107,6 +109,7 @@ def serve(arm, limits, args):
     """Offers an arm (q, dq, tau, step, brake) to one controller after the other."""
     hello = {
         "protocol": PROTOCOL,
+        "session": SESSION,
         "limits": limits,
         "period_us": PERIOD_US,
         "compensates_gravity": False,

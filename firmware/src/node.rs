@@ -91,6 +91,10 @@ impl<const N: usize> CommandPort for Direct<'_, N> {
         self.0.next_sample()
     }
 
+    fn period_us(&self) -> u32 {
+        self.0.period_us()
+    }
+
     fn statistics(&self) -> Statistics {
         self.0.statistics()
     }

@@ -55,9 +55,9 @@ pub(crate) struct Recorder<const N: usize> {
     q: [Signal; N],
     tau: [Signal; N],
     force: Vector3<f64>,
-    /// Computed TCP at the first sample, in m.
-    first_tcp: Vector3<f64>,
-    spread: f64,
+    /// Mean of the computed TCP, in m, and the sum of squared distances from it.
+    tcp: Vector3<f64>,
+    tcp_squares: f64,
     count: u32,
     gaps: u32,
     last_tick: u64,
@@ -88,8 +88,8 @@ impl<const N: usize> Default for Recorder<N> {
             q: [Signal::EMPTY; N],
             tau: [Signal::EMPTY; N],
             force: Vector3::zeros(),
-            first_tcp: Vector3::zeros(),
-            spread: 0.0,
+            tcp: Vector3::zeros(),
+            tcp_squares: 0.0,
             count: 0,
             gaps: 0,
             last_tick: 0,
@@ -105,7 +105,6 @@ impl<const N: usize> Recorder<N> {
     pub(crate) fn push(&mut self, sample: &RecorderSample<'_, N>) {
         if self.count == 0 {
             self.start_us = sample.time_us;
-            self.first_tcp = *sample.tcp;
         } else {
             let missing = sample.tick.saturating_sub(self.last_tick).saturating_sub(1);
             self.gaps = self.gaps.saturating_add(u32::try_from(missing).unwrap_or(u32::MAX));
@@ -119,8 +118,9 @@ impl<const N: usize> Recorder<N> {
             self.tau[i].push(sample.tau[i], reciprocal);
         }
         self.force += (sample.force - self.force) * reciprocal;
-        let distance = (sample.tcp - self.first_tcp).norm();
-        self.spread = self.spread.max(distance);
+        let deviation = sample.tcp - self.tcp;
+        self.tcp += deviation * reciprocal;
+        self.tcp_squares += deviation.dot(&(sample.tcp - self.tcp));
     }
 
     /// Number of samples so far.
@@ -140,7 +140,7 @@ impl<const N: usize> Recorder<N> {
             gaps: self.gaps,
             q: collect(&self.q),
             tau: collect(&self.tau),
-            tcp_spread_m: self.spread,
+            tcp_spread_m: sqrt(self.tcp_squares / f64::from(self.count.max(1))),
             force_n: self.force.into(),
         }
     }
@@ -185,6 +185,29 @@ mod tests {
                 prop_assert_eq!(ours.max, values.iter().map(|v| v[j]).fold(f64::NEG_INFINITY, f64::max));
             }
         }
+    }
+
+    // Fails if the spread of the TCP depends on which sample is the first.
+    #[test]
+    fn the_spread_is_about_the_mean() {
+        let spread = |along: &[f64]| {
+            let mut recorder = Recorder::<1>::default();
+            for (tick, x) in (1..).zip(along) {
+                recorder.push(&RecorderSample {
+                    tick,
+                    time_us: 0,
+                    q: &[0.0],
+                    tau: &[0.0],
+                    tcp: &Vector3::new(0.5, *x, 0.2),
+                    force: &Vector3::zeros(),
+                });
+            }
+            recorder.finish(1, 2).tcp_spread_m
+        };
+        let expected = sqrt(0.75) * 2e-3;
+        assert!((spread(&[0.004, 0.0, 0.0, 0.0]) - expected).abs() < 1e-12);
+        assert!((spread(&[0.0, 0.0, 0.004, 0.0]) - expected).abs() < 1e-12);
+        assert_eq!(spread(&[0.004]), 0.0);
     }
 
     #[test]

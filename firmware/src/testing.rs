@@ -27,6 +27,7 @@ pub(crate) const HOME: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.241_592_653_589_7
 pub(crate) fn hello() -> DriveHello {
     DriveHello {
         protocol: PROTOCOL_VERSION,
+        session: 1,
         limits: iiwa7().joints.iter().map(|joint| joint.limits).collect(),
         period_us: 1000,
         compensates_gravity: false,
@@ -60,6 +61,12 @@ pub(crate) struct Bench {
     pub(crate) blocked: bool,
     /// Status that the drive reports.
     pub(crate) status: DriveStatus,
+    /// Session number of the drive.
+    pub(crate) session: u32,
+    /// Whether the drive adds the gravity torque itself.
+    pub(crate) gravity_by_drive: bool,
+    /// Control period, in µs.
+    pub(crate) period_us: u32,
     /// Whether the controller hears the host.
     pub(crate) host: bool,
     /// The last command.
@@ -73,9 +80,15 @@ pub(crate) struct Bench {
 impl Bench {
     /// A configured controller that holds at home.
     pub(crate) fn new(procedure: Procedure) -> Self {
+        Self::at_period(procedure, 1000)
+    }
+
+    /// The same with a drive of another period, in µs.
+    pub(crate) fn at_period(procedure: Procedure, period_us: u32) -> Self {
         let arm = Arm::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
         let mut controller = Controller::default();
-        controller.connect(&hello()).expect("a drive that fits");
+        let hello = DriveHello { period_us, ..hello() };
+        controller.connect(&hello).expect("a drive that fits");
         controller.command(Command::Robot(iiwa7())).expect("a robot");
         controller
             .command(Command::Configure {
@@ -96,6 +109,9 @@ impl Bench {
             torque_bias: SVector::zeros(),
             blocked: false,
             status: DriveStatus::Ready,
+            session: 1,
+            gravity_by_drive: false,
+            period_us,
             host: true,
             command: DriveCommand::default(),
             caught: false,
@@ -127,6 +143,7 @@ impl Bench {
     pub(crate) fn state(&self) -> DriveState {
         let joints = |v: SVector<f64, 7>| Joints::from_slice(v.as_slice()).expect("seven of eight");
         DriveState {
+            session: self.session,
             tick: self.tick,
             q: joints(self.q),
             dq: joints(self.dq),
@@ -140,7 +157,10 @@ impl Bench {
         if self.host {
             self.controller.host_heard();
         }
-        self.command = self.controller.tick(Instant::from_millis(self.tick), state);
+        self.command = self.controller.tick(
+            Instant::from_micros(self.tick.wrapping_mul(u64::from(self.period_us))),
+            state,
+        );
         while let Some(event) = self.controller.next_event() {
             self.events.push(event);
         }
@@ -181,9 +201,19 @@ impl Bench {
         }
     }
 
+    /// One period, in steps of 1 ms under the same command.
     fn integrate(&mut self) {
+        for _ in 0..self.period_us / 1000 {
+            self.step();
+        }
+    }
+
+    fn step(&mut self) {
         for i in 0..7 {
             self.tau[i] = self.command.tau[i];
+        }
+        if self.gravity_by_drive {
+            self.tau += self.arm.bodies(&self.arm.frames(&self.q.into())).gravity();
         }
         if self.blocked || !self.command.enable {
             self.dq = SVector::zeros();

@@ -17,7 +17,8 @@ pub use host::{config, csv, database, events, robots};
 use spherecal_firmware::Node;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
+use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::protocol::frame::{self, Accumulator, MAX_FRAME, Message};
 use spherecal_shared::protocol::host::{Command, Downlink, Uplink};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
@@ -77,11 +78,24 @@ pub fn frames(data: &[u8]) {
 
 fn state(tick: u64, q: &[f64; 7]) -> DriveState {
     DriveState {
+        session: 1,
         tick,
         q: q.iter().copied().collect(),
         dq: [0.0; 7].into_iter().collect(),
         tau: [0.0; 7].into_iter().collect(),
         status: DriveStatus::Ready,
+    }
+}
+
+fn hello() -> DriveHello {
+    DriveHello {
+        protocol: PROTOCOL_VERSION,
+        session: 1,
+        limits: iiwa7().joints.iter().map(|joint| joint.limits).collect(),
+        period_us: 1000,
+        compensates_gravity: false,
+        torque_sign: TorqueSign::OfActuator,
+        lock_step: true,
     }
 }
 
@@ -94,6 +108,7 @@ fn controller() -> (Node<7>, u64) {
         ready
             .get_or_insert_with(|| {
                 let mut node = Node::<7>::new("fuzzed");
+                node.controller().connect(&hello()).expect("a drive that fits");
                 let configure = Command::Configure {
                     tool: iiwa7_tool(),
                     procedure: Procedure::default(),

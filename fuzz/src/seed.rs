@@ -108,6 +108,7 @@ fn links() {
     let states: Vec<Vec<u8>> = (0..6u64)
         .map(|k| {
             let state = DriveState {
+                session: 1,
                 tick: k + 3,
                 q: joints(0.01 * k as f64),
                 dq: joints(0.0),

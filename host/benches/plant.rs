@@ -27,7 +27,8 @@ use spherecal_firmware::law::{
 };
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
+use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::drive::{DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::protocol::host::{ApproachCommand, Command};
 use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
 
@@ -108,6 +109,16 @@ fn controller_case() -> Box<dyn FnMut()> {
     let mut procedure = Procedure::default();
     procedure.approach.speed_m_s = 1e-4;
     let mut controller = Controller::<7>::default();
+    let hello = DriveHello {
+        protocol: PROTOCOL_VERSION,
+        session: 1,
+        limits: iiwa7().joints.iter().map(|joint| joint.limits).collect(),
+        period_us: 1000,
+        compensates_gravity: false,
+        torque_sign: TorqueSign::OfActuator,
+        lock_step: true,
+    };
+    controller.connect(&hello).expect("a drive that fits");
     controller.command(Command::Robot(iiwa7())).expect("a robot");
     let tool = iiwa7_tool();
     controller
@@ -117,6 +128,7 @@ fn controller_case() -> Box<dyn FnMut()> {
     let arm = arm();
     let gravity = arm.bodies(&arm.frames(&Q)).gravity();
     let mut state = DriveState {
+        session: 1,
         tick: 0,
         q: joints(Q),
         dq: joints([0.0; 7]),

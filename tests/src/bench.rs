@@ -54,6 +54,7 @@ pub fn framed<M: Message>(message: &M, sequence: u32) -> Vec<u8> {
 pub fn hello() -> DriveHello {
     DriveHello {
         protocol: PROTOCOL_VERSION,
+        session: 1,
         limits: iiwa7().joints.iter().map(|j| j.limits).collect(),
         period_us: 1000,
         compensates_gravity: false,
@@ -70,6 +71,7 @@ pub fn joints(values: &[f64; 7]) -> Joints {
 /// A drive state that carries `tau` (N m) at `q` (rad) and `dq` (rad/s).
 pub fn state(tick: u64, q: &[f64; 7], dq: &[f64; 7], tau: &[f64; 7]) -> DriveState {
     DriveState {
+        session: 1,
         tick,
         q: joints(q),
         dq: joints(dq),

@@ -77,6 +77,7 @@ impl Rig {
     pub fn new(config: &PlantConfig, procedure: Procedure, q: &[f64; 7]) -> Self {
         let plant = Plant::new(&iiwa7(), &iiwa7_tool(), config, q).expect("a plant");
         let mut controller = Controller::default();
+        controller.connect(&crate::bench::hello()).expect("a drive that fits");
         controller.command(Command::Robot(iiwa7())).expect("a robot");
         controller
             .command(Command::Configure {
@@ -101,6 +102,7 @@ impl Rig {
         let sensed = self.plant.sensed();
         let joints = |values: &[f64; 7]| Joints::from_slice(values).expect("seven of eight");
         DriveState {
+            session: 1,
             tick: self.tick,
             q: joints(&sensed.q),
             dq: joints(&sensed.dq),

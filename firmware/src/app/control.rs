@@ -1,5 +1,6 @@
 //! The control task.
 
+use embassy_time::Duration;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveState};
 
 use super::ports::{Clock, DrivePort, HostPort, Probe, Tick};
@@ -46,6 +47,7 @@ pub async fn run<const N: usize>(
         if let Err(ended) = run_cycle(state, clock, &tick, drive, host) {
             return ended;
         }
+        clock.set_period(Duration::from_micros(u64::from(state.controller.period_us())));
     }
 }
 
@@ -81,6 +83,7 @@ pub fn run_cycle<const N: usize>(
     let controller = &mut state.controller;
     host.send_events(&mut || controller.next_event());
     host.send_samples(&mut || controller.next_sample());
+    host.set_period(controller.period_us());
     host.finish_tick(clock.device_time(tick, state.drive_us), controller.statistics());
     let after = controller.phase();
     if after != before {
@@ -130,7 +133,9 @@ fn take_message<const N: usize>(control: &mut ControlState<N>, message: DriveMes
             control.state_received = true;
         }
         DriveMessage::Hello(hello) => {
-            if control.controller.connect(&hello).is_err() {
+            if control.controller.connect(&hello).is_err() && control.controller.has_session() {
+                log_error!("a handshake that does not fit the session with the drive is ignored");
+            } else if !control.controller.has_session() {
                 log_error!(
                     "drive refused: protocol {}, {} joints, {} us",
                     hello.protocol,

@@ -53,6 +53,7 @@ pub struct Mailbox {
 pub struct MailboxSignal<M: RawMutex> {
     heard: AtomicBool,
     dropped: AtomicU32,
+    period_us: AtomicU32,
     ticked: Signal<M, TickReport>,
 }
 
@@ -68,6 +69,7 @@ impl<M: RawMutex> MailboxSignal<M> {
         Self {
             heard: AtomicBool::new(false),
             dropped: AtomicU32::new(0),
+            period_us: AtomicU32::new(1000),
             ticked: Signal::new(),
         }
     }
@@ -161,6 +163,10 @@ impl<M: RawMutex> HostPort for ControlSide<'_, M> {
         }
     }
 
+    fn set_period(&mut self, period_us: u32) {
+        self.signal.period_us.store(period_us, Ordering::Relaxed);
+    }
+
     fn finish_tick(&mut self, now: Instant, statistics: Statistics) {
         self.signal.ticked.signal(TickReport { now, statistics });
     }
@@ -209,6 +215,10 @@ impl<M: RawMutex> CommandPort for LinkSide<'_, M> {
 
     fn next_sample(&mut self) -> Option<Sample> {
         self.samples.dequeue()
+    }
+
+    fn period_us(&self) -> u32 {
+        self.signal.period_us.load(Ordering::Relaxed)
     }
 
     fn statistics(&self) -> Statistics {

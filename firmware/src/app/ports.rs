@@ -4,7 +4,7 @@
 //! behind them. A value that does not fit is dropped and counted by the owner
 //! of the queue; nothing waits for room.
 
-use embassy_time::Instant;
+use embassy_time::{Duration, Instant};
 use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage};
 use spherecal_shared::protocol::host::{Command, Event, Sample, Statistics};
 
@@ -45,6 +45,9 @@ pub trait HostPort {
     /// Takes telemetry samples from `next` while there is room.
     fn send_samples(&mut self, next: &mut impl FnMut() -> Option<Sample>);
 
+    /// States the control period, in µs.
+    fn set_period(&mut self, period_us: u32);
+
     /// Ends a tick: its events and samples have been sent. `now` is the device
     /// time that the control path was given.
     fn finish_tick(&mut self, now: Instant, statistics: Statistics);
@@ -54,6 +57,10 @@ pub trait HostPort {
 pub trait Clock {
     /// Called once, when the control task starts.
     fn start(&mut self) {}
+
+    /// Sets the control period: called after every tick. A clock that follows the
+    /// drive ignores it.
+    fn set_period(&mut self, _period: Duration) {}
 
     /// Waits for the next tick.
     fn next_tick(&mut self) -> impl Future<Output = Tick>;

@@ -86,6 +86,7 @@ fn state(tick: u64) -> DriveState {
     let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
     let gravity = arm.bodies(&arm.frames(&HOME)).gravity();
     DriveState {
+        session: 1,
         tick,
         q: HOME.iter().copied().collect(),
         dq: [0.0; 7].into_iter().collect(),
@@ -108,9 +109,11 @@ fn tick_finished(port: &mut LinkSide<'_, NoopRawMutex>) -> Instant {
 #[test]
 fn queues_between_control_and_link_change_nothing() {
     let mut node = Node::<7>::new("one");
+    node.controller().connect(&crate::testing::hello()).expect("a drive");
     let (mut mailbox, signal) = (Mailbox::new(), MailboxSignal::<NoopRawMutex>::new());
     let (mut host, mut port) = mailbox.split(&signal);
     let (mut link, mut control) = (HostLink::new("one", 7), ControlState::<7>::default());
+    control.controller.connect(&crate::testing::hello()).expect("a drive");
     let mut drive = Drive::default();
     let mut compared = 0;
     for tick in 0..3000 {
@@ -142,6 +145,7 @@ fn a_link_that_does_not_run_delays_nothing() {
     let (mut mailbox, signal) = (Mailbox::new(), MailboxSignal::<NoopRawMutex>::new());
     let (mut host, mut port) = mailbox.split(&signal);
     let (mut link, mut control) = (HostLink::new("one", 7), ControlState::<7>::default());
+    control.controller.connect(&crate::testing::hello()).expect("a drive");
     let mut drive = Drive::default();
     for tick in 0..3000u64 {
         if tick < 3 {

@@ -5,12 +5,13 @@ use spherecal_shared::timing::PeriodWatch;
 
 use super::ports::{Clock, Tick};
 
-/// The control period: 1 kHz.
+/// The control period before the drive has stated one: 1 kHz.
 pub const PERIOD: Duration = Duration::from_micros(1000);
 
 /// An `embassy_time::Ticker` with a [`PeriodWatch`] on it: after a missed tick
 /// the ticker starts afresh instead of running the missed ticks in a burst.
 pub struct TickerClock {
+    period: Duration,
     ticker: Ticker,
     watch: PeriodWatch,
 }
@@ -18,12 +19,17 @@ pub struct TickerClock {
 impl TickerClock {
     /// A clock whose first tick is due after one period.
     pub fn new() -> Self {
+        Self::every(PERIOD)
+    }
+
+    fn every(period: Duration) -> Self {
         let start = Instant::now();
-        let mut ticker = Ticker::every(PERIOD);
+        let mut ticker = Ticker::every(period);
         ticker.reset_at(start);
         Self {
+            period,
             ticker,
-            watch: PeriodWatch::new(PERIOD.as_micros(), start.as_micros()),
+            watch: PeriodWatch::new(period.as_micros(), start.as_micros()),
         }
     }
 
@@ -41,7 +47,13 @@ impl Default for TickerClock {
 
 impl Clock for TickerClock {
     fn start(&mut self) {
-        *self = Self::new();
+        *self = Self::every(self.period);
+    }
+
+    fn set_period(&mut self, period: Duration) {
+        if period != self.period {
+            *self = Self::every(period);
+        }
     }
 
     async fn next_tick(&mut self) -> Tick {

@@ -172,18 +172,29 @@ impl<const N: usize> Controller<N> {
         self.changeable()?;
         let robot = self.robot.as_ref().ok_or(Refusal::NotConfigured)?;
         let arm = Arm::<f64, N>::new(robot, tool).map_err(|_| Refusal::Robot)?;
-        self.safety.configure(robot);
-        let limits = self.safety.limits();
+        let drive = self.session.as_ref().map(|session| &session.limits);
+        self.safety.configure(robot, drive).map_err(|()| Refusal::Drive)?;
         self.configured = Some(Configured {
             arm,
-            torque_limits: core::array::from_fn(|i| limits[i].torque_nm),
-            speeds: core::array::from_fn(|i| limits[i].velocity_rad_s * 0.8 * self.procedure.limits.velocity_share),
+            torque_limits: [0.0; N],
+            speeds: [0.0; N],
         });
+        self.set_motion_limits();
         self.observer.reset();
         self.shaper.reset();
         self.torque_loop.reset();
         self.may_be_on_sphere = false;
         Ok(())
+    }
+
+    /// Takes over the common limits of robot and drive.
+    pub(super) fn set_motion_limits(&mut self) {
+        let limits = self.safety.limits();
+        let share = 0.8 * self.procedure.limits.velocity_share;
+        if let Some(configured) = &mut self.configured {
+            configured.torque_limits = core::array::from_fn(|i| limits[i].torque_nm);
+            configured.speeds = core::array::from_fn(|i| limits[i].velocity_rad_s * share);
+        }
     }
 
     fn accept_approach(&mut self, approach: &ApproachCommand) -> Result<(), Refusal> {

@@ -5,14 +5,14 @@ use spherecal_shared::Joints;
 use spherecal_shared::protocol::drive::DriveCommand;
 use spherecal_shared::protocol::host::Fault;
 
-use super::{BLIND_TICKS, Controller, STILL_FILTER};
+use super::{BLIND_S, Controller, STILL_FILTER};
 use crate::law::{JointSetpoint, Snapshot, Wrench, guide_torque, joint_torque};
 use crate::phases::{Activity, Env, Next};
 use crate::safety::{JointState, Violation};
 
 impl<const N: usize> Controller<N> {
-    /// A command that asks for the brakes.
-    pub(super) fn disabled(&mut self, tick: u64) -> DriveCommand {
+    /// A command of the session that asks for the brakes.
+    pub(super) fn disabled(&mut self, session: u32, tick: u64) -> DriveCommand {
         let mut tau = Joints::new();
         for _ in 0..N {
             // N joints fit: a robot has at most MAX_JOINTS.
@@ -20,6 +20,7 @@ impl<const N: usize> Controller<N> {
         }
         self.last = None;
         DriveCommand {
+            session,
             tick,
             tau,
             enable: false,
@@ -29,10 +30,11 @@ impl<const N: usize> Controller<N> {
     /// The last torque once more, for an unusable state; brakes after too many.
     pub(super) fn bridge(&mut self, tick: u64) -> DriveCommand {
         self.blind_ticks = self.blind_ticks.saturating_add(1);
-        let most = self.procedure.limits.missed_ticks.saturating_add(BLIND_TICKS);
+        let blind_ticks = (BLIND_S / self.period_s + 0.5) as u32;
+        let most = self.procedure.limits.missed_ticks.saturating_add(blind_ticks);
         match &self.last {
             Some(last) if self.blind_ticks <= most => DriveCommand { tick, ..last.clone() },
-            _ => self.disabled(tick),
+            _ => self.disabled(self.number(), tick),
         }
     }
 
@@ -61,7 +63,7 @@ impl<const N: usize> Controller<N> {
         }
         self.blind_ticks = 0;
         let Some(configured) = &self.configured else {
-            return self.disabled(tick);
+            return self.disabled(self.number(), tick);
         };
         let Some(snapshot) = Snapshot::new(&configured.arm, &state.q, &state.dq) else {
             self.fail(Violation::new(Fault::Internal, 0.0, 0.0));
@@ -142,13 +144,14 @@ impl<const N: usize> Controller<N> {
         self.publish(state, &snapshot, &tau, shaped);
         self.snapshot = Some(snapshot);
         if self.keep_brakes {
-            return self.disabled(tick);
+            return self.disabled(self.number(), tick);
         }
         let mut joints = Joints::new();
         for value in tau {
             let _ = joints.push(value);
         }
         let command = DriveCommand {
+            session: self.number(),
             tick,
             tau: joints,
             enable: true,
@@ -160,7 +163,7 @@ impl<const N: usize> Controller<N> {
     /// Measured torque less the drive's own gravity torque, in N m, to compare with
     /// the torque that was sent.
     fn delivered(&self, snapshot: &Snapshot<N>, measured: &[f64; N]) -> [f64; N] {
-        if !self.gravity_by_drive {
+        if !self.gravity_by_drive() {
             return *measured;
         }
         core::array::from_fn(|i| measured[i] - snapshot.gravity[i])
@@ -168,7 +171,7 @@ impl<const N: usize> Controller<N> {
 
     /// Limits of the torque that is sent to the drive, in N m.
     fn effective_limits(&self, snapshot: &Snapshot<N>, limits: &[f64; N]) -> [f64; N] {
-        if !self.gravity_by_drive {
+        if !self.gravity_by_drive() {
             return *limits;
         }
         core::array::from_fn(|i| (limits[i] - snapshot.gravity[i].abs()).max(0.0))
@@ -221,7 +224,7 @@ impl<const N: usize> Controller<N> {
 
     /// Torque of the present phase's law, in N m. It includes gravity unless the
     /// drive adds it.
-    fn torque(&mut self, snapshot: &Snapshot<N>) -> SVector<f64, N> {
+    pub(super) fn torque(&mut self, snapshot: &Snapshot<N>) -> SVector<f64, N> {
         let law = &self.procedure.law;
         let mut torque = if self.activity.is_cartesian() {
             let force = self
@@ -240,7 +243,7 @@ impl<const N: usize> Controller<N> {
             joint_torque(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0)
         };
         torque += snapshot.coriolis;
-        if !self.gravity_by_drive {
+        if !self.gravity_by_drive() {
             torque += snapshot.gravity;
         }
         torque

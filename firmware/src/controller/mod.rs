@@ -6,7 +6,7 @@
 //! ```
 //!
 //! `tick` allocates nothing, has bounded loops and returns a command for every
-//! state. While drive states are unusable it repeats the last torque for some
+//! state. It gives no torque outside of a session with a drive. While drive states are unusable it repeats the last torque for some
 //! ticks; then it asks for the brakes. It also asks for the brakes if the motors do
 //! not deliver the commanded torque or an encoder sticks. Every other fault ends in
 //! a joint spring-damper about the position where the fault happened, with gravity
@@ -16,20 +16,22 @@ mod accept;
 mod cycle;
 mod publish;
 mod schedule;
+mod session;
 mod transition;
 
 use embassy_time::Instant;
 use heapless::Deque;
 use nalgebra::Vector3;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, TorqueSign};
-use spherecal_shared::protocol::host::{Event, Fault, Phase, Refusal, Sample, Statistics};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveState, NO_SESSION};
+use spherecal_shared::protocol::host::{Event, Fault, Phase, Sample, Statistics};
 use spherecal_shared::robot::Arm;
 
 use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
 use crate::phases::{Activity, CartesianState};
 use crate::safety::{Admission, SafetyMonitor};
 use schedule::Schedule;
+use session::DriveSession;
 
 /// Most events that wait for the host link.
 const OUTBOX: usize = 12;
@@ -39,11 +41,11 @@ const SAMPLES: usize = 32;
 /// show whether the arm is still.
 const STILL_FILTER: f64 = 60.0;
 
-/// Ticks after [`missed_ticks`](spherecal_shared::procedure::Limits::missed_ticks)
-/// for which the last torque is repeated while no state is usable. Then the
+/// Time after [`missed_ticks`](spherecal_shared::procedure::Limits::missed_ticks)
+/// for which the last torque is repeated while no state is usable, in s. Then the
 /// controller asks for the brakes: a torque without control does not hold an arm
 /// for long.
-const BLIND_TICKS: u32 = 20;
+const BLIND_S: f64 = 0.020;
 
 /// What a configured controller needs for its computations.
 #[derive(Clone, Debug)]
@@ -59,8 +61,7 @@ pub struct Controller<const N: usize> {
     robot: Option<spherecal_shared::robot::Robot>,
     configured: Option<Configured<N>>,
     procedure: Procedure,
-    gravity_by_drive: bool,
-    torque_reversed: bool,
+    session: Option<DriveSession<N>>,
     period_s: f64,
 
     safety: SafetyMonitor<N>,
@@ -103,8 +104,7 @@ impl<const N: usize> Default for Controller<N> {
             robot: None,
             configured: None,
             procedure: Procedure::default(),
-            gravity_by_drive: false,
-            torque_reversed: false,
+            session: None,
             period_s: 1e-3,
             safety: SafetyMonitor::default(),
             observer: Observer::default(),
@@ -141,25 +141,6 @@ impl<const N: usize> Default for Controller<N> {
 }
 
 impl<const N: usize> Controller<N> {
-    /// Takes the drive's handshake.
-    ///
-    /// # Errors
-    /// [`Refusal::Drive`] if the controller does not support the drive's number of
-    /// joints, period or protocol.
-    pub fn connect(&mut self, hello: &DriveHello) -> Result<(), Refusal> {
-        let period_s = f64::from(hello.period_us) * 1e-6;
-        let fits = hello.limits.len() == N
-            && hello.protocol == spherecal_shared::protocol::PROTOCOL_VERSION
-            && (1e-4..=1e-2).contains(&period_s);
-        if !fits {
-            return Err(Refusal::Drive);
-        }
-        self.gravity_by_drive = hello.compensates_gravity;
-        self.torque_reversed = hello.torque_sign == TorqueSign::OfLink;
-        self.period_s = period_s;
-        Ok(())
-    }
-
     /// The present phase.
     pub fn phase(&self) -> Phase {
         self.activity.phase()
@@ -228,16 +209,21 @@ impl<const N: usize> Controller<N> {
             self.tick = state.tick;
         }
         self.start_due_command();
+        let Some(session) = self.session.filter(|session| session.number == state.session) else {
+            // A drive without handshake, or one that has started again.
+            self.session_lost();
+            return self.disabled(NO_SESSION, state.tick);
+        };
         let sent = self.last.as_ref().map_or(&[][..], |last| &last.tau);
         let admission = self
             .safety
             .admit(self.now_us, state, sent, &self.procedure.limits, self.period_s);
         if self.configured.is_none() {
-            return self.disabled(state.tick);
+            return self.disabled(session.number, state.tick);
         }
         match admission {
             Admission::Fresh(mut admitted) => {
-                if self.torque_reversed {
+                if session.torque_reversed {
                     admitted.tau = admitted.tau.map(|tau| -tau);
                 }
                 self.control(state.tick, &admitted)
@@ -247,7 +233,7 @@ impl<const N: usize> Controller<N> {
                 self.fail(violation);
                 if violation.fault == Fault::PositionJump || violation.is_stuck_encoder() {
                     // The arm is not where the last torque was meant for.
-                    return self.disabled(state.tick);
+                    return self.disabled(session.number, state.tick);
                 }
                 self.bridge(state.tick)
             }

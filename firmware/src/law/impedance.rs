@@ -122,3 +122,28 @@ impl Impedance {
         self.stiffness.times(&error) + damping + setpoint.feed_forward
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::HOME;
+    use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
+
+    // Fails if an axis without stiffness has no damping: a soft arm would drift on.
+    #[test]
+    fn an_axis_without_stiffness_is_damped_too() {
+        let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
+        let snapshot = Snapshot::new(&arm, &HOME, &[0.0; 7]).expect("a mass matrix");
+        let mut impedance = Impedance::new(Stiffness::isotropic(0.0, 200.0));
+        let mut setpoint = CartesianSetpoint::at(snapshot.tcp.position, snapshot.tcp.rotation);
+        for _ in 0..30 {
+            impedance.force(&snapshot, &setpoint, 0.7);
+        }
+        for axis in 0..3 {
+            setpoint.velocity = Vector6::zeros();
+            setpoint.velocity[axis] = 1.0;
+            let force = impedance.force(&snapshot, &setpoint, 0.7);
+            assert!(force[axis] > 0.3, "axis {axis}: {force:?}");
+        }
+    }
+}

@@ -72,3 +72,54 @@ impl<const N: usize> Observer<N> {
         &self.residual
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
+
+    const POLE: f64 = 25.0;
+    const PERIOD_S: f64 = 1e-4;
+
+    /// The residual while the arm moves freely from `dq` (rad/s), its gravity carried,
+    /// under an external torque (N m): at each of the `times` (s).
+    fn residuals(dq: f64, external: SVector<f64, 7>, times: &[f64]) -> std::vec::Vec<SVector<f64, 7>> {
+        let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
+        let mut q = SVector::from([0.0, 0.7, 0.0, -1.2, 0.0, 1.24, 0.0]);
+        let mut dq = SVector::from([dq, -dq, dq, dq, -dq, dq, dq]);
+        let mut observer = Observer::default();
+        let (mut now, mut found) = (0.0, std::vec::Vec::new());
+        for time in times {
+            while now < *time {
+                let snapshot = Snapshot::new(&arm, &q.into(), &dq.into()).expect("a mass matrix");
+                observer.update(&snapshot, &snapshot.gravity.into(), POLE, PERIOD_S);
+                dq += snapshot.mass.solve(&(external - snapshot.coriolis)) * PERIOD_S;
+                q += dq * PERIOD_S;
+                now += PERIOD_S;
+            }
+            found.push(*observer.residual());
+        }
+        found
+    }
+
+    // Fails if the observer takes the arm's own motion for a force: without `Cᵀ q̇`
+    // its residual is several N m here.
+    #[test]
+    fn a_motion_is_no_force() {
+        for residual in residuals(1.0, SVector::zeros(), &[0.05, 0.1, 0.2]) {
+            assert!(residual.norm() < 0.05, "{residual}");
+        }
+    }
+
+    // Fails if the residual does not follow a step with the lag of its pole.
+    #[test]
+    fn the_residual_follows_with_the_lag_of_the_pole() {
+        let external = SVector::from([0.5, -0.4, 0.3, 0.2, -0.1, 0.1, 0.05]);
+        let times = [0.5 / POLE, 1.0 / POLE, 3.0 / POLE];
+        for (residual, time) in residuals(0.0, external, &times).iter().zip(times) {
+            let expected = external * (1.0 - libm::exp(-POLE * time));
+            let off = (residual - expected).norm() / external.norm();
+            assert!(off < 0.01, "{off} after {time} s");
+        }
+    }
+}

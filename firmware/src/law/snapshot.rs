@@ -54,7 +54,6 @@ impl<const N: usize> Snapshot<N> {
     /// The arm at joint angles `q` and velocities `dq`.
     /// `None` if the mass matrix is not positive definite. Finite joint angles and
     /// a checked robot exclude that.
-    /// joint angles and a checked robot exclude.
     #[inline]
     pub fn new(arm: &Arm<f64, N>, q: &[f64; N], dq: &[f64; N]) -> Option<Self> {
         let frames = arm.frames(q);
@@ -169,5 +168,49 @@ impl<const N: usize> Snapshot<N> {
     pub(crate) fn tcp_speed(&self) -> f64 {
         let v = &self.velocity;
         sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::HOME;
+    use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+
+    // Fails if the law takes a singular arm for one with an endless inertia, or a
+    // regular arm for a singular one.
+    #[test]
+    fn the_inertia_of_a_singular_arm_is_bounded() {
+        let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
+        let at = |q: &[f64; 7]| Snapshot::new(&arm, q, &[0.0; 7]).expect("a mass matrix");
+        for singular in [[0.0; 7], [0.3, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0]] {
+            let snapshot = at(&singular);
+            assert!(snapshot.near_singular);
+            for axis in 0..6 {
+                let pivot = snapshot.mobility.lower()[(axis, axis)];
+                assert!(pivot * pivot > 0.0099, "axis {axis}: {} kg", 1.0 / (pivot * pivot));
+            }
+        }
+        assert!(!at(&HOME).near_singular);
+    }
+
+    // Fails if the inertia of the rotors is missing in the mass matrix of the law or
+    // in the momentum: both move with the joints.
+    #[test]
+    fn rotors_are_part_of_the_mass() {
+        let (dq, mut robot) = ([0.7, -0.4, 0.3, 0.9, -1.0, 0.5, 0.2], iiwa7());
+        let snapshot = |robot: &spherecal_shared::robot::Robot| {
+            let arm = Arm::<f64, 7>::new(robot, &iiwa7_tool()).expect("an arm");
+            Snapshot::new(&arm, &HOME, &dq).expect("a mass matrix")
+        };
+        let without = snapshot(&robot);
+        for (joint, rotor) in robot.joints.iter_mut().zip([0.5, 0.5, 0.4, 0.4, 0.3, 0.2, 0.1]) {
+            joint.rotor_kg_m2 = rotor;
+        }
+        let with = snapshot(&robot);
+        let dq = SVector::from(dq);
+        assert!((with.mass.multiply(&dq) - with.momentum).norm() < 1e-12);
+        assert!((with.inertia[6] - without.inertia[6] - 0.1).abs() < 1e-12);
+        assert!((with.momentum - without.momentum)[0] > 0.3);
     }
 }

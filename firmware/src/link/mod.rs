@@ -60,6 +60,9 @@ pub trait CommandPort {
     /// The next telemetry sample.
     fn next_sample(&mut self) -> Option<Sample>;
 
+    /// The control period, in µs.
+    fn period_us(&self) -> u32;
+
     /// Counters of the control path; the link adds its own.
     fn statistics(&self) -> Statistics;
 }
@@ -161,7 +164,7 @@ impl HostLink {
                     if error == FrameError::Key {
                         // The host has another schema. It cannot be understood, but it can
                         // learn which controller this is.
-                        self.reply_banner();
+                        self.reply_banner(port.period_us());
                     }
                 }
             }
@@ -183,7 +186,7 @@ impl HostLink {
             self.answered = None;
             self.replies.clear();
         } else if self.session != Some(session) {
-            self.reply_banner();
+            self.reply_banner(port.period_us());
             return;
         }
         port.host_heard();
@@ -202,7 +205,7 @@ impl HostLink {
         }
         self.collect_outcomes(port);
         if hello {
-            self.reply_banner();
+            self.reply_banner(port.period_us());
         }
         if let Some(last) = self.answered {
             // A repeat. If it is the last command, it is answered again. An older
@@ -240,9 +243,9 @@ impl HostLink {
         }
     }
 
-    fn reply_banner(&mut self) {
+    fn reply_banner(&mut self, period_us: u32) {
         self.host_known = true;
-        let banner = self.banner();
+        let banner = self.banner(period_us);
         self.reply(Event::Banner(banner));
     }
 
@@ -256,7 +259,7 @@ impl HostLink {
         }
     }
 
-    fn banner(&self) -> Banner {
+    fn banner(&self, period_us: u32) -> Banner {
         let mut version = String::new();
         let _ = version.push_str(env!("CARGO_PKG_VERSION"));
         Banner {
@@ -265,7 +268,7 @@ impl HostLink {
             version,
             build: self.build.clone(),
             joints: self.joints,
-            period_us: 1000,
+            period_us,
             first_event: self.pending.front().map_or(self.next_event, |p| p.uplink.event),
         }
     }

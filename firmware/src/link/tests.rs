@@ -183,3 +183,39 @@ fn a_small_buffer_gets_whole_frames_only() {
     seen.truncate(4);
     assert_eq!(seen, [1, 2, 1, 2]);
 }
+
+// Fails if a command of another session than that of the last handshake is obeyed
+// or answered as if it were: its host gets the banner of the present session.
+#[test]
+fn a_host_of_another_session_is_not_obeyed() {
+    let mut wire = Wire::new();
+    wire.send(1, Command::Hello);
+    wire.hear(1);
+    let robot = Command::Robot(spherecal_shared::robot::iiwa7());
+    let mut foreign = Downlink::at_once(2, robot.clone());
+    foreign.session[0] ^= 1;
+    let mut bytes = [0u8; MAX_FRAME];
+    let length = frame::encode(&foreign, 1, 0, &mut bytes).expect("it fits");
+    wire.node.receive(&bytes[..length]);
+    let heard = wire.hear(1);
+    assert!(
+        matches!(
+            &heard[..],
+            [Uplink {
+                body: Event::Banner(_),
+                ..
+            }]
+        ),
+        "{heard:?}"
+    );
+    let tool = spherecal_shared::robot::iiwa7_tool();
+    let procedure = spherecal_shared::procedure::Procedure::default();
+    let configure = Command::Configure { tool, procedure };
+    // Without the foreign robot there is none.
+    wire.send(2, configure);
+    let refused = wire.hear(1).into_iter().any(|uplink| {
+        let result = Err(Refusal::NotConfigured);
+        uplink.body == Event::Reply { sequence: 2, result }
+    });
+    assert!(refused);
+}

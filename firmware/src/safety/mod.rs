@@ -23,9 +23,9 @@ pub(crate) use violation::{JointState, Violation};
 
 /// Time for which the contact force may exceed its limit, in s; impacts are shorter.
 const FORCE_DWELL_S: f64 = 0.010;
-/// Largest drift between the clocks of controller and drive per period, in µs:
-/// 0.1 % at 1 kHz, more than that of any quartz.
-const DRIFT_US: i64 = 1;
+/// Smallest share of the time by which the clocks of controller and drive may drift
+/// apart, 1/1000: more than that of any quartz.
+const DRIFT: i64 = 1000;
 /// Outward speed above which a joint in the margin counts as leaving its range, in rad/s.
 const OUTWARD_RAD_S: f64 = 0.02;
 /// Time for which a torque may be saturated, in s.
@@ -82,11 +82,40 @@ impl<const N: usize> Default for SafetyMonitor<N> {
 }
 
 impl<const N: usize> SafetyMonitor<N> {
-    /// Takes the limits of a checked robot.
-    pub(crate) fn configure(&mut self, robot: &Robot) {
-        for (slot, joint) in self.limits.iter_mut().zip(&robot.joints) {
+    /// Takes the limits of a checked robot and, where they are tighter, those of the
+    /// `drive`.
+    ///
+    /// # Errors
+    /// A joint would have no range. Nothing is changed then.
+    pub(crate) fn configure(&mut self, robot: &Robot, drive: Option<&[JointLimits; N]>) -> Result<(), ()> {
+        let mut limits = self.limits;
+        for (slot, joint) in limits.iter_mut().zip(&robot.joints) {
             *slot = joint.limits;
         }
+        for (slot, drive) in limits.iter_mut().zip(drive.into_iter().flatten()) {
+            slot.min_rad = slot.min_rad.max(drive.min_rad);
+            slot.max_rad = slot.max_rad.min(drive.max_rad);
+            slot.velocity_rad_s = slot.velocity_rad_s.min(drive.velocity_rad_s);
+            slot.torque_nm = slot.torque_nm.min(drive.torque_nm);
+            if !(slot.min_rad < slot.max_rad) {
+                return Err(());
+            }
+        }
+        self.limits = limits;
+        self.plausibility.reset();
+        self.envelope = Envelope::default();
+        Ok(())
+    }
+
+    /// Forgets the ticks, the clock and the states of the last drive session. Counters
+    /// and limits stay.
+    pub(crate) fn restart(&mut self) {
+        self.last_tick = None;
+        self.offset_us = None;
+        self.missed_in_row = 0;
+        self.overrun_in_row = 0;
+        self.force_ticks = 0;
+        self.saturated_ticks = 0;
         self.plausibility.reset();
         self.envelope = Envelope::default();
     }
@@ -146,7 +175,11 @@ impl<const N: usize> SafetyMonitor<N> {
             // A repeated or an older tick.
             Some(_) => return self.bridge(1, Fault::StaleState, limits),
         };
-        self.last_tick = Some(state.tick);
+        if skipped < u32::MAX {
+            // No drive runs for so long unseen: such a tick number is not kept, or all
+            // later ones would count as old.
+            self.last_tick = Some(state.tick);
+        }
         if skipped > 0 {
             self.missed = self.missed.saturating_add(skipped);
             if skipped > limits.missed_ticks {
@@ -184,7 +217,7 @@ impl<const N: usize> SafetyMonitor<N> {
         let offset = (now_us as i64).wrapping_sub((tick as i64).wrapping_mul(period_us));
         let least = match self.offset_us {
             // The clocks may drift apart.
-            Some(least) => least.saturating_add(DRIFT_US).min(offset),
+            Some(least) => least.saturating_add(period_us / DRIFT).min(offset),
             None => offset,
         };
         self.offset_us = Some(least);

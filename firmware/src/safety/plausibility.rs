@@ -22,9 +22,9 @@ const SPEED_FACTOR: f64 = 1.5;
 /// A last speed counts up to this multiple of the joint's speed limit. A single
 /// absurd speed must not make room for an absurd angle.
 const FASTEST_FACTOR: f64 = 20.0;
-/// Most ticks of identical states that count as "not seen": the drive may have
-/// been frozen while the arm moved.
-const MOST_UNSEEN: u64 = 500;
+/// Longest time of identical states that counts as "not seen", in s: the drive may
+/// have been frozen while the arm moved.
+const MOST_UNSEEN_S: f64 = 0.5;
 /// Joint speed above which a state says that the arm moves, in rad/s.
 const MOVES_RAD_S: f64 = 1e-3;
 /// Change of the sent torques (sum over the joints, in N m) that must change at
@@ -156,7 +156,7 @@ impl<const N: usize> Plausibility<N> {
         let alive = torque_change > TORQUE_CHANGE_NM || fastest > MOVES_RAD_S;
         // The drive may be frozen while the arm moves.
         self.unseen = if alive {
-            u64::from(self.same).min(MOST_UNSEEN)
+            u64::from(self.same).min((MOST_UNSEEN_S / period_s + 0.5) as u64)
         } else {
             0
         };

@@ -1,6 +1,7 @@
 //! The drive link: joint state in, joint torque out, once per control period.
 //!
-//! A drive first sends its handshake ([`DriveHello`]). A drive in lock-step (a
+//! A drive first sends its handshake ([`DriveHello`]), and again when a command has
+//! the session number [`NO_SESSION`]. A drive in lock-step (a
 //! simulator) sends the [`DriveState`] of a tick, waits for the [`DriveCommand`]
 //! of the same tick and only then goes on. A real drive does not wait; it reports
 //! a missing command. `docs/drive-link.md` describes every byte.
@@ -18,6 +19,13 @@ pub use receiver::{DriveMessage, DriveReceiver};
 super::frame::message!(DriveHello, "drive/hello");
 super::frame::message!(DriveState, "drive/state");
 super::frame::message!(DriveCommand, "drive/command");
+
+/// Session number of a command outside of a session: it asks the drive for its
+/// handshake. No drive may have it.
+pub const NO_SESSION: u32 = 0;
+
+/// Control periods that the controller supports, in µs.
+pub const PERIODS_US: core::ops::RangeInclusive<u32> = 1000..=4000;
 
 /// Status of the drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -37,6 +45,8 @@ pub enum DriveStatus {
 /// State of the joints at one tick.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct DriveState {
+    /// Number of the session, as in the drive's [`DriveHello`].
+    pub session: u32,
     /// Number of the control period; grows by one each.
     pub tick: u64,
     /// Joint angles from the encoders, in rad.
@@ -54,6 +64,10 @@ pub struct DriveState {
 /// Torque for the control period that starts with the state of the same tick.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct DriveCommand {
+    /// Number of the session of the state that this command answers. [`NO_SESSION`]
+    /// from a controller that has not taken the handshake of that session: the drive
+    /// then sends its [`DriveHello`] again.
+    pub session: u32,
     /// Tick of the state that this command answers.
     pub tick: u64,
     /// Total joint torque, in N m. It includes gravity unless the drive's
@@ -80,9 +94,12 @@ pub enum TorqueSign {
 pub struct DriveHello {
     /// [`PROTOCOL_VERSION`](super::PROTOCOL_VERSION) of the drive.
     pub protocol: u16,
+    /// Number of the session: another one after each start of the drive, never
+    /// [`NO_SESSION`]. Nothing of this message changes within one session.
+    pub session: u32,
     /// Limits of each joint, base to flange. Their number is the number of joints.
     pub limits: heapless::Vec<JointLimits, MAX_JOINTS>,
-    /// Control period, in µs.
+    /// Control period, in µs, within [`PERIODS_US`].
     pub period_us: u32,
     /// Whether the drive adds the gravity torque itself. The controller then sends
     /// the torque without gravity.

@@ -218,6 +218,7 @@ mod tests {
     fn state(tick: u64, values: &[f64]) -> DriveState {
         let joints = crate::Joints::from_slice(values).expect("at most eight");
         DriveState {
+            session: 1,
             tick,
             q: joints.clone(),
             dq: joints.clone(),

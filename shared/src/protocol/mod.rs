@@ -17,7 +17,7 @@ pub mod lockstep;
 
 /// Version of the meaning of the messages. Raise it when a field keeps its type
 /// but changes its meaning.
-pub const PROTOCOL_VERSION: u16 = 1;
+pub const PROTOCOL_VERSION: u16 = 2;
 
 /// Key of the layout of all messages together: it changes when one layout does.
 pub const SCHEMA: u64 = {

@@ -91,6 +91,7 @@ fn the_page_shows_the_bytes_of_the_encoder() {
     let page = std::fs::read_to_string(root().join("docs/drive-link.md")).expect("the page");
     let hello = DriveHello {
         protocol: PROTOCOL_VERSION,
+        session: 5,
         limits: [limits(-2.9, 2.9, 1.5, 176.0), limits(-2.0, 2.0, 1.5, 110.0)]
             .into_iter()
             .collect(),
@@ -100,6 +101,7 @@ fn the_page_shows_the_bytes_of_the_encoder() {
         lock_step: true,
     };
     let state = DriveState {
+        session: 5,
         tick: 300,
         q: joints(&[0.5, -1.25]),
         dq: joints(&[0.0, 0.1]),
@@ -107,6 +109,7 @@ fn the_page_shows_the_bytes_of_the_encoder() {
         status: DriveStatus::Ready,
     };
     let command = DriveCommand {
+        session: 5,
         tick: 300,
         tau: joints(&[3.25, -0.5]),
         enable: true,
@@ -154,6 +157,7 @@ fn python_reads_and_writes_the_same_bytes() {
         ];
         let values = joints(&values);
         let state = DriveState {
+            session: sequence,
             tick,
             q: values.clone(),
             dq: values.clone(),
@@ -161,12 +165,14 @@ fn python_reads_and_writes_the_same_bytes() {
             status: status_of[usize::from(status)],
         };
         let command = DriveCommand {
+            session: sequence,
             tick,
             tau: values.clone(),
             enable: flag,
         };
         let hello = DriveHello {
             protocol: status.into(),
+            session: sequence,
             limits: values.iter().map(|v| limits(*v, -v, v * 0.1, v * 3.0)).collect(),
             period_us: sequence,
             compensates_gravity: flag,
@@ -188,17 +194,17 @@ fn python_reads_and_writes_the_same_bytes() {
             (
                 "state",
                 frame(&state, sequence, time_us),
-                serde_json::json!({"tick": tick, "q": values, "dq": values, "tau": values, "status": status}),
+                serde_json::json!({"session": sequence, "tick": tick, "q": values, "dq": values, "tau": values, "status": status}),
             ),
             (
                 "command",
                 frame(&command, sequence, time_us),
-                serde_json::json!({"tick": tick, "tau": values, "enable": flag}),
+                serde_json::json!({"session": sequence, "tick": tick, "tau": values, "enable": flag}),
             ),
             (
                 "hello",
                 frame(&hello, sequence, time_us),
-                serde_json::json!({"protocol": status, "limits": rows, "period_us": sequence,
+                serde_json::json!({"protocol": status, "session": sequence, "limits": rows, "period_us": sequence,
                     "compensates_gravity": flag, "torque_sign": u8::from(flag), "lock_step": !flag}),
             ),
         ] {

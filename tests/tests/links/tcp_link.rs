@@ -233,7 +233,7 @@ fn a_drive_that_does_not_fit_is_refused_with_a_remedy() {
     );
     expect(
         changed(&|h| h.period_us = 20_000),
-        &["20000 µs", "between 100 and 10000"],
+        &["20000 µs", "between 1000 and 4000"],
     );
     expect(
         changed(&|h| h.limits[3].torque_nm = 50.0),
@@ -375,6 +375,7 @@ fn the_plant_in_real_time_closes_its_brakes_without_commands() {
     });
     let state = last.expect("twenty states");
     let command = DriveCommand {
+        session: 1,
         tick: state.tick,
         tau: state.tau.clone(),
         enable: true,

@@ -74,6 +74,10 @@ impl Clock for WatchedClock {
         self.ticker.start();
     }
 
+    fn set_period(&mut self, period: Duration) {
+        self.ticker.set_period(period);
+    }
+
     async fn next_tick(&mut self) -> Tick {
         let tick = self.ticker.next_tick().await;
         if clocks::supply_is_low() {

@@ -183,6 +183,10 @@ fn a_controller_that_knows_nothing_can_retreat() {
     // The new controller has no earlier states, as after a reset.
     let robot = spherecal_shared::robot::iiwa7();
     bench.controller = crate::Controller::default();
+    bench
+        .controller
+        .connect(&crate::testing::hello())
+        .expect("a drive that fits");
     bench.controller.command(Command::Robot(robot)).expect("a robot");
     let configure = Command::Configure {
         tool: spherecal_shared::robot::iiwa7_tool(),

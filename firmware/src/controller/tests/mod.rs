@@ -1,9 +1,11 @@
 //! Tests of every phase, every transition and every fault; they step the time.
 
 mod commands;
+mod details;
 mod faults;
 mod guard;
 mod hostile;
 mod poison;
 mod sequences;
+mod session;
 mod transitions;

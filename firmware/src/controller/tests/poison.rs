@@ -17,6 +17,7 @@ fn standing(tick: u64) -> DriveState {
     let gravity = arm.bodies(&arm.frames(&HOME)).gravity();
     let noise = if tick.is_multiple_of(2) { 1e-6 } else { -1e-6 };
     DriveState {
+        session: 1,
         tick,
         q: HOME.iter().map(|q| q + noise).collect(),
         dq: [noise; 7].into_iter().collect(),

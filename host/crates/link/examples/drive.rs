@@ -41,6 +41,7 @@ impl Arm {
         Self {
             hello: DriveHello {
                 protocol: PROTOCOL_VERSION,
+                session: 1,
                 limits: [LIMITS; 7].into_iter().collect(),
                 period_us: 1000,
                 compensates_gravity: false,
@@ -48,6 +49,7 @@ impl Arm {
                 lock_step: true,
             },
             now: DriveState {
+                session: 1,
                 q: [0.0, 0.6, 0.0, -1.5, 0.0, 1.0, 0.0].into_iter().collect(),
                 dq: [0.0; 7].into_iter().collect(),
                 tau: [0.0; 7].into_iter().collect(),

@@ -1,7 +1,7 @@
 //! Steps controller and drive in lock-step.
 
 use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, PERIODS_US};
 use spherecal_shared::protocol::frame::LinkCounters;
 
 use super::{Controller, Device, Drive, LinkError};
@@ -110,7 +110,7 @@ pub fn check_hello(hello: &DriveHello, joints: usize) -> Result<(), LinkError> {
             robot: joints,
         });
     }
-    if !(100..=10_000).contains(&hello.period_us) {
+    if !PERIODS_US.contains(&hello.period_us) {
         return Err(LinkError::Period {
             period_us: hello.period_us,
         });

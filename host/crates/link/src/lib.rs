@@ -80,7 +80,7 @@ pub enum LinkError {
         expected: u16,
     },
     /// The drive's control period is out of range.
-    #[error("the drive's control period is {period_us} µs: set it between 100 and 10000 µs")]
+    #[error("the drive's control period is {period_us} µs: set it between 1000 and 4000 µs")]
     Period {
         /// Its period, in µs.
         period_us: u32,

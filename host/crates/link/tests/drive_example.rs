@@ -94,6 +94,7 @@ fn without_enable_the_brakes_are_closed() {
     arm.exchange(None, &mut state).expect("a state");
     let start = state.q.clone();
     let mut command = DriveCommand {
+        session: 1,
         tick: state.tick,
         tau: [5.0; 7].into_iter().collect(),
         enable: true,

@@ -64,6 +64,7 @@ impl Held {
         let law = |j: usize| 60.0 * (at[j] - self.state.q[j]) - 6.0 * self.state.dq[j];
         let tau: Joints = (0..7).map(|j| if enable { law(j) } else { 0.0 }).collect();
         DriveCommand {
+            session: 1,
             tick: self.state.tick,
             tau,
             enable,
@@ -214,6 +215,7 @@ fn the_loop_allocates_nothing() {
                 let _ = tau.push(law);
             }
             let command = DriveCommand {
+                session: 1,
                 tick: held.state.tick,
                 tau,
                 enable: true,

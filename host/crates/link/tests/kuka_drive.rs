@@ -101,6 +101,7 @@ fn run(
         let law = |j: usize| 60.0 * (at[j] - state.q[j]) - 6.0 * state.dq[j];
         let tau: Joints = (0..7).map(|j| if enable { law(j) } else { 0.0 }).collect();
         let command = DriveCommand {
+            session: 1,
             tick: state.tick,
             tau,
             enable,
@@ -138,6 +139,7 @@ fn the_sign_is_found_and_the_arm_is_held() {
                     let _ = tau.push(60.0 * (at[j] - state.q[j]) - 6.0 * state.dq[j]);
                 }
                 let command = DriveCommand {
+                    session: 1,
                     tick: state.tick,
                     tau,
                     enable: true,

@@ -10,6 +10,9 @@ use spherecal_shared::robot::{Robot, Tool};
 use crate::plant::{Disturbance, Plant, PlantConfig, PlantError};
 use spherecal_link::{Drive, LinkError};
 
+/// Session number of the plant: it starts once.
+const SESSION: u32 = 1;
+
 /// Control period of the plant, in µs.
 const PERIOD_US: u32 = 1000;
 
@@ -36,6 +39,7 @@ impl<const N: usize> SimulatedArm<N> {
             plant,
             hello: DriveHello {
                 protocol: PROTOCOL_VERSION,
+                session: SESSION,
                 limits: robot.joints.iter().map(|j| j.limits).collect(),
                 period_us: PERIOD_US,
                 compensates_gravity: false,
@@ -81,6 +85,7 @@ impl<const N: usize> Drive for SimulatedArm<N> {
             }
         }
         let sensed = self.plant.sensed();
+        state.session = self.hello.session;
         state.tick = self.tick;
         fill(&mut state.q, &sensed.q);
         // With closed brakes the arm stands still.
@@ -171,7 +176,12 @@ mod tests {
             let mut seen = Vec::new();
             for tick in 0..ticks {
                 let tau = Joints::from_slice(&[0.0; 7]).expect("seven of eight");
-                let command = DriveCommand { tick, tau, enable };
+                let command = DriveCommand {
+                    session: SESSION,
+                    tick,
+                    tau,
+                    enable,
+                };
                 arm.exchange(Some(&command), &mut state).expect("a state");
                 seen.push(state.q.to_vec());
             }

@@ -97,6 +97,7 @@ mod tests {
     fn messages_are_complete_however_the_bytes_are_split() {
         let hello = DriveHello {
             protocol: 1,
+            session: 3,
             limits: heapless::Vec::new(),
             period_us: 1000,
             compensates_gravity: false,

@@ -185,8 +185,8 @@ pub struct Recording {
     pub q: heapless::Vec<SignalStatistics, MAX_JOINTS>,
     /// Measured joint torques, in N m.
     pub tau: heapless::Vec<SignalStatistics, MAX_JOINTS>,
-    /// Largest distance of the computed TCP from its position at the first
-    /// sample, in m.
+    /// Spread of the computed TCP: the root mean square of its distance from its
+    /// mean, in m.
     pub tcp_spread_m: f64,
     /// Mean estimated contact force, tared, F0, in N.
     pub force_n: [f64; 3],

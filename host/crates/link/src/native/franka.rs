@@ -15,6 +15,9 @@ use super::monitor::{Monitor, Recorder};
 use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, fill, periods, torques};
 use crate::{Drive, LinkError};
 
+/// Session number of the drive: a lost connection ends the run, or goes on in the
+/// same session.
+const SESSION: u32 = 1;
 /// Control period, in µs.
 const PERIOD_US: u32 = (PERIOD_S * 1e6) as u32;
 /// Ticks that the robot has for an error recovery before the drive asks again.
@@ -87,6 +90,7 @@ impl FrankaDrive {
         let client = open(&options).map_err(LinkError::device)?;
         let hello = DriveHello {
             protocol: PROTOCOL_VERSION,
+            session: SESSION,
             limits: joint_limits(client.version()),
             period_us: PERIOD_US,
             compensates_gravity: true,
@@ -318,6 +322,7 @@ impl Drive for FrankaDrive {
         }
         let recovered = self.recover();
         self.survive(recovered)?;
+        state.session = self.hello.session;
         state.tick = self.tick;
         fill(&mut state.q, &self.state.q);
         fill(&mut state.dq, &self.state.dq);

@@ -12,6 +12,9 @@ use super::monitor::{Monitor, Recorder};
 use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, fill, periods, torques};
 use crate::{Drive, LinkError};
 
+/// Session number of the drive: a lost connection ends the run, or goes on in the
+/// same session.
+const SESSION: u32 = 1;
 /// How long to wait for the cabinet's first message, and then for a good connection.
 const FIRST: Duration = Duration::from_mins(1);
 /// How long to wait for a person who starts the application's motion. Shorter than the host's patience.
@@ -129,6 +132,7 @@ impl KukaDrive {
             client,
             hello: DriveHello {
                 protocol: PROTOCOL_VERSION,
+                session: SESSION,
                 limits: robot.joints.iter().map(|joint| joint.limits).collect(),
                 period_us,
                 compensates_gravity: true,
@@ -274,6 +278,7 @@ impl Drive for KukaDrive {
             }
             Err(error) => return Err(LinkError::device(error)),
         }
+        state.session = self.hello.session;
         state.tick = self.tick;
         fill(&mut state.q, &self.state.q);
         fill(&mut state.dq, &self.state.dq);

@@ -3,7 +3,7 @@
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
 
-use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, NO_SESSION};
 use spherecal_shared::protocol::frame::LinkCounters;
 
 use super::TcpError;
@@ -53,9 +53,9 @@ impl DriveServer {
         let mut service = Service::default();
         let result = wire.send(&hello, 0).map_err(LinkError::from).and_then(|()| {
             if self.real_time {
-                self.in_real_time(&mut wire, hello.period_us, &mut service)
+                self.in_real_time(&mut wire, &hello, &mut service)
             } else {
-                self.in_lock_step(&mut wire, hello.period_us, &mut service)
+                self.in_lock_step(&mut wire, &hello, &mut service)
             }
         });
         service.link = wire.counters();
@@ -66,17 +66,18 @@ impl DriveServer {
         }
     }
 
-    fn in_lock_step(&mut self, wire: &mut Wire, period_us: u32, service: &mut Service) -> Result<(), LinkError> {
+    fn in_lock_step(&mut self, wire: &mut Wire, hello: &DriveHello, service: &mut Service) -> Result<(), LinkError> {
         // Lock-step: a controller may take any time, because simulated time stands still.
         wire.patience(None)?;
         let mut state = DriveState::default();
         self.drive.exchange(None, &mut state)?;
         loop {
-            wire.send(&state, state.tick.wrapping_mul(u64::from(period_us)))?;
+            wire.send(&state, state.tick.wrapping_mul(u64::from(hello.period_us)))?;
             let command = loop {
-                let Some((_, command)) = wire.expect::<DriveCommand>("a drive command")? else {
+                let Some((_, mut command)) = wire.expect::<DriveCommand>("a drive command")? else {
                     continue;
                 };
+                check_session(wire, hello, &mut command)?;
                 if command.tick == state.tick {
                     break command;
                 }
@@ -87,9 +88,9 @@ impl DriveServer {
         }
     }
 
-    fn in_real_time(&mut self, wire: &mut Wire, period_us: u32, service: &mut Service) -> Result<(), LinkError> {
+    fn in_real_time(&mut self, wire: &mut Wire, hello: &DriveHello, service: &mut Service) -> Result<(), LinkError> {
         wire.never_wait()?;
-        let period = Duration::from_micros(u64::from(period_us));
+        let period = Duration::from_micros(u64::from(hello.period_us));
         let start = Instant::now();
         let mut due = start;
         let mut state = DriveState::default();
@@ -97,11 +98,12 @@ impl DriveServer {
         let mut silent = HELD_PERIODS;
         loop {
             let mut fresh = false;
-            while let Some((_, command)) = wire.expect::<DriveCommand>("a drive command")? {
+            while let Some((_, mut command)) = wire.expect::<DriveCommand>("a drive command")? {
                 if last.as_ref().is_some_and(|last| command.tick <= last.tick) {
                     service.late += 1;
                     continue;
                 }
+                check_session(wire, hello, &mut command)?;
                 fresh = true;
                 last = Some(command);
             }
@@ -130,4 +132,16 @@ impl DriveServer {
             }
         }
     }
+}
+
+/// Closes the brakes for a command of another session, and sends the handshake again to a controller
+/// that asks for it.
+fn check_session(wire: &mut Wire, hello: &DriveHello, command: &mut DriveCommand) -> Result<(), TcpError> {
+    if command.session != hello.session {
+        command.enable = false;
+        if command.session == NO_SESSION {
+            wire.send(hello, 0)?;
+        }
+    }
+    Ok(())
 }

@@ -1,0 +1,117 @@
+//! The session with a drive: what its handshake says, and when it begins anew.
+//!
+//! A drive gives itself a number at each start and states it in its handshake and
+//! in every state. The controller gives no torque outside of a session: before the
+//! handshake, and for a state with another number, its command has the number 0.
+//! That asks the drive for its handshake. Period, limits, sign and gravity
+//! compensation stay the same within one session.
+
+use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::drive::{DriveHello, DriveStatus, NO_SESSION, PERIODS_US, TorqueSign};
+use spherecal_shared::protocol::host::{Fault, Refusal};
+use spherecal_shared::robot::JointLimits;
+
+use super::Controller;
+use crate::safety::Violation;
+
+/// A session with a drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct DriveSession<const N: usize> {
+    pub(super) number: u32,
+    pub(super) period_us: u32,
+    pub(super) gravity_by_drive: bool,
+    pub(super) torque_reversed: bool,
+    pub(super) limits: [JointLimits; N],
+}
+
+impl<const N: usize> DriveSession<N> {
+    /// The session that a handshake announces, if this controller can work with it.
+    fn new(hello: &DriveHello) -> Option<Self> {
+        let limits: [JointLimits; N] = hello.limits.as_slice().try_into().ok()?;
+        // NaN fails each comparison.
+        let possible = |l: &JointLimits| {
+            l.min_rad < l.max_rad
+                && [l.min_rad, l.max_rad, l.velocity_rad_s, l.torque_nm]
+                    .iter()
+                    .all(|x| x.is_finite())
+                && l.velocity_rad_s > 0.0
+                && l.torque_nm > 0.0
+        };
+        let fits = hello.protocol == PROTOCOL_VERSION
+            && hello.session != NO_SESSION
+            && PERIODS_US.contains(&hello.period_us)
+            && limits.iter().all(possible);
+        fits.then_some(Self {
+            number: hello.session,
+            period_us: hello.period_us,
+            gravity_by_drive: hello.compensates_gravity,
+            torque_reversed: hello.torque_sign == TorqueSign::OfLink,
+            limits,
+        })
+    }
+}
+
+impl<const N: usize> Controller<N> {
+    /// Takes the drive's handshake. A new session number begins a new session: all
+    /// that was known of the drive is forgotten. If the drive was under torque, that
+    /// is a fault: it has started again. The same handshake once more has no effect.
+    ///
+    /// # Errors
+    /// [`Refusal::Drive`] if the controller does not support the drive's number of
+    /// joints, period, limits or protocol, if drive and robot have no common range of
+    /// a joint, or if the handshake changes a running session. The present session
+    /// then goes on.
+    pub fn connect(&mut self, hello: &DriveHello) -> Result<(), Refusal> {
+        let session = DriveSession::<N>::new(hello).ok_or(Refusal::Drive)?;
+        if let Some(present) = self.session.as_ref().filter(|present| present.number == session.number) {
+            return if *present == session {
+                Ok(())
+            } else {
+                Err(Refusal::Drive)
+            };
+        }
+        if let Some(robot) = self.robot.as_ref().filter(|_| self.configured.is_some()) {
+            self.safety
+                .configure(robot, Some(&session.limits))
+                .map_err(|()| Refusal::Drive)?;
+        }
+        self.session_lost();
+        self.session = Some(session);
+        self.safety.restart();
+        self.set_motion_limits();
+        self.snapshot = None;
+        self.blind_ticks = 0;
+        self.period_s = f64::from(session.period_us) * 1e-6;
+        Ok(())
+    }
+
+    /// Whether the controller has taken the handshake of a drive.
+    pub fn has_session(&self) -> bool {
+        self.session.is_some()
+    }
+
+    /// The control period, in µs: that of the session, 1000 before the first one.
+    pub fn period_us(&self) -> u32 {
+        self.session.as_ref().map_or(1000, |session| session.period_us)
+    }
+
+    /// Number of the session; [`NO_SESSION`] without one.
+    pub(super) fn number(&self) -> u32 {
+        self.session.as_ref().map_or(NO_SESSION, |session| session.number)
+    }
+
+    /// Whether the drive adds the gravity torque itself.
+    pub(super) fn gravity_by_drive(&self) -> bool {
+        self.session.as_ref().is_some_and(|session| session.gravity_by_drive)
+    }
+
+    /// The drive is no longer the one that carries out the torques: a fault if there
+    /// were any.
+    pub(super) fn session_lost(&mut self) {
+        if self.last.is_some() {
+            let status = f64::from(DriveStatus::Disabled as u8);
+            self.fail(Violation::new(Fault::Drive, status, 0.0));
+        }
+        self.last = None;
+    }
+}
