@@ -57,7 +57,25 @@ use out::errln;
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    execute(Cli::parse()).into()
+}
+
+/// Runs the program with `arguments`, the first of which is the program's name: for a host
+/// process that is not `spherecal`, such as a Python interpreter. Wrong usage is printed too.
+pub fn main_with(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Exit {
+    match Cli::try_parse_from(arguments) {
+        Ok(cli) => execute(cli),
+        Err(error) => {
+            // Help and version go to stdout and are no failure.
+            let failed = error.use_stderr();
+            let _ = error.print();
+            if failed { Exit::Usage } else { Exit::Done }
+        }
+    }
+}
+
+/// Runs what was asked for.
+fn execute(cli: Cli) -> Exit {
     log_to_stderr(cli.verbose);
     let result = match cli.command {
         None => run::run(&cli.run),
@@ -93,12 +111,12 @@ pub fn main() -> ExitCode {
                 console_name(),
                 out::failure().map_or_else(String::new, ToString::to_string)
             );
-            Exit::Failed.into()
+            Exit::Failed
         }
-        Ok(exit) => exit.into(),
+        Ok(exit) => exit,
         Err(error) => {
             errln!("{}: {error}", console_name());
-            error.exit().into()
+            error.exit()
         }
     }
 }

@@ -171,7 +171,7 @@ fn contact_sets_the_setpoint_and_starts_the_ramp() {
     let lead = (bench.controller.cartesian.setpoint.position - bench.tcp()).norm();
     assert!(lead < 1e-3, "the setpoint leads by {lead} m");
     let stiffness = |bench: &Bench| bench.controller.cartesian.impedance.stiffness().translation[(2, 2)];
-    let before = stiffness(&bench);
+    let before = bench.controller.procedure().approach.stiffness_n_m[2];
     bench.run(2);
     let ramp_ticks = (bench.controller.procedure().law.stiffness_ramp_s * 1e3) as u32;
     assert!(ramp_ticks > 20);
@@ -311,5 +311,26 @@ fn the_times_to_settle_are_those_of_the_procedure() {
     for (k, time_us) in checks.into_iter().enumerate() {
         let more = time_us(1.5) as i64 - time_us(0.5) as i64;
         assert!((more - 1_000_000).abs() < 20_000, "{k}: {more} µs more");
+    }
+}
+
+// Fails if the displacement under the pull after a recording is not judged: the
+// magnet gives way by less than the contact watch notices.
+#[test]
+fn the_pull_after_a_recording_is_judged() {
+    for (check_m, lost) in [(1e-4, true), (5e-3, false)] {
+        let mut procedure = Bench::fast_procedure();
+        procedure.seating.check_s = 0.15;
+        procedure.seating.check_n = 8.0;
+        procedure.seating.check_m = check_m;
+        let mut bench = Bench::coupled_by(procedure);
+        bench.pose(0.1, true).expect("coupled");
+        bench.until(Phase::Recording, 5_000);
+        bench.run(600);
+        assert_eq!(
+            (bench.faults().len(), bench.recordings().len()),
+            (usize::from(lost), usize::from(!lost))
+        );
+        assert!(bench.faults().iter().all(|fault| fault.fault == Fault::ContactLost));
     }
 }

@@ -55,4 +55,4 @@ pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, expected_words
 pub use teach::teach;
 pub use tracker::simulated_tracker;
 pub use waypoints::{TaughtWaypoint, TaughtWaypoints};
-pub use write::{Files, write};
+pub use write::{CalibratedTexts, Files, write};

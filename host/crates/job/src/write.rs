@@ -61,30 +61,55 @@ pub(crate) fn write_results(folder: &Path, results: &Results<'_>) -> Result<File
         path: folder.display().to_string(),
         source,
     })?;
+    let mut files = Files::default();
+    files.put(folder, "summary.json", &format!("{:#}\n", results.summary))?;
+    let texts = calibrated_texts(results)?;
+    files.put(folder, "calibrated.toml", &texts.toml)?;
+    files.put(folder, "calibrated.urdf", &texts.urdf)?;
+    files.put(folder, "kinematics.yaml", &texts.kinematics_yaml)?;
+    files.put(folder, "offsets.yaml", &texts.offsets_yaml)?;
+    if let Some(html) = results.report {
+        files.put(folder, "report.html", html)?;
+    }
+    Ok(files)
+}
+
+/// The calibrated robot as the files of a result hold it.
+#[derive(Clone, Debug)]
+pub struct CalibratedTexts {
+    /// Geometry alone, with tool and frames.
+    pub model: RobotModel,
+    /// `calibrated.toml`.
+    pub toml: String,
+    /// `calibrated.urdf`.
+    pub urdf: String,
+    /// `kinematics.yaml`.
+    pub kinematics_yaml: String,
+    /// `offsets.yaml`.
+    pub offsets_yaml: String,
+}
+
+/// Writes the calibrated robot as text.
+///
+/// # Errors
+/// A geometry alone that does not converge.
+pub(crate) fn calibrated_texts(results: &Results<'_>) -> Result<CalibratedTexts, JobError> {
     let Results {
         nominal, evaluation, ..
     } = results;
-    let mut files = Files::default();
-    files.put(folder, "summary.json", &format!("{:#}\n", results.summary))?;
     let alone = evaluation.calibration.geometry_only().map_err(EvaluateError::from)?;
     let mut model = RobotModel::clone(nominal);
     model.robot = alone.robot.clone();
     model.tool.tcp_m = model.tcp_in_flange(alone.tool.tcp_m);
     let rows = model.rows();
     let notes = notes(results, &model, &alone);
-    let toml = toml_file::write(&model, &notes) + &effects_toml(evaluation);
-    files.put(folder, "calibrated.toml", &toml)?;
-    files.put(folder, "calibrated.urdf", &write_urdf(nominal, &rows, &notes))?;
-    files.put(
-        folder,
-        "kinematics.yaml",
-        &write_kinematics_yaml(nominal, &rows, &notes),
-    )?;
-    files.put(folder, "offsets.yaml", &write_offsets_yaml(nominal, &rows, &notes))?;
-    if let Some(html) = results.report {
-        files.put(folder, "report.html", html)?;
-    }
-    Ok(files)
+    Ok(CalibratedTexts {
+        toml: toml_file::write(&model, &notes) + &effects_toml(evaluation),
+        urdf: write_urdf(nominal, &rows, &notes),
+        kinematics_yaml: write_kinematics_yaml(nominal, &rows, &notes),
+        offsets_yaml: write_offsets_yaml(nominal, &rows, &notes),
+        model,
+    })
 }
 
 /// What a calibrated file says of its origin.

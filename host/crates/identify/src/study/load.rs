@@ -2,16 +2,17 @@
 //! against each other.
 
 use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use nalgebra::Vector3;
 use spherecal_shared::robot::{Inertia, Tool};
 
 use super::StudyError;
+use super::sources::{Sources, TableSource, plate};
 use crate::evaluate::Flange;
 use crate::recordings::{Recordings, Rows, Sample};
-use crate::{Experiment, Observation, Options, Set, Target, paper_plate};
-use spherecal_model::input::{InputError, Labels, Progress, Row, Table, TableFormat, read_csv_file, read_plate_file};
+use crate::{Experiment, Observation, Options, Set, Target};
+use spherecal_model::input::{InputError, Labels, Progress, Row, Table, TableFormat};
 use spherecal_model::robots::{self, RobotModel};
 
 /// Most placements of the plate in one table: each has six unknowns of its own,
@@ -20,9 +21,6 @@ const MOST_PLACES: usize = 200;
 /// Most spheres in one table, as on one plate.
 const MOST_SPHERES: usize = 100;
 
-/// Name of the plate of the paper's Table 1, in place of a file.
-pub const PAPER_PLATE: &str = "paper";
-
 /// What the user asks for.
 #[derive(Clone, Debug, Default)]
 pub struct Request {
@@ -30,7 +28,7 @@ pub struct Request {
     pub robot: String,
     /// Table of poses.
     pub data: PathBuf,
-    /// The plate's certificate: a file, or [`PAPER_PLATE`].
+    /// The plate's certificate: a file, or [`PAPER_PLATE`](super::PAPER_PLATE).
     pub plate: Option<PathBuf>,
     /// Nominal TCP in the flange frame, in mm; the robot's own without it.
     pub tool_mm: Option<[f64; 3]>,
@@ -68,18 +66,38 @@ pub struct Loaded {
 /// # Errors
 /// Files that cannot be read or used, with field, value and remedy.
 pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loaded, StudyError> {
-    let mut model = robots::load(&request.robot)?;
+    let sources = Sources {
+        model: robots::load(&request.robot)?,
+        plate: request.plate.as_deref().map(plate).transpose()?,
+        data: TableSource::File(&request.data),
+        validate: request.validate.as_deref().map(TableSource::File),
+    };
+    assemble(request, sources, progress)
+}
+
+/// The same from what a caller has in memory: the request's own robot, plate and tables
+/// are not read. Both ways meet the same checks.
+///
+/// # Errors
+/// As [`load`].
+pub fn assemble(
+    request: &Request,
+    sources: Sources<'_>,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Loaded, StudyError> {
+    let Sources {
+        mut model,
+        plate,
+        data,
+        validate,
+    } = sources;
     let mut notes = Vec::new();
     set_tool(&mut model, request)?;
     borrow_masses(&mut model, &mut notes);
-    let mut spheres = Vec::new();
-    if request.plate.as_deref() == Some(Path::new(PAPER_PLATE)) {
-        spheres = paper_plate();
-    } else if let Some(path) = &request.plate {
-        let plate = read_plate_file(path)?;
-        notes.extend(plate.notes);
-        spheres = plate.spheres;
-    }
+    let certified = plate.is_some();
+    let plate = plate.unwrap_or_default();
+    notes.extend(plate.notes);
+    let spheres = plate.spheres;
     let mut format = TableFormat {
         joints: model.robot.dof(),
         joint_names: model.joint_names.clone(),
@@ -89,7 +107,7 @@ pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loa
     };
     let mut places = Labels::default();
     let mut labels = Labels::default();
-    let table = read_csv_file(&request.data, &format, &mut places, progress)?;
+    let table = data.read(&format, &mut places, progress)?;
     check_label(&table, request.holdout.as_deref())?;
     let data = rows(table, request.holdout.as_deref(), &places, &mut labels, true);
     check_places(&data)?;
@@ -97,13 +115,13 @@ pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loa
         .observations
         .iter()
         .any(|o| matches!(o.target, Target::Sphere { .. }));
-    if closed_loop && request.plate.is_none() {
+    if closed_loop && !certified {
         return Err(no_plate());
     }
     let mut validation = Rows::default();
-    if let Some(path) = &request.validate {
+    if let Some(source) = validate {
         format.label = None;
-        let table = read_csv_file(path, &format, &mut places, progress)?;
+        let table = source.read(&format, &mut places, progress)?;
         validation = rows(table, None, &places, &mut labels, false);
     }
     let experiment = Experiment {

@@ -4,12 +4,15 @@
 //! database.
 //!
 //! ```text
-//! Request ─ load ─▶ Recordings ─ evaluate ─▶ Study
+//! Request ─ load ────▶ Recordings ─ evaluate ─▶ Study
+//! Sources ─ assemble ─┘
 //! ```
 
 mod load;
+mod sources;
 
-pub use load::{Loaded, PAPER_PLATE, Request, load};
+pub use load::{Loaded, Request, assemble, load};
+pub use sources::{PAPER_PLATE, Sources, TableSource};
 
 use std::time::Instant;
 
@@ -110,11 +113,31 @@ pub struct Study {
 /// Input that cannot be used, or no convergence.
 pub fn study(request: &Request, progress: &mut dyn FnMut(Step)) -> Result<Study, StudyError> {
     let start = Instant::now();
+    let loaded = load(request, &mut |read| progress(Step::Reading(read)))?;
+    evaluate_loaded(request, loaded, start, progress)
+}
+
+/// Runs a study of what a caller has in memory; see [`Sources`].
+///
+/// # Errors
+/// As [`study`].
+pub fn study_of(request: &Request, sources: Sources<'_>, progress: &mut dyn FnMut(Step)) -> Result<Study, StudyError> {
+    let start = Instant::now();
+    let loaded = assemble(request, sources, &mut |read| progress(Step::Reading(read)))?;
+    evaluate_loaded(request, loaded, start, progress)
+}
+
+fn evaluate_loaded(
+    request: &Request,
+    loaded: Loaded,
+    start: Instant,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Study, StudyError> {
     let Loaded {
         model,
         recordings,
         mut notes,
-    } = load(request, &mut |read| progress(Step::Reading(read)))?;
+    } = loaded;
     let options = EvaluateOptions {
         identify: request.options.clone(),
         accuracy_mm: request.accuracy_mm,

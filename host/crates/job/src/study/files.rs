@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
+use serde_json::Value;
+
 use super::summary::summary_json;
-use crate::write::{Results, write_results};
+use crate::write::{CalibratedTexts, Results, calibrated_texts, write_results};
 use crate::{Files, JobError};
 use spherecal_identify::study::Study;
 
@@ -13,21 +15,30 @@ use spherecal_identify::study::Study;
 /// # Errors
 /// A directory or file that cannot be written.
 pub fn write_files(study: &Study, directory: &Path, report: Option<&str>) -> Result<Files, JobError> {
+    write_results(directory, &results(study, &summary_json(study), report))
+}
+
+/// The calibrated robot as [`write_files`] writes it, without writing any file.
+///
+/// # Errors
+/// A geometry alone that does not converge.
+pub fn calibrated(study: &Study) -> Result<CalibratedTexts, JobError> {
+    calibrated_texts(&results(study, &Value::Null, None))
+}
+
+fn results<'a>(study: &'a Study, summary: &'a Value, report: Option<&'a str>) -> Results<'a> {
     let calibration = &study.evaluation.calibration;
-    write_results(
-        directory,
-        &Results {
-            nominal: &study.model,
-            evaluation: &study.evaluation,
-            summary: &summary_json(study),
-            origin: format!(
-                "{}, calibrated by spherecal {} ({}, {} model)",
-                study.model.robot.name,
-                env!("CARGO_PKG_VERSION"),
-                calibration.method,
-                calibration.model
-            ),
-            report,
-        },
-    )
+    Results {
+        nominal: &study.model,
+        evaluation: &study.evaluation,
+        summary,
+        origin: format!(
+            "{}, calibrated by spherecal {} ({}, {} model)",
+            study.model.robot.name,
+            env!("CARGO_PKG_VERSION"),
+            calibration.method,
+            calibration.model
+        ),
+        report,
+    }
 }

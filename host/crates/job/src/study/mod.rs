@@ -5,6 +5,6 @@ mod files;
 mod summary;
 mod text;
 
-pub use files::write_files;
+pub use files::{calibrated, write_files};
 pub use summary::summary_json;
 pub use text::summary_text;

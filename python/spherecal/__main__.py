@@ -1,0 +1,7 @@
+"""``python -m spherecal``: the command ``spherecal``."""
+
+import sys
+
+from ._cli import main
+
+sys.exit(main())

@@ -1,0 +1,300 @@
+//! `identify`: arrays to a study, and what the study found.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use numpy::{PyArray2, PyReadonlyArray2};
+use pyo3::prelude::*;
+use spherecal::identify::study::{PAPER_PLATE, Request, Sources, Study, TableSource, study_of};
+use spherecal::identify::{Method, Model, Options, paper_plate};
+use spherecal::job::CalibratedTexts;
+use spherecal::job::study::{calibrated, summary_json, summary_text, write_files};
+use spherecal::model::input::{InputError, Plate, read_plate, read_plate_file};
+use spherecal::model::read_toml;
+use spherecal::report::{render, study_report};
+use spherecal::store::time::now_utc;
+
+use crate::arrays::{Rows, matrix, of_matrix};
+use crate::compensate::Compensator;
+use crate::error::{Failure, guarded};
+use crate::robot::NativeRobot;
+
+/// A calibration with everything that is known about it.
+#[pyclass(frozen, module = "spherecal._native")]
+pub(crate) struct NativeIdentification {
+    study: Study,
+    texts: CalibratedTexts,
+}
+
+/// Rows of a table of poses.
+#[derive(FromPyObject)]
+pub(crate) struct TableArrays<'py> {
+    #[pyo3(item)]
+    q: PyReadonlyArray2<'py, f64>,
+    #[pyo3(item)]
+    tau: Option<PyReadonlyArray2<'py, f64>>,
+    /// Measured points, in m.
+    #[pyo3(item)]
+    points: Option<PyReadonlyArray2<'py, f64>>,
+    #[pyo3(item)]
+    sphere: Option<Vec<i64>>,
+    #[pyo3(item)]
+    place: Option<Vec<String>>,
+    #[pyo3(item)]
+    set: Option<Vec<String>>,
+}
+
+/// A table as CSV: one reader gives arrays the checks that a file meets. Numbers are written with
+/// as many digits as they need to read back to the same bits.
+fn csv(table: &TableArrays<'_>, joints: usize) -> PyResult<String> {
+    let q = Rows::joints_or_nan(&table.q, joints)?;
+    let tau = table.tau.as_ref().map(|a| Rows::of("tau", a)).transpose()?;
+    let points = table.points.as_ref().map(|a| Rows::of("points", a)).transpose()?;
+    let mut names: Vec<String> = (1..=joints).map(|k| format!("q{k}")).collect();
+    if tau.is_some() {
+        names.extend((1..=joints).map(|k| format!("tau{k}")));
+    }
+    if points.is_some() {
+        names.extend(["x_m", "y_m", "z_m"].map(String::from));
+    }
+    for (name, given) in [
+        ("sphere", table.sphere.is_some()),
+        ("place", table.place.is_some()),
+        ("set", table.set.is_some()),
+    ] {
+        if given {
+            names.push(name.to_owned());
+        }
+    }
+    let mut out = names.join(",") + "\n";
+    for (k, row) in q.rows().enumerate() {
+        let more = [&tau, &points]
+            .into_iter()
+            .flatten()
+            .filter_map(|rows| rows.rows().nth(k));
+        let numbers = row.iter().chain(more.flatten());
+        for (i, value) in numbers.enumerate() {
+            let _ = write!(out, "{}{value}", if i > 0 { "," } else { "" });
+        }
+        if let Some(sphere) = table.sphere.as_ref().and_then(|s| s.get(k)) {
+            let _ = write!(out, ",{sphere}");
+        }
+        for label in [&table.place, &table.set]
+            .into_iter()
+            .flatten()
+            .filter_map(|l| l.get(k))
+        {
+            let _ = write!(out, ",\"{}\"", label.replace('"', "\"\""));
+        }
+        out.push('\n');
+    }
+    Ok(out)
+}
+
+impl Rows {
+    /// Rows of joint angles, whose numbers the table's reader checks.
+    fn joints_or_nan(array: &PyReadonlyArray2<'_, f64>, joints: usize) -> PyResult<Self> {
+        let rows = Self::of("q", array)?;
+        if rows.width == joints {
+            return Ok(rows);
+        }
+        let remedy = format!("the robot has {joints} joints: give shape (N, {joints}), in rad");
+        Err(Failure::input("q", format!("an array with {} columns", rows.width), &remedy).into())
+    }
+}
+
+/// A plate: `paper`, a file, or TOML text.
+fn plate(file: Option<String>, text: Option<String>) -> Result<Option<Plate>, Failure> {
+    Ok(match (file, text) {
+        (Some(name), _) if name == PAPER_PLATE => Some(Plate {
+            spheres: paper_plate(),
+            ..Plate::default()
+        }),
+        (Some(path), _) => Some(read_plate_file(Path::new(&path))?),
+        (None, Some(text)) => Some(read_plate("plate", &text)?),
+        (None, None) => None,
+    })
+}
+
+fn named<T: std::str::FromStr<Err: ToString>>(field: &str, name: &str) -> Result<T, Failure> {
+    name.parse()
+        .map_err(|e: T::Err| Failure::input(field, format!("\"{name}\""), &e.to_string()))
+}
+
+/// Identifies a robot from tables in memory: the path of the command `identify`.
+#[pyfunction]
+#[pyo3(signature = (robot, data, *, validate, plate_file, plate_text, tool_m, payload_kg, payload_com_m, holdout,
+    accuracy_mm, options_toml, method, model, seed))]
+pub(crate) fn identify(
+    py: Python<'_>,
+    robot: &NativeRobot,
+    data: TableArrays<'_>,
+    validate: Option<TableArrays<'_>>,
+    plate_file: Option<String>,
+    plate_text: Option<String>,
+    tool_m: Option<[f64; 3]>,
+    payload_kg: Option<f64>,
+    payload_com_m: Option<[f64; 3]>,
+    holdout: Option<String>,
+    accuracy_mm: Option<f64>,
+    options_toml: Option<String>,
+    method: Option<String>,
+    model: Option<String>,
+    seed: Option<u64>,
+) -> PyResult<NativeIdentification> {
+    let joints = robot.model.robot.dof();
+    let data = csv(&data, joints)?;
+    let validate = validate.map(|table| csv(&table, joints)).transpose()?;
+    let mut nominal = robot.model.clone();
+    guarded(py, move || {
+        // As with the command: an option that is given stands over the text of the options.
+        let mut options = match options_toml {
+            None => Options::default(),
+            Some(text) => read_toml(&text).map_err(|source| InputError::Toml {
+                file: "options".to_owned(),
+                source,
+                expected: "options of the identification: noise, priors and fixed parameters, harmonics",
+            })?,
+        };
+        if let Some(name) = method {
+            options.method = named::<Method>("method", &name)?;
+        }
+        if let Some(name) = model {
+            options.model = named::<Model>("model", &name)?;
+        }
+        if let Some(seed) = seed {
+            options.seed = seed;
+        }
+        if let Some(tcp) = tool_m {
+            nominal.tool.tcp_m = tcp;
+        }
+        let request = Request {
+            payload_kg,
+            payload_com_mm: payload_com_m.map(|com| com.map(|x| x * 1e3)),
+            holdout,
+            accuracy_mm,
+            options,
+            ..Request::default()
+        };
+        let sources = Sources {
+            model: nominal,
+            plate: plate(plate_file, plate_text)?,
+            data: TableSource::Text {
+                name: "data",
+                csv: &data,
+            },
+            validate: validate
+                .as_deref()
+                .map(|csv| TableSource::Text { name: "validate", csv }),
+        };
+        let study = study_of(&request, sources, &mut |_| {})?;
+        let texts = calibrated(&study)?;
+        Ok(NativeIdentification { study, texts })
+    })
+}
+
+#[pymethods]
+impl NativeIdentification {
+    /// The document that the command writes as `summary.json`.
+    fn summary_json(&self) -> String {
+        summary_json(&self.study).to_string()
+    }
+
+    /// The result in words, as the command prints it.
+    fn summary_text(&self) -> String {
+        summary_text(&self.study)
+    }
+
+    /// Names of the free parameters, in the order of the covariance.
+    fn free_names(&self) -> Vec<String> {
+        let names = self.study.evaluation.calibration.free_names();
+        names.into_iter().map(String::from).collect()
+    }
+
+    /// Covariance of the free parameters, SI units.
+    fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        of_matrix(py, &self.study.evaluation.calibration.covariance)
+    }
+
+    /// Row of the data, error of the TCP (x, y, z, in mm), deviation and weight of each row that
+    /// the fit used.
+    fn residuals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let evaluation = &self.study.evaluation;
+        let mut values = Vec::new();
+        for row in &evaluation.calibration.residual.rows {
+            let index = evaluation.used.get(row.index).copied().unwrap_or(row.index);
+            #[allow(clippy::cast_precision_loss)] // Rows are counted in millions.
+            values.push(index as f64);
+            values.extend(row.error_mm);
+            values.extend([row.deviation, row.weight]);
+        }
+        matrix(py, 6, values)
+    }
+
+    /// TCP of the full model in the root frame of the robot's file, in m.
+    fn predict<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rows = Rows::joints(&q, self.study.model.robot.dof())?;
+        let points = guarded(py, || {
+            let calibration = &self.study.evaluation.calibration;
+            let at = |q: &[f64]| -> [f64; 3] { self.study.model.base.point(&calibration.tcp_m(q, None)).into() };
+            Ok(rows.rows().flat_map(at).collect())
+        })?;
+        matrix(py, 3, points)
+    }
+
+    /// Predicted standard deviation of the TCP, in m.
+    fn predicted_sigma(&self, py: Python<'_>, q: PyReadonlyArray2<'_, f64>) -> PyResult<Vec<f64>> {
+        let rows = Rows::joints(&q, self.study.model.robot.dof())?;
+        guarded(py, || {
+            let sigma = |q: &[f64]| self.study.evaluation.predicted_sigma_mm(q) / 1e3;
+            Ok(rows.rows().map(sigma).collect())
+        })
+    }
+
+    /// Joint commands in place of nominal ones.
+    fn compensate<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let joints = self.study.model.robot.dof();
+        let rows = Rows::joints(&q, joints)?;
+        let commands = guarded(py, || {
+            let compensator = Compensator::new(&self.study)?;
+            let mut commands = Vec::with_capacity(rows.values.len());
+            for (k, q) in rows.rows().enumerate() {
+                commands.extend(compensator.command(k, q)?);
+            }
+            Ok(commands)
+        })?;
+        matrix(py, joints, commands)
+    }
+
+    /// The calibrated robot: geometry alone, with its tool.
+    fn robot(&self) -> NativeRobot {
+        NativeRobot {
+            model: self.texts.model.clone(),
+        }
+    }
+
+    fn toml(&self) -> &str {
+        &self.texts.toml
+    }
+
+    fn urdf(&self) -> &str {
+        &self.texts.urdf
+    }
+
+    fn kinematics_yaml(&self) -> &str {
+        &self.texts.kinematics_yaml
+    }
+
+    fn offsets_yaml(&self) -> &str {
+        &self.texts.offsets_yaml
+    }
+
+    /// Writes the files that the command writes; their paths.
+    fn write(&self, py: Python<'_>, folder: String) -> PyResult<Vec<String>> {
+        guarded(py, || {
+            let page = render(&study_report(&self.study, &now_utc())).map_err(spherecal::job::JobError::from)?;
+            let files = write_files(&self.study, Path::new(&folder), Some(&page))?;
+            Ok(files.paths.iter().map(|p| p.display().to_string()).collect())
+        })
+    }
+}

@@ -1,0 +1,99 @@
+//! Plans, tables of runs, and the command line.
+
+use std::ffi::OsString;
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use spherecal::job::{Config, JobError, open_store, prepare};
+use spherecal::report::export::{ExportError, Format};
+use spherecal::store::StoreLocation;
+
+use crate::error::{Failure, guarded};
+
+impl From<ExportError> for Failure {
+    fn from(error: ExportError) -> Self {
+        match error {
+            ExportError::Store(error) => error.into(),
+            ExportError::Telemetry { path, what } => Self::input(
+                "telemetry",
+                format!("{path}: {what}"),
+                "give another file, or telemetry=None to read the database alone",
+            ),
+            error => Self::failed(error),
+        }
+    }
+}
+
+/// The plan of a configuration, as JSON; the configuration is TOML text.
+#[pyfunction]
+#[pyo3(signature = (config, *, robot, poses, accuracy_mm, seed))]
+pub(crate) fn plan(
+    py: Python<'_>,
+    config: String,
+    robot: Option<String>,
+    poses: Option<usize>,
+    accuracy_mm: Option<f64>,
+    seed: Option<u64>,
+) -> PyResult<String> {
+    guarded(py, move || {
+        let mut config = Config::parse("config", &config).map_err(JobError::from)?;
+        if let Some(robot) = robot {
+            config.robot = robot;
+        }
+        if let Some(poses) = poses {
+            if poses == 0 {
+                return Err(Failure::input("poses", 0, "give at least 1"));
+            }
+            config.plan.poses = poses;
+            config.plan.paper = false;
+            config.plan.accuracy_mm = None;
+        }
+        if accuracy_mm.is_some() {
+            config.plan.accuracy_mm = accuracy_mm;
+            config.plan.paper = false;
+        }
+        if let Some(seed) = seed {
+            config.seed = seed;
+        }
+        config.check().map_err(JobError::from)?;
+        let prepared = prepare(&config)?;
+        serde_json::to_string(&prepared.plan).map_err(Failure::failed)
+    })
+}
+
+/// Writes the tables of a run into a folder as CSV: their paths, the number of the run, and
+/// whether the telemetry ends in the middle of a record.
+#[pyfunction]
+#[pyo3(signature = (store, run, telemetry, folder))]
+pub(crate) fn export(
+    py: Python<'_>,
+    store: String,
+    run: Option<i64>,
+    telemetry: Option<PathBuf>,
+    folder: PathBuf,
+) -> PyResult<(Vec<PathBuf>, i64, bool)> {
+    guarded(py, move || {
+        let Ok(location) = store.parse::<StoreLocation>();
+        let mut store = open_store(&location, false)?;
+        let last = store.require_last_run()?.run;
+        let run = run.unwrap_or(last);
+        if !store.runs()?.iter().any(|info| info.run == run) {
+            return Err(Failure::input("run", run, &format!("give a number from 1 to {last}")));
+        }
+        let exported =
+            spherecal::report::export::export(store.as_mut(), run, telemetry.as_deref(), Format::Csv, &folder)?;
+        Ok((exported.files, run, exported.torn_telemetry))
+    })
+}
+
+/// The command `spherecal` with these arguments; its exit code.
+#[pyfunction]
+pub(crate) fn main(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<u8> {
+    guarded(py, move || {
+        let exit = spherecal::cli::main_with(arguments);
+        // Rust flushes at the end of its own `main`, which this process does not have.
+        let _ = std::io::stdout().flush();
+        Ok(exit.code())
+    })
+}

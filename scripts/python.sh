@@ -1,0 +1,46 @@
+#!/bin/sh
+# The Python package: its wheel, its tests, its notebook.
+#
+#   scripts/python.sh wheel   build the wheel for release into target/wheels
+#   scripts/python.sh test    build it as the tests are built, install it into an empty environment, and run the
+#                             tests, the examples of the docstrings and the notebook
+#
+# Builds share what they can with the workspace's: one folder, the same profile and features.
+set -eu
+cd "$(dirname "$0")/.."
+
+place=$PWD/target/python-package
+export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$PWD/target}"
+
+tools() {
+    if ! "$place/tools/bin/maturin" --version >/dev/null 2>&1; then
+        rm -rf "$place/tools"
+        python3 -m venv "$place/tools"
+        "$place/tools/bin/pip" install --quiet 'maturin>=1.8,<2'
+    fi
+}
+
+case "${1:-}" in
+    wheel)
+        tools
+        "$place/tools/bin/maturin" build --release --locked --manifest-path python/Cargo.toml --out target/wheels
+        ;;
+    test)
+        tools
+        rm -rf "$place/wheels" "$place/env"
+        # No tag for other Linux systems: the wheel stays here.
+        "$place/tools/bin/maturin" build --profile dev --locked --compatibility linux --quiet \
+            --manifest-path python/Cargo.toml --out "$place/wheels"
+        python3 -m venv "$place/env"
+        "$place/env/bin/pip" install --quiet "$place"/wheels/*.whl
+        # What the wheel brings itself must do for all but DataFrames.
+        "$place/env/bin/spherecal" --version
+        (cd / && "$place/env/bin/python" -c 'import spherecal; print(spherecal.Robot("ur5e").fk([0] * 6).round(3))')
+        "$place/env/bin/pip" install --quiet 'pandas>=2' pytest nbclient nbformat ipykernel matplotlib
+        # --import-mode: the package that is tested is the installed one, not the folder.
+        cd python
+        "$place/env/bin/python" -P -m pytest --quiet --import-mode=importlib -p no:cacheprovider tests
+        "$place/env/bin/python" -P -m pytest --quiet -p no:cacheprovider --doctest-modules --pyargs spherecal
+        ;;
+    *) sed -n '2,/^set -eu/p' "$0" | sed -n 's/^# \{0,1\}//p' >&2; exit 2 ;;
+esac
