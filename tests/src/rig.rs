@@ -11,7 +11,7 @@ use spherecal::sim::plant::{Plant, PlantConfig};
 use spherecal_firmware::Controller;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
+use spherecal_shared::protocol::drive::{DriveHello, DriveState, DriveStatus};
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Event, Phase, PoseCommand, Refusal};
 use spherecal_shared::robot::elbow::elbow;
 use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
@@ -77,7 +77,12 @@ impl Rig {
     pub fn new(config: &PlantConfig, procedure: Procedure, q: &[f64; 7]) -> Self {
         let plant = Plant::new(&iiwa7(), &iiwa7_tool(), config, q).expect("a plant");
         let mut controller = Controller::default();
-        controller.connect(&crate::bench::hello()).expect("a drive that fits");
+        let hello = DriveHello {
+            motor_kg_m2: plant.visible_motors().iter().copied().collect(),
+            latency_us: (plant.latency_s() * 1e6) as u32,
+            ..crate::bench::hello()
+        };
+        controller.connect(&hello).expect("a drive that fits");
         controller.command(Command::Robot(iiwa7())).expect("a robot");
         controller
             .command(Command::Configure {

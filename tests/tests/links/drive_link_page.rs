@@ -99,8 +99,8 @@ fn the_page_shows_the_bytes_of_the_encoder() {
         compensates_gravity: false,
         torque_sign: TorqueSign::OfActuator,
         lock_step: true,
-        motor_kg_m2: Default::default(),
-        latency_us: 0,
+        motor_kg_m2: joints(&[0.5, 0.25]),
+        latency_us: 1500,
     };
     let state = DriveState {
         session: 5,
