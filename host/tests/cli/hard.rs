@@ -52,7 +52,7 @@ fn a_drive_that_answers_too_late_is_refused() {
     let cell = "[plant.drive]\nstate_delay_s = 0.003\ncommand_delay_s = 0.003\n";
     std::fs::write(folder.path().join("cell.toml"), cell).expect("written");
     let run = spherecal(folder.path(), &["run", "--config", "cell.toml", "--poses", "6"]);
-    assert_eq!(run.status.code(), Some(2));
+    assert_eq!(run.status.code(), Some(1));
     let message = text(&run.stderr);
     assert!(message.contains("6000 µs") && message.contains("5000 µs"), "{message}");
 }
