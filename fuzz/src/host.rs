@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use spherecal_model::Target;
-use spherecal_model::input::{Labels, TableFormat, read_csv, read_plate};
 use spherecal_job::Config;
 use spherecal_link::{HostEndpoint, Timing};
+use spherecal_model::Target;
+use spherecal_model::input::{Labels, TableFormat, read_csv, read_plate};
 use spherecal_model::robots;
-use spherecal_store::{CalibrationStore as _, SqlStore, recover};
 use spherecal_shared::protocol::host::{Command, Uplink};
+use spherecal_store::{CalibrationStore as _, SqlStore, recover};
 
 use crate::{framed, pieces};
 
@@ -73,7 +73,9 @@ pub fn csv(data: &[u8]) {
 /// Any configuration: refused, or one that can be written and read again.
 pub fn config(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
-    let Ok(config) = Config::parse("fuzz.toml", text) else { return };
+    let Ok(config) = Config::parse("fuzz.toml", text) else {
+        return;
+    };
     if config.check().is_ok() {
         let again = config.to_toml().expect("what was read can be written");
         let read = Config::parse("again.toml", &again).expect("what was written can be read");

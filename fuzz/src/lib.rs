@@ -59,7 +59,13 @@ pub fn frames(data: &[u8]) {
     for &byte in data {
         accumulator.push(byte, &mut |frame| {
             let Ok(frame) = frame else { return };
-            let mut copies = [frame.to_vec(), frame.to_vec(), frame.to_vec(), frame.to_vec(), frame.to_vec()];
+            let mut copies = [
+                frame.to_vec(),
+                frame.to_vec(),
+                frame.to_vec(),
+                frame.to_vec(),
+                frame.to_vec(),
+            ];
             let [a, b, c, d, e] = &mut copies;
             let _ = frame::decode::<DriveHello>(a);
             let _ = frame::decode::<DriveState>(b);
@@ -96,6 +102,8 @@ fn hello() -> DriveHello {
         compensates_gravity: false,
         torque_sign: TorqueSign::OfActuator,
         lock_step: true,
+        motor_kg_m2: Default::default(),
+        latency_us: 0,
     }
 }
 
@@ -114,7 +122,10 @@ fn controller() -> (Node<7>, u64) {
                     procedure: Procedure::default(),
                 };
                 let mut up = vec![0; 8 * MAX_FRAME];
-                for (command, tick) in [Command::Hello, Command::Robot(iiwa7()), configure].into_iter().zip(0..) {
+                for (command, tick) in [Command::Hello, Command::Robot(iiwa7()), configure]
+                    .into_iter()
+                    .zip(0..)
+                {
                     let down = framed(&Downlink::at_once(tick + 1, command), tick);
                     let tick = u64::from(tick);
                     node.exchange(Instant::from_millis(tick), &state(tick, &HOME), &down, &mut up);
@@ -143,7 +154,9 @@ pub fn commands(data: &[u8]) {
     let mut up = vec![0; 8 * MAX_FRAME];
     for (body, k) in pieces(data).take(12).zip(1..) {
         // The first byte says how long the arm goes on before the next one.
-        let Some((wait, body)) = body.split_first() else { continue };
+        let Some((wait, body)) = body.split_first() else {
+            continue;
+        };
         let down = match postcard::from_bytes::<Downlink>(body) {
             Ok(mut message) => {
                 // Else most would be taken for repeats, or for another host's.
@@ -168,8 +181,12 @@ pub fn drive(data: &[u8]) {
     let mut up = vec![0; 8 * MAX_FRAME];
     for body in pieces(data).take(24) {
         // The first byte says whether the numbers of the ticks are put right.
-        let Some((kind, body)) = body.split_first() else { continue };
-        let Ok(mut state) = postcard::from_bytes::<DriveState>(body) else { continue };
+        let Some((kind, body)) = body.split_first() else {
+            continue;
+        };
+        let Ok(mut state) = postcard::from_bytes::<DriveState>(body) else {
+            continue;
+        };
         if kind % 4 != 0 {
             state.tick = tick;
         }

@@ -8,13 +8,11 @@
 
 use std::path::Path;
 
+use spherecal_fuzz::joined;
 #[cfg(feature = "host")]
 use spherecal_job::Config;
 #[cfg(feature = "host")]
 use spherecal_model::robots;
-#[cfg(feature = "host")]
-use spherecal_store::{CalibrationStore as _, NewRun, PlannedPose, SqlStore};
-use spherecal_fuzz::joined;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
@@ -24,6 +22,8 @@ use spherecal_shared::protocol::host::{
 };
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+#[cfg(feature = "host")]
+use spherecal_store::{CalibrationStore as _, NewRun, PlannedPose, SqlStore};
 
 fn write(target: &str, name: &str, bytes: &[u8]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
@@ -186,18 +186,43 @@ fn links() {
     let mut out = [0; MAX_FRAME];
     let length = frame::encode(&Downlink::at_once(1, Command::Stop), 1, 2, &mut out).expect("it fits");
     write("frames", "framed", &out[..length]);
-
 }
 
 /// Files that users bring.
 #[cfg(feature = "host")]
 fn host() {
-    write("csv", "absolute", b"q1,q2,q3,q4,q5,q6,q7,x_mm,y_mm,z_mm\n0.1,0.2,0.3,-1,0.5,0.6,0.7,500,0,300\n");
-    write("csv", "spheres", b"q1_deg;q2_deg;q3_deg;q4_deg;q5_deg;q6_deg;sphere;place;set\n1;2;3;4;5;6;2;a;validate\n");
-    write("csv", "frames", b"arm_joint1,q2,q3,q4,q5,q6,x_m,y_m,z_m,qw,qx,qy,qz,time\n0.1,0.2,0.3,-1,0.5,0.6,0.5,0,0.3,1,0,0,0,7\n");
-    write("csv", "points", b"sep=;\nq1;q2;q3;q4;q5;q6;x1_mm;y1_mm;z1_mm;x2_mm;y2_mm;z2_mm\n0,1;0,2;0,3;-1;0,5;0,6;500;0;300;;;\n");
-    write("csv", "utf16", &[0xff, 0xfe, b'q', 0, b'1', 0, b'\t', 0, b's', 0, b'p', 0, b'h', 0, b'e', 0, b'r', 0, b'e', 0, b'\n', 0]);
-    write("csv", "plate", b"[[sphere]]\nid = 1\nx_mm = 0.0\ny_mm = 1.0\nz_mm = 2.0\nsigma_mm = 0.001\n");
+    write(
+        "csv",
+        "absolute",
+        b"q1,q2,q3,q4,q5,q6,q7,x_mm,y_mm,z_mm\n0.1,0.2,0.3,-1,0.5,0.6,0.7,500,0,300\n",
+    );
+    write(
+        "csv",
+        "spheres",
+        b"q1_deg;q2_deg;q3_deg;q4_deg;q5_deg;q6_deg;sphere;place;set\n1;2;3;4;5;6;2;a;validate\n",
+    );
+    write(
+        "csv",
+        "frames",
+        b"arm_joint1,q2,q3,q4,q5,q6,x_m,y_m,z_m,qw,qx,qy,qz,time\n0.1,0.2,0.3,-1,0.5,0.6,0.5,0,0.3,1,0,0,0,7\n",
+    );
+    write(
+        "csv",
+        "points",
+        b"sep=;\nq1;q2;q3;q4;q5;q6;x1_mm;y1_mm;z1_mm;x2_mm;y2_mm;z2_mm\n0,1;0,2;0,3;-1;0,5;0,6;500;0;300;;;\n",
+    );
+    write(
+        "csv",
+        "utf16",
+        &[
+            0xff, 0xfe, b'q', 0, b'1', 0, b'\t', 0, b's', 0, b'p', 0, b'h', 0, b'e', 0, b'r', 0, b'e', 0, b'\n', 0,
+        ],
+    );
+    write(
+        "csv",
+        "plate",
+        b"[[sphere]]\nid = 1\nx_mm = 0.0\ny_mm = 1.0\nz_mm = 2.0\nsigma_mm = 0.001\n",
+    );
 
     let config = Config::default();
     write("config", "all", config.to_toml().expect("it can be written").as_bytes());
@@ -210,9 +235,17 @@ fn host() {
     }
     let model = robots::load("ur5e").expect("built in");
     write("robots", "ur5e.toml", robots::toml_file::write(&model, &[]).as_bytes());
-    write("robots", "ur5e.yaml", robots::write_kinematics_yaml(&model, &model.rows(), &[]).as_bytes());
+    write(
+        "robots",
+        "ur5e.yaml",
+        robots::write_kinematics_yaml(&model, &model.rows(), &[]).as_bytes(),
+    );
     let panda = robots::load("panda").expect("built in");
-    write("robots", "panda.yaml", robots::write_kinematics_yaml(&panda, &panda.rows(), &[]).as_bytes());
+    write(
+        "robots",
+        "panda.yaml",
+        robots::write_kinematics_yaml(&panda, &panda.rows(), &[]).as_bytes(),
+    );
 
     let folder = std::env::temp_dir().join(format!("spherecal-seed-{}", std::process::id()));
     let path = folder.join("seed.db");
