@@ -102,7 +102,7 @@ fn hello() -> DriveHello {
         compensates_gravity: false,
         torque_sign: TorqueSign::OfActuator,
         lock_step: true,
-        motor_kg_m2: Default::default(),
+        motor_kg_m2: Joints::new(),
         latency_us: 0,
     }
 }

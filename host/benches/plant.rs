@@ -117,7 +117,7 @@ fn controller_case() -> Box<dyn FnMut()> {
         compensates_gravity: false,
         torque_sign: TorqueSign::OfActuator,
         lock_step: true,
-        motor_kg_m2: Default::default(),
+        motor_kg_m2: Joints::new(),
         latency_us: 0,
     };
     controller.connect(&hello).expect("a drive that fits");

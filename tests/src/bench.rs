@@ -60,7 +60,7 @@ pub fn hello() -> DriveHello {
         compensates_gravity: false,
         torque_sign: TorqueSign::OfActuator,
         lock_step: true,
-        motor_kg_m2: Default::default(),
+        motor_kg_m2: Joints::new(),
         latency_us: 0,
     }
 }

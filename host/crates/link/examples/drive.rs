@@ -11,6 +11,7 @@
 
 use spherecal_link::tcp::{DriveServer, listen};
 use spherecal_link::{Drive, LinkError};
+use spherecal_shared::Joints;
 use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, TorqueSign};
 use spherecal_shared::robot::JointLimits;
@@ -47,7 +48,7 @@ impl Arm {
                 compensates_gravity: false,
                 torque_sign: TorqueSign::OfActuator,
                 lock_step: true,
-                motor_kg_m2: Default::default(),
+                motor_kg_m2: Joints::new(),
                 latency_us: 0,
             },
             now: DriveState {

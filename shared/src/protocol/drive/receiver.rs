@@ -81,6 +81,7 @@ fn message(frame: &mut [u8]) -> Result<(u32, DriveMessage), FrameError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Joints;
     use crate::protocol::drive::{DriveCommand, TorqueSign};
     use crate::protocol::frame::{MAX_FRAME, encode};
     use std::vec::Vec;
@@ -103,7 +104,7 @@ mod tests {
             compensates_gravity: false,
             torque_sign: TorqueSign::OfActuator,
             lock_step: true,
-            motor_kg_m2: Default::default(),
+            motor_kg_m2: Joints::new(),
             latency_us: 0,
         };
         let state = DriveState {

@@ -6,6 +6,7 @@ use spherecal_fci::PERIOD_S;
 use spherecal_fci::client::{Client, ClientError, Config};
 use spherecal_fci::robot::JointLimits as FrankaLimits;
 use spherecal_fci::wire::{CollisionBehavior, Load, RobotMode, RobotState, Version};
+use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
@@ -96,7 +97,7 @@ impl FrankaDrive {
             compensates_gravity: true,
             torque_sign: TorqueSign::OfActuator,
             lock_step: false,
-            motor_kg_m2: Default::default(),
+            motor_kg_m2: Joints::new(),
             latency_us: 0,
         };
         Ok(Self {

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use spherecal_fri::client::{Client, ClientError, Config, Limits, MeasuredSign, State, measured_sign};
 use spherecal_fri::wire::{SafetyState, SessionState};
+use spherecal_shared::Joints;
 use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::robot::{Arm, Dynamics as _, Robot, Tool};
@@ -138,7 +139,7 @@ impl KukaDrive {
                 compensates_gravity: true,
                 torque_sign,
                 lock_step: false,
-                motor_kg_m2: Default::default(),
+                motor_kg_m2: Joints::new(),
                 latency_us: 0,
             },
             state,
