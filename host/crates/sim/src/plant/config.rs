@@ -341,8 +341,8 @@ pub struct TrackerConfig {
     /// Noise of the encoder means that go with a shot, in rad. Default 2e-6 (worlds).
     pub encoder_rad: f64,
     /// Offset by which the reflector is remounted sideways between tool arcs and calibration, in m.
-    /// Default 0.62 mm: the error of the laser-calibrated geometry is then at least the paper's
-    /// 0.645 mm (W1: 0.58 mm).
+    /// Default 0: the laser's rows are as good as the tracker. W1: 0.58 mm, with which the error of
+    /// the laser-calibrated geometry is that of the paper.
     pub remount_m: f64,
     /// Offset by which the tracker is set up again between base arcs and calibration, in m. W1:
     /// 0.15 mm.
