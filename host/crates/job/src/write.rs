@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use spherecal_identify::diagnosis::Diagnosis;
 use spherecal_identify::{EvaluateError, GeometryOnly};
 use spherecal_shared::robot::MdhRow;
+use spherecal_shared::robot::compensator::CompensatedJoint;
 
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
@@ -104,7 +105,7 @@ pub(crate) fn calibrated_texts(results: &Results<'_>) -> Result<CalibratedTexts,
     let rows = model.rows();
     let notes = notes(results, &model, &alone);
     Ok(CalibratedTexts {
-        toml: toml_file::write(&model, &notes) + &effects_toml(evaluation),
+        toml: toml_file::write(&model, &notes) + &effects_toml(nominal, evaluation),
         urdf: write_urdf(nominal, &rows, &notes),
         kinematics_yaml: write_kinematics_yaml(nominal, &rows, &notes),
         offsets_yaml: write_offsets_yaml(nominal, &rows, &notes),
@@ -164,7 +165,7 @@ fn notes(results: &Results<'_>, model: &RobotModel, alone: &GeometryOnly) -> Vec
 }
 
 /// The effects that a bare table cannot hold, for the TOML.
-fn effects_toml(evaluation: &Evaluation) -> String {
+fn effects_toml(nominal: &RobotModel, evaluation: &Evaluation) -> String {
     let c = &evaluation.calibration;
     let list = |values: &[f64]| {
         let words: Vec<String> = values.iter().map(|v| format!("{v:?}")).collect();
@@ -176,7 +177,7 @@ fn effects_toml(evaluation: &Evaluation) -> String {
     };
     let mut out = String::from(
         "\n# The full model: its own table of links (the tables above are the best geometry alone), and what a table cannot\n\
-         # hold. Angle of a joint: theta + q - compliance tau + sum over k of (cos_k cos(k q) + sin_k sin(k q)).\n\
+         # hold. `docs/compensate.md` has the formula and two programs that correct joint commands with it.\n\
          [calibration]\n",
     );
     let links = |f: &dyn Fn(&MdhRow<f64>) -> f64| list(&c.robot.joints.iter().map(|j| f(&j.mdh)).collect::<Vec<f64>>());
@@ -194,6 +195,35 @@ fn effects_toml(evaluation: &Evaluation) -> String {
     let _ = writeln!(out, "tilt_rad_per_nm = {}", list(&c.tilt_rad_per_nm));
     let harmonics: Vec<String> = c.harmonics_rad.iter().map(|h| pairs(h)).collect();
     let _ = writeln!(out, "harmonics_rad = [{}]", harmonics.join(", "));
+    out += &nominal_toml(nominal, evaluation);
+    out
+}
+
+/// The robot that a controller keeps, and the masses that load the joints.
+fn nominal_toml(nominal: &RobotModel, evaluation: &Evaluation) -> String {
+    let tcp = evaluation.given_tcp_m.unwrap_or(evaluation.nominal.tcp_m);
+    let compensator = evaluation.calibration.compensator(&nominal.robot, tcp.into());
+    let joints = compensator.joints();
+    let list = |f: &dyn Fn(&CompensatedJoint) -> String| {
+        let words: Vec<String> = joints.iter().map(f).collect();
+        format!("[{}]", words.join(", "))
+    };
+    let mut out = String::from(
+        "\n# The nominal robot that a controller keeps, and the masses that load its joints (the last one holds the tool).\n\
+         [calibration.nominal]\n",
+    );
+    for (name, value) in [
+        ("alpha_rad", list(&|j| format!("{:?}", j.nominal.alpha))),
+        ("a_m", list(&|j| format!("{:?}", j.nominal.a))),
+        ("theta_rad", list(&|j| format!("{:?}", j.nominal.theta))),
+        ("d_m", list(&|j| format!("{:?}", j.nominal.d))),
+        ("beta_rad", list(&|j| format!("{:?}", j.nominal.beta))),
+        ("tcp_m", format!("{:?}", compensator.nominal_tcp_m())),
+        ("mass_kg", list(&|j| format!("{:?}", j.mass_kg))),
+        ("com_m", list(&|j| format!("{:?}", j.com_m))),
+    ] {
+        let _ = writeln!(out, "{name} = {value}");
+    }
     out
 }
 
