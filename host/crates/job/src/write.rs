@@ -42,6 +42,8 @@ impl Files {
 pub(crate) struct Results<'a> {
     /// The nominal robot with its files' frames.
     pub(crate) nominal: &'a RobotModel,
+    /// The tool that was given: its TCP in the last frame of the table (m).
+    pub(crate) given_tcp_m: [f64; 3],
     /// The calibration and its verdict.
     pub(crate) evaluation: &'a Evaluation,
     /// The document that other programs read.
@@ -105,7 +107,7 @@ pub(crate) fn calibrated_texts(results: &Results<'_>) -> Result<CalibratedTexts,
     let rows = model.rows();
     let notes = notes(results, &model, &alone);
     Ok(CalibratedTexts {
-        toml: toml_file::write(&model, &notes) + &effects_toml(nominal, evaluation),
+        toml: toml_file::write(&model, &notes) + &effects_toml(results),
         urdf: write_urdf(nominal, &rows, &notes),
         kinematics_yaml: write_kinematics_yaml(nominal, &rows, &notes),
         offsets_yaml: write_offsets_yaml(nominal, &rows, &notes),
@@ -165,8 +167,8 @@ fn notes(results: &Results<'_>, model: &RobotModel, alone: &GeometryOnly) -> Vec
 }
 
 /// The effects that a bare table cannot hold, for the TOML.
-fn effects_toml(nominal: &RobotModel, evaluation: &Evaluation) -> String {
-    let c = &evaluation.calibration;
+fn effects_toml(results: &Results<'_>) -> String {
+    let c = &results.evaluation.calibration;
     let list = |values: &[f64]| {
         let words: Vec<String> = values.iter().map(|v| format!("{v:?}")).collect();
         format!("[{}]", words.join(", "))
@@ -189,20 +191,20 @@ fn effects_toml(nominal: &RobotModel, evaluation: &Evaluation) -> String {
     let _ = writeln!(out, "tcp_m = {}", list(&c.tool.tcp_m));
     let _ = writeln!(out, "method = \"{}\"", c.method);
     let _ = writeln!(out, "model = \"{}\"", c.model);
-    let _ = writeln!(out, "may_be_used = {}", evaluation.verdict.may_be_used);
+    let _ = writeln!(out, "may_be_used = {}", results.evaluation.verdict.may_be_used);
     let _ = writeln!(out, "compliance_rad_per_nm = {}", list(&c.compliance_rad_per_nm));
     let _ = writeln!(out, "bending_rad_per_nm = {}", pairs(&c.bending_rad_per_nm));
     let _ = writeln!(out, "tilt_rad_per_nm = {}", list(&c.tilt_rad_per_nm));
     let harmonics: Vec<String> = c.harmonics_rad.iter().map(|h| pairs(h)).collect();
     let _ = writeln!(out, "harmonics_rad = [{}]", harmonics.join(", "));
-    out += &nominal_toml(nominal, evaluation);
+    out += &nominal_toml(results);
     out
 }
 
 /// The robot that a controller keeps, and the masses that load the joints.
-fn nominal_toml(nominal: &RobotModel, evaluation: &Evaluation) -> String {
-    let tcp = evaluation.given_tcp_m.unwrap_or(evaluation.nominal.tcp_m);
-    let compensator = evaluation.calibration.compensator(&nominal.robot, tcp.into());
+fn nominal_toml(results: &Results<'_>) -> String {
+    let calibration = &results.evaluation.calibration;
+    let compensator = calibration.compensator(&results.nominal.robot, results.given_tcp_m);
     let joints = compensator.joints();
     let list = |f: &dyn Fn(&CompensatedJoint) -> String| {
         let words: Vec<String> = joints.iter().map(f).collect();
@@ -250,6 +252,7 @@ pub fn write(
         folder,
         &Results {
             nominal: &nominal,
+            given_tcp_m: m.experiment().tool.tcp_m,
             evaluation: e,
             summary: &document,
             origin: format!(

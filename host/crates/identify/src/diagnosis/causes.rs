@@ -45,8 +45,6 @@ pub(crate) enum Cause {
     Torque(usize),
     /// A joint's error depends on other joints' angles.
     Cross(usize),
-    /// The same of all joints alike: seven small errors that no joint's own data tell from noise.
-    CrossAll,
     /// Joint zeros move with time.
     ZeroDrift,
     /// Link lengths move with time: warm-up.
@@ -62,7 +60,7 @@ impl Cause {
     pub(crate) fn of_posture(&self) -> bool {
         matches!(
             self,
-            Self::Deflection(_) | Self::Orientation | Self::Torque(_) | Self::Cross(_) | Self::CrossAll
+            Self::Deflection(_) | Self::Orientation | Self::Torque(_) | Self::Cross(_)
         )
     }
 
@@ -73,7 +71,6 @@ impl Cause {
             Self::Orientation => "the TCP is displaced by a function of the tool's orientation".to_owned(),
             Self::Torque(j) => format!("joint {} does not yield in proportion to its torque", j + 1),
             Self::Cross(j) => format!("joint {}'s error depends on other joints", j + 1),
-            Self::CrossAll => "the joints' errors depend on other joints".to_owned(),
             Self::ZeroDrift => "joint zeros drift with time".to_owned(),
             Self::LinkDrift => "link lengths drift with time".to_owned(),
             Self::ReferenceDrift => "the plate or tracker drifts with time".to_owned(),
@@ -87,12 +84,6 @@ impl Cause {
 const DEFLECTION: usize = 4;
 /// Random waves that stand for a smooth function of two joints.
 const WAVES: usize = 48;
-/// The same for each joint, where all joints are one cause.
-const WAVES_OF_ALL: usize = 24;
-/// Columns that a wide cause keeps: those along which the data vary most.
-const KEPT: usize = 12;
-/// The same of a cause of all joints.
-const KEPT_OF_ALL: usize = 48;
 
 /// A wave over two joints: two frequencies, the other joint, the phase.
 type Wave = (f64, f64, usize, f64);
@@ -149,15 +140,6 @@ pub(crate) fn shapes(torques: &[f64], couplings: usize, timed: bool) -> Vec<Shap
             add(Cause::Cross(j), 0.0, waves);
         }
     }
-    if n > 1 {
-        let wave = |k: usize| {
-            let other = (k % n + rng.random_range(1..n)) % n;
-            let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
-            let (own, across) = (normal(), normal());
-            (own, across, other, rng.random_range(0.0..core::f64::consts::TAU))
-        };
-        add(Cause::CrossAll, 0.0, (0..n * WAVES_OF_ALL).map(wave).collect());
-    }
     if timed {
         add(Cause::ZeroDrift, 0.0, Vec::new());
         add(Cause::LinkDrift, 0.0, Vec::new());
@@ -176,20 +158,11 @@ impl Shape {
             Cause::Deflection(_) => 3 * DEFLECTION,
             Cause::Orientation => 27,
             Cause::Torque(_) => 3,
-            Cause::Cross(_) | Cause::CrossAll => self.waves.len(),
+            Cause::Cross(_) => self.waves.len(),
             Cause::ZeroDrift => 2 * (self.n - 1),
             Cause::LinkDrift => 4 * self.n,
             Cause::ReferenceDrift => 9,
             Cause::Seat => 3 * self.couplings,
-        }
-    }
-
-    /// Number of columns that are kept where there are more.
-    pub(crate) fn most_kept(&self) -> usize {
-        if self.cause == Cause::CrossAll {
-            KEPT_OF_ALL
-        } else {
-            KEPT
         }
     }
 
@@ -221,12 +194,6 @@ impl Shape {
             }
             Cause::Cross(j) => {
                 for (slot, (own, across, other, phase)) in out.iter_mut().zip(&self.waves) {
-                    *slot = p.joints[j] * (own * p.q[j] + across * p.q[*other] + phase).cos();
-                }
-            }
-            Cause::CrossAll => {
-                for (k, (slot, (own, across, other, phase))) in out.iter_mut().zip(&self.waves).enumerate() {
-                    let j = k % self.n;
                     *slot = p.joints[j] * (own * p.q[j] + across * p.q[*other] + phase).cos();
                 }
             }

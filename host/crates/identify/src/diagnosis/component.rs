@@ -18,10 +18,6 @@ const SCALE: f64 = 0.02;
 /// The same for torque: harmonic drives stiffen by 1.3 to 2 over their range of
 /// torque (their data sheets' K1, K2, K3), so some of it is always there.
 const TORQUE_SCALE: f64 = 0.05;
-/// The same for errors of all joints that depend on other joints: every real arm leaves residuals
-/// that no function of one joint explains. Chosen on simulated robots (`docs/theory.md` says which,
-/// and what other robots then showed).
-const CROSS_SCALE: f64 = 0.2;
 /// Factors on the priors of the model's own groups that are tried.
 pub(crate) const FACTORS: [f64; 9] = [0.03125, 0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 /// How well the sigma of a group's prior is known, as a standard deviation of its
@@ -33,6 +29,8 @@ const FACTOR_SIGMA: [f64; 2] = [core::f64::consts::LN_2, 2.0 * core::f64::consts
 const GROSS: f64 = 0.1;
 /// Median of chi-square with three degrees of freedom.
 const CHI_SQUARE_3_MEDIAN: f64 = 2.365_974;
+/// Columns that a wide cause keeps: those along which the data vary most.
+const KEPT: usize = 12;
 
 /// A cause with its columns as the data see them.
 #[derive(Clone)]
@@ -130,7 +128,6 @@ impl Component {
     pub(crate) fn scale(&self) -> f64 {
         match self.shape.cause {
             Cause::Torque(_) => TORQUE_SCALE,
-            Cause::CrossAll => CROSS_SCALE,
             _ => SCALE,
         }
     }
@@ -247,12 +244,11 @@ pub(crate) fn component(
         return None;
     }
     let unit = noise_m / rms;
-    let most = shape.most_kept();
-    let (turn, kept) = if width > most {
+    let (turn, kept) = if width > KEPT {
         let eigen = transposed_product(&block, &block).symmetric_eigen();
         let mut order: Vec<usize> = (0..width).collect();
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-        (eigen.eigenvectors.select_columns(&order) * unit, most)
+        (eigen.eigenvectors.select_columns(&order) * unit, KEPT)
     } else {
         (DMatrix::identity(width, width) * unit, width)
     };
