@@ -158,6 +158,7 @@ impl Default for InertiaConfig {
                 0.0,
             ],
             rotor_share: 0.25,
+            rotor_sigma: 0.1,
         }
     }
 }
