@@ -13,7 +13,7 @@ import struct
 import sys
 
 # First eight bytes of each message type's schema hash: another layout, another key.
-HELLO_KEY = bytes.fromhex("6ebac403381c88b1")
+HELLO_KEY = bytes.fromhex("0b2407ca61225e77")
 STATE_KEY = bytes.fromhex("a14694c683ea7ec3")
 COMMAND_KEY = bytes.fromhex("4bfd99ec80fc0db9")
 
