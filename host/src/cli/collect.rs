@@ -31,9 +31,11 @@ use super::terminal_operator::TerminalOperator;
 ///
 /// Each pose is on the disk before the next one is taken. The same command goes on where the table ends.
 #[derive(Args, Clone, Debug)]
-#[command(after_help = "Example: spherecal collect --link franka:172.16.0.2 --tool-mm 0,0,120 --out contacts.csv && \
+#[command(
+    after_help = "Example: spherecal collect --link franka:172.16.0.2 --tool-mm 0,0,120 --out contacts.csv && \
     spherecal identify --robot panda --data contacts.csv --plate paper --tool-mm 0,0,120\n\n\
-    Exit codes: 0 all poses are in the table; 1 failed or stopped before; 2 wrong input.")]
+    Exit codes: 0 all poses are in the table; 1 failed or stopped before; 2 wrong input."
+)]
 pub struct CollectArgs {
     /// The arm: franka:HOST, fri:PORT or tcp:HOST:PORT.
     #[arg(long, value_name = "LINK", value_parser = arm_link)]
@@ -231,12 +233,13 @@ pub(super) fn run(args: &CollectArgs) -> Result<Exit, CliError> {
         )));
     }
     if let Some(text) = &args.tool_mm {
-        model.tool.tcp_m = triple("--tool-mm", text, 2000.0).map_err(CliError::input)?.map(|mm| mm / 1e3);
+        model.tool.tcp_m = triple("--tool-mm", text, 2000.0)
+            .map_err(CliError::input)?
+            .map(|mm| mm / 1e3);
     }
     let tool = model.tool_in_table();
     let chain = Chain::new(&model.robot, &tool)?;
-    let mut table =
-        ContactFile::open(&args.out, reader.joints(), reader.has_torques()).map_err(CliError::input)?;
+    let mut table = ContactFile::open(&args.out, reader.joints(), reader.has_torques()).map_err(CliError::input)?;
     let visits = Visits {
         spheres: spheres.iter().map(|s| s.id).collect(),
         places: args.places,
@@ -281,7 +284,11 @@ pub(super) fn run(args: &CollectArgs) -> Result<Exit, CliError> {
     } else {
         outln!("{count} contacts are in {}", args.out.display());
         if done {
-            let tool = args.tool_mm.as_ref().map(|t| format!(" --tool-mm {t}")).unwrap_or_default();
+            let tool = args
+                .tool_mm
+                .as_ref()
+                .map(|t| format!(" --tool-mm {t}"))
+                .unwrap_or_default();
             outln!(
                 "\nNext: spherecal identify --robot {name} --data {} --plate {}{tool}",
                 args.out.display(),

@@ -2,8 +2,8 @@
 
 use clap::{Parser, Subcommand};
 
-use super::collect::CollectArgs;
 use super::args::{RunArgs, StoredArgs};
+use super::collect::CollectArgs;
 use super::doctor::DoctorArgs;
 use super::export::ExportArgs;
 use super::faults::FaultsArgs;

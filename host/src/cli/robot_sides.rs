@@ -52,7 +52,7 @@ pub struct PlantArgs {
     #[arg(long)]
     pub tolerant: bool,
     /// A simulated hand guides the arm, which then follows no command: to the joint angles of this table
-    /// (CSV without a header, seven angles in rad a line), with 2.5 s at each, and 10 s at the first.
+    /// (CSV without a header, seven angles in rad a line), with 1.7 s at each, and 5 s at the first.
     #[arg(long, value_name = "FILE.csv")]
     pub guide: Option<PathBuf>,
     /// Seed of the arm's errors and noise. Use the run's seed for the same arm.
@@ -82,7 +82,7 @@ impl PlantArgs {
 }
 
 /// Time that the simulated hand rests at each pose, in s.
-const HAND_RESTS_S: f64 = 2.5;
+const HAND_RESTS_S: f64 = 1.7;
 
 /// The arm that a simulated hand guides to the poses of a file.
 fn guided(config: &Config, path: &std::path::Path) -> Result<GuidedArm, CliError> {
@@ -93,7 +93,10 @@ fn guided(config: &Config, path: &std::path::Path) -> Result<GuidedArm, CliError
         let finite = |pose: &[f64; 7]| pose.iter().all(|q| q.abs() < 10.0);
         let pose = angles.and_then(|a| <[f64; 7]>::try_from(a).ok()).filter(finite);
         poses.push(pose.ok_or_else(|| {
-            CliError::input(format!("{}: line {number}: give seven angles in rad, with commas", path.display()))
+            CliError::input(format!(
+                "{}: line {number}: give seven angles in rad, with commas",
+                path.display()
+            ))
         })?);
     }
     let model = job::loaded_model(config)?;
@@ -184,8 +187,8 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     }
     warn_if_open("plant", client);
     let interrupt = interrupt()?;
-    let side = CabinetSide::start(side, arm)
-        .map_err(|error| CliError::job(format!("cannot send to {client}: {error}")))?;
+    let side =
+        CabinetSide::start(side, arm).map_err(|error| CliError::job(format!("cannot send to {client}: {error}")))?;
     announce(&format!(
         "Fast Robot Interface ({}), sending to fri:{client}",
         config.robot

@@ -12,8 +12,8 @@ use spherecal_fci::client as fci;
 use spherecal_fci::wire::{RobotMode, RobotState};
 use spherecal_fri::client as fri;
 use spherecal_shared::Joints;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveState, TorqueSign};
 use spherecal_shared::protocol::PROTOCOL_VERSION;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveState, TorqueSign};
 
 use crate::tcp::TcpDrive;
 use crate::{Drive, LinkError};

@@ -154,8 +154,7 @@ mod tests {
     fn the_suggested_pose_tells_more_than_the_same_pose_again() {
         let model = robots::load("panda").expect("built in");
         let tool = model.tool_in_table();
-        let mut advice =
-            PoseAdvice::new(&model.robot, &tool, &paper_plate(), 1, &Options::default()).expect("a model");
+        let mut advice = PoseAdvice::new(&model.robot, &tool, &paper_plate(), 1, &Options::default()).expect("a model");
         let q = [0.2, -0.3, 0.1, -2.0, 0.3, 1.8, 0.6];
         let before = advice.expected_m();
         advice.add(&q, 1, 0);

@@ -6,15 +6,15 @@ use rand_distr::{Distribution as _, Normal};
 use spherecal_fci::robot as fci;
 use spherecal_fri::robot as fri;
 use spherecal_model::robots::RobotModel;
-use spherecal_shared::robot::{Arm, RobotError};
 use spherecal_shared::robot::Dynamics as _;
+use spherecal_shared::robot::{Arm, RobotError};
 
 /// Joints of every arm with such an interface.
 const JOINTS: usize = 7;
 /// Time from one pose to the next, in s.
 const MOVE_S: f64 = 0.5;
 /// Time at the first pose, in s: a client connects meanwhile.
-const FIRST_S: f64 = 10.0;
+const FIRST_S: f64 = 5.0;
 /// Noise of an encoder (1 sigma), in rad.
 const NOISE_RAD: f64 = 1e-5;
 
@@ -32,11 +32,16 @@ pub struct GuidedArm {
 
 impl GuidedArm {
     /// A hand that guides the arm to these readings of the encoders (rad), and rests at each for `rest_s`. It rests at
-    /// the first pose for 10 s, and stays at the last one. `None` without a pose.
+    /// the first pose for 5 s, and stays at the last one. `None` without a pose.
     ///
     /// # Errors
     /// The robot has another number of joints than 7.
-    pub fn new(model: &RobotModel, poses: &[[f64; JOINTS]], rest_s: f64, seed: u64) -> Result<Option<Self>, RobotError> {
+    pub fn new(
+        model: &RobotModel,
+        poses: &[[f64; JOINTS]],
+        rest_s: f64,
+        seed: u64,
+    ) -> Result<Option<Self>, RobotError> {
         let known = Arm::new(&model.robot, &model.tool_in_table())?;
         let (Some(first), Ok(noise)) = (poses.first(), Normal::new(0.0, NOISE_RAD)) else {
             return Ok(None);

@@ -172,7 +172,11 @@ fn parse(row: &str, joints: usize) -> Option<Contact> {
     let mut cells = row.split(',');
     let place = cells.next()?.parse().ok()?;
     let sphere = cells.next()?.parse().ok()?;
-    let q: Vec<f64> = cells.by_ref().take(joints).map_while(|cell| cell.parse().ok()).collect();
+    let q: Vec<f64> = cells
+        .by_ref()
+        .take(joints)
+        .map_while(|cell| cell.parse().ok())
+        .collect();
     (q.len() == joints).then_some(Contact { place, sphere, q })
 }
 
@@ -209,7 +213,10 @@ mod tests {
             Err(ContactFileError::Columns { .. })
         ));
         std::fs::write(&path, "notes").expect("a text");
-        assert!(matches!(ContactFile::open(&path, 2, true), Err(ContactFileError::Row { .. })));
+        assert!(matches!(
+            ContactFile::open(&path, 2, true),
+            Err(ContactFileError::Row { .. })
+        ));
         assert_eq!(std::fs::read_to_string(&path).expect("a file"), "notes");
     }
 }

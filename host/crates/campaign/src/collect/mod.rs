@@ -81,7 +81,9 @@ pub enum CollectError {
         max_deg: f64,
     },
     /// The arm has another number of joints.
-    #[error("the arm behind the link has {found} joints, but the robot has {expected}: name the right one with --robot")]
+    #[error(
+        "the arm behind the link has {found} joints, but the robot has {expected}: name the right one with --robot"
+    )]
     Joints {
         /// Joints of the arm.
         found: usize,

@@ -139,7 +139,13 @@ impl Sums {
         StillPose {
             q: self.q.iter().zip(first).map(|(sum, first)| first + sum / n).collect(),
             tau: self.tau.iter().map(|sum| sum / n).collect(),
-            spread_rad: self.q.iter().zip(&self.squares).map(variance).fold(0.0, f64::max).sqrt(),
+            spread_rad: self
+                .q
+                .iter()
+                .zip(&self.squares)
+                .map(variance)
+                .fold(0.0, f64::max)
+                .sqrt(),
             readings: self.count,
         }
     }
@@ -157,7 +163,10 @@ mod tests {
             tau: vec![2.0, -3.0],
             commanded: None,
         };
-        readings.enumerate().filter_map(|(k, q)| watch.take(&reading((k, q)))).collect()
+        readings
+            .enumerate()
+            .filter_map(|(k, q)| watch.take(&reading((k, q))))
+            .collect()
     }
 
     // Fails if a slowly moving arm counts as still, or a rest that is shorter than rest and average together.
