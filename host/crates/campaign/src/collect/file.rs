@@ -86,7 +86,7 @@ impl ContactFile {
             Some((found, _)) if found != header => {
                 return Err(ContactFileError::Columns {
                     path: path.display().to_string(),
-                    found: spherecal_model::excerpt(found).to_string(),
+                    found: spherecal_model::excerpt(found),
                     expected: header,
                 });
             }

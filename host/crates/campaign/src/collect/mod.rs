@@ -189,12 +189,11 @@ pub fn collect(
         };
         since = Instant::now();
         ready = false;
-        match off_sphere(chain, table.contacts(), place, sphere, &pose.q) {
-            Some(distance_m) => view.refused(place, sphere, distance_m),
-            None => {
-                table.append(place, sphere, &pose)?;
-                view.kept(&pose, table.contacts());
-            }
+        if let Some(distance_m) = off_sphere(chain, table.contacts(), place, sphere, &pose.q) {
+            view.refused(place, sphere, distance_m);
+        } else {
+            table.append(place, sphere, &pose)?;
+            view.kept(&pose, table.contacts());
         }
     }
 }
