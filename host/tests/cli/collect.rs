@@ -111,6 +111,14 @@ fn distance_mm(a: &Chain, b: &Chain) -> f64 {
         * 1e3
 }
 
+/// The priors of an arm without a factory calibration, as the documentation states them.
+fn uncalibrated() -> String {
+    let joint = |j| format!("theta{j} = {{ prior_sigma = 0.02 }}\nd{j} = {{ prior_sigma = 0.001 }}\n");
+    let length = |j| format!("a{j} = {{ prior_sigma = 0.001 }}\n");
+    let (joints, lengths): (String, String) = ((1..=7).map(joint).collect(), (1..=6).map(length).collect());
+    format!("[parameters]\n{joints}{lengths}")
+}
+
 /// Writes the hand's file.
 fn write(path: &Path, poses: &[Vec<f64>]) {
     let lines = poses
@@ -152,6 +160,7 @@ fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &Chain) {
     );
     // The table is complete: the same command has nothing to do, and changes nothing.
     let table = std::fs::read(folder.join("contacts.csv")).expect("a table");
+    std::fs::write(folder.join("uncalibrated.toml"), uncalibrated()).expect("a file");
     let again = [
         "identify",
         "--robot",
@@ -162,6 +171,8 @@ fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &Chain) {
         "paper",
         "--tool-mm",
         TOOL,
+        "--config",
+        "uncalibrated.toml",
         "--out",
         "result",
     ];
