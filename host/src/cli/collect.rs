@@ -33,7 +33,7 @@ use super::terminal_operator::TerminalOperator;
 #[derive(Args, Clone, Debug)]
 #[command(
     after_help = "Example: spherecal collect --link franka:172.16.0.2 --tool-mm 0,0,120 --out contacts.csv && \
-    spherecal identify --robot panda --data contacts.csv --plate paper --tool-mm 0,0,120\n\n\
+    spherecal identify --robot panda --data contacts.csv --plate paper --tool-mm 0,0,120 --uncalibrated\n\n\
     Exit codes: 0 all poses are in the table; 1 failed or stopped before; 2 wrong input."
 )]
 pub struct CollectArgs {
@@ -67,6 +67,10 @@ pub struct CollectArgs {
     /// Time without a new still pose after which it ends, in s.
     #[arg(long, value_name = "S", default_value_t = 600.0, value_parser = seconds)]
     pub wait_s: f64,
+    /// Expect the errors of an arm without a factory calibration when the accuracy is predicted, as `identify
+    /// --uncalibrated` does. Always so with franka:, unless --robot names a file.
+    #[arg(long)]
+    pub uncalibrated: bool,
     /// Table of the contacts; a table that exists is continued.
     #[arg(long, value_name = "FILE.csv", default_value = "contacts.csv")]
     pub out: PathBuf,
@@ -245,7 +249,13 @@ pub(super) fn run(args: &CollectArgs) -> Result<Exit, CliError> {
         places: args.places,
         poses: args.poses,
     };
-    let advice = PoseAdvice::new(&model.robot, &tool, &spheres, args.places, &Options::default());
+    let uncalibrated =
+        args.uncalibrated || (matches!(args.link, Link::Franka { .. }) && robots::built_in(name).is_some());
+    let mut options = Options::default();
+    if uncalibrated {
+        options.parameters.expect_uncalibrated();
+    }
+    let advice = PoseAdvice::new(&model.robot, &tool, &spheres, args.places, &options);
     let mut view = Terminal {
         operator: TerminalOperator::default(),
         key: args.key,
@@ -278,7 +288,7 @@ pub(super) fn run(args: &CollectArgs) -> Result<Exit, CliError> {
             "command": "collect", "robot": name, "file": args.out, "poses": count, "complete": done,
             "largest_spread_rad": view.largest_spread_rad,
             "coverage": coverage(&chain, table.contacts()),
-            "expected_mm": view.advice.expected_m() * 1e3,
+            "expected_mm": view.advice.expected_m() * 1e3, "uncalibrated": uncalibrated,
         });
         outln!("{document:#}");
     } else {
@@ -289,8 +299,9 @@ pub(super) fn run(args: &CollectArgs) -> Result<Exit, CliError> {
                 .as_ref()
                 .map(|t| format!(" --tool-mm {t}"))
                 .unwrap_or_default();
+            let priors = if uncalibrated { " --uncalibrated" } else { "" };
             outln!(
-                "\nNext: spherecal identify --robot {name} --data {} --plate {}{tool}",
+                "\nNext: spherecal identify --robot {name} --data {} --plate {}{tool}{priors}",
                 args.out.display(),
                 args.plate.display()
             );

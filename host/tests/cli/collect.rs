@@ -111,14 +111,6 @@ fn distance_mm(a: &Chain, b: &Chain) -> f64 {
         * 1e3
 }
 
-/// The priors of an arm without a factory calibration, as the documentation states them.
-fn uncalibrated() -> String {
-    let joint = |j| format!("theta{j} = {{ prior_sigma = 0.02 }}\nd{j} = {{ prior_sigma = 0.001 }}\n");
-    let length = |j| format!("a{j} = {{ prior_sigma = 0.001 }}\n");
-    let (joints, lengths): (String, String) = ((1..=7).map(joint).collect(), (1..=6).map(length).collect());
-    format!("[parameters]\n{joints}{lengths}")
-}
-
 /// Writes the hand's file.
 fn write(path: &Path, poses: &[Vec<f64>]) {
     let lines = poses
@@ -160,8 +152,10 @@ fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &Chain) {
     );
     // The table is complete: the same command has nothing to do, and changes nothing.
     let table = std::fs::read(folder.join("contacts.csv")).expect("a table");
-    std::fs::write(folder.join("uncalibrated.toml"), uncalibrated()).expect("a file");
-    let again = [
+    let again = spherecal(folder, &arguments);
+    assert_eq!(again.status.code(), Some(0), "{}", text(&again.stderr));
+    assert_eq!(std::fs::read(folder.join("contacts.csv")).expect("a table"), table);
+    let identify = [
         "identify",
         "--robot",
         name,
@@ -171,15 +165,14 @@ fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &Chain) {
         "paper",
         "--tool-mm",
         TOOL,
-        "--config",
-        "uncalibrated.toml",
+        "--uncalibrated",
         "--out",
         "result",
     ];
-    let output = spherecal(folder, &again);
+    let output = spherecal(folder, &identify);
     let said = text(&output.stderr);
-    assert!(matches!(output.status.code(), Some(0 | 3)), "{said}");
-    assert_eq!(std::fs::read(folder.join("contacts.csv")).expect("a table"), table);
+    // 24 rows are too few for the verdict: the result is stated, but not vouched for.
+    assert_eq!(output.status.code(), Some(3), "{said}");
     let calibrated = folder.join("result/calibrated.toml");
     let calibrated = robots::load(&calibrated.display().to_string()).expect("a calibrated robot");
     let (before, after) = (
