@@ -41,14 +41,14 @@ fn medians(world: World, plant: &PlantConfig, poses: &[PlannedPose]) -> (f64, f6
     (median(|x| x.0), median(|x| x.1))
 }
 
-// Prints the figures of docs/theory.md. Fails if the estimator's own priors cost more than half of the
-// accuracy of matched ones in any case.
+// Prints the figures of docs/theory.md. Fails if the estimator's own priors cost more than a quarter of
+// the accuracy of matched ones where sizes differ, or more than that accuracy where the orders do.
 #[test]
 #[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
 fn study_of_priors_that_are_not_the_generators() {
     let plan = design(&Cell::iiwa7(), &DesignRequest::new(150)).expect("the built-in cell is plannable");
     let poses = planned_poses(&plan);
-    let mut worst: f64 = 0.0;
+    let (mut sizes, mut waves) = (0.0f64, 0.0f64);
     for world in [World::W0, World::W2, World::W3] {
         for (name, factor, orders) in [
             ("as drawn", 1.0, false),
@@ -61,8 +61,9 @@ fn study_of_priors_that_are_not_the_generators() {
                 "{world}, {name}: {own:.4} mm, with the robot's laws {matched:.4} mm, ratio {:.2}",
                 own / matched
             );
-            worst = worst.max(own / matched);
+            let worst = if orders { &mut waves } else { &mut sizes };
+            *worst = worst.max(own / matched);
         }
     }
-    assert!(worst < 1.5, "{worst}");
+    assert!(sizes < 1.25 && waves < 2.0, "{sizes} {waves}");
 }

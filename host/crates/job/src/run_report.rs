@@ -5,7 +5,7 @@ use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::validate::{Alignment, ValidationTable};
 use spherecal_model::LaserShot;
 use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
-use spherecal_report::headline::{Error, compared, error_figures, expected_figure};
+use spherecal_report::headline::{Error, compared, error_figures, expected_figures};
 use spherecal_report::{
     ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
 };
@@ -110,7 +110,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
         s.poses.recorded.to_string(),
         format!("{} given up, {} outliers", s.poses.rejected, s.residual.outliers),
     ));
-    figures.extend(s.verdict.expected_error_mm.as_ref().map(expected_figure));
+    figures.extend(expected_figures(e));
     let identified = e.calibration.parameters.iter().filter(|p| p.identified).count();
     figures.push((
         "Parameters".to_owned(),

@@ -3,8 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use spherecal_identify::diagnosis::Diagnosis;
-use spherecal_identify::{EvaluateError, GeometryOnly};
+use spherecal_identify::ExpectedError;
 use spherecal_shared::robot::MdhRow;
 use spherecal_shared::robot::compensator::CompensatedJoint;
 
@@ -12,7 +11,7 @@ use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
 use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_model::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf};
-use spherecal_model::{Chain, write_file};
+use spherecal_model::write_file;
 use spherecal_report::render;
 
 /// Paths of what was written.
@@ -100,12 +99,12 @@ pub(crate) fn calibrated_texts(results: &Results<'_>) -> Result<CalibratedTexts,
     let Results {
         nominal, evaluation, ..
     } = results;
-    let alone = evaluation.calibration.geometry_only().map_err(EvaluateError::from)?;
+    let (alone, expected) = evaluation.geometry_alone()?;
     let mut model = RobotModel::clone(nominal);
     model.robot = alone.robot.clone();
     model.tool.tcp_m = model.tcp_in_flange(alone.tool.tcp_m);
     let rows = model.rows();
-    let notes = notes(results, &model, &alone);
+    let notes = notes(results, &model, alone.apart_mm, expected);
     Ok(CalibratedTexts {
         toml: toml_file::write(&model, &notes) + &effects_toml(results),
         urdf: write_urdf(nominal, &rows, &notes),
@@ -116,7 +115,7 @@ pub(crate) fn calibrated_texts(results: &Results<'_>) -> Result<CalibratedTexts,
 }
 
 /// What a calibrated file says of its origin.
-fn notes(results: &Results<'_>, model: &RobotModel, alone: &GeometryOnly) -> Vec<String> {
+fn notes(results: &Results<'_>, model: &RobotModel, apart_mm: f64, expected: Option<ExpectedError>) -> Vec<String> {
     let evaluation = results.evaluation;
     let verdict = &evaluation.verdict;
     let mut notes = vec![results.origin.clone()];
@@ -136,18 +135,15 @@ fn notes(results: &Results<'_>, model: &RobotModel, alone: &GeometryOnly) -> Vec
             calibrated.mean_mm, nominal.mean_mm, calibrated.n, judged.by
         ));
     }
-    let chain = Chain::unchecked(&alone.robot, &alone.tool);
-    let over = |d: &Diagnosis| d.expected_error_of(|q| chain.pose(q).position);
-    let expected = evaluation.diagnosis.as_ref().map(over).or(alone.expected_error_mm);
     notes.push(match expected {
         Some(e) => format!(
             "this file holds geometry alone: expected error {:.3} mm in the mean over the workspace (95 % interval {:.3} \
              to {:.3} mm), {:.3} mm of it against the full model",
-            e.mean, e.interval[0], e.interval[1], alone.apart_mm
+            e.mean, e.interval[0], e.interval[1], apart_mm
         ),
         None => format!(
             "this file holds geometry alone: {:.3} mm in the mean from the full model over the workspace",
-            alone.apart_mm
+            apart_mm
         ),
     });
     notes.push(

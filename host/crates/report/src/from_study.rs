@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use super::calibration::{correlation, group_table, identifiability_words, parameter_rows};
-use super::headline::{Error, compared, error_figures, expected_figure};
+use super::headline::{Error, compared, error_figures, expected_figures};
 use super::input::{
     ErrorSeries, ErrorTable, Headline, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
 };
@@ -81,7 +81,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         ""
     };
     let mut figures = Vec::new();
-    figures.extend(v.expected_error_mm.as_ref().map(expected_figure));
+    figures.extend(expected_figures(evaluation));
     figures.extend(error_figures(by, nominal, calibrated));
     figures.extend([
         (

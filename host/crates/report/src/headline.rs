@@ -1,6 +1,7 @@
 //! Words and figures of a report's headline, the same for a run and for a study.
 
 use spherecal_identify::ExpectedError;
+use spherecal_identify::evaluate::Evaluation;
 
 /// A figure of a headline: name, value, and what it is.
 pub type Figure = (String, String, String);
@@ -51,14 +52,21 @@ pub fn error_figures(by: &str, nominal: Error, calibrated: Error) -> [Figure; 2]
     })
 }
 
-/// The expected error over the workspace as a figure.
-pub fn expected_figure(expected: &ExpectedError) -> Figure {
-    (
-        "Expected error".to_owned(),
-        format!("{:.3} mm", expected.mean),
-        format!(
-            "mean over the workspace; 95 % interval {:.3} to {:.3} mm",
-            expected.interval[0], expected.interval[1]
-        ),
-    )
+/// The expected error over the workspace as figures: that of the full model, which a compensator
+/// carries out, and that of the geometry alone, which the files hold.
+pub fn expected_figures(evaluation: &Evaluation) -> Vec<Figure> {
+    let Some(full) = &evaluation.verdict.expected_error_mm else {
+        return Vec::new();
+    };
+    let figure = |name: &str, of: &str, error: &ExpectedError| {
+        let [low, high] = error.interval;
+        let what = format!("{of}; mean over the workspace, 95 % interval {low:.3} to {high:.3} mm");
+        (name.to_owned(), format!("{:.3} mm", error.mean), what)
+    };
+    let mut figures = vec![figure("Expected error", "full model, by the compensator", full)];
+    // A geometry that does not converge has no file either.
+    if let Ok((_, Some(alone))) = evaluation.geometry_alone() {
+        figures.push(figure("Geometry alone", "calibrated.urdf in a controller", &alone));
+    }
+    figures
 }

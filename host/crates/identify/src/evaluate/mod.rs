@@ -29,6 +29,7 @@ mod repeats;
 mod tune;
 
 use nalgebra::Vector3;
+use spherecal_model::chain::Chain;
 
 pub use align::{NominalFrames, align};
 pub use error::EvaluateError;
@@ -43,7 +44,8 @@ use crate::diagnosis::{Course, Diagnosis, diagnose, workspace};
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
 use crate::verdict::{Evidence, Verdict, verdict};
-use crate::{Calibration, IdentifyError, Options};
+
+use crate::{Calibration, ExpectedError, GeometryOnly, IdentifyError, Options};
 use fit::{Fit, fit, thinned};
 
 /// Most rows that are left out and have a note each.
@@ -97,6 +99,19 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
+    /// The best geometry alone, as a URDF can hold it, and its expected error over the workspace
+    /// where the data tell it.
+    ///
+    /// # Errors
+    /// The geometry does not converge.
+    pub fn geometry_alone(&self) -> Result<(GeometryOnly, Option<ExpectedError>), EvaluateError> {
+        let alone = self.calibration.geometry_only()?;
+        let chain = Chain::unchecked(&alone.robot, &alone.tool);
+        let over = |d: &Diagnosis| d.expected_error_of(|q| chain.pose(q).position);
+        let expected = self.diagnosis.as_ref().map(over).or(alone.expected_error_mm);
+        Ok((alone, expected))
+    }
+
     /// Errors of all models on the independent instrument's points.
     pub fn table(&self) -> Option<&ValidationTable> {
         self.reference.as_ref().and_then(|r| r.table.as_ref())
