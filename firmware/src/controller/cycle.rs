@@ -65,7 +65,8 @@ impl<const N: usize> Controller<N> {
         let Some(configured) = &self.configured else {
             return self.disabled(self.number(), tick);
         };
-        let Some(snapshot) = Snapshot::on(&self.actuation(), &configured.arm, &state.q, &state.dq) else {
+        let actuation = self.actuation();
+        let Some(snapshot) = Snapshot::on(&actuation, &configured.arm, &state.q, &state.dq) else {
             self.fail(Violation::new(Fault::Internal, 0.0, 0.0));
             return self.bridge(tick);
         };
@@ -119,7 +120,7 @@ impl<const N: usize> Controller<N> {
         let poles = if rests {
             [0.0; N]
         } else {
-            poles(&self.actuation().motors, gain, corner)
+            poles(&actuation.motors, gain, corner)
         };
         let correction = self
             .torque_loop

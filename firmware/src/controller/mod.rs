@@ -6,11 +6,11 @@
 //! ```
 //!
 //! `tick` allocates nothing, has bounded loops and returns a command for every
-//! state. It gives no torque outside of a session with a drive. While drive states are unusable it repeats the last torque for some
-//! ticks; then it asks for the brakes. It also asks for the brakes if the motors do
-//! not deliver the commanded torque or an encoder sticks. Every other fault ends in
-//! a joint spring-damper about the position where the fault happened, with gravity
-//! compensation.
+//! state. It gives no torque outside of a session with a drive. While drive states
+//! are unusable it repeats the last torque for some ticks; then it asks for the
+//! brakes. It also asks for the brakes if the motors do not deliver the commanded
+//! torque or an encoder sticks. Every other fault ends in a joint spring-damper
+//! about the position where the fault happened, with gravity compensation.
 
 mod accept;
 mod cycle;
