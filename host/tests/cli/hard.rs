@@ -33,7 +33,7 @@ const CASES: [(&str, &str, &str); 11] = [
         "1",
         "[plant.drive]\nstate_delay_s = 0.001\ncommand_delay_s = 0.0005\njitter_s = 0.002\n",
     ),
-    // With this seed the way to the first sphere leads along aligned joints.
+    // With this seed the joint spring of free motions was unstable.
     (
         "4 ms of delay, seed 3",
         "3",
