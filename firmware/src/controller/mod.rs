@@ -29,7 +29,7 @@ use spherecal_shared::robot::Arm;
 
 use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
 use crate::phases::{Activity, CartesianState};
-use crate::safety::{Admission, SafetyMonitor};
+use crate::safety::{Admission, Instability, SafetyMonitor};
 use schedule::Schedule;
 use session::DriveSession;
 
@@ -65,6 +65,7 @@ pub struct Controller<const N: usize> {
     period_s: f64,
 
     safety: SafetyMonitor<N>,
+    instability: Instability<N>,
     observer: Observer<N>,
     shaper: TorqueShaper<N>,
     torque_loop: TorqueLoop<N>,
@@ -107,6 +108,7 @@ impl<const N: usize> Default for Controller<N> {
             session: None,
             period_s: 1e-3,
             safety: SafetyMonitor::default(),
+            instability: Instability::default(),
             observer: Observer::default(),
             shaper: TorqueShaper::default(),
             torque_loop: TorqueLoop::default(),

@@ -5,6 +5,7 @@ mod approaches;
 mod campaign;
 mod contact;
 mod faults;
+mod instability;
 mod law;
 mod placements;
 mod plant;
