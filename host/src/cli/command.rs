@@ -3,6 +3,7 @@
 use clap::{Parser, Subcommand};
 
 use super::args::{RunArgs, StoredArgs};
+use super::collect::CollectArgs;
 use super::doctor::DoctorArgs;
 use super::export::ExportArgs;
 use super::faults::FaultsArgs;
@@ -72,6 +73,8 @@ pub enum Command {
     #[command(after_help = "Example: spherecal teach --out cell-4 && \
                             spherecal run --waypoints cell-4/waypoints.toml --out cell-4")]
     Teach(RunArgs),
+    /// Guide the arm by hand, and collect its contacts for `identify`; commands no torque.
+    Collect(Box<CollectArgs>),
     /// Hold still for long at some poses, and check whether recordings of one second are long
     /// enough; writes stability.html and stability.json.
     #[command(after_help = "Example: spherecal stability --hold-s 30 --places 4 --out cell-4")]

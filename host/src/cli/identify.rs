@@ -81,6 +81,10 @@ pub struct IdentifyArgs {
     /// Options as TOML: noise, priors and fixed parameters, harmonics.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
+    /// Expect the errors of an arm without a factory calibration, such as a Franka: joint offsets of 20 mrad, lengths of
+    /// 1 mm, twists of 3 mrad (1 sigma). A prior in --config stays.
+    #[arg(long, requires = "data")]
+    pub uncalibrated: bool,
     /// Seed of what draws at random.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -128,6 +132,9 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, Stu
     }
     if args.config.is_none() || args.model != Model::Full {
         options.model = args.model;
+    }
+    if args.uncalibrated {
+        options.parameters.expect_uncalibrated();
     }
     if let Some(seed) = args.seed {
         options.seed = seed;

@@ -20,6 +20,7 @@ use super::interrupt::interrupt;
 use super::listening::{announce, warn_if_open};
 use super::out::errln;
 use spherecal_job::{self as job, Config, JobError};
+use spherecal_sim::GuidedArm;
 
 /// Interval at which the simulated application and Ctrl-C are looked after.
 const LOOK: Duration = Duration::from_millis(50);
@@ -50,6 +51,10 @@ pub struct PlantArgs {
     /// no reflex. A real robot does not wait.
     #[arg(long)]
     pub tolerant: bool,
+    /// A simulated hand guides the arm, which then follows no command: to the joint angles of this table
+    /// (CSV without a header, seven angles in rad a line), with 1.7 s at each, and 5 s at the first.
+    #[arg(long, value_name = "FILE.csv")]
+    pub guide: Option<PathBuf>,
     /// Seed of the arm's errors and noise. Use the run's seed for the same arm.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -76,6 +81,30 @@ impl PlantArgs {
     }
 }
 
+/// Time that the simulated hand rests at each pose, in s.
+const HAND_RESTS_S: f64 = 1.7;
+
+/// The arm that a simulated hand guides to the poses of a file.
+fn guided(config: &Config, path: &std::path::Path) -> Result<GuidedArm, CliError> {
+    let text = spherecal_model::read_text(path, 1 << 20, "seven joint angles a line").map_err(CliError::input)?;
+    let mut poses = Vec::new();
+    for (line, number) in text.lines().zip(1..) {
+        let angles: Option<Vec<f64>> = line.split(',').map(|cell| cell.trim().parse().ok()).collect();
+        let finite = |pose: &[f64; 7]| pose.iter().all(|q| q.abs() < 10.0);
+        let pose = angles.and_then(|a| <[f64; 7]>::try_from(a).ok()).filter(finite);
+        poses.push(pose.ok_or_else(|| {
+            CliError::input(format!(
+                "{}: line {number}: give seven angles in rad, with commas",
+                path.display()
+            ))
+        })?);
+    }
+    let model = job::loaded_model(config)?;
+    GuidedArm::new(&model, &poses, HAND_RESTS_S, config.seed)
+        .map_err(CliError::input)?
+        .ok_or_else(|| CliError::input(format!("{}: give at least one line of angles", path.display())))
+}
+
 /// `[HOST:]PORT`; a port alone is on this machine only.
 fn address(text: &str) -> Result<SocketAddr, CliError> {
     text.parse()
@@ -96,7 +125,10 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
         let robot = if version.is_panda() { "panda" } else { "fr3" };
         robot.clone_into(&mut config.robot);
     }
-    let arm = job::simulated_robot(&config, (0.0, 0.0))?;
+    let arm: Box<dyn spherecal_fci::robot::Arm> = match &args.guide {
+        Some(path) => Box::new(guided(&config, path)?),
+        None => Box::new(job::simulated_robot(&config, (0.0, 0.0))?),
+    };
     let mut side = RobotConfig::new(version);
     side.address = match &args.listen {
         Some(text) => address(text)?,
@@ -108,8 +140,9 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
     warn_if_open("plant", side.address);
     let asked = side.address;
     let interrupt = interrupt()?;
-    let side = RobotSide::start(side, Box::new(arm))
+    let side = RobotSide::start(side, arm)
         .map_err(|error| CliError::input(format!("cannot listen at {asked}: {error}; is another robot running?")))?;
+    side.controls().guiding.store(args.guide.is_some(), Ordering::Relaxed);
     announce(&format!(
         "Franka Control Interface, version {number} ({}), on franka:{}",
         config.robot,
@@ -137,7 +170,10 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     let config = args.configuration()?;
     // As much damping as stiffness for an inertia of 1 kg m2 and Lehr's damping ratio 0.7.
     let damping = 1.4 * args.stiffness.sqrt();
-    let arm = job::simulated_robot(&config, (args.stiffness, damping))?;
+    let arm: Box<dyn spherecal_fri::robot::Arm> = match &args.guide {
+        Some(path) => Box::new(guided(&config, path)?),
+        None => Box::new(job::simulated_robot(&config, (args.stiffness, damping))?),
+    };
     let mut side = CabinetConfig {
         client,
         ..CabinetConfig::new()
@@ -151,12 +187,13 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     }
     warn_if_open("plant", client);
     let interrupt = interrupt()?;
-    let side = CabinetSide::start(side, Box::new(arm))
-        .map_err(|error| CliError::job(format!("cannot send to {client}: {error}")))?;
+    let side =
+        CabinetSide::start(side, arm).map_err(|error| CliError::job(format!("cannot send to {client}: {error}")))?;
     announce(&format!(
         "Fast Robot Interface ({}), sending to fri:{client}",
         config.robot
     ));
+    side.controls().guiding.store(args.guide.is_some(), Ordering::Relaxed);
     // The application: a person confirms each motion at once.
     side.controls().command.store(true, Ordering::Relaxed);
     let mut without_motion = Instant::now();

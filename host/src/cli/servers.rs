@@ -64,6 +64,9 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
     if let Some(client) = args.fri {
         return robot_sides::kuka(args, client);
     }
+    if args.guide.is_some() {
+        return Err(CliError::input("--guide: give --fci or --fri with it"));
+    }
     if args.tolerant {
         return Err(CliError::input("--tolerant: give --fci or --fri with it"));
     }

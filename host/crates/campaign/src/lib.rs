@@ -21,6 +21,7 @@
 //! configuration, and retreats from the sphere. The campaign sees only the host link: neither the
 //! plant nor its truth.
 
+pub mod collect;
 mod error;
 mod observe;
 mod operate;

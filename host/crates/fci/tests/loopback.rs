@@ -305,6 +305,16 @@ fn the_observer_reads_and_never_commands() {
     }
 }
 
+// Fails if a client that connects right after the one before it has left is turned away.
+#[test]
+fn a_client_that_left_makes_room_at_once() {
+    let (side, _arm) = robot(Version::V5);
+    for k in 0..30 {
+        let observer = Observer::connect(&config(side.address()));
+        assert!(observer.is_ok(), "connection {k}: {:?}", observer.err());
+    }
+}
+
 // Fails if a client that may not speak the robot's version connects, or its error does not name both.
 #[test]
 fn a_version_that_is_not_permitted_is_an_error() {

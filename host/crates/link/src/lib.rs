@@ -35,6 +35,7 @@ mod journal;
 pub mod native;
 pub mod qemu;
 mod serial;
+mod state_reader;
 pub mod tcp;
 
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
@@ -47,6 +48,7 @@ pub use fault::fault_name;
 pub use in_process::{InProcess, controller_in_process};
 pub use journal::{Journal, JournalError};
 pub use serial::Serial;
+pub use state_reader::{DriveReader, FrankaReader, JointReading, KukaReader, StateReader};
 
 /// Why a link failed for good. Frames that were lost, damaged or repeated are repaired and counted;
 /// they are not errors.

@@ -18,6 +18,7 @@
 //! spheres. [`teach`] adds the operator's error. [`Scene`] plans the moves between what the plan lists:
 //! clear of spheres, plate and arm, also after a fault.
 
+mod advice;
 mod bounds;
 mod build;
 mod candidates;
@@ -43,6 +44,7 @@ mod travel;
 mod types;
 mod way;
 
+pub use advice::{Advised, PoseAdvice};
 pub use bounds::Bounds;
 pub use build::{PlanRequest, paper_plan, plan, spread_plan};
 pub use candidates::Range;

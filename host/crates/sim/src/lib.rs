@@ -15,6 +15,7 @@
 //! Decorators inject the faults: no crate below or beside this one knows of them. The plant passes
 //! to a controller only what real hardware shows.
 
+mod guided;
 mod hand_guided;
 pub mod inject;
 mod lossy;
@@ -24,6 +25,7 @@ mod simulated;
 mod tracker;
 pub mod worlds;
 
+pub use guided::GuidedArm;
 pub use hand_guided::{OperatorCall, hand_guided_arm};
 pub use lossy::{Injected, InjectedCounter, Lossy, LossyDevice, LossyError, LossyLink};
 pub use robot_side::RobotArm;

@@ -251,6 +251,11 @@ impl Server {
     /// Accepts a client and answers its requests.
     fn serve(&mut self) {
         if let Ok((stream, peer)) = self.listener.accept() {
+            // A client that has left before this one came makes room for it.
+            if self.session.as_mut().is_some_and(|session| !session.poll()) {
+                self.session = None;
+                self.supervisor.client_gone();
+            }
             match &self.session {
                 // One client at a time: a second one is turned away.
                 Some(_) => drop(stream),

@@ -134,7 +134,7 @@ fn this_robot(diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
     } else {
         format!(
             "the poses scatter by {noise:.1} mm about the best model: check that robot, tool, plate and units are those \
-             of these data"
+             of these data; give --uncalibrated for an arm that was never calibrated"
         )
     };
     checks.push(Check::new(
