@@ -9,7 +9,7 @@
 //! state. It gives no torque outside of a session with a drive. While drive states
 //! are unusable it repeats the last torque for some ticks; then it asks for the
 //! brakes. It also asks for the brakes if the motors do not deliver the commanded
-//! torque or an encoder sticks. Every other fault ends in a joint spring-damper
+//! torque, an encoder sticks, or control itself sets the arm in motion. Every other fault ends in a joint spring-damper
 //! about the position where the fault happened, with gravity compensation.
 
 mod accept;
@@ -192,6 +192,7 @@ impl<const N: usize> Controller<N> {
             ticks: self.ticks,
             missed: self.safety.missed(),
             late: self.schedule.late(),
+            simulated: self.session.as_ref().is_some_and(|session| session.simulated),
             ..Statistics::default()
         };
         statistics.link.overflow = self.overflow;

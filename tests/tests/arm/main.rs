@@ -5,7 +5,6 @@ mod approaches;
 mod campaign;
 mod contact;
 mod faults;
-mod instability;
 mod law;
 mod placements;
 mod plant;

@@ -49,6 +49,7 @@ pub mod arcs;
 mod calibration;
 mod chain;
 mod choice;
+mod compensate;
 pub mod diagnosis;
 mod distance;
 mod effects;
