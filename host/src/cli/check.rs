@@ -12,7 +12,7 @@ use spherecal_model::input::triple;
 use super::args::BadValue;
 use super::collect::{CollectArgs, arm_link, gather};
 use super::exit::{CliError, Exit};
-use super::out::outln;
+use super::out::{errln, outln};
 
 /// Tell from a dozen contacts how wrong a robot's forward kinematics is, and whether a calibration still holds.
 ///
@@ -173,6 +173,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit, CliError> {
             data.display()
         )));
     }
+    errln!("Fitting the model to the contacts ...");
     let found = check(&loaded.recordings.experiment, &Options::default()).map_err(|error| refuse(error.into()))?;
     let answer = Answer::of(&found.error_mm, args.within_mm);
     if args.json {
