@@ -13,7 +13,7 @@ import struct
 import sys
 
 # First eight bytes of each message type's schema hash: another layout, another key.
-HELLO_KEY = bytes.fromhex("6ebac403381c88b1")
+HELLO_KEY = bytes.fromhex("0b2407ca61225e77")
 STATE_KEY = bytes.fromhex("a14694c683ea7ec3")
 COMMAND_KEY = bytes.fromhex("4bfd99ec80fc0db9")
 
@@ -144,7 +144,8 @@ def hello_body(hello):
         body += struct.pack("<4d", *limit)
     body += varint(hello["period_us"]) + bytes([hello["compensates_gravity"]])
     body += varint(hello["torque_sign"]) + bytes([hello["lock_step"]])
-    return body + floats(hello["motor_kg_m2"]) + varint(hello["latency_us"])
+    body += floats(hello["motor_kg_m2"]) + varint(hello["latency_us"])
+    return body + bytes([hello["simulated"]])
 
 
 def state_body(state):
@@ -167,6 +168,7 @@ def read_hello(reader):
     hello["lock_step"] = reader.flag()
     hello["motor_kg_m2"] = reader.floats()
     hello["latency_us"] = reader.varint()
+    hello["simulated"] = reader.flag()
     return hello
 
 

@@ -118,6 +118,8 @@ def serve(arm, limits, args):
         # Motors that the torque of a joint has to move besides its link; none here.
         "motor_kg_m2": [],
         "latency_us": 0,
+        # Results over this drive are marked as simulated.
+        "simulated": True,
     }
     tick = 0
     server = socket.create_server(("127.0.0.1", args.port))

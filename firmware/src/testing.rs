@@ -10,8 +10,7 @@ use nalgebra::{SVector, Vector3};
 use spherecal_shared::Joints;
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 use spherecal_shared::protocol::host::{
     ApproachCommand, Command, Event, Fault, FaultReport, Phase, PoseCommand, Recording, Refusal,
 };
@@ -26,15 +25,8 @@ pub(crate) const HOME: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.241_592_653_589_7
 /// The handshake of a drive for the built-in arm at 1 kHz.
 pub(crate) fn hello() -> DriveHello {
     DriveHello {
-        protocol: PROTOCOL_VERSION,
-        session: 1,
-        limits: iiwa7().joints.iter().map(|joint| joint.limits).collect(),
-        period_us: 1000,
-        compensates_gravity: false,
-        torque_sign: TorqueSign::OfActuator,
         lock_step: true,
-        motor_kg_m2: Joints::new(),
-        latency_us: 0,
+        ..DriveHello::new(1, iiwa7().joints.iter().map(|joint| joint.limits))
     }
 }
 

@@ -17,8 +17,7 @@ pub use host::{config, csv, database, events, robots};
 use spherecal_firmware::Node;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 use spherecal_shared::protocol::frame::{self, Accumulator, MAX_FRAME, Message};
 use spherecal_shared::protocol::host::{Command, Downlink, Uplink};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
@@ -95,15 +94,8 @@ fn state(tick: u64, q: &[f64; 7]) -> DriveState {
 
 fn hello() -> DriveHello {
     DriveHello {
-        protocol: PROTOCOL_VERSION,
-        session: 1,
-        limits: iiwa7().joints.iter().map(|joint| joint.limits).collect(),
-        period_us: 1000,
-        compensates_gravity: false,
-        torque_sign: TorqueSign::OfActuator,
         lock_step: true,
-        motor_kg_m2: Joints::new(),
-        latency_us: 0,
+        ..DriveHello::new(1, iiwa7().joints.iter().map(|joint| joint.limits))
     }
 }
 

@@ -27,8 +27,7 @@ use spherecal_firmware::law::{
 };
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveHello, DriveState, DriveStatus, TorqueSign};
+use spherecal_shared::protocol::drive::{DriveHello, DriveState, DriveStatus};
 use spherecal_shared::protocol::host::{ApproachCommand, Command};
 use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
 
@@ -110,15 +109,8 @@ fn controller_case() -> Box<dyn FnMut()> {
     procedure.approach.speed_m_s = 1e-4;
     let mut controller = Controller::<7>::default();
     let hello = DriveHello {
-        protocol: PROTOCOL_VERSION,
-        session: 1,
-        limits: iiwa7().joints.iter().map(|joint| joint.limits).collect(),
-        period_us: 1000,
-        compensates_gravity: false,
-        torque_sign: TorqueSign::OfActuator,
         lock_step: true,
-        motor_kg_m2: Joints::new(),
-        latency_us: 0,
+        ..DriveHello::new(1, iiwa7().joints.iter().map(|joint| joint.limits))
     };
     controller.connect(&hello).expect("a drive that fits");
     controller.command(Command::Robot(iiwa7())).expect("a robot");

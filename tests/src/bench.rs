@@ -11,8 +11,7 @@ use spherecal::link::Controller;
 use spherecal_shared::Joints;
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 use spherecal_shared::protocol::frame::{self, Accumulator, MAX_FRAME, Message};
 use spherecal_shared::protocol::host::{
     ApproachCommand, Banner, Command, Downlink, Event, Fault, Phase, PoseCommand, Recording, Uplink,
@@ -53,15 +52,8 @@ pub fn framed<M: Message>(message: &M, sequence: u32) -> Vec<u8> {
 /// What a drive that carries the iiwa 7 says of itself.
 pub fn hello() -> DriveHello {
     DriveHello {
-        protocol: PROTOCOL_VERSION,
-        session: 1,
-        limits: iiwa7().joints.iter().map(|j| j.limits).collect(),
-        period_us: 1000,
-        compensates_gravity: false,
-        torque_sign: TorqueSign::OfActuator,
         lock_step: true,
-        motor_kg_m2: Joints::new(),
-        latency_us: 0,
+        ..DriveHello::new(1, iiwa7().joints.iter().map(|joint| joint.limits))
     }
 }
 

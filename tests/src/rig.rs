@@ -78,7 +78,7 @@ impl Rig {
         let plant = Plant::new(&iiwa7(), &iiwa7_tool(), config, q).expect("a plant");
         let mut controller = Controller::default();
         let hello = DriveHello {
-            motor_kg_m2: plant.visible_motors().iter().copied().collect(),
+            motor_kg_m2: plant.declared_motors().iter().copied().collect(),
             latency_us: (plant.latency_s() * 1e6) as u32,
             ..crate::bench::hello()
         };

@@ -31,13 +31,17 @@ const EVENTS: usize = 9;
 /// Places for telemetry samples that wait for the link.
 const SAMPLES: usize = 33;
 
-/// What the control task reports at the end of a tick.
+/// What the control task reports at the end of a tick: of the [`Statistics`] only what the
+/// control path counts. Interrupts wait while it is copied, so it is small.
 #[derive(Clone, Copy, Debug)]
 struct TickReport {
     /// Device time that the control path was given.
     now: Instant,
-    /// Counters of the control path.
-    statistics: Statistics,
+    ticks: u64,
+    missed: u32,
+    late: u32,
+    overflow: u32,
+    simulated: bool,
 }
 
 /// The queues between control task and host link.
@@ -168,7 +172,14 @@ impl<M: RawMutex> HostPort for ControlSide<'_, M> {
     }
 
     fn finish_tick(&mut self, now: Instant, statistics: Statistics) {
-        self.signal.ticked.signal(TickReport { now, statistics });
+        self.signal.ticked.signal(TickReport {
+            now,
+            ticks: statistics.ticks,
+            missed: statistics.missed,
+            late: statistics.late,
+            overflow: statistics.link.overflow,
+            simulated: statistics.simulated,
+        });
     }
 }
 
@@ -222,7 +233,14 @@ impl<M: RawMutex> CommandPort for LinkSide<'_, M> {
     }
 
     fn statistics(&self) -> Statistics {
-        let mut statistics = self.report.map(|report| report.statistics).unwrap_or_default();
+        let mut statistics = Statistics::default();
+        if let Some(report) = &self.report {
+            statistics.ticks = report.ticks;
+            statistics.missed = report.missed;
+            statistics.late = report.late;
+            statistics.simulated = report.simulated;
+            statistics.link.overflow = report.overflow;
+        }
         statistics.link.overflow = statistics.link.overflow.saturating_add(self.signal.dropped());
         statistics
     }

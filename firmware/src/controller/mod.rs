@@ -190,6 +190,7 @@ impl<const N: usize> Controller<N> {
             ticks: self.ticks,
             missed: self.safety.missed(),
             late: self.schedule.late(),
+            simulated: self.session.as_ref().is_some_and(|session| session.simulated),
             ..Statistics::default()
         };
         statistics.link.overflow = self.overflow;

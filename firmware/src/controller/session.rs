@@ -28,6 +28,7 @@ pub(super) struct DriveSession<const N: usize> {
     pub(super) torque_reversed: bool,
     pub(super) limits: [JointLimits; N],
     pub(super) actuation: Actuation<N>,
+    pub(super) simulated: bool,
 }
 
 impl<const N: usize> DriveSession<N> {
@@ -61,6 +62,7 @@ impl<const N: usize> DriveSession<N> {
             torque_reversed: hello.torque_sign == TorqueSign::OfLink,
             limits,
             actuation: Actuation::new(motors, delay_s),
+            simulated: hello.simulated,
         })
     }
 }

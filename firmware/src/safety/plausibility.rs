@@ -60,6 +60,9 @@ pub(crate) fn plausible<const N: usize>(state: &DriveState) -> Option<JointState
 #[derive(Clone, Debug)]
 pub(crate) struct Plausibility<const N: usize> {
     last: Option<JointState<N>>,
+    /// The good state before `last`, if the arm was not seen between them and no later
+    /// state has confirmed `last`. A false angle may have passed as motion.
+    before: Option<JointState<N>>,
     /// Tick of the last state that was checked, good or not.
     tick: u64,
     /// Ticks since the last good state in which the arm was not seen. It may have
@@ -77,6 +80,7 @@ impl<const N: usize> Default for Plausibility<N> {
     fn default() -> Self {
         Self {
             last: None,
+            before: None,
             tick: 0,
             unseen: 0,
             same: 0,
@@ -113,23 +117,24 @@ impl<const N: usize> Plausibility<N> {
         };
         self.unseen = self.unseen.saturating_add(gap.saturating_sub(1));
         let elapsed_s = self.unseen.saturating_add(1) as f64 * period_s;
+        if let Some(violation) = jump(last, state, elapsed_s, joints, limits) {
+            let stands = |before| jump(before, state, 0.0, joints, limits).is_none();
+            if !self.before.as_ref().is_some_and(stands) {
+                return Some(violation);
+            }
+            // The one state after the gap was false: the arm stands where it stood before.
+            self.last = Some(*state);
+            self.before = None;
+            self.unseen = 0;
+            self.same = 0;
+            return None;
+        }
+        self.before = self.last.filter(|_| self.unseen > 0);
         let mut change = 0.0;
         let mut fastest = 0.0f64;
         let (mut stuck_joint, mut others) = (None, false);
         for i in 0..N {
             let moved = (state.q[i] - last.q[i]).abs();
-            // By the earlier speed: the later one may be computed from the jump.
-            let limit = joints[i].velocity_rad_s;
-            let speed = limit.max(last.dq[i].abs().min(FASTEST_FACTOR * limit));
-            let most = speed * SPEED_FACTOR * elapsed_s + limits.jump_rad;
-            if moved > most {
-                return Some(Violation {
-                    fault: Fault::PositionJump,
-                    joint: i as u8 + 1,
-                    value: moved,
-                    limit: most,
-                });
-            }
             others |= moved > 0.0;
             stuck_joint = stuck_joint.or(stuck_encoder(&mut self.stuck[i], i, moved, sent, &joints[i], limits));
             change += moved + (state.dq[i] - last.dq[i]).abs() + (state.tau[i] - last.tau[i]).abs();
@@ -163,6 +168,34 @@ impl<const N: usize> Plausibility<N> {
         (allowed > 0 && self.same > allowed && alive)
             .then(|| Violation::new(Fault::StaleState, f64::from(self.same), f64::from(allowed)))
     }
+}
+
+/// The first joint that cannot have moved from the state `from` to `state` in
+/// `elapsed_s` seconds.
+#[inline]
+fn jump<const N: usize>(
+    from: &JointState<N>,
+    state: &JointState<N>,
+    elapsed_s: f64,
+    joints: &[JointLimits; N],
+    limits: &Limits,
+) -> Option<Violation> {
+    for (i, joint) in joints.iter().enumerate() {
+        let moved = (state.q[i] - from.q[i]).abs();
+        // By the earlier speed: the later one may be computed from the jump.
+        let limit = joint.velocity_rad_s;
+        let speed = limit.max(from.dq[i].abs().min(FASTEST_FACTOR * limit));
+        let most = speed * SPEED_FACTOR * elapsed_s + limits.jump_rad;
+        if moved > most {
+            return Some(Violation {
+                fault: Fault::PositionJump,
+                joint: i as u8 + 1,
+                value: moved,
+                limit: most,
+            });
+        }
+    }
+    None
 }
 
 /// Whether the encoder of joint `i` sticks: its angle stays the same although the
@@ -231,6 +264,22 @@ mod tests {
         assert_eq!(look(104, 0.1, 1.0), None);
         // While it is seen it cannot be.
         assert!((105..1000).all(|tick| look(tick, 0.2, 1.0).is_some()));
+    }
+
+    // Fails if one false angle after a gap becomes the place from which all true angles
+    // are jumps, or if an arm that stays away after the gap may come back at once.
+    #[test]
+    fn one_false_angle_after_a_gap_is_forgotten() {
+        let limits = Limits::default();
+        let run = |away: u64| {
+            let mut watch = Plausibility::default();
+            let mut look = |tick, q| watch.check(tick, &at(q, tick as f64), &[0.0; 7], &joints(), &limits, 1e-3);
+            assert_eq!(look(1, 0.0), None);
+            assert!((5..5 + away).all(|tick| look(tick, 0.012).is_none()));
+            look(5 + away, 0.0)
+        };
+        assert_eq!(run(1), None);
+        assert_eq!(run(2).map(|found| found.fault), Some(Fault::PositionJump));
     }
 
     // Fails if a frozen drive is not found in time, or if a simulator without

@@ -64,7 +64,8 @@ pub struct IdentifyArgs {
     /// Table of poses that judge the result.
     #[arg(long, value_name = "FILE.csv")]
     pub validate: Option<PathBuf>,
-    /// Hold each value of this column out in turn: place, a column of your own, or sphere where the plate has four or more.
+    /// Hold each value of this column out in turn: place, coupling (rows on one sphere that follow each other), region
+    /// (of the joints), a column of your own, or sphere where the plate has four or more.
     #[arg(long, value_name = "COLUMN")]
     pub holdout: Option<String>,
     /// Mean error of the TCP over the workspace that is asked for, in mm: a worse result is refused.

@@ -22,7 +22,8 @@ fn run(folder: &Path, link: &str) -> Value {
 
 // Fails if a run whose plant, or whose plant and controller, are other
 // processes records one other bit than a run in one process, loses or damages
-// a frame, or if the servers do not end when told to serve once.
+// a frame, if its results are not marked as simulated, or if the servers do not
+// end when told to serve once.
 #[test]
 fn three_processes_record_the_bits_of_one() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -32,6 +33,7 @@ fn three_processes_record_the_bits_of_one() {
     let plant = Server::start(&["plant", "--listen", "0", "--seed", "5", "--once"]);
     let there = run(folder.path(), &format!("tcp:{}", plant.address));
     assert_eq!(there["recordings_sha256"], here["recordings_sha256"]);
+    assert_eq!(there["simulated"], true);
     plant.ended_well();
 
     let plant = Server::start(&["plant", "--listen", "0", "--seed", "5", "--once"]);
@@ -45,6 +47,7 @@ fn three_processes_record_the_bits_of_one() {
         (&0.into(), &0.into())
     );
     assert_eq!(apart["faults"], Value::Array(Vec::new()));
+    assert_eq!(apart["simulated"], true);
     controller.ended_well();
     plant.ended_well();
 }

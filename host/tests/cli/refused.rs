@@ -8,7 +8,10 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 use std::sync::LazyLock;
 
+use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
+use spherecal::model::Chain;
+use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 use crate::support::{spherecal, text};
 
@@ -212,6 +215,54 @@ fn contradicted_inputs_are_refused_with_their_cause() {
     }
     let case = Case::new(&jumped, &PLATE);
     case.refused(&case.identify(&[]), 3, &["the encoder of joint 2 jumped"]);
+
+    let mut drifting = SOUND.clone();
+    let last = drifting.len() as f64;
+    for (k, contact) in drifting.iter_mut().enumerate() {
+        contact.q[1] += 3e-3 * k as f64 / last;
+    }
+    let case = Case::new(&drifting, &PLATE);
+    case.refused(&case.identify(&[]), 3, &["the encoder of joint 2 drifted"]);
+}
+
+/// The contacts where the tool centre is displaced by `by(index)` (F0, m): the arm follows.
+fn displaced(by: impl Fn(usize) -> Vector3<f64>) -> Vec<Contact> {
+    let (robot, tool) = (iiwa7(), iiwa7_tool());
+    let chain = Chain::unchecked(&robot, &tool);
+    let mut contacts = SOUND.clone();
+    for (k, contact) in contacts.iter_mut().enumerate() {
+        let target = chain.pose(&contact.q).position + by(k);
+        for _ in 0..5 {
+            let tcp = chain.pose(&contact.q).position;
+            let columns: Vec<Vector3<f64>> = chain
+                .frames(&contact.q)
+                .iter()
+                .map(|f| f.z().cross(&(tcp - f.position)))
+                .collect();
+            let square = columns.iter().fold(Matrix3::zeros(), |s, c| s + c * c.transpose());
+            let pull = square.try_inverse().expect("not singular") * (target - tcp);
+            for (angle, column) in contact.q.iter_mut().zip(&columns) {
+                *angle += column.dot(&pull);
+            }
+        }
+    }
+    contacts
+}
+
+// Fails if a plate that slipped or drifted, or a sphere that moved between two visits, may be
+// used, or is refused without its cause and size.
+#[test]
+fn plates_that_moved_are_refused_with_their_cause() {
+    let half = SOUND.len() / 2;
+    for (mm, words) in [(1.0, "the plate slipped by"), (10.0, "the plate slipped by")] {
+        let aside = Vector3::new(-0.6, 0.8, 0.0) * (mm * 1e-3);
+        let case = Case::new(&displaced(|k| if k < half { Vector3::zeros() } else { aside }), &PLATE);
+        case.refused(&case.identify(&[]), 3, &[words, "data.csv line"]);
+    }
+    let aside = Vector3::new(1e-3, 0.0, 0.0);
+    let last = SOUND.len() as f64;
+    let case = Case::new(&displaced(|k| aside * (k as f64 / last)), &PLATE);
+    case.refused(&case.identify(&[]), 3, &["the plate drifted by"]);
 }
 
 // Fails if rows that cannot tell the scale may be used, if copies of rows make the result

@@ -119,4 +119,27 @@ pub struct DriveHello {
     /// Delay of the drive, in µs: age of a state when it is sent, and time until the
     /// answering command acts, together. One period is not counted.
     pub latency_us: u32,
+    /// Whether the drive moves a simulated arm. Everything that a run over it writes is
+    /// then marked as simulated.
+    pub simulated: bool,
+}
+
+impl DriveHello {
+    /// A real drive at 1 kHz that hides its motors and its delay: no gravity of its own,
+    /// torques of the actuators, not in lock-step. `session` is never [`NO_SESSION`];
+    /// `limits` are those of each joint, base to flange.
+    pub fn new(session: u32, limits: impl IntoIterator<Item = JointLimits>) -> Self {
+        Self {
+            protocol: super::PROTOCOL_VERSION,
+            session,
+            limits: limits.into_iter().take(MAX_JOINTS).collect(),
+            period_us: 1000,
+            compensates_gravity: false,
+            torque_sign: TorqueSign::OfActuator,
+            lock_step: false,
+            motor_kg_m2: Joints::new(),
+            latency_us: 0,
+            simulated: false,
+        }
+    }
 }

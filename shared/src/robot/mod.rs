@@ -37,6 +37,7 @@
 mod arm;
 mod builtin;
 mod builtin_arms;
+pub mod compensator;
 mod describe;
 mod dynamics;
 pub mod elbow;

@@ -218,7 +218,8 @@ fn six_joints_work_alike() {
 /// what was commanded.
 #[test]
 fn tracker_shots_show_the_true_point() {
-    let config = PlantConfig::typical();
+    let mut config = PlantConfig::typical();
+    config.tracker.remount_m = 0.6e-3;
     let mut plant = Plant::<7>::new(&iiwa7(), &iiwa7_tool(), &config, &[0.0; 7]).expect("a plant");
     let q = [0.4, 0.8, -0.3, -1.1, 0.6, 0.9, -0.5];
     let frame = plant.tracker_frame();

@@ -14,6 +14,7 @@ fn elastic(substep_s: f64) -> PlantConfig {
     config.elasticity.enabled = true;
     config.elasticity.damping_nm_s = 0.0;
     config.inertia.rotors = true;
+    config.inertia.rotor_sigma = 0.0;
     config.inertia.rotor_share = 1.0;
     config
 }

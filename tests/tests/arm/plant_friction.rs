@@ -43,6 +43,7 @@ fn error(case: &Trajectory, substep_s: f64) -> f64 {
     config.friction.coulomb_nm = [case.coulomb; 2];
     config.friction.viscous_nm_s = [case.viscous; 2];
     config.inertia.rotors = true;
+    config.inertia.rotor_sigma = 0.0;
     config.inertia.rotor_share = 1.0;
     config.inertia.rotor_kg_m2[..7].copy_from_slice(&case.armature);
     // The reference torques are not bounded.

@@ -1,6 +1,7 @@
 //! Identification, planning and the worlds: against the bound, the literature,
 //! stored worlds and data of other robots.
 
+mod headers;
 mod identifiability;
 mod laser_validate;
 mod mukca;
@@ -12,3 +13,4 @@ mod verdicts;
 mod worlds;
 mod worlds_compare;
 mod worlds_generator;
+mod wrong_priors;

@@ -49,6 +49,8 @@ enum Broken {
     CrossJoint(f64),
     /// Joint deflection has a term quadratic in the torque (rad/(N m)²).
     Quadratic(f64),
+    /// The links grow by this in the first hour (m).
+    Links(f64),
     /// Harmonics of orders 3 to 6 (rad each).
     Harmonics(f64),
 }
@@ -87,6 +89,11 @@ fn record(world: World, broken: Broken, seed: u64, poses: &[PlannedPose]) -> Tri
     match broken {
         Broken::CrossJoint(rad) => plant.encoder.cross_rad = rad,
         Broken::Quadratic(size) => plant.compliance.quadratic_rad_per_nm2 = size,
+        Broken::Links(size) => {
+            plant.thermal.enabled = true;
+            plant.thermal.links_m = [size; 2];
+            plant.thermal.plate_m = [0.0; 2];
+        }
         Broken::Harmonics(rad) => plant.encoder.harmonic_rad.extend([rad; 4]),
         _ => {}
     }
@@ -124,7 +131,7 @@ fn record(world: World, broken: Broken, seed: u64, poses: &[PlannedPose]) -> Tri
             let far = random.random_range(3e-3..6e-3);
             if roll < share { along * far } else { Vector3::zeros() }
         }),
-        Broken::Nothing | Broken::CrossJoint(_) | Broken::Quadratic(_) | Broken::Harmonics(_) => {}
+        Broken::Nothing | Broken::CrossJoint(_) | Broken::Quadratic(_) | Broken::Harmonics(_) | Broken::Links(_) => {}
     }
     trial
 }
@@ -251,7 +258,7 @@ fn study_of_the_verdict() {
 fn study_of_broken_worlds() {
     let poses = default_plan();
     let (mut inside, mut robots) = (0.0, 0.0);
-    for broken in [
+    let all = [
         Broken::Drift(3e-4),
         Broken::Deflection(3e-4),
         Broken::Deflection(1e-3),
@@ -259,7 +266,11 @@ fn study_of_broken_worlds() {
         Broken::Quadratic(5e-8),
         Broken::Harmonics(1.5e-4),
         Broken::Outliers(0.1),
-    ] {
+        Broken::Links(1e-4),
+    ];
+    // `VERDICT_BROKEN=CrossJoint` takes one of them.
+    let asked = std::env::var("VERDICT_BROKEN").unwrap_or_default();
+    for broken in all.into_iter().filter(|b| format!("{b:?}").contains(&asked)) {
         let found = outcomes(World::W0, broken, seeds(5000, 12), &poses, false);
         inside += coverage(&format!("{broken:?}"), &found) * found.len() as f64;
         robots += found.len() as f64;

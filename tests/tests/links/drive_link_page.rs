@@ -101,6 +101,7 @@ fn the_page_shows_the_bytes_of_the_encoder() {
         lock_step: true,
         motor_kg_m2: joints(&[0.5, 0.25]),
         latency_us: 1500,
+        simulated: true,
     };
     let state = DriveState {
         session: 5,
@@ -186,6 +187,7 @@ fn python_reads_and_writes_the_same_bytes() {
             lock_step: !flag,
             motor_kg_m2: values.clone(),
             latency_us: sequence / 2,
+            simulated: flag,
         };
         let json = |kind: &str, message: Value, hex: &str| serde_json::json!({"kind": kind, "sequence": sequence, "time_us": time_us, "message": message, "hex": hex});
         let values = values.as_slice();
@@ -210,7 +212,7 @@ fn python_reads_and_writes_the_same_bytes() {
                 frame(&hello, sequence, time_us),
                 serde_json::json!({"protocol": status, "session": sequence, "limits": rows, "period_us": sequence,
                     "compensates_gravity": flag, "torque_sign": u8::from(flag), "lock_step": !flag,
-                    "motor_kg_m2": values, "latency_us": sequence / 2}),
+                    "motor_kg_m2": values, "latency_us": sequence / 2, "simulated": flag}),
             ),
         ] {
             lines.push_str(&bytes);

@@ -165,7 +165,7 @@ pub struct Calibration {
 pub(crate) struct Inner {
     layout: Layout,
     state: State,
-    nominal: Nominal,
+    pub(crate) nominal: Nominal,
     columns: Vec<usize>,
     /// Variance of the joint noise that stays in every pose, in rad².
     joint_variance: f64,

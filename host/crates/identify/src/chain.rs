@@ -64,6 +64,11 @@ impl Nominal {
         Self { links, bodies, assumed }
     }
 
+    /// Mass (kg) and centre of mass (m, own frame) of joint `j`'s link as the loads use them.
+    pub(crate) fn body(&self, j: usize) -> (f64, Vector3<f64>) {
+        self.bodies.get(j).copied().unwrap_or_default()
+    }
+
     /// Whether the masses are assumed, because the description has none.
     pub(crate) fn assumed(&self) -> bool {
         self.assumed

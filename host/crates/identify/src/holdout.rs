@@ -123,7 +123,7 @@ fn parts(experiment: &Experiment, split: &Split) -> Result<(Vec<usize>, Vec<Stri
 
 /// Regions of nearly equal size, by position along the direction in which the joint angles vary
 /// most.
-fn regions(experiment: &Experiment, count: usize) -> Vec<usize> {
+pub(crate) fn regions(experiment: &Experiment, count: usize) -> Vec<usize> {
     let n = experiment.robot.dof();
     let total = experiment.observations.len().max(1);
     let mut mean = vec![0.0; n];

@@ -50,6 +50,7 @@ mod calibration;
 mod chain;
 pub mod check;
 mod choice;
+mod compensate;
 pub mod diagnosis;
 mod distance;
 mod effects;

@@ -55,9 +55,10 @@ pub struct Measurements {
 }
 
 impl Measurements {
-    /// Whether the arm was a simulation in this program.
+    /// Whether the arm was a simulation: in this program, or behind a drive that said so in any
+    /// session of the run.
     pub fn simulated(&self) -> bool {
-        self.link_name.parse::<Link>().is_ok_and(|link| link.simulated())
+        self.link.simulated || self.link_name.parse::<Link>().is_ok_and(|link| link.simulated())
     }
 
     /// The sphere contacts as plain data.

@@ -20,6 +20,9 @@ pub struct LinkRecord {
     /// What the drive measured, if it is a robot's own interface.
     #[serde(default)]
     pub drive: Option<DriveTiming>,
+    /// Whether the drive said that its arm is simulated.
+    #[serde(default)]
+    pub simulated: bool,
 }
 
 impl LinkRecord {
@@ -42,6 +45,7 @@ impl LinkRecord {
         }
         self.injected = self.injected.plus(other.injected);
         self.late = self.late.saturating_add(other.late);
+        self.simulated |= other.simulated;
         if let Some(drive) = &other.drive {
             self.drive.get_or_insert_default().add(drive);
         }

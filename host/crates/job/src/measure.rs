@@ -137,6 +137,7 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
             injected: connected.injected(),
             late: outcome.statistics.late,
             drive: outcome.drive.as_ref().map(DriveTiming::from),
+            simulated: outcome.statistics.simulated,
         })?,
         telemetry_json: json(&outcome.telemetry)?,
     };

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use spherecal_identify::diagnosis::Diagnosis;
 use spherecal_identify::{EvaluateError, GeometryOnly};
 use spherecal_shared::robot::MdhRow;
+use spherecal_shared::robot::compensator::CompensatedJoint;
 
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
@@ -41,6 +42,8 @@ impl Files {
 pub(crate) struct Results<'a> {
     /// The nominal robot with its files' frames.
     pub(crate) nominal: &'a RobotModel,
+    /// The tool that was given: its TCP in the last frame of the table (m).
+    pub(crate) given_tcp_m: [f64; 3],
     /// The calibration and its verdict.
     pub(crate) evaluation: &'a Evaluation,
     /// The document that other programs read.
@@ -104,7 +107,7 @@ pub(crate) fn calibrated_texts(results: &Results<'_>) -> Result<CalibratedTexts,
     let rows = model.rows();
     let notes = notes(results, &model, &alone);
     Ok(CalibratedTexts {
-        toml: toml_file::write(&model, &notes) + &effects_toml(evaluation),
+        toml: toml_file::write(&model, &notes) + &effects_toml(results),
         urdf: write_urdf(nominal, &rows, &notes),
         kinematics_yaml: write_kinematics_yaml(nominal, &rows, &notes),
         offsets_yaml: write_offsets_yaml(nominal, &rows, &notes),
@@ -164,8 +167,8 @@ fn notes(results: &Results<'_>, model: &RobotModel, alone: &GeometryOnly) -> Vec
 }
 
 /// The effects that a bare table cannot hold, for the TOML.
-fn effects_toml(evaluation: &Evaluation) -> String {
-    let c = &evaluation.calibration;
+fn effects_toml(results: &Results<'_>) -> String {
+    let c = &results.evaluation.calibration;
     let list = |values: &[f64]| {
         let words: Vec<String> = values.iter().map(|v| format!("{v:?}")).collect();
         format!("[{}]", words.join(", "))
@@ -176,7 +179,7 @@ fn effects_toml(evaluation: &Evaluation) -> String {
     };
     let mut out = String::from(
         "\n# The full model: its own table of links (the tables above are the best geometry alone), and what a table cannot\n\
-         # hold. Angle of a joint: theta + q - compliance tau + sum over k of (cos_k cos(k q) + sin_k sin(k q)).\n\
+         # hold. `docs/compensate.md` has the formula and two programs that correct joint commands with it.\n\
          [calibration]\n",
     );
     let links = |f: &dyn Fn(&MdhRow<f64>) -> f64| list(&c.robot.joints.iter().map(|j| f(&j.mdh)).collect::<Vec<f64>>());
@@ -188,12 +191,41 @@ fn effects_toml(evaluation: &Evaluation) -> String {
     let _ = writeln!(out, "tcp_m = {}", list(&c.tool.tcp_m));
     let _ = writeln!(out, "method = \"{}\"", c.method);
     let _ = writeln!(out, "model = \"{}\"", c.model);
-    let _ = writeln!(out, "may_be_used = {}", evaluation.verdict.may_be_used);
+    let _ = writeln!(out, "may_be_used = {}", results.evaluation.verdict.may_be_used);
     let _ = writeln!(out, "compliance_rad_per_nm = {}", list(&c.compliance_rad_per_nm));
     let _ = writeln!(out, "bending_rad_per_nm = {}", pairs(&c.bending_rad_per_nm));
     let _ = writeln!(out, "tilt_rad_per_nm = {}", list(&c.tilt_rad_per_nm));
     let harmonics: Vec<String> = c.harmonics_rad.iter().map(|h| pairs(h)).collect();
     let _ = writeln!(out, "harmonics_rad = [{}]", harmonics.join(", "));
+    out += &nominal_toml(results);
+    out
+}
+
+/// The robot that a controller keeps, and the masses that load the joints.
+fn nominal_toml(results: &Results<'_>) -> String {
+    let calibration = &results.evaluation.calibration;
+    let compensator = calibration.compensator(&results.nominal.robot, results.given_tcp_m);
+    let joints = compensator.joints();
+    let list = |f: &dyn Fn(&CompensatedJoint) -> String| {
+        let words: Vec<String> = joints.iter().map(f).collect();
+        format!("[{}]", words.join(", "))
+    };
+    let mut out = String::from(
+        "\n# The nominal robot that a controller keeps, and the masses that load its joints (the last one holds the tool).\n\
+         [calibration.nominal]\n",
+    );
+    for (name, value) in [
+        ("alpha_rad", list(&|j| format!("{:?}", j.nominal.alpha))),
+        ("a_m", list(&|j| format!("{:?}", j.nominal.a))),
+        ("theta_rad", list(&|j| format!("{:?}", j.nominal.theta))),
+        ("d_m", list(&|j| format!("{:?}", j.nominal.d))),
+        ("beta_rad", list(&|j| format!("{:?}", j.nominal.beta))),
+        ("tcp_m", format!("{:?}", compensator.nominal_tcp_m())),
+        ("mass_kg", list(&|j| format!("{:?}", j.mass_kg))),
+        ("com_m", list(&|j| format!("{:?}", j.com_m))),
+    ] {
+        let _ = writeln!(out, "{name} = {value}");
+    }
     out
 }
 
@@ -220,6 +252,7 @@ pub fn write(
         folder,
         &Results {
             nominal: &nominal,
+            given_tcp_m: m.experiment().tool.tcp_m,
             evaluation: e,
             summary: &document,
             origin: format!(

@@ -11,9 +11,7 @@
 
 use spherecal_link::tcp::{DriveServer, listen};
 use spherecal_link::{Drive, LinkError};
-use spherecal_shared::Joints;
-use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, TorqueSign};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::robot::JointLimits;
 
 /// Inertia of each joint, in kg m².
@@ -41,15 +39,9 @@ impl Arm {
     pub(crate) fn new() -> Self {
         Self {
             hello: DriveHello {
-                protocol: PROTOCOL_VERSION,
-                session: 1,
-                limits: [LIMITS; 7].into_iter().collect(),
-                period_us: 1000,
-                compensates_gravity: false,
-                torque_sign: TorqueSign::OfActuator,
                 lock_step: true,
-                motor_kg_m2: Joints::new(),
-                latency_us: 0,
+                simulated: true,
+                ..DriveHello::new(1, [LIMITS; 7])
             },
             now: DriveState {
                 session: 1,

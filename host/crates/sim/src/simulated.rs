@@ -3,8 +3,7 @@
 //! The only connection between plant and drive link. Only [`Sensed`](crate::plant::Sensed) passes,
 //! which is what real hardware shows.
 
-use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 use spherecal_shared::robot::{Robot, Tool};
 
 use crate::plant::{Disturbance, Plant, PlantConfig, PlantError};
@@ -12,9 +11,6 @@ use spherecal_link::{Drive, LinkError};
 
 /// Session number of the plant: it starts once.
 const SESSION: u32 = 1;
-
-/// Control period of the plant, in µs.
-const PERIOD_US: u32 = 1000;
 
 /// A drive whose arm can be disturbed, for fault injection. Only a simulated arm can.
 pub trait Disturb: Drive {
@@ -36,20 +32,16 @@ impl<const N: usize> SimulatedArm<N> {
     /// A drive that moves `plant`, an arm with the nominal limits of `robot`.
     pub fn new(plant: Plant<N>, robot: &Robot) -> Self {
         // The data sheet of the drive.
-        let motor_kg_m2 = plant.visible_motors().iter().copied().collect();
+        let motor_kg_m2 = plant.declared_motors().iter().copied().collect();
         let latency_us = (plant.latency_s() * 1e6) as u32;
         Self {
             plant,
             hello: DriveHello {
-                protocol: PROTOCOL_VERSION,
-                session: SESSION,
-                limits: robot.joints.iter().map(|j| j.limits).collect(),
-                period_us: PERIOD_US,
-                compensates_gravity: false,
-                torque_sign: TorqueSign::OfActuator,
                 lock_step: true,
                 motor_kg_m2,
                 latency_us,
+                simulated: true,
+                ..DriveHello::new(SESSION, robot.joints.iter().map(|joint| joint.limits))
             },
             tick: 0,
             seen: false,

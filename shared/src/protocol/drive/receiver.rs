@@ -81,8 +81,7 @@ fn message(frame: &mut [u8]) -> Result<(u32, DriveMessage), FrameError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Joints;
-    use crate::protocol::drive::{DriveCommand, TorqueSign};
+    use crate::protocol::drive::DriveCommand;
     use crate::protocol::frame::{MAX_FRAME, encode};
     use std::vec::Vec;
 
@@ -96,17 +95,7 @@ mod tests {
     // damaged frames and messages of other types are not counted.
     #[test]
     fn messages_are_complete_however_the_bytes_are_split() {
-        let hello = DriveHello {
-            protocol: 1,
-            session: 3,
-            limits: heapless::Vec::new(),
-            period_us: 1000,
-            compensates_gravity: false,
-            torque_sign: TorqueSign::OfActuator,
-            lock_step: true,
-            motor_kg_m2: Joints::new(),
-            latency_us: 0,
-        };
+        let hello = DriveHello::new(3, []);
         let state = DriveState {
             tick: 7,
             ..DriveState::default()

@@ -333,4 +333,6 @@ pub struct Statistics {
     pub late: u32,
     /// Counters of the controller's end of the host link.
     pub link: LinkCounters,
+    /// Whether the drive of the present session moves a simulated arm.
+    pub simulated: bool,
 }

@@ -1,7 +1,7 @@
 //! Both channels of a connection: what [`Client`](super::Client) and [`Observer`](super::Observer) share.
 
 use std::io::ErrorKind;
-use std::net::{SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::time::{Duration, Instant};
 
 use spherecal_cyclic::{Inbox, io_error as io};
@@ -177,6 +177,11 @@ impl Link {
         self.inbox.send(&bytes[..size], robot)?;
         self.statistics.commands += 1;
         Ok(())
+    }
+
+    /// The robot's address.
+    pub(super) fn peer(&self) -> IpAddr {
+        self.tcp.peer()
     }
 
     /// Sends a request and takes any status but success for an error.

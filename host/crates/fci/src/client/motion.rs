@@ -1,5 +1,6 @@
 //! The client that moves the robot.
 
+use std::net::IpAddr;
 use std::time::{Duration, Instant};
 
 use super::link::Link;
@@ -58,6 +59,11 @@ impl Client {
     /// The agreed version.
     pub fn version(&self) -> Version {
         self.link.version
+    }
+
+    /// The robot's address.
+    pub fn peer(&self) -> IpAddr {
+        self.link.peer()
     }
 
     /// What went over the wire so far.

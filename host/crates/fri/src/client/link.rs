@@ -89,6 +89,11 @@ impl Link {
         Ok(self.inbox.address()?)
     }
 
+    /// The cabinet's address, once it is known.
+    pub(super) fn cabinet(&self) -> Option<IpAddr> {
+        self.cabinet
+    }
+
     /// Waits for a message that is newer than the last one, takes the newest that has come, and updates `self.state`.
     /// Allocates nothing.
     pub(super) fn receive(&mut self) -> Result<Received, ClientError> {

@@ -1,6 +1,6 @@
 //! The client that commands a torque overlay.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 
 use super::link::Link;
 use super::{ClientError, Config, EndCause, Limits, SessionEnd, State, Statistics};
@@ -56,6 +56,11 @@ impl Client {
     /// What the system says.
     pub fn address(&self) -> Result<SocketAddr, ClientError> {
         self.link.address()
+    }
+
+    /// The cabinet's address; `None` before its first message.
+    pub fn cabinet(&self) -> Option<IpAddr> {
+        self.link.cabinet()
     }
 
     /// What went over the wire so far.

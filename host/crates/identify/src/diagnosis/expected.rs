@@ -38,7 +38,7 @@ const INSIDE: f64 = 0.95;
 /// How well the size of the whole error is known beyond what the draws hold, as a
 /// standard deviation of its logarithm. Set on simulated robots (`docs/theory.md` says
 /// which, and what other robots then showed).
-const SIZE_SIGMA: f64 = 0.08;
+const SIZE_SIGMA: f64 = 0.10;
 /// Standard deviations of a normal variable that hold [`INSIDE`].
 const TWO_SIDED: f64 = 1.96;
 

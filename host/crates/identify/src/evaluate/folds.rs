@@ -1,13 +1,14 @@
 //! Judgement by samples: of a fit by rows that it has not seen, and of folds of
 //! the rows by fits of the others.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 
 use rayon::prelude::*;
 use spherecal_shared::robot::Robot;
 
 use super::align::Flange;
 use super::fit::{Fit, fit, thinned};
+use super::groups::{Derived, groups, without_only_contacts};
 use super::judge::{Judge, Judged, Predictor, judge};
 use super::{EvaluateError, EvaluateOptions};
 use crate::{Options, Pose, Recordings, Reference, Target};
@@ -159,7 +160,34 @@ pub(super) fn hold_out(
     used: &[usize],
     column: &str,
 ) -> Result<HeldOut, EvaluateError> {
-    let groups = groups(recordings, used);
+    let mut groups = groups(recordings, used);
+    let mut words = format!("each {column} predicted by a fit of the others");
+    if let [(value, _)] = &groups[..]
+        && value.is_empty()
+        && let Some(derived) = Derived::of(column)
+    {
+        groups = derived.groups(recordings, used);
+        if derived == Derived::Coupling {
+            let only = without_only_contacts(recordings, used, &mut groups);
+            if groups.len() < 2 {
+                return Err(EvaluateError::Holdout {
+                    column: column.to_owned(),
+                    what:
+                        "fewer than two couplings can be left out: each is the only one on its sphere, so that without \
+                           it the plate is free to turn"
+                            .to_owned(),
+                    remedy: "hold out by place or by region; to judge couplings, touch at least one sphere three times"
+                        .to_owned(),
+                });
+            }
+            if !only.is_empty() {
+                words += &format!(
+                    "; not judged, because theirs are the only contacts with a sphere: {}",
+                    only.join(", ")
+                );
+            }
+        }
+    }
     let refuse = |what: String, remedy: String| EvaluateError::Holdout {
         column: column.to_owned(),
         what,
@@ -168,7 +196,7 @@ pub(super) fn hold_out(
     if groups.len() < 2 {
         return Err(refuse(
             "the column has one value only".to_owned(),
-            "name a column with at least two values, such as place".to_owned(),
+            "name a column with at least two values, such as place, or hold out by region or coupling".to_owned(),
         ));
     }
     if groups.len() > MOST_HELD_OUT {
@@ -180,36 +208,18 @@ pub(super) fn hold_out(
     if let Some(what) = free_frame(recordings, used, &groups) {
         return Err(refuse(
             what,
-            "hold out by place, or by a column of your own, such as regions of the joints; by sphere only with at least \
-             four spheres on the plate"
+            "hold out by place, coupling or region, or by a column of your own; by sphere only with at least four spheres on \
+             the plate"
                 .to_owned(),
         ));
     }
     let folds = folds(recordings, asked, options, used, &groups)?;
-    let pooled = pool(
-        folds.iter().map(|f| f.judged.clone()),
-        &format!("each {column} predicted by a fit of the others"),
-    );
+    let pooled = pool(folds.iter().map(|f| f.judged.clone()), &words);
     Ok(HeldOut {
         column: column.to_owned(),
         folds,
         pooled,
     })
-}
-
-/// The values of the hold-out column with their rows, in the order in which they appear.
-fn groups(recordings: &Recordings, used: &[usize]) -> Vec<(String, Vec<usize>)> {
-    let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
-    let mut numbers: HashMap<u32, usize> = HashMap::new();
-    for &i in used {
-        let label = recordings.samples[i].label;
-        let group = *numbers.entry(label).or_insert_with(|| {
-            groups.push((recordings.labels.name(label).to_owned(), Vec::new()));
-            groups.len() - 1
-        });
-        groups[group].1.push(i);
-    }
-    groups
 }
 
 /// Why a hold-out would judge the frame and not the robot: a sphere is left out, and

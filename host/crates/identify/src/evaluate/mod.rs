@@ -20,6 +20,7 @@ mod align;
 mod error;
 mod fit;
 mod folds;
+mod groups;
 mod judge;
 mod options;
 mod plate;

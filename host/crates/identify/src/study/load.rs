@@ -165,7 +165,7 @@ fn no_plate() -> StudyError {
 
 /// The hold-out names a column that the table has.
 fn check_label(table: &Table, label: Option<&str>) -> Result<(), StudyError> {
-    let known = ["sphere", "place", "set"];
+    let known = ["sphere", "place", "set", "coupling", "region"];
     match label {
         Some(name) if !known.contains(&name.to_lowercase().as_str()) && table.labels.is_empty() => {
             Err(InputError::Columns {
@@ -174,7 +174,7 @@ fn check_label(table: &Table, label: Option<&str>) -> Result<(), StudyError> {
                     "--holdout names column \"{}\", which is not in the table",
                     spherecal_model::excerpt(name)
                 ),
-                remedy: "name a column of the table, such as place, sphere or set".to_owned(),
+                remedy: "name a column of the table, or place, sphere, set, coupling or region".to_owned(),
             }
             .into())
         }

@@ -273,3 +273,47 @@ fn a_hold_out_takes_a_column_of_few_values() {
         "{error}"
     );
 }
+
+// Fails if couplings or regions of the joints cannot be held out, if a coupling that alone holds its
+// sphere is judged, or if rows get lost.
+#[test]
+fn couplings_and_regions_are_held_out_without_a_column() {
+    let directory = tempfile::tempdir().unwrap();
+    let plate = directory.path().join("plate.toml");
+    std::fs::write(&plate, SOCKETS).unwrap();
+    let request = |column: &str| Request {
+        robot: data("iiwa14.urdf").display().to_string(),
+        data: data("mukca_iiwa14.csv"),
+        plate: Some(plate.clone()),
+        holdout: Some(column.to_owned()),
+        ..Request::default()
+    };
+    let found = study(&request("region"), &mut |_| {}).unwrap().evaluation;
+    let held = found.holdout.unwrap();
+    assert_eq!(held.folds.len(), 4);
+    assert_eq!(held.pooled.models[0].samples.len(), found.used.len());
+    // Each sphere of each place was touched once.
+    let error = study(&request("coupling"), &mut |_| {}).unwrap_err();
+    assert!(
+        error.is_input() && error.to_string().contains("only one on its sphere"),
+        "{error}"
+    );
+    // The same rows in another order are many couplings.
+    let text = std::fs::read_to_string(data("mukca_iiwa14.csv")).unwrap();
+    let mut lines: Vec<&str> = text.lines().filter(|l| !l.starts_with('#')).collect();
+    let header = lines.remove(0);
+    let (odd, even): (Vec<_>, Vec<_>) = lines.iter().enumerate().partition(|(k, _)| k % 2 == 1);
+    let twice: Vec<&str> = even.into_iter().chain(odd).map(|(_, l)| *l).collect();
+    let path = directory.path().join("twice.csv");
+    std::fs::write(&path, format!("{header}\n{}\n", twice.join("\n"))).unwrap();
+    let asked = Request {
+        data: path,
+        ..request("coupling")
+    };
+    let found = study(&asked, &mut |_| {}).unwrap().evaluation;
+    let held = found.holdout.unwrap();
+    assert!(held.folds.len() > 4, "{} couplings", held.folds.len());
+    assert_eq!(held.pooled.models[0].samples.len(), found.used.len());
+    let calibrated = held.pooled.model("calibrated").unwrap().errors().mean_mm;
+    assert!(calibrated < 0.4, "{calibrated} mm");
+}

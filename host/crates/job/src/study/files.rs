@@ -30,6 +30,7 @@ fn results<'a>(study: &'a Study, summary: &'a Value, report: Option<&'a str>) ->
     let calibration = &study.evaluation.calibration;
     Results {
         nominal: &study.model,
+        given_tcp_m: study.model.tool_in_table().tcp_m,
         evaluation: &study.evaluation,
         summary,
         origin: format!(

@@ -6,10 +6,8 @@ use spherecal_fci::PERIOD_S;
 use spherecal_fci::client::{Client, ClientError, Config};
 use spherecal_fci::robot::JointLimits as FrankaLimits;
 use spherecal_fci::wire::{CollisionBehavior, Load, RobotMode, RobotState, Version};
-use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 use spherecal_shared::robot::{Inertia, JointLimits};
 
 use super::monitor::{Monitor, Recorder};
@@ -90,15 +88,11 @@ impl FrankaDrive {
     pub fn connect(options: FrankaOptions) -> Result<Self, LinkError> {
         let client = open(&options).map_err(LinkError::device)?;
         let hello = DriveHello {
-            protocol: PROTOCOL_VERSION,
-            session: SESSION,
-            limits: joint_limits(client.version()),
             period_us: PERIOD_US,
             compensates_gravity: true,
-            torque_sign: TorqueSign::OfActuator,
-            lock_step: false,
-            motor_kg_m2: Joints::new(),
-            latency_us: 0,
+            // No control unit is on this computer: what answers from here is a simulation.
+            simulated: client.peer().is_loopback(),
+            ..DriveHello::new(SESSION, joint_limits(client.version()))
         };
         Ok(Self {
             options,

@@ -4,8 +4,6 @@ use std::time::{Duration, Instant};
 
 use spherecal_fri::client::{Client, ClientError, Config, Limits, MeasuredSign, State, measured_sign};
 use spherecal_fri::wire::{SafetyState, SessionState};
-use spherecal_shared::Joints;
-use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::robot::{Arm, Dynamics as _, Robot, Tool};
 
@@ -129,18 +127,16 @@ impl KukaDrive {
         }
         let (state, torque_sign) = sign(&mut client, state, &arm)?;
         let period_us = state.send_period_ms.unwrap_or(1).max(1).saturating_mul(1000);
+        // No cabinet is on this computer: what sends from here is a simulation.
+        let simulated = client.cabinet().is_some_and(|address| address.is_loopback());
         Ok(Self {
             client,
             hello: DriveHello {
-                protocol: PROTOCOL_VERSION,
-                session: SESSION,
-                limits: robot.joints.iter().map(|joint| joint.limits).collect(),
                 period_us,
                 compensates_gravity: true,
                 torque_sign,
-                lock_step: false,
-                motor_kg_m2: Joints::new(),
-                latency_us: 0,
+                simulated,
+                ..DriveHello::new(SESSION, robot.joints.iter().map(|joint| joint.limits))
             },
             state,
             tick: 0,

@@ -12,6 +12,7 @@
 //!   FILE.yaml ┘                              └─▶ offsets.yaml
 //! ```
 
+mod compensator;
 mod error;
 pub mod frames;
 pub mod kinematics_yaml;
@@ -29,6 +30,7 @@ use spherecal_shared::robot::{BUILT_IN, Pose, Tool, iiwa7_tool};
 
 use crate::read_text;
 
+pub use compensator::read_compensator;
 pub use error::RobotFileError;
 pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
 pub use model::{Origin, RobotModel, moved, near, table_frames};

@@ -329,6 +329,7 @@ mod tests {
             poses: 4,
             contacts: 5,
             faults: 6,
+            simulated: true,
             device_s: 7.125,
             wall_s: 1e-9,
             eta_s: None,

@@ -67,6 +67,8 @@ pub struct Frame {
     pub contacts: usize,
     /// Faults so far.
     pub faults: usize,
+    /// Whether the drive has said that its arm is simulated.
+    pub simulated: bool,
     /// Device time, in s.
     pub device_s: f64,
     /// Time since this session began, in s.

@@ -50,6 +50,7 @@ pub struct Watch {
     points: VecDeque<(u64, f32)>,
     tracer: ContactTracer,
     contact: Option<Contact>,
+    simulated: bool,
     begun: Instant,
     told: Option<Instant>,
 }
@@ -68,6 +69,7 @@ impl Watch {
             points: VecDeque::new(),
             tracer: ContactTracer::new(BEFORE_US, AFTER_US),
             contact: None,
+            simulated: false,
             begun: Instant::now(),
             told: None,
         };
@@ -162,6 +164,7 @@ impl Watch {
             poses: p.poses,
             contacts: self.scatter.contacts(),
             faults: p.faults,
+            simulated: self.simulated,
             device_s: p.device_s,
             wall_s,
             eta_s: eta_s(p, wall_s),
@@ -190,6 +193,7 @@ impl Observer for Watch {
                 self.contact = Some(*contact);
             }
             Event::Recording(recording) => self.scatter.record(recording),
+            Event::Statistics(statistics) => self.simulated = statistics.simulated,
             _ => {}
         }
     }

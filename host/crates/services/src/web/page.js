@@ -70,8 +70,8 @@ const say = (id, words) => { const e = at(id); if (e.textContent !== words) e.te
 
 function describe(run) {
   const { scene, frame, end } = run;
-  // The two links whose arm is in the program itself.
-  const simulated = ["sim", "qemu"].includes(scene.link) ? "SIMULATED: " : "";
+  // The two links whose arm is in the program itself, and a drive that says so.
+  const simulated = ["sim", "qemu"].includes(scene.link) || frame?.simulated ? "SIMULATED: " : "";
   say("name", simulated + (scene.arm ? `${scene.robot} ${scene.arm}` : scene.robot));
   say("about", `${frame && !end ? `${STAGES[frame.stage]}, ` : ""}link ${scene.link}, begun ${scene.begun_utc.slice(11, 16)} UTC`);
   const phase = end ? (end.trusted === null ? "ended" : end.trusted ? "may be used" : "not to be used") : frame ? PHASES[frame.phase] : "starting";

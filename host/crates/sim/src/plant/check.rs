@@ -79,6 +79,7 @@ impl PlantConfig {
             ("inertia.tool_mass_error", self.inertia.tool_mass_error[0], 1.0),
             ("inertia.tool_mass_error", self.inertia.tool_mass_error[1], 1.0),
             ("inertia.rotor_share", self.inertia.rotor_share, 1.0),
+            ("inertia.rotor_sigma", self.inertia.rotor_sigma, 0.3),
             ("tracker.sigma_m", self.tracker.sigma_m, 0.01),
             ("tracker.encoder_rad", self.tracker.encoder_rad, 0.01),
             ("tracker.remount_m", self.tracker.remount_m, 0.05),

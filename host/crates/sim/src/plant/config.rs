@@ -311,6 +311,18 @@ pub struct InertiaConfig {
     /// Share of it that the drive's torque loop leaves visible, 0 to 1. Default 0.25: the reduction
     /// by torque feedback with a gain of 3.
     pub rotor_share: f64,
+    /// Standard deviation of each rotor's inertia as a share of it. Default 0.1, an assumption: the
+    /// drive declares the numbers above, as from a data sheet, and the arm has others.
+    pub rotor_sigma: f64,
+}
+
+impl InertiaConfig {
+    /// Inertia of motor `joint`, from 0, by the data sheet, that lies between commanded and measured
+    /// torque, in kg m².
+    pub(super) fn visible(&self, joint: usize) -> f64 {
+        let inertia = self.rotor_kg_m2.get(joint).filter(|_| self.rotors);
+        inertia.map_or(0.0, |inertia| inertia * self.rotor_share)
+    }
 }
 
 /// Joint elasticity as a state: motor and link side, a spring between them, the
@@ -341,8 +353,8 @@ pub struct TrackerConfig {
     /// Noise of the encoder means that go with a shot, in rad. Default 2e-6 (worlds).
     pub encoder_rad: f64,
     /// Offset by which the reflector is remounted sideways between tool arcs and calibration, in m.
-    /// Default 0.62 mm: the error of the laser-calibrated geometry is then at least the paper's
-    /// 0.645 mm (W1: 0.58 mm).
+    /// Default 0: the laser's rows are as good as the tracker. W1: 0.58 mm, with which the error of
+    /// the laser-calibrated geometry is that of the paper.
     pub remount_m: f64,
     /// Offset by which the tracker is set up again between base arcs and calibration, in m. W1:
     /// 0.15 mm.

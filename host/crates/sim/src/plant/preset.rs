@@ -158,6 +158,7 @@ impl Default for InertiaConfig {
                 0.0,
             ],
             rotor_share: 0.25,
+            rotor_sigma: 0.1,
         }
     }
 }
@@ -179,7 +180,7 @@ impl Default for TrackerConfig {
             noise: true,
             sigma_m: 49e-6 / 1.96,
             encoder_rad: 2e-6,
-            remount_m: 0.62e-3,
+            remount_m: 0.0,
             restation_m: 0.15e-3,
             after_s: 0.0,
             shot_s: 5.0,
@@ -241,7 +242,6 @@ impl PlantConfig {
         config.inertia.mass_error = false;
         config.inertia.rotors = false;
         config.tracker.noise = false;
-        config.tracker.remount_m = 0.0;
         config.tracker.restation_m = 0.0;
         config
     }

@@ -67,7 +67,6 @@ impl PlantConfig {
         config.inertia.rotors = true;
         config.elasticity.enabled = true;
         config.elasticity.stiffness_nm_rad = 0.0;
-        config.tracker.remount_m = 0.0;
         config.tracker.restation_m = 0.0;
         config.tracker.after_s = 1800.0;
         config
@@ -84,7 +83,6 @@ impl PlantConfig {
         config.sensors.torque_bias_share = 0.0;
         config.nest.seating_sigma_m = 3e-6;
         config.nest.form_sigma_m = 0.0;
-        config.tracker.remount_m = 0.0;
         config.tracker.restation_m = 0.0;
         config.geometry.overall_mean_m = 1.403e-3;
         // The joints' noise of these worlds is white: it does not repeat with the angle.

@@ -35,6 +35,7 @@ pub(super) enum Stream {
     Still,
     Noise,
     Delay,
+    Rotors,
 }
 
 /// The generator of one stream of a seed.

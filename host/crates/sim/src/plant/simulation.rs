@@ -30,7 +30,7 @@ pub struct Plant<const N: usize> {
     pub(super) sensors: Sensors<N>,
     limits: [f64; N],
     /// Motor inertia between commanded and measured torque, beyond the nominal robot's, in kg m².
-    visible_motors: [f64; N],
+    declared_motors: [f64; N],
     pub(super) substeps: u32,
     pub(super) free_steps: u32,
     settle_share: f64,
@@ -124,8 +124,15 @@ impl<const N: usize> Plant<N> {
             elastic,
             stops,
         };
-        let motors = joints.elastic.as_ref().map_or(joints.rotor, |elastic| elastic.motor);
-        let visible_motors = core::array::from_fn(|i| (motors[i] - limit(|j| j.rotor_kg_m2, i)).max(0.0));
+        let declared_motors = core::array::from_fn(|i| {
+            let known = limit(|j| j.rotor_kg_m2, i);
+            let least = if joints.elastic.is_some() {
+                e.least_motor_kg_m2
+            } else {
+                0.0
+            };
+            (known + config.inertia.visible(i)).max(least) - known
+        });
         let mut motion = Motion::at_rest(&link);
         if let Some(elastic) = &joints.elastic {
             for i in 0..N {
@@ -147,7 +154,7 @@ impl<const N: usize> Plant<N> {
             sphere_homes: spheres,
             joints,
             motion,
-            visible_motors,
+            declared_motors,
             sensors,
             limits: core::array::from_fn(|i| limit(|j| j.limits.torque_nm, i)),
             substeps: (TICK_S / config.substep_s).round() as u32,
@@ -267,8 +274,8 @@ impl<const N: usize> Plant<N> {
 
     /// What the drive's data sheet says of the motors, base to flange: the inertia that lies between
     /// commanded and measured torque, seen at the joint, in kg m².
-    pub fn visible_motors(&self) -> &[f64; N] {
-        &self.visible_motors
+    pub fn declared_motors(&self) -> &[f64; N] {
+        &self.declared_motors
     }
 
     /// Delay of states and commands together, without steps, in s; half of the jitter included.

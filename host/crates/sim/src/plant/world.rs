@@ -101,13 +101,10 @@ impl<const N: usize> TrueCell<N> {
             }
         }
         draw_masses(&mut robot, &mut tool, config);
+        let mut rng = stream(seed, Stream::Rotors);
         let rotor = core::array::from_fn(|i| {
-            let visible = if config.inertia.rotors && i < config.inertia.rotor_kg_m2.len() {
-                config.inertia.rotor_kg_m2[i] * config.inertia.rotor_share
-            } else {
-                0.0
-            };
-            nominal.joints.get(i).map_or(0.0, |j| j.rotor_kg_m2) + visible
+            let error = 1.0 + config.inertia.rotor_sigma * normal(&mut rng);
+            nominal.joints.get(i).map_or(0.0, |j| j.rotor_kg_m2) + config.inertia.visible(i) * error.max(0.0)
         });
         let arm = Arm::new(&robot, &tool)?;
         let plates = draw_plates(config);
