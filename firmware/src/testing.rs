@@ -65,6 +65,9 @@ pub(crate) struct Bench {
     pub(crate) host: bool,
     /// The last command.
     pub(crate) command: DriveCommand,
+    /// Ticks after which a torque acts.
+    pub(crate) delay: usize,
+    sent: Vec<Joints>,
     /// Whether the sphere holds the TCP.
     pub(crate) caught: bool,
     tau: SVector<f64, 7>,
@@ -108,6 +111,8 @@ impl Bench {
             period_us,
             host: true,
             command: DriveCommand::default(),
+            delay: 0,
+            sent: Vec::new(),
             caught: false,
             tau: gravity,
             arm,
@@ -203,8 +208,10 @@ impl Bench {
     }
 
     fn step(&mut self) {
+        self.sent.push(self.command.tau.clone());
+        let acts = &self.sent[self.sent.len().saturating_sub(self.delay + 1)];
         for i in 0..7 {
-            self.tau[i] = self.command.tau[i];
+            self.tau[i] = acts[i];
         }
         if self.gravity_by_drive {
             self.tau += self.arm.bodies(&self.arm.frames(&self.q.into())).gravity();

@@ -51,6 +51,7 @@ impl<const N: usize> Controller<N> {
     pub(super) fn forget(&mut self) {
         self.observer.reset();
         self.torque_loop.reset();
+        self.instability.reset();
         self.filtered_dq = [0.0; N];
         self.wrench = Wrench::default();
     }
@@ -65,7 +66,8 @@ impl<const N: usize> Controller<N> {
         let Some(configured) = &self.configured else {
             return self.disabled(self.number(), tick);
         };
-        let Some(snapshot) = Snapshot::on(&self.actuation(), &configured.arm, &state.q, &state.dq) else {
+        let actuation = self.actuation();
+        let Some(snapshot) = Snapshot::on(&actuation, &configured.arm, &state.q, &state.dq) else {
             self.fail(Violation::new(Fault::Internal, 0.0, 0.0));
             return self.bridge(tick);
         };
@@ -87,6 +89,14 @@ impl<const N: usize> Controller<N> {
                 q: state.q,
                 dq: [0.0; N],
             };
+        }
+        let wanted = (!self.activity.is_cartesian()).then_some(&self.hold.dq);
+        let limits = self.safety.limits();
+        let unstable = self
+            .instability
+            .check(&snapshot, &self.filtered_dq, wanted, limits, self.period_s);
+        if let Some(violation) = unstable {
+            self.fail(violation);
         }
         let leaves = matches!(self.activity, Activity::Decoupling(_));
         if let Some(violation) = self.safety.joint_state(state, &self.procedure.limits, leaves) {
@@ -119,7 +129,7 @@ impl<const N: usize> Controller<N> {
         let poles = if rests {
             [0.0; N]
         } else {
-            poles(&self.actuation().motors, gain, corner)
+            poles(&actuation.motors, gain, corner)
         };
         let correction = self
             .torque_loop

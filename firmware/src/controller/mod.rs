@@ -6,11 +6,11 @@
 //! ```
 //!
 //! `tick` allocates nothing, has bounded loops and returns a command for every
-//! state. It gives no torque outside of a session with a drive. While drive states are unusable it repeats the last torque for some
-//! ticks; then it asks for the brakes. It also asks for the brakes if the motors do
-//! not deliver the commanded torque or an encoder sticks. Every other fault ends in
-//! a joint spring-damper about the position where the fault happened, with gravity
-//! compensation.
+//! state. It gives no torque outside of a session with a drive. While drive states
+//! are unusable it repeats the last torque for some ticks; then it asks for the
+//! brakes. It also asks for the brakes if the motors do not deliver the commanded
+//! torque, an encoder sticks, or control itself sets the arm in motion. Every other fault ends in a joint spring-damper
+//! about the position where the fault happened, with gravity compensation.
 
 mod accept;
 mod cycle;
@@ -29,7 +29,7 @@ use spherecal_shared::robot::Arm;
 
 use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
 use crate::phases::{Activity, CartesianState};
-use crate::safety::{Admission, SafetyMonitor};
+use crate::safety::{Admission, Instability, SafetyMonitor};
 use schedule::Schedule;
 use session::DriveSession;
 
@@ -65,6 +65,7 @@ pub struct Controller<const N: usize> {
     period_s: f64,
 
     safety: SafetyMonitor<N>,
+    instability: Instability<N>,
     observer: Observer<N>,
     shaper: TorqueShaper<N>,
     torque_loop: TorqueLoop<N>,
@@ -107,6 +108,7 @@ impl<const N: usize> Default for Controller<N> {
             session: None,
             period_s: 1e-3,
             safety: SafetyMonitor::default(),
+            instability: Instability::default(),
             observer: Observer::default(),
             shaper: TorqueShaper::default(),
             torque_loop: TorqueLoop::default(),

@@ -54,14 +54,14 @@ impl<const N: usize> DriveSession<N> {
                 .iter()
                 .all(|inertia| (0.0..=MOST_MOTOR).contains(inertia));
         let motors = core::array::from_fn(|i| hello.motor_kg_m2.get(i).copied().unwrap_or(0.0));
-        let delay_s = f64::from(hello.period_us.saturating_add(hello.latency_us)) * 1e-6;
+        let (period_s, latency_s) = (f64::from(hello.period_us) * 1e-6, f64::from(hello.latency_us) * 1e-6);
         fits.then_some(Self {
             number: hello.session,
             period_us: hello.period_us,
             gravity_by_drive: hello.compensates_gravity,
             torque_reversed: hello.torque_sign == TorqueSign::OfLink,
             limits,
-            actuation: Actuation::new(motors, delay_s),
+            actuation: Actuation::new(motors, period_s, latency_s),
             simulated: hello.simulated,
         })
     }

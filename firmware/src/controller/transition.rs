@@ -43,9 +43,12 @@ impl<const N: usize> Controller<N> {
     /// Enters the fault phase once. A later violation changes nothing, but it may
     /// still close the brakes.
     pub(super) fn fail(&mut self, violation: Violation) {
-        // Control cannot hold an arm whose motors do not deliver the torque, or whose
-        // position is unknown.
-        self.keep_brakes |= violation.fault == Fault::TorqueSensor || violation.is_stuck_encoder();
+        // Control cannot hold an arm whose motors do not deliver the torque, whose
+        // position is unknown, or that control itself sets in motion.
+        self.keep_brakes |= matches!(
+            violation.fault,
+            Fault::TorqueSensor | Fault::Unstable | Fault::KineticEnergy
+        ) || violation.is_stuck_encoder();
         if matches!(self.activity, Activity::Fault) {
             return;
         }

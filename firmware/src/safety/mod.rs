@@ -6,6 +6,7 @@
 //! saturation ([`SafetyMonitor::watch`]). A [`Violation`] becomes a fault.
 
 mod envelope;
+mod instability;
 mod plausibility;
 mod violation;
 
@@ -18,6 +19,7 @@ use spherecal_shared::robot::{JointLimits, Robot};
 use crate::law::Shaped;
 use envelope::Envelope;
 pub(crate) use envelope::workspace_clearance;
+pub(crate) use instability::Instability;
 use plausibility::{Plausibility, plausible};
 pub(crate) use violation::{JointState, Violation};
 

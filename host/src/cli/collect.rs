@@ -80,14 +80,14 @@ pub struct CollectArgs {
 }
 
 /// A link to an arm whose states can be read.
-fn arm_link(text: &str) -> Result<Link, BadValue> {
+pub(super) fn arm_link(text: &str) -> Result<Link, BadValue> {
     match text.parse() {
         Ok(link @ (Link::Tcp(_) | Link::Franka { .. } | Link::Fri(_))) => Ok(link),
         _ => Err(BadValue("give franka:HOST, fri:PORT or tcp:HOST:PORT")),
     }
 }
 
-fn seconds(text: &str) -> Result<f64, BadValue> {
+pub(super) fn seconds(text: &str) -> Result<f64, BadValue> {
     match text.parse() {
         Ok(s) if (0.1..=3600.0).contains(&s) => Ok(s),
         _ => Err(BadValue("give 0.1 to 3600 seconds")),
@@ -215,8 +215,27 @@ impl Terminal {
     }
 }
 
-/// `spherecal collect`
-pub(super) fn run(args: &CollectArgs) -> Result<Exit, CliError> {
+/// What was collected.
+pub(super) struct Gathered {
+    /// The robot: what was asked for, else what is connected.
+    pub(super) robot: String,
+    /// All poses are in the table.
+    pub(super) done: bool,
+    /// Poses in the table.
+    count: usize,
+    /// Those of them that were added now.
+    pub(super) new: usize,
+    uncalibrated: bool,
+    largest_spread_rad: f64,
+    coverage: Vec<f64>,
+    expected_mm: f64,
+}
+
+/// Collects into the table of `args`.
+///
+/// # Errors
+/// Wrong input, or collecting failed.
+pub(super) fn gather(args: &CollectArgs) -> Result<Gathered, CliError> {
     let spheres = if args.plate.as_os_str() == PAPER_PLATE {
         paper_plate()
     } else {
@@ -281,31 +300,44 @@ pub(super) fn run(args: &CollectArgs) -> Result<Exit, CliError> {
         patience: Duration::from_secs_f64(args.wait_s),
     };
     let interrupt = interrupt()?;
+    let before = table.contacts().len();
     let done = collect(reader.as_mut(), &chain, &mut table, &request, &mut view, &interrupt).map_err(CliError::job)?;
     let count = table.contacts().len();
+    Ok(Gathered {
+        robot: name.to_owned(),
+        done,
+        count,
+        new: count - before,
+        uncalibrated,
+        largest_spread_rad: view.largest_spread_rad,
+        coverage: coverage(&chain, table.contacts()),
+        expected_mm: view.advice.expected_m() * 1e3,
+    })
+}
+
+/// `spherecal collect`
+pub(super) fn run(args: &CollectArgs) -> Result<Exit, CliError> {
+    let found = gather(args)?;
+    let file = args.out.display();
     if args.json {
         let document = serde_json::json!({
-            "command": "collect", "robot": name, "file": args.out, "poses": count, "complete": done,
-            "largest_spread_rad": view.largest_spread_rad,
-            "coverage": coverage(&chain, table.contacts()),
-            "expected_mm": view.advice.expected_m() * 1e3, "uncalibrated": uncalibrated,
+            "command": "collect", "robot": found.robot, "file": args.out, "poses": found.count, "complete": found.done,
+            "largest_spread_rad": found.largest_spread_rad, "coverage": found.coverage,
+            "expected_mm": found.expected_mm, "uncalibrated": found.uncalibrated,
         });
         outln!("{document:#}");
     } else {
-        outln!("{count} contacts are in {}", args.out.display());
-        if done {
-            let tool = args
-                .tool_mm
-                .as_ref()
-                .map(|t| format!(" --tool-mm {t}"))
-                .unwrap_or_default();
-            let priors = if uncalibrated { " --uncalibrated" } else { "" };
+        outln!("{} contacts are in {file}", found.count);
+        if found.done {
+            let tool = args.tool_mm.as_ref().map(|t| format!(" --tool-mm {t}"));
+            let priors = if found.uncalibrated { " --uncalibrated" } else { "" };
             outln!(
-                "\nNext: spherecal identify --robot {name} --data {} --plate {}{tool}{priors}",
-                args.out.display(),
-                args.plate.display()
+                "\nNext: spherecal identify --robot {} --data {file} --plate {}{}{priors}",
+                found.robot,
+                args.plate.display(),
+                tool.unwrap_or_default()
             );
         }
     }
-    Ok(if done { Exit::Done } else { Exit::Failed })
+    Ok(if found.done { Exit::Done } else { Exit::Failed })
 }

@@ -3,6 +3,7 @@
 use clap::{Parser, Subcommand};
 
 use super::args::{RunArgs, StoredArgs};
+use super::check::CheckArgs;
 use super::collect::CollectArgs;
 use super::doctor::DoctorArgs;
 use super::export::ExportArgs;
@@ -75,6 +76,8 @@ pub enum Command {
     Teach(RunArgs),
     /// Guide the arm by hand, and collect its contacts for `identify`; commands no torque.
     Collect(Box<CollectArgs>),
+    /// Tell from a dozen contacts how wrong the robot's forward kinematics is.
+    Check(Box<CheckArgs>),
     /// Hold still for long at some poses, and check whether recordings of one second are long
     /// enough; writes stability.html and stability.json.
     #[command(after_help = "Example: spherecal stability --hold-s 30 --places 4 --out cell-4")]

@@ -8,6 +8,7 @@
 //! failed; 2 wrong usage or input; 3 finished, but the result is not to be trusted.
 
 mod args;
+mod check;
 mod collect;
 mod command;
 #[cfg(feature = "dashboard")]
@@ -84,6 +85,7 @@ fn execute(cli: Cli) -> Exit {
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Measure(args)) => stages::measure(&args),
         Some(Command::Teach(args)) => teach::run(&args),
+        Some(Command::Check(args)) => check::run(&args),
         Some(Command::Collect(args)) => collect::run(&args),
         Some(Command::Stability(args)) => stability::run(&args),
         Some(Command::Identify(args)) => identify::run(&args),

@@ -13,21 +13,25 @@ use crate::support::{Server, spherecal, text};
 
 /// Nominal TCP in the flange frame, in m.
 const TOOL_M: [f64; 3] = [0.01, 0.005, 0.12];
-const TOOL: &str = "10,5,120";
+pub(crate) const TOOL: &str = "10,5,120";
+
+/// Joint angles with the tool upright in front of the arm, in rad.
+pub(crate) const PANDA_START: [f64; 7] = [0.0, -0.3, 0.0, -2.2, 0.0, 1.9, 0.7];
+pub(crate) const IIWA_START: [f64; 7] = [0.0, 0.6, 0.0, -1.6, 0.0, 0.9, 0.0];
 
 /// The robot `name` with the tool.
-fn nominal(name: &str) -> RobotModel {
+pub(crate) fn nominal(name: &str) -> RobotModel {
     let mut model = robots::load(name).expect("built in");
     model.tool.tcp_m = TOOL_M;
     model
 }
 
-fn chain(model: &RobotModel) -> Chain {
+pub(crate) fn chain(model: &RobotModel) -> Chain {
     Chain::unchecked(&model.robot, &model.tool_in_table())
 }
 
 /// The same with joint offsets of 20 mrad, and lengths that are wrong by up to a millimetre.
-fn wrong(model: &RobotModel) -> RobotModel {
+pub(crate) fn wrong(model: &RobotModel) -> RobotModel {
     let mut model = model.clone();
     for (j, joint) in model.robot.joints.iter_mut().enumerate() {
         joint.mdh.theta += if j % 3 == 1 { -0.02 } else { 0.02 };
@@ -37,9 +41,9 @@ fn wrong(model: &RobotModel) -> RobotModel {
     model
 }
 
-/// What the encoders of the true arm read with the tool on the spheres: 24 poses in 5 places, in the order in which
-/// `collect` asks for them.
-fn guided(truth: &Chain, start: &[f64; 7]) -> Vec<Vec<f64>> {
+/// What the encoders of the true arm read with the tool on the spheres: `count` poses in up to 5 places, in the order in
+/// which `collect` asks for them.
+pub(crate) fn guided(truth: &Chain, start: &[f64; 7], places: usize, count: usize) -> Vec<Vec<f64>> {
     let spheres = paper_plate();
     let centre: Vector3<f64> = spheres
         .iter()
@@ -47,7 +51,8 @@ fn guided(truth: &Chain, start: &[f64; 7]) -> Vec<Vec<f64>> {
         .sum::<Vector3<f64>>()
         / 3.0;
     let mut poses = Vec::new();
-    for visit in 0..15 {
+    let visits = 3 * places;
+    for visit in 0..visits {
         let (place, sphere) = (visit / 3, visit % 3);
         let [x, y, z] = [
             [0.45, 0.0, 0.15],
@@ -58,7 +63,7 @@ fn guided(truth: &Chain, start: &[f64; 7]) -> Vec<Vec<f64>> {
         ][place];
         let turn = Rotation3::from_euler_angles(0.2 * place as f64 - 0.4, 0.15 * place as f64 - 0.3, place as f64);
         let at = Vector3::new(x, y, z) + turn * (Vector3::from(spheres[sphere].position_m) - centre);
-        for pose in 24 * visit / 15..24 * (visit + 1) / 15 {
+        for pose in count * visit / visits..count * (visit + 1) / visits {
             let down = truth.pose(start);
             let found = (0..400).find_map(|k| {
                 let random = |d: usize| halton(7 + 400 * pose + k, d) - 0.5;
@@ -82,18 +87,11 @@ fn guided(truth: &Chain, start: &[f64; 7]) -> Vec<Vec<f64>> {
     poses
 }
 
-/// Mean distance of the TCPs of two arms over their workspace after the best common placement, in mm.
-fn distance_mm(a: &Chain, b: &Chain) -> f64 {
-    let pairs: Vec<_> = (0..200)
-        .map(|k| {
-            let q: Vec<f64> = a
-                .limits()
-                .iter()
-                .enumerate()
-                .map(|(j, l)| l.min_rad + (l.max_rad - l.min_rad) * (0.2 + 0.6 * halton(k + 3, j)))
-                .collect();
-            (a.pose(&q).position, b.pose(&q).position)
-        })
+/// Mean distance of the TCPs of two arms over these joint angles after the best common placement, in mm.
+pub(crate) fn distance_mm(a: &Chain, b: &Chain, configurations: &[Vec<f64>]) -> f64 {
+    let pairs: Vec<_> = configurations
+        .iter()
+        .map(|q| (a.pose(q).position, b.pose(q).position))
         .collect();
     let n = pairs.len() as f64;
     let (ma, mb) = pairs
@@ -112,7 +110,7 @@ fn distance_mm(a: &Chain, b: &Chain) -> f64 {
 }
 
 /// Writes the hand's file.
-fn write(path: &Path, poses: &[Vec<f64>]) {
+pub(crate) fn write(path: &Path, poses: &[Vec<f64>]) {
     let lines = poses
         .iter()
         .map(|q| q.iter().map(|q| format!("{q:.9}")).collect::<Vec<_>>().join(","));
@@ -175,9 +173,17 @@ fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &Chain) {
     assert_eq!(output.status.code(), Some(3), "{said}");
     let calibrated = folder.join("result/calibrated.toml");
     let calibrated = robots::load(&calibrated.display().to_string()).expect("a calibrated robot");
+    let everywhere: Vec<Vec<f64>> = (0..200)
+        .map(|k| {
+            let limits = truth.limits().iter().enumerate();
+            limits
+                .map(|(j, l)| l.min_rad + (l.max_rad - l.min_rad) * (0.2 + 0.6 * halton(k + 3, j)))
+                .collect()
+        })
+        .collect();
     let (before, after) = (
-        distance_mm(truth, &chain(&nominal(name))),
-        distance_mm(truth, &chain(&calibrated)),
+        distance_mm(truth, &chain(&nominal(name)), &everywhere),
+        distance_mm(truth, &chain(&calibrated), &everywhere),
     );
     eprintln!("{name}: {before:.2} mm before, {after:.3} mm after");
     assert!(before > 5.0, "the arm is wrong by {before} mm only");
@@ -191,7 +197,7 @@ fn slow_guided_contacts_identify_a_panda() {
     let folder = tempfile::tempdir().expect("a folder");
     let truth = chain(&wrong(&nominal("panda")));
     let file = folder.path().join("hand.csv");
-    write(&file, &guided(&truth, &[0.0, -0.3, 0.0, -2.2, 0.0, 1.9, 0.7]));
+    write(&file, &guided(&truth, &PANDA_START, 5, 24));
     let hand = file.display().to_string();
     let robot = Server::start(&["plant", "--fci", "--version", "5", "--listen", "0", "--guide", &hand]);
     collect_and_identify(folder.path(), &robot.peer, "panda", &truth);
@@ -204,7 +210,7 @@ fn slow_guided_contacts_identify_an_iiwa() {
     let folder = tempfile::tempdir().expect("a folder");
     let truth = chain(&wrong(&nominal("iiwa7")));
     let file = folder.path().join("hand.csv");
-    write(&file, &guided(&truth, &[0.0, 0.6, 0.0, -1.6, 0.0, 0.9, 0.0]));
+    write(&file, &guided(&truth, &IIWA_START, 5, 24));
     let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
     let client = probe.local_addr().expect("an address").to_string();
     drop(probe);

@@ -120,8 +120,8 @@ fn drives() -> [Actuation<7>; 3] {
     let motors = [0.46, 1.11, 0.81, 0.45, 0.35, 0.35, 0.35];
     [
         Actuation::default(),
-        Actuation::new(motors, 1e-3),
-        Actuation::new([0.0; 7], 5e-3),
+        Actuation::new(motors, 1e-3, 0.0),
+        Actuation::new([0.0; 7], 1e-3, 4e-3),
     ]
 }
 

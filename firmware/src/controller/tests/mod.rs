@@ -9,3 +9,4 @@ mod poison;
 mod sequences;
 mod session;
 mod transitions;
+mod unstable;

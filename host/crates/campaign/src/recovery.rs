@@ -31,7 +31,7 @@ pub struct Policy {
 }
 
 /// Every fault that a controller declares.
-pub const FAULTS: [Fault; 21] = [
+pub const FAULTS: [Fault; 23] = [
     Fault::JointPosition,
     Fault::JointVelocity,
     Fault::JointTorque,
@@ -53,6 +53,8 @@ pub const FAULTS: [Fault; 21] = [
     Fault::TorqueSensor,
     Fault::TcpSpeed,
     Fault::Workspace,
+    Fault::Unstable,
+    Fault::KineticEnergy,
 ];
 
 /// After this long without a frame the controller counts as lost, in s: it was reset, or the link
@@ -63,6 +65,8 @@ pub const HANDSHAKE_S: f64 = 30.0;
 
 const HOLDS: &str = "holds";
 const BRAKES: &str = "keeps the last torque for 23 ms at most, then brakes; holds when states arrive again";
+
+const STOPS: &str = "brakes until the fault is cleared";
 
 /// What is done about `fault`.
 pub fn policy(fault: Fault) -> Policy {
@@ -160,12 +164,26 @@ pub fn policy(fault: Fault) -> Policy {
         Fault::TorqueSensor => (
             "a torque deviates to one side by 15 % of its limit, at least 10 N m, for 20 ms",
             21,
-            "brakes until the fault is cleared",
+            STOPS,
             2.0,
             false,
         ),
         Fault::TcpSpeed => ("the TCP is faster than 1.3 m/s for 5 ms", 6, HOLDS, 0.5, true),
         Fault::Workspace => ("the TCP is outside the workspace for 5 ms", 6, HOLDS, 0.5, true),
+        Fault::Unstable => (
+            "a joint swings to and fro, faster and faster, with more than 15 % of its speed limit (at most 0.4 rad/s)",
+            1,
+            STOPS,
+            2.0,
+            false,
+        ),
+        Fault::KineticEnergy => (
+            "the arm has 5 J more kinetic energy than its setpoint for 3 ms",
+            3,
+            STOPS,
+            2.0,
+            false,
+        ),
     };
     Policy {
         detected,

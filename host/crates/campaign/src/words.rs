@@ -22,6 +22,8 @@ fn unit(report: &FaultReport) -> (f64, &'static str) {
         Fault::StaleState | Fault::NotFinite | Fault::Overrun => (1.0, "periods"),
         Fault::HostSilence => (1.0, "s"),
         Fault::TcpSpeed => (1.0, "m/s"),
+        Fault::Unstable => (1.0, "rad/s"),
+        Fault::KineticEnergy => (1.0, "J"),
         Fault::Drive | Fault::Internal => (1.0, ""),
     }
 }

@@ -48,6 +48,7 @@ pub mod algorithm1;
 pub mod arcs;
 mod calibration;
 mod chain;
+pub mod check;
 mod choice;
 mod compensate;
 pub mod diagnosis;

@@ -240,6 +240,10 @@ pub enum Fault {
     TcpSpeed,
     /// The TCP leaves the workspace or is too close to the plate.
     Workspace,
+    /// A joint swings to and fro, faster and faster: control drives it.
+    Unstable,
+    /// The arm has more kinetic energy than its motion explains.
+    KineticEnergy,
 }
 
 /// A fault with its time, phase and cause.
