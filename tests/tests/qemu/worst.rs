@@ -25,6 +25,9 @@ const MEAN_BUDGET: f64 = 28_000.0;
 /// Restarts, and steps of the climb from each.
 const RESTARTS: usize = 4;
 const STEPS: usize = 8;
+/// Disturbing velocity, as a share of the limits, that the instability guard does not
+/// take for a growing swing.
+const CALM: f64 = 0.14;
 /// Seed of the search.
 const SEED: u64 = 4;
 
@@ -192,8 +195,9 @@ impl Search {
         }));
         // At rest until the tare is taken, then shaken.
         self.until(Phase::Approaching, 400, case, 0.0, 0.0);
+        let shaken = (CALM / case.rate).min(1.0);
         for _ in 0..10 {
-            self.tick(case, 1.0, 0.0);
+            self.tick(case, shaken, 0.0);
         }
         self.until(Phase::Coupled, 300, case, 0.02, case.push);
         // As many orders at once as the queue has places.
@@ -205,7 +209,7 @@ impl Search {
         self.pose(case, case.turn);
         self.pose(case, -case.turn);
         for _ in 0..40 {
-            self.tick(case, 1.0, case.push);
+            self.tick(case, shaken, case.push);
         }
         self.until(Phase::Coupled, 60, case, 0.0, case.push);
         match case.end {
