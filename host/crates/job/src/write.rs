@@ -142,8 +142,7 @@ fn notes(results: &Results<'_>, model: &RobotModel, apart_mm: f64, expected: Opt
             e.mean, e.interval[0], e.interval[1], apart_mm
         ),
         None => format!(
-            "this file holds geometry alone: {:.3} mm in the mean from the full model over the workspace",
-            apart_mm
+            "this file holds geometry alone: {apart_mm:.3} mm in the mean from the full model over the workspace"
         ),
     });
     notes.push(
