@@ -2,24 +2,27 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::exit::{CliError, Exit};
 use super::out::{errln, outln};
 use spherecal_job::open_store;
-use spherecal_report::export::{ExportError, Format, export};
+use spherecal_report::export::{ExportError, Exported, Format, export, export_ros2};
 use spherecal_store::StoreLocation;
 
 /// Arguments of `export`.
 #[derive(Args, Clone, Debug)]
 pub struct ExportArgs {
-    /// Write Parquet (the default; needs the feature `parquet`).
-    #[arg(long, conflicts_with = "csv")]
+    /// What to write.
+    #[arg(long, value_name = "FORMAT", default_value = "parquet")]
+    pub format: ExportFormat,
+    /// The same as --format parquet (the default; needs the feature `parquet`).
+    #[arg(long, conflicts_with_all = ["csv", "format"])]
     pub parquet: bool,
-    /// Write CSV.
-    #[arg(long)]
+    /// The same as --format csv.
+    #[arg(long, conflicts_with = "format")]
     pub csv: bool,
-    /// Folder of the run. The tables are written to `tables` in it.
+    /// Folder of the run. The tables are written to `tables` in it, a ROS 2 bag to `ros2`.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT. Default: calibration.db
@@ -31,9 +34,21 @@ pub struct ExportArgs {
     pub run: Option<i64>,
 }
 
+/// What `export` writes.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExportFormat {
+    /// All tables, as Apache Parquet.
+    Parquet,
+    /// All tables, as comma-separated values.
+    Csv,
+    /// The telemetry, as a ROS 2 bag: joint states, wrench and frames.
+    Ros2,
+}
+
 /// `spherecal export`
 pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
-    if !args.csv && cfg!(not(feature = "parquet")) {
+    let wanted = if args.csv { ExportFormat::Csv } else { args.format };
+    if wanted == ExportFormat::Parquet && cfg!(not(feature = "parquet")) {
         return Err(CliError::input(ExportError::NoParquet));
     }
     let file = StoreLocation::File(args.out.join("calibration.db"));
@@ -46,18 +61,29 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
             store.path().display()
         )));
     }
-    let format = if args.csv { Format::Csv } else { Format::Parquet };
     // The telemetry in the folder belongs to the last run.
     let telemetry = args.out.join("telemetry.mcap");
     let telemetry = (run == last && telemetry.exists()).then_some(telemetry);
-    let exported = export(
-        store.as_mut(),
-        run,
-        telemetry.as_deref(),
-        format,
-        &args.out.join("tables"),
-    )
-    .map_err(|e| match e {
+    let exported = match (wanted, &telemetry) {
+        (ExportFormat::Ros2, None) => {
+            return Err(CliError::input(format!(
+                "{} holds no telemetry of run {run}: a ROS 2 bag is made of telemetry; --format csv writes what is \
+                 stored",
+                args.out.display()
+            )));
+        }
+        (ExportFormat::Ros2, Some(telemetry)) => export_ros2(telemetry, &args.out.join("ros2"))
+            .map(|(files, torn_telemetry)| Exported { files, torn_telemetry }),
+        (_, telemetry) => {
+            let format = match wanted {
+                ExportFormat::Csv => Format::Csv,
+                _ => Format::Parquet,
+            };
+            let folder = args.out.join("tables");
+            export(store.as_mut(), run, telemetry.as_deref(), format, &folder)
+        }
+    };
+    let exported = exported.map_err(|e| match e {
         ExportError::Store(e) => CliError::from(e),
         ExportError::Telemetry { .. } | ExportError::NoParquet => CliError::input(e),
         ExportError::Write { .. } => CliError::job(e),

@@ -13,7 +13,7 @@ use super::live_output::LiveOutput;
 use super::out::{err, out, outln};
 use super::progress::ProgressView;
 use super::text;
-use spherecal_campaign::telemetry::{ContactTrace, TelemetryRecorder};
+use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};
 use spherecal_campaign::{Moved, Observer, Progress};
 use spherecal_job::open_store;
 use spherecal_job::{self as job, JobError, Link, Measurements, Prepared, Site, Summary};
@@ -182,7 +182,7 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
             face: Face::new(args, &prepared)?,
             live: LiveOutput::start(args, &prepared)?,
         };
-        let mut view = TelemetryRecorder::new(view, &args.out, prepared.robot.dof(), &about);
+        let mut view = TelemetryRecorder::new(view, &args.out, DrawnArm::new(&prepared.model, &prepared.tool), &about);
         let site = Site {
             link: &args.link,
             tracker: args.tracker.as_ref(),

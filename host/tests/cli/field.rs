@@ -57,8 +57,14 @@ fn telemetry_and_tables_are_read_by_others() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
+    let now_ns = || {
+        let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        since.expect("after 1970").as_nanos() as f64
+    };
+    let begin_ns = now_ns();
     let summary: Value =
         serde_json::from_str(&spherecal(folder, &["run", "--poses", "6", "--json", "--out", "o"])).expect("JSON");
+    let end_ns = now_ns();
     let mcap = check(
         &python,
         "tests/python/check_mcap.py",
@@ -74,11 +80,56 @@ fn telemetry_and_tables_are_read_by_others() {
     for topic in ["/joint_states", "/wrench", "/phase"] {
         assert_eq!(mcap["counts"][topic].as_f64(), Some(count), "{topic}");
     }
+    // UTC: the first message was written during the run, and the arm's time passes from there.
+    let first_ns = mcap["first_ns"].as_f64().expect("a time");
+    assert!(
+        (begin_ns - 1e9..end_ns + 1e9).contains(&first_ns),
+        "{first_ns} not in {begin_ns} to {end_ns}"
+    );
+    let lasts_s = (mcap["last_ns"].as_f64().expect("a time") - first_ns) * 1e-9;
+    assert!((lasts_s - seconds).abs() < 0.05 * seconds, "{lasts_s} s of {seconds} s");
+    // The frames end where the controller computes the TCP.
+    assert!(mcap["instants"].as_f64() > Some(100.0), "{mcap}");
+    assert!(
+        mcap["distance_m"].as_f64() < Some(1e-6) && mcap["rotation"].as_f64() < Some(1e-6),
+        "{mcap}"
+    );
+    assert_eq!(mcap["counts"]["/robot_description"], 1);
+    assert!(mcap["counts"]["/events"].as_f64() > Some(20.0), "{mcap}");
     spherecal(folder, &["export", "--parquet", "--out", "o"]);
     spherecal(folder, &["export", "--csv", "--out", "o"]);
     let rows = check(&python, "tests/python/check_tables.py", &[&folder.join("o/tables")]);
     assert_eq!(rows["recordings"], 6, "{rows}");
     assert_eq!(rows["telemetry"].as_f64(), mcap["counts"]["/tcp"].as_f64(), "{rows}");
+    // The bag has the same signals for a reader of ROS 2.
+    spherecal(folder, &["export", "--format", "ros2", "--out", "o"]);
+    let bag = [folder.join("o/ros2"), folder.join("o/telemetry.mcap")];
+    let bag = check(&python, "tests/python/check_ros2.py", &[&bag[0], &bag[1]]);
+    for topic in ["/joint_states", "/wrench", "/tf"] {
+        assert_eq!(bag["counts"][topic], mcap["counts"][topic], "{topic}");
+    }
+    // The telemetry is in single precision; both say the same numbers.
+    assert!(bag["largest_difference"].as_f64() < Some(1e-6), "{bag}");
+}
+
+// Fails if a bag is made of a run that has no telemetry, or if the answer does not say what to do.
+#[test]
+fn a_bag_needs_telemetry() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    spherecal(folder, &["run", "--poses", "3", "--json", "--out", "o"]);
+    for file in std::fs::read_dir(folder.join("o")).expect("a folder").flatten() {
+        if file.file_name().to_string_lossy().starts_with("telemetry") {
+            std::fs::remove_file(file.path()).expect("removed");
+        }
+    }
+    let output = support::spherecal(folder, &["export", "--format", "ros2", "--out", "o"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("no telemetry of run 1") && said.contains("--format csv"),
+        "{said}"
+    );
 }
 
 /// Our forward kinematics of a model, in the file's frames, at 100 configurations.

@@ -1,12 +1,15 @@
-//! The messages of a telemetry file. The writer and the reader use these types,
-//! and no other description of a message exists.
+//! The signals of a telemetry file. The writer and the reader use these types, and no other
+//! description of a message exists. [`scene`](super::scene) has the frames of the arm,
+//! [`log`](super::log) what happened.
 //!
 //! | topic | type | message |
 //! |---|---|---|
 //! | `/joint_states` | [`JointStates`] | names, position (rad), velocity (rad/s), effort (measured, N m), command (N m) |
 //! | `/wrench` | [`Wrench`] | estimated force (N) and torque (N m) of the environment at the TCP, axes of F0 |
-//! | `/tcp` | [`Tcp`] | computed and commanded TCP in F0 (m) |
-//! | `/phase` | [`PhaseState`] | phase of the procedure, by name and number, and flags |
+//! | `/tcp` | [`Tcp`] | computed TCP with its orientation, and commanded position, in F0 (m) |
+//! | `/phase` | [`PhaseState`] | phase of the procedure, by name and number, flags, and device time |
+//!
+//! Times are UTC: [`utc`](super::utc) ties them to device time.
 //!
 //! The fields follow `sensor_msgs/JointState`, `geometry_msgs/WrenchStamped` and
 //! `foxglove.PoseInFrame`, so that panels made for those find them. JSON has no
@@ -17,6 +20,8 @@ use std::borrow::Cow;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 use spherecal_shared::protocol::host::{Phase, Sample};
+
+use super::scene::Quaternion;
 
 /// A message type of the telemetry file.
 pub(super) trait TelemetryMessage: Serialize {
@@ -34,7 +39,7 @@ pub(super) trait TelemetryMessage: Serialize {
     }
 }
 
-/// Device time since the controller's start.
+/// A time, since 1970 (UTC) or since the controller's start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stamp {
     /// Whole seconds.
@@ -44,22 +49,20 @@ pub struct Stamp {
 }
 
 impl Stamp {
-    /// From a device time in µs.
-    pub const fn from_us(time_us: u64) -> Self {
+    /// From a time in ns.
+    pub const fn from_ns(time_ns: u64) -> Self {
         Self {
-            sec: time_us / 1_000_000,
-            nsec: (time_us % 1_000_000) as u32 * 1000,
+            sec: time_ns / 1_000_000_000,
+            nsec: (time_ns % 1_000_000_000) as u32,
         }
     }
 
-    /// The device time, in µs.
-    pub const fn time_us(&self) -> u64 {
-        self.sec
-            .saturating_mul(1_000_000)
-            .saturating_add(self.nsec as u64 / 1000)
+    /// The time, in ns.
+    pub const fn time_ns(&self) -> u64 {
+        self.sec.saturating_mul(1_000_000_000).saturating_add(self.nsec as u64)
     }
 
-    fn schema() -> Value {
+    pub(super) fn schema() -> Value {
         json!({ "type": "object", "title": "time",
                 "properties": { "sec": { "type": "integer" }, "nsec": { "type": "integer" } } })
     }
@@ -95,7 +98,7 @@ impl Xyz {
 /// The state of all joints.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointStates<'a> {
-    /// Device time.
+    /// Time, UTC.
     pub timestamp: Stamp,
     /// Names of the joints, base to flange.
     pub name: Cow<'a, [String]>,
@@ -141,7 +144,7 @@ impl TelemetryMessage for JointStates<'_> {
 /// Estimated force and torque of the environment on the arm at the TCP.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Wrench<'a> {
-    /// Device time.
+    /// Time, UTC.
     pub timestamp: Stamp,
     /// Name of the frame whose axes are used.
     pub frame_id: Cow<'a, str>,
@@ -161,11 +164,12 @@ pub struct ForceTorque {
     pub torque: Xyz,
 }
 
-impl From<(Stamp, &Sample)> for Wrench<'_> {
-    fn from((timestamp, sample): (Stamp, &Sample)) -> Self {
+impl<'a> Wrench<'a> {
+    /// From a sample; `f0` is the name of F0.
+    pub(super) fn new(timestamp: Stamp, f0: &'a str, sample: &Sample) -> Self {
         Self {
             timestamp,
-            frame_id: BASE.into(),
+            frame_id: f0.into(),
             magnitude: length(sample.force_n),
             wrench: ForceTorque {
                 force: sample.force_n.into(),
@@ -187,12 +191,12 @@ impl TelemetryMessage for Wrench<'_> {
 /// Computed and commanded TCP.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tcp<'a> {
-    /// Device time.
+    /// Time, UTC.
     pub timestamp: Stamp,
     /// Name of the frame that positions are in.
     pub frame_id: Cow<'a, str>,
-    /// Computed position; the orientation is always the identity, because
-    /// telemetry does not carry it.
+    /// Computed position, from the controller, and orientation, from the joint angles and the
+    /// nominal robot.
     pub pose: PositionAndOrientation,
     /// Commanded position, in m.
     pub setpoint: Xyz,
@@ -207,42 +211,19 @@ pub struct PositionAndOrientation {
     /// Position, in m.
     pub position: Xyz,
     /// Orientation.
-    pub orientation: Orientation,
+    pub orientation: Quaternion,
 }
 
-/// A unit quaternion.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Orientation {
-    /// Its x part.
-    pub x: f32,
-    /// Its y part.
-    pub y: f32,
-    /// Its z part.
-    pub z: f32,
-    /// Its real part.
-    pub w: f32,
-}
-
-impl Default for Orientation {
-    fn default() -> Self {
-        Self {
-            x: 0.0,
-            y: 0.0,
-            z: 0.0,
-            w: 1.0,
-        }
-    }
-}
-
-impl From<(Stamp, &Sample)> for Tcp<'_> {
-    fn from((timestamp, sample): (Stamp, &Sample)) -> Self {
+impl<'a> Tcp<'a> {
+    /// From a sample; `f0` is the name of F0.
+    pub(super) fn new(timestamp: Stamp, f0: &'a str, sample: &Sample, orientation: Quaternion) -> Self {
         let deviation_m: [f32; 3] = core::array::from_fn(|k| sample.tcp_m[k] - sample.setpoint_m[k]);
         Self {
             timestamp,
-            frame_id: BASE.into(),
+            frame_id: f0.into(),
             pose: PositionAndOrientation {
                 position: sample.tcp_m.into(),
-                orientation: Orientation::default(),
+                orientation,
             },
             setpoint: sample.setpoint_m.into(),
             deviation_mm: 1e3 * length(deviation_m),
@@ -267,10 +248,13 @@ impl TelemetryMessage for Tcp<'_> {
 /// The phase of the procedure, and the flags of the control loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PhaseState {
-    /// Device time.
+    /// Time, UTC.
     pub timestamp: Stamp,
     /// The phase.
     pub phase: Phase,
+    /// Device time since the controller's start; older files have none.
+    #[serde(default)]
+    pub device_time: Option<Stamp>,
     /// Number of the phase, for plots.
     pub number: u8,
     /// Whether a torque is saturated.
@@ -281,11 +265,13 @@ pub struct PhaseState {
     pub near_singular: bool,
 }
 
-impl From<(Stamp, &Sample)> for PhaseState {
-    fn from((timestamp, sample): (Stamp, &Sample)) -> Self {
+impl PhaseState {
+    /// From a sample that was taken at the given device time.
+    pub(super) fn new(timestamp: Stamp, device_time: Stamp, sample: &Sample) -> Self {
         Self {
             timestamp,
             phase: sample.phase,
+            device_time: Some(device_time),
             number: sample.phase as u8,
             saturated: sample.flags & 1 != 0,
             rate_limited: sample.flags & 2 != 0,
@@ -299,13 +285,10 @@ impl TelemetryMessage for PhaseState {
     const SCHEMA: &'static str = "spherecal.Phase";
     fn properties() -> Value {
         let flag = json!({ "type": "boolean" });
-        json!({ "timestamp": Stamp::schema(), "phase": { "type": "string" }, "number": { "type": "integer" },
-                "saturated": flag, "rate_limited": flag, "near_singular": flag })
+        json!({ "timestamp": Stamp::schema(), "phase": { "type": "string" }, "device_time": Stamp::schema(),
+                "number": { "type": "integer" }, "saturated": flag, "rate_limited": flag, "near_singular": flag })
     }
 }
-
-/// Name of the robot's base frame F0.
-const BASE: &str = "base";
 
 fn length(v: [f32; 3]) -> f32 {
     v.iter().map(|x| x * x).sum::<f32>().sqrt()

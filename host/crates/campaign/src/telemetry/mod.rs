@@ -8,16 +8,21 @@
 //!
 //! The recorder is an [`Observer`](crate::Observer) of the campaign: events pass
 //! through it, and nothing goes back to the controller. A file that cannot be
-//! written never stops a measurement. Writer and reader share the types in
-//! [`messages`].
+//! written never stops a measurement. Writer and reader share the types in [`messages`], [`scene`]
+//! and [`log`].
 
 mod contact;
+pub mod log;
 pub mod messages;
 mod reader;
 mod recorder;
+pub mod scene;
+mod utc;
 mod writer;
 
 pub use contact::{ContactTrace, ContactTracer};
 pub use reader::{Period, TelemetryReader};
 pub use recorder::TelemetryRecorder;
+pub use scene::DrawnArm;
+pub use utc::Instant;
 pub use writer::{TelemetryError, TelemetryWriter};

@@ -4,16 +4,17 @@ use mcap::McapError;
 use mcap::read::ChannelAccumulator;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use serde::Deserialize;
+use serde::de::DeserializeOwned;
 
 use super::messages::{JointStates, PhaseState, Tcp, TelemetryMessage as _, Wrench};
+use super::scene::FrameTransforms;
 use super::writer::TelemetryError;
 
 /// The messages of one control period. A message that the file lacks is `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Period {
-    /// Device time, in ns.
-    pub time_ns: u64,
+    /// UTC, in ns since 1970. Device time in files of programs before version 0.2, which had no UTC.
+    pub utc_ns: u64,
     /// Joints.
     pub joint_states: Option<JointStates<'static>>,
     /// Force and torque.
@@ -22,6 +23,16 @@ pub struct Period {
     pub tcp: Option<Tcp<'static>>,
     /// Phase and flags.
     pub phase: Option<PhaseState>,
+    /// Frames of the arm, which few periods have.
+    pub frames: Option<FrameTransforms<'static>>,
+}
+
+impl Period {
+    /// Device time since the controller's start, in ns.
+    pub fn device_ns(&self) -> u64 {
+        let told = self.phase.and_then(|phase| phase.device_time);
+        told.map_or(self.utc_ns, |time| time.time_ns())
+    }
 }
 
 /// The longest record that is read, in bytes. A chunk of the writer has 1 MiB. The limit keeps a
@@ -125,10 +136,10 @@ impl<'a> TelemetryReader<'a> {
     fn take(&mut self, message: &Message) -> Result<Option<Period>, TelemetryError> {
         let topic = message.topic.as_str();
         let mut next = Period {
-            time_ns: message.time_ns,
+            utc_ns: message.time_ns,
             ..Period::default()
         };
-        let current = self.period.as_ref().is_some_and(|p| p.time_ns == message.time_ns);
+        let current = self.period.as_ref().is_some_and(|p| p.utc_ns == message.time_ns);
         let target = if current {
             self.period.get_or_insert_default()
         } else {
@@ -139,13 +150,14 @@ impl<'a> TelemetryReader<'a> {
             Wrench::TOPIC => target.wrench = Some(decode(topic, &message.data)?),
             Tcp::TOPIC => target.tcp = Some(decode(topic, &message.data)?),
             PhaseState::TOPIC => target.phase = Some(decode(topic, &message.data)?),
+            FrameTransforms::TOPIC => target.frames = Some(decode(topic, &message.data)?),
             _ => return Ok(None),
         }
         Ok(if current { None } else { self.period.replace(next) })
     }
 }
 
-fn decode<'a, M: Deserialize<'a>>(topic: &str, data: &'a [u8]) -> Result<M, TelemetryError> {
+fn decode<M: DeserializeOwned>(topic: &str, data: &[u8]) -> Result<M, TelemetryError> {
     serde_json::from_slice(data).map_err(|cause| TelemetryError::Decode {
         topic: topic.to_owned(),
         cause,
@@ -190,15 +202,19 @@ mod tests {
     use spherecal_shared::MAX_JOINTS;
     use spherecal_shared::protocol::host::{Phase, Sample};
 
-    use super::super::TelemetryWriter;
+    use super::super::{DrawnArm, Instant, TelemetryWriter};
     use super::*;
 
+    const DAY_NS: u64 = 1_800_000_000_000_000_000;
+
     fn written(samples: &[(u64, Sample)]) -> Vec<u8> {
-        let names: Vec<String> = (1..=6).map(|k| format!("joint_{k}")).collect();
+        let model = spherecal_model::robots::built_in("ur5e").expect("built in");
+        let arm = DrawnArm::new(&model, &model.tool_in_table());
         let mut bytes = std::io::Cursor::new(Vec::new());
-        let mut writer = TelemetryWriter::new(&mut bytes, &names, &BTreeMap::new()).expect("a writer");
-        for (time_us, sample) in samples {
-            writer.write(*time_us, sample).expect("written");
+        let mut writer = TelemetryWriter::new(&mut bytes, arm, &BTreeMap::new(), DAY_NS).expect("a writer");
+        for &(device_us, sample) in samples {
+            let utc_ns = DAY_NS + 1000 * device_us;
+            writer.write(Instant { utc_ns, device_us }, &sample).expect("written");
         }
         writer.finish().expect("finished");
         bytes.into_inner()
@@ -223,11 +239,14 @@ mod tests {
             .collect::<Result<_, _>>()
             .expect("readable");
         assert_eq!(
-            periods.iter().map(|p| p.time_ns).collect::<Vec<_>>(),
-            [1_234_567_000, 1_236_567_000]
+            periods
+                .iter()
+                .map(|p| (p.utc_ns - DAY_NS, p.device_ns()))
+                .collect::<Vec<_>>(),
+            [(1_234_567_000, 1_234_567_000), (1_236_567_000, 1_236_567_000)]
         );
         let joints = periods[0].joint_states.as_ref().expect("joints");
-        assert_eq!(joints.timestamp.time_us(), 1_234_567);
+        assert_eq!(joints.timestamp.time_ns(), DAY_NS + 1_234_567_000);
         assert_eq!(joints.name.len(), 6);
         let bits = |values: &[f32]| values.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(&joints.position), bits(&sample.q[..6]));
@@ -242,6 +261,12 @@ mod tests {
             (Phase::HandGuiding, true, false)
         );
         assert!(phase.near_singular);
+        // Seven frames: six links, the flange and the TCP, less the root.
+        let frames: Vec<usize> = periods
+            .iter()
+            .filter_map(|p| Some(p.frames.as_ref()?.transforms.len()))
+            .collect();
+        assert_eq!(frames, [8]);
     }
 
     /// Samples of some seconds, in several chunks.

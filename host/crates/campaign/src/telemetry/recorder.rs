@@ -10,6 +10,8 @@ use spherecal_shared::protocol::host::{Event, Sample};
 use spherecal_shared::timing::SampleClock;
 
 use super::contact::{ContactTrace, ContactTracer};
+use super::scene::DrawnArm;
+use super::utc::{UtcClock, now_ns};
 use super::writer::{TelemetryError, TelemetryWriter};
 use crate::{Moved, Observer, Progress};
 use spherecal_link::Arrival;
@@ -26,6 +28,8 @@ pub struct TelemetryRecorder<O: Observer> {
     problem: Option<String>,
     /// Device time of each sample.
     clock: SampleClock,
+    /// UTC of each sample.
+    utc: UtcClock,
     tracer: ContactTracer,
     traces: Vec<ContactTrace>,
 }
@@ -33,7 +37,7 @@ pub struct TelemetryRecorder<O: Observer> {
 impl<O: Observer> TelemetryRecorder<O> {
     /// Watches for `inner`, and writes `telemetry.mcap` (or, where there is one
     /// from an earlier session, `telemetry-2.mcap` and so on) into `directory`.
-    pub fn new(inner: O, directory: &Path, joints: usize, about: &BTreeMap<String, String>) -> Self {
+    pub fn new(inner: O, directory: &Path, arm: DrawnArm, about: &BTreeMap<String, String>) -> Self {
         let path = free_name(directory);
         let mut recorder = Self {
             inner,
@@ -41,14 +45,15 @@ impl<O: Observer> TelemetryRecorder<O> {
             path,
             problem: None,
             clock: SampleClock::new(),
+            utc: UtcClock::new(now_ns()),
             tracer: ContactTracer::new(KEPT_US, KEPT_US),
             traces: Vec::new(),
         };
-        let names: Vec<String> = (1..=joints).map(|k| format!("joint_{k}")).collect();
+        let utc_ns = recorder.utc.latest(0).utc_ns;
         let opened = std::fs::create_dir_all(directory)
             .and_then(|()| File::create(&recorder.path))
             .map_err(|e| TelemetryError::File(e.into()))
-            .and_then(|file| TelemetryWriter::new(BufWriter::new(file), &names, about));
+            .and_then(|file| TelemetryWriter::new(BufWriter::new(file), arm, about, utc_ns));
         match opened {
             Ok(writer) => recorder.writer = Some(writer),
             Err(error) => recorder.give_up(&error),
@@ -77,14 +82,20 @@ impl<O: Observer> TelemetryRecorder<O> {
         (self.inner, written, self.traces)
     }
 
+    /// Closes the file after an error.
+    fn written(&mut self, result: Option<Result<(), TelemetryError>>) {
+        if let Some(Err(error)) = result {
+            self.give_up(&error);
+        }
+    }
+
     fn sample(&mut self, sample: &Sample) {
         let Some(time_us) = self.clock.time_us(sample.tick) else {
             return;
         };
-        let result = self.writer.as_mut().map(|writer| writer.write(time_us, sample));
-        if let Some(Err(error)) = result {
-            self.give_up(&error);
-        }
+        let at = self.utc.at(time_us, now_ns());
+        let result = self.writer.as_mut().map(|writer| writer.write(at, sample));
+        self.written(result);
         self.traces.extend(self.tracer.sample(time_us, sample));
     }
 }
@@ -101,6 +112,9 @@ impl<O: Observer> Observer for TelemetryRecorder<O> {
             }
             _ => {}
         }
+        let at = self.utc.latest(now_ns());
+        let result = self.writer.as_mut().map(|writer| writer.event(at, &arrival.body));
+        self.written(result);
         self.inner.event(now_us, arrival);
     }
 
@@ -109,6 +123,9 @@ impl<O: Observer> Observer for TelemetryRecorder<O> {
     }
 
     fn note(&mut self, text: &str) {
+        let at = self.utc.latest(now_ns());
+        let result = self.writer.as_mut().map(|writer| writer.note(at, text));
+        self.written(result);
         self.inner.note(text);
     }
 
@@ -149,7 +166,9 @@ mod tests {
     /// the given control period.
     fn session(period_us: u32) -> (Vec<u64>, ContactTrace) {
         let folder = tempfile::tempdir().expect("a folder");
-        let mut recorder = TelemetryRecorder::new(Silent, folder.path(), 7, &BTreeMap::new());
+        let model = spherecal_model::robots::built_in("iiwa7").expect("built in");
+        let arm = DrawnArm::new(&model, &model.tool_in_table());
+        let mut recorder = TelemetryRecorder::new(Silent, folder.path(), arm, &BTreeMap::new());
         let sample = |tick| Sample {
             tick,
             phase: Phase::Approaching,
@@ -194,7 +213,7 @@ mod tests {
         let (_, path, mut traces) = recorder.finish();
         let bytes = std::fs::read(path.expect("a whole file")).expect("readable");
         let periods = TelemetryReader::new(&bytes).expect("MCAP");
-        let times = periods.map(|p| p.expect("a sample").time_ns).collect();
+        let times = periods.map(|p| p.expect("a sample").device_ns()).collect();
         (times, traces.pop().expect("a trace"))
     }
 

@@ -14,6 +14,7 @@
 
 mod compensator;
 mod error;
+mod frame_tree;
 pub mod frames;
 pub mod kinematics_yaml;
 pub mod mdh;
@@ -32,6 +33,7 @@ use crate::read_text;
 
 pub use compensator::read_compensator;
 pub use error::RobotFileError;
+pub use frame_tree::{FrameTransform, FrameTree};
 pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
 pub use model::{Origin, RobotModel, moved, near, table_frames};
 pub use urdf_in::load as load_urdf_text;

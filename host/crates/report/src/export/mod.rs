@@ -17,10 +17,13 @@
 //! | `laser` | one shot of the tracker |
 //! | `parameters` | one parameter of the model, if the run was identified |
 //! | `telemetry` | one control period, if `telemetry.mcap` is there |
+//!
+//! [`export_ros2`] writes the telemetry as a ROS 2 bag instead.
 
 mod file;
 #[cfg(feature = "parquet")]
 mod parquet_file;
+mod ros2;
 mod table;
 mod tables;
 mod telemetry;
@@ -28,6 +31,7 @@ mod telemetry;
 use std::path::{Path, PathBuf};
 
 pub use file::{Format, TableFile};
+pub use ros2::export_ros2;
 pub use table::{Column, Table};
 
 use spherecal_store::{CalibrationStore, StoreError};

@@ -49,7 +49,8 @@ pub(super) fn export(path: &Path, format: Format, folder: &Path) -> Result<(Opti
 /// no text and flags that are not set.
 fn table(rows: &[Period], joints: usize) -> Table {
     let mut t = Table::new("telemetry");
-    t.whole("time_ns", rows.iter().map(|r| r.time_ns));
+    t.whole("time_ns", rows.iter().map(Period::device_ns));
+    t.whole("utc_ns", rows.iter().map(|r| r.utc_ns));
     type OfJoints = for<'a> fn(&'a JointStates<'static>) -> &'a [f32];
     let parts: [(&str, &str, OfJoints); 4] = [
         ("q", "rad", |j| &j.position),

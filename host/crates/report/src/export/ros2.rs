@@ -1,0 +1,309 @@
+//! The telemetry of a run as a ROS 2 bag: a folder with an MCAP file and its `metadata.yaml`, which
+//! `ros2 bag play`, RViz and PlotJuggler open.
+//!
+//! | topic | type | message |
+//! |---|---|---|
+//! | `/joint_states` | `sensor_msgs/msg/JointState` | position (rad), velocity (rad/s), effort (measured, N m) |
+//! | `/wrench` | `geometry_msgs/msg/WrenchStamped` | estimated force (N) and torque (N m) at the TCP, axes of F0 |
+//! | `/tf` | `tf2_msgs/msg/TFMessage` | the frames of the nominal robot, 20 times a second |
+//!
+//! Messages are in CDR, little endian, each topic with its definition. Times are UTC.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+
+use byteorder::LittleEndian;
+use cdr_encoding::to_vec;
+use mcap::records::MessageHeader;
+use mcap::{Compression, WriteOptions, Writer};
+use serde::Serialize;
+use spherecal_campaign::telemetry::messages::{JointStates, Stamp, Wrench, Xyz};
+use spherecal_campaign::telemetry::scene::{FrameTransform, FrameTransforms};
+use spherecal_campaign::telemetry::{Period, TelemetryReader};
+use spherecal_model::NewFile;
+
+use super::ExportError;
+use definitions::{JOINT_STATE, TF_MESSAGE, WRENCH_STAMPED};
+
+mod definitions;
+
+/// Name of the file in the folder.
+const FILE: &str = "ros2_0.mcap";
+/// The CDR encapsulation header: little endian, no options.
+const CDR_LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
+
+#[derive(Serialize)]
+struct Time {
+    sec: i32,
+    nanosec: u32,
+}
+
+#[derive(Serialize)]
+struct Header<'a> {
+    stamp: Time,
+    frame_id: &'a str,
+}
+
+#[derive(Serialize)]
+struct Vector3 {
+    x: f64,
+    y: f64,
+    z: f64,
+}
+
+#[derive(Serialize)]
+struct Quaternion {
+    x: f64,
+    y: f64,
+    z: f64,
+    w: f64,
+}
+
+#[derive(Serialize)]
+struct JointState<'a> {
+    header: Header<'a>,
+    name: &'a [String],
+    position: Vec<f64>,
+    velocity: Vec<f64>,
+    effort: Vec<f64>,
+}
+
+#[derive(Serialize)]
+struct WrenchStamped<'a> {
+    header: Header<'a>,
+    force: Vector3,
+    torque: Vector3,
+}
+
+#[derive(Serialize)]
+struct TransformStamped<'a> {
+    header: Header<'a>,
+    child_frame_id: &'a str,
+    translation: Vector3,
+    rotation: Quaternion,
+}
+
+#[derive(Serialize)]
+struct TfMessage<'a> {
+    transforms: Vec<TransformStamped<'a>>,
+}
+
+impl<'a> Header<'a> {
+    fn new(stamp: Stamp, frame_id: &'a str) -> Self {
+        Self {
+            stamp: Time {
+                // ROS counts seconds in 32 bits: until 2038.
+                sec: i32::try_from(stamp.sec).unwrap_or(i32::MAX),
+                nanosec: stamp.nsec,
+            },
+            frame_id,
+        }
+    }
+}
+
+impl From<Xyz> for Vector3 {
+    fn from(v: Xyz) -> Self {
+        Self {
+            x: v.x.into(),
+            y: v.y.into(),
+            z: v.z.into(),
+        }
+    }
+}
+
+impl<'a> From<&'a JointStates<'static>> for JointState<'a> {
+    fn from(joints: &'a JointStates<'static>) -> Self {
+        let wide = |values: &[f32]| values.iter().copied().map(f64::from).collect();
+        Self {
+            // Joint states belong to no frame.
+            header: Header::new(joints.timestamp, ""),
+            name: &joints.name,
+            position: wide(&joints.position),
+            velocity: wide(&joints.velocity),
+            effort: wide(&joints.effort),
+        }
+    }
+}
+
+impl<'a> From<&'a Wrench<'static>> for WrenchStamped<'a> {
+    fn from(wrench: &'a Wrench<'static>) -> Self {
+        Self {
+            header: Header::new(wrench.timestamp, &wrench.frame_id),
+            force: wrench.wrench.force.into(),
+            torque: wrench.wrench.torque.into(),
+        }
+    }
+}
+
+impl<'a> From<&'a FrameTransforms<'static>> for TfMessage<'a> {
+    fn from(frames: &'a FrameTransforms<'static>) -> Self {
+        let one = |frame: &'a FrameTransform<'static>| {
+            let (t, r) = (frame.translation, frame.rotation);
+            TransformStamped {
+                header: Header::new(frame.timestamp, &frame.parent_frame_id),
+                child_frame_id: &frame.child_frame_id,
+                translation: Vector3 { x: t.x, y: t.y, z: t.z },
+                rotation: Quaternion {
+                    x: r.x,
+                    y: r.y,
+                    z: r.z,
+                    w: r.w,
+                },
+            }
+        };
+        Self {
+            transforms: frames.transforms.iter().map(one).collect(),
+        }
+    }
+}
+
+/// A topic, and what was written to it.
+struct Topic {
+    name: &'static str,
+    kind: &'static str,
+    channel: u16,
+    messages: u64,
+}
+
+/// The bag while it is written.
+struct Bag {
+    writer: Writer<BufWriter<File>>,
+    topics: Vec<Topic>,
+    begin_ns: Option<u64>,
+    end_ns: u64,
+}
+
+impl Bag {
+    fn new(file: File) -> Result<Self, String> {
+        let mut writer = WriteOptions::new()
+            .compression(Some(Compression::Lz4))
+            .profile("ros2")
+            .library(concat!("spherecal ", env!("CARGO_PKG_VERSION")))
+            .create(BufWriter::new(file))
+            .map_err(|e| e.to_string())?;
+        let kinds = [
+            ("/joint_states", "sensor_msgs/msg/JointState", JOINT_STATE),
+            ("/wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED),
+            ("/tf", "tf2_msgs/msg/TFMessage", TF_MESSAGE),
+        ];
+        let mut topics = Vec::new();
+        for (name, kind, definition) in kinds {
+            let add = |writer: &mut Writer<_>| {
+                let schema = writer.add_schema(kind, "ros2msg", definition.as_bytes())?;
+                writer.add_channel(schema, name, "cdr", &BTreeMap::new())
+            };
+            topics.push(Topic {
+                name,
+                kind,
+                channel: add(&mut writer).map_err(|e: mcap::McapError| e.to_string())?,
+                messages: 0,
+            });
+        }
+        Ok(Self {
+            writer,
+            topics,
+            begin_ns: None,
+            end_ns: 0,
+        })
+    }
+
+    /// Writes one message of the topic with number `topic`.
+    fn put(&mut self, topic: usize, time_ns: u64, message: &impl Serialize) -> Result<(), String> {
+        let mut data = CDR_LITTLE_ENDIAN.to_vec();
+        data.extend(to_vec::<_, LittleEndian>(message).map_err(|e| e.to_string())?);
+        let Some(topic) = self.topics.get_mut(topic) else {
+            return Ok(());
+        };
+        let header = MessageHeader {
+            channel_id: topic.channel,
+            sequence: topic.messages as u32,
+            log_time: time_ns,
+            publish_time: time_ns,
+        };
+        topic.messages += 1;
+        self.begin_ns = Some(self.begin_ns.map_or(time_ns, |begin| begin.min(time_ns)));
+        self.end_ns = self.end_ns.max(time_ns);
+        self.writer
+            .write_to_known_channel(&header, &data)
+            .map_err(|e| e.to_string())
+    }
+
+    fn period(&mut self, period: &Period) -> Result<(), String> {
+        if let Some(joints) = &period.joint_states {
+            self.put(0, period.utc_ns, &JointState::from(joints))?;
+        }
+        if let Some(wrench) = &period.wrench {
+            self.put(1, period.utc_ns, &WrenchStamped::from(wrench))?;
+        }
+        if let Some(frames) = &period.frames {
+            self.put(2, period.utc_ns, &TfMessage::from(frames))?;
+        }
+        Ok(())
+    }
+
+    /// What rosbag2 wants to know of the file before it opens it.
+    fn metadata(&self) -> String {
+        let begin = self.begin_ns.unwrap_or(0);
+        let duration = self.end_ns.saturating_sub(begin);
+        let count: u64 = self.topics.iter().map(|t| t.messages).sum();
+        let topics: String = self
+            .topics
+            .iter()
+            .map(|t| {
+                format!(
+                    "    - topic_metadata:\n        name: {}\n        type: {}\n        serialization_format: cdr\n        \
+                     offered_qos_profiles: \"\"\n      message_count: {}\n",
+                    t.name, t.kind, t.messages
+                )
+            })
+            .collect();
+        format!(
+            "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n  duration:\n    \
+             nanoseconds: {duration}\n  starting_time:\n    nanoseconds_since_epoch: {begin}\n  \
+             message_count: {count}\n  topics_with_message_count:\n{topics}  compression_format: \"\"\n  \
+             compression_mode: \"\"\n  relative_file_paths:\n    - {FILE}\n  files:\n    - path: {FILE}\n      \
+             starting_time:\n        nanoseconds_since_epoch: {begin}\n      duration:\n        \
+             nanoseconds: {duration}\n      message_count: {count}\n"
+        )
+    }
+}
+
+/// Writes the telemetry in `telemetry` as a bag: the folder `folder`. Returns its files, and whether
+/// the telemetry ends in the middle of a record.
+///
+/// # Errors
+/// When the telemetry cannot be read or has no sample, or when a file cannot be written.
+pub fn export_ros2(telemetry: &Path, folder: &Path) -> Result<(Vec<PathBuf>, bool), ExportError> {
+    let unreadable = |what: String| ExportError::Telemetry {
+        path: telemetry.display().to_string(),
+        what,
+    };
+    let bytes = std::fs::read(telemetry).map_err(|e| unreadable(e.to_string()))?;
+    let mut reader = TelemetryReader::new(&bytes).map_err(|e| unreadable(e.to_string()))?;
+    let paths = [folder.join(FILE), folder.join("metadata.yaml")];
+    let failed = |path: &Path, what: String| ExportError::Write {
+        path: path.display().to_string(),
+        what,
+    };
+    let in_folder = |what: String| failed(&paths[0], what);
+    std::fs::create_dir_all(folder).map_err(|e| failed(folder, e.to_string()))?;
+    let new = NewFile::create(&paths[0]).map_err(|e| in_folder(e.to_string()))?;
+    let mut bag = Bag::new(new.handle().map_err(|e| in_folder(e.to_string()))?).map_err(in_folder)?;
+    for period in reader.by_ref() {
+        bag.period(&period.map_err(|e| unreadable(e.to_string()))?)
+            .map_err(in_folder)?;
+    }
+    if bag.begin_ns.is_none() {
+        return Err(unreadable("has no sample".to_owned()));
+    }
+    bag.writer.finish().map_err(|e| in_folder(e.to_string()))?;
+    new.finish().map_err(|e| in_folder(e.to_string()))?;
+    let in_metadata = |e: std::io::Error| failed(&paths[1], e.to_string());
+    let new = NewFile::create(&paths[1]).map_err(in_metadata)?;
+    let mut handle = new.handle().map_err(in_metadata)?;
+    handle.write_all(bag.metadata().as_bytes()).map_err(in_metadata)?;
+    new.finish().map_err(in_metadata)?;
+    Ok((paths.into(), reader.is_torn()))
+}
