@@ -3,7 +3,7 @@
     check_ros2.py BAG_FOLDER TELEMETRY.mcap
 
 Prints one line of JSON: messages by topic, the first and last time, and the largest difference of
-angles, forces and frames.
+angles, forces and frames (relative beyond 1).
 """
 
 import json
@@ -55,6 +55,6 @@ with AnyReader([pathlib.Path(sys.argv[1])]) as reader:
                 assert own.child_frame_id == other["child_frame_id"] and stamp(own.header) == time_ns
                 pairs += zip([*xyz(own.transform.translation), *xyz(own.transform.rotation), own.transform.rotation.w],
                              [*xyz(other["translation"]), *xyz(other["rotation"]), other["rotation"]["w"]])
-        worst = max([worst, *(abs(a - b) for a, b in pairs if b is not None)])
+        worst = max([worst, *(abs(a - b) / max(1.0, abs(b)) for a, b in pairs if b is not None)])
 assert counts == {topic: len(messages) for topic, messages in told.items()}, counts
 print(json.dumps({"counts": counts, "first_ns": times[0], "last_ns": times[-1], "largest_difference": worst}))

@@ -14,8 +14,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
-use byteorder::LittleEndian;
-use cdr_encoding::to_vec;
+use cdr::{CdrLe, Infinite};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
 use serde::Serialize;
@@ -31,8 +30,6 @@ mod definitions;
 
 /// Name of the file in the folder.
 const FILE: &str = "ros2_0.mcap";
-/// The CDR encapsulation header: little endian, no options.
-const CDR_LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
 
 #[derive(Serialize)]
 struct Time {
@@ -211,8 +208,7 @@ impl Bag {
 
     /// Writes one message of the topic with number `topic`.
     fn put(&mut self, topic: usize, time_ns: u64, message: &impl Serialize) -> Result<(), String> {
-        let mut data = CDR_LITTLE_ENDIAN.to_vec();
-        data.extend(to_vec::<_, LittleEndian>(message).map_err(|e| e.to_string())?);
+        let data = cdr::serialize::<_, _, CdrLe>(message, Infinite).map_err(|e| e.to_string())?;
         let Some(topic) = self.topics.get_mut(topic) else {
             return Ok(());
         };
