@@ -43,8 +43,8 @@ impl DrawnArm {
     }
 
     /// Rotation of the TCP's frame in F0 at joint angles `q` (rad).
-    pub(super) fn tcp_rotation(&self, q: &[f64]) -> Rotation3<f64> {
-        self.chain.pose(q).rotation
+    pub(super) fn tcp_orientation(&self, q: &[f64]) -> Quaternion {
+        Quaternion::from(self.chain.pose(q).rotation.matrix())
     }
 
     /// All transforms at joint angles `q` (rad).
@@ -97,8 +97,14 @@ pub struct Translation {
 
 impl From<nalgebra::Vector3<f64>> for Translation {
     fn from(v: nalgebra::Vector3<f64>) -> Self {
-        Self { x: v.x, y: v.y, z: v.z }
+        let [x, y, z] = [v.x, v.y, v.z].map(rounded);
+        Self { x, y, z }
     }
+}
+
+/// Rounded to a nanometre or 1e-9: digits beyond cannot be compressed, and nobody needs them.
+fn rounded(x: f64) -> f64 {
+    (x * 1e9).round() / 1e9
 }
 
 /// A unit quaternion.
@@ -128,13 +134,7 @@ impl Default for Quaternion {
 
 impl From<&Matrix3<f64>> for Quaternion {
     fn from(rotation: &Matrix3<f64>) -> Self {
-        Self::from(&Rotation3::from_matrix_unchecked(*rotation))
-    }
-}
-
-impl From<&Rotation3<f64>> for Quaternion {
-    fn from(rotation: &Rotation3<f64>) -> Self {
-        let [w, x, y, z] = quaternion(rotation);
+        let [w, x, y, z] = quaternion(&Rotation3::from_matrix_unchecked(*rotation)).map(rounded);
         Self { x, y, z, w }
     }
 }

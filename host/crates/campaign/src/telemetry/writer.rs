@@ -11,7 +11,7 @@ use spherecal_shared::protocol::host::{Event, Sample};
 
 use super::log::{EventMessage, FaultMessage, Level, LogMessage};
 use super::messages::{JointStates, PhaseState, Stamp, Tcp, TelemetryMessage, Wrench};
-use super::scene::{DrawnArm, FrameTransforms, Quaternion, RobotDescription};
+use super::scene::{DrawnArm, FrameTransforms, RobotDescription};
 use super::utc::Instant;
 
 /// Device time between two messages of `/tf`, in µs. The eye needs no more, and each has all frames.
@@ -128,7 +128,7 @@ impl<W: Write + Seek> TelemetryWriter<W> {
         let f0 = self.arm.frames.f0();
         let joint_states = serde_json::to_vec(&JointStates::new(stamp, self.arm.frames.joint_names(), sample))?;
         let wrench = serde_json::to_vec(&Wrench::new(stamp, f0, sample))?;
-        let orientation = Quaternion::from(&self.arm.tcp_rotation(&q));
+        let orientation = self.arm.tcp_orientation(&q);
         let tcp = serde_json::to_vec(&Tcp::new(stamp, f0, sample, orientation))?;
         let device_time = Stamp::from_ns(at.device_us.saturating_mul(1000));
         let phase = serde_json::to_vec(&PhaseState::new(stamp, device_time, sample))?;
