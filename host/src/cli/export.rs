@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::exit::{CliError, Exit};
 use super::out::{errln, outln};
-use spherecal_job::open_store;
+use spherecal_job::{open_store, run_telemetry};
 use spherecal_report::export::{ExportError, Format, export};
 use spherecal_store::StoreLocation;
 
@@ -19,7 +19,7 @@ pub struct ExportArgs {
     /// Write CSV.
     #[arg(long)]
     pub csv: bool,
-    /// Folder of the run. The tables are written to `tables` in it.
+    /// Folder of the run. The tables are written to `tables` in it; tables of another run there are removed.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT. Default: calibration.db
@@ -40,24 +40,16 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     let mut store = open_store(args.store.as_ref().unwrap_or(&file), false)?;
     let last = store.require_last_run()?.run;
     let run = args.run.unwrap_or(last);
-    if !store.runs()?.iter().any(|info| info.run == run) {
+    let Some(info) = store.runs()?.into_iter().find(|info| info.run == run) else {
         return Err(CliError::input(format!(
             "{} has no run {run}: give a number from 1 to {last}",
             store.path().display()
         )));
-    }
+    };
     let format = if args.csv { Format::Csv } else { Format::Parquet };
-    // The telemetry in the folder belongs to the last run.
-    let telemetry = args.out.join("telemetry.mcap");
-    let telemetry = (run == last && telemetry.exists()).then_some(telemetry);
-    let exported = export(
-        store.as_mut(),
-        run,
-        telemetry.as_deref(),
-        format,
-        &args.out.join("tables"),
-    )
-    .map_err(|e| match e {
+    let telemetry = run_telemetry(&args.out, store.as_mut(), &info)?;
+    let tables = args.out.join("tables");
+    let exported = export(store.as_mut(), &info, &telemetry.files, format, &tables).map_err(|e| match e {
         ExportError::Store(e) => CliError::from(e),
         ExportError::Telemetry { .. } | ExportError::NoParquet => CliError::input(e),
         ExportError::Write { .. } => CliError::job(e),
@@ -65,10 +57,20 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     for file in &exported.files {
         outln!("{}", file.display());
     }
-    if exported.torn_telemetry {
+    for file in exported.removed.iter().filter(|file| !exported.files.contains(file)) {
         errln!(
-            "spherecal export: telemetry.mcap ends in the middle of a record, because its program was killed: the \
-             telemetry before that is exported"
+            "spherecal export: {} was of another run than {run}: it is removed",
+            file.display()
+        );
+    }
+    if let Some(remark) = telemetry.remark(run) {
+        errln!("spherecal export: {remark}");
+    }
+    for file in &exported.torn_telemetry {
+        errln!(
+            "spherecal export: {} ends in the middle of a record, because its program was killed: the telemetry \
+             before that is exported",
+            file.display()
         );
     }
     Ok(Exit::Done)

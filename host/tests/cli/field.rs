@@ -62,7 +62,7 @@ fn telemetry_and_tables_are_read_by_others() {
     let mcap = check(
         &python,
         "tests/python/check_mcap.py",
-        &[&folder.join("o/telemetry.mcap")],
+        &[&folder.join("o/telemetry-run-1.mcap")],
     );
     let seconds = summary["simulated_s"].as_f64().expect("simulated_s");
     // The rate depends on the phase: 50 Hz at least, 1 kHz at most.

@@ -15,6 +15,7 @@ mod field;
 mod fleet;
 #[cfg(target_os = "linux")]
 mod floods;
+mod folders;
 mod hard;
 mod kills;
 mod left_out;

@@ -77,6 +77,8 @@ impl<W: Write + Seek> TelemetryWriter<W> {
             name: "spherecal".to_owned(),
             metadata: about.clone(),
         })?;
+        // The file says what it is from the beginning, also if this program is killed.
+        writer.flush()?;
         Ok(Self {
             writer,
             channels,
