@@ -11,6 +11,7 @@ mod damaged;
 mod docs;
 mod everyday;
 mod field;
+mod first_cell;
 #[cfg(all(feature = "services", feature = "postgres"))]
 mod fleet;
 #[cfg(target_os = "linux")]
