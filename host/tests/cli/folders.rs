@@ -146,7 +146,8 @@ fn results_of_another_arm_are_kept() {
         "{said}"
     );
     let kept = std::fs::read(folder.join("o/of-iiwa7-A-17/summary.json")).expect("kept");
-    assert_eq!(kept.trim_ascii_end(), first.trim_ascii_end());
+    let json = |bytes: &[u8]| serde_json::from_slice::<serde_json::Value>(bytes).expect("JSON");
+    assert!(json(&kept) == json(&first), "another document was kept");
     for name in [
         "calibrated.toml",
         "calibrated.urdf",

@@ -266,7 +266,7 @@ impl NewCell {
             plate.sigma_mm = u / 2.0;
         } else if matches!(self.plate, StatedPlate::Distances(_) | StatedPlate::Centres(_)) {
             assumed.push(format!(
-                "the plate's centres are certain to {} mm (1 sigma), as those of the paper: give --plate-u-mm from your certificate",
+                "the certified coordinates have a standard uncertainty of {} mm, as those of the paper's plate: give --plate-u-mm from your certificate",
                 text::number(plate.sigma_mm, 5)
             ));
         }

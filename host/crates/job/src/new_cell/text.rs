@@ -74,12 +74,12 @@ impl Decided<'_> {
              \n\
              # The tool: everything that is mounted on the flange, with the magnetic nest.\n\
              [cell.tool]\n\
-             # Its mass, in kg. A wrong mass turns into a wrong stiffness of the joints.\n\
+             # Its mass, in kg. The load of the joints is computed from it.\n\
              mass_kg = {mass}\n\
              # Its centre of mass in the flange frame, in mm.\n\
              com_mm = {com}\n\
-             # The TCP: the centre of a sphere that sits in the nest, in the flange frame, in mm. A millimetre from the drawing is\n\
-             # good enough: the calibration corrects it.\n\
+             # The TCP: the centre of a sphere that sits in the nest, in the flange frame, in mm. The\n\
+             # drawing's value is enough: the calibration estimates it anew.\n\
              tcp_mm = {tcp}\n\
              \n\
              # The plate. Its certificate gives the calibration its scale.\n\
@@ -92,8 +92,8 @@ impl Decided<'_> {
              # Radius of the spheres.\n\
              sphere_radius_m = {radius}\n\
              \n\
-             # Where the plate stands, to some millimetres: the position of sphere 1 in the robot's base frame, and roll, pitch and\n\
-             # yaw of the plate. The arm searches for each sphere; `spherecal teach` stores better starts. A second\n\
+             # Where the plate stands: the position of sphere 1 in the robot's base frame, and roll, pitch and yaw of the plate. The\n\
+             # arm finds a sphere within 10 mm of its place; `spherecal teach` stores a better start for each. A second\n\
              # [[cell.placements]] table makes the run stop, so that you can move the plate.\n\
              [[cell.placements]]\n\
              origin_m = {origin}\n\
