@@ -115,8 +115,9 @@ def read_run(
     """Reads a run into pandas DataFrames, one for each table that has rows.
 
     ``database`` is a folder of a run, its ``calibration.db``, or another store as the command takes it.
-    ``run`` is the number of the run (default: the last). ``telemetry`` is an MCAP file; of a folder's
-    last run, ``telemetry.mcap`` is read without being named.
+    ``run`` is the number of the run (default: the last). ``telemetry`` is an MCAP file of that run; in a
+    folder, the run's own ``telemetry-run-N.mcap`` is found without being named, and further pieces of a
+    run that was resumed are joined. The number of the run is in ``attrs["run"]`` of each table.
 
     Tables: ``recordings``, ``poses`` (as :func:`spherecal.identify` takes them), ``contacts``,
     ``couplings``, ``phases``, ``faults``, ``laser``, ``parameters``, ``telemetry``. The columns' names
@@ -126,20 +127,20 @@ def read_run(
     where = os.fspath(database)
     file = None if telemetry is None else Path(telemetry)
     if file is not None and not file.is_file():
-        raise refuse("telemetry", file, "is no file: give the telemetry.mcap of the run")
+        raise refuse("telemetry", file, "is no file: give the telemetry-run-N.mcap of the run")
     if os.path.isdir(where):
-        where, folder = os.path.join(where, "calibration.db"), Path(where)
-        own = folder / "telemetry.mcap"
-        # The telemetry in a folder is of its last run.
-        if file is None and run is None and own.is_file():
-            file = own
+        where, beside = os.path.join(where, "calibration.db"), Path(where)
+    else:
+        beside = None
     with tempfile.TemporaryDirectory(prefix="spherecal-") as scratch:
-        paths, number, torn = _native.export(where, run, file, Path(scratch))
+        paths, number, torn, remark = _native.export(where, run, file, beside, Path(scratch))
         # Since version 3, pandas reads every number to its own bits without being asked.
         exact = {"float_precision": "round_trip"} if int(frames.__version__.split(".")[0]) < 3 else {}
         tables = {Path(p).stem: frames.read_csv(p, **exact) for p in paths}
-    if torn:
-        print(f"spherecal: {file} ends in the middle of a record: what stands before it is read", file=sys.stderr)
+    if remark:
+        print(f"spherecal: {remark}", file=sys.stderr)
+    for piece in torn:
+        print(f"spherecal: {piece} ends in the middle of a record: what stands before it is read", file=sys.stderr)
     for table in tables.values():
         table.attrs["run"] = number
     return tables

@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spherecal::job::{Config, JobError, open_store, prepare};
+use spherecal::job::{Config, JobError, open_store, prepare, run_telemetry};
 use spherecal::report::export::{ExportError, Format};
 use spherecal::store::StoreLocation;
 
@@ -62,28 +62,38 @@ pub(crate) fn plan(
     })
 }
 
-/// Writes the tables of a run into a folder as CSV: their paths, the number of the run, and
-/// whether the telemetry ends in the middle of a record.
+/// Writes the tables of a run into a folder as CSV: their paths, the number of the run, the
+/// telemetry files that end in the middle of a record, and a remark for the user. The telemetry is
+/// the file `telemetry`, or else the run's own files in the folder `beside`.
 #[pyfunction]
-#[pyo3(signature = (store, run, telemetry, folder))]
+#[pyo3(signature = (store, run, telemetry, beside, folder))]
 pub(crate) fn export(
     py: Python<'_>,
     store: String,
     run: Option<i64>,
     telemetry: Option<PathBuf>,
+    beside: Option<PathBuf>,
     folder: PathBuf,
-) -> PyResult<(Vec<PathBuf>, i64, bool)> {
+) -> PyResult<(Vec<PathBuf>, i64, Vec<PathBuf>, Option<String>)> {
     guarded(py, move || {
         let Ok(location) = store.parse::<StoreLocation>();
         let mut store = open_store(&location, false)?;
         let last = store.require_last_run()?.run;
         let run = run.unwrap_or(last);
-        if !store.runs()?.iter().any(|info| info.run == run) {
+        let Some(info) = store.runs()?.into_iter().find(|info| info.run == run) else {
             return Err(Failure::input("run", run, &format!("give a number from 1 to {last}")));
-        }
-        let exported =
-            spherecal::report::export::export(store.as_mut(), run, telemetry.as_deref(), Format::Csv, &folder)?;
-        Ok((exported.files, run, exported.torn_telemetry))
+        };
+        let (files, remark) = match (telemetry, beside) {
+            (Some(file), _) => (vec![file], None),
+            (None, Some(beside)) => {
+                let found = run_telemetry(&beside, store.as_mut(), &info)?;
+                let remark = found.remark(run);
+                (found.files, remark)
+            }
+            (None, None) => (Vec::new(), None),
+        };
+        let exported = spherecal::report::export::export(store.as_mut(), &info, &files, Format::Csv, &folder)?;
+        Ok((exported.files, run, exported.torn_telemetry, remark))
     })
 }
 

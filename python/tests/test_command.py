@@ -78,10 +78,18 @@ def test_a_run_is_read_into_data_frames(command, tmp_path):
     telemetry = tables["telemetry"]
     assert len(telemetry) > 1000 and {"time_ns", "q1_rad", "force_x_n"} <= set(telemetry.columns)
     assert (np.diff(telemetry["time_ns"]) > 0).all()
+    # A second run in the folder: each run has its own telemetry.
+    ran = command("measure", "--poses", 6, "--seed", 2, "--out", tmp_path / "cell")
+    assert ran.returncode in (0, 3), ran.stderr
+    again = spherecal.read_run(tmp_path / "cell", run=1)
+    np.testing.assert_array_equal(again["telemetry"]["q1_rad"], telemetry["q1_rad"])
+    second = spherecal.read_run(tmp_path / "cell")
+    assert second["telemetry"].attrs["run"] == 2 and len(second["poses"]) == 6
+    assert len(second["telemetry"]) != len(telemetry)
     named = spherecal.read_run(tmp_path / "cell" / "calibration.db", run=1)
     assert "telemetry" not in named
     np.testing.assert_array_equal(named["poses"]["q1"], poses["q1"])
-    with pytest.raises(spherecal.InputError, match="run is 9: give a number from 1 to 1"):
+    with pytest.raises(spherecal.InputError, match="run is 9: give a number from 1 to 2"):
         spherecal.read_run(tmp_path / "cell", run=9)
     with pytest.raises(spherecal.InputError, match="telemetry is .*is no file"):
         spherecal.read_run(tmp_path / "cell", telemetry=tmp_path / "none.mcap")

@@ -10,6 +10,7 @@ use super::export::ExportArgs;
 use super::faults::FaultsArgs;
 use super::history::{HistoryArgs, TrendArgs};
 use super::identify::IdentifyArgs;
+use super::init::InitArgs;
 use super::robot::RobotArgs;
 use super::robot_sides::PlantArgs;
 use super::serve::ServeArgs;
@@ -24,6 +25,7 @@ use super::studies::{ReproduceArgs, WorldsArgs};
 const EXAMPLES: &str = "\
 Examples:
   spherecal                              calibrate a simulated iiwa 7 and show the remaining error
+  spherecal init                         write cell.toml for a cell of your own: asks, and checks the answers
   spherecal run --seed 3 --poses 60      another arm, fewer poses
   spherecal run --paper                  the paper's whole pose grid
   spherecal run --resume                 continue a run that was stopped
@@ -56,6 +58,8 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Write the files of a first cell: cell.toml, plate.toml and poses.csv.
+    Init(Box<InitArgs>),
     /// Run the whole job: plan, measure, identify, validate, report.
     #[command(
         after_help = "Examples: spherecal run --seed 2 --poses 60 --out second-arm\n          \

@@ -68,6 +68,15 @@ impl CliError {
         ))
     }
 
+    /// Adds the command to type next, where the message says to continue with `--resume`.
+    #[must_use]
+    pub fn with_next(mut self, command: &str) -> Self {
+        if self.message.contains("--resume") {
+            self.message = format!("{}\nNext: {command}", self.message);
+        }
+        self
+    }
+
     /// The exit code.
     pub fn exit(&self) -> Exit {
         self.exit

@@ -6,8 +6,8 @@ use clap::{Args, ValueEnum};
 
 use super::exit::{CliError, Exit};
 use super::out::{errln, outln};
-use spherecal_job::open_store;
-use spherecal_report::export::{ExportError, Exported, Format, export, export_ros2};
+use spherecal_job::{open_store, run_telemetry};
+use spherecal_report::export::{ExportError, Format, export, export_ros2};
 use spherecal_store::StoreLocation;
 
 /// Arguments of `export`.
@@ -22,7 +22,8 @@ pub struct ExportArgs {
     /// The same as --format csv.
     #[arg(long, conflicts_with = "format")]
     pub csv: bool,
-    /// Folder of the run. The tables are written to `tables` in it, a ROS 2 bag to `ros2`.
+    /// Folder of the run. The tables are written to `tables` in it, a ROS 2 bag to `ros2`; tables of another run
+    /// there are removed.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT. Default: calibration.db
@@ -55,32 +56,34 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     let mut store = open_store(args.store.as_ref().unwrap_or(&file), false)?;
     let last = store.require_last_run()?.run;
     let run = args.run.unwrap_or(last);
-    if !store.runs()?.iter().any(|info| info.run == run) {
+    let Some(info) = store.runs()?.into_iter().find(|info| info.run == run) else {
         return Err(CliError::input(format!(
             "{} has no run {run}: give a number from 1 to {last}",
             store.path().display()
         )));
-    }
-    // The telemetry in the folder belongs to the last run.
-    let telemetry = args.out.join("telemetry.mcap");
-    let telemetry = (run == last && telemetry.exists()).then_some(telemetry);
-    let exported = match (wanted, &telemetry) {
-        (ExportFormat::Ros2, None) => {
+    };
+    let telemetry = run_telemetry(&args.out, store.as_mut(), &info)?;
+    let exported = match wanted {
+        ExportFormat::Ros2 if telemetry.files.is_empty() => {
             return Err(CliError::input(format!(
                 "{} holds no telemetry of run {run}: a ROS 2 bag is made of telemetry; --format csv writes what is \
                  stored",
                 args.out.display()
             )));
         }
-        (ExportFormat::Ros2, Some(telemetry)) => export_ros2(telemetry, &args.out.join("ros2"))
-            .map(|(files, torn_telemetry)| Exported { files, torn_telemetry }),
-        (_, telemetry) => {
+        ExportFormat::Ros2 => export_ros2(&telemetry.files, &args.out.join("ros2")),
+        wanted => {
             let format = match wanted {
                 ExportFormat::Csv => Format::Csv,
                 _ => Format::Parquet,
             };
-            let folder = args.out.join("tables");
-            export(store.as_mut(), run, telemetry.as_deref(), format, &folder)
+            export(
+                store.as_mut(),
+                &info,
+                &telemetry.files,
+                format,
+                &args.out.join("tables"),
+            )
         }
     };
     let exported = exported.map_err(|e| match e {
@@ -91,10 +94,20 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     for file in &exported.files {
         outln!("{}", file.display());
     }
-    if exported.torn_telemetry {
+    for file in exported.removed.iter().filter(|file| !exported.files.contains(file)) {
         errln!(
-            "spherecal export: telemetry.mcap ends in the middle of a record, because its program was killed: the \
-             telemetry before that is exported"
+            "spherecal export: {} was of another run than {run}: it is removed",
+            file.display()
+        );
+    }
+    if let Some(remark) = telemetry.remark(run) {
+        errln!("spherecal export: {remark}");
+    }
+    for file in &exported.torn_telemetry {
+        errln!(
+            "spherecal export: {} ends in the middle of a record, because its program was killed: the telemetry \
+             before that is exported",
+            file.display()
         );
     }
     Ok(Exit::Done)

@@ -7,7 +7,7 @@ use spherecal_model::{read_text, read_toml};
 
 use super::args::{BadValue, StoredArgs};
 use super::exit::{CliError, Exit};
-use super::out::outln;
+use super::out::{errln, outln};
 use super::stages;
 use super::study_progress::StudyProgress;
 use spherecal_identify::study::{Request, StudyError, study};
@@ -179,6 +179,9 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     let study = study.map_err(refuse)?;
     let report = render(&study_report(&study, &now_utc()))?;
     let files = write_files(&study, &args.out, Some(&report))?;
+    if let Some(moved) = &files.moved {
+        errln!("spherecal: {moved}");
+    }
     if args.json {
         outln!("{:#}", summary_json(&study));
     } else {

@@ -21,6 +21,8 @@ mod faults;
 mod features;
 mod history;
 mod identify;
+mod init;
+mod init_questions;
 mod interrupt;
 mod listening;
 mod live_output;
@@ -82,6 +84,7 @@ fn execute(cli: Cli) -> Exit {
     let result = match cli.command {
         None => run::run(&cli.run),
         Some(Command::Run(args)) => run::run(&args),
+        Some(Command::Init(args)) => init::run(&args),
         Some(Command::Plan(args)) => plan::run(&args),
         Some(Command::Measure(args)) => stages::measure(&args),
         Some(Command::Teach(args)) => teach::run(&args),

@@ -10,7 +10,7 @@ use super::exit::{CliError, Exit};
 use super::features;
 use super::interrupt::interrupt;
 use super::live_output::LiveOutput;
-use super::out::{err, out, outln};
+use super::out::{err, errln, out, outln};
 use super::progress::ProgressView;
 use super::text;
 use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};
@@ -203,13 +203,39 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
                 text: error.to_string(),
             });
             keep_traces(store.as_mut(), traces)?;
-            return Err(error.into());
+            return Err(CliError::from(error).with_next(&resume_command(args)));
         }
         live = seen;
         keep_traces(store.as_mut(), traces)?;
     }
     let info = store.require_last_run()?;
     Ok((store, info, live))
+}
+
+/// The command that continues a run of `args`.
+fn resume_command(args: &RunArgs) -> String {
+    let mut words = vec![
+        "spherecal run --resume --out".to_owned(),
+        shell_word(&args.out.display().to_string()),
+    ];
+    let mut option = |name: &str, value: Option<String>| {
+        words.extend(value.map(|value| format!("{name} {}", shell_word(&value))));
+    };
+    option("--link", (args.link != Link::Sim).then(|| args.link.to_string()));
+    option("--store", args.store.as_ref().map(ToString::to_string));
+    option("--tracker", args.tracker.as_ref().map(ToString::to_string));
+    option("--arm", args.arm.clone());
+    words.join(" ")
+}
+
+/// A word as a shell reads it back.
+pub(super) fn shell_word(text: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=@%+,".contains(c);
+    if !text.is_empty() && text.chars().all(plain) {
+        text.to_owned()
+    } else {
+        format!("'{}'", text.replace('\'', "'\\''"))
+    }
 }
 
 /// Stores the force traces of a session's contacts, also after an interruption, because --resume
@@ -258,6 +284,9 @@ pub(super) fn evaluate(
     let summary = job::summarise(&measurements, &evaluation)?;
     let traces = job::contact_traces(store, info.run)?;
     let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;
+    if let Some(moved) = &written.moved {
+        errln!("spherecal: {moved}");
+    }
     let json = serde_json::to_string(&summary).map_err(CliError::job)?;
     store.put_result(info.run, "summary", &json)?;
     let model = &evaluation.calibration;
@@ -270,7 +299,7 @@ pub(super) fn evaluate(
     store.put_result(info.run, FINGERPRINT, &json)?;
     let mut files = vec![store.path().to_owned()];
     files.extend(written.paths);
-    files.push(out.join("telemetry.mcap"));
+    files.extend(job::run_telemetry(out, store, info)?.files);
     if info.link == Link::Qemu.to_string() {
         files.push(out.join(LOG_FILE));
     }

@@ -74,7 +74,7 @@ fn a_damaged_folder_is_refused_and_recovered() {
 
     // A telemetry file whose program was killed, and then one with a flipped bit.
     std::fs::write(&database, &good).expect("written");
-    let telemetry = at.join("a/telemetry.mcap");
+    let telemetry = at.join("a/telemetry-run-1.mcap");
     let bytes = std::fs::read(&telemetry).expect("readable");
     std::fs::write(&telemetry, &bytes[..bytes.len() / 2]).expect("written");
     let export = spherecal(at, &["export", "--csv", "--out", "a"]);

@@ -68,7 +68,7 @@ fn telemetry_and_tables_are_read_by_others() {
     let mcap = check(
         &python,
         "tests/python/check_mcap.py",
-        &[&folder.join("o/telemetry.mcap")],
+        &[&folder.join("o/telemetry-run-1.mcap")],
     );
     let seconds = summary["simulated_s"].as_f64().expect("simulated_s");
     // The rate depends on the phase: 50 Hz at least, 1 kHz at most.
@@ -103,7 +103,7 @@ fn telemetry_and_tables_are_read_by_others() {
     assert_eq!(rows["telemetry"].as_f64(), mcap["counts"]["/tcp"].as_f64(), "{rows}");
     // The bag has the same signals for a reader of ROS 2.
     spherecal(folder, &["export", "--format", "ros2", "--out", "o"]);
-    let bag = [folder.join("o/ros2"), folder.join("o/telemetry.mcap")];
+    let bag = [folder.join("o/ros2"), folder.join("o/telemetry-run-1.mcap")];
     let bag = check(&python, "tests/python/check_ros2.py", &[&bag[0], &bag[1]]);
     for topic in ["/joint_states", "/wrench", "/tf"] {
         assert_eq!(bag["counts"][topic], mcap["counts"][topic], "{topic}");

@@ -11,10 +11,12 @@ mod damaged;
 mod docs;
 mod everyday;
 mod field;
+mod first_cell;
 #[cfg(all(feature = "services", feature = "postgres"))]
 mod fleet;
 #[cfg(target_os = "linux")]
 mod floods;
+mod folders;
 mod hard;
 mod kills;
 mod left_out;

@@ -328,7 +328,7 @@ fn mistakes(good: &str) -> Vec<Mistake> {
             "an unknown robot",
             "x",
             "",
-            &["\"ur6\" is neither built in nor a file", "ur5e"],
+            &["\"ur6\" is neither built in nor a file", "did you mean ur5e?", "iiwa7"],
         ),
         with(
             &["--robot", "good.csv", "--data", "good.csv"],

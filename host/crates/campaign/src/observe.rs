@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::{Event, Phase, Sample};
 
+use crate::telemetry::RunKey;
 use spherecal_link::Arrival;
 
 /// What the campaign is about.
@@ -70,6 +71,9 @@ pub enum Moved {
 
 /// An observer of a campaign. Every method does nothing unless it is overridden.
 pub trait Observer {
+    /// The run that is measured, once it is in the store and before its first event.
+    fn run(&mut self, _run: &RunKey) {}
+
     /// An event came from the controller (telemetry included). It is already stored.
     fn event(&mut self, _now_us: u64, _arrival: &Arrival) {}
 

@@ -17,6 +17,7 @@ use super::host_faults::file_lock;
 use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::link::Link;
 use super::link_record::LinkRecord;
+use super::telemetry::run_key;
 use super::tracker::simulated_tracker;
 use super::{Config, JobError, Measurements, Prepared};
 
@@ -84,6 +85,13 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
             Vec::new(),
         ),
     };
+    let key = match resume {
+        Some(info) => Some(run_key(info)),
+        None => site.store.last_run()?.as_ref().map(run_key),
+    };
+    if let Some(key) = key {
+        site.observer.run(&key);
+    }
     let repeated = repeats && had.sessions.len() as i64 >= REPEATED_SESSION;
     let session = if repeated {
         REPEATED_SESSION

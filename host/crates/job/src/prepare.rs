@@ -5,7 +5,7 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::waypoints::TaughtWaypoints;
-use super::{Config, JobError};
+use super::{Choice, Config, JobError};
 use spherecal_identify::Sphere;
 use spherecal_link::Drive;
 use spherecal_model::chain::Chain;
@@ -72,6 +72,19 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         plan,
         plant,
     })
+}
+
+/// Checks the configuration, and that the arm reaches the plate in every placement. A plan of a few
+/// poses is made for that, and not kept.
+///
+/// # Errors
+/// Any error in the input.
+pub fn check_reach(config: &Config) -> Result<(), JobError> {
+    let mut few = config.clone();
+    few.plan.choice = Choice::Grid;
+    few.plan.poses = 6;
+    (few.plan.paper, few.plan.accuracy_mm) = (false, None);
+    prepare(&few).map(drop)
 }
 
 /// Adds a reachable placement to the error of a plate that is out of reach.

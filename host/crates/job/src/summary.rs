@@ -142,6 +142,8 @@ pub struct Summary {
     pub seed: u64,
     /// Robot.
     pub robot: String,
+    /// Name of the arm; empty where it has none.
+    pub arm: String,
     /// Link, as on the command line.
     pub link_name: String,
     /// Whether the arm was a simulation in this program.
@@ -209,6 +211,7 @@ pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> 
         version: env!("CARGO_PKG_VERSION"),
         seed: m.seed,
         robot: m.robot.name.to_string(),
+        arm: m.config.arm.clone(),
         link_name: m.link_name.clone(),
         simulated: m.simulated(),
         poses: PoseCounts {

@@ -7,6 +7,7 @@ use spherecal_identify::ExpectedError;
 use spherecal_shared::robot::MdhRow;
 use spherecal_shared::robot::compensator::CompensatedJoint;
 
+use super::other_robot::keep_other_robots;
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
 use spherecal_campaign::telemetry::ContactTrace;
@@ -19,6 +20,8 @@ use spherecal_report::render;
 pub struct Files {
     /// In the order in which they were written.
     pub paths: Vec<PathBuf>,
+    /// What to tell the user of results of another robot, which were moved; none where there were none.
+    pub moved: Option<String>,
 }
 
 impl Files {
@@ -54,7 +57,8 @@ pub(crate) struct Results<'a> {
 }
 
 /// Writes `summary.json`, `calibrated.toml`, `calibrated.urdf`, `kinematics.yaml`,
-/// `offsets.yaml` and `report.html` into `folder`, which is made where it does not exist.
+/// `offsets.yaml` and `report.html` into `folder`, which is made where it does not exist. Results of
+/// another robot in it are moved into a folder of their own.
 ///
 /// # Errors
 /// A folder or file that cannot be written.
@@ -63,9 +67,12 @@ pub(crate) fn write_results(folder: &Path, results: &Results<'_>) -> Result<File
         path: folder.display().to_string(),
         source,
     })?;
-    let mut files = Files::default();
-    files.put(folder, "summary.json", &format!("{:#}\n", results.summary))?;
     let texts = calibrated_texts(results)?;
+    let mut files = Files {
+        moved: keep_other_robots(folder, results.summary)?,
+        ..Files::default()
+    };
+    files.put(folder, "summary.json", &format!("{:#}\n", results.summary))?;
     files.put(folder, "calibrated.toml", &texts.toml)?;
     files.put(folder, "calibrated.urdf", &texts.urdf)?;
     files.put(folder, "kinematics.yaml", &texts.kinematics_yaml)?;

@@ -2,16 +2,17 @@
 //! the force trace of every contact.
 //!
 //! ```text
-//!   Event ─▶ TelemetryRecorder ─┬─▶ messages ─▶ TelemetryWriter ─▶ telemetry.mcap ─▶ TelemetryReader
+//!   Event ─▶ TelemetryRecorder ─┬─▶ messages ─▶ TelemetryWriter ─▶ telemetry-run-N.mcap ─▶ TelemetryReader
 //!                               └─▶ ContactTracer ─▶ ContactTrace
 //! ```
 //!
 //! The recorder is an [`Observer`](crate::Observer) of the campaign: events pass
 //! through it, and nothing goes back to the controller. A file that cannot be
 //! written never stops a measurement. Writer and reader share the types in [`messages`], [`scene`]
-//! and [`log`].
+//! and [`log`]. [`files_of_run`] finds the files of a run.
 
 mod contact;
+mod files;
 pub mod log;
 pub mod messages;
 mod reader;
@@ -21,6 +22,7 @@ mod utc;
 mod writer;
 
 pub use contact::{ContactTrace, ContactTracer};
+pub use files::{RunKey, files_of_run, files_without_run};
 pub use reader::{Period, TelemetryReader};
 pub use recorder::TelemetryRecorder;
 pub use scene::DrawnArm;

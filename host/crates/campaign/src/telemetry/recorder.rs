@@ -10,6 +10,7 @@ use spherecal_shared::protocol::host::{Event, Sample};
 use spherecal_shared::timing::SampleClock;
 
 use super::contact::{ContactTrace, ContactTracer};
+use super::files::{RunKey, free_name};
 use super::scene::DrawnArm;
 use super::utc::{UtcClock, now_ns};
 use super::writer::{TelemetryError, TelemetryWriter};
@@ -24,7 +25,11 @@ const KEPT_US: u64 = 1_500_000;
 pub struct TelemetryRecorder<O: Observer> {
     inner: O,
     writer: Option<TelemetryWriter<BufWriter<File>>>,
-    path: PathBuf,
+    directory: PathBuf,
+    /// The file; none before the run is known.
+    path: Option<PathBuf>,
+    arm: DrawnArm,
+    about: BTreeMap<String, String>,
     problem: Option<String>,
     /// Device time of each sample.
     clock: SampleClock,
@@ -35,35 +40,45 @@ pub struct TelemetryRecorder<O: Observer> {
 }
 
 impl<O: Observer> TelemetryRecorder<O> {
-    /// Watches for `inner`, and writes `telemetry.mcap` (or, where there is one
-    /// from an earlier session, `telemetry-2.mcap` and so on) into `directory`.
+    /// Watches for `inner`. The file is made in `directory` when the campaign says which run it
+    /// measures; `about` and the run are kept as its metadata.
     pub fn new(inner: O, directory: &Path, arm: DrawnArm, about: &BTreeMap<String, String>) -> Self {
-        let path = free_name(directory);
-        let mut recorder = Self {
+        Self {
             inner,
             writer: None,
-            path,
+            directory: directory.to_owned(),
+            path: None,
+            arm,
+            about: about.clone(),
             problem: None,
             clock: SampleClock::new(),
             utc: UtcClock::new(now_ns()),
             tracer: ContactTracer::new(KEPT_US, KEPT_US),
             traces: Vec::new(),
-        };
-        let utc_ns = recorder.utc.latest(0).utc_ns;
-        let opened = std::fs::create_dir_all(directory)
-            .and_then(|()| File::create(&recorder.path))
-            .map_err(|e| TelemetryError::File(e.into()))
-            .and_then(|file| TelemetryWriter::new(BufWriter::new(file), arm, about, utc_ns));
-        match opened {
-            Ok(writer) => recorder.writer = Some(writer),
-            Err(error) => recorder.give_up(&error),
         }
-        recorder
+    }
+
+    /// Makes the file of a run.
+    fn open(&mut self, run: &RunKey) {
+        let path = free_name(&self.directory, run.number);
+        let mut about = self.about.clone();
+        run.describe(&mut about);
+        let utc_ns = self.utc.latest(now_ns()).utc_ns;
+        let opened = std::fs::create_dir_all(&self.directory)
+            .and_then(|()| File::create_new(&path))
+            .map_err(|e| TelemetryError::File(e.into()))
+            .and_then(|file| TelemetryWriter::new(BufWriter::new(file), self.arm.clone(), &about, utc_ns));
+        self.path = Some(path);
+        match opened {
+            Ok(writer) => self.writer = Some(writer),
+            Err(error) => self.give_up(&error),
+        }
     }
 
     fn give_up(&mut self, error: &TelemetryError) {
         self.writer = None;
-        self.inner.note(&format!("{}: {error}", self.path.display()));
+        let path = self.path.as_deref().unwrap_or(&self.directory);
+        self.inner.note(&format!("{}: {error}", path.display()));
         self.problem = Some(error.to_string());
     }
 
@@ -72,7 +87,7 @@ impl<O: Observer> TelemetryRecorder<O> {
     pub fn finish(mut self) -> (O, Option<PathBuf>, Vec<ContactTrace>) {
         self.traces.extend(self.tracer.finish());
         let written = match self.writer.take().map(TelemetryWriter::finish) {
-            Some(Ok(())) => Some(self.path.clone()),
+            Some(Ok(())) => self.path.clone(),
             Some(Err(error)) => {
                 self.give_up(&error);
                 None
@@ -101,6 +116,11 @@ impl<O: Observer> TelemetryRecorder<O> {
 }
 
 impl<O: Observer> Observer for TelemetryRecorder<O> {
+    fn run(&mut self, run: &RunKey) {
+        self.open(run);
+        self.inner.run(run);
+    }
+
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
         self.clock.observe(&arrival.body);
         match &arrival.body {
@@ -134,21 +154,9 @@ impl<O: Observer> Observer for TelemetryRecorder<O> {
     }
 }
 
-/// The first of `telemetry.mcap`, `telemetry-2.mcap`, ... that does not exist.
-fn free_name(directory: &Path) -> PathBuf {
-    let first = directory.join("telemetry.mcap");
-    if !first.exists() {
-        return first;
-    }
-    (2..10_000)
-        .map(|k| directory.join(format!("telemetry-{k}.mcap")))
-        .find(|p| !p.exists())
-        .unwrap_or(first)
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::TelemetryReader;
+    use super::super::{TelemetryReader, files_of_run};
     use super::*;
     use crate::Silent;
     use spherecal_shared::protocol::host::{Banner, Contact, Phase, PhaseChange, SessionId};
@@ -169,6 +177,11 @@ mod tests {
         let model = spherecal_model::robots::built_in("iiwa7").expect("built in");
         let arm = DrawnArm::new(&model, &model.tool_in_table());
         let mut recorder = TelemetryRecorder::new(Silent, folder.path(), arm, &BTreeMap::new());
+        let run = RunKey {
+            number: 4,
+            created_utc: "2026-11-23T10:00:00Z".to_owned(),
+        };
+        recorder.run(&run);
         let sample = |tick| Sample {
             tick,
             phase: Phase::Approaching,
@@ -211,6 +224,7 @@ mod tests {
             recorder.event(0, &arrival(event));
         }
         let (_, path, mut traces) = recorder.finish();
+        assert_eq!(files_of_run(folder.path(), &run), [path.clone().expect("a whole file")]);
         let bytes = std::fs::read(path.expect("a whole file")).expect("readable");
         let periods = TelemetryReader::new(&bytes).expect("MCAP");
         let times = periods.map(|p| p.expect("a sample").device_ns()).collect();

@@ -19,6 +19,7 @@ use spherecal_shared::robot::Tool;
 use super::messages::{Stamp, TelemetryMessage};
 
 /// The nominal robot with its tool, as telemetry describes it.
+#[derive(Clone, Debug)]
 pub struct DrawnArm {
     /// Its frames.
     pub(super) frames: FrameTree,

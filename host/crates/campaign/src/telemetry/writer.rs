@@ -104,6 +104,8 @@ impl<W: Write + Seek> TelemetryWriter<W> {
             media_type: "application/xml".to_owned(),
             data: arm.urdf.as_bytes().into(),
         })?;
+        // The file says what it is from the beginning, also if this program is killed.
+        writer.flush()?;
         let mut own = Self {
             writer,
             channels,

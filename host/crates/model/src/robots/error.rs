@@ -13,12 +13,14 @@ use crate::{FileError, TomlError, excerpt, printable};
 pub enum RobotFileError {
     /// Neither a built-in name nor a file.
     #[error(
-        "robot \"{}\" is neither built in nor a file: give one of {known}, or the path of a .toml, .urdf or .yaml file",
+        "robot \"{}\" is neither built in nor a file: {nearest}give one of {known}, or the path of a .toml, .urdf or .yaml file",
         excerpt(spec)
     )]
     Unknown {
         /// What was asked for.
         spec: String,
+        /// Which built-in name may be meant, as the beginning of a sentence; may be empty.
+        nearest: String,
         /// The built-in names.
         known: String,
     },

@@ -60,6 +60,30 @@ pub fn built_in(name: &str) -> Option<RobotModel> {
     })
 }
 
+/// The largest mass at the flange of a built-in robot by its maker's data sheet, in kg. `None` for
+/// another robot.
+pub fn payload_kg(name: &str) -> Option<f64> {
+    match name {
+        "panda" | "fr3" | "irb120" => Some(3.0),
+        "ur5e" => Some(5.0),
+        "iiwa7" => Some(7.0),
+        "ur10e" => Some(12.5),
+        "iiwa14" => Some(14.0),
+        _ => None,
+    }
+}
+
+/// The built-in name that a wrong one is nearest to, if it is near.
+fn nearest(spec: &str) -> Option<&'static str> {
+    let spec = spec.trim().to_lowercase();
+    BUILT_IN
+        .iter()
+        .map(|known| (strsim::levenshtein(&spec, known), *known))
+        .min()
+        .filter(|(distance, known)| *distance <= 2 && *distance < known.len().min(spec.len()))
+        .map(|(_, known)| known)
+}
+
 /// Loads a robot: a built-in name, `FILE.toml`, `FILE.urdf`, `FILE.urdf#LINK` for
 /// the chain to that link, or `FILE.yaml` (joint origins as ROS descriptions load them).
 ///
@@ -85,6 +109,7 @@ pub fn load(spec: &str) -> Result<RobotModel, RobotFileError> {
     if !looks_like_a_file {
         return Err(RobotFileError::Unknown {
             spec: spec.to_owned(),
+            nearest: nearest(spec).map_or_else(String::new, |name| format!("did you mean {name}? Else ")),
             known: BUILT_IN.join(", "),
         });
     }

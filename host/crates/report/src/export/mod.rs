@@ -3,11 +3,12 @@
 //! ```text
 //!   Store ───────────┐
 //!                    ├─▶ Table ─▶ TableFile ─▶ recordings.parquet, contacts.csv, …
-//!   telemetry.mcap ──┘
+//!   telemetry files ─┘
 //! ```
 //!
 //! One file per table, with SI units in the columns' names. Numbers are written so that they read
-//! back bit by bit.
+//! back bit by bit. The tables in a folder are of one run: `about.json` beside them says of which, and
+//! an export of another run removes them first.
 //!
 //! | table | a row is |
 //! |---|---|
@@ -16,10 +17,11 @@
 //! | `contacts`, `couplings`, `phases`, `faults` | one event |
 //! | `laser` | one shot of the tracker |
 //! | `parameters` | one parameter of the model, if the run was identified |
-//! | `telemetry` | one control period, if `telemetry.mcap` is there |
+//! | `telemetry` | one control period, if the run's telemetry is there |
 //!
 //! [`export_ros2`] writes the telemetry as a ROS 2 bag instead.
 
+mod about;
 mod file;
 #[cfg(feature = "parquet")]
 mod parquet_file;
@@ -34,7 +36,7 @@ pub use file::{Format, TableFile};
 pub use ros2::export_ros2;
 pub use table::{Column, Table};
 
-use spherecal_store::{CalibrationStore, StoreError};
+use spherecal_store::{CalibrationStore, RunInfo, StoreError};
 
 /// Why a run could not be exported.
 #[derive(Debug, thiserror::Error)]
@@ -71,20 +73,23 @@ pub enum ExportError {
 pub struct Exported {
     /// Files, in the order in which they were written.
     pub files: Vec<PathBuf>,
-    /// Whether the telemetry ends in the middle of a record, because its writer was killed. Its
+    /// Telemetry files that end in the middle of a record, because their writer was killed. Their
     /// whole chunks are exported.
-    pub torn_telemetry: bool,
+    pub torn_telemetry: Vec<PathBuf>,
+    /// Tables of another run that were in the folder and were removed.
+    pub removed: Vec<PathBuf>,
 }
 
-/// Writes every table of a run that has rows into `folder`. `telemetry` is the run's MCAP file, if
-/// there is one.
+/// Writes every table of run `info` that has rows into `folder`. `telemetry` are the run's MCAP
+/// files, in the order in which they were written; none if there are none. Tables of another run in
+/// `folder` are removed.
 ///
 /// # Errors
 /// When the run or its telemetry cannot be read, or a file cannot be written.
 pub fn export(
     store: &mut dyn CalibrationStore,
-    run: i64,
-    telemetry: Option<&Path>,
+    info: &RunInfo,
+    telemetry: &[PathBuf],
     format: Format,
     folder: &Path,
 ) -> Result<Exported, ExportError> {
@@ -92,19 +97,21 @@ pub fn export(
         path: folder.display().to_string(),
         what: e.to_string(),
     })?;
-    let mut exported = Exported::default();
-    for table in tables::of_run(store, run)? {
+    let tables = tables::of_run(store, info.run)?;
+    let mut exported = Exported {
+        removed: about::begin(folder, info, tables.iter().map(|table| table.name))?,
+        ..Exported::default()
+    };
+    for table in tables {
         if table.rows() > 0 {
             let mut file = TableFile::create(folder, format, &table)?;
             file.append(&table)?;
             exported.files.push(file.finish()?);
         }
     }
-    if let Some(path) = telemetry {
-        let (file, torn) = telemetry::export(path, format, folder)?;
-        exported.files.extend(file);
-        exported.torn_telemetry = torn;
-    }
+    let (file, torn) = telemetry::export(telemetry, format, folder)?;
+    exported.files.extend(file);
+    exported.torn_telemetry = torn;
     Ok(exported)
 }
 

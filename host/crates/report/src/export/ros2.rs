@@ -23,7 +23,7 @@ use spherecal_campaign::telemetry::scene::{FrameTransform, FrameTransforms};
 use spherecal_campaign::telemetry::{Period, TelemetryReader};
 use spherecal_model::NewFile;
 
-use super::ExportError;
+use super::{ExportError, Exported};
 use definitions::{JOINT_STATE, TF_MESSAGE, WRENCH_STAMPED};
 
 mod definitions;
@@ -266,40 +266,54 @@ impl Bag {
     }
 }
 
-/// Writes the telemetry in `telemetry` as a bag: the folder `folder`. Returns its files, and whether
-/// the telemetry ends in the middle of a record.
+/// Writes the telemetry in `files`, one file after the other, as a bag: the folder `folder`.
 ///
 /// # Errors
 /// When the telemetry cannot be read or has no sample, or when a file cannot be written.
-pub fn export_ros2(telemetry: &Path, folder: &Path) -> Result<(Vec<PathBuf>, bool), ExportError> {
-    let unreadable = |what: String| ExportError::Telemetry {
-        path: telemetry.display().to_string(),
-        what,
-    };
-    let bytes = std::fs::read(telemetry).map_err(|e| unreadable(e.to_string()))?;
-    let mut reader = TelemetryReader::new(&bytes).map_err(|e| unreadable(e.to_string()))?;
+pub fn export_ros2(files: &[PathBuf], folder: &Path) -> Result<Exported, ExportError> {
     let paths = [folder.join(FILE), folder.join("metadata.yaml")];
     let failed = |path: &Path, what: String| ExportError::Write {
         path: path.display().to_string(),
         what,
     };
-    let in_folder = |what: String| failed(&paths[0], what);
+    let in_bag = |what: String| failed(&paths[0], what);
     std::fs::create_dir_all(folder).map_err(|e| failed(folder, e.to_string()))?;
-    let new = NewFile::create(&paths[0]).map_err(|e| in_folder(e.to_string()))?;
-    let mut bag = Bag::new(new.handle().map_err(|e| in_folder(e.to_string()))?).map_err(in_folder)?;
-    for period in reader.by_ref() {
-        bag.period(&period.map_err(|e| unreadable(e.to_string()))?)
-            .map_err(in_folder)?;
+    let new = NewFile::create(&paths[0]).map_err(|e| in_bag(e.to_string()))?;
+    let mut bag = Bag::new(new.handle().map_err(|e| in_bag(e.to_string()))?).map_err(in_bag)?;
+    let mut torn_telemetry = Vec::new();
+    for file in files {
+        let unreadable = |what: String| ExportError::Telemetry {
+            path: file.display().to_string(),
+            what,
+        };
+        let bytes = std::fs::read(file).map_err(|e| unreadable(e.to_string()))?;
+        let mut reader = TelemetryReader::new(&bytes).map_err(|e| unreadable(e.to_string()))?;
+        for period in reader.by_ref() {
+            let period = period.map_err(|e| unreadable(e.to_string()))?;
+            bag.period(&period).map_err(in_bag)?;
+        }
+        if reader.is_torn() {
+            torn_telemetry.push(file.clone());
+        }
     }
     if bag.begin_ns.is_none() {
-        return Err(unreadable("has no sample".to_owned()));
+        return Err(ExportError::Telemetry {
+            path: files
+                .first()
+                .map_or_else(String::new, |file| file.display().to_string()),
+            what: "has no sample".to_owned(),
+        });
     }
-    bag.writer.finish().map_err(|e| in_folder(e.to_string()))?;
-    new.finish().map_err(|e| in_folder(e.to_string()))?;
+    bag.writer.finish().map_err(|e| in_bag(e.to_string()))?;
+    new.finish().map_err(|e| in_bag(e.to_string()))?;
     let in_metadata = |e: std::io::Error| failed(&paths[1], e.to_string());
     let new = NewFile::create(&paths[1]).map_err(in_metadata)?;
     let mut handle = new.handle().map_err(in_metadata)?;
     handle.write_all(bag.metadata().as_bytes()).map_err(in_metadata)?;
     new.finish().map_err(in_metadata)?;
-    Ok((paths.into(), reader.is_torn()))
+    Ok(Exported {
+        files: paths.into(),
+        torn_telemetry,
+        ..Exported::default()
+    })
 }

@@ -1,4 +1,4 @@
-//! The telemetry of a run, from its MCAP file, as one wide table.
+//! The telemetry of a run, from its MCAP files, as one wide table.
 
 use std::path::{Path, PathBuf};
 
@@ -11,38 +11,65 @@ use super::{ExportError, Format, Table, TableFile};
 /// Rows held in memory: one row group of the file.
 const ROWS: usize = 1 << 16;
 
-/// Writes the table, if the file has samples. Also returns whether the file ends in the middle of a
-/// record.
-pub(super) fn export(path: &Path, format: Format, folder: &Path) -> Result<(Option<PathBuf>, bool), ExportError> {
-    let unreadable = |what: String| ExportError::Telemetry {
-        path: path.display().to_string(),
-        what,
+/// Writes the samples of all files, one file after the other, as one table, if there are any. Also
+/// returns the files that end in the middle of a record.
+pub(super) fn export(
+    paths: &[PathBuf],
+    format: Format,
+    folder: &Path,
+) -> Result<(Option<PathBuf>, Vec<PathBuf>), ExportError> {
+    let mut out = Out {
+        joints: 0,
+        file: None,
+        format,
+        folder,
     };
-    let bytes = std::fs::read(path).map_err(|e| unreadable(e.to_string()))?;
-    let mut reader = TelemetryReader::new(&bytes).map_err(|e| unreadable(e.to_string()))?;
-    let mut joints = 0;
-    let mut rows: Vec<Period> = Vec::new();
-    let mut file: Option<TableFile> = None;
-    loop {
-        rows.clear();
-        for period in reader.by_ref().take(ROWS) {
-            rows.push(period.map_err(|e| unreadable(e.to_string()))?);
+    let mut torn = Vec::new();
+    for path in paths {
+        if out.append(path)? {
+            torn.push(path.clone());
         }
-        match rows.first() {
-            None => break,
-            Some(first) if file.is_none() => joints = first.joint_states.as_ref().map_or(0, |j| j.position.len()),
-            Some(_) => {}
-        }
-        let table = table(&rows, joints);
-        let mut out = match file.take() {
-            Some(out) => out,
-            None => TableFile::create(folder, format, &table)?,
-        };
-        out.append(&table)?;
-        file = Some(out);
     }
-    let path = file.map(TableFile::finish).transpose()?;
-    Ok((path, reader.is_torn()))
+    Ok((out.file.map(TableFile::finish).transpose()?, torn))
+}
+
+/// The table that is written. It has no file before the first sample.
+struct Out<'a> {
+    joints: usize,
+    file: Option<TableFile>,
+    format: Format,
+    folder: &'a Path,
+}
+
+impl Out<'_> {
+    /// Appends the samples of a file; whether it ends in the middle of a record.
+    fn append(&mut self, path: &Path) -> Result<bool, ExportError> {
+        let unreadable = |what: String| ExportError::Telemetry {
+            path: path.display().to_string(),
+            what,
+        };
+        let bytes = std::fs::read(path).map_err(|e| unreadable(e.to_string()))?;
+        let mut reader = TelemetryReader::new(&bytes).map_err(|e| unreadable(e.to_string()))?;
+        let mut rows: Vec<Period> = Vec::new();
+        loop {
+            rows.clear();
+            for period in reader.by_ref().take(ROWS) {
+                rows.push(period.map_err(|e| unreadable(e.to_string()))?);
+            }
+            let Some(first) = rows.first() else { break };
+            if self.file.is_none() {
+                self.joints = first.joint_states.as_ref().map_or(0, |j| j.position.len());
+            }
+            let table = table(&rows, self.joints);
+            let mut out = match self.file.take() {
+                Some(out) => out,
+                None => TableFile::create(self.folder, self.format, &table)?,
+            };
+            out.append(&table)?;
+            self.file = Some(out);
+        }
+        Ok(reader.is_torn())
+    }
 }
 
 /// The columns of some control periods. A message that the file lacks leaves NaN,

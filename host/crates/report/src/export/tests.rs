@@ -82,3 +82,47 @@ fn without_the_feature_parquet_is_refused() {
     assert!(refusal.to_string().contains("--features parquet"), "{refusal}");
     assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 0);
 }
+
+// Fails if a sample of a resumed run is lost, or if it is not told which piece ends in the middle of
+// a record.
+#[test]
+fn pieces_of_a_run_are_one_table() {
+    use spherecal_campaign::telemetry::TelemetryWriter;
+    use spherecal_shared::protocol::host::Sample;
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, first_us: u64, samples: u64| {
+        let path = folder.path().join(name);
+        let file = std::fs::File::create(&path).expect("made");
+        let mut writer = TelemetryWriter::new(file, &["joint_1".to_owned()], &Default::default()).expect("a writer");
+        for k in 0..samples {
+            writer.write(first_us + k * 1000, &Sample::default()).expect("written");
+        }
+        writer.finish().expect("closed");
+        path
+    };
+    let pieces = [
+        write("telemetry-run-1.mcap", 0, 2500),
+        write("telemetry-run-1-2.mcap", 9_000_000, 3),
+    ];
+    let whole = std::fs::read(&pieces[0]).expect("read");
+    std::fs::write(&pieces[0], &whole[..whole.len() - 3]).expect("cut");
+    let (path, torn) = telemetry::export(&pieces, Format::Csv, folder.path()).expect("exported");
+    assert_eq!(torn, [pieces[0].clone()]);
+    let text = std::fs::read_to_string(path.expect("a table")).expect("read");
+    let times: Vec<u64> = text
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').next().and_then(|t| t.parse().ok()).expect("a time"))
+        .collect();
+    assert_eq!(times[times.len() - 3..], [9_000_000_000, 9_001_000_000, 9_002_000_000]);
+    assert!(
+        times[..times.len() - 3]
+            .iter()
+            .copied()
+            .eq((0..times.len() as u64 - 3).map(|k| k * 1_000_000))
+    );
+    assert!(times.len() > 2000, "{}", times.len());
+    let (none, torn) = telemetry::export(&[], Format::Csv, folder.path()).expect("nothing");
+    assert!(none.is_none() && torn.is_empty());
+}
