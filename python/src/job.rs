@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use spherecal::job::{Config, JobError, open_store, prepare, run_telemetry};
 use spherecal::report::export::{ExportError, Format};
-use spherecal::store::StoreLocation;
+use spherecal::store::{StoreLocation, UnknownScheme};
 
 use crate::error::{Failure, guarded};
 
@@ -76,7 +76,10 @@ pub(crate) fn export(
     folder: PathBuf,
 ) -> PyResult<(Vec<PathBuf>, i64, Vec<PathBuf>, Option<String>)> {
     guarded(py, move || {
-        let Ok(location) = store.parse::<StoreLocation>();
+        let location: StoreLocation = store.parse().map_err(|unknown: UnknownScheme| {
+            let remedy = "give the path of a database, or postgres://USER@HOST/DATABASE";
+            Failure::input("store", format!("{}://...", unknown.scheme), remedy)
+        })?;
         let mut store = open_store(&location, false)?;
         let last = store.require_last_run()?.run;
         let run = run.unwrap_or(last);

@@ -47,6 +47,10 @@ pub struct RunArgs {
     /// config --print` shows all).
     #[arg(long, help_heading = "Plan", value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
+    /// Robot: a built-in name (`spherecal robot list`), or a .toml or .urdf file. It replaces that of the
+    /// configuration.
+    #[arg(long, help_heading = "Plan", value_name = "NAME|FILE")]
+    pub robot: Option<String>,
     /// Start the descents at the waypoints that `spherecal teach` wrote.
     #[arg(long, help_heading = "Plan", value_name = "FILE.toml")]
     pub waypoints: Option<PathBuf>,
@@ -55,7 +59,7 @@ pub struct RunArgs {
     #[arg(long, help_heading = "Connection", value_name = "FILE.toml|PRESET")]
     pub inject: Option<String>,
     /// Continue the last run in --out at the pose where it stopped.
-    #[arg(long, help_heading = "Results", conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "seed", "waypoints"])]
+    #[arg(long, help_heading = "Results", conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "robot", "seed", "waypoints"])]
     pub resume: bool,
     /// Show the run on the whole terminal: phase, force, joints, residual so far.
     #[arg(long, help_heading = "Viewers")]
@@ -118,8 +122,12 @@ impl RunArgs {
     /// A file or a value that cannot be used.
     pub fn configuration(&self) -> Result<Config, JobError> {
         let mut config = base(self.config.as_deref(), self.seed)?;
+        if let Some(robot) = &self.robot {
+            config.robot.clone_from(robot);
+        }
         // Without a configuration, a robot that tells which one it is decides.
         if self.config.is_none()
+            && self.robot.is_none()
             && let Some(robot) = self.link.robot()?
         {
             robot.clone_into(&mut config.robot);

@@ -49,7 +49,7 @@ mod text;
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
-use clap::{CommandFactory as _, Parser};
+use clap::{CommandFactory as _, FromArgMatches as _};
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
@@ -61,13 +61,23 @@ use out::errln;
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    execute(Cli::parse()).into()
+    match parse(std::env::args_os()) {
+        Ok(cli) => execute(cli).into(),
+        Err(error) => error.exit(),
+    }
+}
+
+/// The arguments, read. A negative number is a value, so that its refusal names its option.
+fn parse(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<Cli, clap::Error> {
+    let numbers = |command: clap::Command| command.mut_args(|arg| arg.allow_negative_numbers(true));
+    let command = numbers(Cli::command()).mut_subcommands(numbers);
+    Cli::from_arg_matches(&command.try_get_matches_from(arguments)?)
 }
 
 /// Runs the program with `arguments`, the first of which is the program's name: for a host
 /// process that is not `spherecal`, such as a Python interpreter. Wrong usage is printed too.
 pub fn main_with(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Exit {
-    match Cli::try_parse_from(arguments) {
+    match parse(arguments) {
         Ok(cli) => execute(cli),
         Err(error) => {
             // Help and version go to stdout and are no failure.

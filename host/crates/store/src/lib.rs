@@ -48,7 +48,7 @@ use tokio::runtime::Runtime;
 pub use calibration_store::{CalibrationStore, StoredRun};
 pub use error::StoreError;
 pub use events::Placed;
-pub use location::StoreLocation;
+pub use location::{StoreLocation, UnknownScheme};
 pub use lock::Claim;
 pub use open::SCHEMA_VERSION;
 pub use peer::Peer;

@@ -1,6 +1,5 @@
 //! Where a store is: a file, a PostgreSQL database, or a service.
 
-use std::convert::Infallible;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -18,17 +17,36 @@ pub enum StoreLocation {
     Service(Peer),
 }
 
-impl FromStr for StoreLocation {
-    type Err = Infallible;
+/// A text that names no store.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "there is no kind of database {scheme}://: give a file, postgres://USER@HOST/DATABASE, grpc:HOST:PORT or \
+     grpcs:HOST:PORT"
+)]
+pub struct UnknownScheme {
+    /// What stands before `://`. The rest may hold a password.
+    pub scheme: String,
+}
 
-    fn from_str(text: &str) -> Result<Self, Infallible> {
-        Ok(if let Some(peer) = Peer::parse(text) {
-            Self::Service(peer)
-        } else if text.starts_with("postgres://") || text.starts_with("postgresql://") {
-            Self::Postgres(text.to_owned())
-        } else {
-            Self::File(PathBuf::from(text))
-        })
+impl FromStr for StoreLocation {
+    type Err = UnknownScheme;
+
+    fn from_str(text: &str) -> Result<Self, UnknownScheme> {
+        if let Some(peer) = Peer::parse(text) {
+            return Ok(Self::Service(peer));
+        }
+        match text.split_once("://") {
+            Some(("postgres" | "postgresql", _)) => Ok(Self::Postgres(text.to_owned())),
+            // A folder may have a colon at its end, but not the name of a scheme before it.
+            Some((scheme, _))
+                if !scheme.is_empty() && scheme.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'+') =>
+            {
+                Err(UnknownScheme {
+                    scheme: scheme.to_owned(),
+                })
+            }
+            _ => Ok(Self::File(PathBuf::from(text))),
+        }
     }
 }
 
@@ -55,10 +73,22 @@ impl fmt::Display for StoreLocation {
 mod tests {
     use super::*;
 
+    // Fails if a database of an unknown kind is taken for a file, or if its password is printed.
+    #[test]
+    fn unknown_kinds_of_database_are_refused() {
+        for text in ["mysql://robot:secret@db/fleet", "sqlite://x.db", "http://db:80"] {
+            let refusal = text.parse::<StoreLocation>().expect_err("refused").to_string();
+            let scheme = text.split_once(':').expect("a colon").0;
+            assert!(refusal.contains(scheme) && refusal.contains("postgres://"), "{refusal}");
+            assert!(!refusal.contains("secret"), "{refusal}");
+        }
+        assert!(matches!("a:/b.db".parse(), Ok(StoreLocation::File(_))));
+    }
+
     // Fails if a location is misread, or if a password is printed.
     #[test]
     fn locations_are_read_and_keep_their_secrets() {
-        let place = |text: &str| text.parse::<StoreLocation>().expect("infallible");
+        let place = |text: &str| text.parse::<StoreLocation>().expect("a location");
         assert_eq!(
             place("cell/calibration.db"),
             StoreLocation::File("cell/calibration.db".into())
