@@ -109,7 +109,8 @@ impl<const N: usize> Controller<N> {
             snapshot.point_force(self.observer.residual())
         };
         let touch = self.activity.touch(self.may_be_on_sphere);
-        if let Some(violation) = self.pressing.check(touch, &force, self.period_s) {
+        let external = self.observer.residual();
+        if let Some(violation) = self.pressing.check(touch, &snapshot, &force, external, self.period_s) {
             self.fail(violation);
         }
         self.advance(&snapshot, &speeds, joint_speed, force.norm());

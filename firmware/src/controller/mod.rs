@@ -67,7 +67,7 @@ pub struct Controller<const N: usize> {
 
     safety: SafetyMonitor<N>,
     instability: Instability<N>,
-    pressing: Pressing,
+    pressing: Pressing<N>,
     observer: Observer<N>,
     shaper: TorqueShaper<N>,
     torque_loop: TorqueLoop<N>,

@@ -54,9 +54,7 @@ impl Giving {
         for (i, limit) in limits.iter().enumerate() {
             let q = snapshot.q[i];
             let rest = q + (hold.q[i] - q) * kept;
-            hold.q[i] = rest
-                .max(limit.min_rad + margin_rad)
-                .min(limit.max_rad - margin_rad);
+            hold.q[i] = rest.max(limit.min_rad + margin_rad).min(limit.max_rad - margin_rad);
         }
     }
 }
