@@ -360,6 +360,12 @@ impl Discrepancy {
         Ok(())
     }
 
+    /// Whether a column of `W` describes where a coupling seats.
+    pub(crate) fn is_seat(&self, column: usize) -> bool {
+        let seats = self.components.iter().filter(|c| matches!(c.shape.cause, Cause::Seat));
+        seats.into_iter().any(|c| (c.at..c.at + c.kept).contains(&column))
+    }
+
     /// `Z` of a prediction at `posture`, 3 x k, and of what the data do not tell
     /// of wide causes, by component.
     pub(crate) fn prediction(&self, posture: &Posture) -> (DMatrix<f64>, Vec<DMatrix<f64>>) {
