@@ -5,6 +5,7 @@
 //! builds all of them (spherecal-tests asks for them), `cargo test -p spherecal` none.
 
 mod arms;
+mod certificate;
 mod check;
 mod collect;
 mod damaged;

@@ -208,7 +208,10 @@ fn budget(trial: &Trial) -> (ErrorBudget, f64) {
     let diagnosis = diagnosed(trial);
     let calibration = identify(&trial.experiment, &Options::default()).expect("sound data");
     let tcp = |q: &[f64]| calibration.tcp_m(q, None);
-    (diagnosis.budget_of(tcp), diagnosis.drawn_rms_mm_of(tcp))
+    (
+        diagnosis.budget_of(tcp).expect("sound data"),
+        diagnosis.drawn_rms_mm_of(tcp),
+    )
 }
 
 fn term(budget: &ErrorBudget, source: Source) -> f64 {

@@ -16,12 +16,13 @@
 //! tell their common size. The squares of all parts add up to the square of the whole.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::causes::Cause;
-use super::dense::{Factor, transposed_product};
+use super::dense::transposed_product;
 use super::discrepancy::Discrepancy;
-use super::linear::Linear;
+use super::linear::{Linear, LinearRow};
 
 /// A source of the expected error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -60,183 +61,193 @@ pub struct ErrorBudget {
     pub terms: Vec<BudgetTerm>,
 }
 
-/// Which sources the data have, and how the noise of the rows is shared.
-pub(crate) struct Sources {
-    /// Columns of the certified coordinates.
-    plate: Vec<usize>,
-    /// `Wᵀ E W`, with `E` the part of the whitened noise that comes from the joints.
-    joints: DMatrix<f64>,
-    /// Rows on spheres and measured points.
-    contacts: usize,
-    points: usize,
+/// Sets of sizes that the budget is averaged over: every second of those drawn.
+const EVERY: usize = 2;
+
+/// One set of sizes.
+#[derive(Clone, Debug)]
+pub(crate) struct SizeSet {
+    /// Sigma of each column.
+    pub(crate) sigmas: DVector<f64>,
+    /// Amplitude of each component.
+    pub(crate) amplitudes: Vec<f64>,
+    /// Variance of the noise.
+    pub(crate) s2: f64,
+    /// Variance of one joint's white error in use, in rad².
+    pub(crate) joint_variance: f64,
+    /// Mean of all columns.
+    pub(crate) mean: DVector<f64>,
 }
 
-impl Sources {
-    /// `plate` are the columns of the certified coordinates.
-    pub(crate) fn new(linear: &Linear, discrepancy: &Discrepancy, plate: Vec<usize>) -> Self {
-        let w = &discrepancy.w;
-        let mut shared = DMatrix::zeros(w.nrows(), w.ncols());
-        for (k, row) in linear.rows.iter().enumerate() {
-            // The whitener carries the root of the robust weight.
-            let scale = linear.joint_variance / row.weight.max(1e-12);
-            let mut share = Matrix3::zeros();
-            for joint in &row.posture.joints {
-                let v = row.root.times(joint);
-                share += v * v.transpose() * scale;
-            }
-            shared.rows_mut(3 * k, 3).copy_from(&(share * w.rows(3 * k, 3)));
-        }
-        let contacts = linear.rows.iter().filter(|row| row.sphere.is_some()).count();
+/// What the budget is made from. It is made when somebody asks: it takes longer than the
+/// expected error itself.
+#[derive(Debug)]
+pub(crate) struct Accounts {
+    pub(crate) discrepancy: Discrepancy,
+    /// Columns of the certified coordinates.
+    pub(crate) plate: Vec<usize>,
+    /// Of the whitened noise of each row, the part that comes from the joints.
+    pub(crate) joint_shares: Vec<Matrix3<f64>>,
+    /// Rows on spheres; the others are measured points.
+    pub(crate) contacts: usize,
+    /// Columns over the workspace, aligned: 3 configurations x all.
+    pub(crate) g: DMatrix<f64>,
+    /// Columns of wide causes that the data do not tell, aligned, by component.
+    pub(crate) rest: Vec<DMatrix<f64>>,
+    /// Displacement by the estimate over the workspace, aligned, in m.
+    pub(crate) estimate: DVector<f64>,
+    /// Mean over the workspace of the squared displacements by each joint, summed, in m²/rad².
+    pub(crate) joints: f64,
+    /// Sets of sizes.
+    pub(crate) sets: Vec<SizeSet>,
+}
+
+/// Mean squares of the TCP's displacement over the workspace by source, in m².
+#[derive(Clone, Copy, Debug, Default)]
+struct Squares {
+    plate: f64,
+    seating: f64,
+    /// Noise of the rows that does not come from the joints.
+    rest: f64,
+    joints: f64,
+    open: f64,
+    discrepancy: f64,
+}
+
+impl Squares {
+    fn plus(self, other: Self) -> Self {
         Self {
-            plate,
-            joints: transposed_product(w, &shared),
-            contacts,
-            points: linear.rows.len() - contacts,
+            plate: self.plate + other.plate,
+            seating: self.seating + other.seating,
+            rest: self.rest + other.rest,
+            joints: self.joints + other.joints,
+            open: self.open + other.open,
+            discrepancy: self.discrepancy + other.discrepancy,
         }
     }
 }
 
-/// Mean squares of the TCP's displacement over the workspace by source, in m², summed over
-/// sets of sizes, and what each set says that the estimate is off.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Parts {
-    sets: f64,
-    plate: f64,
-    seating: f64,
-    row_joints: f64,
-    row_rest: f64,
-    use_joints: f64,
-    open: f64,
-    discrepancy: f64,
-    /// Displacement of the estimate from the mean of the extended model, by set, in m.
-    biases: Vec<DVector<f64>>,
-    plate_known: bool,
-    contacts: usize,
-    points: usize,
+/// Of the whitened noise of each row, the part that comes from the joints.
+pub(crate) fn joint_shares(linear: &Linear) -> Vec<Matrix3<f64>> {
+    let share = |row: &LinearRow| {
+        // The whitener carries the root of the robust weight.
+        let scale = linear.joint_variance / row.weight.max(1e-12);
+        row.posture.joints.iter().fold(Matrix3::zeros(), |sum, joint| {
+            let v = row.root.times(joint);
+            sum + v * v.transpose() * scale
+        })
+    };
+    linear.rows.iter().map(share).collect()
 }
 
-/// One set of sizes.
-pub(crate) struct SizeSet<'a> {
-    /// Sigma of each column.
-    pub(crate) sigmas: &'a DVector<f64>,
-    /// Amplitude of each component.
-    pub(crate) amplitudes: &'a [f64],
-    /// Variance of the noise.
-    pub(crate) s2: f64,
-    /// Factor of `A`.
-    pub(crate) factor: &'a Factor,
-    /// Mean square of the TCP's displacement by the joints' noise of one pose, in m².
-    pub(crate) use_joints: f64,
-    /// Mean of the extended model minus the estimate, over the workspace, in m.
-    pub(crate) bias: DVector<f64>,
+/// Mean over configurations with these joint columns of the squared displacements, summed.
+pub(crate) fn squared_columns<'a>(columns: impl Iterator<Item = &'a Vec<Vector3<f64>>>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0_f64);
+    for joints in columns {
+        sum += joints.iter().map(Vector3::norm_squared).sum::<f64>();
+        count += 1.0;
+    }
+    sum / count.max(1.0)
 }
 
-impl Parts {
-    /// Adds a set. `g` has the columns of the workspace (3 configurations x all) and `rest`
-    /// those of wide causes that the data do not tell, all aligned.
-    pub(crate) fn add(
-        &mut self,
-        sources: &Sources,
-        discrepancy: &Discrepancy,
-        g: &DMatrix<f64>,
-        rest: &[DMatrix<f64>],
-        set: SizeSet<'_>,
-    ) {
-        let count = (g.nrows() / 3).max(1) as f64;
-        let d = set.sigmas;
-        let mut scaled = g.transpose();
-        for (mut row, d) in scaled.row_iter_mut().zip(d.iter()) {
-            row.scale_mut(*d);
+impl Accounts {
+    /// The budget of a model whose TCP is `shift` (m, aligned) from the estimate's. The
+    /// distance of the model from what the data say counts as discrepancy.
+    pub(crate) fn budget(&self, shift: &DMatrix<f64>) -> Option<ErrorBudget> {
+        let w = &self.discrepancy.w;
+        let mut shared = DMatrix::zeros(w.nrows(), w.ncols());
+        for (k, share) in self.joint_shares.iter().enumerate() {
+            shared.rows_mut(3 * k, 3).copy_from(&(share * w.rows(3 * k, 3)));
         }
-        let half = set.factor.half(&scaled);
+        let joints = transposed_product(w, &shared);
+        let sets: Vec<&SizeSet> = self.sets.iter().step_by(EVERY).collect();
+        let found: Vec<Option<Squares>> = sets.par_iter().map(|set| self.squares(&joints, set, shift)).collect();
+        let sum = found
+            .into_iter()
+            .try_fold(Squares::default(), |sum, of| Some(sum.plus(of?)))?;
+        Some(self.stated(sum, sets.len().max(1) as f64))
+    }
+
+    /// The squares of one set; `joints` is the part of `N` whose noise comes from the joints.
+    fn squares(&self, joints: &DMatrix<f64>, set: &SizeSet, shift: &DMatrix<f64>) -> Option<Squares> {
+        let count = (self.g.nrows() / 3).max(1) as f64;
+        let d = &set.sigmas;
+        let factor = self.discrepancy.factor(d, set.s2, 0, d.len()).ok()?;
+        let mut half = self.g.transpose();
+        let scale = |columns: &mut DMatrix<f64>| {
+            for (mut row, d) in columns.row_iter_mut().zip(d.iter()) {
+                row.scale_mut(*d);
+            }
+        };
+        scale(&mut half);
+        factor.half_mut(&mut half);
         let all = half.norm_squared() / count;
         let mut own = half;
-        set.factor.back_mut(&mut own);
+        factor.back_mut(&mut own);
         // What the prior of each column adds.
         let prior: Vec<f64> = own.row_iter().map(|row| row.norm_squared() / count).collect();
         let noise = (all - prior.iter().sum::<f64>()).max(0.0);
-        for (mut row, d) in own.row_iter_mut().zip(d.iter()) {
-            row.scale_mut(*d);
-        }
-        let joints = (&sources.joints * &own).dot(&own) / set.s2 / count;
-        self.row_joints += joints.clamp(0.0, noise);
-        self.row_rest += (noise - joints).max(0.0);
-        self.use_joints += set.use_joints;
+        scale(&mut own);
+        let by_joints = ((joints * &own).dot(&own) / set.s2 / count).clamp(0.0, noise);
+        let bias = &self.g * &set.mean - &self.estimate;
+        let mut squares = Squares {
+            rest: noise - by_joints,
+            joints: by_joints + self.joints * set.joint_variance,
+            discrepancy: (bias - shift.column(0)).norm_squared() / count,
+            ..Squares::default()
+        };
         for (column, value) in prior.iter().enumerate() {
-            if sources.plate.contains(&column) {
-                self.plate += value;
-            } else if column < discrepancy.m {
-                self.open += value;
-            } else if discrepancy.is_seat(column) {
-                self.seating += value;
+            *if self.plate.contains(&column) {
+                &mut squares.plate
+            } else if column < self.discrepancy.m {
+                &mut squares.open
+            } else if self.discrepancy.is_seat(column) {
+                &mut squares.seating
             } else {
-                self.discrepancy += value;
-            }
+                &mut squares.discrepancy
+            } += value;
         }
-        for ((component, block), amplitude) in discrepancy.components.iter().zip(rest).zip(set.amplitudes) {
+        let components = self.discrepancy.components.iter().zip(&self.rest);
+        for ((component, block), amplitude) in components.zip(&set.amplitudes) {
             let value = amplitude * amplitude * block.norm_squared() / count;
-            if matches!(component.shape.cause, Cause::Seat) {
-                self.seating += value;
+            *if matches!(component.shape.cause, Cause::Seat) {
+                &mut squares.seating
             } else {
-                self.discrepancy += value;
-            }
+                &mut squares.discrepancy
+            } += value;
         }
-        self.biases.push(set.bias);
-        self.sets += 1.0;
-        self.plate_known = !sources.plate.is_empty();
-        self.contacts = sources.contacts;
-        self.points = sources.points;
+        Some(squares)
     }
 
-    /// The budget of a model whose TCP is `shift` (m, aligned) from the estimate's. The
-    /// distance of the model from what the data say counts as discrepancy.
-    pub(crate) fn budget(&self, shift: &DMatrix<f64>) -> ErrorBudget {
-        let sets = self.sets.max(1.0);
-        let count = (shift.nrows() / 3).max(1) as f64;
-        let off = |bias: &DVector<f64>| (bias - shift.column(0)).norm_squared() / count;
-        let bias: f64 = self.biases.iter().map(off).sum();
-        let mut squares = Vec::with_capacity(6);
-        if self.plate_known {
-            squares.push((Source::Plate, self.plate));
-        }
+    /// The sources that the data have, from the `sum` over so many sets.
+    fn stated(&self, sum: Squares, sets: f64) -> ErrorBudget {
+        let points = self.joint_shares.len() - self.contacts.min(self.joint_shares.len());
         // Rows of both kinds do not tell their scatter apart: it stands with the more frequent.
-        let (at_contact, at_point) = if self.contacts >= self.points {
-            (self.row_rest, 0.0)
+        let (at_contact, at_point) = if self.contacts >= points {
+            (sum.rest, 0.0)
         } else {
-            (0.0, self.row_rest)
+            (0.0, sum.rest)
         };
-        if self.contacts > 0 {
-            squares.push((Source::Seating, self.seating + at_contact));
-        }
-        if self.points > 0 {
-            squares.push((Source::Instrument, at_point));
-        }
-        squares.push((Source::EncoderNoise, self.row_joints + self.use_joints));
-        squares.push((Source::OpenParameters, self.open));
-        squares.push((Source::ModelDiscrepancy, self.discrepancy + bias));
+        let squares = [
+            (!self.plate.is_empty(), Source::Plate, sum.plate),
+            (self.contacts > 0, Source::Seating, sum.seating + at_contact),
+            (points > 0, Source::Instrument, at_point),
+            (true, Source::EncoderNoise, sum.joints),
+            (true, Source::OpenParameters, sum.open),
+            (true, Source::ModelDiscrepancy, sum.discrepancy),
+        ];
         let millimetres = |square: f64| (square / sets).max(0.0).sqrt() * 1e3;
+        let there = squares.iter().filter(|s| s.0);
         ErrorBudget {
-            total_mm: millimetres(squares.iter().map(|s| s.1).sum()),
-            terms: squares
-                .iter()
-                .map(|&(source, square)| BudgetTerm {
+            total_mm: millimetres(there.clone().map(|s| s.2).sum()),
+            terms: there
+                .map(|&(_, source, square)| BudgetTerm {
                     source,
                     rms_mm: millimetres(square),
                 })
                 .collect(),
         }
     }
-}
-
-/// Mean square of the TCP's displacement by white errors of the joints with `variance`
-/// (rad²), over configurations with these joint columns, in m².
-pub(crate) fn by_joints<'a>(columns: impl Iterator<Item = &'a Vec<Vector3<f64>>>, variance: f64) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0_f64);
-    for joints in columns {
-        sum += joints.iter().map(Vector3::norm_squared).sum::<f64>();
-        count += 1.0;
-    }
-    sum / count.max(1.0) * variance
 }
 
 #[cfg(test)]

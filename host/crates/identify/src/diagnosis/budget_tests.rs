@@ -31,28 +31,36 @@ fn every_source_adds_what_the_estimator_makes_of_it() {
         named: 0,
     };
     // A part of the noise of each row: between nothing and everything.
-    let share = DMatrix::from_diagonal(&DVector::from_fn(rows, |r, _| 0.1 + 0.02 * r as f64));
-    let sources = Sources {
-        plate: vec![4, 5],
-        joints: w.tr_mul(&(&share * &w)),
-        contacts: 10,
-        points: 0,
-    };
+    let joint_shares: Vec<Matrix3<f64>> = (0..rows / 3)
+        .map(|k| Matrix3::from_diagonal(&Vector3::new(0.1, 0.5, 0.9)) * (1.0 - 0.05 * k as f64))
+        .collect();
+    let mut share = DMatrix::zeros(rows, rows);
+    for (k, own) in joint_shares.iter().enumerate() {
+        share.view_mut((3 * k, 3 * k), (3, 3)).copy_from(own);
+    }
     let g = numbers(12, all, 2);
-    let bias = numbers(12, 1, 3).column(0) * 0.1;
-    let factor = discrepancy.factor(&d, s2, 0, all).unwrap();
-    let mut parts = Parts::default();
-    let set = SizeSet {
-        sigmas: &d,
-        amplitudes: &[],
-        s2,
-        factor: &factor,
-        use_joints: 0.04,
-        bias: bias.clone(),
+    let mean = numbers(all, 1, 3).column(0) * 0.1;
+    let estimate = numbers(12, 1, 5).column(0) * 0.1;
+    let bias = &g * &mean - &estimate;
+    let accounts = Accounts {
+        discrepancy,
+        plate: vec![4, 5],
+        joint_shares,
+        contacts: rows / 3,
+        g: g.clone(),
+        rest: Vec::new(),
+        estimate,
+        joints: 0.1,
+        sets: vec![SizeSet {
+            sigmas: d.clone(),
+            amplitudes: Vec::new(),
+            s2,
+            joint_variance: 0.4,
+            mean,
+        }],
     };
-    parts.add(&sources, &discrepancy, &g, &[], set);
     let shift = numbers(12, 1, 4) * 0.05;
-    let budget = parts.budget(&shift);
+    let budget = accounts.budget(&shift).unwrap();
 
     let square = DMatrix::from_diagonal(&d.component_mul(&d));
     let data = &w * &square * w.transpose() + DMatrix::identity(rows, rows) * s2;
@@ -100,14 +108,31 @@ fn every_source_adds_what_the_estimator_makes_of_it() {
 // certificate without uncertainty a term.
 #[test]
 fn only_sources_that_the_data_have_are_named() {
-    let sources = |contacts, points| {
-        let parts = Parts {
-            sets: 1.0,
+    let sources = |contacts: usize, points: usize| {
+        let accounts = Accounts {
+            discrepancy: Discrepancy {
+                components: Vec::new(),
+                groups: Vec::new(),
+                n: DMatrix::zeros(0, 0),
+                wy: DVector::zeros(0),
+                w: DMatrix::zeros(0, 0),
+                m: 0,
+                s2: 1.0,
+                pose_s2: 1.0,
+                freedom: 1.0,
+                noise_m: 1e-5,
+                named: 0,
+            },
+            plate: Vec::new(),
+            joint_shares: vec![Matrix3::zeros(); contacts + points],
             contacts,
-            points,
-            ..Parts::default()
+            g: DMatrix::zeros(3, 0),
+            rest: Vec::new(),
+            estimate: DVector::zeros(3),
+            joints: 0.0,
+            sets: Vec::new(),
         };
-        let budget = parts.budget(&DMatrix::zeros(3, 1));
+        let budget = accounts.stated(Squares::default(), 1.0);
         budget.terms.iter().map(|t| t.source).collect::<Vec<_>>()
     };
     assert_eq!(

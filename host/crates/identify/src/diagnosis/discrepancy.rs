@@ -29,6 +29,7 @@ use crate::error::IdentifyError;
 const SWEEPS: (usize, usize) = (6, 3);
 
 /// The extended model.
+#[derive(Debug)]
 pub(crate) struct Discrepancy {
     pub(crate) components: Vec<Component>,
     pub(crate) groups: Vec<Group>,

@@ -15,6 +15,8 @@
 //! no cause describes are white, so that they average out. `SIZE_SIGMA` widens the
 //! interval by that.
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -22,7 +24,7 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use spherecal_shared::robot::kinematics::frames_into;
 use spherecal_shared::robot::{LinkTransform, Pose as Frame, Robot, Tool};
 
-use super::budget::{ErrorBudget, Parts, SizeSet, Sources, by_joints};
+use super::budget::{Accounts, ErrorBudget, SizeSet, joint_shares, squared_columns};
 use super::dense::transposed_product;
 use super::discrepancy::Discrepancy;
 use super::linear::{Linear, Posture};
@@ -115,8 +117,8 @@ pub(crate) struct Field {
     rigid: Rigid,
     /// One draw a column, 3 x configurations, in m, aligned.
     draws: DMatrix<f64>,
-    /// The same by source.
-    parts: Parts,
+    /// What tells the same by source.
+    accounts: Arc<Accounts>,
 }
 
 impl Field {
@@ -128,7 +130,7 @@ impl Field {
     /// Equations that have no solution.
     pub(crate) fn draw(
         linear: &Linear,
-        discrepancy: &Discrepancy,
+        discrepancy: Discrepancy,
         configurations: &[(DMatrix<f64>, Posture)],
         plate: Vec<usize>,
     ) -> Result<Self, IdentifyError> {
@@ -157,8 +159,7 @@ impl Field {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let spread = ChiSquared::new(discrepancy.freedom.max(1.0)).ok();
         let mut draws = DMatrix::zeros(3 * count, DRAWS.0 * DRAWS.1);
-        let sources = Sources::new(linear, discrepancy, plate);
-        let mut parts = Parts::default();
+        let mut sets = Vec::with_capacity(DRAWS.0);
         for h in 0..DRAWS.0 {
             let mut d = discrepancy.sigmas(|_| true);
             for group in &discrepancy.groups {
@@ -176,15 +177,6 @@ impl Field {
             let factor = discrepancy.factor(&d, s2, 0, all)?;
             let mean = factor.solve_vector(&(d.component_mul(&discrepancy.wy) / s2));
             let joint_variance = discrepancy.pose_s2 * s2 / discrepancy.s2 * linear.joint_variance;
-            let set = SizeSet {
-                sigmas: &d,
-                amplitudes: &amplitudes,
-                s2,
-                factor: &factor,
-                use_joints: by_joints(configurations.iter().map(|c| &c.1.joints), joint_variance),
-                bias: &g * mean.component_mul(&d) - &estimate,
-            };
-            parts.add(&sources, discrepancy, &g, &rest, set);
             let mut normal = |n: usize| DVector::from_fn(n, |_, _| StandardNormal.sample(&mut rng));
             let mut w = DMatrix::zeros(all, DRAWS.1);
             for mut column in w.column_iter_mut() {
@@ -211,8 +203,30 @@ impl Field {
                 }
             }
             draws.columns_mut(h * DRAWS.1, DRAWS.1).copy_from(&own);
+            sets.push(SizeSet {
+                mean: mean.component_mul(&d),
+                sigmas: d,
+                amplitudes,
+                s2,
+                joint_variance,
+            });
         }
-        Ok(Self { rigid, draws, parts })
+        let accounts = Accounts {
+            joint_shares: joint_shares(linear),
+            contacts: linear.rows.iter().filter(|row| row.sphere.is_some()).count(),
+            joints: squared_columns(configurations.iter().map(|c| &c.1.joints)),
+            discrepancy,
+            plate,
+            g,
+            rest,
+            estimate,
+            sets,
+        };
+        Ok(Self {
+            rigid,
+            draws,
+            accounts: Arc::new(accounts),
+        })
     }
 
     /// The expected error of a model whose TCP is `off` (m, 3 x configurations) from
@@ -222,9 +236,9 @@ impl Field {
         summary(means, &p95)
     }
 
-    /// The same by source.
-    pub(crate) fn budget(&self, off: &[Vector3<f64>]) -> ErrorBudget {
-        self.parts.budget(&self.aligned(Some(off)))
+    /// The same by source; none where the equations have no solution.
+    pub(crate) fn budget(&self, off: &[Vector3<f64>]) -> Option<ErrorBudget> {
+        self.accounts.budget(&self.aligned(Some(off)))
     }
 
     /// A displacement over the workspace without its rigid motion, 3 configurations x 1.

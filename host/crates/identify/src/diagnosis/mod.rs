@@ -94,7 +94,8 @@ impl Diagnosis {
 
     /// The same by source: what the plate, the seating, the noise of the joints, the open
     /// parameters and the model contribute.
-    pub fn budget_of(&self, tcp_m: impl Fn(&[f64]) -> Vector3<f64>) -> ErrorBudget {
+    /// None where the equations have no solution.
+    pub fn budget_of(&self, tcp_m: impl Fn(&[f64]) -> Vector3<f64>) -> Option<ErrorBudget> {
         self.field.budget(&self.off(tcp_m))
     }
 
@@ -210,9 +211,6 @@ pub fn diagnose(
     if !findings.is_empty() {
         harm(&linear, &discrepancy, &configurations, &mut findings)?;
     }
-    let certified = |(_, p): &(usize, &Parameter)| matches!(p.kind, Kind::Sphere(..));
-    let plate = table.iter().enumerate().filter(certified).map(|(column, _)| column);
-    let field = Field::draw(&linear, &discrepancy, &configurations, plate.collect())?;
     let unmodelled = discrepancy
         .components
         .iter()
@@ -224,12 +222,16 @@ pub fn diagnose(
         });
     let mut unmodelled: Vec<Unmodelled> = unmodelled.collect();
     unmodelled.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let noise_mm = discrepancy.noise_m * 1e3;
+    let certified = |(_, p): &(usize, &Parameter)| matches!(p.kind, Kind::Sphere(..));
+    let plate = table.iter().enumerate().filter(certified).map(|(column, _)| column);
+    let field = Field::draw(&linear, discrepancy, &configurations, plate.collect())?;
     Ok(Diagnosis {
         expected: field.expected(None),
         findings,
         families,
         unmodelled,
-        noise_mm: discrepancy.noise_m * 1e3,
+        noise_mm,
         moved,
         workspace: workspace.to_vec(),
         tcp_m: configurations.iter().map(|c| c.1.tcp).collect(),
