@@ -105,17 +105,30 @@ fn a_run_has_its_certificate_on_one_page() {
     let page = page_one(&html);
     same(certificate, &page, 45);
     assert_eq!(certificate["recordings_sha256"], summary["recordings_sha256"]);
-    assert_eq!(certificate["expected_error_mm"], summary["verdict"]["expected_error_mm"]);
+    assert_eq!(
+        certificate["expected_error_mm"],
+        summary["verdict"]["expected_error_mm"]
+    );
     assert_eq!(
         (&certificate["simulated"], &certificate["serial"]),
         (&json!(true), &json!("A-17"))
     );
-    assert!(page.contains("SIMULATED") && page.contains("certifies no robot"), "{page}");
+    assert!(
+        page.contains("SIMULATED") && page.contains("certifies no robot"),
+        "{page}"
+    );
     assert_eq!(certificate["position_errors"].as_array().map(Vec::len), Some(2));
     let sphere = &summary["validation"]["models"]["sphere"];
     assert_eq!(certificate["position_errors"][0]["mean_mm"], sphere["mean_mm"]);
-    assert_eq!(certificate["position_errors"][1]["mean_mm"], sphere["best_fit"]["mean_mm"]);
-    assert!(certificate["repeatability"]["couplings"].as_u64().is_some_and(|n| n >= 2));
+    assert_eq!(
+        certificate["position_errors"][1]["mean_mm"],
+        sphere["best_fit"]["mean_mm"]
+    );
+    assert!(
+        certificate["repeatability"]["couplings"]
+            .as_u64()
+            .is_some_and(|n| n >= 2)
+    );
     // The hash is that of the configuration that the database has.
     let again = spherecal(folder, &["identify", "--out", "o", "--json"]);
     let again: Value = serde_json::from_slice(&again.stdout).expect("JSON");
@@ -139,7 +152,10 @@ fn a_run_has_its_certificate_on_one_page() {
         assert_eq!(found["cut"], json!([]), "{paper}: {found}");
         assert_eq!(found["first"], "certificate", "{paper}: {found}");
         assert_eq!(found["break_after"], "page", "{paper}: {found}");
-        assert!(found["share"].as_f64().is_some_and(|s| s > 0.5 && s <= 1.0), "{paper}: {found}");
+        assert!(
+            found["share"].as_f64().is_some_and(|s| s > 0.5 && s <= 1.0),
+            "{paper}: {found}"
+        );
         assert!(found["folds"].as_u64().is_some_and(|n| n >= 2), "{paper}: {found}");
         for none in ["folded", "screen_only", "split_rows"] {
             assert_eq!(found[none], 0, "{paper}: {none}: {found}");
@@ -156,9 +172,16 @@ fn a_table_of_poses_has_a_certificate_with_what_is_known() {
     let folder = folder.path();
     let ur5e = spherecal::model::robots::load("ur5e").expect("a built-in robot");
     std::fs::write(folder.join("poses.csv"), table(&ur5e)).expect("written");
-    std::fs::write(folder.join("cell.toml"), format!("{STATED}measured_on = \"2026-02-28\"\n")).expect("written");
+    std::fs::write(
+        folder.join("cell.toml"),
+        format!("{STATED}measured_on = \"2026-02-28\"\n"),
+    )
+    .expect("written");
     let identify = ["identify", "--robot", "ur5e", "--data", "poses.csv", "--out"];
-    for (out, more, least) in [("bare", &[][..], 20), ("named", &["--certificate", "cell.toml"][..], 30)] {
+    for (out, more, least) in [
+        ("bare", &[][..], 20),
+        ("named", &["--certificate", "cell.toml"][..], 30),
+    ] {
         let output = spherecal(folder, &[&identify[..], &[out], more].concat());
         assert!(matches!(output.status.code(), Some(0 | 3)), "{}", text(&output.stderr));
         let summary: Value = serde_json::from_str(&read(&folder.join(out).join("summary.json"))).expect("JSON");
@@ -169,7 +192,10 @@ fn a_table_of_poses_has_a_certificate_with_what_is_known() {
         for unknown in ["plate", "seating"] {
             let terms = certificate["budget"].as_array().expect("a budget");
             let term = terms.iter().find(|t| t["source"] == unknown).expect(unknown);
-            assert!(term["rms_mm"].is_null() && term["remark"].to_string().contains("no plate"), "{term}");
+            assert!(
+                term["rms_mm"].is_null() && term["remark"].to_string().contains("no plate"),
+                "{term}"
+            );
         }
         assert!(certificate["repeatability"].is_null() && page.contains("no sphere was coupled twice"));
         // A cross-validation is no independent measurement.
@@ -183,11 +209,17 @@ fn a_table_of_poses_has_a_certificate_with_what_is_known() {
     }
     for (text_of, words) in [
         ("seed = 1\n", "has no block [certificate]"),
-        ("[certificate]\ntemperature_c = 300\n", "certificate.temperature_c is 300"),
+        (
+            "[certificate]\ntemperature_c = 300\n",
+            "certificate.temperature_c is 300",
+        ),
         ("[certificate]\noperater = \"A\"\n", "operater"),
     ] {
         std::fs::write(folder.join("bad.toml"), text_of).expect("written");
-        let output = spherecal(folder, &[&identify[..], &["none", "--certificate", "bad.toml"]].concat());
+        let output = spherecal(
+            folder,
+            &[&identify[..], &["none", "--certificate", "bad.toml"]].concat(),
+        );
         assert_eq!(output.status.code(), Some(2), "{words}");
         assert!(text(&output.stderr).contains(words), "{}", text(&output.stderr));
     }

@@ -233,7 +233,9 @@ fn the_budget_adds_up_and_each_source_shows_in_its_own_term() {
     }
     let noisy = measured(seed, &|time, _, visit, _, encoders| {
         let mut rng = ChaCha8Rng::seed_from_u64((time * 1e6) as u64 + visit as u64);
-        encoders.iter_mut().for_each(|e| *e += normal(&mut rng, 4.0 * WHITE_RAD));
+        encoders
+            .iter_mut()
+            .for_each(|e| *e += normal(&mut rng, 4.0 * WHITE_RAD));
     });
     let mut bent = sound(seed);
     for observation in &mut bent.experiment.observations {
@@ -244,13 +246,19 @@ fn the_budget_adds_up_and_each_source_shows_in_its_own_term() {
         let (budget, drawn) = budget(&trial);
         let squares: f64 = budget.terms.iter().map(|t| t.rms_mm.powi(2)).sum();
         assert!((squares.sqrt() / budget.total_mm - 1.0).abs() < 1e-9, "{budget:?}");
-        assert!((budget.total_mm / drawn - 1.0).abs() < 0.06, "{budget:?}: drawn {drawn} mm");
+        assert!(
+            (budget.total_mm / drawn - 1.0).abs() < 0.06,
+            "{budget:?}: drawn {drawn} mm"
+        );
         budget
     });
     let [plain, vague, noisy, bent] = &budgets;
     let grows = |of: &ErrorBudget, source| term(of, source) / term(plain, source);
     assert!(grows(vague, Source::Plate) > 10.0, "{vague:?} {plain:?}");
-    assert!((0.7..1.4).contains(&grows(vague, Source::EncoderNoise)), "{vague:?} {plain:?}");
+    assert!(
+        (0.7..1.4).contains(&grows(vague, Source::EncoderNoise)),
+        "{vague:?} {plain:?}"
+    );
     let noise = grows(noisy, Source::EncoderNoise);
     assert!((2.5..5.0).contains(&noise), "{noisy:?} {plain:?}");
     assert!(grows(noisy, Source::Plate) < 2.0, "{noisy:?} {plain:?}");
@@ -284,7 +292,10 @@ fn the_term_of_the_plate_is_what_drawn_certificates_do() {
         }
         let other = tcp(&drawn);
         let frame = fit_pose(&other, &found).expect("points in space");
-        let squares = other.iter().zip(&found).map(|(a, b)| (frame.point(a) - b).norm_squared());
+        let squares = other
+            .iter()
+            .zip(&found)
+            .map(|(a, b)| (frame.point(a) - b).norm_squared());
         square += squares.sum::<f64>() / over.len() as f64;
     }
     let measured = (square / f64::from(draws)).sqrt() * 1e3;

@@ -36,7 +36,10 @@ mod tracker;
 mod waypoints;
 mod write;
 
-pub use config::{CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, LaserSection, PlanSection, ToolSection};
+pub use config::{
+    CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, LaserSection, PlanSection,
+    ToolSection,
+};
 pub use connect::device;
 pub use drive_timing::{Bin, DriveTiming, Spread};
 pub use error::JobError;

@@ -249,7 +249,11 @@ pub(super) fn histogram(series: &[&ErrorSeries], what: &str, frame: &str) -> Res
 /// When the force last rises through the threshold until the declaration, in s, between two
 /// samples in proportion; none where no sample shows it.
 pub(super) fn crossing(trace: &ContactTrace, threshold_n: f64) -> Option<f64> {
-    let until = trace.samples.iter().take_while(|s| s.0 <= trace.trigger_s + 1e-9).count();
+    let until = trace
+        .samples
+        .iter()
+        .take_while(|s| s.0 <= trace.trigger_s + 1e-9)
+        .count();
     // The sample after the declaration counts, too: telemetry may be slower than the controller.
     let seen = trace.samples.get(..(until + 1).min(trace.samples.len()))?;
     seen.windows(2).rev().find_map(|pair| {

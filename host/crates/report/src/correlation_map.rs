@@ -65,7 +65,13 @@ fn scale(area: Area<'_, '_>, top: i32, right: i32) -> Result<(), Box<dyn std::er
         [(left, top), (left + 14, top + height * (PARTS + 1))],
         FAINT.stroke_width(1),
     ))?;
-    let words = |text: &str, y: i32| area.draw(&Text::new(text.to_owned(), (left + 20, y), ("sans-serif", 12).into_font().color(&SOFT)));
+    let words = |text: &str, y: i32| {
+        area.draw(&Text::new(
+            text.to_owned(),
+            (left + 20, y),
+            ("sans-serif", 12).into_font().color(&SOFT),
+        ))
+    };
     words("1", top)?;
     words("0", top + height * PARTS / 2)?;
     words("-1", top + height * PARTS)?;

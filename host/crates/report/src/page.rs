@@ -34,11 +34,19 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
     add("predicted", "Predicted accuracy", predicted(input, &mut figures)?);
     add("parameters", "Parameters", parameters(input, &mut folds));
     add("correlation", "Correlations", correlation(input, &mut figures)?);
-    add("residuals", "Residuals and outliers", residuals(input, &mut figures, &mut folds)?);
+    add(
+        "residuals",
+        "Residuals and outliers",
+        residuals(input, &mut figures, &mut folds)?,
+    );
     add("contacts", "Contacts", contacts(input, &mut figures)?);
     add("health", "Faults and link", tables(&input.health_tables));
     add("notes", "Notes", notes(input));
-    add("provenance", "Provenance", provenance(&input.provenance, &input.configuration, &mut folds));
+    add(
+        "provenance",
+        "Provenance",
+        provenance(&input.provenance, &input.configuration, &mut folds),
+    );
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -114,12 +122,20 @@ fn accuracy(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>
     let frame = frame_of_errors(input);
     let mut drawn = Vec::new();
     if !all.is_empty() {
-        let svg = charts::histogram(&all, "Histogram of position errors, nominal and calibrated", &input.errors_axis)?;
+        let svg = charts::histogram(
+            &all,
+            "Histogram of position errors, nominal and calibrated",
+            &input.errors_axis,
+        )?;
         let words = html! { "Position errors of all models: the distance between the histograms is the gain of the calibration. " (frame) };
         drawn.push(figures.figure(&svg, &words));
     }
     if calibrated.len() > 1 {
-        let svg = charts::histogram(&calibrated, "Histogram of position errors of the calibrated models", &input.errors_axis)?;
+        let svg = charts::histogram(
+            &calibrated,
+            "Histogram of position errors of the calibrated models",
+            &input.errors_axis,
+        )?;
         let words = html! { "The calibrated models only, on a finer scale. " (frame) };
         drawn.push(figures.figure(&svg, &words));
     }

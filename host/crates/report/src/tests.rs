@@ -117,7 +117,13 @@ fn page_one_has_every_figure_that_programs_get() {
         };
         assert!(page.contains(&shown), "{path}: {shown} in {page}");
     }
-    for words in ["SIMULATED", "certifies no robot", "2027-11-23", "2026-11-23T10:00:00Z", "and 2 more on the next page"] {
+    for words in [
+        "SIMULATED",
+        "certifies no robot",
+        "2027-11-23",
+        "2026-11-23T10:00:00Z",
+        "and 2 more on the next page",
+    ] {
         assert!(page.contains(words), "{words}");
     }
     assert_eq!(page.matches("A. Miller").count(), 9);
@@ -358,7 +364,10 @@ fn every_model_has_a_colour_of_its_own() {
         assert!(page.contains(&format!("stroke:var(--series-{index})")), "{name}");
         // One name per model: that of the terminal, in the table and in the legends.
         let shown = model_title(name).replace('\'', "&#39;");
-        assert!(page.matches(model_title(name)).count() + page.matches(&shown).count() >= 2, "{name}");
+        assert!(
+            page.matches(model_title(name)).count() + page.matches(&shown).count() >= 2,
+            "{name}"
+        );
         // In the light, in the dark, and on paper.
         assert_eq!(style.matches(&format!("--series-{index}:#")).count(), 3, "{name}");
     }
@@ -374,7 +383,9 @@ fn the_dot_stands_where_the_force_passes_the_threshold() {
         samples: vec![(0.0, 2.0), (0.01, 9.0), (0.02, 1.0)],
         trigger_s: 0.2,
     };
-    trace.samples.extend((0..20).map(|k| (0.1 + 0.01 * f64::from(k), f64::from(k))));
+    trace
+        .samples
+        .extend((0..20).map(|k| (0.1 + 0.01 * f64::from(k), f64::from(k))));
     let at = charts::crossing(&trace, 7.5).unwrap();
     assert!((at - 0.175).abs() < 1e-12, "{at}");
     // Slow telemetry: the sample that shows it comes after the declaration.

@@ -35,7 +35,11 @@ fn date(utc: &str) -> Option<Date> {
     let text = utc.get(..10)?;
     let rest = &utc[10..];
     let mut parts = text.split('-');
-    let mut next = |digits: usize| parts.next().filter(|p| p.len() == digits && p.bytes().all(|b| b.is_ascii_digit()));
+    let mut next = |digits: usize| {
+        parts
+            .next()
+            .filter(|p| p.len() == digits && p.bytes().all(|b| b.is_ascii_digit()))
+    };
     let (year, month, day) = (next(4)?, next(2)?, next(2)?);
     let month = Month::try_from(month.parse::<u8>().ok()?).ok()?;
     let date = Date::from_calendar_date(year.parse().ok()?, month, day.parse().ok()?).ok()?;
@@ -76,7 +80,15 @@ mod tests {
         ] {
             assert_eq!(months_after(from, months).as_deref(), Some(to), "{from} {months}");
         }
-        for none in ["", "2026-13-01", "2026-02-30", "23.11.2026", "2026-1-01", "2026-11-23 x", "\u{e9}2026-11-23"] {
+        for none in [
+            "",
+            "2026-13-01",
+            "2026-02-30",
+            "23.11.2026",
+            "2026-1-01",
+            "2026-11-23 x",
+            "\u{e9}2026-11-23",
+        ] {
             assert!(!is_date(none) && months_after(none, 1).is_none(), "{none}");
         }
     }

@@ -73,7 +73,10 @@ impl CertificateSection {
         let mut table: toml::Table =
             toml::from_str(&text).map_err(|e: toml::de::Error| syntax(e.to_string().trim_end().to_owned()))?;
         let block = table.remove("certificate").ok_or_else(|| {
-            syntax("it has no block [certificate], for instance with the lines\n\n[certificate]\noperator = \"A. Miller\"".to_owned())
+            syntax(
+                "it has no block [certificate], for instance with the lines\n\n[certificate]\noperator = \"A. Miller\""
+                    .to_owned(),
+            )
         })?;
         let mut section: Self = block
             .try_into()
@@ -162,7 +165,9 @@ mod tests {
         );
         assert!(refusal("[certificate]\ntemperature_c = nan").starts_with("certificate.temperature_c is NaN"));
         assert!(refusal("[certificate]\nvalidity_months = 0").contains("give months from 1 to 120"));
-        assert!(refusal("[certificate]\noperator = \"a\\nb\"").starts_with("certificate.operator is a\\nb: give one line"));
+        assert!(
+            refusal("[certificate]\noperator = \"a\\nb\"").starts_with("certificate.operator is a\\nb: give one line")
+        );
         let long = format!("[certificate]\nplace = \"{}\"", "x".repeat(81));
         assert!(refusal(&long).contains("at most 80 characters"));
         assert!(refusal("[certificate]\nmeasured_on = \"23.11.2026\"").contains("such as \"2026-11-23\""));

@@ -250,7 +250,12 @@ mod tests {
         let config = Config::parse("cell.toml", text).expect("parses");
         assert_eq!(
             differing(&config),
-            ["cell.tool.mass_kg = 0.5", "plan.poses = 30", "plant.preset = \"ideal\"", "seed = 7"]
+            [
+                "cell.tool.mass_kg = 0.5",
+                "plan.poses = 30",
+                "plant.preset = \"ideal\"",
+                "seed = 7"
+            ]
         );
         assert!(differing(&Config::default()).is_empty());
     }
