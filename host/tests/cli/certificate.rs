@@ -20,7 +20,7 @@ fn read(path: &Path) -> String {
 
 /// Page one as text, without markup.
 fn page_one(page: &str) -> String {
-    let start = page.find("<section id=\"certificate\"").expect("page one");
+    let start = page.find("<section class=\"certificate\"").expect("page one");
     let section = &page[start..start + page[start..].find("</section>").expect("its end")];
     let mut out = String::new();
     let mut inside = false;
@@ -59,13 +59,10 @@ fn shown(path: &str, value: &Value, out: &mut Vec<(String, String)>) {
         Value::Array(list) => list
             .iter()
             .enumerate()
-            // Page one lists three reasons; the next page has all.
-            .filter(|(k, _)| !path.ends_with(".reasons") || *k < 3)
+            // Page one lists two reasons; the next page has all.
+            .filter(|(k, _)| !path.ends_with(".reasons") || *k < 2)
             .for_each(|(k, v)| shown(&format!("{path}.{k}"), v, out)),
-        Value::Object(map) => map
-            .iter()
-            // Only a result that may be used has a next date, and it alone shows it.
-            .for_each(|(k, v)| shown(&format!("{path}.{k}"), v, out)),
+        Value::Object(map) => map.iter().for_each(|(k, v)| shown(&format!("{path}.{k}"), v, out)),
         _ => {}
     }
 }

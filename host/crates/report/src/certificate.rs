@@ -9,7 +9,7 @@ use spherecal_identify::evaluate::Repeatability;
 /// Coverage factor of the expanded uncertainty.
 pub const COVERAGE: f64 = 2.0;
 /// Reasons that page one lists; the others stand on the next page.
-const REASONS: usize = 3;
+const REASONS: usize = 2;
 
 /// A line of the budget.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -149,7 +149,7 @@ fn expected(name: &str, error: Option<&ExpectedError>) -> Markup {
             name,
             &millimetres(e.mean),
             &format!(
-                "mean over the workspace; 95 % interval {} to {}; 95 % of the workspace below {}",
+                "mean; 95 % interval {} to {}; 95 % of the workspace below {}",
                 millimetres(e.interval[0]),
                 millimetres(e.interval[1]),
                 millimetres(e.p95)
@@ -239,8 +239,11 @@ impl Certificate {
                             "Repeatability of coupling",
                             &r.iso_formula_mm.map_or_else(|| "not stated".to_owned(), millimetres),
                             &format!(
-                                "mean distance + 3 sigma of {} couplings on {} spheres (standard deviation {})",
-                                r.couplings, r.spheres, millimetres(r.sigma_mm)
+                                "mean distance + 3 sigma of {} couplings on {} {} (standard deviation {})",
+                                r.couplings,
+                                r.spheres,
+                                if r.spheres == 1 { "sphere" } else { "spheres" },
+                                millimetres(r.sigma_mm)
                             ),
                         )),
                         None => (row("Repeatability of coupling", "not stated", "no sphere was coupled twice")),

@@ -10,7 +10,7 @@ use spherecal_store::time::is_date;
 use super::{ConfigError, MOST_BYTES};
 
 /// Most characters of a name or number: more does not fit on the page.
-const MOST_CHARACTERS: usize = 80;
+const MOST_CHARACTERS: usize = 60;
 /// Longest validity, in months.
 const MOST_MONTHS: u32 = 120;
 
@@ -110,7 +110,7 @@ impl CertificateSection {
                 return Err(ConfigError::Certificate {
                     field,
                     value: text.escape_debug().take(2 * MOST_CHARACTERS).collect(),
-                    remedy: "give one line of at most 80 characters, or leave it out",
+                    remedy: "give one line of at most 60 characters, or leave it out",
                 });
             }
         }
@@ -168,8 +168,8 @@ mod tests {
         assert!(
             refusal("[certificate]\noperator = \"a\\nb\"").starts_with("certificate.operator is a\\nb: give one line")
         );
-        let long = format!("[certificate]\nplace = \"{}\"", "x".repeat(81));
-        assert!(refusal(&long).contains("at most 80 characters"));
+        let long = format!("[certificate]\nplace = \"{}\"", "x".repeat(61));
+        assert!(refusal(&long).contains("at most 60 characters"));
         assert!(refusal("[certificate]\nmeasured_on = \"23.11.2026\"").contains("such as \"2026-11-23\""));
         let unknown = Config::parse("cell.toml", "[certificate]\noperater = \"A\"");
         assert!(unknown.expect_err("a wrong name").to_string().contains("operater"));
