@@ -2,16 +2,17 @@
 
 use std::fmt::Write as _;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use spherecal::identify::study::{PAPER_PLATE, Request, Sources, Study, TableSource, study_of};
 use spherecal::identify::{Method, Model, Options, paper_plate};
-use spherecal::job::CalibratedTexts;
-use spherecal::job::study::{calibrated, summary_json, summary_text, write_files};
+use spherecal::job::study::{calibrated, study_certificate, summary_json, summary_text, write_files};
+use spherecal::job::{CalibratedTexts, CertificateSection};
 use spherecal::model::input::{InputError, Plate, read_plate, read_plate_file};
 use spherecal::model::read_toml;
-use spherecal::report::{render, study_report};
+use spherecal::report::{Certificate, render, study_report};
 use spherecal::store::time::now_utc;
 
 use crate::arrays::{Rows, matrix, of_matrix};
@@ -24,6 +25,15 @@ use crate::robot::NativeRobot;
 pub(crate) struct NativeIdentification {
     study: Study,
     texts: CalibratedTexts,
+    /// Made when somebody asks: it takes part of a second.
+    certificate: OnceLock<Certificate>,
+}
+
+impl NativeIdentification {
+    fn certificate(&self) -> &Certificate {
+        self.certificate
+            .get_or_init(|| study_certificate(&self.study, &CertificateSection::default()))
+    }
 }
 
 /// Rows of a table of poses.
@@ -189,7 +199,11 @@ pub(crate) fn identify(
         };
         let study = study_of(&request, sources, &mut |_| {})?;
         let texts = calibrated(&study)?;
-        Ok(NativeIdentification { study, texts })
+        Ok(NativeIdentification {
+            study,
+            texts,
+            certificate: OnceLock::new(),
+        })
     })
 }
 
@@ -197,7 +211,7 @@ pub(crate) fn identify(
 impl NativeIdentification {
     /// The document that the command writes as `summary.json`.
     fn summary_json(&self) -> String {
-        summary_json(&self.study).to_string()
+        summary_json(&self.study, self.certificate()).to_string()
     }
 
     /// The result in words, as the command prints it.
@@ -292,8 +306,9 @@ impl NativeIdentification {
     /// Writes the files that the command writes; their paths.
     fn write(&self, py: Python<'_>, folder: String) -> PyResult<Vec<String>> {
         guarded(py, || {
-            let page = render(&study_report(&self.study, &now_utc())).map_err(spherecal::job::JobError::from)?;
-            let files = write_files(&self.study, Path::new(&folder), Some(&page))?;
+            let certificate = self.certificate();
+            let page = render(&study_report(&self.study, &now_utc(), certificate)).map_err(spherecal::job::JobError::from)?;
+            let files = write_files(&self.study, Path::new(&folder), certificate, Some(&page))?;
             Ok(files.paths.iter().map(|p| p.display().to_string()).collect())
         })
     }

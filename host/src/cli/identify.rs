@@ -12,7 +12,8 @@ use super::stages;
 use super::study_progress::StudyProgress;
 use spherecal_identify::study::{Request, StudyError, study};
 use spherecal_identify::{Method, Model, Options};
-use spherecal_job::study::{summary_json, summary_text, write_files};
+use spherecal_job::CertificateSection;
+use spherecal_job::study::{study_certificate, summary_json, summary_text, write_files};
 use spherecal_model::input::{InputError, triple};
 use spherecal_report::{render, study_report};
 use spherecal_store::time::now_utc;
@@ -86,6 +87,10 @@ pub struct IdentifyArgs {
     /// 1 mm, twists of 3 mrad (1 sigma). A prior in --config stays.
     #[arg(long, requires = "data")]
     pub uncalibrated: bool,
+    /// Names and numbers for page one of the report: a file with the block [certificate], such as the cell's
+    /// configuration.
+    #[arg(long, value_name = "FILE.toml", requires = "data")]
+    pub certificate: Option<PathBuf>,
     /// Seed of what draws at random.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -173,17 +178,23 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
             arm: String::new(),
         });
     };
+    // Refused before the work, not after it.
+    let stated = match &args.certificate {
+        Some(path) => CertificateSection::read(path).map_err(CliError::input)?,
+        None => CertificateSection::default(),
+    };
     let mut view = StudyProgress::new();
     let study = request(args, robot, data).and_then(|r| study(&r, &mut |step| view.show(step)));
     view.finish();
     let study = study.map_err(refuse)?;
-    let report = render(&study_report(&study, &now_utc()))?;
-    let files = write_files(&study, &args.out, Some(&report))?;
+    let certificate = study_certificate(&study, &stated);
+    let report = render(&study_report(&study, &now_utc(), &certificate))?;
+    let files = write_files(&study, &args.out, &certificate, Some(&report))?;
     if let Some(moved) = &files.moved {
         errln!("spherecal: {moved}");
     }
     if args.json {
-        outln!("{:#}", summary_json(&study));
+        outln!("{:#}", summary_json(&study, &certificate));
     } else {
         outln!("{}", summary_text(&study));
         for path in &files.paths {

@@ -281,7 +281,7 @@ pub(super) fn evaluate(
 ) -> Result<Finished, CliError> {
     let measurements: Measurements = job::read(store, info)?;
     let evaluation = job::evaluate(&measurements)?;
-    let summary = job::summarise(&measurements, &evaluation)?;
+    let summary = job::summarise(&measurements, &evaluation, &info.created_utc)?;
     let traces = job::contact_traces(store, info.run)?;
     let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;
     if let Some(moved) = &written.moved {

@@ -3,17 +3,18 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use spherecal_identify::evaluate::model_title;
 use spherecal_job::{ModelSummary, Summary, expected_words};
 use spherecal_plan::Plan;
 
-/// Names of the models in the printed validation table, in order.
-const MODELS: [(&str, &str); 6] = [
-    ("nominal", "nominal"),
-    ("sphere", "spheres (this calibration)"),
-    ("laser", "laser tracker, geometry"),
-    ("laser_full", "laser tracker, full model"),
-    ("paper_nelder_mead", "spheres, the paper's simplex"),
-    ("known_laws", "spheres, errors' laws known"),
+/// The models of the printed validation table, in order.
+const MODELS: [&str; 6] = [
+    "nominal",
+    "sphere",
+    "laser",
+    "laser_full",
+    "paper_nelder_mead",
+    "known_laws",
 ];
 
 /// The result of a run.
@@ -87,17 +88,13 @@ pub(super) fn table(summary: &Summary) -> String {
         "  {:30} {:>8} {:>8} {:>8} {:>8}    {:>8} {:>8}",
         "model", "mean", "std", "min", "max", "mean*", "max*"
     );
-    for (name, title) in MODELS {
+    for name in MODELS {
         if let Some(m) = v.models.get(name) {
-            out.push_str(&row(title, m));
+            out.push_str(&row(model_title(name), m));
         }
     }
-    for (name, m) in v
-        .models
-        .iter()
-        .filter(|(n, _)| MODELS.iter().all(|m| m.0 != n.as_str()))
-    {
-        out.push_str(&row(name, m));
+    for (name, m) in v.models.iter().filter(|(n, _)| !MODELS.contains(&n.as_str())) {
+        out.push_str(&row(model_title(name), m));
     }
     out.push_str("\n  base measured by arcs, as in the paper; * base fitted to the points: the arm's shape alone\n\n");
     out

@@ -33,7 +33,7 @@ fn two_placements_calibrate_the_arm() {
     assert_eq!(measurements.recordings.len(), 60);
     assert!(measurements.faults.is_empty(), "{:?}", measurements.faults);
     let evaluation = evaluate(&measurements).expect("identified");
-    let summary = summarise(&measurements, &evaluation).expect("summarised");
+    let summary = summarise(&measurements, &evaluation, "2026-11-23T10:00:00Z").expect("summarised");
     let error = |model: &str| summary.validation.models[model].best_fit.mean_mm;
     println!("sphere {:.3} mm, nominal {:.3} mm", error("sphere"), error("nominal"));
     assert!(error("sphere") < 0.15 * error("nominal"));

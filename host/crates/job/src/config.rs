@@ -14,11 +14,13 @@ use spherecal_sim::Lossy;
 use spherecal_sim::plant::{PRESETS, PlantConfig};
 
 mod cell;
+mod certificate;
 mod error;
 mod layout;
 mod sections;
 
 pub use cell::{CellSection, ToolSection};
+pub use certificate::CertificateSection;
 pub use error::ConfigError;
 pub use sections::{CampaignSection, Choice, LaserSection, PlanSection};
 
@@ -35,6 +37,8 @@ pub struct Config {
     pub robot: String,
     /// Name of this very arm, such as its serial number. `spherecal history` tells arms apart by it.
     pub arm: String,
+    /// Names and numbers of the certificate.
+    pub certificate: CertificateSection,
     /// The real cell: tool, plate, placements and waypoints.
     pub cell: CellSection,
     /// Which poses are visited.
@@ -62,6 +66,7 @@ impl Default for Config {
             seed: 1,
             robot: "iiwa7".to_owned(),
             arm: String::new(),
+            certificate: CertificateSection::default(),
             cell: CellSection::default(),
             plan: PlanSection::default(),
             campaign: CampaignSection::default(),
@@ -126,6 +131,7 @@ impl Config {
     /// The first number that is out of its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         self.procedure.check()?;
+        self.certificate.check()?;
         self.cell.check()?;
         self.plant()?;
         self.host_link.check()?;

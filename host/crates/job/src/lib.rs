@@ -10,6 +10,7 @@
 //! a service can run them elsewhere. [`evaluate`] sees only the data in the store: no plant, no
 //! link.
 
+mod certificate;
 mod config;
 pub mod connect;
 mod course;
@@ -38,7 +39,10 @@ mod tracker;
 mod waypoints;
 mod write;
 
-pub use config::{CampaignSection, CellSection, Choice, Config, ConfigError, LaserSection, PlanSection, ToolSection};
+pub use config::{
+    CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, LaserSection, PlanSection,
+    ToolSection,
+};
 pub use connect::device;
 pub use drive_timing::{Bin, DriveTiming, Spread};
 pub use error::JobError;

@@ -12,7 +12,7 @@ use spherecal_report::{
 
 mod tables;
 
-use tables::{contacts, health, provenance, seating};
+use tables::{configuration, contacts, health, provenance, seating};
 
 /// The report of a run. `traces` are the forces of its contacts; `created` is the date of the
 /// measurement.
@@ -36,9 +36,11 @@ pub fn run_report(
             s.link_name,
             s.seed
         ),
+        certificate: Some(s.certificate.clone()),
         headline: headline(e, s),
         error_tables: e.table().map(error_tables).unwrap_or_default(),
         errors: e.table().map(errors).unwrap_or_default(),
+        errors_axis: "base by arcs".to_owned(),
         workspace: e.table().map(|t| workspace(m, e, t)).unwrap_or_default(),
         contacts: traces.to_vec(),
         contact_threshold_n: m.config.procedure.approach.trigger_n,
@@ -70,6 +72,7 @@ pub fn run_report(
         health_tables: health(m, s),
         notes: s.remarks.clone(),
         provenance: provenance(m, s, created),
+        configuration: configuration(&m.config),
     }
 }
 
@@ -242,6 +245,7 @@ fn prediction(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> Pred
         max_mm: pairs_mm.iter().map(|p| p.0).fold(0.0, f64::max),
         pairs_mm,
         frame: "The base was fitted to the points: errors of the arm's shape alone.".to_owned(),
+        axis: "base fitted to the points".to_owned(),
     }
 }
 
@@ -267,15 +271,17 @@ fn triggers(m: &Measurements) -> Vec<Histogram> {
     }
     let approach = &m.config.procedure.approach;
     let dwell_ms = approach.dwell_s * 1e3;
-    let histogram = |what: &str, caption: String, values: Vec<f64>| Histogram {
+    let histogram = |what: &str, step: f64, caption: String, values: Vec<f64>| Histogram {
         what: what.to_owned(),
         of: "contacts".to_owned(),
         caption,
         values,
+        step,
     };
     vec![
         histogram(
             "latency of the trigger (ms)",
+            1.0,
             format!(
                 "Latency of the trigger: control periods from the lasting crossing of {:.1} N to the declaration; \
                  the threshold must be exceeded for {dwell_ms:.0} ms.",
@@ -285,6 +291,7 @@ fn triggers(m: &Measurements) -> Vec<Histogram> {
         ),
         histogram(
             "overshoot of the trigger (N)",
+            0.01,
             format!(
                 "Overshoot: how far the estimated force was above {:.1} N until the declaration, short impacts \
                  included.",

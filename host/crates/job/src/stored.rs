@@ -58,7 +58,7 @@ impl StoredReport {
     /// Recordings from which nothing can be identified.
     pub fn render(&self) -> Result<String, JobError> {
         let evaluation = evaluate(&self.measurements)?;
-        let summary = summarise(&self.measurements, &evaluation)?;
+        let summary = summarise(&self.measurements, &evaluation, &self.created_utc)?;
         let report = run_report(
             &self.measurements,
             &evaluation,

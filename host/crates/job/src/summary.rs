@@ -1,6 +1,6 @@
 //! `summary.json`, the document for other programs, and the verdict.
 //!
-//! For one seed it is the same in every run, except the wall-clock times.
+//! For one seed it is the same in every run, except the wall-clock times and the date on the certificate.
 
 use std::collections::BTreeMap;
 
@@ -9,9 +9,11 @@ use sha2::{Digest, Sha256};
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
+use super::certificate::run_certificate;
 use super::{DriveTiming, Evaluation, JobError, LinkRecord, Measurements};
 use spherecal_identify::validate::{Alignment, Statistics};
 use spherecal_identify::{ExpectedError, ParameterEstimate, Verdict};
+use spherecal_report::Certificate;
 use spherecal_sim::Injected;
 
 /// Poses, counted.
@@ -177,15 +179,17 @@ pub struct Summary {
     pub drive: Option<DriveTiming>,
     /// Verdict.
     pub verdict: Verdict,
+    /// The figures of the report's first page.
+    pub certificate: Certificate,
     /// Remarks.
     pub remarks: Vec<String>,
 }
 
-/// Summarises a run.
+/// Summarises a run; `created` says when it was measured.
 ///
 /// # Errors
 /// When a recording cannot be encoded for the hash.
-pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> {
+pub fn summarise(m: &Measurements, e: &Evaluation, created: &str) -> Result<Summary, JobError> {
     let finite = |value: f64| value.is_finite().then_some(value);
     let i = &e.calibration.identifiability;
     let r = &e.calibration.residual;
@@ -206,7 +210,9 @@ pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> 
                 })
                 .collect(),
         });
+    let recordings_sha256 = hash(&m.recordings)?;
     Ok(Summary {
+        certificate: run_certificate(m, e, created, &recordings_sha256)?,
         command: "run",
         version: env!("CARGO_PKG_VERSION"),
         seed: m.seed,
@@ -238,7 +244,7 @@ pub fn summarise(m: &Measurements, e: &Evaluation) -> Result<Summary, JobError> 
             max_mm: r.max_mm,
             outliers: r.outliers.len(),
         },
-        recordings_sha256: hash(&m.recordings)?,
+        recordings_sha256,
         contacts: m
             .contacts
             .iter()

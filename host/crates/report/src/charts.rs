@@ -8,8 +8,9 @@ use std::fmt::Write as _;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::input::{Correlation, ErrorSeries, Prediction, ResidualPoint};
+use super::input::{ErrorSeries, Prediction, ResidualPoint};
 use spherecal_campaign::telemetry::ContactTrace;
+use spherecal_identify::evaluate::model_title;
 
 /// A figure that could not be drawn.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -180,8 +181,17 @@ macro_rules! legend {
 
 pub(super) use legend;
 
-/// Histograms of several models over one axis (Figures 11 and 12).
-pub(super) fn histogram(series: &[&ErrorSeries], what: &str) -> Result<String, ChartError> {
+/// What an axis shows, with the frame of the errors where it is known.
+fn axis(what: &str, frame: &str) -> String {
+    if frame.is_empty() {
+        format!("{what} (mm)")
+    } else {
+        format!("{what}, {frame} (mm)")
+    }
+}
+
+/// Histograms of several models over one axis (Figures 11 and 12); `frame` is that of the errors.
+pub(super) fn histogram(series: &[&ErrorSeries], what: &str, frame: &str) -> Result<String, ChartError> {
     draw((760, 320), what, |area| {
         let largest = series
             .iter()
@@ -211,7 +221,7 @@ pub(super) fn histogram(series: &[&ErrorSeries], what: &str) -> Result<String, C
             area,
             0.0..step * bins as f64,
             0.0..top,
-            "position error (mm)",
+            axis("position error", frame),
             "configurations"
         );
         for (s, count) in series.iter().zip(&counts) {
@@ -228,11 +238,27 @@ pub(super) fn histogram(series: &[&ErrorSeries], what: &str) -> Result<String, C
             outline.push((step * bins as f64, 0.0));
             chart
                 .draw_series(LineSeries::new(outline, c.stroke_width(2)))?
-                .label(s.name.replace('_', " "))
+                .label(model_title(&s.name))
                 .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], c.filled()));
         }
         legend!(chart);
         Ok(())
+    })
+}
+
+/// When the force last rises through the threshold until the declaration, in s, between two
+/// samples in proportion; none where no sample shows it.
+pub(super) fn crossing(trace: &ContactTrace, threshold_n: f64) -> Option<f64> {
+    let until = trace
+        .samples
+        .iter()
+        .take_while(|s| s.0 <= trace.trigger_s + 1e-9)
+        .count();
+    // The sample after the declaration counts, too: telemetry may be slower than the controller.
+    let seen = trace.samples.get(..(until + 1).min(trace.samples.len()))?;
+    seen.windows(2).rev().find_map(|pair| {
+        let ((t0, f0), (t1, f1)) = (pair[0], pair[1]);
+        (f0 < threshold_n && f1 >= threshold_n).then(|| t0 + (t1 - t0) * (threshold_n - f0) / (f1 - f0))
     })
 }
 
@@ -271,12 +297,9 @@ pub(super) fn force(trace: &ContactTrace, threshold_n: f64) -> Result<String, Ch
             [(0.0, low - pad), (0.0, high + pad)],
             ALARM.stroke_width(1),
         ))?;
-        let at = trace
-            .samples
-            .iter()
-            .min_by(|a, b| (a.0 - zero).abs().total_cmp(&(b.0 - zero).abs()))
-            .map_or(threshold_n, |s| s.1);
-        chart.draw_series([Circle::new((0.0, at), 5, ALARM.filled())])?;
+        if let Some(at) = crossing(trace, threshold_n) {
+            chart.draw_series([Circle::new((at - zero, threshold_n), 5, ALARM.filled())])?;
+        }
         Ok(())
     })
 }
@@ -349,7 +372,7 @@ pub(super) fn prediction(p: &Prediction) -> Result<String, ChartError> {
                 0.0..x,
                 0.0..y,
                 "predicted error, 1 sigma (mm)",
-                "found error (mm)"
+                axis("found error", &p.axis)
             );
             for (factor, name, weight) in [(1.0, "1 sigma", 0.9), (2.0, "2 sigma", 0.5)] {
                 let end = x.min(y / factor);
@@ -370,55 +393,4 @@ pub(super) fn prediction(p: &Prediction) -> Result<String, ChartError> {
             Ok(())
         },
     )
-}
-
-/// Correlations as a map: red positive, blue negative, by strength.
-pub(super) fn correlation(c: &Correlation) -> Result<String, ChartError> {
-    let n = c.names.len();
-    let cell = if n > 36 { 15 } else { 19 };
-    let side = 92;
-    let size = (side + cell * n as i32 + 12, side + cell * n as i32 + 12);
-    draw(
-        (size.0.max(1) as u32, size.1.max(1) as u32),
-        "Correlation of the parameters",
-        |area| {
-            label_names(area, c, cell, side)?;
-            for (i, row) in c.values.iter().enumerate() {
-                for (j, &value) in row.iter().enumerate() {
-                    if !value.is_finite() {
-                        continue;
-                    }
-                    let (x, y) = (side + cell * j as i32, side + cell * i as i32);
-                    let tint = if value >= 0.0 { ALARM } else { SERIES[1] };
-                    let strength = if i == j { 0.12 } else { value.abs().min(1.0).powf(1.3) };
-                    area.draw(&Rectangle::new(
-                        [(x, y), (x + cell - 1, y + cell - 1)],
-                        tint.mix(strength).filled(),
-                    ))?;
-                }
-            }
-            area.draw(&Rectangle::new(
-                [(side - 1, side - 1), (side + cell * n as i32, side + cell * n as i32)],
-                FAINT.stroke_width(1),
-            ))?;
-            Ok(())
-        },
-    )
-}
-
-/// Names along both sides of a map.
-fn label_names(area: Area<'_, '_>, c: &Correlation, cell: i32, side: i32) -> Result<(), Box<dyn std::error::Error>> {
-    use plotters::style::text_anchor::{HPos, Pos, VPos};
-    let row = TextStyle::from(("sans-serif", 11).into_font())
-        .color(&INK)
-        .pos(Pos::new(HPos::Right, VPos::Center));
-    let column = TextStyle::from(("sans-serif", 11).into_font().transform(FontTransform::Rotate270))
-        .color(&INK)
-        .pos(Pos::new(HPos::Left, VPos::Center));
-    for (k, name) in c.names.iter().enumerate() {
-        let at = side + cell * k as i32 + cell / 2;
-        area.draw(&Text::new(name.clone(), (side - 6, at), row.clone()))?;
-        area.draw(&Text::new(name.clone(), (at, side - 6), column.clone()))?;
-    }
-    Ok(())
 }

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 
 use super::calibration::{correlation, group_table, identifiability_words, parameter_rows};
+use super::certificate::Certificate;
 use super::headline::{Error, compared, error_figures, expected_figures};
 use super::input::{
     ErrorSeries, ErrorTable, Headline, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
@@ -42,8 +43,8 @@ fn distances(m: &JudgedModel) -> Vec<f64> {
     m.samples.iter().map(|s| s.distance_mm).collect()
 }
 
-/// The report of a study; `created` is its date, in words.
-pub fn study_report(study: &Study, created: &str) -> ReportInput {
+/// The report of a study with its certificate; `created` is its date, in words.
+pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> ReportInput {
     let evaluation = &study.evaluation;
     let calibration = &evaluation.calibration;
     let recordings = &study.recordings;
@@ -107,7 +108,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
                 judged.model("calibrated").map_or(0, |m| m.errors().n)
             ),
             caption: format!(
-                "Judged by {}. \"Table only\" is what a URDF can hold: links without compliance and encoder errors.",
+                "Judged by {}. \"URDF only\" is what a URDF can hold: links without compliance and encoder errors.",
                 judged.by
             ),
             rows: rows(judged),
@@ -202,6 +203,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
             recordings.samples.len(),
             study.model.robot.dof()
         ),
+        certificate: Some(certificate.clone()),
         headline: Headline {
             trusted: v.may_be_used,
             sentence,
@@ -211,6 +213,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         },
         error_tables,
         errors,
+        errors_axis: String::new(),
         workspace: judged.map(workspace).unwrap_or_default(),
         contacts: Vec::new(),
         contact_threshold_n: 0.0,
@@ -227,6 +230,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         health_tables: Vec::new(),
         notes,
         provenance: provenance(study, created),
+        configuration: Vec::new(),
     }
 }
 
@@ -266,6 +270,7 @@ fn prediction(study: &Study, judged: &Judged) -> Prediction {
         max_mm: evaluation.predicted_mm.1,
         pairs_mm,
         frame: format!("The actual errors are those of {}.", judged.by),
+        axis: String::new(),
     }
 }
 

@@ -2,6 +2,8 @@
 
 use spherecal_campaign::telemetry::ContactTrace;
 
+use super::certificate::Certificate;
+
 /// The verdict in words.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Headline {
@@ -74,6 +76,8 @@ pub struct Histogram {
     pub caption: String,
     /// Values.
     pub values: Vec<f64>,
+    /// Step of the values, where they are counted in steps: no bar is narrower; 0 if there is none.
+    pub step: f64,
 }
 
 /// Curves over time, such as the drift while the arm holds still.
@@ -141,6 +145,9 @@ pub struct Prediction {
     pub pairs_mm: Vec<(f64, f64)>,
     /// In which frame the actual errors are, as a sentence.
     pub frame: String,
+    /// The same in a few words, for the axis, such as "base fitted to the points"; empty if there
+    /// is nothing to say.
+    pub axis: String,
 }
 
 /// Any small table.
@@ -163,12 +170,17 @@ pub struct ReportInput {
     pub title: String,
     /// One line under it.
     pub subtitle: String,
+    /// Page one; none where nothing is certified.
+    pub certificate: Option<Certificate>,
     /// The verdict.
     pub headline: Headline,
     /// Tables of errors; the first is the main one.
     pub error_tables: Vec<ErrorTable>,
     /// Errors by model, for the histograms; `nominal` is compared with the others.
     pub errors: Vec<ErrorSeries>,
+    /// In which frame these errors are, in a few words for the axis; empty if there is nothing to
+    /// say.
+    pub errors_axis: String,
     /// Errors over the workspace.
     pub workspace: Vec<WorkspacePoint>,
     /// Force traces of the contacts (Figure 5 of the paper).
@@ -199,6 +211,8 @@ pub struct ReportInput {
     pub health_tables: Vec<SimpleTable>,
     /// Remarks.
     pub notes: Vec<String>,
-    /// Versions, seeds, configuration, hashes: name and value.
+    /// Versions, seeds, hashes, what was configured: name and value.
     pub provenance: Vec<(String, String)>,
+    /// The whole configuration, line by line, for the screen: paper has its hash.
+    pub configuration: Vec<String>,
 }

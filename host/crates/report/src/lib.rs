@@ -9,15 +9,19 @@
 //! inside the page; their colours follow the page's theme.
 
 pub mod calibration;
+mod certificate;
 mod charts;
+mod correlation_map;
 pub mod export;
 mod from_study;
 pub mod headline;
 mod input;
 mod page;
+mod parts;
 mod space;
 mod time_charts;
 
+pub use certificate::{BudgetLine, COVERAGE, Certificate, PositionError, Uncertainty, millimetres};
 pub use charts::ChartError;
 pub use from_study::study_report;
 pub use input::{

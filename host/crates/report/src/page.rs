@@ -4,7 +4,9 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::charts::{self, ChartError};
-use super::input::{ErrorSeries, ErrorTable, ParameterRow, ReportInput, SimpleTable};
+use super::correlation_map;
+use super::input::{ErrorSeries, ParameterRow, ReportInput};
+use super::parts::{Folds, error_table, outlier_table, provenance, simple_table, tables};
 use super::space;
 use super::time_charts;
 
@@ -25,17 +27,26 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
         }
     };
     let mut figures = Figures(0);
+    let mut folds = Folds::default();
     add("stillness", "How still it holds", stillness(input, &mut figures)?);
     add("accuracy", "Accuracy", accuracy(input, &mut figures)?);
     add("workspace", "Over the workspace", workspace(input, &mut figures)?);
     add("predicted", "Predicted accuracy", predicted(input, &mut figures)?);
-    add("parameters", "Parameters", parameters(input));
+    add("parameters", "Parameters", parameters(input, &mut folds));
     add("correlation", "Correlations", correlation(input, &mut figures)?);
-    add("residuals", "Residuals and outliers", residuals(input, &mut figures)?);
+    add(
+        "residuals",
+        "Residuals and outliers",
+        residuals(input, &mut figures, &mut folds)?,
+    );
     add("contacts", "Contacts", contacts(input, &mut figures)?);
     add("health", "Faults and link", tables(&input.health_tables));
     add("notes", "Notes", notes(input));
-    add("provenance", "Provenance", provenance(input));
+    add(
+        "provenance",
+        "Provenance",
+        provenance(&input.provenance, &input.configuration, &mut folds),
+    );
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -48,6 +59,7 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
             }
             body {
                 main {
+                    @if let Some(certificate) = &input.certificate { (certificate.page()) }
                     header { h1 { (input.title) } p { (input.subtitle) } }
                     (headline(input))
                     nav { @for (id, title, _) in &sections { a href=(format!("#{id}")) { (title) } } }
@@ -96,31 +108,6 @@ fn headline(input: &ReportInput) -> Markup {
     }
 }
 
-fn swatch(name: &str) -> Markup {
-    let c = charts::colour(name);
-    let index = charts::SERIES.iter().position(|s| *s == c).unwrap_or(0);
-    html! { span.dot style=(format!("background:var(--series-{index})")) {} }
-}
-
-fn error_table(table: &ErrorTable) -> Markup {
-    let best = table.rows.iter().map(|r| r.mean_mm).fold(f64::INFINITY, f64::min);
-    html! {
-        h3 { (table.title) }
-        @if !table.caption.is_empty() { p.lead { (table.caption) } }
-        div.scroll { table {
-            thead { tr { th { "model" } th { "mean" } th { "std" } th { "min" } th { "max (mm)" } } }
-            tbody {
-                @for r in &table.rows {
-                    tr class=(if r.mean_mm <= best { "best" } else { "" }) {
-                        td { (swatch(&r.name)) (r.name.replace('_', " ")) }
-                        @for v in [r.mean_mm, r.std_mm, r.min_mm, r.max_mm] { td { (format!("{v:.3}")) } }
-                    }
-                }
-            }
-        } }
-    }
-}
-
 /// In which frame the errors of the figures are: that of the first table.
 fn frame_of_errors(input: &ReportInput) -> &str {
     input.error_tables.first().map_or("", |t| t.caption.as_str())
@@ -135,12 +122,20 @@ fn accuracy(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>
     let frame = frame_of_errors(input);
     let mut drawn = Vec::new();
     if !all.is_empty() {
-        let svg = charts::histogram(&all, "Histogram of position errors, nominal and calibrated")?;
+        let svg = charts::histogram(
+            &all,
+            "Histogram of position errors, nominal and calibrated",
+            &input.errors_axis,
+        )?;
         let words = html! { "Position errors of all models: the distance between the histograms is the gain of the calibration. " (frame) };
         drawn.push(figures.figure(&svg, &words));
     }
     if calibrated.len() > 1 {
-        let svg = charts::histogram(&calibrated, "Histogram of position errors of the calibrated models")?;
+        let svg = charts::histogram(
+            &calibrated,
+            "Histogram of position errors of the calibrated models",
+            &input.errors_axis,
+        )?;
         let words = html! { "The calibrated models only, on a finer scale. " (frame) };
         drawn.push(figures.figure(&svg, &words));
     }
@@ -156,7 +151,10 @@ fn workspace(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
     if input.workspace.len() < 2 {
         return Ok(None);
     }
-    let svg = space::workspace(&input.workspace)?;
+    // The calibrated model has the name that the table gives it.
+    let named = |name: &&str| input.errors.iter().any(|s| s.name == *name);
+    let calibrated = ["sphere", "calibrated"].into_iter().find(named).unwrap_or("calibrated");
+    let svg = space::workspace(&input.workspace, calibrated)?;
     let words = html! { "Every validation configuration at its position, seen from the front right and above; both panels have the same scale. " (frame_of_errors(input)) };
     let figure = figures.figure(&svg, &words);
     Ok(Some(html! { p.lead { "Position error over the workspace." } (figure) }))
@@ -236,7 +234,7 @@ fn parameter_table(rows: &[&ParameterRow]) -> Markup {
     }
 }
 
-fn parameters(input: &ReportInput) -> Option<Markup> {
+fn parameters(input: &ReportInput, folds: &mut Folds) -> Option<Markup> {
     if input.parameters.is_empty() {
         return None;
     }
@@ -256,10 +254,10 @@ fn parameters(input: &ReportInput) -> Option<Markup> {
         @if !input.identifiability.is_empty() { ul { @for words in &input.identifiability { li { (words) } } } }
         (parameter_table(shown))
         @if !folded.is_empty() {
-            details { summary { "The other " (folded.len()) " parameters" } (parameter_table(folded)) }
+            (folds.fold(&format!("The other {} parameters", folded.len()), &parameter_table(folded)))
         }
         @if !effects.is_empty() {
-            details { summary { "Random effects: " (effects.len()) " harmonics and bendings" } (parameter_table(&effects)) }
+            (folds.fold(&format!("Random effects: {} harmonics and bendings", effects.len()), &parameter_table(&effects)))
         }
     })
 }
@@ -279,8 +277,8 @@ fn correlation(input: &ReportInput, figures: &mut Figures) -> Result<Option<Mark
         }
     }
     strongest.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
-    let words = html! { "Correlation of the geometric parameters: red positive, blue negative. The data determine a combination of a strongly correlated pair better than each of the two." };
-    let figure = figures.figure(&charts::correlation(c)?, &words);
+    let words = html! { "Correlation of the geometric parameters, from -1 (blue) to 1 (red), by the scale beside the map. The data determine a combination of a strongly correlated pair better than each of the two." };
+    let figure = figures.figure(&correlation_map::correlation(c)?, &words);
     Ok(Some(html! {
         @if strongest.is_empty() {
             p.lead { "No two geometric parameters are correlated beyond 0.9." }
@@ -297,22 +295,7 @@ fn correlation(input: &ReportInput, figures: &mut Figures) -> Result<Option<Mark
     }))
 }
 
-fn simple_table(t: &SimpleTable) -> Markup {
-    html! {
-        h3 { (t.title) }
-        @if !t.caption.is_empty() { p.lead { (t.caption) } }
-        div.scroll { table {
-            thead { tr { @for c in &t.columns { th { (c) } } } }
-            tbody { @for row in &t.rows { tr { @for cell in row { td { (cell) } } } } }
-        } }
-    }
-}
-
-fn tables(tables: &[SimpleTable]) -> Option<Markup> {
-    (!tables.is_empty()).then(|| html! { @for t in tables { (simple_table(t)) } })
-}
-
-fn residuals(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+fn residuals(input: &ReportInput, figures: &mut Figures, folds: &mut Folds) -> Result<Option<Markup>, ChartError> {
     if input.residuals.is_empty() && input.outliers.is_empty() && input.fit_tables.is_empty() {
         return Ok(None);
     }
@@ -322,20 +305,12 @@ fn residuals(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
         figure = Some(figures.figure(&charts::residuals(&input.residuals)?, &words));
     }
     let (shown, folded) = input.outliers.split_at(input.outliers.len().min(SHOWN_OUTLIERS));
-    let list = |rows: &[(String, String)]| {
-        html! {
-            div.scroll { table {
-                thead { tr { th { "recording" } th { "why" } } }
-                tbody { @for (which, why) in rows { tr { td { (which) } td.words { (why) } } } }
-            } }
-        }
-    };
     Ok(Some(html! {
         @if let Some(f) = figure { (f) }
         @if !input.outliers.is_empty() {
             h3 { "Outliers" }
-            (list(shown))
-            @if !folded.is_empty() { details { summary { "The other " (folded.len()) } (list(folded)) } }
+            (outlier_table(shown))
+            @if !folded.is_empty() { (folds.fold(&format!("The other {}", folded.len()), &outlier_table(folded))) }
         } @else {
             p.lead { "No recording stands out." }
         }
@@ -349,12 +324,16 @@ fn contacts(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>
     }
     let mut drawn = Vec::new();
     for histogram in &input.triggers {
-        drawn.push(figures.figure(&time_charts::histogram(histogram)?, &html! { (histogram.caption) }));
+        // One bar says no more than its value in words.
+        drawn.push(match time_charts::single_value(histogram) {
+            Some(words) => html! { p.lead { (words) " " (histogram.caption) } },
+            None => figures.figure(&time_charts::histogram(histogram)?, &html! { (histogram.caption) }),
+        });
     }
     for trace in &input.contacts {
         let words = html! {
-            "Sphere " (trace.sphere) ": force against the approach, threshold "
-            (format!("{:.1} N", input.contact_threshold_n)) " (dashed), the trigger marked."
+            "Sphere " (trace.sphere) ": force against the approach. The dot is where it exceeds the threshold of "
+            (format!("{:.1} N", input.contact_threshold_n)) " (dashed) for good; the line is the declaration of the contact."
         };
         drawn.push(figures.figure(&charts::force(trace, input.contact_threshold_n)?, &words));
     }
@@ -377,9 +356,4 @@ fn stillness(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
 
 fn notes(input: &ReportInput) -> Option<Markup> {
     (!input.notes.is_empty()).then(|| html! { ul { @for n in &input.notes { li { (n) } } } })
-}
-
-fn provenance(input: &ReportInput) -> Option<Markup> {
-    (!input.provenance.is_empty())
-        .then(|| html! { dl.facts { @for (name, value) in &input.provenance { dt { (name) } dd { (value) } } } })
 }

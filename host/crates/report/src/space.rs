@@ -1,10 +1,11 @@
 //! Errors over the workspace in three dimensions (Figure 10 of the paper). The view is from the
-//! front right and above. Each configuration is a dot whose area and colour show the robot's error.
+//! front right and above. Each configuration is a dot whose area shows the robot's error.
 
 use plotters::prelude::*;
 
 use super::charts::{ChartError, FAINT, INK, SERIES, SOFT, draw, round_step};
 use super::input::WorkspacePoint;
+use spherecal_identify::evaluate::model_title;
 
 /// Azimuth and elevation of the eye, in rad.
 const EYE: (f64, f64) = (-0.9, 0.42);
@@ -37,8 +38,13 @@ fn bounds(points: &[WorkspacePoint]) -> ([f64; 3], [f64; 3], f64) {
     (low, high, step)
 }
 
-/// Both models side by side, to one scale.
-pub(super) fn workspace(points: &[WorkspacePoint]) -> Result<String, ChartError> {
+/// Radius of the dot of an error, in pixels.
+fn radius(value: f64, largest: f64) -> i32 {
+    (1.5 + 9.0 * (value / largest).clamp(0.0, 1.0).sqrt()) as i32
+}
+
+/// Both models side by side, to one scale; `calibrated` is the name of the second.
+pub(super) fn workspace(points: &[WorkspacePoint], calibrated: &str) -> Result<String, ChartError> {
     let (low, high, step) = bounds(points);
     let largest = points
         .iter()
@@ -63,7 +69,7 @@ pub(super) fn workspace(points: &[WorkspacePoint]) -> Result<String, ChartError>
         (width as u32, height as u32),
         "Errors over the workspace, nominal and calibrated",
         |area| {
-            for (number, (title, colour)) in [("nominal", SERIES[0]), ("calibrated", SERIES[1])]
+            for (number, (title, colour)) in [("nominal", SERIES[0]), (model_title(calibrated), SERIES[1])]
                 .into_iter()
                 .enumerate()
             {
@@ -108,16 +114,25 @@ pub(super) fn workspace(points: &[WorkspacePoint]) -> Result<String, ChartError>
                 order.sort_by(|a, b| project(a.at_m).2.total_cmp(&project(b.at_m).2));
                 for p in order {
                     let value = if number == 0 { p.nominal_mm } else { p.calibrated_mm };
-                    let radius = 1.5 + 9.0 * (value / largest).clamp(0.0, 1.0).sqrt();
-                    area.draw(&Circle::new(at(p.at_m), radius as i32, colour.mix(0.55).filled()))?;
+                    let size = radius(value, largest);
+                    area.draw(&Circle::new(at(p.at_m), size, colour.mix(0.55).filled()))?;
                 }
             }
-            let words = format!("largest dot {largest:.2} mm; the area of a dot grows with the error");
-            area.draw(&Text::new(
-                words,
-                (14, height - 22),
-                ("sans-serif", 15).into_font().color(&SOFT),
-            ))?;
+            // The scale of the dots, with its unit.
+            let words = |text: String, x: i32| {
+                area.draw(&Text::new(
+                    text,
+                    (x, height - 24),
+                    ("sans-serif", 15).into_font().color(&SOFT),
+                ))
+            };
+            words("position error:".to_owned(), 14)?;
+            for (k, share) in [0.1, 0.4, 1.0].into_iter().enumerate() {
+                let x = 140 + 110 * k as i32;
+                let size = radius(share * largest, largest);
+                area.draw(&Circle::new((x, height - 17), size, SOFT.mix(0.55).filled()))?;
+                words(format!("{:.2} mm", share * largest), x + 16)?;
+            }
             Ok(())
         },
     )

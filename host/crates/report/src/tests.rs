@@ -2,6 +2,154 @@
 
 use super::*;
 use spherecal_campaign::telemetry::ContactTrace;
+use spherecal_identify::ExpectedError;
+use spherecal_identify::evaluate::{Repeatability, model_title};
+
+/// A certificate with every field, and with hostile names.
+fn certified(evil: &str) -> Certificate {
+    let evil = || Some(evil.to_owned());
+    let error = |mean: f64| {
+        Some(ExpectedError {
+            mean,
+            p95: 1.9 * mean,
+            interval: [0.8 * mean, 1.3 * mean],
+        })
+    };
+    Certificate {
+        simulated: true,
+        number: evil(),
+        laboratory: evil(),
+        place: evil(),
+        operator: evil(),
+        robot: "iiwa7".to_owned(),
+        serial: evil(),
+        measured: Some("2026-11-23T10:00:00Z".to_owned()),
+        temperature_c: Some(21.5),
+        instrument: evil(),
+        instrument_certificate: evil(),
+        plate: evil(),
+        plate_certificate: evil(),
+        method: "contacts".to_owned(),
+        estimator: "full, full model".to_owned(),
+        program: "spherecal 0.1.0".to_owned(),
+        commit: None,
+        configuration_sha256: Some("c0".repeat(32)),
+        recordings: 150,
+        recordings_sha256: "d1".repeat(32),
+        expected_error_mm: error(0.1234),
+        geometry_alone_mm: error(0.3456),
+        nominal_error_mm: error(1.2345),
+        uncertainty: Some(Uncertainty {
+            standard_mm: 0.1421,
+            k: COVERAGE,
+            expanded_mm: 0.2842,
+        }),
+        budget: [
+            ("plate", Some(0.0087)),
+            ("seating", Some(0.0213)),
+            ("encoder_noise", Some(0.0456)),
+            ("open_parameters", None),
+        ]
+        .map(|(source, rms_mm)| BudgetLine {
+            source: source.to_owned(),
+            name: source.to_owned(),
+            rms_mm,
+            remark: "why".to_owned(),
+        })
+        .to_vec(),
+        position_errors: vec![PositionError {
+            by: "laser tracker, base measured by arcs".to_owned(),
+            n: 125,
+            mean_mm: 0.1789,
+            max_mm: 0.4567,
+            nominal_mean_mm: 1.3579,
+        }],
+        repeatability: Some(Repeatability {
+            spheres: 3,
+            couplings: 9,
+            sigma_mm: 0.0321,
+            iso_formula_mm: Some(0.0654),
+        }),
+        may_be_used: true,
+        reasons: (0..5).map(|k| format!("reason {k}")).collect(),
+        validity_months: Some(12),
+        next_calibration: Some("2027-11-23".to_owned()),
+    }
+}
+
+/// Page one of a report.
+fn page_one(page: &str) -> &str {
+    let start = page
+        .find("<section class=\"certificate\" id=\"certificate\"")
+        .expect("page one");
+    &page[start..start + page[start..].find("</section>").expect("its end")]
+}
+
+/// Every number of a document, with the path to it.
+fn numbers(path: &str, value: &serde_json::Value, out: &mut Vec<(String, f64)>) {
+    match value {
+        serde_json::Value::Number(n) => out.push((path.to_owned(), n.as_f64().unwrap())),
+        serde_json::Value::Array(list) => list
+            .iter()
+            .enumerate()
+            .for_each(|(k, v)| numbers(&format!("{path}.{k}"), v, out)),
+        serde_json::Value::Object(map) => map.iter().for_each(|(k, v)| numbers(&format!("{path}.{k}"), v, out)),
+        _ => {}
+    }
+}
+
+// Fails if a figure for programs is missing on page one, if page one is not the first of the
+// report, or if a simulated run is not marked.
+#[test]
+fn page_one_has_every_figure_that_programs_get() {
+    let mut input = full();
+    let certificate = certified("A. Miller");
+    input.certificate = Some(certificate.clone());
+    let page = render(&input).unwrap();
+    assert!(page.find("id=\"certificate\"") < page.find("<header>"));
+    let page = page_one(&page);
+    let mut found = Vec::new();
+    numbers("certificate", &serde_json::to_value(&certificate).unwrap(), &mut found);
+    assert!(found.len() > 25, "{}", found.len());
+    for (path, value) in found {
+        let shown = if value.fract() == 0.0 || path.ends_with("temperature_c") {
+            format!("{value}")
+        } else {
+            millimetres(value)
+        };
+        assert!(page.contains(&shown), "{path}: {shown} in {page}");
+    }
+    for words in [
+        "SIMULATED",
+        "certifies no robot",
+        "2027-11-23",
+        "2026-11-23T10:00:00Z",
+        "and 3 more on the next page",
+    ] {
+        assert!(page.contains(words), "{words}");
+    }
+    assert_eq!(page.matches("A. Miller").count(), 9);
+}
+
+// Fails if page one invents what nobody stated, or gives a date for the next calibration of a
+// result that may not be used.
+#[test]
+fn what_is_not_known_is_not_stated() {
+    let mut input = full();
+    input.certificate = Some(Certificate {
+        robot: "ur5e".to_owned(),
+        operator: Some("  ".to_owned()),
+        validity_months: Some(12),
+        ..Certificate::default()
+    });
+    let page = render(&input).unwrap();
+    let page = page_one(&page);
+    // Ten names and numbers, date, temperature, commit, both hashes.
+    assert!(page.matches(">not stated<").count() >= 18, "{page}");
+    assert!(!page.contains("SIMULATED"));
+    assert!(page.contains("none: the result may not be used") && page.contains("Not to be used"));
+    assert!(!render(&ReportInput::default()).unwrap().contains("id=\"certificate\""));
+}
 
 /// A report with something in every section, and with hostile names.
 pub(super) fn full() -> ReportInput {
@@ -10,6 +158,7 @@ pub(super) fn full() -> ReportInput {
     ReportInput {
         title: evil.to_owned(),
         subtitle: evil.to_owned(),
+        certificate: Some(certified(evil)),
         headline: Headline {
             trusted: true,
             sentence: "The robot is 78 % more accurate.".to_owned(),
@@ -49,6 +198,7 @@ pub(super) fn full() -> ReportInput {
                 calibrated_mm: 0.2 + 0.1 * wave(k, 5.0),
             })
             .collect(),
+        errors_axis: evil.to_owned(),
         contacts: vec![ContactTrace {
             sphere: 1,
             samples: (0..800)
@@ -67,6 +217,7 @@ pub(super) fn full() -> ReportInput {
             of: evil.to_owned(),
             caption: evil.to_owned(),
             values: vec![20.0, 20.0, 23.0, f64::NAN],
+            step: 1.0,
         }],
         stillness: vec![Curves {
             what: evil.to_owned(),
@@ -112,6 +263,7 @@ pub(super) fn full() -> ReportInput {
                 .map(|k| (0.1 + 0.03 * wave(k, 1.0), 0.15 + 0.1 * wave(k, 3.0)))
                 .collect(),
             frame: evil.to_owned(),
+            axis: evil.to_owned(),
         }),
         fit_tables: vec![SimpleTable {
             title: evil.to_owned(),
@@ -122,6 +274,7 @@ pub(super) fn full() -> ReportInput {
         health_tables: vec![SimpleTable::default()],
         notes: vec![evil.to_owned()],
         provenance: vec![(evil.to_owned(), evil.to_owned())],
+        configuration: vec![evil.to_owned()],
     }
 }
 
@@ -211,9 +364,104 @@ fn every_model_has_a_colour_of_its_own() {
             "{number}"
         );
         assert!(page.contains(&format!("stroke:var(--series-{index})")), "{name}");
-        // In the light, in the dark, and on paper.
-        assert_eq!(style.matches(&format!("--series-{index}:#")).count(), 3, "{name}");
+        // One name per model: that of the terminal, in the table and in the legends.
+        let shown = model_title(name).split('\'').next().unwrap();
+        assert!(page.matches(shown).count() >= 2, "{name}: {shown}");
     }
+}
+
+// Fails if the dot of the trigger is elsewhere than on the threshold, where the force passes it
+// for good before the declaration.
+#[test]
+fn the_dot_stands_where_the_force_passes_the_threshold() {
+    let mut trace = ContactTrace {
+        sphere: 1,
+        // An early crossing, a fall, and 1 N a sample of 10 ms from 0 at 0.1 s.
+        samples: vec![(0.0, 2.0), (0.01, 9.0), (0.02, 1.0)],
+        trigger_s: 0.2,
+    };
+    trace
+        .samples
+        .extend((0..20).map(|k| (0.1 + 0.01 * f64::from(k), f64::from(k))));
+    let at = charts::crossing(&trace, 7.5).unwrap();
+    assert!((at - 0.175).abs() < 1e-12, "{at}");
+    // Slow telemetry: the sample that shows it comes after the declaration.
+    trace.trigger_s = 0.175;
+    assert!((charts::crossing(&trace, 7.5).unwrap() - 0.175).abs() < 1e-12);
+    trace.trigger_s = 0.15;
+    assert!((charts::crossing(&trace, 7.5).unwrap() - 0.0079 + 0.0).abs() < 0.0001);
+    assert_eq!(charts::crossing(&trace, 50.0), None);
+    assert_eq!(charts::crossing(&ContactTrace::default(), 7.5), None);
+}
+
+// Fails if values that are all the same are drawn as one bar, or if values that differ are not
+// drawn.
+#[test]
+fn one_bar_is_said_in_words() {
+    let mut histogram = Histogram {
+        what: "latency (ms)".to_owned(),
+        of: "contacts".to_owned(),
+        values: vec![20.0; 7],
+        step: 1.0,
+        ..Histogram::default()
+    };
+    let words = time_charts::single_value(&histogram);
+    assert_eq!(words.as_deref(), Some("latency (ms): 20 in all 7 contacts."));
+    let mut input = full();
+    input.triggers = vec![histogram.clone()];
+    let page = render(&input).unwrap();
+    assert!(page.contains("20 in all 7 contacts."));
+    histogram.values.push(23.0);
+    assert_eq!(time_charts::single_value(&histogram), None);
+    // Counted values stand about their number: no bar is narrower than a step.
+    let drawn = time_charts::histogram(&histogram).unwrap();
+    assert!(drawn.contains("\n20\n") && !drawn.contains("\n20."), "{drawn}");
+}
+
+// Fails if a scale of colours or dots is without its values and unit, or if a figure with the base
+// fitted to the points does not say so on its axis.
+#[test]
+fn scales_have_units_and_axes_their_frame() {
+    let mut input = full();
+    input.errors_axis = "base by arcs".to_owned();
+    if let Some(prediction) = &mut input.prediction {
+        prediction.axis = "base fitted to the points".to_owned();
+    }
+    let page = render(&input).unwrap();
+    assert_eq!(page.matches("position error, base by arcs (mm)").count(), 2);
+    assert_eq!(page.matches("found error, base fitted to the points (mm)").count(), 1);
+    let figure = |label: &str| {
+        let start = page.find(label).unwrap_or_else(|| panic!("{label}"));
+        &page[start..start + page[start..].find("</svg>").unwrap()]
+    };
+    let map = figure("aria-label=\"Correlation of the parameters\"");
+    for value in ["\n1\n", "\n0\n", "\n-1\n", "\ncorrelation\n"] {
+        assert!(map.contains(value), "{value:?}");
+    }
+    let dots = figure("aria-label=\"Errors over the workspace, nominal and calibrated\"");
+    assert!(dots.contains("position error:") && dots.matches(" mm\n").count() == 3);
+}
+
+// Fails if a folded part is a `details`, which browsers print closed, or is hidden on paper; or if
+// the whole configuration is printed.
+#[test]
+fn paper_shows_what_the_screen_folds() {
+    let mut input = full();
+    let row = input.parameters[0].clone();
+    input.parameters = (0..60)
+        .map(|k| ParameterRow {
+            name: format!("theta{k}"),
+            ..row.clone()
+        })
+        .collect();
+    let page = render(&input).unwrap();
+    assert!(!page.contains("<details"));
+    assert!(page.contains("<input type=\"checkbox\" id=\"fold-1\"><label for=\"fold-1\">The other 12 parameters"));
+    let style = include_str!("style.css");
+    assert_eq!(style.matches("~.folded{display:none}").count(), 1);
+    assert!(style.contains("@media screen{.fold>input:not(:checked)~.folded{display:none}}"));
+    assert!(page.contains("<div class=\"screen\"><div class=\"fold\">"));
+    assert!(style.contains("nav,.screen{display:none}"));
 }
 
 /// Empty and degenerate input gives a page, not a panic.

@@ -1,21 +1,41 @@
 //! Figures of contacts and over time: histograms of the trigger, curves of a hold.
-//!
 
 use plotters::prelude::*;
 
 use super::charts::{ChartError, FAINT, INK, PAPER, SERIES, SOFT, axes, draw, legend, round_step, short};
 use super::input::{Curves, Histogram};
 
-/// Histogram of one quantity.
-pub(super) fn histogram(histogram: &Histogram) -> Result<String, ChartError> {
+/// The finite values of a histogram with their smallest and largest.
+fn range(histogram: &Histogram) -> (Vec<f64>, f64, f64) {
     let values: Vec<f64> = histogram.values.iter().copied().filter(|v| v.is_finite()).collect();
     let (low, high) = values
         .iter()
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
     let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
+    (values, low, high)
+}
+
+/// What a histogram would say with a single bar: all values within one step are the same.
+pub(super) fn single_value(histogram: &Histogram) -> Option<String> {
+    let (values, low, high) = range(histogram);
+    let step = histogram.step.max(1e-3 * high.abs());
+    (!values.is_empty() && high - low < step).then(|| {
+        let what = &histogram.what;
+        format!("{what}: {} in all {} {}.", short(&low), values.len(), histogram.of)
+    })
+}
+
+/// Histogram of one quantity.
+pub(super) fn histogram(histogram: &Histogram) -> Result<String, ChartError> {
+    let (values, low, high) = range(histogram);
     let parts = (2.0 * (values.len() as f64).cbrt() * 2.0).clamp(8.0, 30.0);
-    let step = round_step((high - low).max(1e-3 * high.abs().max(1.0)), parts);
-    let first = (low / step).floor() * step;
+    let step = round_step((high - low).max(1e-3 * high.abs().max(1.0)), parts).max(histogram.step);
+    // Bars of counted values stand about their value.
+    let first = if step > histogram.step {
+        (low / step).floor() * step
+    } else {
+        low - 0.5 * step
+    };
     let bins = (((high - first) / step).floor() as usize + 1).min(200);
     let mut counts = vec![0u32; bins];
     for value in &values {

@@ -1,7 +1,7 @@
 //! Dates and times in UTC, in the format of the store and the files (RFC 3339).
 
-use ::time::OffsetDateTime;
 use ::time::format_description::well_known::Rfc3339;
+use ::time::{Date, Month, OffsetDateTime};
 
 /// Julian day of 1970-01-01.
 const EPOCH_JULIAN_DAY: i32 = 2_440_588;
@@ -30,9 +30,68 @@ pub fn days(utc: &str) -> Option<f64> {
     Some(f64::from(whole) + (f64::from(h) * 3600.0 + f64::from(m) * 60.0 + seconds) / 86_400.0)
 }
 
+/// The date at the beginning of a time or date, `YYYY-MM-DD`.
+fn date(utc: &str) -> Option<Date> {
+    let text = utc.get(..10)?;
+    let rest = &utc[10..];
+    let mut parts = text.split('-');
+    let mut next = |digits: usize| {
+        parts
+            .next()
+            .filter(|p| p.len() == digits && p.bytes().all(|b| b.is_ascii_digit()))
+    };
+    let (year, month, day) = (next(4)?, next(2)?, next(2)?);
+    let month = Month::try_from(month.parse::<u8>().ok()?).ok()?;
+    let date = Date::from_calendar_date(year.parse().ok()?, month, day.parse().ok()?).ok()?;
+    (rest.is_empty() || rest.starts_with('T')).then_some(date)
+}
+
+/// Whether a text begins with a date, `YYYY-MM-DD`, and is a date or a time.
+pub fn is_date(utc: &str) -> bool {
+    date(utc).is_some()
+}
+
+/// The date so many months after a date or time, `YYYY-MM-DD`. A day that the month does not
+/// have is its last one.
+pub fn months_after(utc: &str, months: u32) -> Option<String> {
+    let from = date(utc)?;
+    let number = from.year() * 12 + i32::from(u8::from(from.month())) - 1 + i32::try_from(months).ok()?;
+    let (year, month) = (number.div_euclid(12), number.rem_euclid(12) + 1);
+    let month = Month::try_from(u8::try_from(month).ok()?).ok()?;
+    let to = Date::from_calendar_date(year, month, from.day().min(month.length(year))).ok()?;
+    Some(format!("{:04}-{:02}-{:02}", to.year(), u8::from(to.month()), to.day()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    // Fails if a date is a year or a day off, if a day that a month does not have is carried into
+    // the next month, or if something that is no date gives one.
+    #[test]
+    fn months_are_added_by_the_calendar() {
+        for (from, months, to) in [
+            ("2026-11-23T10:00:00Z", 12, "2027-11-23"),
+            ("2026-11-23", 2, "2027-01-23"),
+            ("2026-12-31", 2, "2027-02-28"),
+            ("2028-02-29T00:00:00Z", 12, "2029-02-28"),
+            ("2027-12-31", 2, "2028-02-29"),
+            ("2026-01-15", 0, "2026-01-15"),
+        ] {
+            assert_eq!(months_after(from, months).as_deref(), Some(to), "{from} {months}");
+        }
+        for none in [
+            "",
+            "2026-13-01",
+            "2026-02-30",
+            "23.11.2026",
+            "2026-1-01",
+            "2026-11-23 x",
+            "\u{e9}2026-11-23",
+        ] {
+            assert!(!is_date(none) && months_after(none, 1).is_none(), "{none}");
+        }
+    }
 
     // Fails if a date is off by a day anywhere near a leap day.
     #[test]

@@ -33,7 +33,7 @@ const CHI_SQUARE_3_MEDIAN: f64 = 2.365_974;
 const KEPT: usize = 12;
 
 /// A cause with its columns as the data see them.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub(crate) struct Component {
     pub(crate) shape: Shape,
     /// Turns the shape's columns into those kept (first) and those left out, scaled
@@ -62,7 +62,7 @@ pub(crate) enum GroupOf {
 }
 
 /// A group of the model's own parameters that share how well their prior is known.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub(crate) struct Group {
     pub(crate) columns: Vec<usize>,
     /// Whether the factor may differ from 1.

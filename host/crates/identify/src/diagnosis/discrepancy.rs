@@ -29,6 +29,7 @@ use crate::error::IdentifyError;
 const SWEEPS: (usize, usize) = (6, 3);
 
 /// The extended model.
+#[derive(Debug)]
 pub(crate) struct Discrepancy {
     pub(crate) components: Vec<Component>,
     pub(crate) groups: Vec<Group>,
@@ -358,6 +359,12 @@ impl Discrepancy {
         self.s2 = (residual.norm_squared() / self.freedom).max(1e-8);
         self.pose_s2 = pose_variance(linear, &residual, rows / self.freedom).unwrap_or(self.s2);
         Ok(())
+    }
+
+    /// Whether a column of `W` describes where a coupling seats.
+    pub(crate) fn is_seat(&self, column: usize) -> bool {
+        let seats = self.components.iter().filter(|c| matches!(c.shape.cause, Cause::Seat));
+        seats.into_iter().any(|c| (c.at..c.at + c.kept).contains(&column))
     }
 
     /// `Z` of a prediction at `posture`, 3 x k, and of what the data do not tell

@@ -15,6 +15,8 @@
 //! no cause describes are white, so that they average out. `SIZE_SIGMA` widens the
 //! interval by that.
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -22,6 +24,7 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use spherecal_shared::robot::kinematics::frames_into;
 use spherecal_shared::robot::{LinkTransform, Pose as Frame, Robot, Tool};
 
+use super::budget::{Accounts, ErrorBudget, SizeSet, joint_shares, squared_columns};
 use super::dense::transposed_product;
 use super::discrepancy::Discrepancy;
 use super::linear::{Linear, Posture};
@@ -114,18 +117,22 @@ pub(crate) struct Field {
     rigid: Rigid,
     /// One draw a column, 3 x configurations, in m, aligned.
     draws: DMatrix<f64>,
+    /// What tells the same by source.
+    accounts: Arc<Accounts>,
 }
 
 impl Field {
     /// Draws the error of a fit. `rows` gives the columns of the model at a
-    /// configuration in units of the linear model's scale (3 x m), and the posture.
+    /// configuration in units of the linear model's scale (3 x m), and the posture;
+    /// `plate` are the columns of the certified coordinates.
     ///
     /// # Errors
     /// Equations that have no solution.
     pub(crate) fn draw(
         linear: &Linear,
-        discrepancy: &Discrepancy,
+        discrepancy: Discrepancy,
         configurations: &[(DMatrix<f64>, Posture)],
+        plate: Vec<usize>,
     ) -> Result<Self, IdentifyError> {
         let count = configurations.len();
         let (m, all) = (discrepancy.m, discrepancy.w.ncols());
@@ -152,6 +159,7 @@ impl Field {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let spread = ChiSquared::new(discrepancy.freedom.max(1.0)).ok();
         let mut draws = DMatrix::zeros(3 * count, DRAWS.0 * DRAWS.1);
+        let mut sets = Vec::with_capacity(DRAWS.0);
         for h in 0..DRAWS.0 {
             let mut d = discrepancy.sigmas(|_| true);
             for group in &discrepancy.groups {
@@ -168,6 +176,7 @@ impl Field {
             let s2 = discrepancy.s2 * discrepancy.freedom / f64::max(chi, 1e-3 * discrepancy.freedom);
             let factor = discrepancy.factor(&d, s2, 0, all)?;
             let mean = factor.solve_vector(&(d.component_mul(&discrepancy.wy) / s2));
+            let joint_variance = discrepancy.pose_s2 * s2 / discrepancy.s2 * linear.joint_variance;
             let mut normal = |n: usize| DVector::from_fn(n, |_, _| StandardNormal.sample(&mut rng));
             let mut w = DMatrix::zeros(all, DRAWS.1);
             for mut column in w.column_iter_mut() {
@@ -183,7 +192,7 @@ impl Field {
                         column.gemv(*amplitude, block, &white, 1.0);
                     }
                 }
-                let sigma = (discrepancy.pose_s2 * s2 / discrepancy.s2 * linear.joint_variance).sqrt();
+                let sigma = joint_variance.sqrt();
                 for (k, (_, posture)) in configurations.iter().enumerate() {
                     let white: DVector<f64> = normal(posture.joints.len());
                     for (along, z) in posture.joints.iter().zip(white.iter()) {
@@ -194,8 +203,30 @@ impl Field {
                 }
             }
             draws.columns_mut(h * DRAWS.1, DRAWS.1).copy_from(&own);
+            sets.push(SizeSet {
+                mean: mean.component_mul(&d),
+                sigmas: d,
+                amplitudes,
+                s2,
+                joint_variance,
+            });
         }
-        Ok(Self { rigid, draws })
+        let accounts = Accounts {
+            joint_shares: joint_shares(linear),
+            contacts: linear.rows.iter().filter(|row| row.sphere.is_some()).count(),
+            joints: squared_columns(configurations.iter().map(|c| &c.1.joints)),
+            discrepancy,
+            plate,
+            g,
+            rest,
+            estimate,
+            sets,
+        };
+        Ok(Self {
+            rigid,
+            draws,
+            accounts: Arc::new(accounts),
+        })
     }
 
     /// The expected error of a model whose TCP is `off` (m, 3 x configurations) from
@@ -205,8 +236,13 @@ impl Field {
         summary(means, &p95)
     }
 
-    /// Mean error and its 95 % quantile over the workspace, by draw, in m.
-    pub(crate) fn errors(&self, off: Option<&[Vector3<f64>]>) -> (Vec<f64>, Vec<f64>) {
+    /// The same by source; none where the equations have no solution.
+    pub(crate) fn budget(&self, off: &[Vector3<f64>]) -> Option<ErrorBudget> {
+        self.accounts.budget(&self.aligned(Some(off)))
+    }
+
+    /// A displacement over the workspace without its rigid motion, 3 configurations x 1.
+    fn aligned(&self, off: Option<&[Vector3<f64>]>) -> DMatrix<f64> {
         let mut shift = DMatrix::zeros(self.draws.nrows(), 1);
         for (k, v) in off.into_iter().flatten().enumerate() {
             for axis in 0..3 {
@@ -214,6 +250,19 @@ impl Field {
             }
         }
         self.rigid.remove(&mut shift);
+        shift
+    }
+
+    /// Root mean square error of all draws over the workspace, in m.
+    pub(crate) fn rms(&self, off: &[Vector3<f64>]) -> f64 {
+        let shift = self.aligned(Some(off));
+        let squares = self.draws.column_iter().map(|c| (c - shift.column(0)).norm_squared());
+        (squares.sum::<f64>() / (self.draws.len() / 3).max(1) as f64).sqrt()
+    }
+
+    /// Mean error and its 95 % quantile over the workspace, by draw, in m.
+    pub(crate) fn errors(&self, off: Option<&[Vector3<f64>]>) -> (Vec<f64>, Vec<f64>) {
+        let shift = self.aligned(off);
         let mut means = Vec::with_capacity(self.draws.ncols());
         let mut p95 = Vec::with_capacity(self.draws.ncols());
         for column in self.draws.column_iter() {

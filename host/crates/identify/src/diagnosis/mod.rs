@@ -2,6 +2,7 @@
 //! workspace, what the model leaves out, and which causes the data name.
 
 mod alternatives;
+mod budget;
 mod causes;
 mod columns;
 mod component;
@@ -15,6 +16,7 @@ mod tail;
 mod words;
 
 pub use alternatives::{Alternative, Family};
+pub use budget::{BudgetTerm, ErrorBudget, Source};
 pub use course::Course;
 pub use expected::{WORKSPACE, workspace};
 pub use scan::{FamilyTest, Finding};
@@ -88,6 +90,19 @@ impl Diagnosis {
     /// at joint angles in rad.
     pub fn expected_error_of(&self, tcp_m: impl Fn(&[f64]) -> Vector3<f64>) -> ExpectedError {
         self.field.expected(Some(&self.off(tcp_m)))
+    }
+
+    /// The same by source: what the plate, the seating, the noise of the joints, the open
+    /// parameters and the model contribute.
+    /// None where the equations have no solution.
+    pub fn budget_of(&self, tcp_m: impl Fn(&[f64]) -> Vector3<f64>) -> Option<ErrorBudget> {
+        self.field.budget(&self.off(tcp_m))
+    }
+
+    /// Root mean square error over the workspace of the draws that the expected error is made
+    /// from, in mm. The total of the budget is the same figure without drawing.
+    pub fn drawn_rms_mm_of(&self, tcp_m: impl Fn(&[f64]) -> Vector3<f64>) -> f64 {
+        self.field.rms(&self.off(tcp_m)) * 1e3
     }
 
     /// How likely it is that one model is no better than another, by mean TCP error
@@ -196,7 +211,6 @@ pub fn diagnose(
     if !findings.is_empty() {
         harm(&linear, &discrepancy, &configurations, &mut findings)?;
     }
-    let field = Field::draw(&linear, &discrepancy, &configurations)?;
     let unmodelled = discrepancy
         .components
         .iter()
@@ -208,12 +222,16 @@ pub fn diagnose(
         });
     let mut unmodelled: Vec<Unmodelled> = unmodelled.collect();
     unmodelled.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let noise_mm = discrepancy.noise_m * 1e3;
+    let certified = |(_, p): &(usize, &Parameter)| matches!(p.kind, Kind::Sphere(..));
+    let plate = table.iter().enumerate().filter(certified).map(|(column, _)| column);
+    let field = Field::draw(&linear, discrepancy, &configurations, plate.collect())?;
     Ok(Diagnosis {
         expected: field.expected(None),
         findings,
         families,
         unmodelled,
-        noise_mm: discrepancy.noise_m * 1e3,
+        noise_mm,
         moved,
         workspace: workspace.to_vec(),
         tcp_m: configurations.iter().map(|c| c.1.tcp).collect(),

@@ -17,6 +17,7 @@
 //! anything is identified; to *judge* is to predict samples that the fit has not seen.
 
 mod align;
+mod certified;
 mod error;
 mod fit;
 mod folds;
@@ -32,11 +33,12 @@ use nalgebra::Vector3;
 use spherecal_model::chain::Chain;
 
 pub use align::{NominalFrames, align};
+pub use certified::{Repeatability, repeatability};
 pub use error::EvaluateError;
 pub use folds::{Fold, HeldOut};
 pub use judge::{Errors, Judge, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
 pub use options::{EvaluateOptions, Step};
-pub use reference::{Estimator, Reference, ReferenceModel};
+pub use reference::{Estimator, Reference, ReferenceModel, model_title};
 
 pub(crate) use align::Flange;
 

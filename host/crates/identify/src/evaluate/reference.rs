@@ -80,6 +80,20 @@ impl Estimator {
     }
 }
 
+/// What a model of a table is called for people, on the terminal and in the report; its own
+/// name where it has no other.
+pub fn model_title(name: &str) -> &str {
+    match name {
+        "sphere" => "spheres (this calibration)",
+        "laser" => "laser tracker, geometry",
+        "laser_full" => "laser tracker, full model",
+        "paper_nelder_mead" => "spheres, the paper's simplex",
+        "known_laws" => "spheres, errors' laws known",
+        "calibrated_table_only" => "calibrated, URDF only",
+        other => other,
+    }
+}
+
 impl std::fmt::Display for Estimator {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.pad(self.name())

@@ -54,6 +54,16 @@ pub enum ConfigError {
         /// What to write instead.
         remedy: &'static str,
     },
+    /// A word of the certificate cannot be printed.
+    #[error("certificate.{field} is {value}: {remedy}")]
+    Certificate {
+        /// Field, as it stands below `[certificate]`.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What to write instead.
+        remedy: &'static str,
+    },
     /// The plant's section does not fit together.
     #[error("plant: {message}")]
     PlantSection {

@@ -3,7 +3,7 @@
 use spherecal_link::qemu::LOG_FILE;
 use spherecal_report::SimpleTable;
 
-use crate::{DriveTiming, Link, Measurements, Spread, Summary};
+use crate::{Config, DriveTiming, Link, Measurements, Spread, Summary};
 
 pub(super) fn strings(words: &[&str]) -> Vec<String> {
     words.iter().map(|w| (*w).to_owned()).collect()
@@ -187,9 +187,76 @@ pub(super) fn provenance(m: &Measurements, s: &Summary, created: &str) -> Vec<(S
         let log = format!("{LOG_FILE}, beside this report");
         out.push(("controller's log".to_owned(), log));
     }
-    if let Ok(text) = toml::to_string(&m.config) {
-        let words: Vec<&str> = text.lines().filter(|l| !l.trim().is_empty()).collect();
-        out.push(("configuration".to_owned(), words.join("; ")));
+    if let Some(hash) = &s.certificate.configuration_sha256 {
+        out.push(("configuration's SHA-256".to_owned(), hash.clone()));
     }
+    let differing = differing(&m.config);
+    out.push((
+        "configuration".to_owned(),
+        if differing.is_empty() {
+            "the defaults".to_owned()
+        } else {
+            format!("the defaults, but {}", differing.join("; "))
+        },
+    ));
     out
+}
+
+/// The whole configuration, line by line.
+pub(super) fn configuration(config: &Config) -> Vec<String> {
+    let text = config.to_toml().unwrap_or_default();
+    text.lines()
+        .filter(|l| !l.trim().is_empty())
+        .map(str::to_owned)
+        .collect()
+}
+
+/// The fields that differ from the defaults, without the certificate's own: they are on page one.
+fn differing(config: &Config) -> Vec<String> {
+    let table = |config: &Config| toml::Table::try_from(config).unwrap_or_default();
+    let mut own = table(config);
+    own.remove("certificate");
+    let mut out = Vec::new();
+    compare("", &own, &table(&Config::default()), &mut out);
+    out
+}
+
+fn compare(path: &str, own: &toml::Table, default: &toml::Table, out: &mut Vec<String>) {
+    for (name, value) in own {
+        let path = if path.is_empty() {
+            name.clone()
+        } else {
+            format!("{path}.{name}")
+        };
+        match (value, default.get(name)) {
+            (value, Some(same)) if value == same => {}
+            (toml::Value::Table(own), Some(toml::Value::Table(default))) => compare(&path, own, default, out),
+            (toml::Value::Table(own), None) => compare(&path, own, &toml::Table::new(), out),
+            (value, _) => out.push(format!("{path} = {value}")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a field that was changed is not named with its value, if one that was not is, or if
+    // the names of the certificate appear a second time.
+    #[test]
+    fn the_differences_are_named() {
+        let text = "seed = 7\n[plan]\nposes = 30\nchoice = \"optimal\"\n[plant]\npreset = \"ideal\"\n\
+                    [cell.tool]\nmass_kg = 0.5\n[certificate]\noperator = \"A\"\n";
+        let config = Config::parse("cell.toml", text).expect("parses");
+        assert_eq!(
+            differing(&config),
+            [
+                "cell.tool.mass_kg = 0.5",
+                "plan.poses = 30",
+                "plant.preset = \"ideal\"",
+                "seed = 7"
+            ]
+        );
+        assert!(differing(&Config::default()).is_empty());
+    }
 }

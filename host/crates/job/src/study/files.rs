@@ -8,14 +8,20 @@ use super::summary::summary_json;
 use crate::write::{CalibratedTexts, Results, calibrated_texts, write_results};
 use crate::{Files, JobError};
 use spherecal_identify::study::Study;
+use spherecal_report::Certificate;
 
-/// Writes a result into a directory, which is created if it is missing. `report` is the HTML of the
-/// report.
+/// Writes a result with its certificate into a directory, which is created if it is missing. `report`
+/// is the HTML of the report.
 ///
 /// # Errors
 /// A directory or file that cannot be written.
-pub fn write_files(study: &Study, directory: &Path, report: Option<&str>) -> Result<Files, JobError> {
-    write_results(directory, &results(study, &summary_json(study), report))
+pub fn write_files(
+    study: &Study,
+    directory: &Path,
+    certificate: &Certificate,
+    report: Option<&str>,
+) -> Result<Files, JobError> {
+    write_results(directory, &results(study, &summary_json(study, certificate), report))
 }
 
 /// The calibrated robot as [`write_files`] writes it, without writing any file.

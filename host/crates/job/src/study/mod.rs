@@ -1,10 +1,12 @@
 //! The output of a calibration from files: `summary.json`, text for the terminal, the calibrated
 //! robot, the report.
 
+mod certificate;
 mod files;
 mod summary;
 mod text;
 
+pub use certificate::study_certificate;
 pub use files::{calibrated, write_files};
 pub use summary::summary_json;
 pub use text::summary_text;

@@ -5,9 +5,10 @@ use sha2::{Digest, Sha256};
 
 use spherecal_identify::evaluate::{Errors, Judge, Judged};
 use spherecal_identify::study::Study;
+use spherecal_report::Certificate;
 
 /// Hash over the bits of the recordings in order: joint angles, then torques.
-fn recordings_sha256(study: &Study) -> String {
+pub(super) fn recordings_sha256(study: &Study) -> String {
     let mut hash = Sha256::new();
     for o in &study.recordings.experiment.observations {
         for value in o.q.iter().chain(o.tau.iter().flatten()) {
@@ -53,8 +54,8 @@ fn judged_json(judged: &Judged, closed_loop: bool) -> Value {
     value
 }
 
-/// The summary of a study.
-pub fn summary_json(study: &Study) -> Value {
+/// The summary of a study, with its certificate.
+pub fn summary_json(study: &Study, certificate: &Certificate) -> Value {
     let evaluation = &study.evaluation;
     let recordings = &study.recordings;
     let calibration = &evaluation.calibration;
@@ -140,8 +141,9 @@ pub fn summary_json(study: &Study) -> Value {
         "predicted": { "mean_mm": evaluation.predicted_mm.0, "max_mm": evaluation.predicted_mm.1 },
         "validation": evaluation.judged.as_ref().map_or_else(|| json!({ "n": 0, "models": {} }), |j| judged_json(j, closed_loop)),
         "verdict": evaluation.verdict,
+        "certificate": certificate,
         "notes": study.notes,
-        "recordings_sha256": recordings_sha256(study),
+        "recordings_sha256": certificate.recordings_sha256,
         "faults": [],
         "link": { "frames": 0, "crc_errors": 0, "lost": 0, "resent": 0, "duplicates": 0 },
     });

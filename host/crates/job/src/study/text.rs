@@ -2,18 +2,8 @@
 
 use std::fmt::Write as _;
 
-use spherecal_identify::evaluate::{Errors, Judged, JudgedModel, millimetres};
+use spherecal_identify::evaluate::{Errors, Judged, JudgedModel, millimetres, model_title};
 use spherecal_identify::study::Study;
-
-/// Name of a model for people.
-fn title(name: &str) -> &str {
-    match name {
-        "nominal" => "nominal",
-        "calibrated" => "calibrated",
-        "calibrated_table_only" => "calibrated, URDF only",
-        other => other,
-    }
-}
 
 fn table(out: &mut String, judged: &Judged) {
     let _ = writeln!(
@@ -26,7 +16,7 @@ fn table(out: &mut String, judged: &Judged) {
         let _ = writeln!(
             out,
             "  {:<24}{:>8.3}{:>8.3}{:>8.3}{:>8.3}",
-            title(&model.name),
+            model_title(&model.name),
             e.mean_mm,
             e.std_mm,
             e.min_mm,

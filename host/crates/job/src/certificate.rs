@@ -1,0 +1,242 @@
+//! Makes the certificate of a result: what the user stated, and what the evaluation knows.
+
+use sha2::{Digest, Sha256};
+use spherecal_identify::Recordings;
+use spherecal_identify::diagnosis::Source;
+use spherecal_identify::evaluate::repeatability;
+use spherecal_report::{BudgetLine, COVERAGE, Certificate, PositionError, Uncertainty};
+use spherecal_store::time::months_after;
+
+use crate::{CertificateSection, Evaluation, JobError, Measurements};
+
+/// Commit of the sources, where the build states it.
+const COMMIT: Option<&str> = option_env!("SPHERECAL_COMMIT");
+
+/// Hash of a text, in hexadecimal digits.
+pub(crate) fn sha256(text: &str) -> String {
+    Sha256::digest(text.as_bytes())
+        .iter()
+        .map(|b| format!("{b:02x}"))
+        .collect()
+}
+
+/// What a certificate says that is neither in the user's block nor in the evaluation.
+pub(crate) struct About<'a> {
+    /// Robot.
+    pub(crate) robot: &'a str,
+    /// Name of this very arm; empty if none was given.
+    pub(crate) arm: &'a str,
+    /// When it was measured; none if nobody said.
+    pub(crate) measured: Option<&'a str>,
+    /// Whether the arm was a simulation.
+    pub(crate) simulated: bool,
+    /// Whether the robot itself recorded the data, in a campaign.
+    pub(crate) campaign: bool,
+    /// Configuration or options, as TOML.
+    pub(crate) configuration: Option<String>,
+    /// Hash of the recordings.
+    pub(crate) recordings_sha256: String,
+}
+
+/// The certificate of an evaluation.
+pub(crate) fn certificate(
+    section: &CertificateSection,
+    about: About<'_>,
+    recordings: &Recordings,
+    evaluation: &Evaluation,
+) -> Certificate {
+    let given = |value: &Option<String>| value.clone().filter(|v| !v.trim().is_empty());
+    let measured = given(&section.measured_on).filter(|_| about.measured.is_none());
+    let measured = measured.or_else(|| about.measured.map(str::to_owned));
+    let verdict = &evaluation.verdict;
+    let calibration = &evaluation.calibration;
+    let closed_loop = recordings.closed_loop();
+    let method = match (closed_loop, about.campaign) {
+        (true, true) => "contacts with the spheres of a plate, recorded in a run",
+        (true, false) => "contacts with the spheres of a plate, from a table",
+        (false, _) => "points measured by an instrument, from a table",
+    };
+    let next = section
+        .validity_months
+        .filter(|_| verdict.may_be_used)
+        .and_then(|months| months_after(measured.as_deref()?, months));
+    let (uncertainty, budget) = budget(recordings, evaluation);
+    Certificate {
+        simulated: about.simulated,
+        number: given(&section.number),
+        laboratory: given(&section.laboratory),
+        place: given(&section.place),
+        operator: given(&section.operator),
+        robot: about.robot.to_owned(),
+        serial: given(&section.serial).or_else(|| Some(about.arm.to_owned()).filter(|arm| !arm.is_empty())),
+        measured,
+        temperature_c: section.temperature_c,
+        instrument: given(&section.instrument),
+        instrument_certificate: given(&section.instrument_certificate),
+        plate: given(&section.plate),
+        plate_certificate: given(&section.plate_certificate),
+        method: method.to_owned(),
+        estimator: format!("{}, {} model", calibration.method, calibration.model),
+        program: concat!("spherecal ", env!("CARGO_PKG_VERSION")).to_owned(),
+        commit: COMMIT.map(str::to_owned).filter(|commit| !commit.is_empty()),
+        configuration_sha256: about.configuration.as_deref().map(sha256),
+        recordings: evaluation.used.len(),
+        recordings_sha256: about.recordings_sha256,
+        expected_error_mm: verdict.expected_error_mm,
+        geometry_alone_mm: evaluation.geometry_alone().ok().and_then(|(_, expected)| expected),
+        nominal_error_mm: verdict.nominal_error_mm,
+        uncertainty,
+        budget,
+        position_errors: position_errors(recordings, evaluation, about.simulated),
+        repeatability: repeatability(recordings, evaluation),
+        may_be_used: verdict.may_be_used,
+        reasons: verdict.reasons.clone(),
+        validity_months: section.validity_months,
+        next_calibration: next,
+    }
+}
+
+/// The uncertainty with its budget: every source that such data have, with its figure or the
+/// reason why there is none.
+fn budget(recordings: &Recordings, evaluation: &Evaluation) -> (Option<Uncertainty>, Vec<BudgetLine>) {
+    let budget = evaluation.error_budget();
+    let closed_loop = recordings.closed_loop();
+    let unknown = "not known: the residuals could not be tested (see the notes)";
+    let line = |source: &str, of: Source, name: &str, holds: &str, without: &str| {
+        let term = budget
+            .as_ref()
+            .and_then(|b| b.terms.iter().find(|t| t.source == of))
+            .map(|t| t.rms_mm);
+        BudgetLine {
+            source: source.to_owned(),
+            name: name.to_owned(),
+            rms_mm: term,
+            remark: match (&budget, term) {
+                (_, Some(_)) => holds,
+                (Some(_), None) => without,
+                (None, None) => unknown,
+            }
+            .to_owned(),
+        }
+    };
+    let no_plate = "points were measured: there is no plate";
+    let mut lines = vec![
+        line(
+            "plate",
+            Source::Plate,
+            "Plate",
+            "certified coordinates of the spheres, by their stated uncertainty",
+            if closed_loop {
+                "the certificate states no uncertainty"
+            } else {
+                no_plate
+            },
+        ),
+        line(
+            "seating",
+            Source::Seating,
+            "Seating",
+            "scatter of each contact, and of each coupling as a whole",
+            no_plate,
+        ),
+    ];
+    if !closed_loop {
+        let scatter = "scatter of each measured point";
+        lines.push(line("instrument", Source::Instrument, "Instrument", scatter, unknown));
+    }
+    lines.extend([
+        line(
+            "encoder_noise",
+            Source::EncoderNoise,
+            "Encoder noise",
+            "white errors of the joint angles, of the recordings and of one pose in use",
+            unknown,
+        ),
+        line(
+            "open_parameters",
+            Source::OpenParameters,
+            "Open parameters",
+            "parameters of the robot that the data leave open, by their priors",
+            unknown,
+        ),
+        line(
+            "model_discrepancy",
+            Source::ModelDiscrepancy,
+            "Model discrepancy",
+            "what the model leaves out, as far as the residuals tell",
+            unknown,
+        ),
+    ]);
+    let uncertainty = budget.map(|b| Uncertainty {
+        standard_mm: b.total_mm,
+        k: COVERAGE,
+        expanded_mm: COVERAGE * b.total_mm,
+    });
+    (uncertainty, lines)
+}
+
+/// What was measured at poses outside of the fit; a cross-validation is none of it.
+fn position_errors(recordings: &Recordings, evaluation: &Evaluation, simulated: bool) -> Vec<PositionError> {
+    if let Some(table) = evaluation.table()
+        && let (Some(nominal), Some(sphere)) = (table.model("nominal"), table.model("sphere"))
+    {
+        let tracker = if simulated {
+            "simulated laser tracker"
+        } else {
+            "laser tracker"
+        };
+        let frames = [
+            ("base measured by arcs", &nominal.arcs, &sphere.arcs),
+            ("base fitted to the points", &nominal.best_fit, &sphere.best_fit),
+        ];
+        return frames
+            .map(|(frame, nominal, own)| PositionError {
+                by: format!("{tracker}, {frame}"),
+                n: table.n,
+                mean_mm: own.mean_mm,
+                max_mm: own.max_mm,
+                nominal_mean_mm: nominal.mean_mm,
+            })
+            .to_vec();
+    }
+    let judged = evaluation.judged.as_ref().filter(|_| !evaluation.cross_validated);
+    let Some(judged) = judged else { return Vec::new() };
+    let (Some(nominal), Some(own)) = (judged.model("nominal"), judged.model("calibrated")) else {
+        return Vec::new();
+    };
+    let (nominal, own) = (nominal.errors(), own.errors());
+    let frame = if recordings.closed_loop() {
+        "contacts in the plate's frame"
+    } else {
+        "points in the frame of the data"
+    };
+    vec![PositionError {
+        by: format!("{}; {frame}", judged.by),
+        n: own.n,
+        mean_mm: own.mean_mm,
+        max_mm: own.max_mm,
+        nominal_mean_mm: nominal.mean_mm,
+    }]
+}
+
+/// The certificate of a run; `created` says when it was measured.
+///
+/// # Errors
+/// A configuration that cannot be written as TOML.
+pub(crate) fn run_certificate(
+    m: &Measurements,
+    e: &Evaluation,
+    created: &str,
+    recordings_sha256: &str,
+) -> Result<Certificate, JobError> {
+    let about = About {
+        robot: m.robot.name.as_str(),
+        arm: &m.config.arm,
+        measured: Some(created),
+        simulated: m.simulated(),
+        campaign: true,
+        configuration: Some(m.config.to_toml()?),
+        recordings_sha256: recordings_sha256.to_owned(),
+    };
+    Ok(certificate(&m.config.certificate, about, &m.to_recordings(), e))
+}

@@ -1,0 +1,198 @@
+//! Section `[certificate]`: what only the user knows of page one of the report.
+
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use spherecal_model::read_text;
+use spherecal_store::time::is_date;
+
+use super::{ConfigError, MOST_BYTES};
+
+/// Most characters of a name or number: more does not fit on the page.
+const MOST_CHARACTERS: usize = 60;
+/// Longest validity, in months.
+const MOST_MONTHS: u32 = 120;
+
+/// Names and numbers of the certificate, which is page one of the report. The program cannot know
+/// them. What is left out is printed as "not stated".
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct CertificateSection {
+    /// Number of the certificate.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub number: Option<String>,
+    /// Laboratory or company that calibrates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub laboratory: Option<String>,
+    /// Where the robot stands: building, room, cell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub place: Option<String>,
+    /// Who calibrates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub operator: Option<String>,
+    /// Serial number of the robot. Default: `arm`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+    /// Temperature at the robot during the measurement, in degrees Celsius.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+    /// Instrument that judged the result or measured the points: maker, type, serial number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instrument: Option<String>,
+    /// Number of the instrument's own certificate.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instrument_certificate: Option<String>,
+    /// The plate: maker, type, serial number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plate: Option<String>,
+    /// Number of the plate's certificate.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plate_certificate: Option<String>,
+    /// Date of the measurement, as YYYY-MM-DD, for a table of poses. A run knows its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measured_on: Option<String>,
+    /// Months from the measurement to the next calibration, as your procedure says, 1 to 120.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub validity_months: Option<u32>,
+}
+
+impl CertificateSection {
+    /// Reads the block `[certificate]` of a file, which may be a whole configuration. `arm` beside
+    /// the block is the serial number where the block has none.
+    ///
+    /// # Errors
+    /// The file cannot be read, is not TOML, has no such block, or a value is impossible.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let name = path.display().to_string();
+        let syntax = |message: String| ConfigError::Syntax {
+            path: name.clone(),
+            message,
+        };
+        let text = read_text(path, MOST_BYTES, "a configuration has some kilobytes")?;
+        let mut table: toml::Table =
+            toml::from_str(&text).map_err(|e: toml::de::Error| syntax(e.to_string().trim_end().to_owned()))?;
+        let block = table.remove("certificate").ok_or_else(|| {
+            syntax(
+                "it has no block [certificate], for instance with the lines\n\n[certificate]\noperator = \"A. Miller\""
+                    .to_owned(),
+            )
+        })?;
+        let mut section: Self = block
+            .try_into()
+            .map_err(|e: toml::de::Error| syntax(format!("certificate: {}", e.to_string().trim_end())))?;
+        let arm = table.get("arm").and_then(toml::Value::as_str).unwrap_or_default();
+        if section.serial.is_none() && !arm.is_empty() {
+            section.serial = Some(arm.to_owned());
+        }
+        section.check()?;
+        Ok(section)
+    }
+
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// The first field with an impossible value.
+    pub(super) fn check(&self) -> Result<(), ConfigError> {
+        for (field, text) in [
+            ("number", &self.number),
+            ("laboratory", &self.laboratory),
+            ("place", &self.place),
+            ("operator", &self.operator),
+            ("serial", &self.serial),
+            ("instrument", &self.instrument),
+            ("instrument_certificate", &self.instrument_certificate),
+            ("plate", &self.plate),
+            ("plate_certificate", &self.plate_certificate),
+        ] {
+            let text = text.as_deref().unwrap_or_default();
+            if text.chars().count() > MOST_CHARACTERS || text.chars().any(char::is_control) {
+                return Err(ConfigError::Certificate {
+                    field,
+                    value: text.escape_debug().take(2 * MOST_CHARACTERS).collect(),
+                    remedy: "give one line of at most 60 characters, or leave it out",
+                });
+            }
+        }
+        if let Some(day) = &self.measured_on
+            && !(is_date(day) && day.len() == 10)
+        {
+            return Err(ConfigError::Certificate {
+                field: "measured_on",
+                value: day.escape_debug().take(MOST_CHARACTERS).collect(),
+                remedy: "give a date in quotes, such as \"2026-11-23\", or leave it out",
+            });
+        }
+        if let Some(celsius) = self.temperature_c
+            && !(-40.0..=85.0).contains(&celsius)
+        {
+            return Err(ConfigError::Range {
+                field: "certificate.temperature_c",
+                value: celsius,
+                remedy: "give degrees Celsius from -40 to 85, or leave it out",
+            });
+        }
+        if let Some(months) = self.validity_months
+            && !(1..=MOST_MONTHS).contains(&months)
+        {
+            return Err(ConfigError::Range {
+                field: "certificate.validity_months",
+                value: f64::from(months),
+                remedy: "give months from 1 to 120, or leave it out",
+            });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Config;
+
+    fn refusal(text: &str) -> String {
+        let config = Config::parse("cell.toml", text).expect("parses");
+        config.check().expect_err(text).to_string()
+    }
+
+    // Fails if a value that cannot be printed or cannot be true is accepted, or if the message
+    // lacks field, value or remedy.
+    #[test]
+    fn impossible_values_are_refused_by_field() {
+        assert_eq!(
+            refusal("[certificate]\ntemperature_c = 293.15"),
+            "certificate.temperature_c is 293.15: give degrees Celsius from -40 to 85, or leave it out"
+        );
+        assert!(refusal("[certificate]\ntemperature_c = nan").starts_with("certificate.temperature_c is NaN"));
+        assert!(refusal("[certificate]\nvalidity_months = 0").contains("give months from 1 to 120"));
+        assert!(
+            refusal("[certificate]\noperator = \"a\\nb\"").starts_with("certificate.operator is a\\nb: give one line")
+        );
+        let long = format!("[certificate]\nplace = \"{}\"", "x".repeat(61));
+        assert!(refusal(&long).contains("at most 60 characters"));
+        assert!(refusal("[certificate]\nmeasured_on = \"23.11.2026\"").contains("such as \"2026-11-23\""));
+        let unknown = Config::parse("cell.toml", "[certificate]\noperater = \"A\"");
+        assert!(unknown.expect_err("a wrong name").to_string().contains("operater"));
+    }
+
+    // Fails if a good block is refused, loses a value on its way through the store, or is not
+    // found in a file of its own.
+    #[test]
+    fn a_good_block_reads_back() {
+        let text = "arm = \"A-17\"\n[certificate]\noperator = \"Zo\u{eb} M\u{fc}ller\"\ntemperature_c = 21\n\
+                    validity_months = 12\nmeasured_on = \"2026-11-23\"\n";
+        let config = Config::parse("cell.toml", text).expect("parses");
+        config.check().expect("a good block");
+        let stored = Config::stored(&config.to_toml().expect("encodes")).expect("reads");
+        assert_eq!(stored.certificate, config.certificate);
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("cell.toml");
+        std::fs::write(&path, text).expect("written");
+        let read = CertificateSection::read(&path).expect("a block");
+        assert_eq!(read.serial.as_deref(), Some("A-17"));
+        assert_eq!(read.operator, config.certificate.operator);
+        std::fs::write(&path, "seed = 3\n").expect("written");
+        let none = CertificateSection::read(&path).expect_err("no block").to_string();
+        assert!(none.contains("has no block [certificate]"), "{none}");
+    }
+}

@@ -1,0 +1,89 @@
+//! Small parts of the page: tables, folds, lists of facts.
+
+use maud::{Markup, html};
+use spherecal_identify::evaluate::model_title;
+
+use super::charts;
+use super::input::{ErrorTable, SimpleTable};
+
+/// Numbers the folded parts: each has a name of its own on the page.
+#[derive(Default)]
+pub(super) struct Folds(usize);
+
+impl Folds {
+    /// A part that the screen folds away and paper shows. It is no `details`: a browser prints
+    /// those as they are.
+    pub(super) fn fold(&mut self, words: &str, body: &Markup) -> Markup {
+        self.0 += 1;
+        let id = format!("fold-{}", self.0);
+        html! {
+            div.fold {
+                input type="checkbox" id=(id);
+                label for=(id) { (words) }
+                div.folded { (body) }
+            }
+        }
+    }
+}
+
+fn swatch(name: &str) -> Markup {
+    let c = charts::colour(name);
+    let index = charts::SERIES.iter().position(|s| *s == c).unwrap_or(0);
+    html! { span.dot style=(format!("background:var(--series-{index})")) {} }
+}
+
+pub(super) fn error_table(table: &ErrorTable) -> Markup {
+    let best = table.rows.iter().map(|r| r.mean_mm).fold(f64::INFINITY, f64::min);
+    html! {
+        h3 { (table.title) }
+        @if !table.caption.is_empty() { p.lead { (table.caption) } }
+        div.scroll { table {
+            thead { tr { th { "model" } th { "mean" } th { "std" } th { "min" } th { "max (mm)" } } }
+            tbody {
+                @for r in &table.rows {
+                    tr class=(if r.mean_mm <= best { "best" } else { "" }) {
+                        td { (swatch(&r.name)) (model_title(&r.name)) }
+                        @for v in [r.mean_mm, r.std_mm, r.min_mm, r.max_mm] { td { (format!("{v:.3}")) } }
+                    }
+                }
+            }
+        } }
+    }
+}
+
+pub(super) fn simple_table(t: &SimpleTable) -> Markup {
+    html! {
+        h3 { (t.title) }
+        @if !t.caption.is_empty() { p.lead { (t.caption) } }
+        div.scroll { table {
+            thead { tr { @for c in &t.columns { th { (c) } } } }
+            tbody { @for row in &t.rows { tr { @for cell in row { td { (cell) } } } } }
+        } }
+    }
+}
+
+pub(super) fn tables(tables: &[SimpleTable]) -> Option<Markup> {
+    (!tables.is_empty()).then(|| html! { @for t in tables { (simple_table(t)) } })
+}
+
+/// Recordings with the reason why each is named.
+pub(super) fn outlier_table(rows: &[(String, String)]) -> Markup {
+    html! {
+        div.scroll { table {
+            thead { tr { th { "recording" } th { "why" } } }
+            tbody { @for (which, why) in rows { tr { td { (which) } td.words { (why) } } } }
+        } }
+    }
+}
+
+pub(super) fn provenance(facts: &[(String, String)], configuration: &[String], folds: &mut Folds) -> Option<Markup> {
+    if facts.is_empty() {
+        return None;
+    }
+    let whole = html! { pre { @for line in configuration { (line) "\n" } } };
+    Some(html! {
+        dl.facts { @for (name, value) in facts { dt { (name) } dd { (value) } } }
+        // Paper has what differs from the defaults, and the hash of the whole.
+        @if !configuration.is_empty() { div.screen { (folds.fold("The whole configuration", &whole)) } }
+    })
+}

@@ -1,0 +1,224 @@
+//! Page one of the report: the same figures as `summary.json`, from a run and from a table of
+//! poses, and what becomes of it on paper.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::field::{check, python, table};
+use crate::support::{spherecal, text};
+
+/// What a laboratory states.
+const STATED: &str = "[certificate]\nnumber = \"K-2026-117\"\nlaboratory = \"Metrology <North> & Sons\"\n\
+                      place = \"Hall 2, cell 7\"\noperator = \"Zo\u{eb} Miller\"\ntemperature_c = 21.4\n\
+                      instrument = \"AT960 s/n 750312\"\ninstrument_certificate = \"D-K-2026-0815\"\n\
+                      plate = \"P3 s/n 41\"\nplate_certificate = \"D-K-2026-0042\"\nvalidity_months = 12\n";
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// Page one as text, without markup.
+fn page_one(page: &str) -> String {
+    let start = page.find("<section class=\"certificate\"").expect("page one");
+    let section = &page[start..start + page[start..].find("</section>").expect("its end")];
+    let mut out = String::new();
+    let mut inside = false;
+    for c in section.chars() {
+        match c {
+            '<' => (inside, _) = (true, out.push(' ')),
+            '>' => inside = false,
+            c if !inside => out.push(c),
+            _ => {}
+        }
+    }
+    let plain = out
+        .replace("&lt;", "<")
+        .replace("&gt;", ">")
+        .replace("&quot;", "\"")
+        .replace("&#39;", "'")
+        .replace("&amp;", "&");
+    plain.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Every figure and name of the certificate, as page one prints it.
+fn shown(path: &str, value: &Value, out: &mut Vec<(String, String)>) {
+    match value {
+        Value::Number(n) => {
+            let number = n.as_f64().expect("a number");
+            let plain = number.fract() == 0.0 || path.ends_with("temperature_c");
+            let words = if plain {
+                number.to_string()
+            } else {
+                spherecal::report::millimetres(number)
+            };
+            out.push((path.to_owned(), words));
+        }
+        // The name of a source for programs.
+        Value::String(s) if !path.ends_with(".source") => out.push((path.to_owned(), s.clone())),
+        Value::Array(list) => list
+            .iter()
+            .enumerate()
+            // Page one lists two reasons; the next page has all.
+            .filter(|(k, _)| !path.ends_with(".reasons") || *k < 2)
+            .for_each(|(k, v)| shown(&format!("{path}.{k}"), v, out)),
+        Value::Object(map) => map.iter().for_each(|(k, v)| shown(&format!("{path}.{k}"), v, out)),
+        _ => {}
+    }
+}
+
+fn same(certificate: &Value, page: &str, least: usize) {
+    let mut all = Vec::new();
+    shown("certificate", certificate, &mut all);
+    assert!(all.len() >= least, "{} in {certificate:#}", all.len());
+    for (path, words) in all {
+        let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(page.contains(&words), "{path}: {words} is not on page one: {page}");
+    }
+    // The terms add up.
+    let number = |v: &Value| v.as_f64().expect("a number");
+    let terms = certificate["budget"].as_array().expect("a budget").iter();
+    let squares: f64 = terms.filter_map(|t| t["rms_mm"].as_f64()).map(|t| t * t).sum();
+    let u = number(&certificate["uncertainty"]["standard_mm"]);
+    assert!((squares.sqrt() / u - 1.0).abs() < 1e-6, "{certificate:#}");
+    assert!((number(&certificate["uncertainty"]["expanded_mm"]) / u - 2.0).abs() < 1e-9);
+    let mean = number(&certificate["expected_error_mm"]["mean"]);
+    assert!((0.9..2.0).contains(&(u / mean)), "u {u} mm, expected error {mean} mm");
+}
+
+// Fails if page one of a run's report shows another figure, name or hash than summary.json has
+// under `certificate`, lacks what the user stated, hides that the run is simulated, prints the
+// configuration whole, or is cut or longer than a page on A4 or Letter.
+#[test]
+fn a_run_has_its_certificate_on_one_page() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    std::fs::write(folder.join("cell.toml"), format!("arm = \"A-17\"\n{STATED}")).expect("written");
+    let output = spherecal(folder, &["run", "--config", "cell.toml", "--poses", "60", "--out", "o"]);
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{}", text(&output.stderr));
+    let summary: Value = serde_json::from_str(&read(&folder.join("o/summary.json"))).expect("JSON");
+    let certificate = &summary["certificate"];
+    let html = read(&folder.join("o/report.html"));
+    let page = page_one(&html);
+    same(certificate, &page, 45);
+    assert_eq!(certificate["recordings_sha256"], summary["recordings_sha256"]);
+    assert_eq!(
+        certificate["expected_error_mm"],
+        summary["verdict"]["expected_error_mm"]
+    );
+    assert_eq!(
+        (&certificate["simulated"], &certificate["serial"]),
+        (&json!(true), &json!("A-17"))
+    );
+    assert!(
+        page.contains("SIMULATED") && page.contains("certifies no robot"),
+        "{page}"
+    );
+    assert_eq!(certificate["position_errors"].as_array().map(Vec::len), Some(2));
+    let sphere = &summary["validation"]["models"]["sphere"];
+    assert_eq!(certificate["position_errors"][0]["mean_mm"], sphere["mean_mm"]);
+    assert_eq!(
+        certificate["position_errors"][1]["mean_mm"],
+        sphere["best_fit"]["mean_mm"]
+    );
+    assert!(
+        certificate["repeatability"]["couplings"]
+            .as_u64()
+            .is_some_and(|n| n >= 2)
+    );
+    // The hash is that of the configuration that the database has.
+    let again = spherecal(folder, &["identify", "--out", "o", "--json"]);
+    let again: Value = serde_json::from_slice(&again.stdout).expect("JSON");
+    assert_eq!(&again["certificate"], certificate);
+    // Models have the names that the terminal prints.
+    let said = text(&output.stdout);
+    for name in ["spheres (this calibration)", "laser tracker, full model"] {
+        assert!(said.contains(name) && html.contains(name), "{name}");
+    }
+    assert!(said.contains("spheres, errors' laws known") && !html.contains("known laws"));
+
+    let Some(python) = python() else { return };
+    let shots = std::env::var_os("SPHERECAL_SHOTS").map_or_else(|| folder.join("shots"), Into::into);
+    let found = check(
+        &python,
+        "tests/python/check_print.py",
+        &[&folder.join("o/report.html"), &shots],
+    );
+    for paper in ["a4", "letter"] {
+        let found = &found[paper];
+        assert_eq!(found["cut"], json!([]), "{paper}: {found}");
+        assert_eq!(found["first"], "certificate", "{paper}: {found}");
+        assert_eq!(found["break_after"], "page", "{paper}: {found}");
+        assert!(
+            found["share"].as_f64().is_some_and(|s| s > 0.5 && s <= 1.0),
+            "{paper}: {found}"
+        );
+        assert!(found["folds"].as_u64().is_some_and(|n| n >= 2), "{paper}: {found}");
+        for none in ["folded", "screen_only", "split_rows"] {
+            assert_eq!(found[none], 0, "{paper}: {none}: {found}");
+        }
+        assert!(found["pages"].as_u64().is_some_and(|n| n >= 3), "{paper}: {found}");
+    }
+}
+
+// Fails if a table of poses gives no certificate, if its page one shows another figure than
+// summary.json, invents a plate, a date or an accuracy, or if names that were given are lost.
+#[test]
+fn a_table_of_poses_has_a_certificate_with_what_is_known() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let ur5e = spherecal::model::robots::load("ur5e").expect("a built-in robot");
+    std::fs::write(folder.join("poses.csv"), table(&ur5e)).expect("written");
+    std::fs::write(
+        folder.join("cell.toml"),
+        format!("{STATED}measured_on = \"2026-02-28\"\n"),
+    )
+    .expect("written");
+    let identify = ["identify", "--robot", "ur5e", "--data", "poses.csv", "--out"];
+    for (out, more, least) in [
+        ("bare", &[][..], 20),
+        ("named", &["--certificate", "cell.toml"][..], 30),
+    ] {
+        let output = spherecal(folder, &[&identify[..], &[out], more].concat());
+        assert!(matches!(output.status.code(), Some(0 | 3)), "{}", text(&output.stderr));
+        let summary: Value = serde_json::from_str(&read(&folder.join(out).join("summary.json"))).expect("JSON");
+        let certificate = &summary["certificate"];
+        let page = page_one(&read(&folder.join(out).join("report.html")));
+        same(certificate, &page, least);
+        assert_eq!(certificate["simulated"], false);
+        for unknown in ["plate", "seating"] {
+            let terms = certificate["budget"].as_array().expect("a budget");
+            let term = terms.iter().find(|t| t["source"] == unknown).expect(unknown);
+            assert!(
+                term["rms_mm"].is_null() && term["remark"].to_string().contains("no plate"),
+                "{term}"
+            );
+        }
+        assert!(certificate["repeatability"].is_null() && page.contains("no sphere was coupled twice"));
+        // A cross-validation is no independent measurement.
+        assert_eq!(certificate["position_errors"], json!([]));
+        if out == "bare" {
+            assert!(certificate["measured"].is_null() && certificate["next_calibration"].is_null());
+            assert!(page.matches("not stated").count() > 12, "{page}");
+        } else if certificate["may_be_used"] == true {
+            assert_eq!(certificate["next_calibration"], "2027-02-28");
+        }
+    }
+    for (text_of, words) in [
+        ("seed = 1\n", "has no block [certificate]"),
+        (
+            "[certificate]\ntemperature_c = 300\n",
+            "certificate.temperature_c is 300",
+        ),
+        ("[certificate]\noperater = \"A\"\n", "operater"),
+    ] {
+        std::fs::write(folder.join("bad.toml"), text_of).expect("written");
+        let output = spherecal(
+            folder,
+            &[&identify[..], &["none", "--certificate", "bad.toml"]].concat(),
+        );
+        assert_eq!(output.status.code(), Some(2), "{words}");
+        assert!(text(&output.stderr).contains(words), "{}", text(&output.stderr));
+    }
+    assert!(!folder.join("none").exists());
+}
