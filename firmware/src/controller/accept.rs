@@ -102,6 +102,7 @@ impl<const N: usize> Controller<N> {
             Command::ClearFault => {
                 if matches!(self.activity, Activity::Fault) {
                     self.keep_brakes = false;
+                    self.giving = None;
                     // No filter keeps anything of the states that led to the fault.
                     self.forget();
                     self.enter(Activity::Idle);
@@ -181,6 +182,7 @@ impl<const N: usize> Controller<N> {
         });
         self.set_motion_limits();
         self.observer.reset();
+        self.pressing.reset();
         self.shaper.reset();
         self.torque_loop.reset();
         self.may_be_on_sphere = false;

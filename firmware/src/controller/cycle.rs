@@ -52,6 +52,7 @@ impl<const N: usize> Controller<N> {
         self.observer.reset();
         self.torque_loop.reset();
         self.instability.reset();
+        self.pressing.reset();
         self.filtered_dq = [0.0; N];
         self.wrench = Wrench::default();
     }
@@ -107,6 +108,11 @@ impl<const N: usize> Controller<N> {
         } else {
             snapshot.point_force(self.observer.residual())
         };
+        let touch = self.activity.touch(self.may_be_on_sphere);
+        let external = self.observer.residual();
+        if let Some(violation) = self.pressing.check(touch, &snapshot, &force, external, self.period_s) {
+            self.fail(violation);
+        }
         self.advance(&snapshot, &speeds, joint_speed, force.norm());
 
         let mut wanted = self.torque(&snapshot);
@@ -257,7 +263,12 @@ impl<const N: usize> Controller<N> {
             let margin = self.procedure.limits.position_margin_rad;
             guide_torque(snapshot, &mut self.hold, self.safety.limits(), margin)
         } else {
-            joint_torque(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0)
+            let torque = joint_torque(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0);
+            if let Some(giving) = &self.giving {
+                let margin = self.procedure.limits.position_margin_rad;
+                giving.follow(snapshot, &torque, &mut self.hold, self.safety.limits(), margin);
+            }
+            torque
         };
         torque += snapshot.coriolis;
         if !self.gravity_by_drive() {

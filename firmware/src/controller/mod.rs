@@ -10,7 +10,8 @@
 //! are unusable it repeats the last torque for some ticks; then it asks for the
 //! brakes. It also asks for the brakes if the motors do not deliver the commanded
 //! torque, an encoder sticks, or control itself sets the arm in motion. Every other fault ends in a joint spring-damper
-//! about the position where the fault happened, with gravity compensation.
+//! about the position where the fault happened, with gravity compensation; it gives way if the arm pressed on
+//! something.
 
 mod accept;
 mod cycle;
@@ -27,9 +28,9 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveState, NO_SESSION};
 use spherecal_shared::protocol::host::{Event, Fault, Phase, Sample, Statistics};
 use spherecal_shared::robot::Arm;
 
-use crate::law::{JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
+use crate::law::{Giving, JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
 use crate::phases::{Activity, CartesianState};
-use crate::safety::{Admission, Instability, SafetyMonitor};
+use crate::safety::{Admission, Instability, Pressing, SafetyMonitor};
 use schedule::Schedule;
 use session::DriveSession;
 
@@ -66,11 +67,14 @@ pub struct Controller<const N: usize> {
 
     safety: SafetyMonitor<N>,
     instability: Instability<N>,
+    pressing: Pressing<N>,
     observer: Observer<N>,
     shaper: TorqueShaper<N>,
     torque_loop: TorqueLoop<N>,
     activity: Activity<N>,
     hold: JointSetpoint<N>,
+    /// How the hold gives way after the fault of an arm that pressed on something.
+    giving: Option<Giving>,
     cartesian: CartesianState<N>,
     /// Whether the nest may be on a sphere: one was approached, and no decoupling
     /// has ended since.
@@ -109,6 +113,7 @@ impl<const N: usize> Default for Controller<N> {
             period_s: 1e-3,
             safety: SafetyMonitor::default(),
             instability: Instability::default(),
+            pressing: Pressing::default(),
             observer: Observer::default(),
             shaper: TorqueShaper::default(),
             torque_loop: TorqueLoop::default(),
@@ -117,6 +122,7 @@ impl<const N: usize> Default for Controller<N> {
                 q: [0.0; N],
                 dq: [0.0; N],
             },
+            giving: None,
             cartesian: CartesianState::default(),
             may_be_on_sphere: false,
             holding: false,

@@ -3,7 +3,7 @@
 use spherecal_shared::protocol::host::{Event, Fault, FaultReport, PhaseChange};
 
 use super::Controller;
-use crate::law::JointSetpoint;
+use crate::law::{Giving, JointSetpoint};
 use crate::phases::Activity;
 use crate::safety::Violation;
 
@@ -61,6 +61,14 @@ impl<const N: usize> Controller<N> {
             value: violation.value,
             limit: violation.limit,
         };
+        if let (Fault::Pressing, Some(snapshot)) = (violation.fault, &self.snapshot) {
+            let model_n = if self.activity.is_cartesian() {
+                self.cartesian.tare.force.norm()
+            } else {
+                self.pressing.rest_n()
+            };
+            self.giving = Some(Giving::new(snapshot.tcp.position, model_n));
+        }
         self.latch();
         self.queue_event(Event::Fault(report));
         self.enter(Activity::Fault);

@@ -9,6 +9,7 @@
 //! dynamics of one tick; law and observer share it.
 
 mod damping;
+mod giving;
 mod guide;
 mod impedance;
 mod joint;
@@ -19,6 +20,7 @@ mod stiffness;
 mod torque;
 mod torque_loop;
 
+pub(crate) use giving::Giving;
 pub(crate) use guide::guide_torque;
 pub use impedance::{CartesianSetpoint, Impedance, rotation_error};
 pub use joint::{JointSetpoint, joint_torque};

@@ -37,7 +37,7 @@ pub(crate) use record::RecordingPose;
 pub(crate) use turn::{PoseTarget, Turning};
 
 use crate::law::{JointSetpoint, Snapshot, Wrench};
-use crate::safety::Violation;
+use crate::safety::{Touch, Violation};
 
 /// Time for which the arm must be still to count as settled, in s.
 const STILL_S: f64 = 0.020;
@@ -161,6 +161,22 @@ impl<const N: usize> Activity<N> {
     /// Whether the nest is on the sphere, so that the seating watch applies.
     pub(crate) fn is_seated(&self) -> bool {
         matches!(self, Self::Coupled | Self::Turning(_) | Self::Recording(_))
+    }
+
+    /// What the arm touches in this phase. `hangs` says that the nest may be on a sphere
+    /// although the arm is idle.
+    pub(crate) fn touch(&self, hangs: bool) -> Touch {
+        match self {
+            Self::Idle if !hangs => Touch::Rest,
+            Self::Moving(_) => Touch::Free,
+            Self::Coupling(_)
+            | Self::Verifying(_)
+            | Self::Coupled
+            | Self::Turning(_)
+            | Self::Recording(_)
+            | Self::Decoupling(_) => Touch::Seated,
+            Self::Idle | Self::Taring(_) | Self::Approaching(_) | Self::HandGuiding | Self::Fault => Touch::Wanted,
+        }
     }
 
     /// One tick.

@@ -8,6 +8,7 @@
 mod envelope;
 mod instability;
 mod plausibility;
+mod pressing;
 mod violation;
 
 use nalgebra::Vector3;
@@ -21,6 +22,7 @@ use envelope::Envelope;
 pub(crate) use envelope::workspace_clearance;
 pub(crate) use instability::Instability;
 use plausibility::{Plausibility, plausible};
+pub(crate) use pressing::{Pressing, Touch};
 pub(crate) use violation::{JointState, Violation};
 
 /// Time for which the contact force may exceed its limit, in s; impacts are shorter.

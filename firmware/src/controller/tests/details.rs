@@ -269,9 +269,10 @@ fn the_times_to_settle_are_those_of_the_procedure() {
     let moving = |settle_s: f64| {
         let mut procedure = Bench::fast_procedure();
         procedure.motion.settle_s = settle_s;
+        procedure.motion.tolerance_rad = 0.005;
         let mut bench = Bench::new(procedure);
         let mut target = HOME;
-        target[0] = 0.025;
+        target[0] = 0.01;
         bench.go(&target).expect("idle");
         bench.blocked = true;
         fault_after_us(&mut bench, Phase::Moving, 8_000, Fault::MotionTimeout)
@@ -297,7 +298,7 @@ fn the_times_to_settle_are_those_of_the_procedure() {
     let decoupling = |settle_s: f64| {
         let mut procedure = Bench::fast_procedure();
         procedure.decouple.settle_s = settle_s;
-        procedure.limits.force_n = 400.0;
+        procedure.decouple.stiffness_n_m = 500.0;
         let mut bench = Bench::coupled_by(procedure);
         // The magnet does not let go.
         bench.hold_n = 1e6;

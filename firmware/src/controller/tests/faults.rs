@@ -8,8 +8,8 @@ use crate::testing::{Bench, HOME};
 #[test]
 fn a_blocked_arm_deviates_from_its_path() {
     let mut procedure = Bench::fast_procedure();
-    // Beyond this error the springs press with more than the force limit.
-    procedure.limits.path_rad = 0.02;
+    // Beyond this error the springs press.
+    procedure.limits.path_rad = 0.002;
     let mut bench = Bench::new(procedure);
     let mut target = HOME;
     target[0] = 1.0;
@@ -21,9 +21,11 @@ fn a_blocked_arm_deviates_from_its_path() {
 
 #[test]
 fn a_move_that_does_not_settle_times_out() {
-    let mut bench = Bench::new(Bench::fast_procedure());
+    let mut procedure = Bench::fast_procedure();
+    procedure.motion.tolerance_rad = 0.005;
+    let mut bench = Bench::new(procedure);
     let mut target = HOME;
-    target[0] = 0.025;
+    target[0] = 0.01;
     bench.go(&target).expect("idle");
     bench.blocked = true;
     bench.until_fault(3_000);
@@ -33,7 +35,10 @@ fn a_move_that_does_not_settle_times_out() {
 // Fails if an arm that something holds slows down and is never stopped.
 #[test]
 fn an_arm_that_does_not_get_on_is_stopped() {
-    let mut bench = Bench::new(Bench::fast_procedure());
+    let mut procedure = Bench::fast_procedure();
+    // It slows down before it presses.
+    procedure.limits.soft_force_n = 1.0;
+    let mut bench = Bench::new(procedure);
     let mut target = HOME;
     target[0] = 1.0;
     bench.go(&target).expect("idle");
@@ -150,7 +155,8 @@ fn an_arm_that_never_rests_is_not_recorded() {
 #[test]
 fn a_magnet_that_does_not_let_go_is_reported() {
     let mut procedure = Bench::fast_procedure();
-    procedure.limits.force_n = 400.0;
+    // So soft that the arm pulls less than it may.
+    procedure.decouple.stiffness_n_m = 500.0;
     let mut bench = Bench::new(procedure);
     bench.sphere = Some(bench.tcp() - Vector3::z() * 0.015);
     bench.hold_n = 1e6;

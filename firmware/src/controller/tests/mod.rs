@@ -6,6 +6,7 @@ mod faults;
 mod guard;
 mod hostile;
 mod poison;
+mod pressing;
 mod sequences;
 mod session;
 mod transitions;

@@ -244,6 +244,10 @@ pub fn remedy(fault: Fault) -> &'static str {
             "control or something outside drives the arm: find out what pushes it, and check latency_us, motor_kg_m2 and \
              torque_sign in the drive's handshake"
         }
+        Fault::Pressing => {
+            "the arm pressed on something, or something pressed on it: clear the path, and check the waypoints and that the \
+             nest turns freely on the sphere"
+        }
         Fault::Internal => "this is a defect of the controller: report it with the database",
     }
 }

@@ -31,7 +31,7 @@ pub struct Policy {
 }
 
 /// Every fault that a controller declares.
-pub const FAULTS: [Fault; 23] = [
+pub const FAULTS: [Fault; 24] = [
     Fault::JointPosition,
     Fault::JointVelocity,
     Fault::JointTorque,
@@ -55,6 +55,7 @@ pub const FAULTS: [Fault; 23] = [
     Fault::Workspace,
     Fault::Unstable,
     Fault::KineticEnergy,
+    Fault::Pressing,
 ];
 
 /// After this long without a frame the controller counts as lost, in s: it was reset, or the link
@@ -64,6 +65,7 @@ pub const LOST_S: f64 = 3.0;
 pub const HANDSHAKE_S: f64 = 30.0;
 
 const HOLDS: &str = "holds";
+const GIVES_WAY: &str = "holds with at most 5 N beyond model error, and gives way to more by up to 100 mm";
 const BRAKES: &str = "keeps the last torque for 23 ms at most, then brakes; holds when states arrive again";
 
 const STOPS: &str = "brakes until the fault is cleared";
@@ -183,6 +185,13 @@ pub fn policy(fault: Fault) -> Policy {
             STOPS,
             2.0,
             false,
+        ),
+        Fault::Pressing => (
+            "a force of more than 15 N at the TCP for 50 ms in a free motion, or of 40 N for 200 ms while the nest is on a sphere",
+            51,
+            GIVES_WAY,
+            2.0,
+            true,
         ),
     };
     Policy {

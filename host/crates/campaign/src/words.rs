@@ -10,7 +10,7 @@ fn unit(report: &FaultReport) -> (f64, &'static str) {
         Fault::JointPosition | Fault::PositionJump => degrees,
         Fault::JointVelocity => (degrees.0, "degrees/s"),
         Fault::JointTorque | Fault::TorqueSensor => (1.0, "N m"),
-        Fault::Force | Fault::Tare => (1.0, "N"),
+        Fault::Force | Fault::Tare | Fault::Pressing => (1.0, "N"),
         Fault::PathDeviation if report.phase == Phase::Approaching => millimetres,
         Fault::PathDeviation => degrees,
         // While turning it is an angle or, at the end, a speed.

@@ -244,6 +244,8 @@ pub enum Fault {
     Unstable,
     /// The arm has more kinetic energy than its motion explains.
     KineticEnergy,
+    /// The arm presses on something for too long.
+    Pressing,
 }
 
 /// A fault with its time, phase and cause.

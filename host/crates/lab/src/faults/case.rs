@@ -100,11 +100,7 @@ pub enum Finish {
     Calibrate,
 }
 
-fn configuration(seed: u64, finish: Finish) -> Config {
-    let mut config = Config {
-        seed,
-        ..Config::default()
-    };
+fn shortened(mut config: Config, finish: Finish) -> Config {
     config.plan.choice = Choice::Grid;
     config.plan.poses = match finish {
         Finish::Record => 6,
@@ -124,7 +120,21 @@ impl Case {
     /// # Errors
     /// The undisturbed run does not finish well.
     pub fn new(seed: u64, finish: Finish) -> Result<Self, FaultsError> {
-        let prepared = prepare(&configuration(seed, finish))?;
+        let config = Config {
+            seed,
+            ..Config::default()
+        };
+        Self::of(config, finish)
+    }
+
+    /// The arm of a configuration, with the poses and the waiting times of a case. Runs it once
+    /// undisturbed.
+    ///
+    /// # Errors
+    /// The configuration is refused, or the undisturbed run does not finish well.
+    pub fn of(config: Config, finish: Finish) -> Result<Self, FaultsError> {
+        let seed = config.seed;
+        let prepared = prepare(&shortened(config, finish))?;
         let mut case = Self {
             seed,
             plan: prepared.plan.clone(),

@@ -54,6 +54,7 @@ const DISTURBED: &[Fault] = &[
     Fault::StillCoupled,
     Fault::TorqueSensor,
     Fault::Workspace,
+    Fault::Pressing,
 ];
 
 /// The same for an arm whose encoder sticks; when it is free again, its angle jumps.
@@ -67,6 +68,7 @@ const STUCK: &[Fault] = &[
     Fault::JointVelocity,
     Fault::NotSeated,
     Fault::TorqueSensor,
+    Fault::Pressing,
 ];
 
 /// The presets.
