@@ -3,9 +3,10 @@
 //!
 //! A drive that answers much later than it declares makes every stiff hold unstable,
 //! that of the fault phase too. The guard therefore judges every tick, in every phase,
-//! and closes the brakes. It knows two signs:
+//! and closes the brakes. It knows three signs:
 //!
 //! - a joint swings to and fro, and its swings grow;
+//! - a joint is faster than it can be;
 //! - the arm has much more kinetic energy than its setpoint.
 //!
 //! A push, an impact or the snap of the magnet starts one swing; the law damps the next.
@@ -26,13 +27,15 @@ const FLOOR_SHARE: f64 = 0.1;
 /// Swings in a row that must each be as fast as the one before; the present one is the
 /// next.
 const GROWING: u8 = 2;
-/// Or: one swing is this much faster than the one before, and the present one is faster
-/// than that by the second factor.
-const LEAPS: f64 = 2.0;
-const LEAPS_ON: f64 = 1.5;
+/// Or: one swing is this much faster than the one before, and the present one is as fast.
+const LEAPS: f64 = 1.5;
 /// Longest swing (half an oscillation) that counts, in s. Slower motions are those of
 /// the task.
 const LONGEST_S: f64 = 0.060;
+
+/// Ticks in a row in which a joint is faster than its limit. The fault of a fast joint
+/// comes at a smaller speed, and its hold is what makes a late joint faster still.
+const RUNAWAY_TICKS: u32 = 2;
 
 /// Largest kinetic energy of the speeds beyond those of the setpoint, in J.
 const ENERGY_J: f64 = 5.0;
@@ -83,7 +86,7 @@ impl Swings {
             self.peak = speed;
         }
         let grows = self.growing >= GROWING && speed.abs() >= self.last;
-        let leaps = self.leapt && speed.abs() >= LEAPS_ON * self.last;
+        let leaps = self.leapt && speed.abs() >= self.last;
         (grows || leaps).then_some(speed)
     }
 }
@@ -92,6 +95,7 @@ impl Swings {
 #[derive(Clone, Debug)]
 pub(crate) struct Instability<const N: usize> {
     swings: [Swings; N],
+    runaway_ticks: u32,
     energy_ticks: u32,
 }
 
@@ -99,6 +103,7 @@ impl<const N: usize> Default for Instability<N> {
     fn default() -> Self {
         Self {
             swings: [Swings::default(); N],
+            runaway_ticks: 0,
             energy_ticks: 0,
         }
     }
@@ -122,9 +127,13 @@ impl<const N: usize> Instability<N> {
         period_s: f64,
     ) -> Option<Violation> {
         let mut found = None;
+        let mut runaway = None;
         let mut excess = SVector::<f64, N>::zeros();
         for (i, limit) in limits.iter().enumerate() {
             let dq = snapshot.dq[i];
+            if dq.abs() > limit.velocity_rad_s {
+                runaway = runaway.or(Some((i, dq, limit.velocity_rad_s)));
+            }
             excess[i] = dq - wanted.map_or(0.0, |wanted| wanted[i]);
             let swing = (SWING_SHARE * limit.velocity_rad_s).min(SWING_RAD_S);
             let speed = self.swings[i].push(dq - mean[i], FLOOR_SHARE * swing, period_s);
@@ -132,7 +141,13 @@ impl<const N: usize> Instability<N> {
                 found = found.or(Some((i, speed, swing)));
             }
         }
-        if let Some((i, value, limit)) = found {
+        self.runaway_ticks = if runaway.is_some() {
+            self.runaway_ticks.saturating_add(1)
+        } else {
+            0
+        };
+        let runaway = runaway.filter(|_| self.runaway_ticks >= RUNAWAY_TICKS);
+        if let Some((i, value, limit)) = found.or(runaway) {
             return Some(Violation {
                 fault: Fault::Unstable,
                 joint: i as u8 + 1,
@@ -222,11 +237,26 @@ mod tests {
         assert_eq!(noticed(&noise), None);
     }
 
+    // Fails if a joint that is faster than it can be is not noticed in the second tick, or
+    // one of its wrong speeds counts.
+    #[test]
+    fn a_joint_that_runs_away_is_noticed() {
+        let limit = joints()[4].velocity_rad_s;
+        let (time_s, found) = noticed(&|t| if t < 0.1 { 0.0 } else { 1.01 * limit }).expect("noticed");
+        assert!((time_s - 0.101).abs() < 1e-9, "{time_s} s");
+        assert_eq!((found.fault, found.joint, found.limit), (Fault::Unstable, 5, limit));
+        assert_eq!(
+            noticed(&|t| if (t - 0.1).abs() < 5e-4 { 1.01 * limit } else { 0.0 }),
+            None
+        );
+        assert_eq!(noticed(&|_| 0.99 * limit), None);
+    }
+
     // Fails if an arm with too much energy is not noticed in the third tick.
     #[test]
     fn energy_that_no_motion_explains_is_noticed() {
         let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
-        let snapshot = Snapshot::new(&arm, &HOME, &[2.0, 2.0, 0.0, -2.0, 0.0, 0.0, 0.0]).expect("a mass matrix");
+        let snapshot = Snapshot::new(&arm, &HOME, &[1.6, 1.6, 0.0, -1.6, 0.0, 0.0, 0.0]).expect("a mass matrix");
         let mut guard = Instability::default();
         let found: Vec<_> = (0..5)
             .filter_map(|_| guard.check(&snapshot, &snapshot.dq, None, &joints(), PERIOD_S))

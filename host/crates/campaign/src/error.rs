@@ -245,8 +245,8 @@ pub fn remedy(fault: Fault) -> &'static str {
              torque_sign in the drive's handshake"
         }
         Fault::Pressing => {
-            "the arm pressed on something, or something pressed on it: clear the path, and check the waypoints and that the \
-             nest turns freely on the sphere"
+            "the arm pressed on something, or something pressed on it: clear the path, and check the waypoints, the declared \
+             tool mass, and that the nest turns freely on the sphere"
         }
         Fault::Internal => "this is a defect of the controller: report it with the database",
     }

@@ -80,7 +80,13 @@ pub fn policy(fault: Fault) -> Policy {
             0.5,
             true,
         ),
-        Fault::JointVelocity => ("a joint exceeds its share of the speed limit", 1, HOLDS, 0.5, true),
+        Fault::JointVelocity => (
+            "a joint exceeds its share of the speed limit",
+            1,
+            "holds; brakes if a joint is faster than its limit for 2 ms",
+            0.5,
+            true,
+        ),
         Fault::JointTorque => ("a torque saturated for 50 ms", 51, HOLDS, 0.5, true),
         Fault::Force => ("a force of more than 100 N at the TCP for 10 ms", 60, HOLDS, 2.0, true),
         Fault::PathDeviation => (
@@ -173,7 +179,7 @@ pub fn policy(fault: Fault) -> Policy {
         Fault::TcpSpeed => ("the TCP is faster than 1.3 m/s for 5 ms", 6, HOLDS, 0.5, true),
         Fault::Workspace => ("the TCP is outside the workspace for 5 ms", 6, HOLDS, 0.5, true),
         Fault::Unstable => (
-            "a joint swings to and fro, faster and faster, with more than 15 % of its speed limit (at most 0.4 rad/s)",
+            "a joint swings to and fro, faster and faster, with more than 15 % of its speed limit (at most 0.4 rad/s), or is faster than its limit for 2 ms",
             1,
             STOPS,
             2.0,
