@@ -22,7 +22,7 @@ use spherecal_tests::plan::short_plan;
 const SPEED_RAD_S: f64 = 1.5;
 const ENERGY_J: f64 = 5.0;
 /// Largest speed of joint 7 in an approach, in rad/s. The stiff rotational spring turns its
-/// 0.3 g m² so fast that the guard, which sees old states, comes later.
+/// 2.8 g m² so fast that the guard, which sees old states, comes later.
 const LIGHT_RAD_S: f64 = 20.0;
 /// Longest delay, in ms, for which the speeds are bounded.
 const BOUNDED_MS: u32 = 12;
