@@ -165,7 +165,7 @@ impl Given {
             plate_u_mm: args.plate_u_mm,
             sphere_diameter_mm: args.sphere_diameter_mm,
             tool_mass_kg: args.tool_mass_kg,
-            tool_mm: point("--tool-mm", args.tool_mm.as_deref())?,
+            tool_mm: point("--tool-mm", args.tool_mm.as_deref(), new_cell::LARGEST_MM)?,
             instrument: args.instrument,
         })
     }
@@ -210,8 +210,8 @@ impl Given {
             sphere_diameter_mm: self.sphere_diameter_mm,
             tool_mass_kg,
             tool_mm: self.tool_mm,
-            tool_com_mm: point("--tool-com-mm", args.tool_com_mm.as_deref())?,
-            plate_at_mm: point("--plate-at-mm", args.plate_at_mm.as_deref())?,
+            tool_com_mm: point("--tool-com-mm", args.tool_com_mm.as_deref(), new_cell::LARGEST_MM)?,
+            plate_at_mm: point("--plate-at-mm", args.plate_at_mm.as_deref(), new_cell::FARTHEST_MM)?,
             plate_yaw_deg: args.plate_yaw_deg,
             instrument: self.instrument.unwrap_or_default(),
             degrees: args.degrees,
@@ -219,8 +219,7 @@ impl Given {
     }
 }
 
-fn point(option: &str, text: Option<&str>) -> Result<Option<[f64; 3]>, CliError> {
-    let largest = new_cell::FARTHEST_MM;
+fn point(option: &str, text: Option<&str>, largest: f64) -> Result<Option<[f64; 3]>, CliError> {
     text.map(|text| triple(option, text, largest))
         .transpose()
         .map_err(CliError::input)

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::exit::CliError;
 use super::init::Given;
-use spherecal_job::new_cell::{check_mass, check_robot, check_serial, check_tcp};
+use spherecal_job::new_cell::{LARGEST_MM, check_mass, check_robot, check_serial, check_tcp};
 use spherecal_model::input::triple;
 
 /// Someone who answers, and where the questions are written.
@@ -57,7 +57,7 @@ impl<I: BufRead, O: Write> Questions<I, O> {
                 "Tool offset: centre of a seated sphere in the flange frame, X,Y,Z in mm; empty for the default";
             let diameter = given.sphere_diameter_mm;
             given.tool_mm = self.question(words, Some(""), |text| {
-                let tool = triple("the tool offset", text, 2000.0).map_err(|e| e.to_string())?;
+                let tool = triple("the tool offset", text, LARGEST_MM).map_err(|e| e.to_string())?;
                 check_tcp(tool, diameter).map(|()| tool).map_err(|e| e.to_string())
             })?;
         }

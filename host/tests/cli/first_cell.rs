@@ -182,7 +182,7 @@ fn wrong_input_is_refused_before_anything_is_written() {
         ),
         (&["--tool-mass-kg", "heavy"], &["heavy", "--tool-mass-kg"]),
         (&["--tool-mm", "1,2"], &["--tool-mm is \"1,2\"", "three numbers"]),
-        (&["--tool-mm", "0,0,9999"], &["--tool-mm is 0,0,9999", "2000"]),
+        (&["--tool-mm", "0,0,9999"], &["--tool-mm is \"0,0,9999\"", "2000"]),
         (&["--tool-mm", "0,0,0"], &["--tool-mm is 0,0,0", "radius"]),
         (
             &["--tool-com-mm", "a,b,c"],

@@ -219,7 +219,7 @@ mod tests {
             assert!(files_of_run(folder, &run).is_empty(), "{cut} bytes");
         }
         std::fs::write(&path, b"no telemetry at all").expect("written");
-        assert_eq!(files_of_run(folder, &run), [path.clone()]);
+        assert_eq!(files_of_run(folder, &run), std::slice::from_ref(&path));
         let file = File::create(&path).expect("made");
         let writer = TelemetryWriter::new(file, &["j".to_owned()], &BTreeMap::new()).expect("a writer");
         writer.finish().expect("closed");

@@ -23,7 +23,7 @@ use plate::Plate;
 pub use plate::StatedPlate;
 
 /// Largest part of a tool or of a plate, in mm.
-const LARGEST_MM: f64 = 2000.0;
+pub const LARGEST_MM: f64 = 2000.0;
 /// Farthest place of a plate, in mm.
 pub const FARTHEST_MM: f64 = 5000.0;
 /// Largest serial number, in characters.

@@ -94,7 +94,8 @@ fn pieces_of_a_run_are_one_table() {
     let write = |name: &str, first_us: u64, samples: u64| {
         let path = folder.path().join(name);
         let file = std::fs::File::create(&path).expect("made");
-        let mut writer = TelemetryWriter::new(file, &["joint_1".to_owned()], &Default::default()).expect("a writer");
+        let mut writer = TelemetryWriter::new(file, &["joint_1".to_owned()], &std::collections::BTreeMap::default())
+            .expect("a writer");
         for k in 0..samples {
             writer.write(first_us + k * 1000, &Sample::default()).expect("written");
         }
@@ -108,7 +109,7 @@ fn pieces_of_a_run_are_one_table() {
     let whole = std::fs::read(&pieces[0]).expect("read");
     std::fs::write(&pieces[0], &whole[..whole.len() - 3]).expect("cut");
     let (path, torn) = telemetry::export(&pieces, Format::Csv, folder.path()).expect("exported");
-    assert_eq!(torn, [pieces[0].clone()]);
+    assert_eq!(torn, pieces[..1]);
     let text = std::fs::read_to_string(path.expect("a table")).expect("read");
     let times: Vec<u64> = text
         .lines()
