@@ -128,9 +128,10 @@ pub fn millimetres(value: f64) -> String {
 }
 
 fn stated(value: Option<&str>) -> Markup {
-    match value.map(str::trim).filter(|v| !v.is_empty()) {
-        Some(value) => html! { (value) },
-        None => html! { span.unstated { "not stated" } },
+    if let Some(value) = value.map(str::trim).filter(|v| !v.is_empty()) {
+        html! { (value) }
+    } else {
+        html! { span.unstated { "not stated" } }
     }
 }
 
@@ -164,10 +165,7 @@ impl Certificate {
     pub(crate) fn page(&self) -> Markup {
         let text = |value: &Option<String>| stated(value.as_deref());
         let celsius = self.temperature_c.map(|c| format!("{c} \u{b0}C"));
-        let program = match &self.commit {
-            Some(commit) => html! { (self.program) ", commit " (commit) },
-            None => html! { (self.program) ", commit " (stated(None)) },
-        };
+        let program = html! { (self.program) ", commit " (text(&self.commit)) };
         html! {
             section #certificate.certificate {
                 div.head {
