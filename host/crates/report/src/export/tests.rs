@@ -86,18 +86,25 @@ fn without_the_feature_parquet_is_refused() {
 // Fails if a sample of a resumed run is lost, or if it is not told which piece ends in the middle of
 // a record.
 #[test]
-fn pieces_of_a_run_are_one_table() {
-    use spherecal_campaign::telemetry::TelemetryWriter;
+fn pieces_of_a_run_are_one_table_and_one_bag() {
+    use spherecal_campaign::telemetry::{DrawnArm, Instant, TelemetryWriter};
+    use spherecal_model::robots;
     use spherecal_shared::protocol::host::Sample;
 
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, first_us: u64, samples: u64| {
         let path = folder.path().join(name);
         let file = std::fs::File::create(&path).expect("made");
-        let mut writer = TelemetryWriter::new(file, &["joint_1".to_owned()], &std::collections::BTreeMap::default())
-            .expect("a writer");
+        let model = robots::built_in("iiwa7").expect("built in");
+        let arm = DrawnArm::new(&model, &model.tool);
+        let about = std::collections::BTreeMap::default();
+        let mut writer = TelemetryWriter::new(file, arm, &about, 0).expect("a writer");
         for k in 0..samples {
-            writer.write(first_us + k * 1000, &Sample::default()).expect("written");
+            let device_us = first_us + k * 1000;
+            let utc_ns = 1_800_000_000_000_000_000 + device_us * 1000;
+            writer
+                .write(Instant { utc_ns, device_us }, &Sample::default())
+                .expect("written");
         }
         writer.finish().expect("closed");
         path
@@ -124,6 +131,16 @@ fn pieces_of_a_run_are_one_table() {
             .eq((0..times.len() as u64 - 3).map(|k| k * 1_000_000))
     );
     assert!(times.len() > 2000, "{}", times.len());
+    // A ROS 2 bag is made of the same pieces, and cannot be made of none.
+    let bag = export_ros2(&pieces, &folder.path().join("ros2")).expect("exported");
+    assert_eq!(bag.torn_telemetry, pieces[..1]);
+    let bytes = std::fs::read(&bag.files[0]).expect("a bag");
+    let messages = mcap::MessageStream::new(&bytes).expect("MCAP");
+    let joints = messages
+        .filter(|m| m.as_ref().expect("a message").channel.topic == "/joint_states")
+        .count();
+    assert_eq!(joints, times.len());
+    export_ros2(&[], &folder.path().join("empty")).expect_err("no sample");
     let (none, torn) = telemetry::export(&[], Format::Csv, folder.path()).expect("nothing");
     assert!(none.is_none() && torn.is_empty());
 }
