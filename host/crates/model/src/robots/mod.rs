@@ -73,11 +73,12 @@ pub fn payload_kg(name: &str) -> Option<f64> {
     }
 }
 
-/// The built-in name that a wrong one is nearest to, if it is near.
+/// The built-in name that a wrong one is nearest to, if it is near and begins with the same letter.
 fn nearest(spec: &str) -> Option<&'static str> {
     let spec = spec.trim().to_lowercase();
     BUILT_IN
         .iter()
+        .filter(|known| known.chars().next() == spec.chars().next())
         .map(|known| (strsim::levenshtein(&spec, known), *known))
         .min()
         .filter(|(distance, known)| *distance <= 2 && *distance < known.len().min(spec.len()))
