@@ -233,7 +233,7 @@ fn the_budget_adds_up_and_each_source_shows_in_its_own_term() {
     }
     let noisy = measured(seed, &|time, _, visit, _, encoders| {
         let mut rng = ChaCha8Rng::seed_from_u64((time * 1e6) as u64 + visit as u64);
-        for angle in encoders.iter_mut() {
+        for angle in encoders {
             *angle += normal(&mut rng, 4.0 * WHITE_RAD);
         }
     });
