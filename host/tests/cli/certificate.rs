@@ -26,7 +26,10 @@ fn page_one(page: &str) -> String {
     let mut inside = false;
     for c in section.chars() {
         match c {
-            '<' => (inside, _) = (true, out.push(' ')),
+            '<' => {
+                inside = true;
+                out.push(' ');
+            }
             '>' => inside = false,
             c if !inside => out.push(c),
             _ => {}

@@ -233,9 +233,9 @@ fn the_budget_adds_up_and_each_source_shows_in_its_own_term() {
     }
     let noisy = measured(seed, &|time, _, visit, _, encoders| {
         let mut rng = ChaCha8Rng::seed_from_u64((time * 1e6) as u64 + visit as u64);
-        encoders
-            .iter_mut()
-            .for_each(|e| *e += normal(&mut rng, 4.0 * WHITE_RAD));
+        for angle in encoders {
+            *angle += normal(&mut rng, 4.0 * WHITE_RAD);
+        }
     });
     let mut bent = sound(seed);
     for observation in &mut bent.experiment.observations {

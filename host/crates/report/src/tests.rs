@@ -367,6 +367,8 @@ fn every_model_has_a_colour_of_its_own() {
         // One name per model: that of the terminal, in the table and in the legends.
         let shown = model_title(name).split('\'').next().unwrap();
         assert!(page.matches(shown).count() >= 2, "{name}: {shown}");
+        // In the light, in the dark, and on paper.
+        assert_eq!(style.matches(&format!("--series-{index}:#")).count(), 3, "{name}");
     }
 }
 
