@@ -154,8 +154,13 @@ fn pairs(mut record: &[u8]) -> Option<BTreeMap<String, String>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::TelemetryWriter;
+    use super::super::{DrawnArm, TelemetryWriter};
     use super::*;
+
+    fn arm() -> DrawnArm {
+        let model = spherecal_model::robots::built_in("iiwa7").expect("built in");
+        DrawnArm::new(&model, &model.tool)
+    }
 
     fn key(number: i64, created: &str) -> RunKey {
         RunKey {
@@ -170,7 +175,7 @@ mod tests {
         let mut about = BTreeMap::new();
         run.describe(&mut about);
         let file = File::create(&path).expect("made");
-        let writer = TelemetryWriter::new(std::io::BufWriter::new(file), &["j".to_owned()], &about).expect("a writer");
+        let writer = TelemetryWriter::new(std::io::BufWriter::new(file), arm(), &about, 0).expect("a writer");
         writer.finish().expect("closed");
         path
     }
@@ -221,7 +226,7 @@ mod tests {
         std::fs::write(&path, b"no telemetry at all").expect("written");
         assert_eq!(files_of_run(folder, &run), std::slice::from_ref(&path));
         let file = File::create(&path).expect("made");
-        let writer = TelemetryWriter::new(file, &["j".to_owned()], &BTreeMap::new()).expect("a writer");
+        let writer = TelemetryWriter::new(file, arm(), &BTreeMap::new(), 0).expect("a writer");
         writer.finish().expect("closed");
         assert_eq!(files_of_run(folder, &run), [path]);
         // Damaged lengths are no panic.
