@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use clap::builder::TypedValueParser;
 
 use spherecal_job::{self as job, Config, JobError, Link, Prepared, TaughtWaypoints};
 use spherecal_services::GuardFiles;
-use spherecal_store::{Peer, StoreLocation};
+use spherecal_store::{Peer, StoreLocation, UnknownScheme};
 
 /// Arguments of everything that plans or measures.
 #[derive(Args, Clone, Debug)]
@@ -35,7 +36,7 @@ pub struct RunArgs {
     pub out: PathBuf,
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT. Default: calibration.db
     /// in --out.
-    #[arg(long, help_heading = "Results", value_name = "STORE")]
+    #[arg(long, help_heading = "Results", value_name = "STORE", value_parser = StoreParser)]
     pub store: Option<StoreLocation>,
     /// Laser tracker behind gRPC: grpc:HOST:PORT or grpcs:HOST:PORT. Default: a simulated one.
     #[arg(long, help_heading = "Connection", value_name = "PEER", value_parser = peer)]
@@ -203,6 +204,30 @@ fn peer(text: &str) -> Result<Peer, BadValue> {
     Peer::parse(text).ok_or(BadValue("give grpc:HOST:PORT or grpcs:HOST:PORT"))
 }
 
+/// Reads `--store`. An unusable value is not repeated: it may hold a password.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StoreParser;
+
+impl TypedValueParser for StoreParser {
+    type Value = StoreLocation;
+
+    fn parse_ref(
+        &self,
+        command: &clap::Command,
+        _: Option<&clap::Arg>,
+        value: &std::ffi::OsStr,
+    ) -> Result<StoreLocation, clap::Error> {
+        let refuse = |why: String| {
+            clap::Error::raw(clap::error::ErrorKind::ValueValidation, format!("--store: {why}\n")).with_cmd(command)
+        };
+        let text = value
+            .to_str()
+            .ok_or_else(|| refuse("the value is not UTF-8".to_owned()))?;
+        text.parse()
+            .map_err(|unknown: UnknownScheme| refuse(unknown.to_string()))
+    }
+}
+
 /// Says what to give instead of an argument's unusable value.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 #[error("{0}")]
@@ -216,7 +241,7 @@ pub struct StoredArgs {
     pub out: PathBuf,
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT. Default: calibration.db
     /// in --out.
-    #[arg(long, value_name = "STORE")]
+    #[arg(long, value_name = "STORE", value_parser = StoreParser)]
     pub store: Option<StoreLocation>,
     /// Arm whose last run is meant. Required in a database that several robots share.
     #[arg(long, value_name = "NAME", default_value = "")]

@@ -28,7 +28,7 @@ pub struct ExportArgs {
     pub out: PathBuf,
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT. Default: calibration.db
     /// in --out.
-    #[arg(long, value_name = "STORE")]
+    #[arg(long, value_name = "STORE", value_parser = super::args::StoreParser)]
     pub store: Option<StoreLocation>,
     /// Number of the run; the last if none is given.
     #[arg(long, value_name = "N")]

@@ -18,7 +18,7 @@ pub struct HistoryArgs {
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
     /// Database: a file, postgres://USER@HOST/DATABASE or grpc:HOST:PORT.
-    #[arg(long, value_name = "STORE")]
+    #[arg(long, value_name = "STORE", value_parser = super::args::StoreParser)]
     pub store: Option<StoreLocation>,
     /// Only this arm.
     #[arg(long, value_name = "NAME", default_value = "")]

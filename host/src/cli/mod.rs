@@ -69,7 +69,12 @@ pub fn main() -> ExitCode {
 
 /// The arguments, read. A negative number is a value, so that its refusal names its option.
 fn parse(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<Cli, clap::Error> {
-    let numbers = |command: clap::Command| command.mut_args(|arg| arg.allow_negative_numbers(true));
+    let numbers = |command: clap::Command| {
+        command.mut_args(|arg| {
+            let takes_value = arg.get_action().takes_values();
+            arg.allow_negative_numbers(takes_value)
+        })
+    };
     let command = numbers(Cli::command()).mut_subcommands(numbers);
     Cli::from_arg_matches(&command.try_get_matches_from(arguments)?)
 }

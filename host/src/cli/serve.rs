@@ -49,7 +49,7 @@ pub struct ServeArgs {
     pub link: Link,
     /// Database to serve: a file or postgres://USER@HOST/DATABASE. Default: calibration.db in
     /// --out.
-    #[arg(long, value_name = "STORE")]
+    #[arg(long, value_name = "STORE", value_parser = super::args::StoreParser)]
     pub store: Option<StoreLocation>,
     /// Folder of the database.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]

@@ -52,13 +52,13 @@ fn the_robot_can_be_an_argument() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("cell.toml"), "robot = \"ur5e\"\n").expect("written");
     for arguments in [
-        &["plan", "--robot", "iiwa14", "--poses", "3"][..],
-        &["plan", "--config", "cell.toml", "--robot", "iiwa14", "--poses", "3"],
+        &["plan", "--robot", "fr3", "--poses", "3"][..],
+        &["plan", "--config", "cell.toml", "--robot", "fr3", "--poses", "3"],
     ] {
         let output = spherecal(folder.path(), arguments);
         let said = text(&output.stdout) + &text(&output.stderr);
         assert!(
-            output.status.success() && said.contains("iiwa14"),
+            output.status.success() && said.contains("fr3: 3 poses"),
             "{arguments:?}: {said}"
         );
     }

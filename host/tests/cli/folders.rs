@@ -43,7 +43,9 @@ fn tables(folder: &Path, out: &str) -> BTreeMap<String, String> {
 /// The cells of a table without its times: the time of day differs from run to run.
 fn without_times(table: &str) -> Vec<Vec<&str>> {
     let names: Vec<&str> = table.lines().next().unwrap_or_default().split(',').collect();
-    let columns: Vec<usize> = (0..names.len()).filter(|k| !names[*k].contains("time")).collect();
+    let columns: Vec<usize> = (0..names.len())
+        .filter(|k| !names[*k].contains("time") && names[*k] != "utc_ns")
+        .collect();
     let cells = table.lines().map(|line| {
         let all: Vec<&str> = line.split(',').collect();
         columns.iter().map(|k| all[*k]).collect()

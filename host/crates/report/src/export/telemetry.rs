@@ -77,7 +77,6 @@ impl Out<'_> {
 fn table(rows: &[Period], joints: usize) -> Table {
     let mut t = Table::new("telemetry");
     t.whole("time_ns", rows.iter().map(Period::device_ns));
-    t.whole("utc_ns", rows.iter().map(|r| r.utc_ns));
     type OfJoints = for<'a> fn(&'a JointStates<'static>) -> &'a [f32];
     let parts: [(&str, &str, OfJoints); 4] = [
         ("q", "rad", |j| &j.position),
@@ -125,6 +124,7 @@ fn table(rows: &[Period], joints: usize) -> Table {
     for (name, of) in flags {
         t.whole(name, rows.iter().map(|r| i64::from(r.phase.as_ref().is_some_and(of))));
     }
+    t.whole("utc_ns", rows.iter().map(|r| r.utc_ns));
     t
 }
 
