@@ -9,7 +9,7 @@
 //! | `/tcp` | [`Tcp`] | computed TCP with its orientation, and commanded position, in F0 (m) |
 //! | `/phase` | [`PhaseState`] | phase of the procedure, by name and number, flags, and device time |
 //!
-//! Times are UTC: [`utc`](super::utc) ties them to device time.
+//! Times are UTC; the module `utc` ties them to device time.
 //!
 //! The fields follow `sensor_msgs/JointState`, `geometry_msgs/WrenchStamped` and
 //! `foxglove.PoseInFrame`, so that panels made for those find them. JSON has no
