@@ -10,10 +10,14 @@ use spherecal_tests::qemu::{bench, image, log_of, numbers, options, scenario, sc
 const TICK: u64 = 25;
 /// Both a beat and the first beat are read in whole counts: their difference is known to one.
 const READ: u64 = 1;
+/// Ticks of embassy's time by which a beat may move: one, because alarms are set in whole ticks; and
+/// one more, because the alarm of another task that is due at the same time may be served first. The
+/// timer's handler has up to 160 instructions. How long it takes depends on the compiler: the same
+/// sources gave 25 to 28 counts.
+const TICKS: u64 = 2;
 
 // Fails if a task that hogs the processor for 20 ms at a time moves the start of
-// one control tick by more than one tick of the timer, through rest, approach
-// and contact.
+// one control tick by more than 2 µs, through rest, approach and contact.
 #[test]
 fn a_hog_below_does_not_move_the_beat() {
     let Some(image) = image() else { return };
@@ -37,8 +41,9 @@ fn a_hog_below_does_not_move_the_beat() {
     // finds that the drive has gone.
     assert_eq!(count, ticks + 1, "{log}");
     assert!(
-        early <= TICK + READ && late <= TICK + READ,
-        "{early} early, {late} late of {TICK} counts"
+        early <= TICKS * TICK + READ && late <= TICKS * TICK + READ,
+        "{early} early, {late} late of {} counts",
+        TICKS * TICK
     );
 }
 
