@@ -81,7 +81,7 @@ def test_a_pose_out_of_reach_is_refused():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: Robot("ur5"), r'"ur5" is neither built in nor a file: give one of iiwa7'),
+        (lambda: Robot("ur5"), r'"ur5" is neither built in nor a file: did you mean ur5e\? Else give one of iiwa7'),
         (lambda: Robot("missing.urdf"), "missing.urdf"),
         (lambda: Robot(7), "robot is 7: give a built-in name"),
         (lambda: Robot("<robot"), "urdf text"),
