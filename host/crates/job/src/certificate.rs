@@ -76,7 +76,7 @@ pub(crate) fn certificate(
         plate: given(&section.plate),
         plate_certificate: given(&section.plate_certificate),
         method: method.to_owned(),
-        estimator: format!("{}, {} model", calibration.method, calibration.model),
+        estimator: estimator(&calibration.method.to_string(), &calibration.model.to_string()),
         program: concat!("spherecal ", env!("CARGO_PKG_VERSION")).to_owned(),
         commit: COMMIT.map(str::to_owned).filter(|commit| !commit.is_empty()),
         configuration_sha256: about.configuration.as_deref().map(sha256),
@@ -239,4 +239,12 @@ pub(crate) fn run_certificate(
         recordings_sha256: recordings_sha256.to_owned(),
     };
     Ok(certificate(&m.config.certificate, about, &m.to_recordings(), e))
+}
+/// Estimator and model, once where they have one name.
+fn estimator(method: &str, model: &str) -> String {
+    if method == model {
+        format!("{model} model")
+    } else {
+        format!("{method}, {model} model")
+    }
 }
