@@ -230,12 +230,8 @@ fn resume_command(args: &RunArgs) -> String {
 
 /// A word as a shell reads it back.
 pub(super) fn shell_word(text: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=@%+,".contains(c);
-    if !text.is_empty() && text.chars().all(plain) {
-        text.to_owned()
-    } else {
-        format!("'{}'", text.replace('\'', "'\\''"))
-    }
+    // Only a zero byte cannot be quoted, and no argument has one.
+    shlex::try_quote(text).map_or_else(|_| text.to_owned(), std::borrow::Cow::into_owned)
 }
 
 /// Stores the force traces of a session's contacts, also after an interruption, because --resume
