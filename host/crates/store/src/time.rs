@@ -30,23 +30,17 @@ pub fn days(utc: &str) -> Option<f64> {
     Some(f64::from(whole) + (f64::from(h) * 3600.0 + f64::from(m) * 60.0 + seconds) / 86_400.0)
 }
 
-/// The date at the beginning of a time or date, `YYYY-MM-DD`.
+/// The date of an RFC 3339 time, or of a date alone, `YYYY-MM-DD`.
 fn date(utc: &str) -> Option<Date> {
-    let text = utc.get(..10)?;
-    let rest = &utc[10..];
-    let mut parts = text.split('-');
-    let mut next = |digits: usize| {
-        parts
-            .next()
-            .filter(|p| p.len() == digits && p.bytes().all(|b| b.is_ascii_digit()))
+    let whole = if utc.len() == 10 {
+        OffsetDateTime::parse(&format!("{utc}T00:00:00Z"), &Rfc3339)
+    } else {
+        OffsetDateTime::parse(utc, &Rfc3339)
     };
-    let (year, month, day) = (next(4)?, next(2)?, next(2)?);
-    let month = Month::try_from(month.parse::<u8>().ok()?).ok()?;
-    let date = Date::from_calendar_date(year.parse().ok()?, month, day.parse().ok()?).ok()?;
-    (rest.is_empty() || rest.starts_with('T')).then_some(date)
+    whole.ok().map(OffsetDateTime::date)
 }
 
-/// Whether a text begins with a date, `YYYY-MM-DD`, and is a date or a time.
+/// Whether a text is a date, `YYYY-MM-DD`, or an RFC 3339 time.
 pub fn is_date(utc: &str) -> bool {
     date(utc).is_some()
 }
@@ -59,7 +53,7 @@ pub fn months_after(utc: &str, months: u32) -> Option<String> {
     let (year, month) = (number.div_euclid(12), number.rem_euclid(12) + 1);
     let month = Month::try_from(u8::try_from(month).ok()?).ok()?;
     let to = Date::from_calendar_date(year, month, from.day().min(month.length(year))).ok()?;
-    Some(format!("{:04}-{:02}-{:02}", to.year(), u8::from(to.month()), to.day()))
+    Some(to.to_string())
 }
 
 #[cfg(test)]
@@ -87,6 +81,7 @@ mod tests {
             "23.11.2026",
             "2026-1-01",
             "2026-11-23 x",
+            "2026-11-23Tx",
             "\u{e9}2026-11-23",
         ] {
             assert!(!is_date(none) && months_after(none, 1).is_none(), "{none}");
