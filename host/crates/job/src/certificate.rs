@@ -7,6 +7,7 @@ use spherecal_identify::evaluate::repeatability;
 use spherecal_report::{BudgetLine, COVERAGE, Certificate, PositionError, Uncertainty};
 use spherecal_store::time::months_after;
 
+use crate::summary::hexadecimal;
 use crate::{CertificateSection, Evaluation, JobError, Measurements};
 
 /// Commit of the sources, where the build states it.
@@ -14,10 +15,7 @@ const COMMIT: Option<&str> = option_env!("SPHERECAL_COMMIT");
 
 /// Hash of a text, in hexadecimal digits.
 pub(crate) fn sha256(text: &str) -> String {
-    Sha256::digest(text.as_bytes())
-        .iter()
-        .map(|b| format!("{b:02x}"))
-        .collect()
+    hexadecimal(&Sha256::digest(text.as_bytes()))
 }
 
 /// What a certificate says that is neither in the user's block nor in the evaluation.

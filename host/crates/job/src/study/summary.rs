@@ -7,6 +7,8 @@ use spherecal_identify::evaluate::{Errors, Judge, Judged};
 use spherecal_identify::study::Study;
 use spherecal_report::Certificate;
 
+use crate::summary::hexadecimal;
+
 /// Hash over the bits of the recordings in order: joint angles, then torques.
 pub(super) fn recordings_sha256(study: &Study) -> String {
     let mut hash = Sha256::new();
@@ -15,7 +17,7 @@ pub(super) fn recordings_sha256(study: &Study) -> String {
             hash.update(value.to_bits().to_le_bytes());
         }
     }
-    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+    hexadecimal(&hash.finalize())
 }
 
 fn errors_json(errors: &Errors) -> Value {
