@@ -26,5 +26,5 @@ pub use files::{RunKey, files_of_run, files_without_run};
 pub use reader::{Period, TelemetryReader};
 pub use recorder::TelemetryRecorder;
 pub use scene::DrawnArm;
-pub use utc::Instant;
+pub use utc::Moment;
 pub use writer::{TelemetryError, TelemetryWriter};

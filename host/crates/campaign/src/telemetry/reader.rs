@@ -202,7 +202,7 @@ mod tests {
     use spherecal_shared::MAX_JOINTS;
     use spherecal_shared::protocol::host::{Phase, Sample};
 
-    use super::super::{DrawnArm, Instant, TelemetryWriter};
+    use super::super::{DrawnArm, Moment, TelemetryWriter};
     use super::*;
 
     const DAY_NS: u64 = 1_800_000_000_000_000_000;
@@ -214,7 +214,7 @@ mod tests {
         let mut writer = TelemetryWriter::new(&mut bytes, arm, &BTreeMap::new(), DAY_NS).expect("a writer");
         for &(device_us, sample) in samples {
             let utc_ns = DAY_NS + 1000 * device_us;
-            writer.write(Instant { utc_ns, device_us }, &sample).expect("written");
+            writer.write(Moment { utc_ns, device_us }, &sample).expect("written");
         }
         writer.finish().expect("finished");
         bytes.into_inner()

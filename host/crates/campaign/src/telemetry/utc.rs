@@ -9,7 +9,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// One instant in both times.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Instant {
+pub struct Moment {
     /// UTC, in ns since 1970.
     pub utc_ns: u64,
     /// Device time, in µs.
@@ -22,7 +22,7 @@ pub(super) struct UtcClock {
     /// UTC at device time 0, in ns; `None` before the first sample.
     start_ns: Option<u64>,
     /// The latest time that was given.
-    last: Instant,
+    last: Moment,
 }
 
 impl UtcClock {
@@ -30,7 +30,7 @@ impl UtcClock {
     pub(super) fn new(now_ns: u64) -> Self {
         Self {
             start_ns: None,
-            last: Instant {
+            last: Moment {
                 utc_ns: now_ns,
                 device_us: 0,
             },
@@ -39,7 +39,7 @@ impl UtcClock {
 
     /// The instant of device time `device_us`, where this computer's clock shows `now_ns` (ns since
     /// 1970). Device time that goes back is a controller that started anew: the offset is set again.
-    pub(super) fn at(&mut self, device_us: u64, now_ns: u64) -> Instant {
+    pub(super) fn at(&mut self, device_us: u64, now_ns: u64) -> Moment {
         let device_ns = device_us.saturating_mul(1000);
         if device_us < self.last.device_us {
             self.start_ns = None;
@@ -47,7 +47,7 @@ impl UtcClock {
         let start_ns = *self
             .start_ns
             .get_or_insert_with(|| now_ns.max(self.last.utc_ns).saturating_sub(device_ns));
-        self.last = Instant {
+        self.last = Moment {
             // A clock of 1970 or a wrong device time must not bring times back.
             utc_ns: start_ns.saturating_add(device_ns).max(self.last.utc_ns),
             device_us,
@@ -56,10 +56,10 @@ impl UtcClock {
     }
 
     /// The latest instant; before the first sample the time of this computer's clock.
-    pub(super) fn latest(&self, now_ns: u64) -> Instant {
+    pub(super) fn latest(&self, now_ns: u64) -> Moment {
         match self.start_ns {
             Some(_) => self.last,
-            None => Instant {
+            None => Moment {
                 utc_ns: now_ns.max(self.last.utc_ns),
                 device_us: self.last.device_us,
             },

@@ -12,7 +12,7 @@ use spherecal_shared::protocol::host::{Event, Sample};
 use super::log::{EventMessage, FaultMessage, Level, LogMessage};
 use super::messages::{JointStates, PhaseState, Stamp, Tcp, TelemetryMessage, Wrench};
 use super::scene::{DrawnArm, FrameTransforms, RobotDescription};
-use super::utc::Instant;
+use super::utc::Moment;
 
 /// Device time between two messages of `/tf`, in µs. The eye needs no more, and each has all frames.
 const TF_PERIOD_US: u64 = 50_000;
@@ -124,7 +124,7 @@ impl<W: Write + Seek> TelemetryWriter<W> {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn write(&mut self, at: Instant, sample: &Sample) -> Result<(), TelemetryError> {
+    pub fn write(&mut self, at: Moment, sample: &Sample) -> Result<(), TelemetryError> {
         let stamp = Stamp::from_ns(at.utc_ns);
         let q = self.arm.angles(sample);
         let f0 = self.arm.frames.f0();
@@ -153,7 +153,7 @@ impl<W: Write + Seek> TelemetryWriter<W> {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn event(&mut self, at: Instant, event: &Event) -> Result<(), TelemetryError> {
+    pub fn event(&mut self, at: Moment, event: &Event) -> Result<(), TelemetryError> {
         let stamp = Stamp::from_ns(at.utc_ns);
         if let Some(message) = EventMessage::new(stamp, event) {
             self.put(self.channels.events, at.utc_ns, &serde_json::to_vec(&message)?)?;
@@ -170,11 +170,11 @@ impl<W: Write + Seek> TelemetryWriter<W> {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn note(&mut self, at: Instant, text: &str) -> Result<(), TelemetryError> {
+    pub fn note(&mut self, at: Moment, text: &str) -> Result<(), TelemetryError> {
         self.log(at, Level::Info, text)
     }
 
-    fn log(&mut self, at: Instant, level: Level, text: &str) -> Result<(), TelemetryError> {
+    fn log(&mut self, at: Moment, level: Level, text: &str) -> Result<(), TelemetryError> {
         let message = LogMessage::new(Stamp::from_ns(at.utc_ns), level, text);
         self.put(self.channels.log, at.utc_ns, &serde_json::to_vec(&message)?)
     }
@@ -231,8 +231,8 @@ mod tests {
 
     const DAY_NS: u64 = 1_800_000_000_000_000_000;
 
-    fn at(device_us: u64) -> Instant {
-        Instant {
+    fn at(device_us: u64) -> Moment {
+        Moment {
             utc_ns: DAY_NS + 1000 * device_us,
             device_us,
         }

@@ -87,7 +87,7 @@ fn without_the_feature_parquet_is_refused() {
 // a record.
 #[test]
 fn pieces_of_a_run_are_one_table_and_one_bag() {
-    use spherecal_campaign::telemetry::{DrawnArm, Instant, TelemetryWriter};
+    use spherecal_campaign::telemetry::{DrawnArm, Moment, TelemetryWriter};
     use spherecal_model::robots;
     use spherecal_shared::protocol::host::Sample;
 
@@ -103,7 +103,7 @@ fn pieces_of_a_run_are_one_table_and_one_bag() {
             let device_us = first_us + k * 1000;
             let utc_ns = 1_800_000_000_000_000_000 + device_us * 1000;
             writer
-                .write(Instant { utc_ns, device_us }, &Sample::default())
+                .write(Moment { utc_ns, device_us }, &Sample::default())
                 .expect("written");
         }
         writer.finish().expect("closed");
