@@ -63,7 +63,7 @@ fn contacts(summary: &Summary) -> String {
     for c in &summary.contacts {
         let _ = writeln!(
             out,
-            "  sphere {}: contact at {:.1} N after {:.1} mm (peak {:.1} N, {} ms from first crossing)",
+            "  sphere {}: contact at {:.1} N after {:.1} mm (peak {:.1} N, {} periods from first crossing)",
             c.sphere, c.force_n, c.travel_mm, c.peak_n, c.latency_ticks
         );
     }

@@ -5,6 +5,7 @@ mod approaches;
 mod campaign;
 mod contact;
 mod faults;
+mod injected;
 mod late_drive;
 mod law;
 mod placements;

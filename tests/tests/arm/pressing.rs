@@ -2,8 +2,10 @@
 
 use spherecal::job::Config;
 use spherecal::lab::faults::{Case, Ended, Finish, Trial};
-use spherecal::sim::inject::{Entry, FaultPlan, InjectedFault, When};
+use spherecal::sim::inject::{FaultPlan, InjectedFault};
 use spherecal_shared::protocol::host::{Fault, Phase};
+
+use crate::injected::one;
 
 /// Arms that are hard to control: name, seed, `[plant]`.
 const HARD: [(&str, u64, &str); 8] = [
@@ -28,18 +30,6 @@ fn case(seed: u64, plant: &str) -> Case {
         ..Config::default()
     };
     Case::of(config, Finish::Record).unwrap_or_else(|e| panic!("{plant}: {e}"))
-}
-
-fn one(what: InjectedFault, name: Phase, entry: u32, after_s: f64, for_s: f64) -> FaultPlan {
-    FaultPlan {
-        seed: 1,
-        host_link: None,
-        faults: vec![Entry {
-            what,
-            when: When::Phase { name, entry, after_s },
-            for_s: Some(for_s),
-        }],
-    }
 }
 
 // Fails if model error, friction, elasticity or noise of a sound run counts as pressing.

@@ -2,20 +2,10 @@
 
 use spherecal::lab::faults::worst::{self, WorstOptions};
 use spherecal::lab::faults::{Case, Ended, Finish, PEAK_N, SUSTAINED_N};
-use spherecal::sim::inject::{Entry, FaultPlan, InjectedFault, When};
+use spherecal::sim::inject::InjectedFault;
 use spherecal_shared::protocol::host::Phase;
 
-fn one(what: InjectedFault, name: Phase, entry: u32, after_s: f64, for_s: f64) -> FaultPlan {
-    FaultPlan {
-        seed: 1,
-        host_link: None,
-        faults: vec![Entry {
-            what,
-            when: When::Phase { name, entry, after_s },
-            for_s: Some(for_s),
-        }],
-    }
-}
+use crate::injected::one;
 
 // Fails if a run in which a person pushes the nest off its sphere, to any side and at any pose, ends
 // without all poses or a reason, or if the arm presses on the sphere in its recovery.

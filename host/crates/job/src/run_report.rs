@@ -280,7 +280,7 @@ fn triggers(m: &Measurements) -> Vec<Histogram> {
     };
     vec![
         histogram(
-            "latency of the trigger (ms)",
+            "latency of the trigger (control periods)",
             1.0,
             format!(
                 "Latency of the trigger: control periods from the lasting crossing of {:.1} N to the declaration; \

@@ -31,4 +31,6 @@ pub use input::{
 pub use page::render;
 
 #[cfg(test)]
+mod certificate_tests;
+#[cfg(test)]
 mod tests;

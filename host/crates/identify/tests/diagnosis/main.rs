@@ -3,11 +3,13 @@
 //! The robots here are drawn by this file alone: geometry, once-per-turn encoder
 //! errors, noise of joints and of seating. Their sizes are not those of the priors.
 
+mod budget;
+
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use spherecal_identify::diagnosis::{Alternative, Course, Diagnosis, ErrorBudget, Source, diagnose, workspace};
+use spherecal_identify::diagnosis::{Alternative, Course, Diagnosis, diagnose, workspace};
 use spherecal_identify::{
     EvaluateOptions, Experiment, Observation, Options, Pose, Recordings, Set, Target, Verdict, evaluate, identify,
     paper_plate,
@@ -201,111 +203,6 @@ fn sound_data_name_nothing_and_the_expected_error_holds() {
         assert!(chance < 0.01, "{chance}");
     }
     assert!(inside >= seeds.len() - 1, "{inside} of {}", seeds.len());
-}
-
-/// The budget of the full model, and the root mean square error of the draws, in mm.
-fn budget(trial: &Trial) -> (ErrorBudget, f64) {
-    let diagnosis = diagnosed(trial);
-    let calibration = identify(&trial.experiment, &Options::default()).expect("sound data");
-    let tcp = |q: &[f64]| calibration.tcp_m(q, None);
-    (
-        diagnosis.budget_of(tcp).expect("sound data"),
-        diagnosis.drawn_rms_mm_of(tcp),
-    )
-}
-
-fn term(budget: &ErrorBudget, source: Source) -> f64 {
-    let found = budget.terms.iter().find(|t| t.source == source);
-    found.unwrap_or_else(|| panic!("{source:?} in {budget:?}")).rms_mm
-}
-
-// Fails if the terms of the budget do not add up to its total (in squares), if the total is
-// not that of the draws that the expected error is made from, or if a source that grows (the
-// certificate's uncertainty, the noise of the joints, what the model leaves out) does not show
-// in its own term, or shows in that of the plate.
-#[test]
-fn the_budget_adds_up_and_each_source_shows_in_its_own_term() {
-    let seed = 5;
-    let plain = sound(seed);
-    let mut vague = sound(seed);
-    for sphere in &mut vague.experiment.spheres {
-        sphere.sigma_m = 50e-6;
-    }
-    let noisy = measured(seed, &|time, _, visit, _, encoders| {
-        let mut rng = ChaCha8Rng::seed_from_u64((time * 1e6) as u64 + visit as u64);
-        for angle in encoders {
-            *angle += normal(&mut rng, 4.0 * WHITE_RAD);
-        }
-    });
-    let mut bent = sound(seed);
-    for observation in &mut bent.experiment.observations {
-        let (own, other) = (observation.q[3], observation.q[1]);
-        observation.q[1] += 3e-4 * (2.3 * other + 1.7 * own).sin();
-    }
-    let budgets = [plain, vague, noisy, bent].map(|trial| {
-        let (budget, drawn) = budget(&trial);
-        let squares: f64 = budget.terms.iter().map(|t| t.rms_mm.powi(2)).sum();
-        assert!((squares.sqrt() / budget.total_mm - 1.0).abs() < 1e-9, "{budget:?}");
-        println!("total {:.4} mm, drawn {drawn:.4} mm", budget.total_mm);
-        // The budget looks at half of the sets of sizes.
-        assert!(
-            (budget.total_mm / drawn - 1.0).abs() < 0.08,
-            "{budget:?}: drawn {drawn} mm"
-        );
-        budget
-    });
-    let [plain, vague, noisy, bent] = &budgets;
-    let grows = |of: &ErrorBudget, source| term(of, source) / term(plain, source);
-    assert!(grows(vague, Source::Plate) > 10.0, "{vague:?} {plain:?}");
-    assert!(
-        (0.7..1.4).contains(&grows(vague, Source::EncoderNoise)),
-        "{vague:?} {plain:?}"
-    );
-    let noise = grows(noisy, Source::EncoderNoise);
-    assert!((2.5..5.0).contains(&noise), "{noisy:?} {plain:?}");
-    assert!(grows(noisy, Source::Plate) < 2.0, "{noisy:?} {plain:?}");
-    assert!(grows(bent, Source::ModelDiscrepancy) > 1.5, "{bent:?} {plain:?}");
-    assert!(grows(bent, Source::Plate) < 2.0, "{bent:?} {plain:?}");
-}
-
-// Fails if the term of the plate is not what wrong certificates of the stated uncertainty do
-// to the calibration: certificates are drawn, the robot is identified with each, and the
-// displacement of its TCP over the workspace is compared.
-#[test]
-fn the_term_of_the_plate_is_what_drawn_certificates_do() {
-    let mut trial = sound(6);
-    for sphere in &mut trial.experiment.spheres {
-        sphere.sigma_m = 40e-6;
-    }
-    let stated = term(&budget(&trial).0, Source::Plate);
-    let over = workspace(&trial.experiment.robot, &trial.experiment.tool);
-    let tcp = |experiment: &Experiment| -> Vec<Vector3<f64>> {
-        let calibration = identify(experiment, &Options::default()).expect("sound data");
-        over.iter().map(|q| calibration.tcp_m(q, None)).collect()
-    };
-    let found = tcp(&trial.experiment);
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let draws = 12;
-    let mut square = 0.0;
-    for _ in 0..draws {
-        let mut drawn = trial.experiment.clone();
-        for sphere in &mut drawn.spheres {
-            sphere.position_m = sphere.position_m.map(|x| x + normal(&mut rng, sphere.sigma_m));
-        }
-        let other = tcp(&drawn);
-        let frame = fit_pose(&other, &found).expect("points in space");
-        let squares = other
-            .iter()
-            .zip(&found)
-            .map(|(a, b)| (frame.point(a) - b).norm_squared());
-        square += squares.sum::<f64>() / over.len() as f64;
-    }
-    let measured = (square / f64::from(draws)).sqrt() * 1e3;
-    // Twelve draws of nine numbers, of which the plate's own motion takes six.
-    assert!(
-        (0.6..1.6).contains(&(stated / measured)),
-        "stated {stated} mm, by drawn certificates {measured} mm"
-    );
 }
 
 // Fails if one coordinate of the certificate that is wrong by 0.2 mm is not named

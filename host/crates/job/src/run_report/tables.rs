@@ -18,7 +18,7 @@ pub(super) fn contacts(m: &Measurements) -> SimpleTable {
             "trigger (N)",
             "peak (N)",
             "travel (mm)",
-            "latency (ms)",
+            "latency (control periods)",
             "early crossings",
         ]),
         rows: m
