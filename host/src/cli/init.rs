@@ -286,10 +286,11 @@ fn say(args: &InitArgs, cell: &NewCell, files: &NewCellFiles) {
         Instrument::Tracker | Instrument::Points => String::new(),
     };
     let identify = format!(
-        "spherecal identify --robot {} --data {}{plate} {} --out {}",
+        "spherecal identify --robot {} --data {}{plate} {} --certificate {} --out {}",
         shell_word(&cell.robot),
         path(POSES),
         files.identify_options,
+        path(CELL),
         path("identified")
     );
     let out = if here {

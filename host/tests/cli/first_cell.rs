@@ -41,7 +41,10 @@ fn next(stdout: &[u8]) -> Vec<String> {
 fn from_init_to_the_report_in_five_commands() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let made = init(folder, &[STATED, &["--yes", "--out", "my cell"]].concat());
+    let made = init(
+        folder,
+        &[STATED, &["--plate-certificate", "PC-7", "--yes", "--out", "my cell"]].concat(),
+    );
     assert!(made.status.success(), "{}", text(&made.stderr));
     let words = next(&made.stdout);
     assert_eq!(words, ["run", "--config", "my cell/cell.toml", "--out", "my cell"]);
@@ -72,7 +75,7 @@ fn from_init_to_the_report_in_five_commands() {
     assert_eq!(summary["poses"]["recorded"], 12);
     assert_eq!(summary["faults"].as_array().map(Vec::len), Some(0));
     let report = std::fs::read_to_string(folder.join("my cell/report.html")).expect("a report");
-    assert!(report.contains("FR3-0042"));
+    assert!(report.contains("FR3-0042") && report.contains("PC-7"));
 }
 
 // Fails if the table that `init` begins is not one that `identify` takes with the command that it
@@ -81,7 +84,7 @@ fn from_init_to_the_report_in_five_commands() {
 fn poses_are_filled_in_and_identified() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let made = init(folder, STATED);
+    let made = init(folder, &[STATED, &["--plate-certificate", "PC-7"]].concat());
     assert!(made.status.success(), "{}", text(&made.stderr));
     let said = text(&made.stdout);
     let line = said.lines().find_map(|l| l.trim().strip_prefix("spherecal identify "));
@@ -117,6 +120,8 @@ fn poses_are_filled_in_and_identified() {
     let output = spherecal(folder, &identify);
     assert!(matches!(output.status.code(), Some(0 | 3)), "{}", text(&output.stderr));
     assert!(folder.join("identified/calibrated.toml").exists());
+    let report = std::fs::read_to_string(folder.join("identified/report.html")).expect("a report");
+    assert!(report.contains("PC-7") && report.contains("FR3-0042"));
 }
 
 // Fails if the columns for an instrument are not those that `identify` takes.

@@ -324,6 +324,7 @@ impl NewCell {
         let checked = |decided: &Decided<'_>| -> Result<String, JobError> {
             let text = decided.cell_toml();
             let config = Config::parse("cell.toml", &text)?;
+            config.check()?;
             check_reach(&config)?;
             Ok(text)
         };

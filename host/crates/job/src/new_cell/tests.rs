@@ -33,6 +33,7 @@ fn the_files_say_what_was_stated() {
         (Some(0.8), Some([25.0, 0.0, 50.0]))
     );
     assert_eq!(config.cell.plate.certificate_sigma_m, 1.35e-6);
+    assert_eq!(config.certificate.plate_certificate.as_deref(), Some("PC \"7\""));
     let at = |k: usize| nalgebra::Vector3::from(config.cell.plate.spheres_m[k]);
     for (i, j, mm) in [(0, 1, 300.0091), (0, 2, 300.2437), (1, 2, 300.1173)] {
         assert!(((at(i) - at(j)).norm() * 1e3 - mm).abs() < 1e-4, "{i} {j}");
@@ -63,6 +64,36 @@ fn the_files_say_what_was_stated() {
         points.files().expect("possible").poses_csv,
         "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n"
     );
+}
+
+// Fails if the block of the certificate is missing without a number, if a line of it is no line of
+// the configuration once its # is taken away, or if a number that the page cannot hold is taken.
+#[test]
+fn the_certificate_waits_to_be_filled_in() {
+    let unnamed = NewCell {
+        plate_certificate: String::new(),
+        ..cell()
+    };
+    let text = unnamed.files().expect("possible").cell_toml;
+    let (before, block) = text.split_once("[certificate]").expect("a block");
+    let filled: String = block
+        .lines()
+        .map(|line| match line.strip_prefix("# ") {
+            Some(field) if field.contains(" = ") => format!("{field}\n"),
+            _ => format!("{line}\n"),
+        })
+        .collect();
+    let config = Config::parse("cell.toml", &format!("{before}[certificate]{filled}")).expect("a configuration");
+    config.check().expect("possible");
+    assert_eq!(config.certificate.validity_months, Some(12));
+    assert_eq!(config.certificate.plate_certificate.as_deref(), Some(""));
+
+    let long = NewCell {
+        plate_certificate: "x".repeat(61),
+        ..cell()
+    };
+    let refusal = long.files().expect_err("too long").to_string();
+    assert!(refusal.starts_with("certificate.plate_certificate is xxx"), "{refusal}");
 }
 
 // Fails if a placement that the program proposes is out of reach of a large or a small arm.

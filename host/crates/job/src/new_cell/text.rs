@@ -51,9 +51,9 @@ impl Decided<'_> {
             .iter()
             .map(|s| format!("    {},\n", array(s.map(mm), 7)))
             .collect();
-        let certificate = match self.certificate() {
-            "" => String::new(),
-            name => format!("# Certificate of the plate: {}\n", spherecal_model::printable(name)),
+        let plate_certificate = match self.certificate() {
+            "" => "# plate_certificate = \"\"".to_owned(),
+            name => format!("plate_certificate = {}", quoted(name)),
         };
         let instrument = match stated.instrument {
             Instrument::None => "none but the plate: contacts with its spheres are all that is measured",
@@ -83,7 +83,6 @@ impl Decided<'_> {
              tcp_mm = {tcp}\n\
              \n\
              # The plate. Its certificate gives the calibration its scale.\n\
-             {certificate}\
              [cell.plate]\n\
              # Centres of the spheres in the plate's own frame; sphere 1 comes first.\n\
              spheres_m = [\n{spheres}]\n\
@@ -97,7 +96,22 @@ impl Decided<'_> {
              # [[cell.placements]] table makes the run stop, so that you can move the plate.\n\
              [[cell.placements]]\n\
              origin_m = {origin}\n\
-             rpy_rad = {rpy}\n",
+             rpy_rad = {rpy}\n\
+             \n\
+             # Page one of the report, the certificate: what the program cannot know. What is left out is printed as\n\
+             # \"not stated\"; take the # away before a line that you fill in.\n\
+             [certificate]\n\
+             # number = \"\"\n\
+             # laboratory = \"\"\n\
+             # Where the robot stands: building, room, cell.\n\
+             # place = \"\"\n\
+             # operator = \"\"\n\
+             # Temperature at the robot during the measurement, in degrees Celsius.\n\
+             # temperature_c = 20.0\n\
+             # Number of the plate's own certificate.\n\
+             {plate_certificate}\n\
+             # Months to the next calibration, as your procedure says.\n\
+             # validity_months = 12\n",
             robot = quoted(&self.robot),
             arm = quoted(stated.serial.trim()),
             mass = number(stated.tool_mass_kg, 4),
