@@ -44,6 +44,24 @@ impl std::fmt::Display for Refusal {
     }
 }
 
+/// How rows are held out to compare models: whole places of the plate, or regions of the joint space.
+fn split_of(experiment: &Experiment) -> Split {
+    if possible_splits(experiment).contains(&Split::Place) {
+        Split::Place
+    } else {
+        Split::Region(REGIONS)
+    }
+}
+
+/// Mean error on rows that were held out, in mm; none where the data are too few to tell.
+pub(crate) fn held_out_mm(experiment: &Experiment, options: &Options) -> Option<f64> {
+    let rows = experiment.observations.iter().filter(|o| o.set == Set::Calibrate);
+    if rows.count() < FEWEST {
+        return None;
+    }
+    holdout(experiment, options, &split_of(experiment)).ok()?.figure_mm()
+}
+
 /// The richest model up to [`Options::model`] that does not overfit, and what was
 /// refused on the way; nothing is refused where the data are too few to tell, or
 /// where the method has no models.
@@ -55,8 +73,7 @@ pub fn choose_model(experiment: &Experiment, options: &Options) -> Result<(Model
     if options.method != Method::Full || options.model == Model::Geometry || rows.count() < FEWEST {
         return Ok((options.model, None));
     }
-    let places = possible_splits(experiment).contains(&Split::Place);
-    let split = if places { Split::Place } else { Split::Region(REGIONS) };
+    let split = split_of(experiment);
     let allowed: Vec<Model> = Model::ALL
         .into_iter()
         .rev()

@@ -38,7 +38,7 @@ pub(super) struct Fit {
 }
 
 /// The experiment with only the named rows; the experiment itself where they are all.
-fn only<'a>(experiment: &'a Experiment, keep: &[usize]) -> Cow<'a, Experiment> {
+pub(super) fn only<'a>(experiment: &'a Experiment, keep: &[usize]) -> Cow<'a, Experiment> {
     if keep.len() == experiment.observations.len() && keep.iter().enumerate().all(|(k, i)| k == *i) {
         return Cow::Borrowed(experiment);
     }
@@ -123,10 +123,10 @@ pub(super) fn fit(
             ..Override::default()
         });
     }
-    if choose && (asked.align || asked.choose_model) {
+    if choose && (asked.choose_priors || asked.choose_model) {
         let all: Vec<usize> = (0..own.observations.len()).collect();
         let some = only(&own, &thinned(&own, &all, CHOOSING)).into_owned();
-        if asked.align {
+        if asked.choose_priors {
             let wider;
             (options, wider) = tune::choose(&some, &options);
             chosen.extend(wider);

@@ -8,9 +8,11 @@ use crate::Options;
 pub struct EvaluateOptions {
     /// How to identify.
     pub identify: Options,
-    /// Align frames and tool first: leaves gross errors out, takes a tool that is far
-    /// from what was said from the data, and chooses the width of the geometric priors.
+    /// Align frames and tool first: leaves gross errors out, and takes a tool that is far
+    /// from what was said from the data.
     pub align: bool,
+    /// Choose the widths of the geometric priors by the evidence.
+    pub choose_priors: bool,
     /// Choose the richest model that does not overfit.
     pub choose_model: bool,
     /// Cross-validate where nothing else judges the result.
@@ -31,6 +33,7 @@ impl Default for EvaluateOptions {
         Self {
             identify: Options::default(),
             align: true,
+            choose_priors: true,
             choose_model: true,
             cross_validate: true,
             diagnose: true,

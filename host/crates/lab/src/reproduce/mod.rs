@@ -111,6 +111,7 @@ pub fn reproduce(
     let asked = EvaluateOptions {
         identify: plain.clone(),
         align: false,
+        choose_priors: false,
         choose_model: false,
         cross_validate: false,
         diagnose: true,

@@ -65,6 +65,7 @@ pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable,
             ..Options::default()
         },
         align: false,
+        choose_priors: true,
         choose_model: false,
         cross_validate: false,
         diagnose: false,
