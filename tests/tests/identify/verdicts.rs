@@ -304,16 +304,18 @@ fn study_of_twenty_rows() {
     assert!(inside as f64 >= 0.85 * used as f64, "{inside} of {used}");
 }
 
-// Prints what is stated of robots as hard as real ones, after few and many poses. Fails if the interval of
-// the expected error holds the truth in fewer than 85 % of them.
+// Prints what is stated of robots as hard as real ones, after few and many poses: `docs/theory.md` says
+// that the interval is too narrow for them. Fails if the robots whose joint offsets reach 20 mrad, one in
+// three, are not calibrated: the mean error after 30 poses was 0.89 mm with the default priors alone.
 #[test]
 #[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
 fn study_of_arms_as_measured() {
-    let mut least = 1.0_f64;
-    for count in [30, 60, 150] {
+    for (count, most_mm) in [(30, 0.65), (60, 0.40), (150, 0.32)] {
         let poses = plan_of(count);
         let found = outcomes(World::W5, Broken::Nothing, seeds(7000, 20), &poses, false);
-        least = least.min(coverage(&format!("W5, {count} poses"), &found));
+        coverage(&format!("W5, {count} poses"), &found);
+        let mean = found.iter().map(|o| o.true_mm).sum::<f64>() / found.len() as f64;
+        println!("W5, {count} poses: mean error {mean:.3} mm");
+        assert!(mean < most_mm, "{count} poses: {mean} mm");
     }
-    assert!(least >= 0.85, "{least}");
 }
