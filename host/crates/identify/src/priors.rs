@@ -109,6 +109,7 @@ pub(crate) fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -
         unit,
         nominal,
         prior_sigma,
+        stated_sigma: prior_sigma,
         free: !fixed,
         set_by_user: false,
         reason,

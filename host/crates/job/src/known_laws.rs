@@ -59,12 +59,14 @@ pub fn known_laws_options(plant: &PlantConfig, joints: usize) -> Options {
                 nominal,
                 prior_sigma: Some(sigma),
                 free: None,
+                ..Override::default()
             }
         } else {
             Override {
                 nominal,
                 prior_sigma: None,
                 free: Some(false),
+                ..Override::default()
             }
         };
         options.parameters.0.insert(name, given);

@@ -239,7 +239,8 @@ pub fn diagnose(
     })
 }
 
-/// The parameter that is furthest from its nominal value, in sigmas of its prior.
+/// The parameter that is furthest from its nominal value, in sigmas of its prior as it was stated: a prior that the
+/// data widened would hide that they are those of another arm.
 /// Effects that have no nominal value and frames that have no prior do not count.
 fn furthest(table: &[Parameter], deviation: &[f64]) -> Option<Moved> {
     let candidates = table.iter().zip(deviation.iter()).filter_map(|(p, by)| {
@@ -248,7 +249,7 @@ fn furthest(table: &[Parameter], deviation: &[f64]) -> Option<Moved> {
             Kind::Theta(_) | Kind::Tool(_) | Kind::Sphere(..) => false,
             _ => return None,
         };
-        let sigmas = by.abs() / p.prior_sigma;
+        let sigmas = by.abs() / p.stated_sigma;
         sigmas.is_finite().then(|| Moved {
             name: p.name.clone(),
             sigmas,

@@ -31,6 +31,9 @@ struct Group {
     members: &'static [&'static str],
     /// Default prior, in m or rad.
     sigma: f64,
+    /// Prior of an arm without a factory calibration: no arm is believed to be further from its description, however
+    /// wide the prior that the data choose.
+    uncalibrated: f64,
     /// Unit in words: a thousandth of that of `sigma`.
     unit: &'static str,
 }
@@ -40,18 +43,21 @@ const GROUPS: [Group; 3] = [
         name: "lengths",
         members: &["a", "d"],
         sigma: priors::LENGTH_SIGMA_M,
+        uncalibrated: priors::UNCALIBRATED[0].1,
         unit: "mm",
     },
     Group {
         name: "twists",
         members: &["alpha", "beta"],
         sigma: priors::TWIST_SIGMA_RAD,
+        uncalibrated: priors::UNCALIBRATED[2].1,
         unit: "mrad",
     },
     Group {
         name: "offsets",
         members: &["theta"],
         sigma: priors::OFFSET_SIGMA_RAD,
+        uncalibrated: priors::UNCALIBRATED[3].1,
         unit: "mrad",
     },
 ];
@@ -83,6 +89,7 @@ fn widened(options: &Options, parallel_axes: bool, widths: &Widths) -> Options {
         for member in group.members.iter().filter(|m| parallel_axes || **m != "beta") {
             let prior = Override {
                 prior_sigma: Some(group.sigma * factor),
+                stated_sigma: Some((group.sigma * factor).min(group.uncalibrated)),
                 ..Override::default()
             };
             wide.parameters.0.insert((*member).to_owned(), prior);
