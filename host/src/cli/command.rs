@@ -5,6 +5,7 @@ use clap::{Parser, Subcommand};
 use super::args::{RunArgs, StoredArgs};
 use super::check::CheckArgs;
 use super::collect::CollectArgs;
+use super::commission::CommissionArgs;
 use super::doctor::DoctorArgs;
 use super::export::ExportArgs;
 use super::faults::FaultsArgs;
@@ -78,6 +79,8 @@ pub enum Command {
     #[command(after_help = "Example: spherecal teach --out cell-4 && \
                             spherecal run --waypoints cell-4/waypoints.toml --out cell-4")]
     Teach(RunArgs),
+    /// Commission a robot: its first run, in five steps, with a person at the robot.
+    Commission(Box<CommissionArgs>),
     /// Guide the arm by hand, and collect its contacts for `identify`; commands no torque.
     Collect(Box<CollectArgs>),
     /// Tell from a dozen contacts how wrong the robot's forward kinematics is.

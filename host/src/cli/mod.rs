@@ -11,6 +11,7 @@ mod args;
 mod check;
 mod collect;
 mod command;
+mod commission;
 #[cfg(feature = "dashboard")]
 mod dashboard;
 mod doctor;
@@ -104,6 +105,7 @@ fn execute(cli: Cli) -> Exit {
         Some(Command::Measure(args)) => stages::measure(&args),
         Some(Command::Teach(args)) => teach::run(&args),
         Some(Command::Check(args)) => check::run(&args),
+        Some(Command::Commission(args)) => commission::run(&args),
         Some(Command::Collect(args)) => collect::run(&args),
         Some(Command::Stability(args)) => stability::run(&args),
         Some(Command::Identify(args)) => identify::run(&args),

@@ -1,31 +1,40 @@
 //! The operator at this terminal, who leads the arm or moves the plate and confirms with the Enter
 //! key.
 
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 /// The operator at this terminal. A separate thread reads the keyboard, so that the control of the
 /// arm never waits for it.
 #[derive(Default)]
 pub(super) struct TerminalOperator {
-    lines: Option<Receiver<()>>,
+    lines: Option<Receiver<String>>,
 }
 
 impl TerminalOperator {
     /// Whether a line was entered since the last call.
     pub(super) fn entered(&mut self) -> bool {
+        matches!(self.line(), Some(Some(_)))
+    }
+
+    /// The next line that was entered, with its line end; `Some(None)` once the terminal is closed.
+    pub(super) fn line(&mut self) -> Option<Option<String>> {
         let lines = self.lines.get_or_insert_with(|| {
             let (told, lines) = channel();
             std::thread::spawn(move || {
                 let mut line = String::new();
                 // A closed stdin is not a confirmation.
                 while std::io::stdin().read_line(&mut line).is_ok_and(|count| count > 0) {
-                    if told.send(()).is_err() {
+                    if told.send(std::mem::take(&mut line)).is_err() {
                         break;
                     }
                 }
             });
             lines
         });
-        lines.try_recv().is_ok()
+        match lines.try_recv() {
+            Ok(line) => Some(Some(line)),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => Some(None),
+        }
     }
 }

@@ -9,6 +9,8 @@ mod arms;
 mod certificate;
 mod check;
 mod collect;
+#[cfg(target_os = "linux")]
+mod commission;
 mod damaged;
 mod docs;
 mod everyday;

@@ -3,6 +3,7 @@
 
 mod approaches;
 mod campaign;
+mod commission;
 mod contact;
 mod faults;
 mod injected;

@@ -31,6 +31,12 @@ pub enum CampaignError {
         /// This program's.
         expected: u16,
     },
+    /// Something commands the arm that is only to be read.
+    #[error("{what}: stop what moves the robot, and begin again")]
+    Commanded {
+        /// What shows it.
+        what: String,
+    },
     /// The controller is of another version.
     #[error(
         "the controller's firmware is version {found} (build {build}), but this program is version {expected}: \

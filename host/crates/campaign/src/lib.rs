@@ -22,6 +22,7 @@
 //! plant nor its truth.
 
 pub mod collect;
+pub mod commission;
 mod error;
 mod observe;
 mod operate;

@@ -298,6 +298,16 @@ impl<'a> Campaign<'a> {
         }
     }
 
+    /// Time limit from the start of the descent to the seated nest, in s.
+    pub(super) fn couple_limit(&self) -> f64 {
+        let p = self.assignment.procedure;
+        p.approach.tare_s
+            + 2.0 * p.approach.travel_m / p.approach.speed_m_s
+            + p.couple.hold_s
+            + p.seating.test_s
+            + 30.0
+    }
+
     /// One approach: touch, couple, poses, decouple.
     fn attempt(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<AtSphere, CampaignError> {
         let plan = self.assignment.plan;
@@ -312,11 +322,7 @@ impl<'a> Campaign<'a> {
             return Ok(AtSphere::Fault(report, None));
         }
         self.touching = true;
-        let limit = p.approach.tare_s
-            + 2.0 * p.approach.travel_m / p.approach.speed_m_s
-            + p.couple.hold_s
-            + p.seating.test_s
-            + 30.0;
+        let limit = self.couple_limit();
         let coupled = |s: &Session<'_>| {
             s.coupled
                 .filter(|c| c.sphere == visit.sphere_id && s.phase == Phase::Coupled)

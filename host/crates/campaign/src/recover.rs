@@ -10,8 +10,10 @@ use super::recovery::policy;
 use super::session::Session;
 use spherecal_plan::{Scene, Visit};
 
-/// Time limit of a free motion, in s of device time: half a turn takes an arm 8 s.
+/// Time limit of a free motion at the usual speed, in s of device time: half a turn takes an arm 8 s.
 const MOTION_S: f64 = 60.0;
+/// That usual speed, in rad/s.
+const USUAL_RAD_S: f64 = 0.5;
 
 /// Delay before a fault is cleared, in s, at attempt number `attempt` from 0.
 fn pause_s(report: &FaultReport, attempt: u32) -> f64 {
@@ -200,8 +202,13 @@ impl Campaign<'_> {
         })
     }
 
+    /// Time limit of a free motion at the speed of the procedure, in s.
+    fn motion_limit(&self) -> f64 {
+        MOTION_S * (USUAL_RAD_S / self.assignment.procedure.motion.speed_rad_s).max(1.0)
+    }
+
     /// One free motion on a clear way. Returns the fault, if one came.
-    fn go(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<Option<FaultReport>, CampaignError> {
+    pub(super) fn go(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<Option<FaultReport>, CampaignError> {
         let way = match (self.scene(), self.posture(session)) {
             (Some(scene), Some(q)) => scene
                 .way(&q, target)
@@ -217,7 +224,7 @@ impl Campaign<'_> {
         }
         for target in way {
             let target = joints(&target);
-            if let Some(report) = session.carry_to_rest(what, Command::Move { target }, MOTION_S)? {
+            if let Some(report) = session.carry_to_rest(what, Command::Move { target }, self.motion_limit())? {
                 return Ok(Some(report));
             }
         }

@@ -263,7 +263,7 @@ impl<'a> Session<'a> {
     }
 
     /// Whether the user wants to stop.
-    fn check_interrupt(&self) -> Result<(), CampaignError> {
+    pub(super) fn check_interrupt(&self) -> Result<(), CampaignError> {
         if self.interrupt.load(Ordering::Relaxed) {
             Err(CampaignError::Interrupted)
         } else {

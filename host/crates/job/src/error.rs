@@ -70,6 +70,15 @@ pub enum JobError {
         /// As given.
         link: String,
     },
+    /// The link leads to no robot that can be commissioned.
+    #[error(
+        "link \"{link}\": a robot is commissioned where it is connected: give franka:HOST, fri:PORT or tcp:HOST:PORT (or \
+         sim, to try it)"
+    )]
+    NotCommissioned {
+        /// As given.
+        link: String,
+    },
     /// What was to be injected was refused.
     #[error(transparent)]
     Inject(#[from] InjectError),
@@ -171,6 +180,7 @@ impl JobError {
             | Self::Plant(_)
             | Self::NoInjection { .. }
             | Self::NoRobot { .. }
+            | Self::NotCommissioned { .. }
             | Self::Inject(_)
             | Self::Resume { .. }
             | Self::Waypoints { .. }

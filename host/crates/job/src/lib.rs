@@ -12,6 +12,7 @@
 
 mod certificate;
 mod config;
+mod commission;
 pub mod connect;
 mod course;
 mod document;
@@ -39,6 +40,7 @@ mod tracker;
 mod waypoints;
 mod write;
 
+pub use commission::{Commissioning, commission, commissionings};
 pub use config::{
     CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, LaserSection, PlanSection,
     ToolSection,

@@ -32,6 +32,8 @@ pub struct JointReading {
     pub q: Vec<f64>,
     /// Torques of the actuators on the joints, in N m; empty where their sign is not known.
     pub tau: Vec<f64>,
+    /// Torques whose sign the interface does not tell, in N m; empty where `tau` has them.
+    pub unsigned_tau: Vec<f64>,
     /// What commands torques or positions, if anything does: the arm is not guided then.
     pub commanded: Option<String>,
 }
@@ -100,13 +102,14 @@ impl StateReader for FrankaReader {
         reading.q.extend_from_slice(&self.state.q);
         reading.tau.clear();
         reading.tau.extend_from_slice(&self.state.tau_J);
+        reading.unsigned_tau.clear();
         reading.commanded =
             (self.state.robot_mode == RobotMode::Move).then(|| format!("the robot's mode is \"{}\"", RobotMode::Move));
         Ok(())
     }
 }
 
-/// Reads an LBR behind a KUKA cabinet. Its readings contain no torques: their sign depends on the software.
+/// Reads an LBR behind a KUKA cabinet. The sign of its torques depends on the software: a reading has them without it.
 pub struct KukaReader {
     observer: fri::Observer,
     state: fri::State,
@@ -149,6 +152,8 @@ impl StateReader for KukaReader {
         reading.q.clear();
         reading.q.extend_from_slice(&self.state.q);
         reading.tau.clear();
+        reading.unsigned_tau.clear();
+        reading.unsigned_tau.extend_from_slice(&self.state.measured_torque);
         reading.commanded = self
             .state
             .is_commanding()
@@ -159,7 +164,7 @@ impl StateReader for KukaReader {
 
 /// Reads the drive at the other end of a drive link. The drive never gets an enabled command.
 pub struct DriveReader {
-    drive: TcpDrive,
+    drive: Box<dyn Drive>,
     state: DriveState,
     first: Option<u64>,
 }
@@ -170,7 +175,14 @@ impl DriveReader {
     /// # Errors
     /// No drive answers there, or it speaks another protocol.
     pub fn connect(address: &str) -> Result<Self, LinkError> {
-        let drive = TcpDrive::connect(address)?;
+        Self::new(Box::new(TcpDrive::connect(address)?))
+    }
+
+    /// Reads a drive that is already there.
+    ///
+    /// # Errors
+    /// It speaks another protocol.
+    pub fn new(drive: Box<dyn Drive>) -> Result<Self, LinkError> {
         let found = drive.hello().protocol;
         if found != PROTOCOL_VERSION {
             return Err(LinkError::Protocol {
@@ -219,6 +231,7 @@ impl StateReader for DriveReader {
         };
         reading.tau.clear();
         reading.tau.extend(self.state.tau.iter().map(|tau| sign * tau));
+        reading.unsigned_tau.clear();
         reading.commanded = None;
         Ok(())
     }

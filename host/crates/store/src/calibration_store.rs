@@ -70,13 +70,13 @@ pub trait CalibrationStore: Send {
     /// When the store fails.
     fn create_run(&mut self, new: &NewRun) -> Result<i64, StoreError>;
 
-    /// The newest run.
+    /// The newest calibration.
     ///
     /// # Errors
     /// When the store fails or the run does not decode.
     fn newest_run(&mut self) -> Result<Option<RunInfo>, StoreError>;
 
-    /// The runs of one arm, or of all if `arm` is empty; oldest first.
+    /// The runs of one arm, or of all if `arm` is empty, with its commissionings; oldest first.
     ///
     /// # Errors
     /// When the store fails or a run does not decode.
@@ -223,7 +223,8 @@ pub trait CalibrationStore: Send {
         if arm.is_empty() {
             return self.require_last_run();
         }
-        let found = self.runs_of(arm)?.pop().ok_or_else(|| StoreError::Absent {
+        let runs = self.runs_of(arm)?.into_iter();
+        let found = runs.filter(RunInfo::is_calibration).next_back().ok_or_else(|| StoreError::Absent {
             path: self.path().to_owned(),
             what: format!("holds no run of arm {arm}"),
             remedy: "`spherecal history` lists the stored runs",

@@ -19,7 +19,7 @@ use spherecal_model::fit_pose;
 use spherecal_model::halton::halton;
 
 use crate::time::{days, utc};
-use crate::{CalibrationStore, StoreError};
+use crate::{CalibrationStore, RunInfo, StoreError};
 
 /// How far an arm may move, in mm, before it must be calibrated again, unless the user sets another
 /// limit.
@@ -120,7 +120,7 @@ pub struct Past {
 /// When the store fails.
 pub fn read(store: &mut dyn CalibrationStore, arm: &str) -> Result<Vec<Past>, StoreError> {
     let mut past = Vec::new();
-    for info in store.runs_of(arm)? {
+    for info in store.runs_of(arm)?.into_iter().filter(RunInfo::is_calibration) {
         let summary: serde_json::Value = store
             .result(info.run, "summary")?
             .and_then(|json| serde_json::from_str(&json).ok())

@@ -29,16 +29,30 @@ pub struct RunInfo {
     pub plan_json: String,
     /// Program that began it.
     pub program: String,
-    /// `running`, `measured` or `complete`.
+    /// `running`, `measured` or `complete`; [`Self::COMMISSIONED`].
     pub state: String,
     /// Name of the arm: its serial number, or another name that is unique in the fleet.
     pub arm: String,
 }
 
+impl RunInfo {
+    /// State of a run that is no calibration: the first run on a robot, step by step.
+    pub const COMMISSIONED: &'static str = "commissioned";
+
+    /// Every state that a run can have.
+    pub const STATES: [&'static str; 4] = ["running", "measured", "complete", Self::COMMISSIONED];
+
+    /// Whether the run is a calibration.
+    pub fn is_calibration(&self) -> bool {
+        self.state != Self::COMMISSIONED
+    }
+}
+
 impl SqlStore {
+    /// The newest calibration.
     pub(super) fn newest_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
         let rows = self.rows(
-            "SELECT * FROM runs WHERE run = (SELECT MAX(run) FROM runs) AND $1 = $1",
+            "SELECT * FROM runs WHERE run = (SELECT MAX(run) FROM runs WHERE state <> 'commissioned') AND $1 = $1",
             0,
         )?;
         rows.first().map(|row| self.run_info(row)).transpose()

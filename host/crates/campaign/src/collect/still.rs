@@ -161,7 +161,7 @@ mod tests {
             time_s: k as f64 * 1e-3,
             q: vec![q, 1.0],
             tau: vec![2.0, -3.0],
-            commanded: None,
+            ..JointReading::default()
         };
         readings
             .enumerate()

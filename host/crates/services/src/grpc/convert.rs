@@ -10,7 +10,7 @@ use spherecal_shared::protocol::host::{
 use super::proto;
 use spherecal_link::Arrival;
 use spherecal_model::{LaserShot, Sphere};
-use spherecal_store::{NewRun, PlannedPose, SessionEnd};
+use spherecal_store::{NewRun, PlannedPose, RunInfo, SessionEnd};
 
 /// A text in a message that matches no type, or a list of the wrong length; in words.
 pub(super) type Malformed = String;
@@ -44,11 +44,12 @@ fn finite(field: &str, values: &[f64]) -> Result<(), Malformed> {
 
 /// A run's state from the wire.
 pub(super) fn state_of_run(state: &str) -> Result<(), Malformed> {
-    if ["running", "measured", "complete"].contains(&state) {
+    if RunInfo::STATES.contains(&state) {
         Ok(())
     } else {
         Err(format!(
-            "state is {state:?}: give \"running\", \"measured\" or \"complete\""
+            "state is {state:?}: give one of {}",
+            RunInfo::STATES.join(", ")
         ))
     }
 }

@@ -6,6 +6,7 @@ use sqlx::SqliteConnection;
 
 use super::Recovered;
 use super::rows::{StoredRow, read_table, run_of};
+use crate::RunInfo;
 use crate::seal::{SEALED, Value, of_row};
 use crate::spares::{SPARED, spheres_of};
 
@@ -112,7 +113,7 @@ impl Seals {
                 .find(|row| run_of(row) == Some(*run))
                 .and_then(|row| row.get(10));
             let state = match state {
-                Some(Value::Text(state)) if matches!(state.as_str(), "running" | "measured" | "complete") => state,
+                Some(Value::Text(state)) if RunInfo::STATES.contains(&state.as_str()) => state,
                 _ => "running",
             };
             copied.insert("run", Value::Whole(*run));

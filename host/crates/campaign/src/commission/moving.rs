@@ -1,0 +1,440 @@
+//! Steps 2 to 5: the controller holds the arm, moves it and touches a sphere.
+
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::Vector3;
+use spherecal_link::Device;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::host::{ApproachCommand, Command, FaultReport, Phase, Sample};
+use spherecal_shared::robot::JointLimits;
+
+use super::{Attendant, Figure, Step, StepReport};
+use crate::observe::{Observer, Stage};
+use crate::procedure::{Campaign, joints};
+use crate::session::{Session, Waited};
+use crate::teach::NoJournal;
+use crate::{Assignment, CampaignError, describe, remedy};
+
+/// What is accepted while the controller holds and moves the arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MovingLimits {
+    /// Time of each hold, in s.
+    pub hold_s: f64,
+    /// Largest movement of a joint at zero stiffness, in rad.
+    pub sink_rad: f64,
+    /// Largest movement of a joint that soft springs hold, in rad.
+    pub soft_rad: f64,
+    /// Largest speed of a joint that is held, in rad/s.
+    pub hold_rad_s: f64,
+    /// Largest commanded torque, as a share of a joint's limit.
+    pub torque_share: f64,
+    /// Largest force of the first contact, in N.
+    pub peak_n: f64,
+}
+
+impl Default for MovingLimits {
+    fn default() -> Self {
+        Self {
+            hold_s: 5.0,
+            sink_rad: 0.1,
+            soft_rad: 0.05,
+            hold_rad_s: 0.1,
+            torque_share: 0.9,
+            peak_n: 30.0,
+        }
+    }
+}
+
+/// Natural frequency of the soft springs, as a share of the usual one.
+const SOFT: f64 = 0.4;
+/// Speed of the free motions of each joint, as a share of the usual one.
+const SLOW: f64 = 0.1;
+/// Speed of the way to sphere 1, as a share of the usual one.
+const CALM: f64 = 0.25;
+/// How far each joint turns, in rad.
+const TURN_RAD: f64 = 0.1;
+/// Time limit of one turn, in s.
+const TURN_S: f64 = 60.0;
+/// The largest speed that counts as the set one, as a factor.
+const OVERSHOOT: f64 = 1.5;
+
+/// The procedure with these shares of speed and of natural frequency.
+fn gentle(procedure: &Procedure, speed: f64, natural: f64) -> Procedure {
+    let mut gentle = *procedure;
+    let motion = &mut gentle.motion;
+    // The smallest values that a procedure may have.
+    motion.speed_rad_s = (motion.speed_rad_s * speed).max(0.01);
+    motion.acceleration_rad_s2 = (motion.acceleration_rad_s2 * speed).max(0.01);
+    motion.natural_rad_s = (motion.natural_rad_s * natural).max(2.0);
+    gentle
+}
+
+/// What the samples of a while amount to.
+#[derive(Clone, Debug, Default)]
+struct Watch {
+    tick: u64,
+    first: Option<Sample>,
+    last: Sample,
+    moved_rad: f64,
+    speed_rad_s: f64,
+    torque_share: f64,
+    tcp_m: f64,
+    saturated: u64,
+}
+
+impl Watch {
+    /// Adds a sample that was not seen before.
+    fn add(&mut self, sample: &Sample, limits: &[JointLimits]) {
+        if self.first.is_some() && sample.tick == self.tick {
+            return;
+        }
+        self.tick = sample.tick;
+        self.last = *sample;
+        let first = *self.first.get_or_insert(*sample);
+        for (j, limit) in limits.iter().enumerate() {
+            let value = |of: &[f32]| of.get(j).map_or(0.0, |v| f64::from(*v));
+            self.moved_rad = self.moved_rad.max((value(&sample.q) - value(&first.q)).abs());
+            self.speed_rad_s = self.speed_rad_s.max(value(&sample.dq).abs());
+            self.torque_share = self.torque_share.max(value(&sample.command).abs() / limit.torque_nm);
+        }
+        let tcp = |s: &Sample| Vector3::from(s.tcp_m.map(f64::from));
+        self.tcp_m = self.tcp_m.max((tcp(sample) - tcp(&first)).norm());
+        self.saturated += u64::from(sample.flags & 1);
+    }
+}
+
+/// A procedure in progress.
+struct Commissioning<'a, 's> {
+    assignment: &'a Assignment<'a>,
+    session: Session<'s>,
+    attendant: &'a mut dyn Attendant,
+    limits: MovingLimits,
+    joints: Vec<JointLimits>,
+}
+
+/// Steps 2 to 5, as far as they pass. The arm is told to stop at the end of every way.
+///
+/// # Errors
+/// The link fails, a report cannot be kept, or the user interrupts. A fault of the controller is not an error: the step
+/// has failed.
+pub fn commission_moving(
+    assignment: &Assignment<'_>,
+    device: &mut dyn Device,
+    limits: &MovingLimits,
+    attendant: &mut dyn Attendant,
+    observer: &mut dyn Observer,
+    interrupt: &AtomicBool,
+) -> Result<Vec<StepReport>, CampaignError> {
+    let mut nowhere = NoJournal;
+    let lead_us = u64::from(assignment.options.lead_ms) * 1000;
+    let mut commissioning = Commissioning {
+        assignment,
+        session: Session::new(device, &mut nowhere, observer, interrupt, lead_us),
+        attendant,
+        limits: *limits,
+        joints: assignment.robot.joints.iter().map(|j| j.limits).collect(),
+    };
+    let mut reports = Vec::new();
+    let result = commissioning.all(&mut reports);
+    let stopped = commissioning.stop();
+    result.and(stopped).map(|()| reports)
+}
+
+impl Commissioning<'_, '_> {
+    fn all(&mut self, reports: &mut Vec<StepReport>) -> Result<(), CampaignError> {
+        for step in Step::ALL.into_iter().skip(1) {
+            let report = self.step(step)?;
+            self.attendant.done(&report)?;
+            let passed = report.verdict == super::Verdict::Passed;
+            reports.push(report);
+            if !passed {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, step: Step) -> Result<StepReport, CampaignError> {
+        self.attendant.tell(step.expectation());
+        let begun = step != Step::ZeroStiffness;
+        match self.agrees("Begin?", begun)? {
+            Waited::Got(true) => {}
+            Waited::Got(false) => return Ok(StepReport::declined(step)),
+            Waited::Fault(fault) => return Ok(faulted(step, Vec::new(), &fault)),
+        }
+        let done = match step {
+            Step::ReadOnly | Step::ZeroStiffness => self.zero_stiffness()?,
+            Step::SoftHold => self.soft_hold()?,
+            Step::FreeMotion => self.free_motion()?,
+            Step::Contact => self.contact()?,
+        };
+        let report = match done {
+            Waited::Got(figures) => StepReport::of(step, figures, Vec::new()),
+            Waited::Fault(fault) => return Ok(faulted(step, Vec::new(), &fault)),
+        };
+        Ok(match self.agrees("Was it as expected, without noise or trembling?", true)? {
+            Waited::Got(true) => report,
+            Waited::Got(false) => report.failed(
+                "the person at the robot saw something else than expected: find out what, before the arm moves again"
+                    .to_owned(),
+            ),
+            Waited::Fault(fault) => faulted(step, report.figures, &fault),
+        })
+    }
+
+    /// The answer to a question. The arm is kept alive meanwhile, once the session has begun.
+    fn agrees(&mut self, question: &str, begun: bool) -> Result<Waited<bool>, CampaignError> {
+        self.attendant.ask(question);
+        let attendant = &mut self.attendant;
+        if begun {
+            return self.session.wait("be answered", f64::INFINITY, |_| attendant.answer());
+        }
+        loop {
+            if let Some(answer) = attendant.answer() {
+                return Ok(Waited::Got(answer));
+            }
+            self.session.check_interrupt()?;
+            // Before the first command nothing has to be kept alive but the link.
+            self.session.step()?;
+        }
+    }
+
+    /// Watches the arm for a while.
+    fn watch(&mut self) -> Result<Waited<Watch>, CampaignError> {
+        let (mut watch, limits) = (Watch::default(), &self.joints);
+        let (begun, time_us) = (self.session.now_us(), (self.limits.hold_s * 1e6) as u64);
+        self.session.wait("be watched", 10.0 * self.limits.hold_s, |s| {
+            if let Some(sample) = &s.sample {
+                watch.add(sample, limits);
+            }
+            let over = s.now_us().saturating_sub(begun) >= time_us;
+            (over && watch.first.is_some()).then(|| watch.clone())
+        })
+    }
+
+    fn configure(&mut self, procedure: &Procedure) -> Result<(), CampaignError> {
+        let command = Command::Configure {
+            tool: *self.assignment.tool,
+            procedure: *procedure,
+        };
+        self.session.order("take the procedure", command)
+    }
+
+    fn hold_figures(&self, watch: &Watch, moved_rad: f64) -> Vec<Figure> {
+        let l = &self.limits;
+        vec![
+            Figure::judged(
+                "largest movement of a joint",
+                watch.moved_rad.to_degrees(),
+                "deg",
+                moved_rad.to_degrees(),
+            ),
+            Figure::shown("movement of the TCP", watch.tcp_m * 1e3, "mm"),
+            Figure::judged(
+                "largest joint speed",
+                watch.speed_rad_s.to_degrees(),
+                "deg/s",
+                l.hold_rad_s.to_degrees(),
+            ),
+            Figure::judged(
+                "largest commanded torque, of the joint's limit",
+                watch.torque_share * 100.0,
+                "%",
+                l.torque_share * 100.0,
+            ),
+        ]
+    }
+
+    fn zero_stiffness(&mut self) -> Result<Waited<Vec<Figure>>, CampaignError> {
+        // The controller holds as soon as it is configured: softly, from the first moment on.
+        let soft = gentle(self.assignment.procedure, SLOW, SOFT);
+        let assignment = Assignment {
+            procedure: &soft,
+            ..*self.assignment
+        };
+        Campaign::new(&assignment).begin(&mut self.session)?;
+        if let Some(fault) = self
+            .session
+            .carry_out("be guided", Command::HandGuide { on: true })?
+        {
+            return Ok(Waited::Fault(fault));
+        }
+        let watch = match self.watch()? {
+            Waited::Got(watch) => watch,
+            Waited::Fault(fault) => return Ok(Waited::Fault(fault)),
+        };
+        let hold = self.session.carry_to_rest("hold", Command::HandGuide { on: false }, TURN_S)?;
+        Ok(match hold {
+            None => Waited::Got(self.hold_figures(&watch, self.limits.sink_rad)),
+            Some(fault) => Waited::Fault(fault),
+        })
+    }
+
+    fn soft_hold(&mut self) -> Result<Waited<Vec<Figure>>, CampaignError> {
+        self.session.stage(Stage::Home, 0, self.assignment.plan);
+        Ok(match self.watch()? {
+            Waited::Got(watch) => Waited::Got(self.hold_figures(&watch, self.limits.soft_rad)),
+            Waited::Fault(fault) => Waited::Fault(fault),
+        })
+    }
+
+    fn free_motion(&mut self) -> Result<Waited<Vec<Figure>>, CampaignError> {
+        let slow = gentle(self.assignment.procedure, SLOW, 1.0);
+        self.configure(&slow)?;
+        let Some(start) = self.session.sample else {
+            return Err(CampaignError::Timeout {
+                what: "show where it stands".to_owned(),
+                limit_s: self.limits.hold_s,
+                phase: self.session.phase,
+            });
+        };
+        let start: Vec<f64> = start.q.iter().take(self.joints.len()).map(|q| f64::from(*q)).collect();
+        let mut watch = Watch::default();
+        let mut missed_rad = 0.0f64;
+        for (j, limit) in self.joints.clone().into_iter().enumerate() {
+            let margin = self.assignment.procedure.limits.position_margin_rad;
+            let (below, above) = (start[j] - limit.min_rad - margin, limit.max_rad - margin - start[j]);
+            let turn = TURN_RAD.min(0.5 * below.max(above)).max(0.0);
+            let mut away = start.clone();
+            away[j] += if above >= below { turn } else { -turn };
+            for target in [&away, &start] {
+                if let Some(fault) = self.turn(j, target, &mut watch)? {
+                    return Ok(Waited::Fault(fault));
+                }
+                let reached = watch.last.q.iter().zip(target).map(|(q, t)| (f64::from(*q) - t).abs());
+                missed_rad = missed_rad.max(reached.fold(0.0, f64::max));
+            }
+        }
+        let motion = &slow.motion;
+        Ok(Waited::Got(vec![
+            Figure::judged(
+                "largest distance from a target at rest",
+                missed_rad.to_degrees(),
+                "deg",
+                motion.tolerance_rad.to_degrees(),
+            ),
+            Figure::judged(
+                "largest joint speed",
+                watch.speed_rad_s.to_degrees(),
+                "deg/s",
+                (OVERSHOOT * motion.speed_rad_s).to_degrees(),
+            ),
+            Figure::judged(
+                "largest commanded torque, of the joint's limit",
+                watch.torque_share * 100.0,
+                "%",
+                self.limits.torque_share * 100.0,
+            ),
+            Figure::judged("samples with a torque at its limit", watch.saturated as f64, "", 0.0),
+        ]))
+    }
+
+    /// One motion of joint `j` (from 0) to `target`. Returns the fault, if one came.
+    fn turn(&mut self, j: usize, target: &[f64], watch: &mut Watch) -> Result<Option<FaultReport>, CampaignError> {
+        let what = format!("turn joint {}", j + 1);
+        let command = Command::Move { target: joints(target) };
+        if let Some(fault) = self.session.carry_out(&what, command)? {
+            return Ok(Some(fault));
+        }
+        let limits = &self.joints;
+        let waited = self.session.wait(&what, TURN_S, |s| {
+            if let Some(sample) = &s.sample {
+                watch.add(sample, limits);
+            }
+            s.rests().then_some(())
+        })?;
+        Ok(match waited {
+            Waited::Got(()) => None,
+            Waited::Fault(fault) => Some(fault),
+        })
+    }
+
+    fn contact(&mut self) -> Result<Waited<Vec<Figure>>, CampaignError> {
+        let calm = gentle(self.assignment.procedure, CALM, 1.0);
+        self.configure(&calm)?;
+        let assignment = Assignment {
+            procedure: &calm,
+            ..*self.assignment
+        };
+        let campaign = Campaign::new(&assignment);
+        let plan = assignment.plan;
+        let session = &mut self.session;
+        let Some(visit) = plan.spheres.first() else {
+            return Err(CampaignError::Blocked {
+                what: "sphere 1: the plan visits no sphere".to_owned(),
+            });
+        };
+        session.stage(Stage::Home, 0, plan);
+        for (what, target) in [
+            ("reach the home frame", &plan.home.joints),
+            ("reach the approach frame", &visit.approach.joints),
+        ] {
+            if let Some(fault) = campaign.go(session, what, target)? {
+                return Ok(Waited::Fault(fault));
+            }
+        }
+        session.stage(Stage::Couple, visit.sphere_id, plan);
+        session.coupled = None;
+        let contacts = session.contacts.len();
+        let approach = ApproachCommand {
+            sphere: visit.sphere_id,
+            direction: visit.approach_direction,
+        };
+        if let Some(fault) = session.carry_out("approach", Command::Approach(approach))? {
+            return Ok(Waited::Fault(fault));
+        }
+        let limit_s = campaign.couple_limit();
+        let coupled = session.wait("touch and couple", limit_s, |s| {
+            s.coupled.filter(|_| s.phase == Phase::Coupled)
+        })?;
+        let coupled = match coupled {
+            Waited::Got(coupled) => coupled,
+            Waited::Fault(fault) => return Ok(Waited::Fault(fault)),
+        };
+        if let Some(fault) = campaign.leave(session)? {
+            return Ok(Waited::Fault(fault));
+        }
+        let off = (Vector3::from(coupled.centre_m) - Vector3::from(visit.position_m)).norm();
+        let mut figures = Vec::new();
+        if let Some(contact) = session.contacts.get(contacts) {
+            let tare = Vector3::from(contact.tare_n).norm();
+            figures.extend([
+                Figure::judged("tare: force before the contact", tare, "N", calm.approach.tare_limit_n),
+                Figure::shown("force at the contact", contact.force_n, "N"),
+                Figure::judged("largest force of the descent", contact.peak_n, "N", self.limits.peak_n),
+                Figure::shown("way to the contact", contact.travel_m * 1e3, "mm"),
+            ]);
+        }
+        figures.extend([
+            Figure::shown("movement from contact to seat", coupled.shift_m * 1e3, "mm"),
+            Figure::judged(
+                "movement under the test pull",
+                coupled.test_m * 1e3,
+                "mm",
+                calm.seating.test_m * 1e3,
+            ),
+            Figure::shown("sphere from its nominal place", off * 1e3, "mm"),
+        ]);
+        Ok(Waited::Got(figures))
+    }
+
+    /// Has the arm stop and hold, where it moves.
+    fn stop(&mut self) -> Result<(), CampaignError> {
+        if self.session.banner.is_none() {
+            return Ok(());
+        }
+        if !matches!(self.session.phase, Phase::Idle | Phase::Fault) {
+            self.session.stop_at_once()?;
+        }
+        self.session.drain(20)
+    }
+}
+
+/// The report of a step that a fault ended.
+fn faulted(step: Step, figures: Vec<Figure>, fault: &FaultReport) -> StepReport {
+    StepReport::of(step, figures, Vec::new()).failed(format!(
+        "the controller stopped with {}: {}. The arm holds, or its brakes are closed",
+        describe(fault),
+        remedy(fault.fault)
+    ))
+}

@@ -1,0 +1,274 @@
+//! Step 1: the robot is read, nothing is commanded. Its angles, the sign of its torques, and what they say of arm
+//! and tool.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use spherecal_link::{JointReading, StateReader};
+use spherecal_shared::robot::{Inertia, Robot, Tool};
+
+use super::gravity::gravity_nm;
+use super::{Attendant, Figure, Step, StepReport};
+use crate::CampaignError;
+
+/// What is accepted while nothing is commanded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReadOnlyLimits {
+    /// Time that is read, in s.
+    pub time_s: f64,
+    /// Largest movement of a joint meanwhile, in rad.
+    pub moved_rad: f64,
+    /// Largest gap between two states, in s.
+    pub gap_s: f64,
+    /// Largest difference between measured and expected torque of a joint, as a share of its torque limit.
+    pub torque_share: f64,
+    /// Largest difference between the load at the flange and the one that is declared, in kg.
+    pub load_kg: f64,
+}
+
+impl Default for ReadOnlyLimits {
+    fn default() -> Self {
+        Self {
+            time_s: 2.0,
+            moved_rad: 1e-3,
+            gap_s: 0.02,
+            torque_share: 0.03,
+            load_kg: 0.3,
+        }
+    }
+}
+
+/// Gravity torque, in N m, from which the sign of the torques can be told.
+const TOLD_NM: f64 = 3.0;
+/// Agreement (cosine of the angle between measured and expected torques) from which the sign is told.
+const ALIKE: f64 = 0.8;
+/// Torque that 1 kg at the flange must cause for its mass to be told, as a share of a joint's torque limit.
+const TOLD_LOAD: f64 = 0.01;
+
+/// What the torques of an arm at rest are to gravity by the model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Sign {
+    /// They hold the arm.
+    OfActuator,
+    /// They are what the links do to the actuators.
+    OfLink,
+    /// Neither agrees.
+    Unknown,
+}
+
+fn sign(measured: &[f64], gravity: &[f64]) -> Sign {
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let (size, expected) = (dot(measured, measured).sqrt(), dot(gravity, gravity).sqrt());
+    let alike = dot(measured, gravity) / (size * expected);
+    if expected < TOLD_NM || alike.is_nan() {
+        Sign::Unknown
+    } else if alike > ALIKE {
+        Sign::OfActuator
+    } else if alike < -ALIKE {
+        Sign::OfLink
+    } else {
+        Sign::Unknown
+    }
+}
+
+/// The load beyond the declared one that explains torques best, in kg: each joint counts by its torque limit (N m).
+/// `None` where the pose hardly shows a load.
+fn extra_load_kg(residual: &[f64], per_kg: &[f64], most: &[f64]) -> Option<f64> {
+    let (mut along, mut square) = (0.0, 0.0);
+    for ((r, p), most) in residual.iter().zip(per_kg).zip(most) {
+        along += r * p / most.powi(2);
+        square += (p / most).powi(2);
+    }
+    (square.sqrt() > TOLD_LOAD).then(|| along / square)
+}
+
+/// Means of what was read.
+#[derive(Clone, Debug, Default)]
+struct Reading {
+    q: Vec<f64>,
+    tau: Vec<f64>,
+    /// Whether the sign of `tau` is declared by the robot's interface.
+    declared: bool,
+    moved_rad: f64,
+    gap_s: f64,
+    count: usize,
+}
+
+fn read(reader: &mut dyn StateReader, limits: &ReadOnlyLimits, interrupt: &AtomicBool) -> Result<Reading, CampaignError> {
+    let mut reading = JointReading::default();
+    let mut mean = Reading::default();
+    let (mut first, mut last): (Option<f64>, f64) = (None, 0.0);
+    let (mut low, mut high) = (Vec::new(), Vec::new());
+    loop {
+        if interrupt.load(Ordering::Relaxed) {
+            return Err(CampaignError::Interrupted);
+        }
+        reader.read(&mut reading)?;
+        if let Some(what) = &reading.commanded {
+            return Err(CampaignError::Commanded { what: what.clone() });
+        }
+        let begun = *first.get_or_insert(reading.time_s);
+        if mean.count == 0 {
+            mean.q = vec![0.0; reading.q.len()];
+            (low, high) = (reading.q.clone(), reading.q.clone());
+        } else {
+            mean.gap_s = mean.gap_s.max(reading.time_s - last);
+        }
+        last = reading.time_s;
+        mean.count += 1;
+        let declared = !reading.tau.is_empty();
+        let tau = if declared { &reading.tau } else { &reading.unsigned_tau };
+        mean.declared = declared;
+        mean.tau.resize(tau.len(), 0.0);
+        let add = |sum: &mut Vec<f64>, values: &[f64]| sum.iter_mut().zip(values).for_each(|(s, v)| *s += v);
+        add(&mut mean.q, &reading.q);
+        add(&mut mean.tau, tau);
+        for ((low, high), q) in low.iter_mut().zip(&mut high).zip(&reading.q) {
+            (*low, *high) = (q.min(*low), q.max(*high));
+        }
+        if last - begun >= limits.time_s {
+            break;
+        }
+    }
+    let count = mean.count as f64;
+    mean.q.iter_mut().chain(&mut mean.tau).for_each(|sum| *sum /= count);
+    let spread = low.iter().zip(&high).map(|(l, h)| h - l);
+    mean.moved_rad = spread.fold(0.0, f64::max);
+    Ok(mean)
+}
+
+/// Reads the robot and judges what it says.
+fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits) -> StepReport {
+    let mut figures = vec![
+        Figure::shown("states read", reading.count as f64, ""),
+        Figure::judged("longest time between two states", reading.gap_s * 1e3, "ms", limits.gap_s * 1e3),
+        Figure::judged("largest movement of a joint", reading.moved_rad.to_degrees(), "deg", limits.moved_rad.to_degrees()),
+    ];
+    for (joint, q) in (1..).zip(&reading.q) {
+        figures.push(Figure::shown(format!("joint {joint}"), q.to_degrees(), "deg"));
+    }
+    let mut remarks = Vec::new();
+    let joints = robot.joints.len();
+    let gravity = gravity_nm(robot, &tool.body, &reading.q);
+    let found = sign(&reading.tau, &gravity);
+    let known = reading.tau.len() == joints && found != Sign::Unknown;
+    if !known {
+        figures.push(Figure::unknown("measured torque minus gravity by the model", "N m"));
+        figures.push(Figure::unknown("load beyond the declared one", "kg"));
+        remarks.push(
+            "the torques tell nothing in this pose: stretch the arm forwards and repeat; if they stay unlike the \
+             model's, the robot or the tool is another one"
+                .to_owned(),
+        );
+        return StepReport::of(Step::ReadOnly, figures, remarks);
+    }
+    let turn = if found == Sign::OfLink { -1.0 } else { 1.0 };
+    let residual: Vec<f64> = reading.tau.iter().zip(&gravity).map(|(tau, g)| turn * tau - g).collect();
+    let most: Vec<f64> = robot.joints.iter().map(|j| j.limits.torque_nm).collect();
+    for ((joint, r), most) in (1..).zip(&residual).zip(&most) {
+        let name = format!("joint {joint}: measured torque minus gravity by the model");
+        figures.push(Figure::judged(name, *r, "N m", limits.torque_share * most));
+    }
+    // A load of 1 kg where the declared one is; at the TCP where none is declared.
+    let com_m = if tool.body.mass_kg > 0.0 { tool.body.com_m } else { tool.tcp_m };
+    let one = Inertia {
+        mass_kg: 1.0,
+        com_m,
+        ..Inertia::default()
+    };
+    let nothing = gravity_nm(robot, &Inertia::default(), &reading.q);
+    let per_kg: Vec<f64> = gravity_nm(robot, &one, &reading.q)
+        .iter()
+        .zip(&nothing)
+        .map(|(with, without)| with - without)
+        .collect();
+    match extra_load_kg(&residual, &per_kg, &most) {
+        Some(kg) => {
+            figures.push(Figure::judged("load beyond the declared one", kg, "kg", limits.load_kg));
+            if kg.abs() > limits.load_kg {
+                remarks.push(format!(
+                    "the torques look like a load of {:.2} kg, {:.2} kg is declared: correct the tool's mass and centre of \
+                     mass in the configuration and in the robot",
+                    tool.body.mass_kg + kg,
+                    tool.body.mass_kg
+                ));
+            }
+        }
+        None => figures.push(Figure::unknown("load beyond the declared one", "kg")),
+    }
+    let report = StepReport::of(Step::ReadOnly, figures, remarks);
+    match (reading.declared, found) {
+        (true, Sign::OfLink) => report.failed(
+            "the torques have the opposite sign of the one that the drive declares: correct torque_sign in its \
+             handshake"
+                .to_owned(),
+        ),
+        (false, _) => {
+            let words = if turn > 0.0 { "of the actuators on the links" } else { "of the links on the actuators" };
+            let mut report = report;
+            report
+                .remarks
+                .push(format!("by the gravity of the arm, the measured torques are those {words}"));
+            report
+        }
+        _ => report,
+    }
+}
+
+/// Step 1. Commands nothing.
+///
+/// # Errors
+/// The connection is lost, something commands the arm, or the user interrupts.
+pub fn commission_read_only(
+    reader: &mut dyn StateReader,
+    robot: &Robot,
+    tool: &Tool,
+    limits: &ReadOnlyLimits,
+    attendant: &mut dyn Attendant,
+    interrupt: &AtomicBool,
+) -> Result<StepReport, CampaignError> {
+    attendant.tell(Step::ReadOnly.expectation());
+    attendant.ask("Begin?");
+    if !answer(reader, attendant, interrupt)? {
+        return finished(StepReport::declined(Step::ReadOnly), attendant);
+    }
+    let found = read(reader, limits, interrupt)?;
+    if found.q.len() != robot.joints.len() {
+        return Err(CampaignError::Link(spherecal_link::LinkError::OtherRobot {
+            drive: found.q.len(),
+            robot: robot.joints.len(),
+        }));
+    }
+    let mut report = judge(&found, robot, tool, limits);
+    let angles: Vec<String> = found.q.iter().map(|q| format!("{:.2}", q.to_degrees())).collect();
+    attendant.tell(&format!("Joint angles, base to flange: {} degrees", angles.join(", ")));
+    attendant.ask("Does the pendant show the same angles, within 0.1 degrees?");
+    if !answer(reader, attendant, interrupt)? {
+        report = report.failed(
+            "the pendant shows other angles: the joints are in another order, or their zero positions differ".to_owned(),
+        );
+    }
+    finished(report, attendant)
+}
+
+fn finished(report: StepReport, attendant: &mut dyn Attendant) -> Result<StepReport, CampaignError> {
+    attendant.done(&report)?;
+    Ok(report)
+}
+
+/// Waits for an answer. The robot is read meanwhile, so that its states do not pile up.
+fn answer(
+    reader: &mut dyn StateReader,
+    attendant: &mut dyn Attendant,
+    interrupt: &AtomicBool,
+) -> Result<bool, CampaignError> {
+    let mut reading = JointReading::default();
+    loop {
+        if let Some(answer) = attendant.answer() {
+            return Ok(answer);
+        }
+        if interrupt.load(Ordering::Relaxed) {
+            return Err(CampaignError::Interrupted);
+        }
+        reader.read(&mut reading)?;
+    }
+}

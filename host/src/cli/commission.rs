@@ -1,0 +1,215 @@
+//! `spherecal commission`: the first run on a robot, step by step, with a person at the robot.
+
+use std::io::IsTerminal as _;
+
+use clap::Args;
+use spherecal_campaign::Observer;
+use spherecal_campaign::commission::{Attendant, Figure, Judgement, Step, StepReport};
+use spherecal_job::{self as job, Commissioning, JobError, Link};
+use spherecal_link::JournalError;
+
+use super::args::RunArgs;
+use super::exit::{CliError, Exit};
+use super::features;
+use super::interrupt::interrupt;
+use super::out::{errln, outln};
+use super::terminal_operator::TerminalOperator;
+
+/// Commission a robot: its first run, in five steps, with a person at the robot.
+///
+/// 1 read only: angles, sign of the torques, gravity of each joint, load at the flange; nothing is commanded.
+/// 2 zero stiffness: the arm is held against gravity without springs.
+/// 3 soft hold: it holds its place with soft springs.
+/// 4 free motion: each joint turns by about 6 degrees and back, at a tenth of the speed.
+/// 5 one contact: the nest touches sphere 1, couples, and leaves it.
+///
+/// Each step says what to expect, states what it measured beside its limit, and begins only after a typed yes. A step
+/// that fails, or a no, ends the procedure; the arm then holds, or its brakes are closed. Keep your hand on the emergency
+/// stop from step 2 on. The reports are kept in the database. It has not been tried on a robot yet.
+#[derive(Args, Clone, Debug)]
+#[command(
+    after_help = "Examples: spherecal commission --link franka:172.16.0.2 --config cell.toml --out cell-4\n          \
+    spherecal commission --show --out cell-4\n          \
+    spherecal commission --link sim      to see what it asks, without a robot\n\n\
+    Exit codes: 0 every step passed; 1 a step failed, was declined, or the link failed; 2 wrong input, or nobody at the \
+    terminal."
+)]
+pub struct CommissionArgs {
+    #[command(flatten)]
+    run: RunArgs,
+    /// Print the commissionings that the database holds (those of --arm, if it is given), and do nothing else.
+    #[arg(long)]
+    show: bool,
+}
+
+/// The person at this terminal.
+#[derive(Default)]
+struct Person {
+    operator: TerminalOperator,
+    question: String,
+}
+
+impl Attendant for Person {
+    fn tell(&mut self, text: &str) {
+        errln!("{text}");
+    }
+
+    fn ask(&mut self, question: &str) {
+        // What was typed before the question is no answer to it.
+        while self.operator.entered() {}
+        self.question = question.to_owned();
+        errln!("{question} Type yes or no, and press Enter:");
+    }
+
+    fn answer(&mut self) -> Option<bool> {
+        let line = self.operator.line()?;
+        match line.map(|text| text.trim().to_lowercase()).as_deref() {
+            Some("yes") => Some(true),
+            // A terminal that was closed agrees to nothing.
+            Some("no" | "n") | None => Some(false),
+            Some(_) => {
+                errln!("{} Type yes or no, and press Enter:", self.question);
+                None
+            }
+        }
+    }
+
+    fn done(&mut self, report: &StepReport) -> Result<(), JournalError> {
+        for line in lines(report) {
+            errln!("{line}");
+        }
+        errln!("");
+        Ok(())
+    }
+}
+
+/// Remarks of the campaign, on stderr.
+struct Remarks;
+
+impl Observer for Remarks {
+    fn note(&mut self, text: &str) {
+        errln!("  {text}");
+    }
+}
+
+/// A report as lines of text.
+fn lines(report: &StepReport) -> Vec<String> {
+    let number = Step::ALL.iter().position(|s| *s == report.step).unwrap_or_default() + 1;
+    let mut lines = vec![format!(
+        "Step {number} of {}, {}: {}",
+        Step::ALL.len(),
+        report.step.name(),
+        report.verdict.words()
+    )];
+    lines.extend(report.figures.iter().map(figure));
+    lines.extend(report.remarks.iter().map(|remark| format!("  {remark}")));
+    lines
+}
+
+fn figure(figure: &Figure) -> String {
+    let value = match figure.value {
+        Some(value) if value.fract() == 0.0 => format!("{value:.0}"),
+        Some(value) => format!("{value:.2}"),
+        None => "cannot tell".to_owned(),
+    };
+    let unit = if figure.value.is_some() { figure.unit.as_str() } else { "" };
+    let limit = figure.limit.map_or(String::new(), |l| format!("  (limit {l:.2})"));
+    let beyond = if figure.judgement() == Judgement::Beyond {
+        "  BEYOND THE LIMIT"
+    } else {
+        ""
+    };
+    format!("  {:52} {value:>11} {unit:5}{limit}{beyond}", figure.name)
+        .trim_end()
+        .to_owned()
+}
+
+fn show(args: &RunArgs) -> Result<Exit, CliError> {
+    let mut store = job::open_store(&args.database(), false)?;
+    let found = job::commissionings(store.as_mut(), args.arm.as_deref().unwrap_or_default())?;
+    if args.json {
+        outln!("{:#}", serde_json::json!({"command": "commission", "commissionings": found}));
+        return Ok(Exit::Done);
+    }
+    if found.is_empty() {
+        outln!("{} holds no commissioning", store.path().display());
+    }
+    for one in &found {
+        let run = one.run.unwrap_or_default();
+        let (arm, simulated) = (if one.arm.is_empty() { "-" } else { &one.arm }, simulated(one));
+        outln!("Run {run}, {}: {} (arm {arm}) over {}{simulated}", one.created_utc, one.robot, one.link);
+        one.steps.iter().flat_map(lines).for_each(|line| outln!("{line}"));
+        outln!("{}\n", outcome(one));
+    }
+    Ok(Exit::Done)
+}
+
+fn simulated(found: &Commissioning) -> &'static str {
+    if found.simulated { ", SIMULATED" } else { "" }
+}
+
+fn outcome(found: &Commissioning) -> &'static str {
+    if found.passed() {
+        "Every step passed."
+    } else {
+        "Not commissioned: not every step passed."
+    }
+}
+
+/// `spherecal commission`
+pub(super) fn run(args: &CommissionArgs) -> Result<Exit, CliError> {
+    let show_only = args.show;
+    let args = &args.run;
+    if show_only {
+        return show(args);
+    }
+    if args.resume {
+        return Err(CliError::input(
+            "--resume: `spherecal commission` always begins with its first step: leave the option out",
+        ));
+    }
+    if !matches!(args.link, Link::Sim | Link::Tcp(_) | Link::Franka { .. } | Link::Fri(_)) {
+        return Err(JobError::NotCommissioned {
+            link: args.link.to_string(),
+        }
+        .into());
+    }
+    if !std::io::stdin().is_terminal() {
+        return Err(CliError::input(
+            "`spherecal commission` needs a person at the robot, and the standard input is not a terminal: run it in a \
+             terminal beside the robot. No option answers in the person's place",
+        ));
+    }
+    features::check_run(args)?;
+    let interrupt = interrupt()?;
+    let prepared = args.prepare()?;
+    std::fs::create_dir_all(&args.out).map_err(|source| JobError::Write {
+        path: args.out.display().to_string(),
+        source,
+    })?;
+    let mut store = job::open_store(&args.database(), true)?;
+    errln!(
+        "Commissioning of {} over {}: five steps. The first commands nothing.\n",
+        prepared.robot.name,
+        args.link
+    );
+    let found = job::commission(
+        &prepared,
+        &args.link,
+        &args.out,
+        store.as_mut(),
+        &mut Person::default(),
+        &mut Remarks,
+        &interrupt,
+    )?;
+    if args.json {
+        let document = serde_json::json!({"command": "commission", "passed": found.passed(), "commissioning": found});
+        outln!("{document:#}");
+    } else {
+        outln!("{}{}", outcome(&found), simulated(&found));
+        if found.passed() {
+            outln!("\nNext: spherecal run --link {} --out {}", args.link, args.out.display());
+        }
+    }
+    Ok(if found.passed() { Exit::Done } else { Exit::Failed })
+}
