@@ -112,7 +112,11 @@ fn figure(figure: &Figure) -> String {
         Some(value) => format!("{value:.2}"),
         None => "cannot tell".to_owned(),
     };
-    let unit = if figure.value.is_some() { figure.unit.as_str() } else { "" };
+    let unit = if figure.value.is_some() {
+        figure.unit.as_str()
+    } else {
+        ""
+    };
     let limit = figure.limit.map_or(String::new(), |l| format!("  (limit {l:.2})"));
     let beyond = if figure.judgement() == Judgement::Beyond {
         "  BEYOND THE LIMIT"
@@ -128,7 +132,10 @@ fn show(args: &RunArgs) -> Result<Exit, CliError> {
     let mut store = job::open_store(&args.database(), false)?;
     let found = job::commissionings(store.as_mut(), args.arm.as_deref().unwrap_or_default())?;
     if args.json {
-        outln!("{:#}", serde_json::json!({"command": "commission", "commissionings": found}));
+        outln!(
+            "{:#}",
+            serde_json::json!({"command": "commission", "commissionings": found})
+        );
         return Ok(Exit::Done);
     }
     if found.is_empty() {
@@ -137,7 +144,12 @@ fn show(args: &RunArgs) -> Result<Exit, CliError> {
     for one in &found {
         let run = one.run.unwrap_or_default();
         let (arm, simulated) = (if one.arm.is_empty() { "-" } else { &one.arm }, simulated(one));
-        outln!("Run {run}, {}: {} (arm {arm}) over {}{simulated}", one.created_utc, one.robot, one.link);
+        outln!(
+            "Run {run}, {}: {} (arm {arm}) over {}{simulated}",
+            one.created_utc,
+            one.robot,
+            one.link
+        );
         one.steps.iter().flat_map(lines).for_each(|line| outln!("{line}"));
         outln!("{}\n", outcome(one));
     }
@@ -208,7 +220,11 @@ pub(super) fn run(args: &CommissionArgs) -> Result<Exit, CliError> {
     } else {
         outln!("{}{}", outcome(&found), simulated(&found));
         if found.passed() {
-            outln!("\nNext: spherecal run --link {} --out {}", args.link, args.out.display());
+            outln!(
+                "\nNext: spherecal run --link {} --out {}",
+                args.link,
+                args.out.display()
+            );
         }
     }
     Ok(if found.passed() { Exit::Done } else { Exit::Failed })

@@ -301,11 +301,7 @@ impl<'a> Campaign<'a> {
     /// Time limit from the start of the descent to the seated nest, in s.
     pub(super) fn couple_limit(&self) -> f64 {
         let p = self.assignment.procedure;
-        p.approach.tare_s
-            + 2.0 * p.approach.travel_m / p.approach.speed_m_s
-            + p.couple.hold_s
-            + p.seating.test_s
-            + 30.0
+        p.approach.tare_s + 2.0 * p.approach.travel_m / p.approach.speed_m_s + p.couple.hold_s + p.seating.test_s + 30.0
     }
 
     /// One approach: touch, couple, poses, decouple.

@@ -208,7 +208,12 @@ impl Campaign<'_> {
     }
 
     /// One free motion on a clear way. Returns the fault, if one came.
-    pub(super) fn go(&self, session: &mut Session<'_>, what: &str, target: &[f64]) -> Result<Option<FaultReport>, CampaignError> {
+    pub(super) fn go(
+        &self,
+        session: &mut Session<'_>,
+        what: &str,
+        target: &[f64],
+    ) -> Result<Option<FaultReport>, CampaignError> {
         let way = match (self.scene(), self.posture(session)) {
             (Some(scene), Some(q)) => scene
                 .way(&q, target)

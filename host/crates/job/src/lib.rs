@@ -11,8 +11,8 @@
 //! link.
 
 mod certificate;
-mod config;
 mod commission;
+mod config;
 pub mod connect;
 mod course;
 mod document;

@@ -253,17 +253,16 @@ impl Commissioning<'_, '_> {
             ..*self.assignment
         };
         Campaign::new(&assignment).begin(&mut self.session)?;
-        if let Some(fault) = self
-            .session
-            .carry_out("be guided", Command::HandGuide { on: true })?
-        {
+        if let Some(fault) = self.session.carry_out("be guided", Command::HandGuide { on: true })? {
             return Ok(Waited::Fault(fault));
         }
         let watch = match self.watch()? {
             Waited::Got(watch) => watch,
             Waited::Fault(fault) => return Ok(Waited::Fault(fault)),
         };
-        let hold = self.session.carry_to_rest("hold", Command::HandGuide { on: false }, TURN_S)?;
+        let hold = self
+            .session
+            .carry_to_rest("hold", Command::HandGuide { on: false }, TURN_S)?;
         Ok(match hold {
             None => Waited::Got(self.hold_figures(&watch, self.limits.sink_rad)),
             Some(fault) => Waited::Fault(fault),

@@ -93,7 +93,11 @@ struct Reading {
     count: usize,
 }
 
-fn read(reader: &mut dyn StateReader, limits: &ReadOnlyLimits, interrupt: &AtomicBool) -> Result<Reading, CampaignError> {
+fn read(
+    reader: &mut dyn StateReader,
+    limits: &ReadOnlyLimits,
+    interrupt: &AtomicBool,
+) -> Result<Reading, CampaignError> {
     let mut reading = JointReading::default();
     let mut mean = Reading::default();
     let (mut first, mut last): (Option<f64>, f64) = (None, 0.0);
@@ -140,8 +144,18 @@ fn read(reader: &mut dyn StateReader, limits: &ReadOnlyLimits, interrupt: &Atomi
 fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits) -> StepReport {
     let mut figures = vec![
         Figure::shown("states read", reading.count as f64, ""),
-        Figure::judged("longest time between two states", reading.gap_s * 1e3, "ms", limits.gap_s * 1e3),
-        Figure::judged("largest movement of a joint", reading.moved_rad.to_degrees(), "deg", limits.moved_rad.to_degrees()),
+        Figure::judged(
+            "longest time between two states",
+            reading.gap_s * 1e3,
+            "ms",
+            limits.gap_s * 1e3,
+        ),
+        Figure::judged(
+            "largest movement of a joint",
+            reading.moved_rad.to_degrees(),
+            "deg",
+            limits.moved_rad.to_degrees(),
+        ),
     ];
     for (joint, q) in (1..).zip(&reading.q) {
         figures.push(Figure::shown(format!("joint {joint}"), q.to_degrees(), "deg"));
@@ -162,14 +176,23 @@ fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits)
         return StepReport::of(Step::ReadOnly, figures, remarks);
     }
     let turn = if found == Sign::OfLink { -1.0 } else { 1.0 };
-    let residual: Vec<f64> = reading.tau.iter().zip(&gravity).map(|(tau, g)| turn * tau - g).collect();
+    let residual: Vec<f64> = reading
+        .tau
+        .iter()
+        .zip(&gravity)
+        .map(|(tau, g)| turn * tau - g)
+        .collect();
     let most: Vec<f64> = robot.joints.iter().map(|j| j.limits.torque_nm).collect();
     for ((joint, r), most) in (1..).zip(&residual).zip(&most) {
         let name = format!("joint {joint}: measured torque minus gravity by the model");
         figures.push(Figure::judged(name, *r, "N m", limits.torque_share * most));
     }
     // A load of 1 kg where the declared one is; at the TCP where none is declared.
-    let com_m = if tool.body.mass_kg > 0.0 { tool.body.com_m } else { tool.tcp_m };
+    let com_m = if tool.body.mass_kg > 0.0 {
+        tool.body.com_m
+    } else {
+        tool.tcp_m
+    };
     let one = Inertia {
         mass_kg: 1.0,
         com_m,
@@ -203,11 +226,15 @@ fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits)
                 .to_owned(),
         ),
         (false, _) => {
-            let words = if turn > 0.0 { "of the actuators on the links" } else { "of the links on the actuators" };
+            let words = if turn > 0.0 {
+                "of the actuators on the links"
+            } else {
+                "of the links on the actuators"
+            };
             let mut report = report;
-            report
-                .remarks
-                .push(format!("by the gravity of the arm, the measured torques are those {words}"));
+            report.remarks.push(format!(
+                "by the gravity of the arm, the measured torques are those {words}"
+            ));
             report
         }
         _ => report,
@@ -244,7 +271,8 @@ pub fn commission_read_only(
     attendant.ask("Does the pendant show the same angles, within 0.1 degrees?");
     if !answer(reader, attendant, interrupt)? {
         report = report.failed(
-            "the pendant shows other angles: the joints are in another order, or their zero positions differ".to_owned(),
+            "the pendant shows other angles: the joints are in another order, or their zero positions differ"
+                .to_owned(),
         );
     }
     finished(report, attendant)

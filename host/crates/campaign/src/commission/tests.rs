@@ -122,9 +122,16 @@ fn a_load_that_was_not_declared_is_found() {
     tool.body.mass_kg += 1.5;
     let report = read(still(&tool), &[true, true]).0.expect("read");
     assert_eq!(report.verdict, Verdict::Failed);
-    let load = report.figures.iter().find(|f| f.name.starts_with("load")).expect("told");
+    let load = report
+        .figures
+        .iter()
+        .find(|f| f.name.starts_with("load"))
+        .expect("told");
     assert!((load.value.expect("told") - 1.5).abs() < 0.1, "{load:?}");
-    assert!(report.remarks.iter().any(|r| r.contains("correct the tool's mass")), "{report:?}");
+    assert!(
+        report.remarks.iter().any(|r| r.contains("correct the tool's mass")),
+        "{report:?}"
+    );
 }
 
 // Fails if torques of the opposite sign pass where the drive declares their sign, or if the sign is not stated where it
@@ -154,7 +161,11 @@ fn an_upright_arm_cannot_tell() {
     upright.tau = vec![0.1; 7];
     let report = read(upright, &[true, true]).0.expect("read");
     assert_eq!(report.verdict, Verdict::Passed);
-    let unknown = report.figures.iter().filter(|f| f.judgement() == Judgement::CannotTell).count();
+    let unknown = report
+        .figures
+        .iter()
+        .filter(|f| f.judgement() == Judgement::CannotTell)
+        .count();
     assert_eq!(unknown, 2, "{report:?}");
 }
 
