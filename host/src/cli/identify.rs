@@ -10,7 +10,7 @@ use super::exit::{CliError, Exit};
 use super::out::{errln, outln};
 use super::stages;
 use super::study_progress::StudyProgress;
-use spherecal_identify::study::{Request, StudyError, study};
+use spherecal_identify::study::{Request, StudyError, anonymous_csv, study};
 use spherecal_identify::{Method, Model, Options};
 use spherecal_job::CertificateSection;
 use spherecal_job::study::{study_certificate, summary_json, summary_text, write_files};
@@ -91,6 +91,10 @@ pub struct IdentifyArgs {
     /// configuration.
     #[arg(long, value_name = "FILE.toml", requires = "data")]
     pub certificate: Option<PathBuf>,
+    /// Write the rows to this file for sharing: joints, torques, targets and placements alone, without names, further
+    /// columns or the instrument's place. `identify` gives the same robot from it.
+    #[arg(long, value_name = "FILE.csv", requires = "data")]
+    pub anonymise: Option<PathBuf>,
     /// Seed of what draws at random.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -161,6 +165,27 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, Stu
     })
 }
 
+/// Refuses a file that is there already: nothing is overwritten.
+fn refuse_existing(path: &Path) -> Result<(), CliError> {
+    if path.exists() {
+        return Err(CliError::input(format!(
+            "--anonymise: {} exists already: give another name",
+            path.display()
+        )));
+    }
+    Ok(())
+}
+
+/// Writes a file that is not there yet.
+fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
+    use std::io::Write as _;
+    let written = std::fs::File::create_new(path).and_then(|mut file| {
+        file.write_all(text.as_bytes())?;
+        file.sync_all()
+    });
+    written.map_err(|error| CliError::job(format!("--anonymise: {} cannot be written: {error}", path.display())))
+}
+
 /// `spherecal identify`
 pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     let refuse = |error: StudyError| {
@@ -183,10 +208,21 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         Some(path) => CertificateSection::read(path).map_err(CliError::input)?,
         None => CertificateSection::default(),
     };
+    if let Some(path) = &args.anonymise {
+        refuse_existing(path)?;
+    }
     let mut view = StudyProgress::new();
     let study = request(args, robot, data).and_then(|r| study(&r, &mut |step| view.show(step)));
     view.finish();
     let study = study.map_err(refuse)?;
+    if let Some(path) = &args.anonymise {
+        write_new(path, &anonymous_csv(&study.recordings))?;
+        errln!(
+            "{} has the rows without names. Share it with the robot's name or nominal table, the tool and the distances \
+             of the plate (docs/real-data.md)",
+            path.display()
+        );
+    }
     let certificate = study_certificate(&study, &stated);
     let report = render(&study_report(&study, &now_utc(), &certificate))?;
     let files = write_files(&study, &args.out, &certificate, Some(&report))?;

@@ -8,9 +8,11 @@
 //! Sources ─ assemble ─┘
 //! ```
 
+mod anonymous;
 mod load;
 mod sources;
 
+pub use anonymous::anonymous_csv;
 pub use load::{Loaded, Request, assemble, load};
 pub use sources::{PAPER_PLATE, Sources, TableSource};
 

@@ -1,5 +1,8 @@
 //! Real and synthetic data of robots that the code has never seen.
 
+use nalgebra::Vector3;
+use spherecal_model::Target;
+
 use super::*;
 
 fn data(name: &str) -> std::path::PathBuf {
@@ -316,4 +319,74 @@ fn couplings_and_regions_are_held_out_without_a_column() {
     assert_eq!(held.pooled.models[0].samples.len(), found.used.len());
     let calibrated = held.pooled.model("calibrated").unwrap().errors().mean_mm;
     assert!(calibrated < 0.4, "{calibrated} mm");
+}
+
+// Fails if the table for sharing has a name, a label or another column of its source, if it tells where the instrument
+// stood, or if another robot follows from it.
+#[test]
+fn an_anonymous_table_gives_the_same_robot() {
+    let directory = tempfile::tempdir().unwrap();
+    let plate = directory.path().join("plate.toml");
+    std::fs::write(&plate, SOCKETS).unwrap();
+    let contacts = Request {
+        robot: data("iiwa14.urdf").display().to_string(),
+        data: data("mukca_iiwa14.csv"),
+        plate: Some(plate),
+        ..Request::default()
+    };
+    // The same arm before a tracker that stands far away and is turned.
+    let found = study(&contacts, &mut |_| {}).unwrap();
+    let turned = nalgebra::Rotation3::from_euler_angles(0.4, -0.3, 1.0);
+    let mut table = String::from("q1,q2,q3,q4,q5,q6,q7,x_mm,y_mm,z_mm,operator\n");
+    for o in &found.recordings.experiment.observations {
+        let at = turned * found.evaluation.calibration.tcp_m(&o.q, None) + Vector3::new(4.0, -3.0, 1.5);
+        let numbers: Vec<String> =
+            o.q.iter()
+                .copied()
+                .chain((at * 1e3).iter().copied())
+                .map(|x| x.to_string())
+                .collect();
+        table.push_str(&format!("{},Ms Smith\n", numbers.join(",")));
+    }
+    let path = directory.path().join("tracker_of_line_4.csv");
+    std::fs::write(&path, table).unwrap();
+    let points = Request {
+        data: path,
+        plate: None,
+        ignore_columns: vec!["operator".to_owned()],
+        ..contacts.clone()
+    };
+    for (request, names) in [(contacts, ["front", "mukca"]), (points, ["Smith", "line_4"])] {
+        let named = study(&request, &mut |_| {}).unwrap();
+        let text = anonymous_csv(&named.recordings);
+        assert!(names.iter().all(|name| !text.contains(name)), "{text}");
+        let path = directory.path().join("anonymous.csv");
+        std::fs::write(&path, &text).unwrap();
+        let again = study(
+            &Request {
+                data: path,
+                ignore_columns: Vec::new(),
+                ..request
+            },
+            &mut |_| {},
+        )
+        .unwrap();
+        for (a, b) in named
+            .evaluation
+            .calibration
+            .parameters
+            .iter()
+            .zip(&again.evaluation.calibration.parameters)
+        {
+            assert_eq!(a.name, b.name);
+            let base = a.name.starts_with("base");
+            assert!(base || (a.estimate - b.estimate).abs() <= 1e-3 * a.sigma, "{a:?} {b:?}");
+        }
+        let points = again.recordings.experiment.observations.iter();
+        let far = points.filter_map(|o| match o.target {
+            Target::Point(p) => Some(Vector3::from(p).norm()),
+            _ => None,
+        });
+        assert!(far.fold(0.0, f64::max) < 2.0, "the points are about their mean");
+    }
 }
