@@ -74,7 +74,10 @@ fn a_person_commissions_a_robot() {
     assert_eq!(shown["commissionings"][0], found["commissioning"]);
     let words = spherecal(folder.path(), &["commission", "--show", "--out", "cell"]);
     let words = text(&words.stdout);
-    assert!(words.contains("SIMULATED") && words.contains("Every step passed"), "{words}");
+    assert!(
+        words.contains("SIMULATED") && words.contains("Every step passed"),
+        "{words}"
+    );
     let history = spherecal(folder.path(), &["history", "--json", "--out", "cell"]);
     let history: Value = serde_json::from_slice(&history.stdout).expect("one document");
     assert_eq!(history["runs"].as_array().map(Vec::len), Some(0));
@@ -86,7 +89,11 @@ fn a_person_commissions_a_robot() {
 #[test]
 fn only_a_yes_goes_on() {
     let folder = cell();
-    let (code, out, said) = at_terminal(folder.path(), &COMMISSION, &["yes\n", "yes\n", "\n", "y\n", "maybe\n", "no\n"]);
+    let (code, out, said) = at_terminal(
+        folder.path(),
+        &COMMISSION,
+        &["yes\n", "yes\n", "\n", "y\n", "maybe\n", "no\n"],
+    );
     assert_eq!(code, Some(1), "{said}");
     let found: Value = serde_json::from_str(&out).expect("one document");
     let steps = found["commissioning"]["steps"].as_array().expect("steps");

@@ -7,9 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use spherecal::campaign::Silent;
 use spherecal::campaign::commission::{Attendant, Step, StepReport, Verdict};
-use spherecal::job::{
-    Choice, Commissioning, Config, Link, Prepared, commission, commissionings, open_store, prepare,
-};
+use spherecal::job::{Choice, Commissioning, Config, Link, Prepared, commission, commissionings, open_store, prepare};
 use spherecal::link::JournalError;
 use spherecal::store::StoreLocation;
 
@@ -69,7 +67,10 @@ fn commissioned(prepared: &Prepared, person: &mut Person) -> (Commissioning, Vec
     );
     let found = found.expect("the simulated arm does not fail");
     let stored = commissionings(store.as_mut(), "").expect("readable");
-    assert!(store.newest_run().expect("readable").is_none(), "a commissioning is no calibration");
+    assert!(
+        store.newest_run().expect("readable").is_none(),
+        "a commissioning is no calibration"
+    );
     store.verify().expect("whole");
     (found, stored)
 }
@@ -78,7 +79,11 @@ fn commissioned(prepared: &Prepared, person: &mut Person) -> (Commissioning, Vec
 // fewer than two questions, or if the store does not hold what was found.
 #[test]
 fn sound_arms_pass_every_step() {
-    for (robot, preset, seed) in [("iiwa7", "typical", 1), ("iiwa7", "as_measured", 2), ("panda", "typical", 3)] {
+    for (robot, preset, seed) in [
+        ("iiwa7", "typical", 1),
+        ("iiwa7", "as_measured", 2),
+        ("panda", "typical", 3),
+    ] {
         let mut person = Person::default();
         let (found, stored) = commissioned(&prepared(robot, preset, seed), &mut person);
         assert!(found.passed(), "{robot} {preset} {seed}: {found:#?}");
@@ -102,7 +107,11 @@ fn a_no_ends_the_procedure() {
         assert_eq!(person.asked, no_to + 1, "nothing is asked after a no");
         assert_eq!(found.steps.len(), no_to / 2 + 1);
         let last = found.steps.last().expect("a step");
-        let expected = if no_to % 2 == 0 { Verdict::Declined } else { Verdict::Failed };
+        let expected = if no_to % 2 == 0 {
+            Verdict::Declined
+        } else {
+            Verdict::Failed
+        };
         assert_eq!(last.verdict, expected);
         assert!(!found.passed());
         assert_eq!(stored, [found]);
@@ -122,11 +131,7 @@ fn a_load_that_was_not_declared_is_found_before_the_arm_moves() {
 }
 
 /// The first step on an arm with another tool than the host believes.
-fn with_real_tool(
-    prepared: &Prepared,
-    tool: spherecal_shared::robot::Tool,
-    person: &mut Person,
-) -> Commissioning {
+fn with_real_tool(prepared: &Prepared, tool: spherecal_shared::robot::Tool, person: &mut Person) -> Commissioning {
     use spherecal::campaign::commission::{ReadOnlyLimits, commission_read_only};
     let arm = spherecal::sim::simulated_arm(&prepared.robot, &tool, &prepared.plant, &prepared.plan.home.joints);
     let mut reader = spherecal::link::DriveReader::new(arm.expect("an arm")).expect("this protocol");

@@ -103,6 +103,17 @@ pub struct GroupFit {
     pub per_freedom: f64,
 }
 
+/// Factors on the table's priors of the robot's effects.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PriorFactors {
+    /// Of joint compliance.
+    pub compliance: f64,
+    /// Of link bending and base tilt.
+    pub bending: f64,
+    /// Of encoder harmonics.
+    pub harmonics: f64,
+}
+
 /// A calibrated robot.
 #[derive(Clone, Debug, Serialize)]
 pub struct Calibration {
@@ -142,8 +153,11 @@ pub struct Calibration {
     pub effective_parameters: f64,
     /// Natural logarithm of the model's evidence; compares models on the same data.
     pub log_evidence: f64,
-    /// Factors on the priors of stiffness and of harmonics that the evidence chose.
-    pub prior_factors: (f64, f64),
+    /// Factors on the priors of the effects that the evidence chose.
+    pub prior_factors: PriorFactors,
+    /// Natural logarithm of the likelihood of heavy tails of the residuals over light ones; 0 where
+    /// none was compared.
+    pub heavy_tails: f64,
     /// Highest order of the encoder harmonics that the evidence left in the model.
     pub harmonic_orders: usize,
     /// Factor on the noise in estimate and covariance: 1 where residuals do not
@@ -396,7 +410,12 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         noise_scale: fit.scale,
         effective_parameters: fit.effective,
         log_evidence: fit.log_evidence,
-        prior_factors: (fit.choice.stiffness, fit.choice.harmonics),
+        prior_factors: PriorFactors {
+            compliance: fit.choice.compliance,
+            bending: fit.choice.bending,
+            harmonics: fit.choice.harmonics,
+        },
+        heavy_tails: fit.heavy_tails,
         harmonic_orders: fit.choice.orders.min(layout.orders),
         noise_inflation: fit.inflation,
         assumed_masses: nominal.assumed(),

@@ -316,6 +316,7 @@ impl DistanceProblem {
             covariance,
             log_evidence: f64::NAN,
             choice: Choice::default(),
+            heavy_tails: 0.0,
             inflation: 1.0,
             identifiability,
         };

@@ -11,9 +11,10 @@ use super::parameters::Kind;
 use super::search::Search;
 use super::solve::{Posterior, Unknowns};
 
-/// Factors that multiply the priors of compliance and bending: a real iiwa 7 has compliances of
-/// 6e-5 rad/(N m) by its gravity model.
-const STIFFNESS: [f64; 2] = [1.0, 8.0];
+/// Factors that multiply the priors of compliance and of bending: a real iiwa 7 has compliances of
+/// 6e-5 rad/(N m) by its gravity model. A factor of 30 on compliance gained nothing on simulated arms as
+/// hard as real ones, and left a real iiwa 14 with an expected error of 0.40 mm in place of 0.28 mm.
+const STIFFNESS: [(f64, f64); 4] = [(1.0, 1.0), (8.0, 8.0), (8.0, 1.0), (1.0, 8.0)];
 
 /// Alternatives for the priors of the harmonics: a factor on all, and the highest order that the
 /// encoders are assumed to have.
@@ -45,8 +46,10 @@ fn normaliser(nu: f64) -> f64 {
 /// Priors of the effects that the evidence chose, as factors on the table's priors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Choice {
-    /// Factor on compliance, bending and tilt.
-    pub(crate) stiffness: f64,
+    /// Factor on compliance.
+    pub(crate) compliance: f64,
+    /// Factor on bending and tilt.
+    pub(crate) bending: f64,
     /// Factor on the harmonics.
     pub(crate) harmonics: f64,
     /// Highest order of harmonics that is believed.
@@ -55,9 +58,11 @@ pub(crate) struct Choice {
 
 impl Default for Choice {
     fn default() -> Self {
+        let (compliance, bending) = STIFFNESS[0];
         let (harmonics, orders) = HARMONICS[0];
         Self {
-            stiffness: STIFFNESS[0],
+            compliance,
+            bending,
             harmonics,
             orders,
         }
@@ -74,7 +79,8 @@ impl Search<'_> {
                 continue;
             }
             let factor = match parameter.kind {
-                Kind::Compliance(_) | Kind::Bending(..) | Kind::Tilt(_) => choice.stiffness,
+                Kind::Compliance(_) => choice.compliance,
+                Kind::Bending(..) | Kind::Tilt(_) => choice.bending,
                 Kind::Cosine(_, k) | Kind::Sine(_, k) if k > choice.orders => ABSENT,
                 Kind::Cosine(..) | Kind::Sine(..) => choice.harmonics,
                 _ => continue,
@@ -93,8 +99,10 @@ impl Search<'_> {
         let rougher = HARMONICS[1..].iter().map(|h| (None, *h));
         let mut best = (first, f64::NEG_INFINITY);
         for (stiffness, (harmonics, orders)) in softer.into_iter().chain(rougher) {
+            let (compliance, bending) = stiffness.unwrap_or((best.0.compliance, best.0.bending));
             let candidate = Choice {
-                stiffness: stiffness.unwrap_or(best.0.stiffness),
+                compliance,
+                bending,
                 harmonics,
                 orders,
             };
@@ -109,22 +117,24 @@ impl Search<'_> {
         Ok(best.0)
     }
 
-    /// Chooses light tails if the residuals support them.
-    pub(super) fn choose_tails(&mut self) -> Result<(), IdentifyError> {
+    /// Chooses light tails if the residuals support them. Returns the log likelihood of heavy tails
+    /// over light ones; 0 where there is no choice.
+    pub(super) fn choose_tails(&mut self) -> Result<f64, IdentifyError> {
         let heavy = self.nu;
         if heavy <= 0.0 || heavy >= LIGHT_TAILS || !self.options.noise.estimate {
-            return Ok(());
+            return Ok(0.0);
         }
         let count = self.prepared.len() as f64;
         let likelihood = |nu: f64| {
             let found = likelihoods(&self.state, self.layout, self.prepared, &[self.whitening], nu);
             found.first().copied().unwrap_or_default() + count * normaliser(nu)
         };
-        if likelihood(LIGHT_TAILS) > likelihood(heavy) + TAILS_GAIN {
+        let gain = likelihood(heavy) - likelihood(LIGHT_TAILS);
+        if gain < -TAILS_GAIN {
             self.nu = LIGHT_TAILS;
             self.reweight()?;
         }
-        Ok(())
+        Ok(gain)
     }
 
     /// How much of the noise repeats. Poses that are neighbours in one joint's angle are compared

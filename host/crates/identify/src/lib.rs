@@ -77,7 +77,9 @@ pub mod study;
 pub mod validate;
 pub mod verdict;
 
-pub use calibration::{Calibration, FramePose, GroupFit, Outlier, ParameterEstimate, Residual, ResidualRow};
+pub use calibration::{
+    Calibration, FramePose, GroupFit, Outlier, ParameterEstimate, PriorFactors, Residual, ResidualRow,
+};
 pub use choice::{Refusal, choose_model};
 pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;

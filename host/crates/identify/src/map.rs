@@ -56,6 +56,8 @@ pub(crate) struct Fit {
     pub(crate) log_evidence: f64,
     /// Priors of the effects that the evidence chose.
     pub(crate) choice: Choice,
+    /// Log likelihood of heavy tails of the residuals over light ones; 0 where none was compared.
+    pub(crate) heavy_tails: f64,
     /// Factor on the noise that was used: see [`Noise::inflation`](super::options::Noise).
     pub(crate) inflation: f64,
     pub(crate) identifiability: Identifiability,
@@ -230,7 +232,7 @@ pub(crate) fn fit(
     search.unknowns = joined(&full_table, &plain_table, &search.unknowns);
     search.layout = &layout;
     search.table = &full_table;
-    let mut choice = Choice::default();
+    let (mut choice, mut heavy_tails) = (Choice::default(), 0.0);
     if richer {
         if noise.estimate {
             search.s2 = search.s2.min(1.0);
@@ -244,7 +246,7 @@ pub(crate) fn fit(
                 search.renew(&mut normal);
             }
             if k == 1 {
-                search.choose_tails()?;
+                heavy_tails = search.choose_tails()?;
                 choice = search.choose_priors(&normal, search.inflation())?;
             }
             if search.step(&normal, true)? < SETTLED && k > 0 {
@@ -297,6 +299,7 @@ pub(crate) fn fit(
         covariance,
         log_evidence,
         choice,
+        heavy_tails,
         inflation,
         identifiability,
     })

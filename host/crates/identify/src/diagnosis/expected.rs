@@ -12,8 +12,8 @@
 //! mean is the expected error, and their quantiles its interval. So the interval
 //! holds what the noise leaves open, what the model may leave out, and how well the
 //! sizes of both are known. The draws take one thing for granted: that errors which
-//! no cause describes are white, so that they average out. `SIZE_SIGMA` widens the
-//! interval by that.
+//! no cause describes are white, so that they average out. [`size_sigma`] widens the
+//! interval by that: more where the residuals' tails speak for such errors.
 
 use std::sync::Arc;
 
@@ -39,9 +39,13 @@ const DRAWS: (usize, usize) = (32, 10);
 /// Share of the draws inside the interval.
 const INSIDE: f64 = 0.95;
 /// How well the size of the whole error is known beyond what the draws hold, as a
-/// standard deviation of its logarithm. Set on simulated robots (`docs/theory.md` says
-/// which, and what other robots then showed).
-const SIZE_SIGMA: f64 = 0.10;
+/// standard deviation of its logarithm: where the residuals have light tails, where
+/// the rows are too few to tell, and where they have heavy ones. Set on simulated
+/// robots (`docs/theory.md` says which, and what other robots then showed).
+const SIZE_SIGMA: [f64; 3] = [0.10, 0.20, 0.30];
+/// Log likelihood of heavy tails over light ones, or the reverse, from which the
+/// tails are known.
+const TAILS_KNOWN: f64 = 3.0;
 /// Standard deviations of a normal variable that hold [`INSIDE`].
 const TWO_SIDED: f64 = 1.96;
 
@@ -111,12 +115,28 @@ impl Rigid {
     }
 }
 
+/// How well the size of the error is known, by the log likelihood of heavy tails of
+/// the residuals over light ones. Errors that no cause describes differ from pose to
+/// pose: an arm that has them has residuals with heavy tails.
+pub(crate) fn size_sigma(heavy_tails: f64) -> f64 {
+    let [light, open, heavy] = SIZE_SIGMA;
+    if heavy_tails > TAILS_KNOWN {
+        heavy
+    } else if heavy_tails < -TAILS_KNOWN {
+        light
+    } else {
+        open
+    }
+}
+
 /// What may be true minus what was estimated, over the workspace.
 #[derive(Clone, Debug)]
 pub(crate) struct Field {
     rigid: Rigid,
     /// One draw a column, 3 x configurations, in m, aligned.
     draws: DMatrix<f64>,
+    /// How well the size of the whole error is known: see [`size_sigma`].
+    size_sigma: f64,
     /// What tells the same by source.
     accounts: Arc<Accounts>,
 }
@@ -124,7 +144,8 @@ pub(crate) struct Field {
 impl Field {
     /// Draws the error of a fit. `rows` gives the columns of the model at a
     /// configuration in units of the linear model's scale (3 x m), and the posture;
-    /// `plate` are the columns of the certified coordinates.
+    /// `plate` are the columns of the certified coordinates; `size_sigma` is
+    /// [`size_sigma`] of the fit.
     ///
     /// # Errors
     /// Equations that have no solution.
@@ -133,6 +154,7 @@ impl Field {
         discrepancy: Discrepancy,
         configurations: &[(DMatrix<f64>, Posture)],
         plate: Vec<usize>,
+        size_sigma: f64,
     ) -> Result<Self, IdentifyError> {
         let count = configurations.len();
         let (m, all) = (discrepancy.m, discrepancy.w.ncols());
@@ -225,6 +247,7 @@ impl Field {
         Ok(Self {
             rigid,
             draws,
+            size_sigma,
             accounts: Arc::new(accounts),
         })
     }
@@ -233,7 +256,7 @@ impl Field {
     /// the estimate's; of the estimate itself without.
     pub(crate) fn expected(&self, off: Option<&[Vector3<f64>]>) -> ExpectedError {
         let (means, p95) = self.errors(off);
-        summary(means, &p95)
+        summary(means, &p95, self.size_sigma)
     }
 
     /// The same by source; none where the equations have no solution.
@@ -280,14 +303,14 @@ impl Field {
     }
 }
 
-fn summary(mut means: Vec<f64>, p95: &[f64]) -> ExpectedError {
+fn summary(mut means: Vec<f64>, p95: &[f64], size_sigma: f64) -> ExpectedError {
     let count = means.len().max(1) as f64;
     means.sort_by(f64::total_cmp);
     let mean = means.iter().sum::<f64>() / count;
     // Both spreads are independent, so their logarithms add in quadrature.
     let end = |share: f64| {
         let own = (quantile(&means, share) / mean).max(f64::MIN_POSITIVE).ln();
-        let wide = own.hypot(TWO_SIDED * SIZE_SIGMA);
+        let wide = own.hypot(TWO_SIDED * size_sigma);
         mean * if share < 0.5 { (-wide).exp() } else { wide.exp() }
     };
     let interval = [end(0.5 * (1.0 - INSIDE)), end(0.5 * (1.0 + INSIDE))];
@@ -317,18 +340,23 @@ mod tests {
     use super::*;
 
     // Fails if draws that all agree give an interval without width, if the interval does not
-    // hold the spread of draws that differ, or if no error at all gives a number that is none.
+    // hold the spread of draws that differ, if heavy tails do not widen it, or if no error at all
+    // gives a number that is none.
     #[test]
     fn the_interval_is_wider_than_the_draws() {
-        let same = summary(vec![1e-4; 50], &[2e-4; 50]);
+        let light = size_sigma(-4.0);
+        let same = summary(vec![1e-4; 50], &[2e-4; 50], light);
         let (low, high) = (same.interval[0] / same.mean, same.interval[1] / same.mean);
         assert!(
             (0.8..0.9).contains(&low) && (low * high - 1.0).abs() < 1e-12,
             "{same:?}"
         );
         let means: Vec<f64> = (0..101).map(|k| 0.5e-4 + 1e-6 * f64::from(k)).collect();
-        let spread = summary(means, &[2e-4; 101]);
+        let heavy = summary(vec![1e-4; 50], &[2e-4; 50], size_sigma(4.0));
+        assert!(heavy.interval[1] / heavy.mean > 1.7, "{heavy:?}");
+        assert!(light < size_sigma(0.0) && size_sigma(0.0) < size_sigma(4.0));
+        let spread = summary(means, &[2e-4; 101], light);
         assert!(spread.interval[0] < 0.0525 && spread.interval[1] > 0.1475, "{spread:?}");
-        assert_eq!(summary(vec![0.0; 3], &[0.0; 3]).interval, [0.0; 2]);
+        assert_eq!(summary(vec![0.0; 3], &[0.0; 3], light).interval, [0.0; 2]);
     }
 }

@@ -27,7 +27,7 @@ use serde::Serialize;
 use self::component::{Group, GroupOf};
 use self::dense::{Factor, transposed_product};
 use self::discrepancy::Discrepancy;
-use self::expected::{Field, Rigid};
+use self::expected::{Field, Rigid, size_sigma};
 use self::linear::{Linear, Posture};
 use self::scan::scan;
 use crate::calibration::finish;
@@ -225,7 +225,8 @@ pub fn diagnose(
     let noise_mm = discrepancy.noise_m * 1e3;
     let certified = |(_, p): &(usize, &Parameter)| matches!(p.kind, Kind::Sphere(..));
     let plate = table.iter().enumerate().filter(certified).map(|(column, _)| column);
-    let field = Field::draw(&linear, discrepancy, &configurations, plate.collect())?;
+    let size_sigma = size_sigma(calibration.heavy_tails);
+    let field = Field::draw(&linear, discrepancy, &configurations, plate.collect(), size_sigma)?;
     Ok(Diagnosis {
         expected: field.expected(None),
         findings,
