@@ -24,14 +24,14 @@ use super::terminal_operator::TerminalOperator;
 /// 5 one contact: the nest touches sphere 1, couples, and leaves it.
 ///
 /// Each step says what to expect, states what it measured beside its limit, and begins only after a typed yes. A step
-/// that fails, or a no, ends the procedure; the arm then holds, or its brakes are closed. Keep your hand on the emergency
+/// that fails or cannot tell, or a no, ends the procedure; the arm then holds, or its brakes are closed. Keep your hand on the emergency
 /// stop from step 2 on. The reports are kept in the database. It has not been tried on a robot yet.
 #[derive(Args, Clone, Debug)]
 #[command(
     after_help = "Examples: spherecal commission --link franka:172.16.0.2 --config cell.toml --out cell-4\n          \
     spherecal commission --show --out cell-4\n          \
     spherecal commission --link sim      to see what it asks, without a robot\n\n\
-    Exit codes: 0 every step passed; 1 a step failed, was declined, or the link failed; 2 wrong input, or nobody at the \
+    Exit codes: 0 every step passed; 1 a step failed, could not tell or was declined, or the link failed; 2 wrong input, or nobody at the \
     terminal."
 )]
 pub struct CommissionArgs {
@@ -101,6 +101,9 @@ fn lines(report: &StepReport) -> Vec<String> {
         report.step.name(),
         report.verdict.words()
     )];
+    if !report.ended_utc.is_empty() {
+        lines[0] += &format!(" ({})", report.ended_utc);
+    }
     lines.extend(report.figures.iter().map(figure));
     lines.extend(report.remarks.iter().map(|remark| format!("  {remark}")));
     lines
@@ -205,6 +208,12 @@ pub(super) fn run(args: &CommissionArgs) -> Result<Exit, CliError> {
         prepared.robot.name,
         args.link
     );
+    if matches!(args.link, Link::Fri(_)) {
+        errln!(
+            "Start the application on the cabinet now. Answer the question on its smartPAD only after your yes to step 2: you \
+             have 45 s then.\n"
+        );
+    }
     let found = job::commission(
         &prepared,
         &args.link,

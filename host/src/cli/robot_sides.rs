@@ -47,6 +47,10 @@ pub struct PlantArgs {
     /// sets 0.
     #[arg(long, value_name = "NM_RAD", requires = "fri", default_value_t = 0.0)]
     pub stiffness: f64,
+    /// The cabinet's application starts its first motion this long after a client answers, as a person does who has
+    /// to confirm it. In s.
+    #[arg(long, value_name = "S", requires = "fri", default_value_t = 0.0)]
+    pub start_after: f64,
     /// Wait up to 100 ms for each answer of a motion, so that a computer without real time causes
     /// no reflex. A real robot does not wait.
     #[arg(long)]
@@ -167,6 +171,9 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     if !(0.0..=5000.0).contains(&args.stiffness) {
         return Err(CliError::input("--stiffness: give 0 to 5000 N m/rad"));
     }
+    if !(0.0..=3600.0).contains(&args.start_after) {
+        return Err(CliError::input("--start-after: give 0 to 3600 s"));
+    }
     let config = args.configuration()?;
     // As much damping as stiffness for an inertia of 1 kg m2 and Lehr's damping ratio 0.7.
     let damping = 1.4 * args.stiffness.sqrt();
@@ -194,10 +201,16 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
         config.robot
     ));
     side.controls().guiding.store(args.guide.is_some(), Ordering::Relaxed);
-    // The application: a person confirms each motion at once.
-    side.controls().command.store(true, Ordering::Relaxed);
+    // The application: a person confirms each motion at once, but the first one when it is time.
+    let mut answered: Option<Instant> = None;
     let mut without_motion = Instant::now();
     wait(&interrupt, || {
+        if side.statistics().answered > 0 {
+            answered.get_or_insert_with(Instant::now);
+        }
+        if answered.is_none_or(|since| since.elapsed().as_secs_f64() < args.start_after) {
+            return;
+        }
         let moving = matches!(
             side.statistics().session,
             Some(SessionState::CommandingWait | SessionState::CommandingActive)

@@ -150,6 +150,21 @@ pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
     })
 }
 
+/// Says so if the robot behind its own interface was never commissioned. This is a warning alone: a commissioning may be
+/// in another database, and one that cannot be read prevents no run.
+fn warn_of_first_run(link: &Link, arm: &str, store: &mut dyn CalibrationStore) {
+    if !matches!(link, Link::Franka { .. } | Link::Fri(_)) {
+        return;
+    }
+    let known = job::commissionings(store, arm).unwrap_or_default();
+    if !known.iter().any(|one| one.passed() && !one.simulated) {
+        errln!(
+            "warning: this database holds no commissioning that this arm passed: `spherecal commission --link {link}` is the \
+             careful first run on a robot"
+        );
+    }
+}
+
 /// Plans and measures, or continues the last run. The outside views stay open.
 pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
     features::check_run(args)?;
@@ -162,6 +177,7 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
         let mut store = open_store(&args.database(), true)?;
         // A new run in a damaged file could not be read back.
         store.verify()?;
+        warn_of_first_run(&args.link, &prepared.config.arm, store.as_mut());
         (store, prepared, None)
     };
     // A server takes care of several writers itself.

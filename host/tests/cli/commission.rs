@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{Read as _, Write as _};
+use std::net::UdpSocket;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -135,4 +136,51 @@ fn a_drive_behind_a_wire_is_commissioned() {
     assert_eq!(code, Some(0), "{said}");
     let found: Value = serde_json::from_str(&out).expect("one document");
     assert_eq!(found["commissioning"]["link"], link);
+}
+
+/// Commissions over a robot's own interface; every step must pass.
+fn commissioned_over(link: &str) -> Value {
+    let folder = tempfile::tempdir().expect("a folder");
+    // The robot is the one that answers, or the usual one: the configuration names none.
+    let arguments = ["commission", "--poses", "3", "--link", link, "--out", "cell", "--json"];
+    let (code, out, said) = at_terminal(folder.path(), &arguments, &["yes\n"; 10]);
+    assert_eq!(code, Some(0), "{said}");
+    let found: Value = serde_json::from_str(&out).expect("one document");
+    assert_eq!(found["passed"], true, "{said}");
+    found["commissioning"].clone()
+}
+
+// Fails if a robot behind the Franka Control Interface is not commissioned: it is read over one connection and moved over
+// the next, in real time.
+#[test]
+#[ignore = "slow: a minute of real time"]
+fn slow_a_panda_is_commissioned() {
+    let robot = Server::start(&["plant", "--fci", "--version", "5", "--listen", "0", "--tolerant"]);
+    let found = commissioned_over(&robot.peer);
+    assert_eq!(found["robot"], "panda");
+}
+
+// Fails if an LBR behind a cabinet is not commissioned, or if the sign of its torques is not told. Its application starts
+// the motion only later, as a person does who answers the smartPAD after the yes.
+#[test]
+#[ignore = "slow: a minute of real time"]
+fn slow_an_lbr_is_commissioned() {
+    let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    let client = probe.local_addr().expect("an address");
+    drop(probe);
+    let robot = Server::start(&[
+        "plant",
+        "--fri",
+        &client.to_string(),
+        "--tolerant",
+        "--start-after",
+        "12",
+    ]);
+    let found = commissioned_over(&robot.peer);
+    let remarks = found["steps"][0]["remarks"].as_array().expect("remarks");
+    assert!(
+        remarks
+            .iter()
+            .any(|r| r.as_str().is_some_and(|r| r.contains("by the gravity of the arm")))
+    );
 }

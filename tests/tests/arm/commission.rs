@@ -3,13 +3,17 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use spherecal::campaign::Silent;
-use spherecal::campaign::commission::{Attendant, Step, StepReport, Verdict};
+use spherecal::campaign::commission::{Attendant, MovingLimits, Step, StepReport, Verdict, commission_moving};
+use spherecal::campaign::{Assignment, CampaignError, Silent};
 use spherecal::job::{Choice, Commissioning, Config, Link, Prepared, commission, commissionings, open_store, prepare};
-use spherecal::link::JournalError;
+use spherecal::link::{Drive, JournalError, LinkError, LocalDevice, controller_in_process};
+use spherecal::sim::plant::Disturbance;
+use spherecal::sim::{Disturb, simulated_arm};
 use spherecal::store::StoreLocation;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 
 /// Answers yes, but to the questions that are numbered.
 #[derive(Default)]
@@ -17,6 +21,7 @@ struct Person {
     asked: usize,
     no_to: Option<usize>,
     answers: VecDeque<bool>,
+    kept: Vec<StepReport>,
 }
 
 impl Attendant for Person {
@@ -34,6 +39,7 @@ impl Attendant for Person {
 
     fn done(&mut self, report: &StepReport) -> Result<(), JournalError> {
         println!("{report:#?}");
+        self.kept.push(report.clone());
         Ok(())
     }
 }
@@ -147,4 +153,135 @@ fn with_real_tool(prepared: &Prepared, tool: spherecal_shared::robot::Tool, pers
         steps: vec![report.expect("read")],
         ..Commissioning::default()
     }
+}
+
+/// A simulated arm to which something happens.
+struct Cell {
+    drive: Box<dyn Disturb>,
+    /// Control periods with open brakes.
+    enabled: Arc<AtomicU64>,
+    /// At how many of them something happens, in order.
+    happens: VecDeque<(u64, Disturbance)>,
+    /// The brakes never open.
+    stuck: bool,
+}
+
+impl Drive for Cell {
+    fn hello(&self) -> &DriveHello {
+        self.drive.hello()
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        if command.is_some_and(|c| c.enable) {
+            let count = self.enabled.fetch_add(1, Ordering::Relaxed);
+            while let Some((_, what)) = self.happens.pop_front_if(|(at, _)| *at <= count) {
+                self.drive.disturb(&what);
+            }
+        }
+        let held = command.filter(|_| self.stuck).map(|command| DriveCommand {
+            enable: false,
+            ..command.clone()
+        });
+        self.drive.exchange(held.as_ref().or(command), state)
+    }
+}
+
+/// Steps 2 to 5 in such a cell: their reports, the error, the questions asked, and the periods with open brakes.
+fn moved_in(
+    happens: &[(u64, Disturbance)],
+    stuck: bool,
+    no_to: Option<usize>,
+) -> (Vec<StepReport>, Option<CampaignError>, usize, u64) {
+    let prepared = prepared("iiwa7", "typical", 1);
+    let arm = simulated_arm(
+        &prepared.robot,
+        &prepared.tool,
+        &prepared.plant,
+        &prepared.plan.home.joints,
+    );
+    let enabled = Arc::new(AtomicU64::new(0));
+    let cell = Cell {
+        drive: arm.expect("an arm"),
+        enabled: Arc::clone(&enabled),
+        happens: happens.iter().copied().collect(),
+        stuck,
+    };
+    let controller = controller_in_process(7).expect("seven joints");
+    let mut device = LocalDevice::new(controller, Box::new(cell), 7).expect("they fit");
+    let done = std::collections::BTreeSet::new();
+    let assignment = Assignment {
+        robot: &prepared.robot,
+        tool: &prepared.tool,
+        procedure: &prepared.config.procedure,
+        plan: &prepared.plan,
+        done: &done,
+        seated: &[],
+        options: prepared.config.campaign.options(),
+    };
+    let mut person = Person {
+        no_to,
+        ..Person::default()
+    };
+    let result = commission_moving(
+        &assignment,
+        &mut device,
+        &MovingLimits::default(),
+        &mut person,
+        &mut Silent,
+        &AtomicBool::new(false),
+    );
+    (person.kept, result.err(), person.asked, enabled.load(Ordering::Relaxed))
+}
+
+// Fails if the brakes open although the person did not agree to the first step that moves.
+#[test]
+fn without_a_yes_no_torque_is_commanded() {
+    let (kept, error, asked, enabled) = moved_in(&[], false, Some(0));
+    assert!(error.is_none(), "{error:?}");
+    assert_eq!((kept.len(), kept[0].verdict), (1, Verdict::Declined));
+    assert_eq!((asked, enabled), (1, 0));
+}
+
+// Fails if an arm that is pushed, or that carries what nobody declared, passes at zero stiffness, if it is watched on
+// while it goes, or if the person is asked whether that was as expected. A second of ramps comes before the hold.
+#[test]
+fn an_arm_that_goes_ends_at_zero_stiffness() {
+    let (_, _, _, whole) = moved_in(&[], false, Some(1));
+    for what in [Disturbance::Push([0.0, 40.0, 0.0]), Disturbance::Payload(3.0)] {
+        let (kept, error, asked, enabled) = moved_in(&[(1000, what)], false, None);
+        assert!(error.is_none(), "{error:?}");
+        assert_eq!((kept.len(), asked), (1, 1), "{kept:?}");
+        assert_eq!(
+            (kept[0].step, kept[0].verdict),
+            (Step::ZeroStiffness, Verdict::Failed),
+            "{kept:?}"
+        );
+        assert!(!kept[0].remarks.is_empty(), "it says what to do");
+        assert!(enabled + 2000 < whole, "{what:?}: {enabled} of {whole} periods");
+    }
+}
+
+// Fails if an arm passes that springs hold but a hand presses.
+#[test]
+fn a_pressed_arm_fails_the_soft_hold() {
+    let (_, _, _, first) = moved_in(&[], false, Some(2));
+    let press = (first + 500, Disturbance::Push([0.0, 0.0, -80.0]));
+    let (kept, error, asked, _) = moved_in(&[press], false, None);
+    assert!(error.is_none(), "{error:?}");
+    assert_eq!((kept.len(), asked), (2, 3), "{kept:?}");
+    assert_eq!(
+        (kept[1].step, kept[1].verdict),
+        (Step::SoftHold, Verdict::Failed),
+        "{kept:?}"
+    );
+}
+
+// Fails if an arm whose brakes never open passes, or if what ended its commissioning is not kept.
+#[test]
+fn a_stuck_arm_fails_and_is_kept() {
+    let (kept, error, _, _) = moved_in(&[], true, None);
+    let last = kept.last().expect("kept");
+    assert_eq!(last.verdict, Verdict::Failed, "{kept:?} {error:?}");
+    assert!(last.step <= Step::FreeMotion, "{kept:?}");
+    assert!(!last.remarks.is_empty(), "{last:?}");
 }

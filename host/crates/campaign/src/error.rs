@@ -146,6 +146,15 @@ pub enum CampaignError {
         /// What it should have done.
         what: String,
     },
+    /// No room for the free motion of a first run.
+    #[error(
+        "joint {joint} cannot turn a little to either side, within its limits and clear of spheres, plate and arm: guide the \
+         arm by hand to a place above the plate, away from the limits of its joints, and begin again"
+    )]
+    Crowded {
+        /// Number of the joint, from 1.
+        joint: usize,
+    },
     /// The controller was lost.
     #[error(
         "the controller was silent for {silent_s:.0} s and does not answer the handshake: check its power and the \

@@ -65,7 +65,7 @@ impl Campaign<'_> {
 
     /// The scene in which the arm moves: the plate where it stands, and the spheres where they were
     /// found. `None` if the planner cannot compute with the robot.
-    fn scene(&self) -> Option<Scene> {
+    pub(super) fn scene(&self) -> Option<Scene> {
         let chain = self.waypoints.chain()?;
         let found = self.places.found(self.place);
         let limits = &self.assignment.procedure.limits;

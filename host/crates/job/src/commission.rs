@@ -35,7 +35,7 @@ pub struct Commissioning {
     pub robot: String,
     /// Which one: its serial number or name.
     pub arm: String,
-    /// Whether the arm is simulated in this program.
+    /// Whether the arm is simulated, as the link or, from step 2 on, the controller tells.
     pub simulated: bool,
     /// The steps that were begun, in order.
     pub steps: Vec<StepReport>,
@@ -89,20 +89,41 @@ impl Attendant for Keeping<'_> {
         self.person.answer()
     }
 
+    fn simulated(&mut self) {
+        self.found.simulated = true;
+        self.person.simulated();
+    }
+
     fn done(&mut self, report: &StepReport) -> Result<(), JournalError> {
+        let report = StepReport {
+            ended_utc: spherecal_store::time::now_utc(),
+            ..report.clone()
+        };
         self.found.steps.push(report.clone());
         self.keep().map_err(|error| match error {
             JobError::Store(error) => store_error(error),
             other => JournalError::store(other),
         })?;
-        self.person.done(report)
+        self.person.done(&report)
     }
 }
 
 /// A reader of the robot behind the link, which commands nothing.
 fn reader(prepared: &Prepared, link: &Link) -> Result<Box<dyn StateReader>, JobError> {
     Ok(match link {
-        Link::Franka { host, port } => Box::new(FrankaReader::connect(host, *port)?),
+        Link::Franka { host, port } => {
+            let reader = FrankaReader::connect(host, *port)?;
+            let found = if reader.is_panda() { "panda" } else { "fr3" };
+            let configured = prepared.config.robot.as_str();
+            if ["panda", "fr3"].contains(&configured) && configured != found {
+                return Err(JobError::OtherRobot {
+                    link: link.to_string(),
+                    found,
+                    configured: configured.to_owned(),
+                });
+            }
+            Box::new(reader)
+        }
         Link::Fri(address) => Box::new(KukaReader::listen(*address)?),
         Link::Tcp(address) => Box::new(DriveReader::connect(address)?),
         Link::Sim => {

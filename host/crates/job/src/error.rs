@@ -79,6 +79,18 @@ pub enum JobError {
         /// As given.
         link: String,
     },
+    /// The robot behind the link is not the configured one.
+    #[error(
+        "link \"{link}\": the robot there is a {found}, but the configuration has robot = \"{configured}\": correct it"
+    )]
+    OtherRobot {
+        /// The link.
+        link: String,
+        /// What the robot says it is.
+        found: &'static str,
+        /// What the configuration says.
+        configured: String,
+    },
     /// What was to be injected was refused.
     #[error(transparent)]
     Inject(#[from] InjectError),
@@ -181,6 +193,7 @@ impl JobError {
             | Self::NoInjection { .. }
             | Self::NoRobot { .. }
             | Self::NotCommissioned { .. }
+            | Self::OtherRobot { .. }
             | Self::Inject(_)
             | Self::Resume { .. }
             | Self::Waypoints { .. }

@@ -7,8 +7,8 @@
 //!   Attendant ─ yes or no ─────────────────────────────────────────┘
 //! ```
 //!
-//! A step passes only if everything that it measures is within its limit. A step that fails, or a "no", ends the
-//! procedure: nothing is commanded after it but to stop. What cannot be measured is said so; it is never a pass.
+//! A step passes only if everything that it measures is within its limit. A step that does not pass, or a "no", ends
+//! the procedure: nothing is commanded after it but to stop. What cannot be measured is said so; it is never a pass.
 
 mod figure;
 mod gravity;
@@ -16,6 +16,7 @@ mod moving;
 mod read_only;
 #[cfg(test)]
 mod tests;
+mod watch;
 
 use serde::{Deserialize, Serialize};
 
@@ -87,6 +88,34 @@ impl Step {
     }
 }
 
+impl Step {
+    /// What to do if something that it measured is beyond its limit.
+    pub fn remedy(self) -> &'static str {
+        match self {
+            Self::ReadOnly => {
+                "Do not go on. See that nothing touches the arm, that the configuration describes this robot and its tool, \
+                 and that the network loses nothing. Then begin again."
+            }
+            Self::ZeroStiffness => {
+                "Do not go on. See that nothing touches or pulls the arm (hoses, cables), and that mass and centre of mass of \
+                 the tool are right in the configuration and in the robot. Then begin again."
+            }
+            Self::SoftHold => {
+                "Do not go on. See that nothing touches the arm. If it trembled, lower procedure.motion.natural_rad_s. Then \
+                 begin again."
+            }
+            Self::FreeMotion => {
+                "Do not go on. See that nothing touched the arm, and that the joints' limits are right in the robot's file. \
+                 Then begin again."
+            }
+            Self::Contact => {
+                "Do not run a calibration yet. See that the plate stands where the configuration says, that nest and sphere \
+                 are clean, and that the tool's mass is right. Then begin again."
+            }
+        }
+    }
+}
+
 /// How a step ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -95,6 +124,8 @@ pub enum Verdict {
     Passed,
     /// Something is beyond its limit, a fault came, or the person saw something else than expected.
     Failed,
+    /// What the step is to show could not be measured: not a pass.
+    CannotTell,
     /// The person did not want the step.
     Declined,
 }
@@ -105,6 +136,7 @@ impl Verdict {
         match self {
             Self::Passed => "passed",
             Self::Failed => "FAILED",
+            Self::CannotTell => "cannot tell",
             Self::Declined => "declined",
         }
     }
@@ -119,20 +151,31 @@ pub struct StepReport {
     pub verdict: Verdict,
     /// What was measured.
     pub figures: Vec<Figure>,
-    /// Why it did not pass, and what to do; what could not be told where it passed.
+    /// Why it did not pass, and what to do.
     pub remarks: Vec<String>,
+    /// When it ended, UTC, RFC 3339; empty until the report is kept.
+    #[serde(default)]
+    pub ended_utc: String,
 }
 
 impl StepReport {
-    /// A report of what was measured: passed if no figure is beyond its limit.
-    pub(crate) fn of(step: Step, figures: Vec<Figure>, remarks: Vec<String>) -> Self {
-        let failed = figures.iter().any(|f| f.judgement() == Judgement::Beyond);
-        let verdict = if failed { Verdict::Failed } else { Verdict::Passed };
+    /// A report of what was measured: passed if every figure could be measured and none is beyond its limit.
+    pub(crate) fn of(step: Step, figures: Vec<Figure>, mut remarks: Vec<String>) -> Self {
+        let has = |judgement| figures.iter().any(|f| f.judgement() == judgement);
+        let verdict = if has(Judgement::Beyond) {
+            remarks.push(step.remedy().to_owned());
+            Verdict::Failed
+        } else if has(Judgement::CannotTell) {
+            Verdict::CannotTell
+        } else {
+            Verdict::Passed
+        };
         Self {
             step,
             verdict,
             figures,
             remarks,
+            ended_utc: String::new(),
         }
     }
 
@@ -150,6 +193,7 @@ impl StepReport {
             verdict: Verdict::Declined,
             figures: Vec::new(),
             remarks: vec!["the person at the robot did not agree to begin".to_owned()],
+            ended_utc: String::new(),
         }
     }
 }
@@ -164,6 +208,9 @@ pub trait Attendant {
 
     /// The answer, once there is one. The caller keeps the arm alive meanwhile.
     fn answer(&mut self) -> Option<bool>;
+
+    /// The controller says that its drive moves a simulated arm.
+    fn simulated(&mut self) {}
 
     /// A step has ended; its report is to be kept.
     ///

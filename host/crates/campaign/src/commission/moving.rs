@@ -5,10 +5,11 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::Vector3;
 use spherecal_link::Device;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::host::{ApproachCommand, Command, FaultReport, Phase, Sample};
+use spherecal_shared::protocol::host::{ApproachCommand, Command, FaultReport, Phase};
 use spherecal_shared::robot::JointLimits;
 
-use super::{Attendant, Figure, Step, StepReport};
+use super::watch::{CALM, SLOW, SOFT, Watch, aside, gentle};
+use super::{Attendant, Figure, Step, StepReport, Verdict};
 use crate::observe::{Observer, Stage};
 use crate::procedure::{Campaign, joints};
 use crate::session::{Session, Waited};
@@ -45,63 +46,10 @@ impl Default for MovingLimits {
     }
 }
 
-/// Natural frequency of the soft springs, as a share of the usual one.
-const SOFT: f64 = 0.4;
-/// Speed of the free motions of each joint, as a share of the usual one.
-const SLOW: f64 = 0.1;
-/// Speed of the way to sphere 1, as a share of the usual one.
-const CALM: f64 = 0.25;
-/// How far each joint turns, in rad.
-const TURN_RAD: f64 = 0.1;
 /// Time limit of one turn, in s.
 const TURN_S: f64 = 60.0;
 /// The largest speed that counts as the set one, as a factor.
 const OVERSHOOT: f64 = 1.5;
-
-/// The procedure with these shares of speed and of natural frequency.
-fn gentle(procedure: &Procedure, speed: f64, natural: f64) -> Procedure {
-    let mut gentle = *procedure;
-    let motion = &mut gentle.motion;
-    // The smallest values that a procedure may have.
-    motion.speed_rad_s = (motion.speed_rad_s * speed).max(0.01);
-    motion.acceleration_rad_s2 = (motion.acceleration_rad_s2 * speed).max(0.01);
-    motion.natural_rad_s = (motion.natural_rad_s * natural).max(2.0);
-    gentle
-}
-
-/// What the samples of a while amount to.
-#[derive(Clone, Debug, Default)]
-struct Watch {
-    tick: u64,
-    first: Option<Sample>,
-    last: Sample,
-    moved_rad: f64,
-    speed_rad_s: f64,
-    torque_share: f64,
-    tcp_m: f64,
-    saturated: u64,
-}
-
-impl Watch {
-    /// Adds a sample that was not seen before.
-    fn add(&mut self, sample: &Sample, limits: &[JointLimits]) {
-        if self.first.is_some() && sample.tick == self.tick {
-            return;
-        }
-        self.tick = sample.tick;
-        self.last = *sample;
-        let first = *self.first.get_or_insert(*sample);
-        for (j, limit) in limits.iter().enumerate() {
-            let value = |of: &[f32]| of.get(j).map_or(0.0, |v| f64::from(*v));
-            self.moved_rad = self.moved_rad.max((value(&sample.q) - value(&first.q)).abs());
-            self.speed_rad_s = self.speed_rad_s.max(value(&sample.dq).abs());
-            self.torque_share = self.torque_share.max(value(&sample.command).abs() / limit.torque_nm);
-        }
-        let tcp = |s: &Sample| Vector3::from(s.tcp_m.map(f64::from));
-        self.tcp_m = self.tcp_m.max((tcp(sample) - tcp(&first)).norm());
-        self.saturated += u64::from(sample.flags & 1);
-    }
-}
 
 /// A procedure in progress.
 struct Commissioning<'a, 's> {
@@ -143,12 +91,29 @@ pub fn commission_moving(
 impl Commissioning<'_, '_> {
     fn all(&mut self, reports: &mut Vec<StepReport>) -> Result<(), CampaignError> {
         for step in Step::ALL.into_iter().skip(1) {
-            let report = self.step(step)?;
-            self.attendant.done(&report)?;
-            let passed = report.verdict == super::Verdict::Passed;
-            reports.push(report);
-            if !passed {
-                break;
+            let ended = self.step(step);
+            if self.session.statistics.simulated {
+                self.attendant.simulated();
+            }
+            match ended {
+                Ok(report) if report.verdict == Verdict::Passed => {
+                    self.attendant.done(&report)?;
+                    reports.push(report);
+                }
+                Ok(report) => {
+                    // First the arm, then the report: to keep it takes time.
+                    let stopped = self.stop();
+                    self.attendant.done(&report)?;
+                    reports.push(report);
+                    return stopped;
+                }
+                Err(error) => {
+                    // What ended the procedure is kept, too. This error counts, not those that it causes.
+                    let _ = self.stop();
+                    let ended = StepReport::of(step, Vec::new(), Vec::new()).failed(error.to_string());
+                    let _ = self.attendant.done(&ended);
+                    return Err(error);
+                }
             }
         }
         Ok(())
@@ -172,6 +137,10 @@ impl Commissioning<'_, '_> {
             Waited::Got(figures) => StepReport::of(step, figures, Vec::new()),
             Waited::Fault(fault) => return Ok(faulted(step, Vec::new(), &fault)),
         };
+        if report.verdict != Verdict::Passed {
+            // Nothing is left to ask, and an answer would take time.
+            return Ok(report);
+        }
         Ok(match self.agrees("Was it as expected, without noise or trembling?", true)? {
             Waited::Got(true) => report,
             Waited::Got(false) => report.failed(
@@ -199,15 +168,17 @@ impl Commissioning<'_, '_> {
         }
     }
 
-    /// Watches the arm for a while.
-    fn watch(&mut self) -> Result<Waited<Watch>, CampaignError> {
+    /// Watches the arm for a while, or until a joint has moved by more than `moved_rad` or moves too fast.
+    fn watch(&mut self, moved_rad: f64) -> Result<Waited<Watch>, CampaignError> {
         let (mut watch, limits) = (Watch::default(), &self.joints);
+        let most_rad_s = self.limits.hold_rad_s;
         let (begun, time_us) = (self.session.now_us(), (self.limits.hold_s * 1e6) as u64);
         self.session.wait("be watched", 10.0 * self.limits.hold_s, |s| {
             if let Some(sample) = &s.sample {
                 watch.add(sample, limits);
             }
-            let over = s.now_us().saturating_sub(begun) >= time_us;
+            let beyond = watch.moved_rad > moved_rad || watch.speed_rad_s > most_rad_s;
+            let over = beyond || s.now_us().saturating_sub(begun) >= time_us;
             (over && watch.first.is_some()).then(|| watch.clone())
         })
     }
@@ -218,31 +189,6 @@ impl Commissioning<'_, '_> {
             procedure: *procedure,
         };
         self.session.order("take the procedure", command)
-    }
-
-    fn hold_figures(&self, watch: &Watch, moved_rad: f64) -> Vec<Figure> {
-        let l = &self.limits;
-        vec![
-            Figure::judged(
-                "largest movement of a joint",
-                watch.moved_rad.to_degrees(),
-                "deg",
-                moved_rad.to_degrees(),
-            ),
-            Figure::shown("movement of the TCP", watch.tcp_m * 1e3, "mm"),
-            Figure::judged(
-                "largest joint speed",
-                watch.speed_rad_s.to_degrees(),
-                "deg/s",
-                l.hold_rad_s.to_degrees(),
-            ),
-            Figure::judged(
-                "largest commanded torque, of the joint's limit",
-                watch.torque_share * 100.0,
-                "%",
-                l.torque_share * 100.0,
-            ),
-        ]
     }
 
     fn zero_stiffness(&mut self) -> Result<Waited<Vec<Figure>>, CampaignError> {
@@ -256,7 +202,7 @@ impl Commissioning<'_, '_> {
         if let Some(fault) = self.session.carry_out("be guided", Command::HandGuide { on: true })? {
             return Ok(Waited::Fault(fault));
         }
-        let watch = match self.watch()? {
+        let watch = match self.watch(self.limits.sink_rad)? {
             Waited::Got(watch) => watch,
             Waited::Fault(fault) => return Ok(Waited::Fault(fault)),
         };
@@ -264,15 +210,15 @@ impl Commissioning<'_, '_> {
             .session
             .carry_to_rest("hold", Command::HandGuide { on: false }, TURN_S)?;
         Ok(match hold {
-            None => Waited::Got(self.hold_figures(&watch, self.limits.sink_rad)),
+            None => Waited::Got(watch.held(&self.limits, self.limits.sink_rad)),
             Some(fault) => Waited::Fault(fault),
         })
     }
 
     fn soft_hold(&mut self) -> Result<Waited<Vec<Figure>>, CampaignError> {
         self.session.stage(Stage::Home, 0, self.assignment.plan);
-        Ok(match self.watch()? {
-            Waited::Got(watch) => Waited::Got(self.hold_figures(&watch, self.limits.soft_rad)),
+        Ok(match self.watch(self.limits.soft_rad)? {
+            Waited::Got(watch) => Waited::Got(watch.held(&self.limits, self.limits.soft_rad)),
             Waited::Fault(fault) => Waited::Fault(fault),
         })
     }
@@ -288,14 +234,19 @@ impl Commissioning<'_, '_> {
             });
         };
         let start: Vec<f64> = start.q.iter().take(self.joints.len()).map(|q| f64::from(*q)).collect();
+        let assignment = Assignment {
+            procedure: &slow,
+            ..*self.assignment
+        };
+        let scene = Campaign::new(&assignment).scene();
         let mut watch = Watch::default();
         let mut missed_rad = 0.0f64;
         for (j, limit) in self.joints.clone().into_iter().enumerate() {
             let margin = self.assignment.procedure.limits.position_margin_rad;
-            let (below, above) = (start[j] - limit.min_rad - margin, limit.max_rad - margin - start[j]);
-            let turn = TURN_RAD.min(0.5 * below.max(above)).max(0.0);
-            let mut away = start.clone();
-            away[j] += if above >= below { turn } else { -turn };
+            let clear = |away: &[f64]| scene.as_ref().is_none_or(|scene| scene.is_clear(&start, away));
+            let Some(away) = aside(&start, j, &limit, margin, clear) else {
+                return Err(CampaignError::Crowded { joint: j + 1 });
+            };
             for target in [&away, &start] {
                 if let Some(fault) = self.turn(j, target, &mut watch)? {
                     return Ok(Waited::Fault(fault));

@@ -19,6 +19,8 @@ pub struct ReadOnlyLimits {
     pub moved_rad: f64,
     /// Largest gap between two states, in s.
     pub gap_s: f64,
+    /// Largest share of states that do not arrive.
+    pub lost_share: f64,
     /// Largest difference between measured and expected torque of a joint, as a share of its torque limit.
     pub torque_share: f64,
     /// Largest difference between the load at the flange and the one that is declared, in kg.
@@ -31,6 +33,7 @@ impl Default for ReadOnlyLimits {
             time_s: 2.0,
             moved_rad: 1e-3,
             gap_s: 0.02,
+            lost_share: 0.02,
             torque_share: 0.03,
             load_kg: 0.3,
         }
@@ -51,22 +54,38 @@ enum Sign {
     OfActuator,
     /// They are what the links do to the actuators.
     OfLink,
-    /// Neither agrees.
-    Unknown,
+    /// Gravity is too small in this pose to tell.
+    Hidden,
+    /// They disagree with gravity under either sign.
+    Neither,
 }
 
-fn sign(measured: &[f64], gravity: &[f64]) -> Sign {
+/// Measured torques, turned by `turn`, minus gravity by the model: per joint, in N m.
+fn residual(measured: &[f64], gravity: &[f64], turn: f64) -> Vec<f64> {
+    measured.iter().zip(gravity).map(|(tau, g)| turn * tau - g).collect()
+}
+
+/// `most`: the residual that is accepted of each joint, in N m. `declared`: the interface tells the sign, and the
+/// torques are already those of the actuators.
+fn sign(measured: &[f64], gravity: &[f64], most: &[f64], declared: bool) -> Sign {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let (size, expected) = (dot(measured, measured).sqrt(), dot(gravity, gravity).sqrt());
     let alike = dot(measured, gravity) / (size * expected);
-    if expected < TOLD_NM || alike.is_nan() {
-        Sign::Unknown
-    } else if alike > ALIKE {
-        Sign::OfActuator
-    } else if alike < -ALIKE {
-        Sign::OfLink
+    if expected >= TOLD_NM && alike > ALIKE {
+        return Sign::OfActuator;
+    }
+    if expected >= TOLD_NM && alike < -ALIKE {
+        return Sign::OfLink;
+    }
+    // Torques of zero where the arm hangs heavy tell something: that they are wrong.
+    let fits = |turn| {
+        let residual = residual(measured, gravity, turn);
+        residual.iter().zip(most).all(|(r, most)| r.abs() <= *most)
+    };
+    if fits(1.0) || (!declared && fits(-1.0)) {
+        Sign::Hidden
     } else {
-        Sign::Unknown
+        Sign::Neither
     }
 }
 
@@ -90,6 +109,10 @@ struct Reading {
     declared: bool,
     moved_rad: f64,
     gap_s: f64,
+    /// Shortest time between two states: the period at which the robot numbers them.
+    period_s: f64,
+    /// Time from the first state to the last one.
+    time_s: f64,
     count: usize,
 }
 
@@ -115,7 +138,11 @@ fn read(
             mean.q = vec![0.0; reading.q.len()];
             (low, high) = (reading.q.clone(), reading.q.clone());
         } else {
-            mean.gap_s = mean.gap_s.max(reading.time_s - last);
+            let gap_s = reading.time_s - last;
+            mean.gap_s = mean.gap_s.max(gap_s);
+            if gap_s > 0.0 && (mean.period_s == 0.0 || gap_s < mean.period_s) {
+                mean.period_s = gap_s;
+            }
         }
         last = reading.time_s;
         mean.count += 1;
@@ -129,7 +156,8 @@ fn read(
         for ((low, high), q) in low.iter_mut().zip(&mut high).zip(&reading.q) {
             (*low, *high) = (q.min(*low), q.max(*high));
         }
-        if last - begun >= limits.time_s {
+        mean.time_s = last - begun;
+        if mean.time_s >= limits.time_s {
             break;
         }
     }
@@ -142,8 +170,17 @@ fn read(
 
 /// Reads the robot and judges what it says.
 fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits) -> StepReport {
+    // The robot numbers its states, one each period.
+    let lost = 1.0 - (reading.count as f64 - 1.0) * reading.period_s / reading.time_s;
     let mut figures = vec![
         Figure::shown("states read", reading.count as f64, ""),
+        Figure::shown("period of the states, by the robot", reading.period_s * 1e3, "ms"),
+        Figure::judged(
+            "states that did not arrive",
+            lost * 100.0,
+            "%",
+            limits.lost_share * 100.0,
+        ),
         Figure::judged(
             "longest time between two states",
             reading.gap_s * 1e3,
@@ -163,29 +200,41 @@ fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits)
     let mut remarks = Vec::new();
     let joints = robot.joints.len();
     let gravity = gravity_nm(robot, &tool.body, &reading.q);
-    let found = sign(&reading.tau, &gravity);
-    let known = reading.tau.len() == joints && found != Sign::Unknown;
-    if !known {
+    let most: Vec<f64> = robot.joints.iter().map(|j| j.limits.torque_nm).collect();
+    let accepted: Vec<f64> = most.iter().map(|most| limits.torque_share * most).collect();
+    let found = if reading.tau.len() == joints {
+        sign(&reading.tau, &gravity, &accepted, reading.declared)
+    } else {
+        Sign::Hidden
+    };
+    if found == Sign::Hidden {
         figures.push(Figure::unknown("measured torque minus gravity by the model", "N m"));
         figures.push(Figure::unknown("load beyond the declared one", "kg"));
-        remarks.push(
-            "the torques tell nothing in this pose: stretch the arm forwards and repeat; if they stay unlike the \
-             model's, the robot or the tool is another one"
-                .to_owned(),
-        );
+        remarks.push(if reading.tau.len() == joints {
+            "gravity hardly loads the joints in this pose, so the torques tell neither their sign nor the load: stretch the \
+             arm forwards, and begin again"
+                .to_owned()
+        } else {
+            format!(
+                "the link gives {} torques for {joints} joints: neither their sign nor the load can be checked",
+                reading.tau.len()
+            )
+        });
         return StepReport::of(Step::ReadOnly, figures, remarks);
     }
     let turn = if found == Sign::OfLink { -1.0 } else { 1.0 };
-    let residual: Vec<f64> = reading
-        .tau
-        .iter()
-        .zip(&gravity)
-        .map(|(tau, g)| turn * tau - g)
-        .collect();
-    let most: Vec<f64> = robot.joints.iter().map(|j| j.limits.torque_nm).collect();
-    for ((joint, r), most) in (1..).zip(&residual).zip(&most) {
+    let residual = residual(&reading.tau, &gravity, turn);
+    for ((joint, r), most) in (1..).zip(&residual).zip(&accepted) {
         let name = format!("joint {joint}: measured torque minus gravity by the model");
-        figures.push(Figure::judged(name, *r, "N m", limits.torque_share * most));
+        figures.push(Figure::judged(name, *r, "N m", *most));
+    }
+    if found == Sign::Neither {
+        figures.push(Figure::unknown("load beyond the declared one", "kg"));
+        return StepReport::of(Step::ReadOnly, figures, remarks).failed(
+            "the torques agree with the arm's gravity under neither sign: the configuration describes another robot or base, \
+             the joints are in another order, or the torque sensors do not work"
+                .to_owned(),
+        );
     }
     // A load of 1 kg where the declared one is; at the TCP where none is declared.
     let com_m = if tool.body.mass_kg > 0.0 {
@@ -216,7 +265,10 @@ fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits)
                 ));
             }
         }
-        None => figures.push(Figure::unknown("load beyond the declared one", "kg")),
+        None => {
+            figures.push(Figure::unknown("load beyond the declared one", "kg"));
+            remarks.push("no load can be told in this pose: stretch the arm forwards, and begin again".to_owned());
+        }
     }
     let report = StepReport::of(Step::ReadOnly, figures, remarks);
     match (reading.declared, found) {

@@ -1,0 +1,151 @@
+//! What the samples of a step amount to, and how steps are made gentler than a calibration.
+
+use nalgebra::Vector3;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::host::Sample;
+use spherecal_shared::robot::JointLimits;
+
+use super::{Figure, MovingLimits};
+
+/// Natural frequency of the soft springs, as a share of the usual one.
+pub(super) const SOFT: f64 = 0.4;
+/// Speed of the free motions of each joint, as a share of the usual one.
+pub(super) const SLOW: f64 = 0.1;
+/// Speed of the way to sphere 1, as a share of the usual one.
+pub(super) const CALM: f64 = 0.25;
+
+/// How far each joint turns, in rad.
+const TURN_RAD: f64 = 0.1;
+
+/// The procedure with these shares of speed and of natural frequency.
+pub(super) fn gentle(procedure: &Procedure, speed: f64, natural: f64) -> Procedure {
+    let mut gentle = *procedure;
+    let motion = &mut gentle.motion;
+    // The smallest values that a procedure may have.
+    motion.speed_rad_s = (motion.speed_rad_s * speed).max(0.01);
+    motion.acceleration_rad_s2 = (motion.acceleration_rad_s2 * speed).max(0.01);
+    motion.natural_rad_s = (motion.natural_rad_s * natural).max(2.0);
+    gentle
+}
+
+/// What the samples of a while amount to.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Watch {
+    tick: u64,
+    pub(super) first: Option<Sample>,
+    pub(super) last: Sample,
+    pub(super) moved_rad: f64,
+    pub(super) speed_rad_s: f64,
+    pub(super) torque_share: f64,
+    pub(super) tcp_m: f64,
+    pub(super) saturated: u64,
+}
+
+impl Watch {
+    /// Adds a sample that was not seen before.
+    pub(super) fn add(&mut self, sample: &Sample, limits: &[JointLimits]) {
+        if self.first.is_some() && sample.tick == self.tick {
+            return;
+        }
+        self.tick = sample.tick;
+        self.last = *sample;
+        let first = *self.first.get_or_insert(*sample);
+        for (j, limit) in limits.iter().enumerate() {
+            let value = |of: &[f32]| of.get(j).map_or(0.0, |v| f64::from(*v));
+            self.moved_rad = self.moved_rad.max((value(&sample.q) - value(&first.q)).abs());
+            self.speed_rad_s = self.speed_rad_s.max(value(&sample.dq).abs());
+            self.torque_share = self.torque_share.max(value(&sample.command).abs() / limit.torque_nm);
+        }
+        let tcp = |s: &Sample| Vector3::from(s.tcp_m.map(f64::from));
+        self.tcp_m = self.tcp_m.max((tcp(sample) - tcp(&first)).norm());
+        self.saturated += u64::from(sample.flags & 1);
+    }
+
+    /// The figures of a hold: no joint may have moved by more than `moved_rad`.
+    pub(super) fn held(&self, limits: &MovingLimits, moved_rad: f64) -> Vec<Figure> {
+        vec![
+            Figure::judged(
+                "largest movement of a joint",
+                self.moved_rad.to_degrees(),
+                "deg",
+                moved_rad.to_degrees(),
+            ),
+            Figure::shown("movement of the TCP", self.tcp_m * 1e3, "mm"),
+            Figure::judged(
+                "largest joint speed",
+                self.speed_rad_s.to_degrees(),
+                "deg/s",
+                limits.hold_rad_s.to_degrees(),
+            ),
+            Figure::judged(
+                "largest commanded torque, of the joint's limit",
+                self.torque_share * 100.0,
+                "%",
+                limits.torque_share * 100.0,
+            ),
+        ]
+    }
+}
+
+/// `start` (rad) with joint `j` turned a little, to the side with more room if the way is `clear` there. `None` if it can
+/// turn to neither side without coming within `margin` (rad) of its limits.
+pub(super) fn aside(
+    start: &[f64],
+    j: usize,
+    limit: &JointLimits,
+    margin: f64,
+    clear: impl Fn(&[f64]) -> bool,
+) -> Option<Vec<f64>> {
+    let at = *start.get(j)?;
+    let mut sides = [(limit.max_rad - margin - at, 1.0), (at - limit.min_rad - margin, -1.0)];
+    if sides[1].0 > sides[0].0 {
+        sides.swap(0, 1);
+    }
+    let turned = |(room, side): (f64, f64)| {
+        let mut away = start.to_vec();
+        away[j] += side * TURN_RAD.min(0.5 * room);
+        away
+    };
+    // A turn that is too small to be seen shows nothing.
+    let possible = sides.into_iter().filter(|(room, _)| *room >= TURN_RAD);
+    possible.map(turned).find(|away| clear(away))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn limit() -> JointLimits {
+        JointLimits {
+            min_rad: -1.0,
+            max_rad: 1.0,
+            velocity_rad_s: 1.0,
+            torque_nm: 10.0,
+        }
+    }
+
+    // Fails if a joint turns towards its nearer limit, over a limit, into an obstacle, or not at all where it can.
+    #[test]
+    fn a_joint_turns_where_there_is_room() {
+        let (margin, anywhere) = (0.1, |_: &[f64]| true);
+        for at in [-0.85, -0.5, -0.1, 0.0, 0.3, 0.85] {
+            let away = aside(&[5.0, at], 1, &limit(), margin, anywhere).expect("room to one side");
+            assert_eq!(away[0], 5.0);
+            assert!(
+                away[1].abs() <= 0.9 && (away[1] - at).abs() >= 0.5 * TURN_RAD,
+                "{at} {away:?}"
+            );
+            assert!(at == 0.0 || (away[1] - at) * at < 0.0, "{at} {away:?}");
+            // Something stands on that side.
+            let other = aside(&[5.0, at], 1, &limit(), margin, |q| (q[1] - at) * at >= 0.0);
+            assert_eq!(other.is_some(), at.abs() < 0.8, "{at} {other:?}");
+            assert_eq!(aside(&[5.0, at], 1, &limit(), margin, |_| false), None);
+        }
+        let narrow = JointLimits {
+            min_rad: -0.15,
+            max_rad: 0.15,
+            ..limit()
+        };
+        assert_eq!(aside(&[0.0], 0, &narrow, margin, anywhere), None);
+    }
+}
