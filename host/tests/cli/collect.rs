@@ -2,12 +2,17 @@
 
 use std::net::UdpSocket;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde_json::Value;
+use spherecal::link::tcp::{DriveServer, listen};
+use spherecal::link::{Drive, LinkError};
 use spherecal::model::chain::{Chain, TcpPose};
 use spherecal::model::robots::{self, RobotModel};
 use spherecal::model::{halton::halton, paper_plate};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 
 use crate::support::{Server, spherecal, text};
 
@@ -119,7 +124,7 @@ pub(crate) fn write(path: &Path, poses: &[Vec<f64>]) {
 
 /// Collects all poses from `link`, identifies, and compares with the truth.
 fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &Chain) {
-    let arguments = [
+    let mut arguments = vec![
         "collect",
         "--link",
         link,
@@ -130,6 +135,9 @@ fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &Chain) {
         "--wait-s",
         "60",
     ];
+    if link.starts_with("tcp:") {
+        arguments.extend(["--robot", name]);
+    }
     let output = spherecal(folder, &arguments);
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{said}");
@@ -217,6 +225,73 @@ fn slow_guided_contacts_identify_an_iiwa() {
     let hand = file.display().to_string();
     let robot = Server::start(&["plant", "--fri", &client, "--guide", &hand]);
     collect_and_identify(folder.path(), &robot.peer, "iiwa7", &truth);
+}
+
+/// A drive that a simulated hand guides to these poses: 1.7 s at each, half a second between them, and the noise of an
+/// encoder. It counts the commands that would move it.
+struct Guided {
+    hello: DriveHello,
+    poses: Vec<Vec<f64>>,
+    tick: u64,
+    enabled: Arc<AtomicU64>,
+}
+
+impl Drive for Guided {
+    fn hello(&self) -> &DriveHello {
+        &self.hello
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        if command.is_some_and(|c| c.enable || c.tau.iter().any(|tau| *tau != 0.0)) {
+            self.enabled.fetch_add(1, Ordering::Relaxed);
+        }
+        self.tick += 1;
+        let last = self.poses.len() - 1;
+        let at = (self.tick / 2200) as usize;
+        let part = (self.tick % 2200).saturating_sub(1700) as f64 / 500.0;
+        let (from, to) = (&self.poses[at.min(last)], &self.poses[(at + 1).min(last)]);
+        let noise = |j: usize| 3.4e-5 * (halton(self.tick as usize, j) - 0.5);
+        state.session = self.hello.session;
+        state.tick = self.tick;
+        state.q = (0..7).map(|j| from[j] + part * (to[j] - from[j]) + noise(j)).collect();
+        state.dq = (0..7).map(|_| 0.0).collect();
+        state.tau = (0..7).map(|_| 0.0).collect();
+        state.status = DriveStatus::Ready;
+        Ok(())
+    }
+}
+
+// Fails if contacts over the drive link do not identify the arm, or a command could move it.
+#[test]
+fn guided_contacts_over_the_drive_link_identify_an_iiwa_and_move_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let model = nominal("iiwa7");
+    let truth = chain(&wrong(&model));
+    let poses = guided(&truth, &IIWA_START, 5, 24);
+    let enabled = Arc::new(AtomicU64::new(0));
+    let limits = model.robot.joints.iter().map(|joint| joint.limits);
+    let drive = Guided {
+        hello: DriveHello::new(1, limits),
+        poses,
+        tick: 0,
+        enabled: Arc::clone(&enabled),
+    };
+    let (listener, address) = listen("0").expect("a free port");
+    std::thread::spawn(move || {
+        let mut server = DriveServer::new(Box::new(drive), false);
+        while server.serve(&listener).is_ok() {}
+    });
+    let link = format!("tcp:{address}");
+    // A drive link does not tell which robot it is, and an arm of six joints is another one.
+    for (robot, code, words) in [(&[][..], 2, "give its name or file"), (&["--robot", "ur5e"], 1, "6")] {
+        let output = spherecal(folder.path(), &[&["collect", "--link", &link], robot].concat());
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        assert!(said.contains(words), "{said}");
+    }
+    std::fs::remove_file(folder.path().join("contacts.csv")).expect("the table of the other arm");
+    collect_and_identify(folder.path(), &link, "iiwa7", &truth);
+    assert_eq!(enabled.load(Ordering::Relaxed), 0);
 }
 
 // Fails if input that cannot be used is accepted, or the refusal does not say what to give; or an arm that never rests

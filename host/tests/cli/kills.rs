@@ -62,7 +62,7 @@ fn contents(database: &Path) -> String {
 }
 
 /// The recordings that are stored, in words; none where there is no run yet.
-fn recorded(database: &Path) -> Vec<String> {
+pub(crate) fn recorded(database: &Path) -> Vec<String> {
     if !database.exists() {
         return Vec::new();
     }

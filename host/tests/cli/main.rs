@@ -34,3 +34,4 @@ mod robot_sides;
 #[cfg(feature = "services")]
 mod services;
 mod support;
+mod wire_kills;

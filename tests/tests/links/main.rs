@@ -9,3 +9,4 @@ mod mujoco_drive;
 mod no_std_tree;
 mod serial_link;
 mod tcp_link;
+mod wire_faults;

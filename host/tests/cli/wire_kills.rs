@@ -1,0 +1,93 @@
+//! The host, and with it the controller, killed in the middle of a run over the Franka Control Interface.
+
+#![cfg(unix)]
+
+use std::path::Path;
+use std::process::{Child, Command};
+use std::time::{Duration, Instant};
+
+use spherecal::job::{self, Config};
+use spherecal_fci::robot::{RobotConfig, RobotSide};
+use spherecal_fci::wire::{RobotMode, Version};
+
+use crate::kills::recorded;
+use crate::support::{start, text};
+
+/// What no step waits longer for: the robots of this test run in real time.
+const PATIENCE: Duration = Duration::from_secs(180);
+/// A short job.
+const CELL: &str = "robot = \"panda\"\n[plan]\nposes = 4\nchoice = \"grid\"\napproach_height_m = 0.035\n\
+    [procedure.couple]\nhold_s = 1.0\n[procedure.record]\nsamples = 200\n";
+
+/// Waits until `done`; fails with `what` if it does not come, or if the program ends before.
+fn until(what: &str, host: &mut Child, mut done: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !done() {
+        assert!(begun.elapsed() < PATIENCE, "{what}: never");
+        assert!(
+            host.try_wait().expect("known").is_none(),
+            "{what}: the program ended before"
+        );
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+fn measure(folder: &Path, link: &str, how: &[&str]) -> Child {
+    start(
+        folder,
+        &[&["measure", "--json", "--link", link, "--out", "cell"], how].concat(),
+    )
+}
+
+// Fails if a robot whose client is killed goes on moving, one whose client stalls does not end in its reflex for the
+// missing commands, a command comes after that, a recording is lost, or `--resume` does not clear the reflex and finish.
+#[test]
+#[ignore = "slow: 2 minutes of real time"]
+fn slow_a_host_killed_over_the_franka_control_interface_goes_on() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("cell.toml"), CELL).expect("a file");
+    let config = Config::parse("cell.toml", CELL).expect("a configuration");
+    let arm = job::simulated_robot(&config, (0.0, 0.0)).expect("an arm");
+    let robot = RobotSide::start(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
+    let link = format!("franka:{}", robot.address());
+    let database = folder.path().join("cell/calibration.db");
+    let moving = || robot.statistics().mode == Some(RobotMode::Move);
+
+    // Killed: the connection closes, and the robot holds.
+    let mut host = measure(folder.path(), &link, &["--config", "cell.toml"]);
+    until("a recording", &mut host, || moving() && !recorded(&database).is_empty());
+    host.kill().expect("a signal");
+    host.wait().expect("it ends");
+    let begun = Instant::now();
+    while moving() {
+        assert!(begun.elapsed() < PATIENCE, "the robot goes on");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let first = recorded(&database);
+
+    // Stalled: the connection stays open, but no command comes.
+    let mut host = measure(folder.path(), &link, &["--resume"]);
+    until("another recording", &mut host, || {
+        moving() && recorded(&database).len() > first.len()
+    });
+    let stalled = Command::new("kill").args(["-STOP", &host.id().to_string()]).status();
+    assert!(stalled.expect("a signal").success());
+    until("a reflex", &mut host, || {
+        robot.statistics().mode == Some(RobotMode::Reflex)
+    });
+    let missing = robot.statistics().missing;
+    assert!(missing >= 20, "{missing}");
+    host.kill().expect("a signal");
+    host.wait().expect("it ends");
+    let second = recorded(&database);
+    assert!(second.starts_with(&first), "a stored recording is lost or changed");
+
+    let output = measure(folder.path(), &link, &["--resume"])
+        .wait_with_output()
+        .expect("it ends");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let all = recorded(&database);
+    assert!(all.starts_with(&second), "a stored recording is lost or changed");
+    assert_eq!(all.len(), 4);
+    assert_eq!(robot.shut_down().commands_after_stop, 0);
+}
