@@ -253,22 +253,19 @@ fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits)
         .zip(&nothing)
         .map(|(with, without)| with - without)
         .collect();
-    match extra_load_kg(&residual, &per_kg, &most) {
-        Some(kg) => {
-            figures.push(Figure::judged("load beyond the declared one", kg, "kg", limits.load_kg));
-            if kg.abs() > limits.load_kg {
-                remarks.push(format!(
-                    "the torques look like a load of {:.2} kg, {:.2} kg is declared: correct the tool's mass and centre of \
-                     mass in the configuration and in the robot",
-                    tool.body.mass_kg + kg,
-                    tool.body.mass_kg
-                ));
-            }
+    if let Some(kg) = extra_load_kg(&residual, &per_kg, &most) {
+        figures.push(Figure::judged("load beyond the declared one", kg, "kg", limits.load_kg));
+        if kg.abs() > limits.load_kg {
+            remarks.push(format!(
+                "the torques look like a load of {:.2} kg, {:.2} kg is declared: correct the tool's mass and centre of mass in \
+                 the configuration and in the robot",
+                tool.body.mass_kg + kg,
+                tool.body.mass_kg
+            ));
         }
-        None => {
-            figures.push(Figure::unknown("load beyond the declared one", "kg"));
-            remarks.push("no load can be told in this pose: stretch the arm forwards, and begin again".to_owned());
-        }
+    } else {
+        figures.push(Figure::unknown("load beyond the declared one", "kg"));
+        remarks.push("no load can be told in this pose: stretch the arm forwards, and begin again".to_owned());
     }
     let report = StepReport::of(Step::ReadOnly, figures, remarks);
     match (reading.declared, found) {
