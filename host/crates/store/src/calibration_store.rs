@@ -223,15 +223,12 @@ pub trait CalibrationStore: Send {
         if arm.is_empty() {
             return self.require_last_run();
         }
-        let runs = self.runs_of(arm)?.into_iter();
-        let found = runs
-            .filter(RunInfo::is_calibration)
-            .next_back()
-            .ok_or_else(|| StoreError::Absent {
-                path: self.path().to_owned(),
-                what: format!("holds no run of arm {arm}"),
-                remedy: "`spherecal history` lists the stored runs",
-            })?;
+        let mut runs = self.runs_of(arm)?.into_iter();
+        let found = runs.rfind(RunInfo::is_calibration).ok_or_else(|| StoreError::Absent {
+            path: self.path().to_owned(),
+            what: format!("holds no run of arm {arm}"),
+            remedy: "`spherecal history` lists the stored runs",
+        })?;
         self.choose_run(found.run);
         Ok(found)
     }
