@@ -14,7 +14,7 @@ use crate::kills::recorded;
 use crate::support::{start, text};
 
 /// What no step waits longer for: the robots of this test run in real time.
-const PATIENCE: Duration = Duration::from_secs(180);
+const PATIENCE: Duration = Duration::from_mins(3);
 /// A short job.
 const CELL: &str = "robot = \"panda\"\n[plan]\nposes = 4\nchoice = \"grid\"\napproach_height_m = 0.035\n\
     [procedure.couple]\nhold_s = 1.0\n[procedure.record]\nsamples = 200\n";

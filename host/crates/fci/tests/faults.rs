@@ -5,7 +5,7 @@ mod common;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use common::{config, deviation, hold, network, robot, robot_with};
+use common::{config, deviation, failing_network, hold, robot, robot_with};
 use spherecal_cyclic::testing::eventually;
 use spherecal_fci::client::{Client, ClientError, EndCause};
 use spherecal_fci::robot::{READY, RobotConfig, Tolerance};
@@ -17,7 +17,7 @@ use spherecal_fci::wire::{RobotMode, RobotState, Version};
 fn lost_datagrams_are_counted_and_stop_nothing() {
     for (version, loss, seed) in [(Version::V5, 100, 1), (Version::V10, 500, 2)] {
         let (side, _arm) = robot(version);
-        let network = network(side.address(), seed);
+        let network = failing_network(side.address(), seed);
         let mut client = Client::connect(&config(network.address)).expect("a connection");
         client.start_torque_motion().expect("a motion");
         network.faults.loss.store(loss, Ordering::Relaxed);
@@ -48,7 +48,7 @@ fn lost_datagrams_are_counted_and_stop_nothing() {
 #[test]
 fn jitter_is_held_or_named() {
     let (side, _arm) = robot(Version::V10);
-    let network = network(side.address(), 3);
+    let network = failing_network(side.address(), 3);
     let mut client = Client::connect(&config(network.address)).expect("a connection");
     network.faults.jitter_us.store(2000, Ordering::Relaxed);
     client.start_torque_motion().expect("a motion");
@@ -67,7 +67,7 @@ fn jitter_is_held_or_named() {
         ..RobotConfig::for_tests(Version::V10)
     };
     let (side, _arm) = robot_with(strict);
-    let network = network(side.address(), 4);
+    let network = failing_network(side.address(), 4);
     let mut client = Client::connect(&config(network.address)).expect("a connection");
     network.faults.jitter_us.store(20_000, Ordering::Relaxed);
     let ended: Result<(), ClientError> = client.start_torque_motion().and_then(|()| {
@@ -92,7 +92,7 @@ fn jitter_is_held_or_named() {
 #[test]
 fn a_cable_that_is_out_stops_the_robot_and_is_reported() {
     let (side, _arm) = robot(Version::V10);
-    let network = network(side.address(), 5);
+    let network = failing_network(side.address(), 5);
     let mut settings = config(network.address);
     settings.state_timeout = Duration::from_secs(1);
     let mut client = Client::connect(&settings).expect("a connection");
@@ -167,7 +167,7 @@ fn a_restarted_robot_closes_the_connection() {
 #[test]
 fn a_killed_client_leaves_a_robot_that_holds() {
     let (side, arm) = robot(Version::V5);
-    let network = network(side.address(), 6);
+    let network = failing_network(side.address(), 6);
     let mut client = Client::connect(&config(network.address)).expect("a connection");
     client.start_torque_motion().expect("a motion");
     let mut state = RobotState::default();
@@ -228,7 +228,7 @@ fn a_stalled_client_is_a_named_reflex() {
 #[test]
 fn repeated_and_reordered_datagrams_are_skipped() {
     let (side, _arm) = robot(Version::V5);
-    let network = network(side.address(), 8);
+    let network = failing_network(side.address(), 8);
     let mut client = Client::connect(&config(network.address)).expect("a connection");
     client.start_torque_motion().expect("a motion");
     network.faults.repeat.store(true, Ordering::Relaxed);

@@ -17,6 +17,12 @@ use spherecal_fri::wire::SessionState;
 const OFF: Duration = Duration::from_secs(1);
 /// How long the cabinet's application rests between two motions.
 const NEXT_MOTION: Duration = Duration::from_millis(500);
+/// How long a robot waits for an answer where the test machine may be slow.
+pub(super) const LONG: Duration = Duration::from_millis(100);
+/// The same where the network loses much: each loss costs this time.
+pub(super) const SHORT: Duration = Duration::from_millis(30);
+/// Which datagrams are lost.
+const SEED: u64 = 1;
 /// Bytes of Franka's request to connect.
 const CONNECT_BYTES: usize = 16;
 
@@ -87,49 +93,42 @@ impl fci::Arm for Touched {
 
 /// A Panda or an FR3.
 pub(super) struct Franka {
-    version: Version,
+    config: RobotConfig,
     arm: Arc<Mutex<RobotArm>>,
     touched: Arc<AtomicBool>,
-    address: SocketAddr,
     side: Mutex<Option<RobotSide>>,
     earlier: Mutex<Counts>,
     network: Connected,
 }
 
 impl Franka {
-    /// The arm of `config` behind this version of the interface.
-    pub(super) fn start(config: &Config, version: Version, seed: u64) -> Arc<Self> {
+    /// The arm of `config` behind this version of the interface. The robot waits for `patience` for an answer.
+    pub(super) fn start(config: &Config, version: Version, patience: Duration) -> Arc<Self> {
         let arm = job::simulated_robot(config, (0.0, 0.0)).expect("an arm");
         let arm = Arc::new(Mutex::new(arm));
         let touched = Arc::new(AtomicBool::new(false));
-        let side = Self::switch_on(version, &arm, &touched, LOCAL);
-        let address = side.address();
+        let mut config = RobotConfig::for_tests(version);
+        config.tolerance.patience = patience;
+        let side = Self::switch_on(&config, &arm, &touched);
+        // A robot that restarts has the same address.
+        config.address = side.address();
+        let network = Connected::before(side.address(), SEED, CONNECT_BYTES);
         Arc::new(Self {
-            version,
+            config,
             arm,
             touched,
-            address,
             side: Mutex::new(Some(side)),
             earlier: Mutex::default(),
-            network: Connected::before(address, seed, CONNECT_BYTES),
+            network,
         })
     }
 
-    fn switch_on(
-        version: Version,
-        arm: &Arc<Mutex<RobotArm>>,
-        touched: &Arc<AtomicBool>,
-        address: SocketAddr,
-    ) -> RobotSide {
-        let config = RobotConfig {
-            address,
-            ..RobotConfig::for_tests(version)
-        };
+    fn switch_on(config: &RobotConfig, arm: &Arc<Mutex<RobotArm>>, touched: &Arc<AtomicBool>) -> RobotSide {
         let arm = Touched {
             arm: Arc::clone(arm),
             touched: Arc::clone(touched),
         };
-        RobotSide::start(config, Box::new(arm)).expect("a robot")
+        RobotSide::start(config.clone(), Box::new(arm)).expect("a robot")
     }
 
     fn of(statistics: &fci::RobotStatistics) -> Counts {
@@ -174,7 +173,7 @@ impl Robot for Franka {
             locked(&self.earlier).add(&Self::of(&old.shut_down()));
         }
         std::thread::sleep(OFF);
-        *side = Some(Self::switch_on(self.version, &self.arm, &self.touched, self.address));
+        *side = Some(Self::switch_on(&self.config, &self.arm, &self.touched));
     }
 
     fn counts(&self) -> Counts {
@@ -205,17 +204,17 @@ pub(super) struct Kuka {
 }
 
 impl Kuka {
-    /// The arm of `config` behind a cabinet.
-    pub(super) fn start(config: &Config, seed: u64) -> Arc<Self> {
+    /// The arm of `config` behind a cabinet that waits for `patience` for an answer.
+    pub(super) fn start(config: &Config, patience: Duration) -> Arc<Self> {
         let arm = Arc::new(Mutex::new(job::simulated_robot(config, (0.0, 0.0)).expect("an arm")));
         let probe = UdpSocket::bind(LOCAL).expect("a free port");
         let client = probe.local_addr().expect("an address");
         drop(probe);
-        let relay = Relay::start(seed);
+        let relay = Relay::start(SEED);
         relay.set_b(client.port());
         let config = CabinetConfig {
             client: relay.for_a,
-            tolerance: Tolerance::tolerant(),
+            tolerance: Tolerance { patience },
             ..CabinetConfig::new()
         };
         let side = CabinetSide::start(config.clone(), Box::new(Arc::clone(&arm))).expect("a cabinet");

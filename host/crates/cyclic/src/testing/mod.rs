@@ -132,6 +132,11 @@ impl Drop for Relay {
     }
 }
 
+/// How often a direction looks for new datagrams while others wait.
+const LOOK: Duration = Duration::from_micros(100);
+/// How often it looks whether the network has ended.
+const IDLE: Duration = Duration::from_millis(5);
+
 /// One direction of a [`Relay`].
 struct Direction {
     from: Arc<UdpSocket>,
@@ -143,6 +148,7 @@ struct Direction {
 
 impl Direction {
     fn run(self, mut random: ChaCha8Rng) {
+        self.from.set_read_timeout(Some(IDLE)).expect("a socket");
         let mut waiting: VecDeque<(Instant, Vec<u8>)> = VecDeque::new();
         let mut data = [0; 4096];
         let mut last = Vec::new();
@@ -156,10 +162,11 @@ impl Direction {
                     let _ = self.out.send_to(&data, (Ipv4Addr::LOCALHOST, port));
                 }
             }
-            let wait = waiting.front().map_or(Duration::from_millis(5), |(due, _)| *due - now);
-            let wait = wait.max(Duration::from_micros(20));
-            self.from.set_read_timeout(Some(wait)).expect("a socket");
+            // The system rounds the time limit of a socket up to its own tick: a wait for a datagram that is due sleeps.
+            let due = waiting.front().map(|(due, _)| due.saturating_duration_since(now));
+            self.from.set_nonblocking(due.is_some()).expect("a socket");
             let Ok((size, sender)) = self.from.recv_from(&mut data) else {
+                std::thread::sleep(due.map_or(Duration::ZERO, |due| due.min(LOOK)));
                 continue;
             };
             self.sender.store(sender.port(), Ordering::Relaxed);

@@ -45,6 +45,6 @@ pub(crate) fn deviation(state: &RobotState, at: &[f64; 7]) -> f64 {
 const CONNECT_BYTES: usize = 16;
 
 /// A network between client and robot. `seed` decides which datagrams are lost.
-pub(crate) fn network(robot: SocketAddr, seed: u64) -> Connected {
+pub(crate) fn failing_network(robot: SocketAddr, seed: u64) -> Connected {
     Connected::before(robot, seed, CONNECT_BYTES)
 }
