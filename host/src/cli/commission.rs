@@ -227,7 +227,8 @@ pub(super) fn run(args: &CommissionArgs) -> Result<Exit, CliError> {
         let document = serde_json::json!({"command": "commission", "passed": found.passed(), "commissioning": found});
         outln!("{document:#}");
     } else {
-        outln!("{}{}", outcome(&found), simulated(&found));
+        let simulated = if found.simulated { " The arm is SIMULATED." } else { "" };
+        outln!("{}{simulated}", outcome(&found));
         if found.passed() {
             outln!(
                 "\nNext: spherecal run --link {} --out {}",

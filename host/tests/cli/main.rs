@@ -29,6 +29,7 @@ mod mistakes;
 mod page;
 mod paths;
 mod processes;
+mod real_data;
 mod refused;
 mod robot_sides;
 #[cfg(feature = "services")]

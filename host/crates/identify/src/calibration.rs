@@ -106,10 +106,8 @@ pub struct GroupFit {
 /// Factors on the table's priors of the robot's effects.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PriorFactors {
-    /// Of joint compliance.
-    pub compliance: f64,
-    /// Of link bending and base tilt.
-    pub bending: f64,
+    /// Of joint compliance, link bending and base tilt.
+    pub stiffness: f64,
     /// Of encoder harmonics.
     pub harmonics: f64,
 }
@@ -411,8 +409,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         effective_parameters: fit.effective,
         log_evidence: fit.log_evidence,
         prior_factors: PriorFactors {
-            compliance: fit.choice.compliance,
-            bending: fit.choice.bending,
+            stiffness: fit.choice.stiffness,
             harmonics: fit.choice.harmonics,
         },
         heavy_tails: fit.heavy_tails,

@@ -11,10 +11,10 @@ use super::parameters::Kind;
 use super::search::Search;
 use super::solve::{Posterior, Unknowns};
 
-/// Factors that multiply the priors of compliance and of bending: a real iiwa 7 has compliances of
-/// 6e-5 rad/(N m) by its gravity model. A factor of 30 on compliance gained nothing on simulated arms as
-/// hard as real ones, and left a real iiwa 14 with an expected error of 0.40 mm in place of 0.28 mm.
-const STIFFNESS: [(f64, f64); 4] = [(1.0, 1.0), (8.0, 8.0), (8.0, 1.0), (1.0, 8.0)];
+/// Factors that multiply the priors of compliance and bending: a real iiwa 7 has compliances of
+/// 6e-5 rad/(N m) by its gravity model. Compliance and bending apart, and a factor of 30, were tried
+/// (`docs/design/identification.md`).
+const STIFFNESS: [f64; 2] = [1.0, 8.0];
 
 /// Alternatives for the priors of the harmonics: a factor on all, and the highest order that the
 /// encoders are assumed to have.
@@ -46,10 +46,8 @@ fn normaliser(nu: f64) -> f64 {
 /// Priors of the effects that the evidence chose, as factors on the table's priors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Choice {
-    /// Factor on compliance.
-    pub(crate) compliance: f64,
-    /// Factor on bending and tilt.
-    pub(crate) bending: f64,
+    /// Factor on compliance, bending and tilt.
+    pub(crate) stiffness: f64,
     /// Factor on the harmonics.
     pub(crate) harmonics: f64,
     /// Highest order of harmonics that is believed.
@@ -58,11 +56,9 @@ pub(crate) struct Choice {
 
 impl Default for Choice {
     fn default() -> Self {
-        let (compliance, bending) = STIFFNESS[0];
         let (harmonics, orders) = HARMONICS[0];
         Self {
-            compliance,
-            bending,
+            stiffness: STIFFNESS[0],
             harmonics,
             orders,
         }
@@ -79,8 +75,7 @@ impl Search<'_> {
                 continue;
             }
             let factor = match parameter.kind {
-                Kind::Compliance(_) => choice.compliance,
-                Kind::Bending(..) | Kind::Tilt(_) => choice.bending,
+                Kind::Compliance(_) | Kind::Bending(..) | Kind::Tilt(_) => choice.stiffness,
                 Kind::Cosine(_, k) | Kind::Sine(_, k) if k > choice.orders => ABSENT,
                 Kind::Cosine(..) | Kind::Sine(..) => choice.harmonics,
                 _ => continue,
@@ -99,10 +94,8 @@ impl Search<'_> {
         let rougher = HARMONICS[1..].iter().map(|h| (None, *h));
         let mut best = (first, f64::NEG_INFINITY);
         for (stiffness, (harmonics, orders)) in softer.into_iter().chain(rougher) {
-            let (compliance, bending) = stiffness.unwrap_or((best.0.compliance, best.0.bending));
             let candidate = Choice {
-                compliance,
-                bending,
+                stiffness: stiffness.unwrap_or(best.0.stiffness),
                 harmonics,
                 orders,
             };

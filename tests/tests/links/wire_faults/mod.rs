@@ -276,7 +276,7 @@ fn bad_network(job: &Job, robot: &Arc<dyn Robot>) {
 // Fails if lost and late datagrams end the job, cost a recording, or are not in the counts and the report.
 #[test]
 #[ignore = "slow: 2 minutes of real time"]
-fn slow_a_bad_network_before_a_franka() {
+fn study_of_a_bad_network_before_a_franka() {
     let (job, robot) = franka(Version::V10, 4, SHORT);
     bad_network(&job, &robot);
 }
@@ -284,7 +284,7 @@ fn slow_a_bad_network_before_a_franka() {
 // Fails if the same does not hold for KUKA.
 #[test]
 #[ignore = "slow: 2 minutes of real time"]
-fn slow_a_bad_network_before_a_cabinet() {
+fn study_of_a_bad_network_before_a_cabinet() {
     let (job, robot) = iiwa(4, SHORT);
     bad_network(&job, &robot);
 }
