@@ -59,14 +59,13 @@ struct Keeping<'a> {
 
 impl Keeping<'_> {
     fn keep(&mut self) -> Result<(), JobError> {
-        let run = match self.found.run {
-            Some(run) => run,
-            None => {
-                let run = create_run(self.prepared, self.link, self.store)?;
-                self.store.set_state(run, RunInfo::COMMISSIONED)?;
-                self.found.run = Some(run);
-                run
-            }
+        let run = if let Some(run) = self.found.run {
+            run
+        } else {
+            let run = create_run(self.prepared, self.link, self.store)?;
+            self.store.set_state(run, RunInfo::COMMISSIONED)?;
+            self.found.run = Some(run);
+            run
         };
         let json = serde_json::to_string(&self.found).map_err(|e| JobError::Encode {
             what: COMMISSIONING,
