@@ -13,7 +13,7 @@ use super::exit::{CliError, Exit};
 use super::features;
 use super::interrupt::interrupt;
 use super::out::{errln, outln};
-use super::terminal_operator::TerminalOperator;
+use super::terminal_operator::{Entered, TerminalOperator};
 
 /// Commission a robot: its first run, in five steps, with a person at the robot.
 ///
@@ -57,17 +57,21 @@ impl Attendant for Person {
     fn ask(&mut self, question: &str) {
         // What was typed before the question is no answer to it.
         while self.operator.entered() {}
-        self.question = question.to_owned();
+        question.clone_into(&mut self.question);
         errln!("{question} Type yes or no, and press Enter:");
     }
 
     fn answer(&mut self) -> Option<bool> {
-        let line = self.operator.line()?;
-        match line.map(|text| text.trim().to_lowercase()).as_deref() {
-            Some("yes") => Some(true),
+        let text = match self.operator.line() {
+            Entered::Nothing => return None,
             // A terminal that was closed agrees to nothing.
-            Some("no" | "n") | None => Some(false),
-            Some(_) => {
+            Entered::Closed => return Some(false),
+            Entered::Line(text) => text,
+        };
+        match text.trim().to_lowercase().as_str() {
+            "yes" => Some(true),
+            "no" | "n" => Some(false),
+            _ => {
                 errln!("{} Type yes or no, and press Enter:", self.question);
                 None
             }

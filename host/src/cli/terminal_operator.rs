@@ -3,6 +3,16 @@
 
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
+/// What the terminal gave since the last call.
+pub(super) enum Entered {
+    /// No line.
+    Nothing,
+    /// A line, with its line end.
+    Line(String),
+    /// The terminal is closed: no line will follow.
+    Closed,
+}
+
 /// The operator at this terminal. A separate thread reads the keyboard, so that the control of the
 /// arm never waits for it.
 #[derive(Default)]
@@ -13,11 +23,11 @@ pub(super) struct TerminalOperator {
 impl TerminalOperator {
     /// Whether a line was entered since the last call.
     pub(super) fn entered(&mut self) -> bool {
-        matches!(self.line(), Some(Some(_)))
+        matches!(self.line(), Entered::Line(_))
     }
 
-    /// The next line that was entered, with its line end; `Some(None)` once the terminal is closed.
-    pub(super) fn line(&mut self) -> Option<Option<String>> {
+    /// The next line that was entered.
+    pub(super) fn line(&mut self) -> Entered {
         let lines = self.lines.get_or_insert_with(|| {
             let (told, lines) = channel();
             std::thread::spawn(move || {
@@ -32,9 +42,9 @@ impl TerminalOperator {
             lines
         });
         match lines.try_recv() {
-            Ok(line) => Some(Some(line)),
-            Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => Some(None),
+            Ok(line) => Entered::Line(line),
+            Err(TryRecvError::Empty) => Entered::Nothing,
+            Err(TryRecvError::Disconnected) => Entered::Closed,
         }
     }
 }
