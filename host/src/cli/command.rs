@@ -11,7 +11,7 @@ use super::export::ExportArgs;
 use super::faults::FaultsArgs;
 use super::history::{HistoryArgs, TrendArgs};
 use super::identify::IdentifyArgs;
-use super::init::InitArgs;
+use super::init_given::InitArgs;
 use super::robot::RobotArgs;
 use super::robot_sides::PlantArgs;
 use super::serve::ServeArgs;

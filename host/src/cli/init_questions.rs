@@ -4,7 +4,7 @@ use std::io::{BufRead, Write};
 use std::path::Path;
 
 use super::exit::CliError;
-use super::init::Given;
+use super::init_given::Given;
 use spherecal_job::new_cell::{LARGEST_MM, check_mass, check_robot, check_serial, check_tcp};
 use spherecal_model::input::triple;
 

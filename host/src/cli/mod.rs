@@ -23,6 +23,7 @@ mod features;
 mod history;
 mod identify;
 mod init;
+mod init_given;
 mod init_questions;
 mod interrupt;
 mod listening;

@@ -5,13 +5,11 @@ use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, Nominal, State};
-use super::error::IdentifyError;
-use super::geometry_only::{GeometryOnly, geometry_only};
 use super::identifiability::Identifiability;
 use super::map::Fit;
 use super::options::{Method, Model, Options};
 use super::parameters::{Layout, Reference, Unit};
-use super::residuals::residuals;
+use super::residuals::{GroupFit, Residual, residuals};
 use spherecal_model::{Experiment, Pose, Sphere};
 
 /// One parameter's row of the result.
@@ -46,61 +44,6 @@ pub struct FramePose {
     pub reference: Reference,
     /// F0 in that frame.
     pub base: Pose,
-}
-
-/// One observation's residual.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct ResidualRow {
-    /// Index of the observation in the experiment.
-    pub index: usize,
-    /// TCP minus target, in the target's frame, in mm.
-    pub error_mm: [f64; 3],
-    /// Length of the whitened residual, in units of the estimated noise.
-    pub deviation: f64,
-    /// Robust weight relative to a residual of zero.
-    pub weight: f64,
-}
-
-/// An observation that the model does not believe.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Outlier {
-    /// Index of the observation in the experiment.
-    pub index: usize,
-    /// Why it was named.
-    pub why: String,
-}
-
-/// Statistics of the residuals of the calibration set.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Residual {
-    /// Root mean square of the distances, in mm.
-    pub rms_mm: f64,
-    /// Mean distance, in mm.
-    pub mean_mm: f64,
-    /// Largest distance, in mm.
-    pub max_mm: f64,
-    /// Observations that were down-weighted to less than a quarter.
-    pub outliers: Vec<Outlier>,
-    /// Every observation's.
-    #[serde(skip)]
-    pub rows: Vec<ResidualRow>,
-}
-
-/// Goodness of fit of the observations at one sphere and place, or by the tracker.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct GroupFit {
-    /// Frame.
-    pub reference: Reference,
-    /// Id of the sphere; none for measured points.
-    pub sphere: Option<u32>,
-    /// Observations.
-    pub count: usize,
-    /// Root mean square of their distances, in mm.
-    pub rms_mm: f64,
-    /// Weighted chi-square at the estimated noise.
-    pub chi_square: f64,
-    /// The same per degree of freedom (three per observation): about 1.
-    pub per_freedom: f64,
 }
 
 /// Factors on the table's priors of the robot's effects.
@@ -283,14 +226,6 @@ impl Calibration {
         let moving: Vec<usize> = (0..free.len()).filter(|&c| columns.column(c).amax() > 0.0).collect();
         let covariance = self.covariance.select_rows(&moving).select_columns(&moving);
         (columns.select_columns(&moving), covariance)
-    }
-
-    /// The best table, tool and base without any effect, for files that hold geometry alone.
-    ///
-    /// # Errors
-    /// No convergence.
-    pub fn geometry_only(&self) -> Result<GeometryOnly, IdentifyError> {
-        geometry_only(self)
     }
 
     /// Names of the free parameters, in the order of [`Self::covariance`].

@@ -9,8 +9,8 @@ use nalgebra::Vector3;
 use spherecal_model::fit_pose;
 use spherecal_shared::robot::{Robot, Tool};
 
-use crate::evaluate::Flange;
-use crate::verdict::ExpectedError;
+use crate::expected_error::ExpectedError;
+use crate::flange::Flange;
 use crate::{
     Calibration, Experiment, IdentifyError, Method, Noise, Observation, Options, Pose, Set, Target,
     halton_configurations,
@@ -37,11 +37,17 @@ pub struct GeometryOnly {
     pub expected_error_mm: Option<ExpectedError>,
 }
 
-/// The best geometry alone under a calibration.
-///
-/// # Errors
-/// No convergence.
-pub(crate) fn geometry_only(calibration: &Calibration) -> Result<GeometryOnly, IdentifyError> {
+impl Calibration {
+    /// The best table, tool and base without any effect, for files that hold geometry alone.
+    ///
+    /// # Errors
+    /// No convergence.
+    pub fn geometry_only(&self) -> Result<GeometryOnly, IdentifyError> {
+        geometry_only(self)
+    }
+}
+
+fn geometry_only(calibration: &Calibration) -> Result<GeometryOnly, IdentifyError> {
     let all = halton_configurations(&calibration.robot, 2 * CONFIGURATIONS);
     let (fitted, judging) = all.split_at(CONFIGURATIONS);
     let observations = fitted.iter().map(|q| Observation {

@@ -51,11 +51,14 @@ mod chain;
 pub mod check;
 mod choice;
 mod compensate;
+mod course;
 pub mod diagnosis;
 mod distance;
 mod effects;
 mod error;
 pub mod evaluate;
+mod expected_error;
+mod flange;
 mod geometry_only;
 mod holdout;
 pub mod identifiability;
@@ -77,9 +80,7 @@ pub mod study;
 pub mod validate;
 pub mod verdict;
 
-pub use calibration::{
-    Calibration, FramePose, GroupFit, Outlier, ParameterEstimate, PriorFactors, Residual, ResidualRow,
-};
+pub use calibration::{Calibration, FramePose, ParameterEstimate, PriorFactors};
 pub use choice::{Refusal, choose_model};
 pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;
@@ -90,6 +91,7 @@ pub use identifiability::{Identifiability, Observability};
 pub use options::{Method, Model, Noise, Options, Pairs, Torque, UnknownName};
 pub use parameters::{Kind, Override, Overrides, Reference, Unit};
 pub use recordings::{CampaignRecord, Recordings, Rows, Sample, Tracker};
+pub use residuals::{GroupFit, Outlier, Residual, ResidualRow};
 pub use rows::DesignModel;
 pub use spherecal_model::{DataError, Experiment, Observation, Pose, Set, Sphere, Target, fit_pose, paper_plate};
 pub use spherecal_shared::robot::{Robot, Tool};

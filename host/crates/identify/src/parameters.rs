@@ -138,16 +138,7 @@ pub struct Override {
 #[serde(transparent)]
 pub struct Overrides(pub BTreeMap<String, Override>);
 
-impl Overrides {
-    /// Expects the errors of an arm without a factory calibration: lengths of 1 mm, twists of 3 mrad and joint offsets of
-    /// 20 mrad (1 sigma). A prior that the user set stays.
-    pub fn expect_uncalibrated(&mut self) {
-        for (group, sigma) in super::priors::UNCALIBRATED {
-            let set = self.0.entry(group.to_owned()).or_default();
-            set.prior_sigma.get_or_insert(sigma);
-        }
-    }
-}
+impl Overrides {}
 
 /// The column of each parameter.
 ///

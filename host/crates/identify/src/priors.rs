@@ -1,6 +1,6 @@
 //! What is believed of each parameter before the data are seen, and why.
 
-use super::parameters::{Kind, Layout, Parameter, name_of};
+use super::parameters::{Kind, Layout, Overrides, Parameter, name_of};
 use spherecal_model::Experiment;
 
 /// Prior of lengths `a` and `d`: machining and assembly of a link, in m.
@@ -32,6 +32,17 @@ pub const HARMONIC_SIGMA_RAD: f64 = 2e-4;
 /// calibrations found them: offsets of Pandas reach 21 mrad. On public data these priors predicted an FR3, a Panda and a
 /// Kinova better than the defaults did, and another Kinova and another Panda worse.
 pub const UNCALIBRATED: [(&str, f64); 4] = [("a", 1e-3), ("d", 1e-3), ("alpha", 3e-3), ("theta", 20e-3)];
+
+impl Overrides {
+    /// Expects the errors of an arm without a factory calibration: lengths of 1 mm, twists of 3 mrad and joint offsets of
+    /// 20 mrad (1 sigma). A prior that the user set stays.
+    pub fn expect_uncalibrated(&mut self) {
+        for (group, sigma) in UNCALIBRATED {
+            let set = self.0.entry(group.to_owned()).or_default();
+            set.prior_sigma.get_or_insert(sigma);
+        }
+    }
+}
 
 /// The row of one kind: nominal value, prior and its reason, free or fixed.
 pub(crate) fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -> Parameter {

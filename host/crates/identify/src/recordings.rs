@@ -6,8 +6,7 @@ use spherecal_model::input::Labels;
 use spherecal_model::{Experiment, Observation, Pose, Set, Target};
 
 use crate::arcs::{LaserError, Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
-use crate::diagnosis::Course;
-use crate::evaluate::Judge;
+use crate::course::Course;
 
 /// Where one row of the data came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,6 +17,17 @@ pub struct Sample {
     pub place: u32,
     /// Value of the hold-out column: its number in [`Recordings::labels`].
     pub label: u32,
+}
+
+/// A row that judges.
+#[derive(Clone, Copy, Debug)]
+pub struct Judge<'a> {
+    /// Its number in the result.
+    pub index: usize,
+    /// Joint angles and target.
+    pub observation: &'a Observation,
+    /// Placement of the plate: also for points given in the plate's frame.
+    pub place: u32,
 }
 
 /// The rows of a table of validation points.

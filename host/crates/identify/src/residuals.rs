@@ -1,12 +1,67 @@
 //! Residuals of a fit, row by row and by sphere and place.
 
 use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
 
-use super::calibration::{GroupFit, Outlier, Residual, ResidualRow};
 use super::chain::N;
 use super::map::Fit;
 use super::normal::Root;
 use super::parameters::Reference;
+
+/// One observation's residual.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ResidualRow {
+    /// Index of the observation in the experiment.
+    pub index: usize,
+    /// TCP minus target, in the target's frame, in mm.
+    pub error_mm: [f64; 3],
+    /// Length of the whitened residual, in units of the estimated noise.
+    pub deviation: f64,
+    /// Robust weight relative to a residual of zero.
+    pub weight: f64,
+}
+
+/// An observation that the model does not believe.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Outlier {
+    /// Index of the observation in the experiment.
+    pub index: usize,
+    /// Why it was named.
+    pub why: String,
+}
+
+/// Statistics of the residuals of the calibration set.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Residual {
+    /// Root mean square of the distances, in mm.
+    pub rms_mm: f64,
+    /// Mean distance, in mm.
+    pub mean_mm: f64,
+    /// Largest distance, in mm.
+    pub max_mm: f64,
+    /// Observations that were down-weighted to less than a quarter.
+    pub outliers: Vec<Outlier>,
+    /// Every observation's.
+    #[serde(skip)]
+    pub rows: Vec<ResidualRow>,
+}
+
+/// Goodness of fit of the observations at one sphere and place, or by the tracker.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GroupFit {
+    /// Frame.
+    pub reference: Reference,
+    /// Id of the sphere; none for measured points.
+    pub sphere: Option<u32>,
+    /// Observations.
+    pub count: usize,
+    /// Root mean square of their distances, in mm.
+    pub rms_mm: f64,
+    /// Weighted chi-square at the estimated noise.
+    pub chi_square: f64,
+    /// The same per degree of freedom (three per observation): about 1.
+    pub per_freedom: f64,
+}
 
 /// Residuals at the final state, by observation and by group.
 pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {

@@ -7,7 +7,7 @@ use spherecal_identify::evaluate::repeatability;
 use spherecal_report::{BudgetLine, COVERAGE, Certificate, PositionError, Uncertainty};
 use spherecal_store::time::months_after;
 
-use crate::summary::hexadecimal;
+use crate::hexadecimal::hexadecimal;
 use crate::{CertificateSection, Evaluation, JobError, Measurements};
 
 /// Commit of the sources, where the build states it.

@@ -19,6 +19,7 @@ mod document;
 mod drive_timing;
 mod error;
 mod evaluate;
+mod hexadecimal;
 mod host_faults;
 mod journal;
 mod known_laws;

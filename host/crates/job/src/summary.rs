@@ -10,6 +10,7 @@ use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
 use super::certificate::run_certificate;
+use super::hexadecimal::hexadecimal;
 use super::{DriveTiming, Evaluation, JobError, LinkRecord, Measurements};
 use spherecal_identify::validate::{Alignment, Statistics};
 use spherecal_identify::{ExpectedError, ParameterEstimate, Verdict};
@@ -278,11 +279,6 @@ fn hash(recordings: &[Recording]) -> Result<String, JobError> {
         hash.update(&bytes);
     }
     Ok(hexadecimal(&hash.finalize()))
-}
-
-/// Bytes as hexadecimal digits.
-pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
 /// The expected error in words.

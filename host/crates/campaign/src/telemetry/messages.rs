@@ -21,7 +21,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 use spherecal_shared::protocol::host::{Phase, Sample};
 
-use super::scene::Quaternion;
+use super::quaternion::Quaternion;
 
 /// A message type of the telemetry file.
 pub(super) trait TelemetryMessage: Serialize {

@@ -15,6 +15,7 @@ mod contact;
 mod files;
 pub mod log;
 pub mod messages;
+mod quaternion;
 mod reader;
 mod recorder;
 pub mod scene;
@@ -23,6 +24,7 @@ mod writer;
 
 pub use contact::{ContactTrace, ContactTracer};
 pub use files::{RunKey, files_of_run, files_without_run};
+pub use quaternion::Quaternion;
 pub use reader::{Period, TelemetryReader};
 pub use recorder::TelemetryRecorder;
 pub use scene::DrawnArm;

@@ -8,15 +8,15 @@
 
 use std::borrow::Cow;
 
-use nalgebra::{Matrix3, Rotation3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use spherecal_model::chain::{Chain, quaternion};
+use spherecal_model::chain::Chain;
 use spherecal_model::robots::{FrameTree, RobotModel, write_urdf};
 use spherecal_shared::protocol::host::Sample;
 use spherecal_shared::robot::Tool;
 
 use super::messages::{Stamp, TelemetryMessage};
+use super::quaternion::{Quaternion, rounded};
 
 /// The nominal robot with its tool, as telemetry describes it.
 #[derive(Clone, Debug)]
@@ -100,43 +100,6 @@ impl From<nalgebra::Vector3<f64>> for Translation {
     fn from(v: nalgebra::Vector3<f64>) -> Self {
         let [x, y, z] = [v.x, v.y, v.z].map(rounded);
         Self { x, y, z }
-    }
-}
-
-/// Rounded to a nanometre or 1e-9: digits beyond cannot be compressed, and nobody needs them.
-fn rounded(x: f64) -> f64 {
-    (x * 1e9).round() / 1e9
-}
-
-/// A unit quaternion.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Quaternion {
-    /// Its x part.
-    pub x: f64,
-    /// Its y part.
-    pub y: f64,
-    /// Its z part.
-    pub z: f64,
-    /// Its real part; not negative.
-    pub w: f64,
-}
-
-impl Default for Quaternion {
-    /// No rotation.
-    fn default() -> Self {
-        Self {
-            x: 0.0,
-            y: 0.0,
-            z: 0.0,
-            w: 1.0,
-        }
-    }
-}
-
-impl From<&Matrix3<f64>> for Quaternion {
-    fn from(rotation: &Matrix3<f64>) -> Self {
-        let [w, x, y, z] = quaternion(&Rotation3::from_matrix_unchecked(*rotation)).map(rounded);
-        Self { x, y, z, w }
     }
 }
 

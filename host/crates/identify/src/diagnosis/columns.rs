@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::alternatives::Alternative;
-use super::course::Course;
 use super::linear::{Linear, LinearRow};
+use crate::course::Course;
 use crate::parameters::Layout;
 
 /// Instants that are tried for a jump, besides the ends of couplings.

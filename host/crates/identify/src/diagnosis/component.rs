@@ -3,9 +3,9 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::causes::{Cause, Moment, Shape};
-use super::course::Course;
 use super::dense::transposed_product;
 use super::linear::{Linear, LinearRow, Posture};
+use crate::course::Course;
 
 /// Amplitudes that are tried: root mean square of the TCP's displacement over the
 /// observations, in units of the noise of one observation.

@@ -20,9 +20,9 @@ use super::causes::{Cause, Moment, shapes};
 use super::component::{
     Component, FACTORS, GRID, Group, block_posterior, component, half_cauchy, noise, pose_variance,
 };
-use super::course::Course;
 use super::dense::{Factor, transposed_product};
 use super::linear::{Linear, Posture};
+use crate::course::Course;
 use crate::error::IdentifyError;
 
 /// Sweeps over all amplitudes, before and after the groups' factors are found.

@@ -29,7 +29,7 @@ use super::dense::transposed_product;
 use super::discrepancy::Discrepancy;
 use super::linear::{Linear, Posture};
 use crate::error::IdentifyError;
-use crate::verdict::ExpectedError;
+use crate::expected_error::ExpectedError;
 use spherecal_model::halton::halton;
 
 /// Configurations of a workspace.

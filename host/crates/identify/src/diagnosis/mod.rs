@@ -6,7 +6,6 @@ mod budget;
 mod causes;
 mod columns;
 mod component;
-mod course;
 mod dense;
 mod discrepancy;
 mod expected;
@@ -15,9 +14,9 @@ mod scan;
 mod tail;
 mod words;
 
+pub use crate::course::Course;
 pub use alternatives::{Alternative, Family};
 pub use budget::{BudgetTerm, ErrorBudget, Source};
-pub use course::Course;
 pub use expected::{WORKSPACE, workspace};
 pub use scan::{FamilyTest, Finding};
 
@@ -32,9 +31,9 @@ use self::linear::{Linear, Posture};
 use self::scan::scan;
 use crate::calibration::finish;
 use crate::error::IdentifyError;
+use crate::expected_error::ExpectedError;
 use crate::options::Options;
 use crate::parameters::{Kind, Parameter};
-use crate::verdict::ExpectedError;
 use crate::{map, priors};
 use spherecal_model::Experiment;
 

@@ -17,12 +17,12 @@ use super::alternatives::{Alternative, Family};
 use super::causes::Cause;
 use super::columns::alternatives;
 use super::component::GroupOf;
-use super::course::Course;
 use super::dense::transposed_product;
 use super::discrepancy::Discrepancy;
 use super::linear::Linear;
 use super::tail::{log_tail, sigmas};
 use super::words::{next, short, words};
+use crate::course::Course;
 use crate::error::IdentifyError;
 use crate::parameters::Layout;
 

@@ -18,10 +18,9 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spherecal_model::fit_pose;
-use spherecal_shared::MAX_JOINTS;
-use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{LinkTransform, Robot};
+use spherecal_shared::robot::Robot;
 
+use crate::flange::Flange;
 use crate::{Experiment, Observation, Pose, Reference, Set, Sphere, Target};
 
 /// How far (m, 1 sigma) a tool may be from what was said; settles the tool
@@ -63,23 +62,6 @@ impl NominalFrames {
     pub fn gross(&self) -> Vec<(usize, f64)> {
         let limit = (15.0 * self.median_m).max(0.010);
         self.distances_m.iter().copied().filter(|(_, d)| *d > limit).collect()
-    }
-}
-
-/// The frame Fn of a robot's table.
-pub(crate) struct Flange(Vec<LinkTransform<f64>>);
-
-impl Flange {
-    pub(crate) fn new(robot: &Robot) -> Self {
-        Self(robot.joints.iter().map(|j| LinkTransform::from(&j.mdh)).collect())
-    }
-
-    /// At joint angles `q` (rad).
-    pub(crate) fn at(&self, q: &[f64]) -> Pose<f64> {
-        let mut frames = [Pose::identity(); MAX_JOINTS];
-        let count = self.0.len().min(q.len()).min(MAX_JOINTS);
-        frames_into(&self.0, q, &mut frames[..count]);
-        count.checked_sub(1).map_or_else(Pose::identity, |last| frames[last])
     }
 }
 

@@ -14,7 +14,8 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::Evaluation;
-use crate::diagnosis::{Course, ErrorBudget};
+use crate::course::Course;
+use crate::diagnosis::ErrorBudget;
 use crate::recordings::Recordings;
 use spherecal_model::Target;
 

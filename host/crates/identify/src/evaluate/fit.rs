@@ -1,11 +1,12 @@
 //! One fit of some of the rows, with all that is chosen from the data before it.
 
 use std::borrow::Cow;
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 
-use super::align::{NominalFrames, align, reference_of};
+use super::align::{NominalFrames, align};
+use super::thin::{only, thinned};
 use super::{EvaluateError, EvaluateOptions, tune};
-use crate::{Calibration, Experiment, Options, Override, Reference, Target, choose_model, identify};
+use crate::{Calibration, Experiment, Options, Override, choose_model, identify};
 
 /// A tool further than this (m) from what was said is taken from the data.
 const TOOL_FAR_M: f64 = 0.005;
@@ -37,20 +38,6 @@ pub(super) struct Fit {
     pub(super) calibration: Calibration,
 }
 
-/// The experiment with only the named rows; the experiment itself where they are all.
-pub(super) fn only<'a>(experiment: &'a Experiment, keep: &[usize]) -> Cow<'a, Experiment> {
-    if keep.len() == experiment.observations.len() && keep.iter().enumerate().all(|(k, i)| k == *i) {
-        return Cow::Borrowed(experiment);
-    }
-    let observations = keep.iter().filter_map(|&i| experiment.observations.get(i).cloned());
-    Cow::Owned(Experiment {
-        robot: experiment.robot.clone(),
-        tool: experiment.tool,
-        spheres: experiment.spheres.clone(),
-        observations: observations.collect(),
-    })
-}
-
 impl Fit {
     /// The experiment that the calibration was identified from, with some of its rows.
     pub(super) fn experiment<'a>(&self, experiment: &'a Experiment, rows: &[usize]) -> Cow<'a, Experiment> {
@@ -60,26 +47,6 @@ impl Fit {
         }
         own
     }
-}
-
-/// At most `most` of the rows, spread evenly over each sphere and place.
-pub(super) fn thinned(experiment: &Experiment, rows: &[usize], most: usize) -> Vec<usize> {
-    let step = rows.len().div_ceil(most).max(1);
-    let mut seen: HashMap<(Reference, Option<u32>), usize> = HashMap::new();
-    let mut keep = rows.to_vec();
-    keep.retain(|&i| {
-        let Some(target) = experiment.observations.get(i).map(|o| &o.target) else {
-            return false;
-        };
-        let sphere = match target {
-            Target::Sphere { sphere, .. } => Some(*sphere),
-            _ => None,
-        };
-        let count = seen.entry((reference_of(target), sphere)).or_default();
-        *count += 1;
-        (*count - 1).is_multiple_of(step)
-    });
-    keep
 }
 
 /// Aligns, leaves gross errors out, chooses priors and model, and identifies, as

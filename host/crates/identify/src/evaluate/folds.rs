@@ -6,11 +6,13 @@ use std::collections::HashSet;
 use rayon::prelude::*;
 use spherecal_shared::robot::Robot;
 
-use super::align::Flange;
-use super::fit::{Fit, fit, thinned};
+use super::fit::{Fit, fit};
 use super::groups::{Derived, groups, without_only_contacts};
-use super::judge::{Judge, Judged, Predictor, judge};
+use super::judge::{Judged, Predictor, judge};
+use super::thin::thinned;
 use super::{EvaluateError, EvaluateOptions};
+use crate::flange::Flange;
+use crate::recordings::Judge;
 use crate::{Options, Pose, Recordings, Reference, Target};
 
 /// Folds of the cross-validation that stands in where no validation was given.

@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use crate::diagnosis::Course;
+use crate::course::Course;
 use crate::holdout::regions;
 use crate::{Recordings, Target};
 

@@ -15,7 +15,8 @@ use serde::Serialize;
 use super::align::{frame_of, target_of};
 use spherecal_model::fit_pose;
 
-use crate::{Observation, Pose, Reference, Sphere, Target};
+use crate::recordings::Judge;
+use crate::{Pose, Reference, Sphere, Target};
 
 /// Statistics of distances, in mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -53,17 +54,6 @@ impl Errors {
             rms_mm: square.sqrt(),
         }
     }
-}
-
-/// A row that judges.
-#[derive(Clone, Copy, Debug)]
-pub struct Judge<'a> {
-    /// Its number in the result.
-    pub index: usize,
-    /// Joint angles and target.
-    pub observation: &'a Observation,
-    /// Placement of the plate: also for points given in the plate's frame.
-    pub place: u32,
 }
 
 /// Tells the TCP in F0 (m) at joint angles and, where measured, torques.

@@ -27,28 +27,30 @@ mod options;
 mod plate;
 mod reference;
 mod repeats;
+mod thin;
 mod tune;
 
 use nalgebra::Vector3;
 use spherecal_model::chain::Chain;
 
+pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};
 pub use error::EvaluateError;
 pub use folds::{Fold, HeldOut};
-pub use judge::{Errors, Judge, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
+pub use judge::{Errors, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
 pub use options::{EvaluateOptions, Step};
 pub use reference::{Estimator, Reference, ReferenceModel, model_title};
 
-pub(crate) use align::Flange;
-
-use crate::diagnosis::{Course, Diagnosis, diagnose, workspace};
+use crate::course::Course;
+use crate::diagnosis::{Diagnosis, diagnose, workspace};
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
 use crate::verdict::{Evidence, Verdict, verdict};
 
 use crate::{Calibration, ExpectedError, GeometryOnly, IdentifyError, Options};
-use fit::{Fit, fit, thinned};
+use fit::{Fit, fit};
+use thin::thinned;
 
 /// Most rows that are left out and have a note each.
 const NOTED: usize = 20;

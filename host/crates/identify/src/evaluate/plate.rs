@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::align::Flange;
+use crate::flange::Flange;
 use crate::{Experiment, Target};
 
 /// Most pairs of spheres that a message lists.

@@ -9,7 +9,7 @@
 
 use rayon::prelude::*;
 
-use super::fit::{only, thinned};
+use super::thin::{only, thinned};
 use crate::choice::held_out_mm;
 use crate::{Experiment, Method, Options, Override, identify, priors};
 

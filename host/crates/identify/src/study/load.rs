@@ -9,7 +9,7 @@ use spherecal_shared::robot::{Inertia, Tool};
 
 use super::StudyError;
 use super::sources::{Sources, TableSource, plate};
-use crate::evaluate::Flange;
+use crate::flange::Flange;
 use crate::recordings::{Recordings, Rows, Sample};
 use crate::{Experiment, Observation, Options, Set, Target};
 use spherecal_model::input::{InputError, Labels, Progress, Row, Table, TableFormat};

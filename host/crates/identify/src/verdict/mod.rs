@@ -12,7 +12,6 @@
 mod asked;
 mod checks;
 mod diagnosed;
-mod expected;
 
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -23,10 +22,13 @@ use crate::diagnosis::Diagnosis;
 use crate::evaluate::{HeldOut, Judged};
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
-use crate::{Calibration, Options};
+use crate::{Calibration, Options, halton_configurations};
 
+pub use crate::expected_error::ExpectedError;
 pub use checks::checks;
-pub use expected::{ExpectedError, expected_error};
+
+/// Configurations of the workspace at which the expected error is drawn.
+const CONFIGURATIONS: usize = 100;
 
 /// Everything that a check may look at.
 #[derive(Clone, Copy)]
@@ -199,4 +201,14 @@ pub fn verdict(evidence: &Evidence<'_>) -> Verdict {
         next: next.to_owned(),
         checks,
     }
+}
+
+/// The expected error of a calibration; none where its covariance is unknown.
+pub fn expected_error(evidence: &Evidence<'_>) -> Option<ExpectedError> {
+    let calibration = evidence.calibration;
+    if let Some(diagnosis) = evidence.diagnosis {
+        return Some(diagnosis.expected_error_of(|q| calibration.tcp_m(q, None)));
+    }
+    let configurations = halton_configurations(&calibration.robot, CONFIGURATIONS);
+    ExpectedError::of(calibration, &configurations, None)
 }

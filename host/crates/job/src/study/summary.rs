@@ -7,7 +7,7 @@ use spherecal_identify::evaluate::{Errors, Judge, Judged};
 use spherecal_identify::study::Study;
 use spherecal_report::Certificate;
 
-use crate::summary::hexadecimal;
+use crate::hexadecimal::hexadecimal;
 
 /// Hash over the bits of the recordings in order: joint angles, then torques.
 pub(super) fn recordings_sha256(study: &Study) -> String {

@@ -11,11 +11,8 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use super::Evidence;
-use crate::{Calibration, halton_configurations};
+use crate::Calibration;
 
-/// Configurations of the workspace.
-const CONFIGURATIONS: usize = 100;
 /// Robots drawn.
 const DRAWS: usize = 200;
 
@@ -28,16 +25,6 @@ pub struct ExpectedError {
     pub p95: f64,
     /// 95 % interval of the mean.
     pub interval: [f64; 2],
-}
-
-/// The expected error of a calibration; none where its covariance is unknown.
-pub fn expected_error(evidence: &Evidence<'_>) -> Option<ExpectedError> {
-    let calibration = evidence.calibration;
-    if let Some(diagnosis) = evidence.diagnosis {
-        return Some(diagnosis.expected_error_of(|q| calibration.tcp_m(q, None)));
-    }
-    let configurations = halton_configurations(&calibration.robot, CONFIGURATIONS);
-    ExpectedError::of(calibration, &configurations, None)
 }
 
 impl ExpectedError {
