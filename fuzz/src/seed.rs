@@ -23,7 +23,7 @@ use spherecal_shared::protocol::host::{
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 #[cfg(feature = "host")]
-use spherecal_store::{CalibrationStore as _, NewRun, PlannedPose, SqlStore};
+use spherecal_store::{CalibrationStore as _, NewRun, StoredPose, SqlStore};
 
 fn write(target: &str, name: &str, bytes: &[u8]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
@@ -261,7 +261,7 @@ fn host() {
             plan_json: "{}".to_owned(),
             program: "seed".to_owned(),
             spheres: spherecal_model::paper_plate(),
-            poses: vec![PlannedPose {
+            poses: vec![StoredPose {
                 sphere: 1,
                 pose: 1,
                 orientation: [1.0, 0.0, 0.0, 0.0],

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
-use spherecal::campaign::{Assignment, CampaignError, Options, Outcome, Silent, run};
+use spherecal::campaign::{Assignment, CampaignError, Outcome, RunOptions, Silent, run};
 use spherecal::job::{Link, Measurements, Prepared, Site, measure, read};
 use spherecal::link::{Arrival, Device, Drive, LocalDevice, controller_in_process};
 use spherecal::link::{Journal, JournalError};
@@ -162,7 +162,7 @@ pub fn carry_out(
         plan,
         done,
         seated: &[],
-        options: Options::default(),
+        options: RunOptions::default(),
     };
     let mut memory = Memory::default();
     let (outcome, result) = run(&assignment, device, &mut memory, &mut Silent, &AtomicBool::new(false));

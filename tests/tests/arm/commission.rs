@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use spherecal::campaign::commission::{Attendant, MovingLimits, Step, StepReport, Verdict, commission_moving};
+use spherecal::campaign::commission::{Attendant, MovingLimits, Step, StepEnd, StepReport, commission_moving};
 use spherecal::campaign::{Assignment, CampaignError, Silent};
 use spherecal::job::{Choice, Commissioning, Config, Link, Prepared, commission, commissionings, open_store, prepare};
 use spherecal::link::{Drive, JournalError, LinkError, LocalDevice, controller_in_process};
@@ -114,9 +114,9 @@ fn a_no_ends_the_procedure() {
         assert_eq!(found.steps.len(), no_to / 2 + 1);
         let last = found.steps.last().expect("a step");
         let expected = if no_to % 2 == 0 {
-            Verdict::Declined
+            StepEnd::Declined
         } else {
-            Verdict::Failed
+            StepEnd::Failed
         };
         assert_eq!(last.verdict, expected);
         assert!(!found.passed());
@@ -133,7 +133,7 @@ fn a_load_that_was_not_declared_is_found_before_the_arm_moves() {
     let mut person = Person::default();
     let found = with_real_tool(&prepared, loaded, &mut person);
     assert_eq!(found.steps.len(), 1, "{found:#?}");
-    assert_eq!(found.steps[0].verdict, Verdict::Failed);
+    assert_eq!(found.steps[0].verdict, StepEnd::Failed);
 }
 
 /// The first step on an arm with another tool than the host believes.
@@ -238,7 +238,7 @@ fn moved_in(
 fn without_a_yes_no_torque_is_commanded() {
     let (kept, error, asked, enabled) = moved_in(&[], false, Some(0));
     assert!(error.is_none(), "{error:?}");
-    assert_eq!((kept.len(), kept[0].verdict), (1, Verdict::Declined));
+    assert_eq!((kept.len(), kept[0].verdict), (1, StepEnd::Declined));
     assert_eq!((asked, enabled), (1, 0));
 }
 
@@ -253,7 +253,7 @@ fn an_arm_that_goes_ends_at_zero_stiffness() {
         assert_eq!((kept.len(), asked), (1, 1), "{kept:?}");
         assert_eq!(
             (kept[0].step, kept[0].verdict),
-            (Step::ZeroStiffness, Verdict::Failed),
+            (Step::ZeroStiffness, StepEnd::Failed),
             "{kept:?}"
         );
         assert!(!kept[0].remarks.is_empty(), "it says what to do");
@@ -271,7 +271,7 @@ fn a_pressed_arm_fails_the_soft_hold() {
     assert_eq!((kept.len(), asked), (2, 3), "{kept:?}");
     assert_eq!(
         (kept[1].step, kept[1].verdict),
-        (Step::SoftHold, Verdict::Failed),
+        (Step::SoftHold, StepEnd::Failed),
         "{kept:?}"
     );
 }
@@ -281,7 +281,7 @@ fn a_pressed_arm_fails_the_soft_hold() {
 fn a_stuck_arm_fails_and_is_kept() {
     let (kept, error, _, _) = moved_in(&[], true, None);
     let last = kept.last().expect("kept");
-    assert_eq!(last.verdict, Verdict::Failed, "{kept:?} {error:?}");
+    assert_eq!(last.verdict, StepEnd::Failed, "{kept:?} {error:?}");
     assert!(last.step <= Step::FreeMotion, "{kept:?}");
     assert!(!last.remarks.is_empty(), "{last:?}");
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use spherecal::campaign::{Assignment, CampaignError, Options, Outcome, Silent, run};
+use spherecal::campaign::{Assignment, CampaignError, Outcome, RunOptions, Silent, run};
 use spherecal::lab::faults::{CampaignOptions, Case, Ended, Finish, MatrixOptions, campaign, matrix};
 use spherecal::link::qemu::{Qemu, QemuOptions};
 use spherecal::link::{Controller, LinkError, controller_in_process};
@@ -59,7 +59,7 @@ fn campaign_with(faults: &FaultPlan, mut make: Make) -> (Memory, Outcome, Result
         plan: &plan,
         done: &BTreeSet::new(),
         seated: &[],
-        options: Options::default(),
+        options: RunOptions::default(),
     };
     let (outcome, result) = run(
         &assignment,

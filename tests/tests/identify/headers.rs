@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spherecal::identify::{EvaluateOptions, Recordings, evaluate, fit_pose};
-use spherecal::lab::worlds::{PlannedPose, planned_poses, record_plant};
+use spherecal::lab::worlds::{ContactPose, planned_poses, record_plant};
 use spherecal::model::Chain;
 use spherecal::plan::{Cell, DesignRequest, design};
 use spherecal::sim::plant::{PlantConfig, StillArm};
@@ -38,7 +38,7 @@ fn configurations(seed: u64) -> Vec<[f64; 7]> {
 const MODELS: [&str; 2] = ["geometry alone", "nominal robot"];
 
 /// Stated and true mean error (mm) of [`MODELS`] for one robot.
-fn stated_and_true(world: World, plant: PlantConfig, poses: &[PlannedPose]) -> [(f64, f64); 2] {
+fn stated_and_true(world: World, plant: PlantConfig, poses: &[ContactPose]) -> [(f64, f64); 2] {
     let trial = record_plant(world, plant.clone(), poses).expect("the built-in worlds work");
     let mut recordings = Recordings::from(&trial);
     recordings.tracker = None;

@@ -12,7 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spherecal::identify::{EvaluateOptions, Recordings, Verdict, evaluate, fit_pose};
-use spherecal::lab::worlds::{PlannedPose, Trial, planned_poses, record_plant};
+use spherecal::lab::worlds::{ContactPose, Trial, planned_poses, record_plant};
 use spherecal::model::Chain;
 use spherecal::plan::{Cell, DesignRequest, design};
 use spherecal::sim::plant::PlantConfig;
@@ -84,7 +84,7 @@ fn sag(size: f64, q: &[f64]) -> Vector3<f64> {
     Vector3::z() * (-size * q[1] * q[1])
 }
 
-fn record(world: World, broken: Broken, seed: u64, poses: &[PlannedPose]) -> Trial {
+fn record(world: World, broken: Broken, seed: u64, poses: &[ContactPose]) -> Trial {
     let mut plant = PlantConfig { seed, ..world.plant() };
     match broken {
         Broken::CrossJoint(rad) => plant.encoder.cross_rad = rad,
@@ -159,11 +159,11 @@ fn outcome(trial: &Trial, judged: bool) -> Outcome {
     }
 }
 
-fn default_plan() -> Vec<PlannedPose> {
+fn default_plan() -> Vec<ContactPose> {
     plan_of(150)
 }
 
-fn plan_of(poses: usize) -> Vec<PlannedPose> {
+fn plan_of(poses: usize) -> Vec<ContactPose> {
     let plan = design(&Cell::iiwa7(), &DesignRequest::new(poses)).expect("the built-in cell is plannable");
     planned_poses(&plan)
 }
@@ -183,7 +183,7 @@ fn outcomes(
     world: World,
     broken: Broken,
     seeds: std::ops::Range<u64>,
-    poses: &[PlannedPose],
+    poses: &[ContactPose],
     judged: bool,
 ) -> Vec<Outcome> {
     let robot = |seed| outcome(&record(world, broken, seed, poses), judged);
@@ -288,7 +288,7 @@ fn study_of_broken_worlds() {
 #[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
 fn study_of_twenty_rows() {
     let all = default_plan();
-    let poses: Vec<PlannedPose> = all.iter().step_by(all.len().div_ceil(20)).cloned().collect();
+    let poses: Vec<ContactPose> = all.iter().step_by(all.len().div_ceil(20)).cloned().collect();
     let (mut inside, mut used) = (0, 0);
     for world in [World::W0, World::W4] {
         let found = outcomes(world, Broken::Nothing, seeds(6000, 10), &poses, true);

@@ -1,7 +1,7 @@
 //! What it costs that the priors are not the laws that a robot was drawn from.
 
 use rayon::prelude::*;
-use spherecal::lab::worlds::{Estimator, PlannedPose, judge, planned_poses, record_plant};
+use spherecal::lab::worlds::{ContactPose, Estimator, judge, planned_poses, record_plant};
 use spherecal::plan::{Cell, DesignRequest, design};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::worlds::World;
@@ -24,7 +24,7 @@ fn plant(world: World, factor: f64, orders: bool) -> PlantConfig {
 }
 
 /// Medians over the robots (mm): the estimator with its own priors, and with the laws of the robot.
-fn medians(world: World, plant: &PlantConfig, poses: &[PlannedPose]) -> (f64, f64) {
+fn medians(world: World, plant: &PlantConfig, poses: &[ContactPose]) -> (f64, f64) {
     let robot = |seed: u64| {
         let plant = PlantConfig { seed, ..plant.clone() };
         let trial = record_plant(world, plant, poses).expect("the built-in worlds work");

@@ -63,7 +63,7 @@ pub use words::describe;
 /// How a campaign behaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Options {
+pub struct RunOptions {
     /// Failed attempts (without a new recording) after which a sphere is given up.
     pub attempts: u32,
     /// Failures after which a single pose is given up and the campaign tries the next one.
@@ -75,7 +75,7 @@ pub struct Options {
     pub lead_ms: u32,
 }
 
-impl Default for Options {
+impl Default for RunOptions {
     fn default() -> Self {
         Self {
             attempts: 3,
@@ -102,5 +102,5 @@ pub struct Assignment<'a> {
     /// Where earlier sessions of the same run found the spheres, in that order.
     pub seated: &'a [Coupled],
     /// Behaviour.
-    pub options: Options,
+    pub options: RunOptions,
 }

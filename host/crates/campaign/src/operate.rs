@@ -11,7 +11,7 @@ use spherecal_shared::robot::{Robot, Tool};
 use super::observe::Observer;
 use super::procedure::Campaign;
 use super::session::{Session, Waited};
-use super::{Assignment, CampaignError, Options};
+use super::{Assignment, CampaignError, RunOptions};
 use spherecal_link::{Arrival, Device};
 use spherecal_link::{Journal, JournalError};
 use spherecal_plan::Plan;
@@ -86,7 +86,7 @@ pub fn operate(
 ) -> Result<(), CampaignError> {
     let tray = Tray::default();
     let mut journal = Tray(std::sync::Arc::clone(&tray.0));
-    let lead_us = u64::from(Options::default().lead_ms) * 1000;
+    let lead_us = u64::from(RunOptions::default().lead_ms) * 1000;
     let mut session = Session::new(device, &mut journal, observer, interrupt, lead_us);
     let (plan, done) = (Plan::default(), std::collections::BTreeSet::new());
     let assignment = Assignment {
@@ -96,7 +96,7 @@ pub fn operate(
         plan: &plan,
         done: &done,
         seated: &[],
-        options: Options::default(),
+        options: RunOptions::default(),
     };
     Campaign::new(&assignment).begin(&mut session)?;
     let mut port = ManualControl { session, tray };

@@ -26,7 +26,7 @@ pub struct Policy {
     /// at once.
     pub pause_s: f64,
     /// Whether the pose being turned to or recorded is the cause. Such a pose is given up after
-    /// [`pose_attempts`](super::Options::pose_attempts).
+    /// [`pose_attempts`](super::RunOptions::pose_attempts).
     pub blames_pose: bool,
 }
 

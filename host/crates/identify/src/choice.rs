@@ -23,7 +23,7 @@ const MARGIN: f64 = 1.1;
 
 /// A model that was refused.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Refusal {
+pub struct RefusedModel {
     /// The model.
     pub model: Model,
     /// Its mean error on what was held out, in mm.
@@ -34,7 +34,7 @@ pub struct Refusal {
     pub better_mm: f64,
 }
 
-impl std::fmt::Display for Refusal {
+impl std::fmt::Display for RefusedModel {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
@@ -68,7 +68,10 @@ pub(crate) fn held_out_mm(experiment: &Experiment, options: &Options) -> Option<
 ///
 /// # Errors
 /// What [`identify`](super::identify) refuses.
-pub fn choose_model(experiment: &Experiment, options: &Options) -> Result<(Model, Option<Refusal>), IdentifyError> {
+pub fn choose_model(
+    experiment: &Experiment,
+    options: &Options,
+) -> Result<(Model, Option<RefusedModel>), IdentifyError> {
     let rows = experiment.observations.iter().filter(|o| o.set == Set::Calibrate);
     if options.method != Method::Full || options.model == Model::Geometry || rows.count() < FEWEST {
         return Ok((options.model, None));
@@ -108,7 +111,7 @@ pub fn choose_model(experiment: &Experiment, options: &Options) -> Result<(Model
             && figure > MARGIN * found
         {
             (chosen, figure) = (model, found);
-            refusal = Some(Refusal {
+            refusal = Some(RefusedModel {
                 model: options.model,
                 held_out_mm: asked,
                 better: model,

@@ -81,7 +81,7 @@ pub mod validate;
 pub mod verdict;
 
 pub use calibration::{Calibration, FramePose, ParameterEstimate, PriorFactors};
-pub use choice::{Refusal, choose_model};
+pub use choice::{RefusedModel, choose_model};
 pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;
 pub use evaluate::{Estimator, EvaluateError, EvaluateOptions, Evaluation, evaluate};

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 use spherecal_campaign::commission::{
-    Attendant, MovingLimits, ReadOnlyLimits, Step, StepReport, Verdict, commission_moving, commission_read_only,
+    Attendant, MovingLimits, ReadOnlyLimits, Step, StepEnd, StepReport, commission_moving, commission_read_only,
 };
 use spherecal_campaign::{Assignment, Observer};
 use spherecal_link::{Drive, DriveReader, FrankaReader, JournalError, KukaReader, StateReader};
@@ -44,7 +44,7 @@ pub struct Commissioning {
 impl Commissioning {
     /// Whether every step has passed.
     pub fn passed(&self) -> bool {
-        self.steps.len() == Step::ALL.len() && self.steps.iter().all(|s| s.verdict == Verdict::Passed)
+        self.steps.len() == Step::ALL.len() && self.steps.iter().all(|s| s.verdict == StepEnd::Passed)
     }
 }
 
@@ -181,7 +181,7 @@ pub fn commission(
             interrupt,
         )?
     };
-    if first.verdict == Verdict::Passed {
+    if first.verdict == StepEnd::Passed {
         let done = std::collections::BTreeSet::new();
         let procedure = link.adapt(prepared.config.procedure);
         let assignment = Assignment {

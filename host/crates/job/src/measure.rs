@@ -9,7 +9,7 @@ use spherecal_campaign::{self as campaign, Assignment, Observer, Outcome, Tracke
 use spherecal_plan::Plan;
 use spherecal_sim::inject::{self, HostFaultJournal};
 use spherecal_store::time::now_utc;
-use spherecal_store::{CalibrationStore, NewRun, Peer, PlannedPose, RunInfo, SessionEnd};
+use spherecal_store::{CalibrationStore, NewRun, Peer, RunInfo, SessionEnd, StoredPose};
 
 use super::connect::connect;
 use super::drive_timing::DriveTiming;
@@ -189,7 +189,7 @@ pub fn create_run(prepared: &Prepared, link: &Link, store: &mut dyn CalibrationS
         .spheres
         .iter()
         .flat_map(|visit| visit.poses.iter().filter(|p| !p.via).map(|p| (visit.sphere_id, p)))
-        .map(|(sphere, pose)| PlannedPose {
+        .map(|(sphere, pose)| StoredPose {
             sphere,
             pose: pose.id,
             orientation: pose.orientation,

@@ -107,14 +107,14 @@ pub struct NewRun {
     /// The plate's certificate.
     pub spheres: Vec<Sphere>,
     /// Planned poses, in the order of the visits.
-    pub poses: Vec<PlannedPose>,
+    pub poses: Vec<StoredPose>,
     /// Name of the arm: its serial number, or another name that is unique in the fleet.
     pub arm: String,
 }
 
 /// One planned pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PlannedPose {
+pub struct StoredPose {
     /// Id of the sphere.
     pub sphere: u32,
     /// Id of the pose.

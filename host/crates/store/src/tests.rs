@@ -15,7 +15,7 @@ pub(super) fn new_run() -> NewRun {
         program: "test".to_owned(),
         spheres: paper_plate(),
         poses: (0..1200)
-            .map(|pose| PlannedPose {
+            .map(|pose| StoredPose {
                 sphere: 1,
                 pose,
                 orientation: [1.0, 0.0, 0.0, 0.0],

@@ -119,7 +119,7 @@ impl Step {
 /// How a step ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub enum StepEnd {
     /// Everything that was judged is within its limit, and the person agreed.
     Passed,
     /// Something is beyond its limit, a fault came, or the person saw something else than expected.
@@ -130,7 +130,7 @@ pub enum Verdict {
     Declined,
 }
 
-impl Verdict {
+impl StepEnd {
     /// In words.
     pub fn words(self) -> &'static str {
         match self {
@@ -148,7 +148,7 @@ pub struct StepReport {
     /// Which step.
     pub step: Step,
     /// How it ended.
-    pub verdict: Verdict,
+    pub verdict: StepEnd,
     /// What was measured.
     pub figures: Vec<Figure>,
     /// Why it did not pass, and what to do.
@@ -164,11 +164,11 @@ impl StepReport {
         let has = |judgement| figures.iter().any(|f| f.judgement() == judgement);
         let verdict = if has(Judgement::Beyond) {
             remarks.push(step.remedy().to_owned());
-            Verdict::Failed
+            StepEnd::Failed
         } else if has(Judgement::CannotTell) {
-            Verdict::CannotTell
+            StepEnd::CannotTell
         } else {
-            Verdict::Passed
+            StepEnd::Passed
         };
         Self {
             step,
@@ -181,7 +181,7 @@ impl StepReport {
 
     /// The same, failed for another reason.
     pub(crate) fn failed(mut self, why: String) -> Self {
-        self.verdict = Verdict::Failed;
+        self.verdict = StepEnd::Failed;
         self.remarks.push(why);
         self
     }
@@ -190,7 +190,7 @@ impl StepReport {
     pub(crate) fn declined(step: Step) -> Self {
         Self {
             step,
-            verdict: Verdict::Declined,
+            verdict: StepEnd::Declined,
             figures: Vec::new(),
             remarks: vec!["the person at the robot did not agree to begin".to_owned()],
             ended_utc: String::new(),

@@ -9,7 +9,7 @@ use spherecal_shared::protocol::host::{ApproachCommand, Command, FaultReport, Ph
 use spherecal_shared::robot::JointLimits;
 
 use super::watch::{CALM, SLOW, SOFT, Watch, aside, gentle};
-use super::{Attendant, Figure, Step, StepReport, Verdict};
+use super::{Attendant, Figure, Step, StepEnd, StepReport};
 use crate::observe::{Observer, Stage};
 use crate::procedure::{Campaign, joints};
 use crate::session::{Session, Waited};
@@ -96,7 +96,7 @@ impl Commissioning<'_, '_> {
                 self.attendant.simulated();
             }
             match ended {
-                Ok(report) if report.verdict == Verdict::Passed => {
+                Ok(report) if report.verdict == StepEnd::Passed => {
                     self.attendant.done(&report)?;
                     reports.push(report);
                 }
@@ -137,7 +137,7 @@ impl Commissioning<'_, '_> {
             Waited::Got(figures) => StepReport::of(step, figures, Vec::new()),
             Waited::Fault(fault) => return Ok(faulted(step, Vec::new(), &fault)),
         };
-        if report.verdict != Verdict::Passed {
+        if report.verdict != StepEnd::Passed {
             // Nothing is left to ask, and an answer would take time.
             return Ok(report);
         }

@@ -117,7 +117,7 @@ fn gravity_is_that_of_the_controller() {
 fn a_robot_as_described_passes_the_first_step() {
     let (report, kept) = read(still(&iiwa().1), &[true, true]);
     let report = report.expect("read");
-    assert_eq!(report.verdict, Verdict::Passed, "{report:?}");
+    assert_eq!(report.verdict, StepEnd::Passed, "{report:?}");
     assert_eq!(kept, [report]);
 }
 
@@ -127,7 +127,7 @@ fn a_load_that_was_not_declared_is_found() {
     let mut tool = iiwa().1;
     tool.body.mass_kg += 1.5;
     let report = read(still(&tool), &[true, true]).0.expect("read");
-    assert_eq!(report.verdict, Verdict::Failed);
+    assert_eq!(report.verdict, StepEnd::Failed);
     let load = report
         .figures
         .iter()
@@ -147,14 +147,14 @@ fn the_sign_of_the_torques_is_told() {
     let mut reversed = still(&iiwa().1);
     reversed.tau.iter_mut().for_each(|tau| *tau = -*tau);
     let report = read(reversed, &[true, true]).0.expect("read");
-    assert_eq!(report.verdict, Verdict::Failed);
+    assert_eq!(report.verdict, StepEnd::Failed);
     assert!(report.remarks.iter().any(|r| r.contains("torque_sign")), "{report:?}");
     for (factor, words) in [(1.0, "actuators on the links"), (-1.0, "links on the actuators")] {
         let mut silent = still(&iiwa().1);
         silent.unsigned = true;
         silent.tau.iter_mut().for_each(|tau| *tau *= factor);
         let report = read(silent, &[true, true]).0.expect("read");
-        assert_eq!(report.verdict, Verdict::Passed, "{report:?}");
+        assert_eq!(report.verdict, StepEnd::Passed, "{report:?}");
         assert!(report.remarks.iter().any(|r| r.contains(words)), "{report:?}");
     }
 }
@@ -169,7 +169,7 @@ fn what_cannot_be_told_is_no_pass() {
     silent.tau.clear();
     for (side, words) in [(upright, "stretch the arm"), (silent, "gives 0 torques")] {
         let report = read(side, &[true, true]).0.expect("read");
-        assert_eq!(report.verdict, Verdict::CannotTell);
+        assert_eq!(report.verdict, StepEnd::CannotTell);
         let unknown = report
             .figures
             .iter()
@@ -202,7 +202,7 @@ fn torques_of_another_arm_fail() {
                 ..still(&iiwa().1)
             };
             let report = read(side, &[true, true]).0.expect("read");
-            assert_eq!(report.verdict, Verdict::Failed, "{report:?}");
+            assert_eq!(report.verdict, StepEnd::Failed, "{report:?}");
             assert!(report.remarks.iter().any(|r| r.contains("neither sign")), "{report:?}");
         }
     }
@@ -212,9 +212,9 @@ fn torques_of_another_arm_fail() {
 #[test]
 fn lost_states_are_counted() {
     for (lossy, expected, verdict) in [
-        (0, 0.0, Verdict::Passed),
-        (51, 1.96, Verdict::Passed),
-        (10, 10.0, Verdict::Failed),
+        (0, 0.0, StepEnd::Passed),
+        (51, 1.96, StepEnd::Passed),
+        (10, 10.0, StepEnd::Failed),
     ] {
         let side = Still {
             lossy,
@@ -237,7 +237,7 @@ fn what_fails_says_what_to_do() {
     for step in Step::ALL {
         let beyond = vec![Figure::judged("x", 2.0, "N", 1.0)];
         let report = StepReport::of(step, beyond, Vec::new());
-        assert_eq!(report.verdict, Verdict::Failed);
+        assert_eq!(report.verdict, StepEnd::Failed);
         assert_eq!(report.remarks, [step.remedy()]);
     }
 }
@@ -246,10 +246,10 @@ fn what_fails_says_what_to_do() {
 #[test]
 fn a_no_ends_the_step() {
     let declined = read(still(&iiwa().1), &[false]).0.expect("asked");
-    assert_eq!(declined.verdict, Verdict::Declined);
+    assert_eq!(declined.verdict, StepEnd::Declined);
     assert!(declined.figures.is_empty(), "nothing was measured");
     let other_angles = read(still(&iiwa().1), &[true, false]).0.expect("read");
-    assert_eq!(other_angles.verdict, Verdict::Failed);
+    assert_eq!(other_angles.verdict, StepEnd::Failed);
     let mut moved = still(&iiwa().1);
     moved.commanded = true;
     assert!(matches!(read(moved, &[true]).0, Err(CampaignError::Commanded { .. })));

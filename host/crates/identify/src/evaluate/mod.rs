@@ -40,7 +40,7 @@ pub use error::EvaluateError;
 pub use folds::{Fold, HeldOut};
 pub use judge::{Errors, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
 pub use options::{EvaluateOptions, Step};
-pub use reference::{Estimator, Reference, ReferenceModel, model_title};
+pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
 
 use crate::course::Course;
 use crate::diagnosis::{Diagnosis, diagnose, workspace};
@@ -82,7 +82,7 @@ pub struct Evaluation {
     /// The result.
     pub calibration: Calibration,
     /// What an independent instrument says, where there was one.
-    pub reference: Option<Reference>,
+    pub reference: Option<InstrumentView>,
     /// Errors of rows that the fit has not seen; none where there are no such rows
     /// and none could be left out.
     pub judged: Option<Judged>,

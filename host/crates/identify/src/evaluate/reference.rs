@@ -111,7 +111,7 @@ pub struct ReferenceModel {
 
 /// What the independent instrument says of the calibration and of other models.
 #[derive(Clone, Debug)]
-pub struct Reference {
+pub struct InstrumentView {
     /// Base and tool as the instrument measured them.
     pub frames: MeasuredFrames,
     /// The other models, in the order asked for.
@@ -120,7 +120,7 @@ pub struct Reference {
     pub table: Option<ValidationTable>,
 }
 
-impl Reference {
+impl InstrumentView {
     /// The model of an estimator.
     pub fn model(&self, estimator: Estimator) -> Option<&Calibration> {
         let found = self.models.iter().find(|m| m.estimator == estimator);
@@ -138,7 +138,7 @@ pub(super) fn reference(
     calibration: &Calibration,
     notes: &mut Vec<String>,
     progress: &mut dyn FnMut(Step),
-) -> Result<Reference, EvaluateError> {
+) -> Result<InstrumentView, EvaluateError> {
     let frames = tracker.measured_frames(&recordings.experiment)?;
     let mut models = Vec::new();
     for &estimator in &asked.models {
@@ -161,7 +161,7 @@ pub(super) fn reference(
     } else {
         Some(table(recordings, tracker, &frames, calibration, &models)?)
     };
-    Ok(Reference { frames, models, table })
+    Ok(InstrumentView { frames, models, table })
 }
 
 /// Identifies by one of the other estimators.

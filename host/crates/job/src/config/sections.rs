@@ -138,7 +138,7 @@ pub struct CampaignSection {
 
 impl Default for CampaignSection {
     fn default() -> Self {
-        let options = campaign::Options::default();
+        let options = campaign::RunOptions::default();
         Self {
             attempts: options.attempts,
             pose_attempts: options.pose_attempts,
@@ -151,8 +151,8 @@ impl Default for CampaignSection {
 
 impl CampaignSection {
     /// As the campaign takes it.
-    pub fn options(&self) -> campaign::Options {
-        campaign::Options {
+    pub fn options(&self) -> campaign::RunOptions {
+        campaign::RunOptions {
             attempts: self.attempts.max(1),
             pose_attempts: self.pose_attempts.max(1),
             rejected_percent: self.rejected_percent,

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::estimators::judge;
-use super::record::{PlannedPose, WorldError, paper_poses, record_poses};
+use super::record::{ContactPose, WorldError, paper_poses, record_poses};
 use spherecal_identify::Estimator;
 use spherecal_identify::validate::{Alignment, Statistics};
 use spherecal_sim::worlds::World;
@@ -22,7 +22,7 @@ pub struct CompareOptions {
     /// Seeds of the robots, the same in every world.
     pub seeds: Vec<u64>,
     /// Poses of the contacts; the paper's grid if none.
-    pub poses: Option<Vec<PlannedPose>>,
+    pub poses: Option<Vec<ContactPose>>,
     /// Whether to show progress on stderr.
     pub progress: bool,
 }

@@ -23,7 +23,7 @@ pub use compare::{Cell, CompareOptions, Comparison, Errors, compare};
 pub use estimators::judge;
 pub use plans::{Chosen, PlanOptions, PlanRow, PlanTable, compare_plans};
 pub use record::{
-    CONTACT_S, GRID_SPHERES, PlannedPose, Trial, WorldError, paper_poses, planned_poses, record, record_plant,
+    CONTACT_S, ContactPose, GRID_SPHERES, Trial, WorldError, paper_poses, planned_poses, record, record_plant,
     record_poses,
 };
 pub use spherecal_identify::Estimator;

@@ -23,7 +23,7 @@ pub const CONTACT_S: f64 = 4.0;
 
 /// A pose at which a contact is to be recorded.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PlannedPose {
+pub struct ContactPose {
     /// Number of the coupling: poses that follow each other in one are recorded without letting go of the sphere.
     pub coupling: usize,
     /// Id of the sphere.
@@ -104,8 +104,8 @@ pub struct Trial {
 ///
 /// # Errors
 /// The planner refuses its own nominal cell.
-pub fn paper_poses() -> Result<&'static [PlannedPose], WorldError> {
-    static POSES: OnceLock<Result<Vec<PlannedPose>, WorldError>> = OnceLock::new();
+pub fn paper_poses() -> Result<&'static [ContactPose], WorldError> {
+    static POSES: OnceLock<Result<Vec<ContactPose>, WorldError>> = OnceLock::new();
     let poses = POSES.get_or_init(|| {
         let made = plan::paper_plan(&plan::Cell::iiwa7()).map_err(|e| WorldError::Grid(e.to_string()))?;
         Ok(planned_poses(&made))
@@ -114,10 +114,10 @@ pub fn paper_poses() -> Result<&'static [PlannedPose], WorldError> {
 }
 
 /// The poses that a plan records, in its order.
-pub fn planned_poses(plan: &plan::Plan) -> Vec<PlannedPose> {
+pub fn planned_poses(plan: &plan::Plan) -> Vec<ContactPose> {
     let visits = plan.spheres.iter().enumerate().flat_map(|(coupling, visit)| {
         let recorded = visit.poses.iter().filter(|p| !p.via);
-        recorded.map(move |p| PlannedPose {
+        recorded.map(move |p| ContactPose {
             coupling,
             sphere: visit.sphere_id,
             q: p.joints.clone(),
@@ -168,7 +168,7 @@ impl Noise {
 ///
 /// # Errors
 /// See [`WorldError`].
-pub fn record_poses(world: World, seed: u64, poses: &[PlannedPose]) -> Result<Trial, WorldError> {
+pub fn record_poses(world: World, seed: u64, poses: &[ContactPose]) -> Result<Trial, WorldError> {
     record_plant(world, PlantConfig { seed, ..world.plant() }, poses)
 }
 
@@ -177,7 +177,7 @@ pub fn record_poses(world: World, seed: u64, poses: &[PlannedPose]) -> Result<Tr
 ///
 /// # Errors
 /// See [`WorldError`].
-pub fn record_plant(world: World, plant: PlantConfig, poses: &[PlannedPose]) -> Result<Trial, WorldError> {
+pub fn record_plant(world: World, plant: PlantConfig, poses: &[ContactPose]) -> Result<Trial, WorldError> {
     let seed = plant.seed;
     let planned = laser_plan(seed)?;
     let reference: Vec<[f64; 7]> = planned.validation.iter().map(|q| joints(q)).collect();
@@ -288,7 +288,7 @@ fn contacts(
     plant: &PlantConfig,
     world: World,
     seed: u64,
-    poses: &[PlannedPose],
+    poses: &[ContactPose],
 ) -> Result<(Experiment, Vec<usize>), WorldError> {
     let spheres = paper_plate();
     let mut arm = StillArm::new(truth, plant);

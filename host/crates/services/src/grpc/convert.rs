@@ -10,7 +10,7 @@ use spherecal_shared::protocol::host::{
 use super::proto;
 use spherecal_link::Arrival;
 use spherecal_model::{LaserShot, Sphere};
-use spherecal_store::{NewRun, PlannedPose, RunInfo, SessionEnd};
+use spherecal_store::{NewRun, RunInfo, SessionEnd, StoredPose};
 
 /// A text in a message that matches no type, or a list of the wrong length; in words.
 pub(super) type Malformed = String;
@@ -295,7 +295,7 @@ pub(super) fn new_run_out(new: &NewRun) -> Result<proto::NewRun, Malformed> {
 
 pub(super) fn new_run(m: proto::NewRun) -> Result<NewRun, Malformed> {
     let poses = m.poses.iter().map(|p| {
-        Ok(PlannedPose {
+        Ok(StoredPose {
             sphere: p.sphere,
             pose: p.pose,
             orientation: {
