@@ -15,7 +15,8 @@ use super::chain::Nominal;
 use super::error::IdentifyError;
 use super::map::{Fit, fit, prepare};
 use super::options::{Method, Model, Options};
-use super::parameters::{Layout, reference_of};
+use super::parameters::Layout;
+use super::targets::reference_of;
 use spherecal_model::input::Labels;
 use spherecal_model::{Experiment, Set, Target};
 

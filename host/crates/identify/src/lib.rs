@@ -62,6 +62,7 @@ mod flange;
 mod geometry_only;
 mod holdout;
 pub mod identifiability;
+mod judge;
 mod map;
 mod noise_scale;
 mod normal;
@@ -77,6 +78,7 @@ mod search;
 pub mod simplex;
 mod solve;
 pub mod study;
+mod targets;
 pub mod validate;
 pub mod verdict;
 

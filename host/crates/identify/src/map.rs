@@ -18,9 +18,10 @@ use super::identifiability::{Identifiability, analyse};
 use super::normal::{Group, Whitening, distances, groups};
 use super::options::{Model, Options, Torque};
 use super::parameter_table::table;
-use super::parameters::{Kind, Layout, Parameter, reference_of};
+use super::parameters::{Kind, Layout, Parameter};
 use super::search::{SETTLED, Search, joined};
 use super::solve::{Posterior, Unknowns};
+use super::targets::reference_of;
 use spherecal_model::{DataError, Experiment, Pose, Set, Target, fit_pose};
 
 /// Fewest observations: their three numbers each must exceed the six of the base.

@@ -14,6 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Robot;
 
+use super::targets::reference_of;
 use spherecal_model::{Experiment, Target};
 
 /// Axes closer to parallel than this use Hayati's beta, in rad.
@@ -246,14 +247,6 @@ impl Layout {
         kinds.extend((0..self.references.len()).flat_map(|f| (0..6).map(move |k| Kind::Base(f, k))));
         kinds.extend((0..self.spheres.len()).flat_map(|s| (0..3).map(move |k| Kind::Sphere(s, k))));
         kinds
-    }
-}
-
-/// Frame that a target is given in.
-pub(crate) fn reference_of(target: &Target) -> Reference {
-    match target {
-        Target::Point(_) | Target::Points(_) | Target::Frame(_) => Reference::Tracker,
-        Target::Sphere { place, .. } => Reference::Place(*place),
     }
 }
 

@@ -21,7 +21,8 @@ use spherecal_model::fit_pose;
 use spherecal_shared::robot::Robot;
 
 use crate::flange::Flange;
-use crate::{Experiment, Observation, Pose, Reference, Set, Sphere, Target};
+use crate::targets::{reference_of, target_of};
+use crate::{Experiment, Observation, Pose, Reference, Set};
 
 /// How far (m, 1 sigma) a tool may be from what was said; settles the tool
 /// where the poses cannot tell it from the frame.
@@ -62,23 +63,6 @@ impl NominalFrames {
     pub fn gross(&self) -> Vec<(usize, f64)> {
         let limit = (15.0 * self.median_m).max(0.010);
         self.distances_m.iter().copied().filter(|(_, d)| *d > limit).collect()
-    }
-}
-
-/// The frame that a target is given in.
-pub(super) fn reference_of(target: &Target) -> Reference {
-    match target {
-        Target::Point(_) | Target::Points(_) | Target::Frame(_) => Reference::Tracker,
-        Target::Sphere { place, .. } => Reference::Place(*place),
-    }
-}
-
-/// The frame that a row's target is given in: points of closed-loop data live in
-/// the plate's frame.
-pub(super) fn frame_of(target: &Target, place: u32, closed_loop: bool) -> Reference {
-    match (reference_of(target), closed_loop) {
-        (Reference::Tracker, true) => Reference::Place(place),
-        (reference, _) => reference,
     }
 }
 
@@ -231,23 +215,6 @@ fn median(values: &mut [f64]) -> f64 {
     }
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
-}
-
-/// Where a target is in its frame, in m.
-pub(super) fn target_of(target: &Target, spheres: &[Sphere]) -> Vector3<f64> {
-    match target {
-        Target::Point(p) => Vector3::from(*p),
-        Target::Sphere { sphere, .. } => {
-            let known = spheres.iter().find(|s| s.id == *sphere);
-            known.map_or_else(Vector3::zeros, |s| Vector3::from(s.position_m))
-        }
-        Target::Frame(pose) => pose.position,
-        Target::Points(points) => points
-            .iter()
-            .flatten()
-            .next()
-            .map_or_else(Vector3::zeros, |p| Vector3::from(*p)),
-    }
 }
 
 /// Aligns the calibration set of an experiment with a robot of given geometry;

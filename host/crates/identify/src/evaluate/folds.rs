@@ -8,10 +8,10 @@ use spherecal_shared::robot::Robot;
 
 use super::fit::{Fit, fit};
 use super::groups::{Derived, groups, without_only_contacts};
-use super::judge::{Judged, Predictor, judge};
 use super::thin::thinned;
 use super::{EvaluateError, EvaluateOptions};
 use crate::flange::Flange;
+use crate::judge::{Fold, HeldOut, Judged, Predictor, judge};
 use crate::recordings::Judge;
 use crate::{Options, Pose, Recordings, Reference, Target};
 
@@ -22,26 +22,6 @@ pub(super) const FOLDS: usize = 5;
 const FOLD_ROWS: usize = 50_000;
 /// Most values of a hold-out column: each takes a fit.
 const MOST_HELD_OUT: usize = 200;
-
-/// One value of the hold-out column.
-#[derive(Clone, Debug)]
-pub struct Fold {
-    /// The value.
-    pub value: String,
-    /// The samples that have it, judged by a fit without them.
-    pub judged: Judged,
-}
-
-/// All values of a column, held out one after the other.
-#[derive(Clone, Debug)]
-pub struct HeldOut {
-    /// The column.
-    pub column: String,
-    /// By value.
-    pub folds: Vec<Fold>,
-    /// All of them together.
-    pub pooled: Judged,
-}
 
 /// The models that are judged: nominal geometry, calibrated, and the calibrated
 /// table alone, as a URDF holds it.

@@ -22,7 +22,6 @@ mod error;
 mod fit;
 mod folds;
 mod groups;
-mod judge;
 mod options;
 mod plate;
 mod reference;
@@ -33,12 +32,11 @@ mod tune;
 use nalgebra::Vector3;
 use spherecal_model::chain::Chain;
 
+pub use crate::judge::{Errors, Fold, HeldOut, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
 pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};
 pub use error::EvaluateError;
-pub use folds::{Fold, HeldOut};
-pub use judge::{Errors, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
 pub use options::{EvaluateOptions, Step};
 pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
 

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::collections::HashMap;
 
-use super::align::reference_of;
+use crate::targets::reference_of;
 use crate::{Experiment, Reference, Target};
 
 /// The experiment with only the named rows; the experiment itself where they are all.

@@ -19,7 +19,7 @@ use spherecal_model::Chain;
 use spherecal_shared::robot::Tool;
 
 use crate::diagnosis::Diagnosis;
-use crate::evaluate::{HeldOut, Judged};
+use crate::judge::{HeldOut, Judged};
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
 use crate::{Calibration, Options, halton_configurations};

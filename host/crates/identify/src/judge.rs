@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::align::{frame_of, target_of};
+use super::targets::{frame_of, target_of};
 use spherecal_model::fit_pose;
 
 use crate::recordings::Judge;
@@ -273,4 +273,24 @@ fn error(index: usize, tcp: &Vector3<f64>, off: &Vector3<f64>) -> SampleError {
         error_mm: (off * 1e3).into(),
         distance_mm: off.norm() * 1e3,
     }
+}
+
+/// One value of the hold-out column.
+#[derive(Clone, Debug)]
+pub struct Fold {
+    /// The value.
+    pub value: String,
+    /// The samples that have it, judged by a fit without them.
+    pub judged: Judged,
+}
+
+/// All values of a column, held out one after the other.
+#[derive(Clone, Debug)]
+pub struct HeldOut {
+    /// The column.
+    pub column: String,
+    /// By value.
+    pub folds: Vec<Fold>,
+    /// All of them together.
+    pub pooled: Judged,
 }
