@@ -29,6 +29,7 @@ mod design_request;
 mod error;
 mod grid;
 pub mod laser;
+mod laser_spread;
 mod optimal;
 mod order;
 mod path;
