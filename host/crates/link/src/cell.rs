@@ -79,6 +79,8 @@ impl Device for LocalDevice {
         self.ticks += 1;
         self.controller.missed(missed);
         let command = self.controller.exchange(self.now_us(), &self.state, down, up)?;
+        // Before anything else, such as the bytes for the host, takes time.
+        self.drive.answer(&command)?;
         self.command = Some(command);
         Ok(())
     }

@@ -260,6 +260,10 @@ impl<D: Drive + ?Sized> Drive for Box<D> {
         (**self).exchange(command, state)
     }
 
+    fn answer(&mut self, command: &DriveCommand) -> Result<(), LinkError> {
+        (**self).answer(command)
+    }
+
     fn missed(&self) -> u32 {
         (**self).missed()
     }
@@ -289,6 +293,16 @@ pub trait Drive: Send {
     /// # Errors
     /// When the drive or the transport to it fails for good.
     fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError>;
+
+    /// Sends the command of the next [`exchange`](Self::exchange) at once, so that it does not wait for what else the
+    /// thread does in this period. That exchange gets the same command and does not send it again. A drive that waits
+    /// for its controller has nothing to do here.
+    ///
+    /// # Errors
+    /// When the drive or the transport to it fails for good.
+    fn answer(&mut self, _command: &DriveCommand) -> Result<(), LinkError> {
+        Ok(())
+    }
 
     /// Control periods that passed without an exchange before the last one; zero if drive and
     /// controller wait for each other.

@@ -228,3 +228,29 @@ fn the_loop_allocates_nothing() {
     assert_eq!(held.state.status, DriveStatus::Ready);
     assert_eq!(allocated.count_total, 0, "allocations in 5000 cycles");
 }
+
+// Fails if a torque waits for the next exchange, is sent twice, or is lost.
+#[test]
+fn a_torque_leaves_as_soon_as_it_is_computed() {
+    let (side, _arm) = robot(Version::V10);
+    let mut held = Held::new(side.address().port());
+    held.until("the motion", Held::moves);
+    let monitor = held.drive.monitor().expect("a monitor");
+    for _ in 0..300 {
+        let command = held.command();
+        assert!(command.enable, "{:?}", held.events);
+        let before = side.statistics().commands;
+        held.drive.answer(&command).expect("the link lives");
+        let begun = Instant::now();
+        // The robot waits for it: nobody asks for the next state yet.
+        while side.statistics().commands == before {
+            assert!(begun.elapsed() < PATIENCE, "no torque came: {:?}", side.statistics());
+        }
+        held.drive
+            .exchange(Some(&command), &mut held.state)
+            .expect("the link lives");
+    }
+    drop(held);
+    let (sent, seen) = (monitor.record().cycles, side.shut_down());
+    assert_eq!(seen.commands + seen.late, sent, "{seen:?}");
+}

@@ -188,3 +188,48 @@ fn a_sign_that_cannot_be_told_is_refused() {
     };
     assert!(error.to_string().contains("stretched forwards"), "{error}");
 }
+
+// Fails if an overlay waits for the next exchange, is sent twice, or the first message of the motion is lost.
+#[test]
+fn an_overlay_leaves_as_soon_as_it_is_computed() {
+    let (side, client) = cabinet(1.0, 1.0);
+    let mut drive = listen(client).expect("a cabinet");
+    let (mut state, mut events) = (DriveState::default(), Vec::new());
+    drive.exchange(None, &mut state).expect("a state");
+    side.controls().command.store(true, Ordering::Relaxed);
+    let (at, monitor) = (state.q.clone(), drive.monitor().expect("a monitor"));
+    let begun = Instant::now();
+    let (mut started, mut tick) = (0, None);
+    while started < 300 {
+        assert!(begun.elapsed() < PATIENCE, "{state:?} {events:?}");
+        let enable = state.status == DriveStatus::Ready;
+        let law = |j: usize| 60.0 * (at[j] - state.q[j]) - 6.0 * state.dq[j];
+        let command = DriveCommand {
+            session: 1,
+            tick: state.tick,
+            tau: (0..7).map(|j| if enable { law(j) } else { 0.0 }).collect(),
+            enable,
+        };
+        let (cycles, answered) = (monitor.record().cycles, side.statistics().answered);
+        drive.answer(&command).expect("the link lives");
+        if started > 0 {
+            // The cabinet waits for it: nobody asks for the next message yet.
+            while side.statistics().answered == answered {
+                assert!(begun.elapsed() < PATIENCE, "no overlay came: {:?}", side.statistics());
+            }
+        }
+        drive.exchange(Some(&command), &mut state).expect("the link lives");
+        assert!(monitor.record().cycles >= cycles);
+        while let Some(event) = monitor.next_event() {
+            events.push(event);
+        }
+        if events.contains(&DriveEvent::Started) {
+            started += 1;
+            if let Some(before) = tick.replace(state.tick) {
+                assert_eq!(state.tick, before + 1 + u64::from(drive.missed()));
+            }
+        }
+    }
+    drop(drive);
+    assert_eq!(monitor.record().cycles, 299);
+}

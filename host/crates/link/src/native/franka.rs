@@ -70,6 +70,8 @@ pub struct FrankaDrive {
     state: RobotState,
     tick: u64,
     missed: u32,
+    /// The command for this period was carried out.
+    answered: bool,
     /// No motion is started before this tick.
     resume_at: u64,
     /// How long the robot has been silent.
@@ -101,6 +103,7 @@ impl FrankaDrive {
             state: RobotState::default(),
             tick: 0,
             missed: 0,
+            answered: false,
             resume_at: 0,
             silent: Duration::ZERO,
             reflex: None,
@@ -115,7 +118,7 @@ impl FrankaDrive {
     }
 
     /// Carries out the command that answers the last state.
-    fn answer(&mut self, command: Option<&DriveCommand>) -> Result<(), ClientError> {
+    fn carry_out(&mut self, command: Option<&DriveCommand>) -> Result<(), ClientError> {
         let Some(client) = &mut self.client else { return Ok(()) };
         let Some(tau) = command.filter(|c| c.enable).map(|c| &c.tau) else {
             // While the robot is silent nothing can be stopped; it stops itself, because commands stay away.
@@ -131,7 +134,7 @@ impl FrankaDrive {
         if !client.is_moving() {
             return self.start();
         }
-        // A wrong number of torques was refused in `exchange`.
+        // A wrong number of torques was refused before.
         let Ok(tau) = torques(tau) else { return Ok(()) };
         match client.command(&tau) {
             Ok(cycle) => {
@@ -289,11 +292,13 @@ impl Drive for FrankaDrive {
 
     fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
         self.missed = 0;
-        if let Some(command) = command {
-            torques(&command.tau)?;
+        if !std::mem::take(&mut self.answered) {
+            if let Some(command) = command {
+                torques(&command.tau)?;
+            }
+            let carried_out = self.carry_out(command);
+            self.survive(carried_out)?;
         }
-        let answered = self.answer(command);
-        self.survive(answered)?;
         let Some(client) = &mut self.client else {
             return self.reconnect();
         };
@@ -325,6 +330,14 @@ impl Drive for FrankaDrive {
         fill(&mut state.dq, &self.state.dq);
         fill(&mut state.tau, &self.state.tau_J);
         state.status = self.status();
+        Ok(())
+    }
+
+    fn answer(&mut self, command: &DriveCommand) -> Result<(), LinkError> {
+        torques(&command.tau)?;
+        let carried_out = self.carry_out(Some(command));
+        self.survive(carried_out)?;
+        self.answered = true;
         Ok(())
     }
 

@@ -87,6 +87,10 @@ pub struct KukaDrive {
     state: State,
     tick: u64,
     missed: u32,
+    /// The command for this period was carried out.
+    answered: bool,
+    /// The start of the motion has read its first message.
+    begun: bool,
     /// Commanding is not permitted before this tick.
     resume_at: u64,
     silent: Duration,
@@ -141,6 +145,8 @@ impl KukaDrive {
             state,
             tick: 0,
             missed: 0,
+            answered: false,
+            begun: false,
             resume_at: 0,
             silent: Duration::ZERO,
             recorder: Recorder::new(period_us),
@@ -148,7 +154,7 @@ impl KukaDrive {
     }
 
     /// Carries out the command that answers the last state.
-    fn answer(&mut self, command: Option<&DriveCommand>) -> Result<(), LinkError> {
+    fn carry_out(&mut self, command: Option<&DriveCommand>) -> Result<(), LinkError> {
         let Some(tau) = command.filter(|c| c.enable).map(|c| &c.tau) else {
             if self.client.is_enabled() {
                 self.client.disable();
@@ -200,6 +206,7 @@ impl KukaDrive {
                 return Ok(());
             }
         }
+        self.begun = true;
         self.recorder.event(DriveEvent::Started);
         Ok(())
     }
@@ -245,11 +252,10 @@ impl Drive for KukaDrive {
 
     fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
         self.missed = 0;
-        let was_answerable = self.client.is_answerable();
-        self.answer(command)?;
-        // The start has read the first message of the motion.
-        let begun = !was_answerable && self.client.is_answerable();
-        let received = if begun {
+        if !std::mem::take(&mut self.answered) {
+            self.carry_out(command)?;
+        }
+        let received = if std::mem::take(&mut self.begun) {
             Ok(0)
         } else {
             self.client.receive(&mut self.state).map(|cycle| cycle.missed)
@@ -283,6 +289,12 @@ impl Drive for KukaDrive {
         fill(&mut state.dq, &self.state.dq);
         fill(&mut state.tau, &self.state.measured_torque);
         state.status = self.status();
+        Ok(())
+    }
+
+    fn answer(&mut self, command: &DriveCommand) -> Result<(), LinkError> {
+        self.carry_out(Some(command))?;
+        self.answered = true;
         Ok(())
     }
 

@@ -15,6 +15,10 @@ use crate::{Device, LinkError, LocalDevice};
 
 /// Bytes that may wait for a host in real time. A host that falls behind further is disconnected.
 const BACKLOG: usize = 1 << 20;
+/// Bytes of a host that the controller takes in one period; further bytes wait.
+const DOWN: usize = 4 * MAX_FRAME;
+/// Bytes that the controller sends in one period, with room to spare.
+const UP: usize = 16 * MAX_FRAME;
 
 /// Splits a byte stream into turns.
 #[derive(Debug, Default)]
@@ -68,31 +72,63 @@ pub fn serve_hosts(cell: &mut LocalDevice, listener: &TcpListener, once: bool) -
             }
         }
     }
-    listener
-        .set_nonblocking(true)
-        .map_err(|e| TcpError::of("the host link", e))?;
-    let (mut host, mut down, mut up): (Option<Host>, _, _) = (None, Vec::new(), Vec::new());
-    loop {
-        if host.is_none() {
-            match listener.accept() {
-                Ok((stream, _)) => host = Host::handshake(cell, stream).ok(),
+    let mut service = HostService::new(listener)?;
+    while !(service.turn(cell)? && once) {}
+    Ok(())
+}
+
+/// Serves one host after the other in real time, one control period at a time. While no host is connected, and whatever
+/// a host does, each period is carried out. Apart from a host that connects, a period allocates nothing here.
+pub struct HostService<'a> {
+    listener: &'a TcpListener,
+    host: Option<Host>,
+    down: Vec<u8>,
+    up: Vec<u8>,
+}
+
+impl<'a> HostService<'a> {
+    /// No host is connected yet.
+    ///
+    /// # Errors
+    /// The listener fails.
+    pub fn new(listener: &'a TcpListener) -> Result<Self, LinkError> {
+        listener
+            .set_nonblocking(true)
+            .map_err(|e| TcpError::of("the host link", e))?;
+        Ok(Self {
+            listener,
+            host: None,
+            down: Vec::with_capacity(DOWN + MAX_FRAME),
+            up: Vec::with_capacity(UP),
+        })
+    }
+
+    /// One control period. Returns whether a host has disconnected.
+    ///
+    /// # Errors
+    /// The cell fails, or the listener fails.
+    pub fn turn(&mut self, cell: &mut LocalDevice) -> Result<bool, LinkError> {
+        if self.host.is_none() {
+            match self.listener.accept() {
+                Ok((stream, _)) => self.host = Host::handshake(cell, stream).ok(),
                 Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
                 Err(e) => return Err(TcpError::of("the host link", e).into()),
             }
         }
-        down.clear();
-        up.clear();
-        let mut left = host.as_mut().is_some_and(|host| host.read(&mut down).is_err());
-        cell.step(&down, &mut up)?;
-        if let Some(host) = &mut host {
-            left |= host.write(&up).is_err();
+        self.down.clear();
+        self.up.clear();
+        let mut left = self
+            .host
+            .as_mut()
+            .is_some_and(|host| host.read(&mut self.down).is_err());
+        cell.step(&self.down, &mut self.up)?;
+        if let Some(host) = &mut self.host {
+            left |= host.write(&self.up).is_err();
         }
         if left {
-            host = None;
-            if once {
-                return Ok(());
-            }
+            self.host = None;
         }
+        Ok(left)
     }
 }
 
@@ -148,14 +184,13 @@ impl Host {
         stream.set_nonblocking(true)?;
         Ok(Self {
             stream,
-            backlog: Vec::new(),
+            backlog: Vec::with_capacity(BACKLOG + UP + 1),
         })
     }
 
     fn read(&mut self, down: &mut Vec<u8>) -> std::io::Result<()> {
         let mut buffer = [0; MAX_FRAME];
-        // As much as the controller takes in one period; further bytes wait.
-        while down.len() < 4 * MAX_FRAME {
+        while down.len() < DOWN {
             match self.stream.read(&mut buffer) {
                 Ok(0) => {
                     return Err(ErrorKind::BrokenPipe.into());

@@ -33,6 +33,8 @@ pub struct TcpDrive {
     hello: DriveHello,
     schedule: Option<Schedule>,
     heard: bool,
+    /// The command of this period was sent.
+    answered: bool,
     missed: u32,
 }
 
@@ -99,8 +101,14 @@ impl TcpDrive {
             hello,
             schedule,
             heard: false,
+            answered: false,
             missed: 0,
         })
+    }
+
+    fn send(&mut self, command: &DriveCommand) -> Result<(), TcpError> {
+        let time_us = command.tick.wrapping_mul(u64::from(self.hello.period_us));
+        self.wire.send(command, time_us)
     }
 
     fn state(&mut self) -> Result<DriveState, TcpError> {
@@ -142,9 +150,9 @@ impl Drive for TcpDrive {
     }
 
     fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
-        if let Some(command) = command {
-            let time_us = command.tick.wrapping_mul(u64::from(self.hello.period_us));
-            self.wire.send(command, time_us)?;
+        let answered = std::mem::take(&mut self.answered);
+        if let Some(command) = command.filter(|_| !answered) {
+            self.send(command)?;
         }
         if self.schedule.is_some() {
             self.newest(state)?;
@@ -158,6 +166,15 @@ impl Drive for TcpDrive {
                     seconds: ANSWER.as_secs(),
                     damaged: self.wire.counters().crc_errors,
                 })?;
+        }
+        Ok(())
+    }
+
+    fn answer(&mut self, command: &DriveCommand) -> Result<(), LinkError> {
+        // In lock-step the drive waits anyway.
+        if !self.hello.lock_step {
+            self.send(command)?;
+            self.answered = true;
         }
         Ok(())
     }
