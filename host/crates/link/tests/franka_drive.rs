@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use spherecal_fci::client::{Config, EndCause};
-use spherecal_fci::robot::{JointArm, READY, RobotConfig, RobotSide};
+use spherecal_fci::robot::{FR3_URDF, JointArm, JointLimits, READY, RobotConfig, RobotSide};
 use spherecal_fci::wire::{RobotError, Version};
 use spherecal_link::Drive;
 use spherecal_link::native::{DriveEvent, FrankaDrive, FrankaOptions, collision_behavior};
@@ -253,4 +253,63 @@ fn a_torque_leaves_as_soon_as_it_is_computed() {
     drop(held);
     let (sent, seen) = (monitor.record().cycles, side.shut_down());
     assert_eq!(seen.commands + seen.late, sent, "{seen:?}");
+}
+
+// Fails if the robot's own model does not limit the joints, a model without limits is taken for one, or its robot cannot
+// be used.
+#[test]
+fn the_robots_own_model_states_the_limits() {
+    let start = |model: &str| {
+        let config = RobotConfig {
+            model: Some(model.to_owned()),
+            ..RobotConfig::for_tests(Version::V10)
+        };
+        let side = RobotSide::start(config, Box::new(JointArm::new(READY))).expect("a robot side");
+        let drive = FrankaDrive::connect(options(side.address().port())).expect("a robot");
+        let event = drive.monitor().expect("a monitor").next_event();
+        (drive.hello().limits.clone(), event)
+    };
+    let (table, event) = start(FR3_URDF);
+    assert_eq!(
+        (table[0].min_rad, table[6].velocity_rad_s, event),
+        (-2.7437, 5.26, None)
+    );
+    let (narrow, event) = start(&FR3_URDF.replacen("-2.7437", "-2.5", 1));
+    assert_eq!((narrow[0].min_rad, event), (-2.5, None));
+    let (limits, event) = start("<robot/>");
+    assert_eq!(limits, table);
+    let words = event.expect("an event").to_string();
+    assert!(
+        words.contains("0 revolute joints") && words.contains("data sheet"),
+        "{words}"
+    );
+}
+
+// Fails if a free motion with the procedure's speed and acceleration, which ends 2 degrees before the margin of a stop as
+// the tightest plans do, would be faster than the FR3 permits there: its limit falls near the stops.
+#[test]
+fn planned_motions_are_slower_than_the_fr3_permits_near_its_stops() {
+    let (procedure, limits) = (Procedure::default(), &JointLimits::FR3);
+    let (speed, acceleration) = (procedure.motion.speed_rad_s, procedure.motion.acceleration_rad_s2);
+    let room = 2_f64.to_radians() + procedure.limits.position_margin_rad;
+    let mut most = 0.0_f64;
+    for joint in 0..7 {
+        let range = limits.upper[joint] - limits.lower[joint] - 2.0 * room;
+        for part in 1..=100 {
+            let distance = range * f64::from(part) / 100.0;
+            // The controller's profile: a quintic from rest to rest.
+            let duration = (1.875 * distance / speed).max((5.773_502_7 * distance / acceleration).sqrt());
+            for k in 1..200 {
+                let x = f64::from(k) / 200.0;
+                let way = distance * x.powi(3) * (10.0 + x * (-15.0 + 6.0 * x));
+                let velocity = distance / duration * 30.0 * (x * (1.0 - x)).powi(2);
+                let left = distance - way + room;
+                let (_, upper) = limits.velocity_at(joint, limits.upper[joint] - left);
+                let (lower, _) = limits.velocity_at(joint, limits.lower[joint] + left);
+                most = most.max(velocity / upper.min(-lower));
+            }
+        }
+    }
+    assert!(most < 0.9, "{most} of what the robot permits");
+    assert!(most > 0.5, "the test sees no limit: {most}");
 }

@@ -35,6 +35,7 @@ mod arm;
 mod config;
 mod kinematics;
 mod limits;
+mod model;
 mod server;
 mod session;
 mod supervisor;
@@ -42,6 +43,7 @@ mod supervisor;
 pub use arm::{Arm, ArmCommand, ArmState, JointArm, RigidArm};
 pub use config::{READY, RobotConfig, Tolerance};
 pub use limits::JointLimits;
+pub use model::ModelError;
 pub use server::{Controls, RobotSide, RobotStatistics};
 pub use supervisor::{Finished, Supervisor};
 

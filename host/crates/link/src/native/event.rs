@@ -9,6 +9,8 @@ pub enum DriveEvent {
     Scheduled(spherecal_realtime::Granted),
     /// The robot accepts torques from now on.
     Started,
+    /// A Franka robot's own model states no limits: those of the data sheet count.
+    ModelUnread(spherecal_fci::robot::ModelError),
     /// A Franka robot ended the motion: a reflex, the user stop, a safety function.
     FrankaEnded(spherecal_fci::client::MotionEnd),
     /// A Franka robot does not start a motion.
@@ -41,6 +43,7 @@ impl std::fmt::Display for DriveEvent {
         match self {
             Self::Scheduled(granted) => granted.fmt(f),
             Self::Started => f.write_str("the robot accepts torques"),
+            Self::ModelUnread(error) => write!(f, "{error}; the limits of the maker's data sheet are kept"),
             Self::FrankaEnded(end) => end.fmt(f),
             Self::FrankaNotReady { mode, errors } => {
                 write!(f, "the robot does not start a motion: mode {mode} ({errors})")

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use spherecal_fci::PERIOD_S;
 use spherecal_fci::client::{Client, ClientError, Config};
-use spherecal_fci::robot::JointLimits as FrankaLimits;
+use spherecal_fci::robot::{JointLimits as FrankaLimits, ModelError};
 use spherecal_fci::wire::{CollisionBehavior, Load, RobotMode, RobotState, Version};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
@@ -83,18 +83,28 @@ pub struct FrankaDrive {
 }
 
 impl FrankaDrive {
-    /// Connects, declares load and thresholds. Nothing moves.
+    /// Connects, declares load and thresholds, and asks for the robot's own model: its joint limits count, those of the
+    /// data sheet where the interface has no model. Nothing moves.
     ///
     /// # Errors
     /// The robot cannot be reached, speaks another version, or refuses a setting.
     pub fn connect(options: FrankaOptions) -> Result<Self, LinkError> {
-        let client = open(&options).map_err(LinkError::device)?;
+        let mut client = open(&options).map_err(LinkError::device)?;
+        let mut recorder = Recorder::new(PERIOD_US);
+        let limits = match own_limits(&mut client).map_err(LinkError::device)? {
+            Some(Ok(limits)) => limits,
+            Some(Err(error)) => {
+                recorder.event(DriveEvent::ModelUnread(error));
+                *FrankaLimits::of(client.version())
+            }
+            None => *FrankaLimits::of(client.version()),
+        };
         let hello = DriveHello {
             period_us: PERIOD_US,
             compensates_gravity: true,
             // No control unit is on this computer: what answers from here is a simulation.
             simulated: client.peer().is_loopback(),
-            ..DriveHello::new(SESSION, joint_limits(client.version()))
+            ..DriveHello::new(SESSION, joint_limits(&limits))
         };
         Ok(Self {
             options,
@@ -108,7 +118,7 @@ impl FrankaDrive {
             silent: Duration::ZERO,
             reflex: None,
             recoveries_in_row: 0,
-            recorder: Recorder::new(PERIOD_US),
+            recorder,
         })
     }
 
@@ -372,9 +382,17 @@ fn load(body: &Inertia) -> Load {
     }
 }
 
-/// The limits of the robot that speaks this version.
-fn joint_limits(version: Version) -> heapless::Vec<JointLimits, { spherecal_shared::MAX_JOINTS }> {
-    let limits = FrankaLimits::of(version);
+/// The limits that the robot states in its own model; `None` where the version has no model.
+fn own_limits(client: &mut Client) -> Result<Option<Result<FrankaLimits, ModelError>>, ClientError> {
+    match client.robot_model() {
+        Ok(model) => Ok(model.map(|text| FrankaLimits::from_urdf(&text))),
+        // A robot that does not tell has the limits of its data sheet.
+        Err(ClientError::Refused { .. }) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+fn joint_limits(limits: &FrankaLimits) -> heapless::Vec<JointLimits, { spherecal_shared::MAX_JOINTS }> {
     let joint = |j: usize| JointLimits {
         min_rad: limits.lower[j],
         max_rad: limits.upper[j],
