@@ -313,3 +313,32 @@ fn planned_motions_are_slower_than_the_fr3_permits_near_its_stops() {
     assert!(most < 0.9, "{most} of what the robot permits");
     assert!(most > 0.5, "the test sees no limit: {most}");
 }
+
+// Fails if a reflex that the robot cannot clear by itself is not told within seconds, or the drive goes on asking.
+#[test]
+fn a_joint_beyond_its_limit_needs_a_person() {
+    let (side, _arm) = robot(Version::V5);
+    let mut held = Held::new(side.address().port());
+    held.until("the motion", Held::moves);
+    let begun = Instant::now();
+    while held.state.status != DriveStatus::Failed {
+        assert!(begun.elapsed() < PATIENCE, "{:?} {:?}", held.state, held.events);
+        // Joint 4 of the Panda turns to its upper stop, with 1 rad/s.
+        if let Some(at) = &mut held.at {
+            at[3] += 1e-3;
+        }
+        held.step();
+    }
+    let needed = |held: &Held| {
+        let last = held.events.last();
+        matches!(last, Some(DriveEvent::PersonNeeded(errors))
+            if errors.contains(RobotError::JointPositionLimitsViolation))
+    };
+    held.until("a person", needed);
+    let tick = held.state.tick;
+    held.until("some time", |held| held.state.tick > tick + 3000);
+    assert!(needed(&held), "{:?}", held.events);
+    assert_eq!(held.state.status, DriveStatus::Failed);
+    assert_eq!(held.drive.monitor().expect("a monitor").record().recoveries, 1);
+    assert_eq!(side.statistics().commands_after_stop, 0);
+}

@@ -12,6 +12,8 @@ use crate::wire::{
 
 /// How long the robot may take to show a motion's begin or end.
 const TRANSITION: Duration = Duration::from_secs(2);
+/// How long to look for a response that may not have come yet.
+const LOOK: Duration = Duration::from_millis(1);
 /// Commands after which the robot's success rate covers its whole window.
 const WINDOW: u64 = 100;
 
@@ -119,8 +121,8 @@ impl Client {
         Ok(())
     }
 
-    /// Asks the robot to clear the errors of a reflex, and does not wait: the robot's mode in the coming states tells how
-    /// it went. No motion is taken to run afterwards.
+    /// Asks the robot to clear the errors of a reflex, and does not wait: the robot's mode in the coming states and
+    /// [`recovery_answer`](Self::recovery_answer) tell how it went. No motion is taken to run afterwards.
     ///
     /// # Errors
     /// [`ClientError::Closed`] or [`ClientError::Io`] if the request cannot be sent.
@@ -128,6 +130,15 @@ impl Client {
         self.moving = false;
         self.answerable = false;
         self.link.tcp.post(&Request::AutomaticErrorRecovery)
+    }
+
+    /// How the robot answered [`request_recovery`](Self::request_recovery), once; `None` before. Waits for at most a
+    /// millisecond, and allocates: not for the loop of a motion.
+    ///
+    /// # Errors
+    /// A [`ClientError`] if the connection is lost or the response is none.
+    pub fn recovery_answer(&mut self) -> Result<Option<Status>, ClientError> {
+        self.link.tcp.posted_answer(Instant::now() + LOOK)
     }
 
     /// Starts a torque motion and waits until the robot shows it. The next [`exchange`](Self::exchange) answers the

@@ -26,6 +26,8 @@ pub(super) struct Tcp {
     move_id: Option<u32>,
     /// How the last motion ended, as soon as the robot said so.
     move_end: Option<Status>,
+    /// The request that was posted last, until its response comes.
+    posted: Option<(Command, u32)>,
 }
 
 impl Tcp {
@@ -48,6 +50,7 @@ impl Tcp {
             received: Vec::new(),
             move_id: None,
             move_end: None,
+            posted: None,
         };
         let request = Request::Connect {
             version: version.number(),
@@ -117,7 +120,25 @@ impl Tcp {
 
     /// Sends a request without waiting for its response.
     pub(super) fn post(&mut self, request: &Request) -> Result<(), ClientError> {
-        self.send(request).map(|_| ())
+        let id = self.send(request)?;
+        self.posted = Some((request.command(), id));
+        Ok(())
+    }
+
+    /// The response to what was posted, once; waits at most until `deadline`.
+    pub(super) fn posted_answer(&mut self, deadline: Instant) -> Result<Option<Status>, ClientError> {
+        while let Some((command, id)) = self.posted {
+            let Some((header, payload)) = self.frame(deadline)? else {
+                break;
+            };
+            let response = Response::decode(self.version, header, &payload)?;
+            if (response.command, response.id) == (command, id) {
+                self.posted = None;
+                return Ok(Some(response.status));
+            }
+            self.keep_move_end(&response);
+        }
+        Ok(None)
     }
 
     /// Waits for the response that says how the motion ended. `None` if it does not come in time.

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use spherecal_fci::PERIOD_S;
 use spherecal_fci::client::{Client, ClientError, Config};
 use spherecal_fci::robot::{JointLimits as FrankaLimits, ModelError};
-use spherecal_fci::wire::{CollisionBehavior, Load, RobotMode, RobotState, Version};
+use spherecal_fci::wire::{CollisionBehavior, Load, RobotMode, RobotState, Status, Version};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 use spherecal_shared::robot::{Inertia, JointLimits};
@@ -252,7 +252,15 @@ impl FrankaDrive {
             self.reflex = None;
             return Ok(());
         };
-        let (since, asked) = *self.reflex.get_or_insert((self.tick, false));
+        let (mut since, mut asked) = *self.reflex.get_or_insert((self.tick, false));
+        if asked && let Some(status) = client.recovery_answer()?.filter(|status| *status != Status::Success) {
+            // Refused: the next attempt after a pause, unless the robot says that none can help.
+            (since, asked) = (self.tick, false);
+            if status == Status::ManualRecoveryRequired {
+                self.recoveries_in_row = RECOVERIES;
+            }
+            self.reflex = Some((since, asked));
+        }
         let waited = self.tick - since;
         if (asked && waited < RECOVERY_TICKS) || waited < PAUSE_TICKS || self.recoveries_in_row > RECOVERIES {
             return Ok(());
