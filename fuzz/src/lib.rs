@@ -81,6 +81,20 @@ pub fn frames(data: &[u8]) {
     let _ = postcard::from_bytes::<Uplink>(data);
 }
 
+/// Any bytes to the decoders of Franka's interface: messages or typed errors, and what is decoded is encoded alike. The
+/// robot's model, too.
+pub fn fci(data: &[u8]) {
+    spherecal_fci::wire::fuzz_decode(data);
+    if let Ok(text) = std::str::from_utf8(data) {
+        let _ = spherecal_fci::robot::JointLimits::from_urdf(text);
+    }
+}
+
+/// The same for KUKA's interface.
+pub fn fri(data: &[u8]) {
+    spherecal_fri::wire::fuzz_decode(data);
+}
+
 fn state(tick: u64, q: &[f64; 7]) -> DriveState {
     DriveState {
         session: 1,

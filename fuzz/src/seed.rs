@@ -8,6 +8,9 @@
 
 use std::path::Path;
 
+use spherecal_fci::wire as fci;
+use spherecal_fci::wire::{MAX_COMMAND_SIZE, MAX_STATE_SIZE, RobotCommand, RobotMode, RobotState, Version};
+use spherecal_fri::wire as fri;
 use spherecal_fuzz::joined;
 #[cfg(feature = "host")]
 use spherecal_job::Config;
@@ -25,6 +28,9 @@ use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 #[cfg(feature = "host")]
 use spherecal_store::{CalibrationStore as _, NewRun, StoredPose, SqlStore};
 
+/// Joint angles of an LBR, in rad.
+const HOME: [f64; 7] = [0.0, 0.6, 0.0, -1.6, 0.0, 0.9, 0.0];
+
 fn write(target: &str, name: &str, bytes: &[u8]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
     std::fs::create_dir_all(&folder).expect("a folder");
@@ -38,6 +44,7 @@ fn body(message: &impl serde::Serialize) -> Vec<u8> {
 libfuzzer_sys::fuzz_target!(
     init: {
         links();
+        robots_wires();
         #[cfg(feature = "host")]
         host();
         // There is nothing to fuzz.
@@ -51,6 +58,87 @@ libfuzzer_sys::fuzz_target!(
 /// Whether the corpora are there, as they always are by then.
 fn links_written() -> bool {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus/frames").is_dir()
+}
+
+/// Messages of the robots' own interfaces: behind the two bytes that choose version and decoder, and plain.
+fn robots_wires() {
+    for (version, choice) in Version::ALL.into_iter().zip(0..) {
+        let name = |what: &str| format!("{what}-{version}");
+        let chosen = |decoder: u8, bytes: &[u8]| [&[choice, decoder], bytes].concat();
+        let state = RobotState {
+            message_id: 7,
+            robot_mode: RobotMode::Move,
+            ..RobotState::default()
+        };
+        let mut bytes = [0; MAX_STATE_SIZE];
+        let size = state.encode(version, &mut bytes);
+        write("fci", &name("state"), &chosen(0, &bytes[..size]));
+        let mut bytes = [0; MAX_COMMAND_SIZE];
+        let size = RobotCommand::torque(7, [0.5; 7]).encode(version, &mut bytes);
+        write("fci", &name("command"), &chosen(1, &bytes[..size]));
+        let load = fci::Load {
+            mass: 1.5,
+            centre_of_mass: [0.0, 0.0, 0.05],
+            inertia: [0.0; 9],
+        };
+        for (what, request) in [
+            ("connect", fci::Request::Connect { version: version.number(), udp_port: 50_000 }),
+            ("move", fci::Request::Move(fci::MoveRequest::torque(version))),
+            ("load", fci::Request::SetLoad(load)),
+        ] {
+            let mut bytes = Vec::new();
+            request.encode(version, 1, &mut bytes).expect("it fits");
+            write("fci", &name(what), &chosen(2, &bytes));
+        }
+        let mut bytes = Vec::new();
+        let response = fci::Response {
+            command: fci::Command::Move,
+            id: 1,
+            status: fci::Status::MotionStarted,
+            body: &[],
+        };
+        response.encode(version, &mut bytes).expect("it fits");
+        write("fci", &name("response"), &chosen(3, &bytes));
+    }
+    let mut bytes = [0; fri::MAX_MESSAGE_SIZE];
+    let monitoring = fri::MonitoringMessage {
+        sequence: 1,
+        reflected_sequence: 0,
+        robot: fri::RobotInfo {
+            number_of_joints: Some(7),
+            safety: Some(fri::SafetyState::NormalOperation),
+            ..fri::RobotInfo::default()
+        },
+        measured_position: HOME,
+        measured_torque: [1.0; 7],
+        commanded_position: Some(HOME),
+        commanded_torque: None,
+        external_torque: Some([0.0; 7]),
+        time: Some(fri::Timestamp::default()),
+        connection: fri::ConnectionInfo {
+            session: fri::SessionState::CommandingActive,
+            quality: fri::Quality::Excellent,
+            send_period_ms: Some(1),
+            receive_multiplier: Some(1),
+        },
+        ipo: Some(fri::IpoData {
+            joint_position: Some(HOME),
+            command_mode: Some(fri::ClientCommandMode::Torque),
+            ..fri::IpoData::default()
+        }),
+        end: None,
+    };
+    let size = monitoring.encode(&mut bytes, true).expect("it fits");
+    write("fri", "monitoring", &bytes[..size]);
+    let command = fri::CommandMessage {
+        sequence: 1,
+        reflected_sequence: 1,
+        joint_position: Some(HOME),
+        joint_torque: Some([0.5; 7]),
+        ..fri::CommandMessage::default()
+    };
+    let size = command.encode(&mut bytes, true).expect("it fits");
+    write("fri", "command", &bytes[..size]);
 }
 
 /// Messages of both links.
