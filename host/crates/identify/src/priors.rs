@@ -2,6 +2,7 @@
 
 use super::parameters::{Kind, Layout, Overrides, Parameter, name_of};
 use spherecal_model::Experiment;
+use spherecal_model::robots::Tolerances;
 
 /// Prior of lengths `a` and `d`: machining and assembly of a link, in m.
 pub const LENGTH_SIGMA_M: f64 = 0.5e-3;
@@ -40,6 +41,22 @@ impl Overrides {
         for (group, sigma) in UNCALIBRATED {
             let set = self.0.entry(group.to_owned()).or_default();
             set.prior_sigma.get_or_insert(sigma);
+        }
+    }
+
+    /// Takes a robot's own tolerances as priors. A prior that the user set stays.
+    pub fn expect_tolerances(&mut self, tolerances: &Tolerances) {
+        let groups = [
+            ("a", tolerances.length_m),
+            ("d", tolerances.length_m),
+            ("alpha", tolerances.twist_rad),
+            ("theta", tolerances.offset_rad),
+        ];
+        for (group, sigma) in groups {
+            if let Some(sigma) = sigma {
+                let set = self.0.entry(group.to_owned()).or_default();
+                set.prior_sigma.get_or_insert(sigma);
+            }
         }
     }
 }

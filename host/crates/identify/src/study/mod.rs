@@ -140,8 +140,10 @@ fn evaluate_loaded(
         recordings,
         mut notes,
     } = loaded;
+    let mut identify = request.options.clone();
+    identify.parameters.expect_tolerances(&model.tolerances);
     let options = EvaluateOptions {
-        identify: request.options.clone(),
+        identify,
         accuracy_mm: request.accuracy_mm,
         ..EvaluateOptions::default()
     };

@@ -390,3 +390,24 @@ fn an_anonymous_table_gives_the_same_robot() {
         assert!(far.fold(0.0, f64::max) < 2.0, "the points are about their mean");
     }
 }
+
+// Fails if the tolerances in a robot's file are not the priors of its identification, or if they take the place of
+// what the user set.
+#[test]
+fn a_robots_tolerances_are_its_priors() {
+    let tolerances = spherecal_model::robots::Tolerances {
+        length_m: Some(1.5e-3),
+        twist_rad: None,
+        offset_rad: Some(20e-3),
+    };
+    let mut options = crate::Options::default();
+    let own = crate::Override {
+        prior_sigma: Some(2e-3),
+        ..crate::Override::default()
+    };
+    options.parameters.0.insert("theta".to_owned(), own);
+    options.parameters.expect_tolerances(&tolerances);
+    let sigma = |group: &str| options.parameters.0.get(group).and_then(|o| o.prior_sigma);
+    assert_eq!((sigma("a"), sigma("d")), (Some(1.5e-3), Some(1.5e-3)));
+    assert_eq!((sigma("alpha"), sigma("theta")), (None, Some(2e-3)));
+}

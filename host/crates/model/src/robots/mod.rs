@@ -35,7 +35,7 @@ pub use compensator::read_compensator;
 pub use error::RobotFileError;
 pub use frame_tree::{FrameTransform, FrameTree};
 pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
-pub use model::{Origin, RobotModel, moved, near, table_frames};
+pub use model::{Origin, RobotModel, Tolerances, moved, near, table_frames};
 pub use urdf_in::load as load_urdf_text;
 pub use urdf_out::write_urdf;
 
@@ -56,6 +56,7 @@ pub fn built_in(name: &str) -> Option<RobotModel> {
         tool,
         frame_names: ("base_link".to_owned(), "tool0".to_owned()),
         joint_names: vendor::joint_names(name),
+        tolerances: Tolerances::default(),
         origin: Origin::BuiltIn,
     })
 }

@@ -19,6 +19,18 @@ pub enum Origin {
     Urdf(Box<(Urdf, UrdfChain)>),
 }
 
+/// How far a robot's lengths, twists and joint offsets may be from its table (1 sigma), as its maker or its
+/// history says. What is not known is `None`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tolerances {
+    /// Of `a` and `d`, in m.
+    pub length_m: Option<f64>,
+    /// Of `alpha`, in rad.
+    pub twist_rad: Option<f64>,
+    /// Of `theta`, in rad.
+    pub offset_rad: Option<f64>,
+}
+
 /// A robot with its constant frames.
 ///
 /// ```text
@@ -41,6 +53,8 @@ pub struct RobotModel {
     /// Names of the joints, base to flange, as the file or the vendor has them;
     /// empty where nobody named them.
     pub joint_names: Vec<String>,
+    /// How far the table may be from the arm.
+    pub tolerances: Tolerances,
     /// Where the robot came from.
     pub origin: Origin,
 }

@@ -500,6 +500,36 @@ fn joints_keep_their_names() {
     );
 }
 
+// Fails if tolerances are lost on the way through a file, in either unit, or if an impossible or doubled one is taken.
+#[test]
+fn tolerances_of_a_robot_are_kept() {
+    let plain = toml_file::write(&built_in("panda").unwrap(), &[]);
+    assert_eq!(
+        toml_file::load("t.toml", &plain).unwrap().tolerances,
+        Tolerances::default()
+    );
+    let stated = format!("{plain}\n[tolerances]\nlength_mm = 1.5\noffset_mrad = 20\n");
+    let model = toml_file::load("t.toml", &stated).unwrap();
+    let expected = Tolerances {
+        length_m: Some(1.5e-3),
+        twist_rad: None,
+        offset_rad: Some(20e-3),
+    };
+    assert_eq!(model.tolerances, expected);
+    let again = toml_file::load("t.toml", &toml_file::write(&model, &[])).unwrap();
+    assert_eq!(again.tolerances, expected);
+    for (line, words) in [
+        ("length_mm = 0", "tolerances.length"),
+        ("twist_rad = 3.0", "100 mrad"),
+        ("offset_rad = 0.02\noffset_mrad = 20", "given twice"),
+        ("angle_rad = 0.02", "angle_rad"),
+    ] {
+        let text = format!("{plain}\n[tolerances]\n{line}\n");
+        let refused = toml_file::load("t.toml", &text).unwrap_err().to_string();
+        assert!(refused.contains(words), "{refused}");
+    }
+}
+
 // Fails if a robot is read from what is not a regular file.
 #[cfg(unix)]
 #[test]

@@ -13,7 +13,7 @@ use spherecal_shared::robot::{Inertia, Joint, JointLimits, MdhRow, Pose, Robot, 
 
 use super::error::RobotFileError;
 use super::frames::{distance, from_rpy, to_rpy};
-use super::model::{Origin, RobotModel};
+use super::model::{Origin, RobotModel, Tolerances};
 use crate::{printable, read_toml};
 
 #[derive(Deserialize)]
@@ -25,6 +25,8 @@ struct File {
     tool: Option<ToolTable>,
     base: Option<FrameTable>,
     flange: Option<FrameTable>,
+    #[serde(default)]
+    tolerances: TolerancesTable,
     #[serde(default)]
     calibration: Option<toml::Table>,
 }
@@ -83,6 +85,17 @@ struct ToolTable {
     tcp_m: Option<[f64; 3]>,
     tcp_mm: Option<[f64; 3]>,
     body: Option<BodyTable>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct TolerancesTable {
+    length_m: Option<f64>,
+    length_mm: Option<f64>,
+    twist_rad: Option<f64>,
+    twist_mrad: Option<f64>,
+    offset_rad: Option<f64>,
+    offset_mrad: Option<f64>,
 }
 
 #[derive(Deserialize, Default)]
@@ -152,6 +165,30 @@ fn joint(path: &str, number: usize, table: JointTable) -> Result<Joint, RobotFil
         link: table.link.unwrap_or_default().into(),
         limits,
         rotor_kg_m2: table.rotor_kg_m2,
+    })
+}
+
+/// Largest tolerance (m and rad, 1 sigma): beyond it the table is that of another arm.
+const MOST_TOLERANCE: f64 = 0.1;
+
+fn tolerances(path: &str, t: &TolerancesTable) -> Result<Tolerances, RobotFileError> {
+    let read = |name: &str, si: Option<f64>, scaled: Option<f64>| {
+        let field = format!("tolerances.{name}");
+        let value = either(path, &field, si, scaled, milli)?;
+        match value {
+            Some(v) if !(v > 0.0 && v <= MOST_TOLERANCE) => Err(RobotFileError::Value {
+                path: path.to_owned(),
+                field,
+                value: v.to_string(),
+                remedy: "give one standard deviation, more than 0 and at most 100 mm or 100 mrad".to_owned(),
+            }),
+            value => Ok(value),
+        }
+    };
+    Ok(Tolerances {
+        length_m: read("length", t.length_m, t.length_mm)?,
+        twist_rad: read("twist", t.twist_rad, t.twist_mrad)?,
+        offset_rad: read("offset", t.offset_rad, t.offset_mrad)?,
     })
 }
 
@@ -266,6 +303,7 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
     tool.check().map_err(refused)?;
     let (root, base) = frame(path, "base", "base", file.base)?;
     let (tip, flange) = frame(path, "flange", "flange", file.flange)?;
+    let tolerances = tolerances(path, &file.tolerances)?;
     // A calibrated file carries its history; it changes no number here.
     drop(file.calibration);
     Ok(RobotModel {
@@ -275,6 +313,7 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
         tool,
         frame_names: (root, tip),
         joint_names,
+        tolerances,
         origin: Origin::Toml,
     })
 }
@@ -359,6 +398,20 @@ pub fn write(model: &RobotModel, notes: &[String]) -> String {
     if model.tool.body.mass_kg > 0.0 {
         out.push_str("body = ");
         body(&mut out, &model.tool.body);
+    }
+    let t = &model.tolerances;
+    let stated = [
+        ("length_m", t.length_m),
+        ("twist_rad", t.twist_rad),
+        ("offset_rad", t.offset_rad),
+    ];
+    if stated.iter().any(|(_, value)| value.is_some()) {
+        out.push_str("\n# How far the table may be from the arm: 1 sigma.\n[tolerances]\n");
+        for (name, value) in stated {
+            if let Some(value) = value {
+                let _ = writeln!(out, "{name} = {}", float(value));
+            }
+        }
     }
     let (root, tip) = &model.frame_names;
     for (table, name, frame, what) in [

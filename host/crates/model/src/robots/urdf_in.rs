@@ -7,7 +7,7 @@ use spherecal_shared::robot::{Inertia, Joint, JointLimits, Pose, Robot, Tool};
 use super::error::RobotFileError;
 use super::frames::{compose, inverse};
 use super::mdh::{Axis, from_axes};
-use super::model::{Origin, RobotModel, moved, table_frames};
+use super::model::{Origin, RobotModel, Tolerances, moved, table_frames};
 use super::urdf::{Motion, Urdf, UrdfBody, UrdfChain};
 
 /// Speed limit (rad/s) of a joint whose file gives none: slow.
@@ -107,6 +107,7 @@ pub fn load(path: &str, text: &str, tip: Option<&str>) -> Result<RobotModel, Rob
         tool,
         frame_names: (chain.root.clone(), chain.tip.clone()),
         joint_names: turning.iter().map(|&(_, i)| urdf.joints[i].name.clone()).collect(),
+        tolerances: Tolerances::default(),
         origin: Origin::Urdf(Box::new((urdf, chain))),
     })
 }
