@@ -6,7 +6,7 @@ use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, Nominal, State};
 use super::identifiability::Identifiability;
-use super::map::Fit;
+use super::map::{self, Fit};
 use super::options::{Method, Model, Options};
 use super::parameters::{Layout, Reference, Unit};
 use super::residuals::{GroupFit, Residual, residuals};
@@ -124,15 +124,18 @@ pub(crate) struct Inner {
     columns: Vec<usize>,
     /// Variance of the joint noise that stays in every pose, in rad².
     joint_variance: f64,
+    /// Whether the fit took the joints' torques from the data.
+    measured_torque: bool,
 }
 
 impl Calibration {
     /// TCP in F0, in m, at encoder angles `q` (rad).
     ///
-    /// `tau` are measured joint torques (N m), in place of the model's gravity;
-    /// joints that are missing count as zero.
+    /// `tau` are measured joint torques (N m). They take the place of the model's gravity where
+    /// the fit was made with measured torques, and are not used where it was not. Joints that are missing
+    /// count as zero.
     pub fn tcp_m(&self, q: &[f64], tau: Option<&[f64]>) -> Vector3<f64> {
-        let load = self.inner.nominal.load(q, tau);
+        let load = self.inner.nominal.load(q, tau.filter(|_| self.inner.measured_torque));
         self.inner.state.evaluate(&pad(q), &load).tcp
     }
 
@@ -357,6 +360,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
             nominal: nominal.clone(),
             columns: fit.unknowns.columns.clone(),
             joint_variance: joint_noise,
+            measured_torque: map::measured(experiment, nominal, options.torque),
         },
         covariance: fit.covariance,
     }

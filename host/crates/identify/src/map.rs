@@ -64,6 +64,15 @@ pub(crate) struct Fit {
     pub(crate) identifiability: Identifiability,
 }
 
+/// Whether the torques that bend the joints are those of the data, not of the inertial model.
+pub(crate) fn measured(experiment: &Experiment, nominal: &Nominal, torque: Torque) -> bool {
+    match torque {
+        Torque::Model => false,
+        Torque::Measured => true,
+        Torque::Auto => nominal.assumed() && experiment.observations.iter().all(|o| o.tau.is_some()),
+    }
+}
+
 /// Observations of one set, ready to use.
 pub(crate) fn prepare(
     experiment: &Experiment,
@@ -72,12 +81,7 @@ pub(crate) fn prepare(
     torque: Torque,
     wanted: impl Fn(usize) -> bool,
 ) -> Result<Vec<Prepared>, IdentifyError> {
-    let all = |o: &spherecal_model::Observation| o.tau.is_some();
-    let measured = match torque {
-        Torque::Model => false,
-        Torque::Measured => true,
-        Torque::Auto => nominal.assumed() && experiment.observations.iter().all(all),
-    };
+    let measured = measured(experiment, nominal, torque);
     let mut prepared = Vec::with_capacity(experiment.observations.len());
     for (index, observation) in experiment.observations.iter().enumerate() {
         if !wanted(index) {

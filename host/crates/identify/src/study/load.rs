@@ -9,6 +9,7 @@ use spherecal_shared::robot::{Inertia, Tool};
 
 use super::StudyError;
 use super::sources::{Sources, TableSource, plate};
+use super::torques::understand_torques;
 use crate::flange::Flange;
 use crate::recordings::{Recordings, Rows, Sample};
 use crate::{Experiment, Observation, Options, Set, Target};
@@ -124,12 +125,18 @@ pub fn assemble(
         let table = source.read(&format, &mut places, progress)?;
         validation = rows(table, None, &places, &mut labels, false);
     }
-    let experiment = Experiment {
+    let mut experiment = Experiment {
         robot: model.robot.clone(),
         tool: model.tool_in_table(),
         spheres,
         observations: data.observations,
     };
+    understand_torques(
+        &mut experiment,
+        &mut validation.observations,
+        request.payload_kg,
+        &mut notes,
+    );
     if !closed_loop {
         check_unit(&experiment, &data.file)?;
     }
@@ -292,6 +299,8 @@ fn set_tool(model: &mut RobotModel, request: &Request) -> Result<(), StudyError>
                 "give --payload-kg with it",
             ));
         }
+        // The user's own tool: the mass of the description's is another one's.
+        (None, None) if request.tool_mm.is_some() => model.tool.body = Inertia::default(),
         (None, None) => {}
     }
     let _: &Tool = &model.tool;

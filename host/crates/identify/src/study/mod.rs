@@ -11,6 +11,7 @@
 mod anonymous;
 mod load;
 mod sources;
+mod torques;
 
 pub use anonymous::anonymous_csv;
 pub use load::{Loaded, Request, assemble, load};
