@@ -1,6 +1,8 @@
 //! Identification, planning and the worlds: against the bound, the literature,
 //! stored worlds and data of other robots.
 
+mod as_measured;
+mod findings;
 mod headers;
 mod identifiability;
 mod laser_validate;

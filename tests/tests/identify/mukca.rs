@@ -6,7 +6,7 @@ use spherecal::model::input::{Labels, TableFormat, read_csv_file};
 use spherecal::model::robots::load;
 use spherecal_tests::data_path;
 
-fn experiment() -> Experiment {
+pub(crate) fn experiment() -> Experiment {
     let mut model = load(&data_path("iiwa14.urdf").display().to_string()).expect("a robot");
     model.tool.tcp_m = [0.0, 0.0, 0.04];
     let mut places = Labels::default();

@@ -19,7 +19,7 @@ use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::worlds::World;
 
 /// Checks that name a cause.
-const CAUSES: [&str; 8] = [
+const CAUSES: [&str; 13] = [
     "certificate",
     "certificate_scale",
     "plate_slip",
@@ -28,6 +28,11 @@ const CAUSES: [&str; 8] = [
     "coupling_seat",
     "encoder",
     "joint_region",
+    "read_at_rest",
+    "backlash",
+    "place",
+    "payload",
+    "tool_orientation",
 ];
 
 /// What is wrong with a cell, besides what its world says.
@@ -63,7 +68,7 @@ struct Outcome {
 }
 
 /// Moves what the contacts touch by `by(index, q)` (F0, m): the arm follows.
-fn move_contacts(trial: &mut Trial, mut by: impl FnMut(usize, &[f64]) -> Vector3<f64>) {
+pub(crate) fn move_contacts(trial: &mut Trial, mut by: impl FnMut(usize, &[f64]) -> Vector3<f64>) {
     let experiment = &mut trial.spheres;
     let chain = Chain::unchecked(&experiment.robot, &experiment.tool);
     for (index, observation) in experiment.observations.iter_mut().enumerate() {
@@ -159,7 +164,7 @@ fn outcome(trial: &Trial, judged: bool) -> Outcome {
     }
 }
 
-fn default_plan() -> Vec<ContactPose> {
+pub(crate) fn default_plan() -> Vec<ContactPose> {
     plan_of(150)
 }
 
@@ -169,7 +174,7 @@ fn plan_of(poses: usize) -> Vec<ContactPose> {
 }
 
 /// First seed and number of robots, by the environment where it names them.
-fn seeds(first: u64, count: u64) -> std::ops::Range<u64> {
+pub(crate) fn seeds(first: u64, count: u64) -> std::ops::Range<u64> {
     let asked = std::env::var("VERDICT_SEEDS").unwrap_or_default();
     let numbers: Vec<u64> = asked.split(':').filter_map(|n| n.parse().ok()).collect();
     match numbers[..] {

@@ -5,10 +5,10 @@
 
 use std::collections::HashMap;
 
-use spherecal_model::{Experiment, Target};
+use spherecal_model::{Experiment, Observation, Target};
 
 /// The course of an experiment: one entry per observation.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Course {
     /// Number of the coupling (a nest put on a sphere once) in which each
     /// observation was made, from 0, in order of first appearance. Measured
@@ -16,6 +16,14 @@ pub struct Course {
     pub coupling: Vec<usize>,
     /// When each was made, as a share of the whole time, from 0 to 1.
     pub time: Vec<f64>,
+    /// The last move before each observation, in rad by joint; none where it is not known:
+    /// before the first observation of a coupling the arm came from above the sphere.
+    pub moves: Vec<Option<Vec<f64>>>,
+    /// Where each was made, as a number in [`Self::place_names`]: the placement of the plate, or
+    /// the group of points that a column of the table names. Empty where there is one place.
+    pub place: Vec<u32>,
+    /// Names of the places.
+    pub place_names: Vec<String>,
 }
 
 impl Course {
@@ -40,6 +48,35 @@ impl Course {
         Self {
             coupling,
             time: (0..experiment.observations.len()).map(|k| k as f64 / last).collect(),
+            ..Self::default()
+        }
+        .with_moves(&experiment.observations)
+    }
+
+    /// The same with the last moves, where the observations stand in the order in which they were made.
+    #[must_use]
+    pub fn with_moves(mut self, observations: &[Observation]) -> Self {
+        let pairs = observations.windows(2).zip(self.coupling.windows(2));
+        let moves = pairs.map(|(pair, coupling)| {
+            let known = coupling[0] == coupling[1] && pair[0].q.len() == pair[1].q.len();
+            known.then(|| pair[1].q.iter().zip(&pair[0].q).map(|(to, from)| to - from).collect())
+        });
+        self.moves = std::iter::once(None).chain(moves).collect();
+        self
+    }
+
+    /// The same with places: a number by observation, and their names by number.
+    #[must_use]
+    pub fn with_places(mut self, place: Vec<u32>, names: Vec<String>) -> Self {
+        (self.place, self.place_names) = (place, names);
+        self
+    }
+
+    /// Name of a place for people.
+    pub(crate) fn place_name(&self, place: u32) -> String {
+        match self.place_names.get(place as usize) {
+            Some(name) if !name.is_empty() => format!("place {name}"),
+            _ => format!("place {place}"),
         }
     }
 
@@ -57,6 +94,9 @@ impl Course {
                 .iter()
                 .map(|&row| self.time.get(row).copied().unwrap_or(1.0))
                 .collect(),
+            moves: rows.iter().map(|&row| self.moves.get(row).cloned().flatten()).collect(),
+            place: rows.iter().filter_map(|&row| self.place.get(row).copied()).collect(),
+            place_names: self.place_names.clone(),
         }
     }
 
@@ -69,17 +109,28 @@ impl Course {
 #[cfg(test)]
 mod tests {
     use super::Course;
+    use spherecal_model::{Observation, Set, Target};
 
     // Fails if couplings that lose all their rows leave gaps in the numbers, if two
-    // couplings become one, or if a row gets the time of another.
+    // couplings become one, or if a row gets the time or the move of another.
     #[test]
     fn a_part_of_the_rows_keeps_couplings_and_times() {
         let course = Course {
             coupling: vec![0, 0, 1, 2, 2, 3],
             time: vec![0.0, 0.2, 0.4, 0.6, 0.8, 1.0],
+            ..Course::default()
         };
-        let part = course.of_rows(&[1, 3, 4, 5]);
+        let observation = |k: usize| Observation {
+            q: vec![k as f64 * k as f64],
+            tau: None,
+            target: Target::Point([0.0; 3]),
+            set: Set::Calibrate,
+        };
+        let observations: Vec<Observation> = (0..6).map(observation).collect();
+        let part = course.with_moves(&observations).of_rows(&[1, 3, 4, 5]);
         assert_eq!(part.coupling, [0, 1, 1, 2]);
         assert_eq!(part.time, [0.2, 0.6, 0.8, 1.0]);
+        // Row 1 moved from row 0, row 4 from row 3; rows 3 and 5 began a coupling.
+        assert_eq!(part.moves, [Some(vec![1.0]), None, Some(vec![7.0]), None]);
     }
 }

@@ -8,6 +8,9 @@ use super::map::Fit;
 use super::normal::Root;
 use super::parameters::Reference;
 
+/// Length of a whitened residual from which a row is an outlier: beyond what the tails of the noise explain.
+pub(crate) const OUTLIER_SIGMAS: f64 = 5.0;
+
 /// One observation's residual.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ResidualRow {
@@ -114,16 +117,18 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
             }
         })
         .collect();
-    // A deviation of five: beyond what the tails of the noise explain.
-    let outliers = rows.iter().filter(|row| row.deviation > 5.0).map(|row| Outlier {
-        index: row.index,
-        why: format!(
-            "{:.3} mm from its target, {:.1} times the noise: counted with weight {:.2}",
-            length(row),
-            row.deviation,
-            row.weight
-        ),
-    });
+    let outliers = rows
+        .iter()
+        .filter(|row| row.deviation > OUTLIER_SIGMAS)
+        .map(|row| Outlier {
+            index: row.index,
+            why: format!(
+                "{:.3} mm from its target, {:.1} times the noise: counted with weight {:.2}",
+                length(row),
+                row.deviation,
+                row.weight
+            ),
+        });
     let residual = Residual {
         rms_mm: mean_square(&lengths),
         mean_mm: lengths.iter().sum::<f64>() / lengths.len().max(1) as f64,

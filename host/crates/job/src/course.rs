@@ -33,7 +33,11 @@ pub(crate) fn course(recordings: &[Recording], couplings: &[Coupled]) -> Course 
             (0..starts.len()).map(|k| k as f64 / last).collect()
         }
     };
-    Course { coupling, time }
+    Course {
+        coupling,
+        time,
+        ..Course::default()
+    }
 }
 
 #[cfg(test)]

@@ -64,6 +64,31 @@ pub enum Alternative {
         /// Highest angle of the region, in rad.
         to_rad: f64,
     },
+    /// Angles that lag the last move: they were read before the arm was at rest.
+    Lag {
+        /// The joint, from 0; none where all lag alike.
+        joint: Option<usize>,
+    },
+    /// One joint stands elsewhere after moves up and after moves down.
+    Backlash {
+        /// Joint, from 0.
+        joint: usize,
+    },
+    /// What was measured at one place is off as a whole.
+    Place {
+        /// Number of the place.
+        place: u32,
+        /// The sphere that is off there; none for measured points.
+        sphere: Option<u32>,
+    },
+    /// The load at the flange is another than was stated.
+    Payload,
+    /// The target is displaced with the orientation of the tool.
+    Orientation {
+        /// In proportion to the direction cosines of the tool (a reflector or nest that is not where it
+        /// seems), or to their products (a sphere that is not round).
+        order: usize,
+    },
 }
 
 /// Families of alternatives: each is one check of the verdict.
@@ -86,6 +111,16 @@ pub enum Family {
     Encoder,
     /// Joint regions.
     JointRegion,
+    /// Readings before rest.
+    Lag,
+    /// Backlash by the direction of the last move.
+    Backlash,
+    /// Places that are off.
+    Place,
+    /// The load at the flange.
+    Payload,
+    /// Targets that depend on the tool's orientation.
+    Orientation,
 }
 
 impl Alternative {
@@ -100,6 +135,11 @@ impl Alternative {
             Self::Seat { .. } => Family::Seat,
             Self::EncoderStep { .. } | Self::EncoderDrift { .. } => Family::Encoder,
             Self::JointRegion { .. } => Family::JointRegion,
+            Self::Lag { .. } => Family::Lag,
+            Self::Backlash { .. } => Family::Backlash,
+            Self::Place { .. } => Family::Place,
+            Self::Payload => Family::Payload,
+            Self::Orientation { .. } => Family::Orientation,
         }
     }
 
@@ -124,8 +164,13 @@ impl Alternative {
             (Self::Seat { coupling: a }, Self::Seat { coupling: b }) => a == b,
             (Self::EncoderStep { joint: a, .. }, Self::EncoderStep { joint: b, .. })
             | (Self::EncoderDrift { joint: a }, Self::EncoderDrift { joint: b })
-            | (Self::JointRegion { joint: a, .. }, Self::JointRegion { joint: b, .. }) => a == b,
-            (Self::CertificateScale, Self::CertificateScale) => true,
+            | (Self::JointRegion { joint: a, .. }, Self::JointRegion { joint: b, .. })
+            | (Self::Backlash { joint: a }, Self::Backlash { joint: b }) => a == b,
+            (Self::Lag { joint: a }, Self::Lag { joint: b }) => a == b,
+            (Self::Place { .. }, Self::Place { .. }) => self == other,
+            (Self::CertificateScale, Self::CertificateScale)
+            | (Self::Payload, Self::Payload)
+            | (Self::Orientation { .. }, Self::Orientation { .. }) => true,
             _ => false,
         }
     }

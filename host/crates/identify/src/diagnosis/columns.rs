@@ -173,7 +173,6 @@ pub(crate) fn alternatives(linear: &Linear, layout: &Layout, course: &Course) ->
             list.push((alternative, matrix(vec![column])));
         }
     }
-    list.retain(|(_, columns)| columns.norm_squared() > 0.0);
     list
 }
 

@@ -10,7 +10,9 @@ mod dense;
 mod discrepancy;
 mod expected;
 pub(crate) mod linear;
+mod patterns;
 mod scan;
+mod scatter;
 mod tail;
 mod words;
 
@@ -19,20 +21,24 @@ pub use alternatives::{Alternative, Family};
 pub use budget::{BudgetTerm, ErrorBudget, Source};
 pub use expected::{WORKSPACE, workspace};
 pub use scan::{FamilyTest, Finding};
+pub use scatter::ScatteredPlace;
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use serde::Serialize;
+
+pub(crate) use self::tail::log_tail;
 
 use self::component::{Group, GroupOf};
 use self::dense::{Factor, transposed_product};
 use self::discrepancy::Discrepancy;
 use self::expected::{Field, Rigid, size_sigma};
 use self::linear::{Linear, Posture};
+use self::patterns::Loaded;
 use self::scan::scan;
 use crate::calibration::finish;
 use crate::error::IdentifyError;
 use crate::expected_error::ExpectedError;
-use crate::options::Options;
+use crate::options::{Options, Torque};
 use crate::parameters::{Kind, Parameter};
 use crate::{map, priors};
 use spherecal_model::Experiment;
@@ -60,6 +66,8 @@ pub struct Diagnosis {
     pub findings: Vec<Finding>,
     /// Largest statistic of each family of causes.
     pub families: Vec<FamilyTest>,
+    /// Places whose rows scatter more than the others, worst first.
+    pub scattered: Vec<ScatteredPlace>,
     /// Causes that the model leaves out and the data speak for.
     pub unmodelled: Vec<Unmodelled>,
     /// Root mean square displacement of the TCP by the noise of one pose, in mm.
@@ -196,7 +204,13 @@ pub fn diagnose(
     let layout = fit.layout.clone();
     let calibration = finish(experiment, options, options.model, fit);
     let first = Discrepancy::find(&linear, course, groups(&table))?;
-    let (mut findings, families, discrepancy) = scan(&linear, &layout, course, first)?;
+    // Of a robot without masses the load has no size, and measured torques hold any load.
+    let loaded = Loaded {
+        compliance: &calibration.compliance_rad_per_nm,
+        com_from_tcp_m: com_from_tcp(experiment),
+    };
+    let by_model = !calibration.assumed_masses && options.torque != Torque::Measured;
+    let (mut findings, families, discrepancy) = scan(&linear, &layout, course, by_model.then_some(&loaded), first)?;
     let configurations: Vec<(DMatrix<f64>, Posture)> = workspace
         .iter()
         .map(|q| {
@@ -230,6 +244,7 @@ pub fn diagnose(
         expected: field.expected(None),
         findings,
         families,
+        scattered: scatter::scattered(&linear, course),
         unmodelled,
         noise_mm,
         moved,
@@ -237,6 +252,16 @@ pub fn diagnose(
         tcp_m: configurations.iter().map(|c| c.1.tcp).collect(),
         field,
     })
+}
+
+/// Centre of mass of the tool seen from the TCP, in m: half way to the flange where the tool has no mass.
+fn com_from_tcp(experiment: &Experiment) -> Vector3<f64> {
+    let (tcp, body) = (experiment.tool.tcp(), &experiment.tool.body);
+    if body.mass_kg > 0.0 {
+        body.com() - tcp
+    } else {
+        -0.5 * tcp
+    }
 }
 
 /// The parameter that is furthest from its nominal value, in sigmas of its prior as it was stated: a prior that the

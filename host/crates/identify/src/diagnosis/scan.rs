@@ -8,7 +8,9 @@
 //! `sᵀ V⁻¹ s` is chi-square with as many degrees of freedom as columns. The effect is
 //! `V⁻¹ s` with covariance `V⁻¹`. The most significant alternative is taken into the
 //! model, and the others are tested again, until none is left. The limits hold for
-//! all alternatives together (Bonferroni).
+//! all alternatives together (Bonferroni), in equal parts for the families.
+
+use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -20,13 +22,14 @@ use super::component::GroupOf;
 use super::dense::transposed_product;
 use super::discrepancy::Discrepancy;
 use super::linear::Linear;
+use super::patterns::{Loaded, patterns};
 use super::tail::{log_tail, sigmas};
 use super::words::{next, short, words};
 use crate::course::Course;
 use crate::error::IdentifyError;
 use crate::parameters::Layout;
 
-/// Chance of a false finding over all alternatives of a sound experiment.
+/// Chance of a false finding over all alternatives of a sound experiment, scale and load apart.
 pub(crate) const FALSE_FINDINGS: f64 = 1e-3;
 /// Standard deviations beyond which a common scale error of the certificate is
 /// found: one test, weak, because only the priors of the lengths speak to it.
@@ -87,6 +90,19 @@ pub struct FamilyTest {
     pub found: bool,
 }
 
+/// Root mean square displacement of the TCP over the rows, in mm, by an effect of whitened columns, and
+/// that by one standard deviation of it.
+fn displaced(linear: &Linear, columns: &DMatrix<f64>, effect: &DVector<f64>, covariance: &DMatrix<f64>) -> (f64, f64) {
+    let (mut square, mut variance) = (0.0, 0.0);
+    for (k, row) in linear.rows.iter().enumerate() {
+        let own = DMatrix::from_iterator(3, 3, row.root.inverse().iter().copied()) * columns.rows(3 * k, 3);
+        square += (&own * effect).norm_squared();
+        variance += (&own * covariance * own.transpose()).trace();
+    }
+    let n = linear.rows.len().max(1) as f64;
+    ((square / n).sqrt() * 1e3, (variance / n).max(0.0).sqrt() * 1e3)
+}
+
 /// One alternative with its columns and what was computed of them.
 struct Trial {
     alternative: Alternative,
@@ -112,9 +128,13 @@ pub(crate) fn scan(
     linear: &Linear,
     layout: &Layout,
     course: &Course,
+    loaded: Option<&Loaded<'_>>,
     mut model: Discrepancy,
 ) -> Result<(Vec<Finding>, Vec<FamilyTest>, Discrepancy), IdentifyError> {
-    let mut trials: Vec<Trial> = alternatives(linear, layout, course)
+    let mut list = alternatives(linear, layout, course);
+    list.extend(patterns(linear, layout, course, loaded));
+    list.retain(|(_, columns)| columns.norm_squared() > 0.0);
+    let mut trials: Vec<Trial> = list
         .into_iter()
         .map(|(alternative, columns)| Trial {
             alternative,
@@ -123,10 +143,9 @@ pub(crate) fn scan(
             score: DVector::zeros(0),
         })
         .collect();
-    let count = trials.len();
     let with_causes = model.sigmas(Cause::of_posture);
     prepare(linear, &model, &with_causes, model.s2, &mut trials)?;
-    let mut families = Selection::new(model.s2, count, &trials).families();
+    let mut families = Selection::new(model.s2, &trials).families();
     let mut plain = model.sigmas(|_| false);
     // Lengths keep their prior: it is what the scale is tested against.
     for &c in model
@@ -138,7 +157,7 @@ pub(crate) fn scan(
         plain[c] = 1.0;
     }
     prepare(linear, &model, &plain, linear.s2, &mut trials)?;
-    let mut selection = Selection::new(linear.s2, count, &trials);
+    let mut selection = Selection::new(linear.s2, &trials);
     let mut findings: Vec<Finding> = Vec::new();
     while findings.len() < MOST {
         let mut best: Option<(f64, usize, Discrepancy)> = None;
@@ -156,7 +175,7 @@ pub(crate) fn scan(
             }
         }
         let Some((log_p, index, with)) = best else { break };
-        let finding = selection.finding(index, log_p, &with, linear)?;
+        let finding = selection.finding(index, log_p, &with, linear, course)?;
         let family = finding.alternative.family();
         for test in families.iter_mut().filter(|t| t.family == family) {
             test.found = true;
@@ -210,16 +229,21 @@ fn prepare(
 /// The statistics of trials, given those that were chosen before.
 struct Selection<'a> {
     s2: f64,
-    count: usize,
+    /// Families that share the chance of a false finding, with their numbers of alternatives.
+    sizes: BTreeMap<Family, usize>,
     chosen: Vec<usize>,
     trials: &'a [Trial],
 }
 
 impl<'a> Selection<'a> {
-    fn new(s2: f64, count: usize, trials: &'a [Trial]) -> Self {
+    fn new(s2: f64, trials: &'a [Trial]) -> Self {
+        let mut sizes = BTreeMap::new();
+        for trial in trials {
+            *sizes.entry(trial.alternative.family()).or_default() += 1;
+        }
         Self {
             s2,
-            count,
+            sizes,
             chosen: Vec::new(),
             trials,
         }
@@ -286,10 +310,24 @@ impl<'a> Selection<'a> {
         Some((&inverse * s, inverse, log_tail(statistic, freedom)))
     }
 
+    /// `ln` of the tail probability below which an alternative is found.
     fn limit(&self, alternative: &Alternative) -> f64 {
         match alternative {
             Alternative::CertificateScale => log_tail(SCALE_LIMIT * SCALE_LIMIT, 1),
-            _ => (FALSE_FINDINGS / self.count.max(1) as f64).ln(),
+            _ => FALSE_FINDINGS.ln() - self.tests(alternative),
+        }
+    }
+
+    /// `ln` of the number of tests that an alternative's is counted among: each family has the same share of the
+    /// false findings, whatever its size, so that a cause with one test is not lost among those with many. Scale
+    /// and load are one test each, with a chance of their own.
+    fn tests(&self, alternative: &Alternative) -> f64 {
+        match alternative {
+            Alternative::CertificateScale | Alternative::Payload => 0.0,
+            _ => {
+                let own = self.sizes.get(&alternative.family()).copied().unwrap_or(1);
+                ((self.sizes.len() * own) as f64).ln()
+            }
         }
     }
 
@@ -351,7 +389,14 @@ impl<'a> Selection<'a> {
     }
 
     /// A finding, its effect from the model `with` it.
-    fn finding(&self, index: usize, log_p: f64, with: &Discrepancy, linear: &Linear) -> Result<Finding, IdentifyError> {
+    fn finding(
+        &self,
+        index: usize,
+        log_p: f64,
+        with: &Discrepancy,
+        linear: &Linear,
+        course: &Course,
+    ) -> Result<Finding, IdentifyError> {
         let trial = &self.trials[index];
         let columns = self.wide(index);
         let (effect, covariance) = with.named_effect(&columns)?;
@@ -364,21 +409,26 @@ impl<'a> Selection<'a> {
         };
         let k = shift.len();
         let sigma = along.dot(&(covariance.view((0, 0), (k, k)) * &along)).max(0.0).sqrt() * 1e3;
+        let rms = displaced(linear, &trial.columns, &effect, &covariance);
+        let (size, sigma) = match trial.alternative {
+            Alternative::Orientation { .. } => rms,
+            _ => (size, sigma),
+        };
         let signed = if effect.len() == 1 { effect[0] * 1e3 } else { size };
         let concerned = |k: &usize| trial.columns.rows(3 * k, 3).norm_squared() > 0.0;
         let rows = (0..linear.rows.len())
             .filter(concerned)
             .map(|k| linear.rows[k].index)
             .collect();
-        let mut or: Vec<String> = self.alike(index).into_iter().map(|a| short(&a)).collect();
+        let mut or: Vec<String> = self.alike(index).into_iter().map(|a| short(&a, course)).collect();
         or.dedup();
         Ok(Finding {
             alternative: trial.alternative,
-            words: words(&trial.alternative, &shift, sigma),
+            words: words(&trial.alternative, &shift, sigma, rms, course),
             size: signed,
             sigma,
             sigmas: sigmas(log_p),
-            log10_p: (log_p + (self.count.max(1) as f64).ln()).min(0.0) / core::f64::consts::LN_10,
+            log10_p: (log_p + self.tests(&trial.alternative)).min(0.0) / core::f64::consts::LN_10,
             harm_mm: 0.0,
             or,
             rows,

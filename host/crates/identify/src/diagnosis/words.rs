@@ -3,6 +3,8 @@
 use nalgebra::DVector;
 
 use super::alternatives::Alternative;
+use super::patterns::PAYLOAD_UNIT_KG;
+use crate::course::Course;
 use crate::parameters::Reference;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -20,7 +22,7 @@ fn share(time: f64) -> String {
 }
 
 /// The cause without its size.
-pub(crate) fn short(alternative: &Alternative) -> String {
+pub(crate) fn short(alternative: &Alternative, course: &Course) -> String {
     match *alternative {
         Alternative::Certificate { sphere, axis } => format!("the certificate of sphere {sphere} ({})", AXES[axis]),
         Alternative::CertificateScale => "the scale of the certificate".to_owned(),
@@ -46,11 +48,28 @@ pub(crate) fn short(alternative: &Alternative) -> String {
             from_rad.to_degrees(),
             to_rad.to_degrees()
         ),
+        Alternative::Lag { joint: Some(joint) } => format!("joint {}'s readings lag its motion", joint + 1),
+        Alternative::Lag { joint: None } => "the joints' readings lag their motion".to_owned(),
+        Alternative::Backlash { joint } => format!("joint {} stands elsewhere after moves up and down", joint + 1),
+        Alternative::Place { place, sphere: None } => format!("{} is off", course.place_name(place)),
+        Alternative::Place {
+            place,
+            sphere: Some(sphere),
+        } => format!("sphere {sphere} is off at {}", course.place_name(place)),
+        Alternative::Payload => "the load at the flange is another than stated".to_owned(),
+        Alternative::Orientation { .. } => "the target is displaced with the tool's orientation".to_owned(),
     }
 }
 
-/// The cause with its size.
-pub(crate) fn words(alternative: &Alternative, shift: &DVector<f64>, sigma: f64) -> String {
+/// The cause with its size: `shift` in m (rad, or its own unit), `sigma` in thousandths of it. `rms` is
+/// the root mean square displacement of the TCP by it, with its sigma, in mm.
+pub(crate) fn words(
+    alternative: &Alternative,
+    shift: &DVector<f64>,
+    sigma: f64,
+    rms: (f64, f64),
+    course: &Course,
+) -> String {
     let mm = |k: usize| shift.get(k).copied().unwrap_or_default() * 1e3;
     let size = shift.norm() * 1e3;
     let vector = || format!("({:+.3}, {:+.3}, {:+.3}) mm", mm(0), mm(1), mm(2));
@@ -98,8 +117,44 @@ pub(crate) fn words(alternative: &Alternative, shift: &DVector<f64>, sigma: f64)
             mm(0)
         ),
         Alternative::JointRegion { .. } => {
-            format!("{} is off by {:+.3} ± {sigma:.3} mrad", short(alternative), mm(0))
+            format!(
+                "{} is off by {:+.3} ± {sigma:.3} mrad",
+                short(alternative, course),
+                mm(0)
+            )
         }
+        Alternative::Lag { .. } => format!(
+            "{} by {:.3} ± {:.3} % of each move",
+            short(alternative, course),
+            0.1 * mm(0),
+            0.1 * sigma
+        ),
+        Alternative::Backlash { .. } => {
+            format!(
+                "{}: {:.3} ± {sigma:.3} mrad apart",
+                short(alternative, course),
+                mm(0).abs()
+            )
+        }
+        Alternative::Place { .. } => {
+            format!(
+                "{} by {size:.3} ± {sigma:.3} mm, {}",
+                short(alternative, course),
+                vector()
+            )
+        }
+        Alternative::Payload => format!(
+            "the load at the flange is {:.2} ± {:.2} kg {} than stated",
+            1e-3 * mm(0).abs() * PAYLOAD_UNIT_KG,
+            1e-3 * sigma * PAYLOAD_UNIT_KG,
+            if mm(0) > 0.0 { "heavier" } else { "lighter" }
+        ),
+        Alternative::Orientation { .. } => format!(
+            "{} by {:.3} ± {:.3} mm (root mean square)",
+            short(alternative, course),
+            rms.0,
+            rms.1
+        ),
     }
 }
 
@@ -121,5 +176,17 @@ pub(crate) fn next(alternative: &Alternative) -> &'static str {
             "look for a slipping encoder or a lost reference of this joint, master it, and measure again"
         }
         Alternative::JointRegion { .. } => "check encoder and gear of this joint in this range",
+        Alternative::Lag { .. } => "wait longer before reading the angles, or average them for longer",
+        Alternative::Backlash { .. } => "approach every pose from the same side, or have the gear's play looked at",
+        Alternative::Place { sphere: None, .. } => {
+            "measure this place again, or leave its rows out: instrument or target moved there"
+        }
+        Alternative::Place { sphere: Some(_), .. } => {
+            "look whether this sphere sat firmly in this placement, and measure the placement again"
+        }
+        Alternative::Payload => "weigh the tool and give --payload-kg and --payload-com-mm",
+        Alternative::Orientation { .. } => {
+            "check target and nest: roundness and certificate of the sphere, centring and angle of acceptance of the reflector"
+        }
     }
 }

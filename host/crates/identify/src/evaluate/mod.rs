@@ -269,9 +269,25 @@ fn diagnosed(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) -> Opt
     let rows = thinned(&recordings.experiment, &fit.used, DIAGNOSED);
     let experiment = fit.experiment(&recordings.experiment, &rows);
     let over = workspace(&experiment.robot, &experiment.tool);
+    // Before rows were left out: the last move of a row is that from the row before it.
+    let whole = match &recordings.course {
+        Some(course) => course.clone(),
+        None => Course::in_order(&recordings.experiment),
+    }
+    .with_moves(&recordings.experiment.observations)
+    .with_places(
+        recordings.samples.iter().map(|sample| sample.place).collect(),
+        recordings.places.names().map(str::to_owned).collect(),
+    )
+    .of_rows(&rows);
     let course = match &recordings.course {
-        Some(course) => course.of_rows(&rows),
-        None => Course::in_order(&experiment),
+        Some(_) => whole,
+        None => Course {
+            moves: whole.moves,
+            place: whole.place,
+            place_names: whole.place_names,
+            ..Course::in_order(&experiment)
+        },
     };
     match diagnose(&experiment, &fit.options, &course, &over) {
         Ok(mut diagnosis) => {

@@ -1,9 +1,11 @@
 //! What is checked, each check with its number and limit.
 
 use super::asked::{asked_accuracy, validation_agrees};
-use super::diagnosed::diagnosed;
+use super::diagnosed::{diagnosed, probability};
 use super::{Check, Evidence};
 use crate::Method;
+use crate::diagnosis::log_tail;
+use crate::residuals::OUTLIER_SIGMAS;
 
 /// Smallest share of the nominal mean error that a calibration should remove.
 const SMALL_GAIN: f64 = 0.05;
@@ -162,6 +164,20 @@ fn parameters(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
     checks.push(if judged { check.qualifying() } else { check });
 }
 
+/// Chance of at least `bad` outliers in rows with normal noise: logarithm to the base 10.
+fn so_many(bad: usize, all: usize) -> f64 {
+    let expected = all as f64 * log_tail(OUTLIER_SIGMAS * OUTLIER_SIGMAS, 3).exp();
+    // Poisson: the first term rules where few are expected, and each further one is smaller.
+    let mut term = bad as f64 * expected.ln() - expected - libm::lgamma(bad as f64 + 1.0);
+    let mut log = term;
+    for k in bad + 1..bad + 50 {
+        term += expected.ln() - (k as f64).ln();
+        let (high, low) = if log > term { (log, term) } else { (term, log) };
+        log = high + (low - high).exp().ln_1p();
+    }
+    log.min(0.0) / core::f64::consts::LN_10
+}
+
 /// The outliers by name: first those that were left out, with their distance, then those
 /// that the fit does not believe.
 fn outliers(evidence: &Evidence<'_>) -> String {
@@ -201,7 +217,9 @@ fn rows(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         format!("none of {all} rows is an outlier")
     } else {
         format!(
-            "{bad} of {all} rows are outliers, which the fit leaves out or hardly counts: {}",
+            "{bad} of {all} rows are outliers, which the fit leaves out or hardly counts (so many by chance: p = {}): {}; \
+             repeat these poses, or leave their rows out",
+            probability(so_many(bad, all)),
             outliers(evidence)
         )
     };

@@ -2,7 +2,7 @@
 //! than the nominal robot over the whole workspace.
 
 use super::{Check, Evidence};
-use crate::diagnosis::{Diagnosis, Family, Finding};
+use crate::diagnosis::{Diagnosis, Family, Finding, ScatteredPlace};
 
 /// A cause that adds less than this share of the expected error qualifies the result: it
 /// is named, and the expected error holds it. One that adds more refuses the result.
@@ -27,6 +27,7 @@ const NAMED_ROWS: usize = 2;
 pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
     let Some(diagnosis) = evidence.diagnosis else { return };
     causes(evidence, diagnosis, checks);
+    places(diagnosis, checks);
     over_the_workspace(evidence, diagnosis, checks);
     this_robot(diagnosis, checks);
     spheres(evidence, checks);
@@ -48,6 +49,14 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
             Family::Seat => ("coupling_seat", "every coupling was seated like the others"),
             Family::Encoder => ("encoder", "no encoder jumped or drifted"),
             Family::JointRegion => ("joint_region", "no joint is off in a part of its range"),
+            Family::Lag => ("read_at_rest", "the angles were read at rest"),
+            Family::Backlash => ("backlash", "no joint's error depends on the side that it came from"),
+            Family::Place => ("place", "no place is off as a whole"),
+            Family::Payload => ("payload", "the load at the flange is as stated"),
+            Family::Orientation => (
+                "tool_orientation",
+                "the target does not depend on the tool's orientation",
+            ),
         };
         let of_family = |f: &&Finding| f.alternative.family() == test.family;
         let found: Vec<&Finding> = diagnosis.findings.iter().filter(of_family).collect();
@@ -66,6 +75,27 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
         let harm: f64 = found.iter().map(|f| f.harm_mm).fold(0.0, f64::max);
         checks.push(if harm < harmless { check.qualifying() } else { check });
     }
+}
+
+/// Whether no place scatters more than the others.
+fn places(diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
+    let Some(worst) = diagnosis.scattered.first() else {
+        return;
+    };
+    let each = diagnosis.scattered.iter();
+    let words: Vec<String> = each
+        .map(|p| format!("{} (p = {})", p.words, probability(p.log10_p)))
+        .collect();
+    checks.push(
+        Check::new(
+            "place_scatter",
+            Some(worst.ratio),
+            Some(ScatteredPlace::LIMIT),
+            false,
+            words.join("; "),
+        )
+        .qualifying(),
+    );
 }
 
 /// A cause with the rows that it concerns, what it does, and what to do about it.
@@ -89,9 +119,22 @@ fn in_words(evidence: &Evidence<'_>, finding: &Finding) -> String {
         format!("; the data cannot tell it from: {}", finding.or.join(", "))
     };
     format!(
-        "{}{rows}, {:.1} sigma; it moves the calibrated TCP by {:.3} mm in the mean{or}: {}",
-        finding.words, finding.sigmas, finding.harm_mm, finding.next
+        "{}{rows}, p = {} ({:.1} sigma); it moves the calibrated TCP by {:.3} mm in the mean{or}: {}",
+        finding.words,
+        probability(finding.log10_p),
+        finding.sigmas,
+        finding.harm_mm,
+        finding.next
     )
+}
+
+/// A probability by its logarithm to the base 10, in words.
+pub(super) fn probability(log10_p: f64) -> String {
+    if log10_p > -2.0 {
+        return format!("{:.2}", 10f64.powf(log10_p));
+    }
+    let exponent = log10_p.floor();
+    format!("{:.0}e{exponent:.0}", 10f64.powf(log10_p - exponent))
 }
 
 /// Whether the calibrated robot is better than the nominal one over the workspace.

@@ -4,6 +4,7 @@
 //! errors, noise of joints and of seating. Their sizes are not those of the priors.
 
 mod budget;
+mod patterns;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -151,7 +152,11 @@ fn measured(seed: u64, inject: Inject<'_>) -> Trial {
             spheres,
             observations,
         },
-        course: Course { coupling, time },
+        course: Course {
+            coupling,
+            time,
+            ..Course::default()
+        },
     }
 }
 
@@ -336,8 +341,11 @@ fn another_robots_data_are_noticed() {
 }
 
 fn evaluated(experiment: Experiment) -> Verdict {
-    let recordings = Recordings::new(experiment);
-    let evaluation = evaluate(&recordings, &EvaluateOptions::default(), &mut |_| ()).expect("readable data");
+    evaluated_rows(&Recordings::new(experiment))
+}
+
+fn evaluated_rows(recordings: &Recordings) -> Verdict {
+    let evaluation = evaluate(recordings, &EvaluateOptions::default(), &mut |_| ()).expect("readable data");
     evaluation.verdict
 }
 
