@@ -5,6 +5,7 @@ use spherecal_shared::protocol::host::{Event, Phase, Sample};
 
 use crate::telemetry::RunKey;
 use spherecal_link::Arrival;
+use spherecal_link::native::DriveRecord;
 
 /// What the campaign is about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -56,6 +57,9 @@ pub struct Progress {
     pub device_s: f64,
     /// Estimated contact force, in N, from the newest telemetry.
     pub force_n: f64,
+    /// What the drive measured of its real-time loop, if a robot's own interface is in this process.
+    #[serde(skip)]
+    pub drive: Option<DriveRecord>,
 }
 
 /// Whether the plate was moved.

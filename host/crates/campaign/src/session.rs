@@ -210,11 +210,12 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Passes on what the robot's own interface reported.
+    /// Passes on what the robot's own interface reported and measured.
     fn note_drive(&mut self) {
         while let Some(event) = self.monitor.as_ref().and_then(Monitor::next_event) {
             self.observer.note(&event.to_string());
         }
+        self.progress.drive = self.drive_record();
     }
 
     /// What the drive measured of itself so far, if it is a robot's own interface.

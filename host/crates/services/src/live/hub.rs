@@ -222,7 +222,7 @@ fn keep(kept: &mut Kept, message: &Message) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::{WAITING, Watch};
+    use crate::live::{RealTime, Times, WAITING, Watch};
     use spherecal_campaign::telemetry::ContactTrace;
     use spherecal_campaign::{Observer as _, Progress};
     use spherecal_shared::robot::{iiwa7, iiwa7_tool};
@@ -339,6 +339,18 @@ mod tests {
             tcp_m: [0.1, 0.2, 0.3],
             force_n: [0.0, 0.0, 7.5],
             forces: vec![(1.23, 4.56)],
+            real_time: Some(RealTime {
+                cycles: 1000,
+                late: 2,
+                missed: 3,
+                turnaround: Times {
+                    median_us: 48,
+                    most_us: 192,
+                    max_us: 400,
+                    octaves: vec![(64, 997), (512, 3)],
+                },
+                jitter: Times::default(),
+            }),
         };
         let contact = LiveContact {
             force_n: 7.7,

@@ -13,6 +13,7 @@
 //! and a browser that is too slow is sent the whole state that the [`Hub`] keeps.
 
 mod hub;
+mod real_time;
 mod scatter;
 mod scene;
 mod watch;
@@ -24,6 +25,7 @@ use spherecal_campaign::Stage;
 use spherecal_campaign::telemetry::ContactTrace;
 
 pub use hub::{Hub, RunId};
+pub use real_time::{RealTime, Times};
 pub use scatter::Scatter;
 pub use scene::{Joint, Scene, Site};
 pub use watch::{Watch, eta_s};
@@ -88,6 +90,9 @@ pub struct Frame {
     pub force_n: [f32; 3],
     /// Device time (s) and magnitude of the force (N) since the previous frame.
     pub forces: Vec<(f64, f32)>,
+    /// How well the real-time loop keeps its period, if the run drives a robot over its own interface.
+    #[serde(default)]
+    pub real_time: Option<RealTime>,
 }
 
 /// A contact and the force around it.

@@ -8,7 +8,7 @@ use spherecal_shared::robot::{Robot, Tool};
 use spherecal_shared::timing::SampleClock;
 use tokio::sync::mpsc::{self, error::TrySendError};
 
-use super::{End, Frame, LiveContact, Message, Scatter, Scene};
+use super::{End, Frame, LiveContact, Message, RealTime, Scatter, Scene};
 use spherecal_campaign::telemetry::{ContactTrace, ContactTracer};
 use spherecal_campaign::{Observer, Progress};
 use spherecal_link::Arrival;
@@ -174,6 +174,7 @@ impl Watch {
             tcp_m: self.sample.map(|s| s.tcp_m).unwrap_or_default(),
             force_n: self.sample.map(|s| s.force_n).unwrap_or_default(),
             forces: self.points.iter().map(|&(t, f)| (t as f64 * 1e-6, f)).collect(),
+            real_time: p.drive.as_ref().map(RealTime::from),
         };
         self.points.clear();
         // A frame that finds no space is lost. The next one contains everything except its part of

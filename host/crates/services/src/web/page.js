@@ -95,7 +95,29 @@ function describe(run) {
   say("time", `${clock(frame.device_s)} (${(frame.device_s / Math.max(frame.wall_s, 0.1)).toFixed(0)}×)`);
   say("force", `${(run.forces.at(-1)?.[1] ?? 0).toFixed(1)} N`);
   say("last-contact", run.contact ? `sphere ${run.contact.trace.sphere}: ${run.contact.force_n.toFixed(1)} N after ${run.contact.travel_mm.toFixed(1)} mm` : "none yet");
+  realTime(frame.real_time);
   joints(run);
+}
+
+/** The histograms of the real-time loop; only a run over a robot's own interface has them. */
+function realTime(times) {
+  at("realtime").hidden = !times;
+  if (!times) return;
+  const { cycles, late, missed, turnaround, jitter } = times;
+  say("realtime-words", `${cycles} cycles, ${((100 * late) / Math.max(cycles, 1)).toFixed(3)} % answered later than 300 µs, ${missed} periods missed. From state to command ${turnaround.median_us} µs (median), ${turnaround.most_us} µs (99.9 %), ${turnaround.max_us} µs (longest).`);
+  const counts = new Map();
+  [turnaround, jitter].forEach((spread, column) => spread.octaves.forEach(([beyond, count]) => {
+    counts.set(beyond, counts.get(beyond) ?? [0, 0]);
+    counts.get(beyond)[column] = count;
+  }));
+  const rows = [...counts].sort((a, b) => a[0] - b[0]);
+  const body = at("times").tBodies[0];
+  while (body.rows.length > rows.length) body.deleteRow(-1);
+  rows.forEach(([beyond, values], k) => {
+    const line = body.rows[k] ?? body.insertRow();
+    while (line.cells.length < 3) line.insertCell();
+    [beyond, ...values].forEach((value, c) => { line.cells[c].textContent = String(value); });
+  });
 }
 
 function joints({ scene, frame }) {
