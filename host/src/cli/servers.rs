@@ -106,7 +106,7 @@ fn open_drive(args: &ControllerArgs) -> Result<Box<dyn Drive>, CliError> {
         robot.clone_into(&mut config.robot);
     }
     let model = job::loaded_model(&config)?;
-    Ok(job::native::drive(&model, &config.procedure, &args.drive)?)
+    Ok(job::native::drive(&model, &config, &args.drive)?)
 }
 
 /// `spherecal controller`
@@ -138,6 +138,9 @@ pub(super) fn controller(args: &ControllerArgs) -> Result<Exit, CliError> {
         enter_real_time(&monitor);
     }
     let result = controller_server::serve_hosts(&mut cell, &listener, args.once);
+    if let Some(monitor) = Device::monitor(&cell) {
+        errln!("{}", job::DriveTiming::from(&monitor.record()).words());
+    }
     let link = cell.drive_counters();
     errln!(
         "drive link: {} states, {} damaged, {} lost, {} repeated",

@@ -19,7 +19,7 @@ mod error;
 mod layout;
 mod sections;
 
-pub use cell::{CellSection, ToolSection};
+pub use cell::{CellSection, DriveSection, ToolSection};
 pub use certificate::CertificateSection;
 pub use error::ConfigError;
 pub use sections::{CampaignSection, Choice, LaserSection, PlanSection};

@@ -152,7 +152,7 @@ pub fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device
             Ok(Some(Box::new(LocalDevice::new(controller, Box::new(drive), joints)?)))
         }
         Link::Franka { .. } | Link::Fri(_) => {
-            let drive = native::drive(&prepared.model, &prepared.config.procedure, link)?;
+            let drive = native::drive(&prepared.model, &prepared.config, link)?;
             check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
             Ok(Some(Box::new(Threaded::start(drive, joints)?)))
         }

@@ -43,8 +43,8 @@ mod write;
 
 pub use commission::{Commissioning, commission, commissionings};
 pub use config::{
-    CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, LaserSection, PlanSection,
-    ToolSection,
+    CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, DriveSection, LaserSection,
+    PlanSection, ToolSection,
 };
 pub use connect::device;
 pub use drive_timing::{Bin, DriveTiming, Spread};

@@ -10,8 +10,8 @@ use spherecal_link::{Drive, LinkError};
 use spherecal_model::robots::RobotModel;
 use spherecal_shared::procedure::Procedure;
 
-use super::JobError;
 use super::link::Link;
+use super::{Config, DriveSection, JobError};
 
 /// Largest rate of a commanded torque on a Franka robot, in N m/s. The robot stops at 1,000, its
 /// client clamps to 999.
@@ -36,7 +36,7 @@ impl Link {
         let Self::Franka { host, port } = self else {
             return Ok(None);
         };
-        let client = fci::Client::connect(&franka(host, *port)).map_err(LinkError::device)?;
+        let client = fci::Client::connect(&franka(host, *port, DriveSection::default())).map_err(LinkError::device)?;
         Ok(Some(if client.version().is_panda() { "panda" } else { "fr3" }))
     }
 }
@@ -45,23 +45,30 @@ impl Link {
 /// state, and the robot's own clock says how many periods were missed.
 const SILENCE: Duration = Duration::from_millis(500);
 
-fn franka(host: &str, port: u16) -> fci::Config {
+fn franka(host: &str, port: u16, waiting: DriveSection) -> fci::Config {
     fci::Config {
         port,
         state_timeout: SILENCE,
+        busy_poll_us: busy_poll(waiting),
+        spin: Duration::from_micros(waiting.spin_us.into()),
         ..fci::Config::new(host)
     }
 }
 
+fn busy_poll(waiting: DriveSection) -> Option<u32> {
+    Some(waiting.busy_poll_us).filter(|us| *us > 0)
+}
+
 /// The drive behind a link to a robot's own interface. It declares the load of the model's tool and
-/// the thresholds of the procedure.
+/// the thresholds of the configured procedure.
 ///
 /// # Errors
 /// The robot cannot be reached or refuses a setting, or the link is of another kind.
-pub fn drive(model: &RobotModel, procedure: &Procedure, link: &Link) -> Result<Box<dyn Drive>, JobError> {
+pub fn drive(model: &RobotModel, config: &Config, link: &Link) -> Result<Box<dyn Drive>, JobError> {
+    let (procedure, waiting) = (&config.procedure, config.cell.drive);
     match link {
         Link::Franka { host, port } => Ok(Box::new(FrankaDrive::connect(FrankaOptions {
-            config: franka(host, *port),
+            config: franka(host, *port, waiting),
             load: model.tool.body,
             thresholds: collision_behavior(procedure),
         })?)),
@@ -69,6 +76,8 @@ pub fn drive(model: &RobotModel, procedure: &Procedure, link: &Link) -> Result<B
             let mut config = fri::Config::new(fri::Limits::IIWA_7);
             config.address = *address;
             config.timeout = SILENCE;
+            config.busy_poll_us = busy_poll(waiting);
+            config.spin = Duration::from_micros(waiting.spin_us.into());
             Ok(Box::new(KukaDrive::listen(&KukaOptions {
                 config,
                 torque_rate: procedure.law.torque_rate_nm_s,

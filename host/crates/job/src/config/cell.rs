@@ -25,6 +25,9 @@ pub struct CellSection {
     /// sphere's nominal position, displaced by `campaign.taught_error_m`. `--waypoints` replaces
     /// this list.
     pub waypoints: Vec<TaughtWaypoint>,
+    /// How the program waits for a robot over its own interface (`franka:`, `fri:`).
+    #[serde(skip_serializing_if = "DriveSection::is_default")]
+    pub drive: DriveSection,
 }
 
 impl Default for CellSection {
@@ -35,7 +38,41 @@ impl Default for CellSection {
             plate,
             placements,
             waypoints: Vec::new(),
+            drive: DriveSection::default(),
         }
+    }
+}
+
+/// Two ways to save the time that a sleeping thread needs to wake up when a state of the robot comes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DriveSection {
+    /// The loop polls the socket for this long before it sleeps, in us; 0: it sleeps at once. 1000 costs a processor core.
+    pub spin_us: u32,
+    /// The kernel polls the network card for this long, in us; 0: it does not. Linux only; it may need the right
+    /// `CAP_NET_ADMIN`.
+    pub busy_poll_us: u32,
+}
+
+impl DriveSection {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+
+    fn check(&self) -> Result<(), CellError> {
+        for (field, value) in [
+            ("drive.spin_us", self.spin_us),
+            ("drive.busy_poll_us", self.busy_poll_us),
+        ] {
+            if value > 4000 {
+                return Err(CellError {
+                    field,
+                    value: f64::from(value),
+                    remedy: "give 0 to 4000 us, at most the robot's period",
+                });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -123,6 +160,7 @@ impl CellSection {
     /// The first field with an impossible value.
     pub(super) fn check(&self) -> Result<(), CellError> {
         self.tool.check()?;
+        self.drive.check()?;
         self.nominal().check()
     }
 }
@@ -143,5 +181,16 @@ mod tests {
         assert!(refusal("mass_kg = -0.1").starts_with("cell.tool.mass_kg is -0.1"));
         assert!(refusal("com_mm = [0, 0, 40]").contains("give tool.mass_kg"));
         assert!(refusal("mass_kg = 1\ncom_mm = [0, 0, 40e3]").starts_with("cell.tool.com_mm is 40000"));
+    }
+
+    // Fails if a loop may poll past the state that it waits for, or settings that were not made fill the file.
+    #[test]
+    fn polling_is_bounded_by_the_period() {
+        let cell = |text: &str| toml::from_str::<CellSection>(text).expect("parses");
+        let error = cell("drive.spin_us = 4001").check().expect_err("too long").to_string();
+        assert!(error.starts_with("cell.drive.spin_us is 4001"), "{error}");
+        assert_eq!(cell("drive.busy_poll_us = 50").check(), Ok(()));
+        let text = toml::to_string(&CellSection::default()).expect("a text");
+        assert!(!text.contains("spin_us"), "{text}");
     }
 }
