@@ -83,10 +83,15 @@ impl Observer for Watch<'_> {
 impl Job {
     /// Plans the job of `config` for this robot.
     pub(super) fn new(config: &Config, robot: &dyn Robot) -> Self {
+        Self::over(config, robot.link())
+    }
+
+    /// Plans the job of `config` for the robot behind this link.
+    pub(super) fn over(config: &Config, link: job::Link) -> Self {
         Self {
             prepared: job::prepare(config).expect("a plan"),
             folder: tempfile::tempdir().expect("a folder"),
-            link: robot.link(),
+            link,
         }
     }
 

@@ -14,6 +14,7 @@
 //! network is a matter of the clients' own tests (`fci` and `fri`, `tests/faults.rs`).
 
 mod job;
+mod minute;
 mod robots;
 
 use std::sync::Arc;
@@ -275,17 +276,17 @@ fn bad_network(job: &Job, robot: &Arc<dyn Robot>) {
 
 // Fails if lost and late datagrams end the job, cost a recording, or are not in the counts and the report.
 #[test]
-#[ignore = "slow: 2 minutes of real time"]
-fn study_of_a_bad_network_before_a_franka() {
-    let (job, robot) = franka(Version::V10, 4, SHORT);
+#[ignore = "slow: 1 minute of real time"]
+fn slow_a_bad_network_before_a_franka_costs_nothing() {
+    let (job, robot) = franka(Version::V10, 3, SHORT);
     bad_network(&job, &robot);
 }
 
 // Fails if the same does not hold for KUKA.
 #[test]
-#[ignore = "slow: 2 minutes of real time"]
-fn study_of_a_bad_network_before_a_cabinet() {
-    let (job, robot) = iiwa(4, SHORT);
+#[ignore = "slow: 1 minute of real time"]
+fn slow_a_bad_network_before_a_cabinet_costs_nothing() {
+    let (job, robot) = iiwa(3, SHORT);
     bad_network(&job, &robot);
 }
 
