@@ -26,6 +26,7 @@ mod kills;
 mod left_out;
 mod main_job;
 mod mistakes;
+mod official_clients;
 mod page;
 mod paths;
 mod processes;
