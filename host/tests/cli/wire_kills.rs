@@ -1,22 +1,26 @@
-//! The host, and with it the controller, killed in the middle of a run over the Franka Control Interface.
+//! The host, and with it the controller, killed in the middle of a run over a robot's own interface.
 
 #![cfg(unix)]
 
+use std::net::UdpSocket;
 use std::path::Path;
 use std::process::{Child, Command};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use spherecal::job::{self, Config};
 use spherecal_fci::robot::{RobotConfig, RobotSide};
 use spherecal_fci::wire::{RobotMode, Version};
+use spherecal_fri::robot::{CabinetConfig, CabinetSide, Tolerance};
+use spherecal_fri::wire::SessionState;
 
 use crate::kills::recorded;
 use crate::support::{start, text};
 
 /// What no step waits longer for: the robots of this test run in real time.
 const PATIENCE: Duration = Duration::from_mins(3);
-/// A short job.
-const CELL: &str = "robot = \"panda\"\n[plan]\nposes = 4\nchoice = \"grid\"\napproach_height_m = 0.035\n\
+/// A short job, but for the robot.
+const CELL: &str = "[plan]\nposes = 4\nchoice = \"grid\"\napproach_height_m = 0.035\n\
     [procedure.couple]\nhold_s = 1.0\n[procedure.record]\nsamples = 200\n";
 
 /// Waits until `done`; fails with `what` if it does not come, or if the program ends before.
@@ -32,6 +36,13 @@ fn until(what: &str, host: &mut Child, mut done: impl FnMut() -> bool) {
     }
 }
 
+/// The configuration of a short job, also as a file in `folder`.
+fn cell(folder: &Path, robot: &str) -> Config {
+    let text = format!("robot = \"{robot}\"\n{CELL}");
+    std::fs::write(folder.join("cell.toml"), &text).expect("a file");
+    Config::parse("cell.toml", &text).expect("a configuration")
+}
+
 fn measure(folder: &Path, link: &str, how: &[&str]) -> Child {
     start(
         folder,
@@ -45,8 +56,7 @@ fn measure(folder: &Path, link: &str, how: &[&str]) -> Child {
 #[ignore = "slow: 2 minutes of real time"]
 fn slow_a_host_killed_over_the_franka_control_interface_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
-    std::fs::write(folder.path().join("cell.toml"), CELL).expect("a file");
-    let config = Config::parse("cell.toml", CELL).expect("a configuration");
+    let config = cell(folder.path(), "panda");
     let arm = job::simulated_robot(&config, (0.0, 0.0)).expect("an arm");
     let robot = RobotSide::start(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
     let link = format!("franka:{}", robot.address());
@@ -90,4 +100,75 @@ fn slow_a_host_killed_over_the_franka_control_interface_goes_on() {
     assert!(all.starts_with(&second), "a stored recording is lost or changed");
     assert_eq!(all.len(), 4);
     assert_eq!(robot.shut_down().commands_after_stop, 0);
+}
+
+/// The application on the cabinet: wants its motion, and half a second after its end the next one.
+fn application(cabinet: &CabinetSide, ended: &AtomicBool) {
+    let mut without_motion = Instant::now();
+    while !ended.load(Ordering::Relaxed) {
+        let command = &cabinet.controls().command;
+        match cabinet.statistics().session {
+            Some(SessionState::CommandingWait | SessionState::CommandingActive) => without_motion = Instant::now(),
+            _ if !command.load(Ordering::Relaxed) => command.store(true, Ordering::Relaxed),
+            _ if without_motion.elapsed() > Duration::from_millis(500) => {
+                command.store(false, Ordering::Relaxed);
+                without_motion = Instant::now();
+            }
+            _ => {}
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Ends the application, also when a test fails.
+struct Ends<'a>(&'a AtomicBool);
+
+impl Drop for Ends<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+// Fails if a cabinet whose client is killed goes on moving, a torque comes after that, a recording is lost, or `--resume`
+// does not finish.
+#[test]
+#[ignore = "slow: 1 minute of real time"]
+fn slow_a_host_killed_over_the_fast_robot_interface_goes_on() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let config = cell(folder.path(), "iiwa7");
+    let arm = job::simulated_robot(&config, (0.0, 0.0)).expect("an arm");
+    let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    let client = probe.local_addr().expect("an address");
+    drop(probe);
+    let side = CabinetConfig {
+        client,
+        tolerance: Tolerance::tolerant(),
+        ..CabinetConfig::new()
+    };
+    let cabinet = CabinetSide::start(side, Box::new(arm)).expect("a cabinet");
+    let (link, database) = (format!("fri:{client}"), folder.path().join("cell/calibration.db"));
+    let moving = || cabinet.statistics().session == Some(SessionState::CommandingActive);
+    let ended = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let _ends = Ends(&ended);
+        scope.spawn(|| application(&cabinet, &ended));
+        let mut host = measure(folder.path(), &link, &["--config", "cell.toml"]);
+        until("a recording", &mut host, || moving() && !recorded(&database).is_empty());
+        host.kill().expect("a signal");
+        host.wait().expect("it ends");
+        let begun = Instant::now();
+        while moving() {
+            assert!(begun.elapsed() < PATIENCE, "the cabinet goes on");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let first = recorded(&database);
+        let output = measure(folder.path(), &link, &["--resume"])
+            .wait_with_output()
+            .expect("it ends");
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let all = recorded(&database);
+        assert!(all.starts_with(&first), "a stored recording is lost or changed");
+        assert_eq!(all.len(), 4);
+    });
+    assert_eq!(cabinet.shut_down().torques_after_stop, 0);
 }
