@@ -240,38 +240,29 @@ fn named(kind: Kind, made: Made, check: &str, seeds: std::ops::Range<u64>) -> us
         .map_or(0, |(_, count)| count)
 }
 
-/// Robots in which any of the six findings was named, and the outliers apart.
-fn false_alarms(world: World, kind: Kind, seeds: std::ops::Range<u64>) -> [usize; NAMES.len()] {
-    found(world, kind, Made::Nothing, seeds)
-}
-
 // Prints the study. Fails if a cause is named in fewer than 9 of 10 robots.
 #[test]
 #[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
 fn study_of_findings() {
     let robots = seeds(100, 10);
     let count = robots.clone().count();
-    for (kind, made, check) in CASES {
+    // `FINDINGS_MADE=Payload` takes one of them.
+    let asked = std::env::var("FINDINGS_MADE").unwrap_or_default();
+    let mut missed = Vec::new();
+    for (kind, made, check) in CASES.into_iter().filter(|c| format!("{:?}", c.1).contains(&asked)) {
         let named = named(kind, made, check, robots.clone());
         println!("{kind:?} {made:?}: {check} in {named} of {count}");
-    }
-    for world in [World::W0, World::W3, World::W4, World::W5] {
-        for kind in [Kind::Contacts, Kind::Points] {
-            let _ = false_alarms(world, kind, robots.clone());
+        if 10 * named < 9 * count {
+            missed.push(format!("{kind:?} {made:?}: {named} of {count}"));
         }
     }
-}
-
-// Fails if one of the six findings is not named in four of four robots, or if the same robots without it have any.
-// More robots: the study above.
-#[test]
-#[ignore = "slow: `scripts/test` runs it"]
-fn slow_the_six_findings_are_named() {
-    for (kind, made, check) in CASES {
-        assert_eq!(named(kind, made, check, 300..303), 3, "{kind:?} {made:?}");
+    // What is found where nothing was made: W5 has backlash, drift and early readings of its own.
+    if format!("{:?}", Made::Nothing).contains(&asked) {
+        for world in [World::W0, World::W3, World::W4, World::W5] {
+            for kind in [Kind::Contacts, Kind::Points] {
+                found(world, kind, Made::Nothing, robots.clone());
+            }
+        }
     }
-    for kind in [Kind::Contacts, Kind::Points] {
-        let alarms = false_alarms(World::W0, kind, 300..304);
-        assert!(alarms.iter().sum::<usize>() <= 1, "{kind:?}: {alarms:?}");
-    }
+    assert!(missed.is_empty(), "{missed:?}");
 }
