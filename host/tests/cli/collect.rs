@@ -29,6 +29,8 @@ pub(crate) const IIWA_START: [f64; 7] = [0.0, 0.6, 0.0, -1.6, 0.0, 0.9, 0.0];
 pub(crate) fn nominal(name: &str) -> RobotModel {
     let mut model = robots::load(name).expect("built in");
     model.tool.tcp_m = TOOL_M;
+    // The commands state no load, so these arms carry none.
+    model.tool.body.mass_kg = 0.0;
     model
 }
 
