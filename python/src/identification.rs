@@ -177,6 +177,10 @@ pub(crate) fn identify(
         }
         if let Some(tcp) = tool_m {
             nominal.tool.tcp_m = tcp;
+            // As the command: the mass of the description's tool is not that of the user's.
+            if payload_kg.is_none() {
+                nominal.tool.body.mass_kg = 0.0;
+            }
         }
         let request = Request {
             payload_kg,
