@@ -225,6 +225,7 @@ mod tests {
     use crate::live::{RealTime, Times, WAITING, Watch};
     use spherecal_campaign::telemetry::ContactTrace;
     use spherecal_campaign::{Observer as _, Progress};
+    use spherecal_link::native::DriveRecord;
     use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
     fn scene(arm: &str) -> Scene {
@@ -316,6 +317,29 @@ mod tests {
         );
         hub.close();
         assert!(hub.listen().is_none());
+    }
+
+    // Fails if viewers are not shown the real-time loop of a run that has one, or are shown one of a run without.
+    #[test]
+    fn the_real_time_loop_is_shown() {
+        let mut record = DriveRecord {
+            cycles: 1,
+            ..DriveRecord::default()
+        };
+        record.turnaround.record(20);
+        for drive in [None, Some(record)] {
+            let (mut watch, mut messages) = watch("a");
+            watch.progress(&Progress {
+                drive,
+                ..Progress::default()
+            });
+            let frame = std::iter::from_fn(|| messages.try_recv().ok()).find_map(|message| match message {
+                Message::Frame(frame) => Some(frame),
+                _ => None,
+            });
+            let shown = frame.expect("a frame").real_time;
+            assert_eq!(shown.as_ref().map(|loop_| loop_.turnaround.max_us), drive.map(|_| 20));
+        }
     }
 
     // Fails if a message changes on its way through the service.
