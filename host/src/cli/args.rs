@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::out::errln;
 use clap::Args;
 use clap::builder::TypedValueParser;
 
@@ -223,8 +224,16 @@ impl TypedValueParser for StoreParser {
         let text = value
             .to_str()
             .ok_or_else(|| refuse("the value is not UTF-8".to_owned()))?;
-        text.parse()
-            .map_err(|unknown: UnknownScheme| refuse(unknown.to_string()))
+        let place: StoreLocation = text
+            .parse()
+            .map_err(|unknown: UnknownScheme| refuse(unknown.to_string()))?;
+        if place.has_password() {
+            errln!(
+                "spherecal: warning: other users of this computer can read the password of --store in the list of \
+                 processes: put it into PGPASSWORD or ~/.pgpass, and leave it out of the address"
+            );
+        }
+        Ok(place)
     }
 }
 

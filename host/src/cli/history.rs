@@ -128,6 +128,12 @@ fn text(trend: &Trend) -> String {
             step.run, step.days, step.moved_mm, step.sigma_mm, step.moved_since_last_mm
         ));
     }
+    if let Some(run) = trend.clock_back_at {
+        out.push_str(&format!(
+            "  Run {run} is dated before the run that was measured before it: the clock of a computer was wrong. No speed \
+             and no date are stated; set the clock, and measure again to state them.\n"
+        ));
+    }
     out.push_str(if trend.drifting {
         "  It is drifting"
     } else {
@@ -135,6 +141,9 @@ fn text(trend: &Trend) -> String {
     });
     if let (true, Some(speed)) = (trend.drifting, trend.mm_per_year) {
         out.push_str(&format!(", {speed:.2} mm a year"));
+    }
+    if trend.due_utc.is_none() {
+        out.push_str(".\n");
     }
     if let Some(due) = &trend.due_utc {
         out.push_str(&format!(

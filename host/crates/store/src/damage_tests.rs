@@ -181,7 +181,7 @@ fn a_lost_first_page_costs_little() {
     std::fs::write(&path, &bytes).expect("written");
     assert!(matches!(SqlStore::open(&path).err(), Some(StoreError::NotOurs { .. })));
     let (saved, report) = recovered(&path, &recordings);
-    assert!(report.first_page_replaced);
+    assert!(report.schema_replaced);
     assert_eq!(saved, recordings.len());
 }
 

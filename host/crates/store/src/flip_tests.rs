@@ -193,6 +193,39 @@ fn every_flipped_bit_that_changes_a_row_is_seen() {
     assert!(tally.changed * 10 > tally.flips, "{tally:?}");
 }
 
+// Fails if a bit flipped in SQLite's own text of the tables costs a row: the text is known.
+#[test]
+fn a_flip_in_the_list_of_tables_costs_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, recordings) = finished(folder.path());
+    let whole = std::fs::read(&path).expect("read");
+    let places: Vec<usize> = (0..whole.len() - 13)
+        .filter(|k| whole[*k..].starts_with(b"CREATE TABLE "))
+        .collect();
+    assert!(places.len() >= 13, "{}", places.len());
+    for (number, place) in places.into_iter().enumerate() {
+        // In the name of the table, and in that of a column.
+        for (offset, bit) in [(15, 1), (13 + 22, 4)] {
+            let mut bytes = whole.clone();
+            bytes[place + offset] ^= 1 << bit;
+            let damaged = folder.path().join(format!("damaged-{number}-{offset}.db"));
+            std::fs::write(&damaged, &bytes).expect("written");
+            let new = folder.path().join(format!("new-{number}-{offset}.db"));
+            let report = recover(&damaged, &new).unwrap_or_else(|error| panic!("{place} + {offset}: {error}"));
+            let mut store = SqlStore::open(&new).expect("sound");
+            assert!(store.damage().expect("readable").is_empty());
+            assert_eq!(store.recordings(1).expect("readable"), recordings, "{place} + {offset}");
+            let lost: u64 = report.tables.values().map(|saved| saved.lost).sum();
+            assert_eq!(lost, 0, "{place} + {offset}: {report:?}");
+            assert_eq!(
+                (report.tables["contacts"].read, report.tables["laser_shots"].read),
+                (20, 30),
+                "{place} + {offset}: {report:?}"
+            );
+        }
+    }
+}
+
 // Fails if the loss or damage of the write-ahead log costs anything that was acknowledged.
 #[test]
 fn the_log_holds_nothing_that_was_acknowledged() {

@@ -33,6 +33,9 @@ const SIGNIFICANT: f64 = 3.0;
 /// Days after which a calibration is due if the drift is unknown: the yearly interval of measuring
 /// equipment.
 const YEAR_DAYS: f64 = 365.0;
+/// How far back the clock may be between two runs without being wrong, in days: two computers differ by
+/// seconds.
+const CLOCK_DAYS: f64 = 0.01;
 
 /// Where a calibrated model puts the TCP.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -189,6 +192,9 @@ pub struct Trend {
     pub limit_mm: f64,
     /// Day on which the next calibration is due, UTC, after the last run.
     pub due_utc: Option<String>,
+    /// A run that is dated before the one that was measured before it: a clock was wrong. Then neither
+    /// a slope nor a date is stated.
+    pub clock_back_at: Option<i64>,
 }
 
 /// The trend of one arm from its past runs, oldest first.
@@ -216,6 +222,8 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
         });
         before = print;
     }
+    let back = steps.windows(2).find(|pair| pair[1].days < pair[0].days - CLOCK_DAYS);
+    let clock_back_at = back.map(|pair| pair[1].run);
     let last = steps.last()?;
     let drifting = last.moved_mm > SIGNIFICANT * last.sigma_mm;
     // A line through the origin: the first run has not moved relative to itself.
@@ -223,7 +231,7 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
         (p + step.days * step.moved_mm, s + step.days * step.days)
     });
     // Runs of one day do not determine a speed.
-    let per_day = (last.days >= 1.0).then(|| product / square);
+    let per_day = (last.days >= 1.0 && clock_back_at.is_none()).then(|| product / square);
     let until = match per_day {
         // The last calibration has corrected all movement until then.
         Some(speed) if drifting && speed > 0.0 => (limit_mm / speed).min(YEAR_DAYS),
@@ -235,7 +243,10 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
         drifting,
         mm_per_year: per_day.map(|speed| speed * YEAR_DAYS),
         limit_mm,
-        due_utc: Some(utc(((begun + last.days + until) * 86_400.0).max(0.0) as u64)),
+        due_utc: clock_back_at
+            .is_none()
+            .then(|| utc(((begun + last.days + until) * 86_400.0).max(0.0) as u64)),
+        clock_back_at,
         steps,
     })
 }
@@ -282,6 +293,23 @@ mod tests {
         // 0.25 on average.
         assert!((0.8..1.2).contains(&moved), "{moved}");
         assert_eq!(print(0.0, 0.0).moved_mm(&Fingerprint::default()), None);
+    }
+
+    // Fails if a clock that was set back by two years gives a slope, a date, or no word.
+    #[test]
+    fn a_clock_that_was_set_back_is_named() {
+        let runs = [
+            past(1, "2026-01-01T00:00:00Z", print(0.0, 0.1)),
+            past(2, "2024-01-01T00:00:00Z", print(0.002, 0.2)),
+            past(3, "2026-03-01T00:00:00Z", print(0.004, 0.3)),
+        ];
+        let t = trend(&runs, 1.0).expect("a trend");
+        assert_eq!(
+            (t.clock_back_at, t.mm_per_year, t.due_utc.as_deref()),
+            (Some(2), None, None)
+        );
+        let t = trend(&runs[1..], 1.0).expect("a trend");
+        assert!(t.clock_back_at.is_none() && t.due_utc.is_some(), "{t:?}");
     }
 
     // Fails if noise counts as drift, if drift is missed, or if the due date is not where the line

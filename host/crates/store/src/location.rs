@@ -28,6 +28,17 @@ pub struct UnknownScheme {
     pub scheme: String,
 }
 
+impl StoreLocation {
+    /// Whether it holds a password. Then other users of the computer can read it in the list of
+    /// processes.
+    pub fn has_password(&self) -> bool {
+        let Self::Postgres(url) = self else { return false };
+        let (_, rest) = url.split_once("://").unwrap_or(("", url));
+        let (user, address) = rest.rsplit_once('@').unwrap_or(("", rest));
+        user.contains(':') || address.split_once('?').is_some_and(|(_, p)| p.contains("password="))
+    }
+}
+
 impl FromStr for StoreLocation {
     type Err = UnknownScheme;
 
@@ -83,6 +94,25 @@ mod tests {
             assert!(!refusal.contains("secret"), "{refusal}");
         }
         assert!(matches!("a:/b.db".parse(), Ok(StoreLocation::File(_))));
+    }
+
+    // Fails if a password on the command line is not seen, or one is seen where none is.
+    #[test]
+    fn a_password_is_seen() {
+        for (text, seen) in [
+            ("postgres://robot:x@db/fleet", true),
+            ("postgresql://robot@db/fleet?sslmode=require&password=x", true),
+            ("postgres://robot@db:5432/fleet", false),
+            ("postgres://db/fleet", false),
+            ("grpc:db:7", false),
+            ("a:b@c.db", false),
+        ] {
+            assert_eq!(
+                text.parse::<StoreLocation>().expect("a place").has_password(),
+                seen,
+                "{text}"
+            );
+        }
     }
 
     // Fails if a location is misread, or if a password is printed.

@@ -1,25 +1,26 @@
 //! Copies the readable data of a damaged database into a new file.
 //!
 //! The damaged file is copied and only the copy is opened. Rows are read forwards, backwards and by
-//! their number, so a damaged page costs only the rows on it. A lost first page is replaced by that
-//! of a fresh database, which has the same tables in the same places. Each row is compared with its
-//! digest, and a row that differs is left out. Damaged settings are restored from their second copy.
+//! their number, so a damaged page costs only the rows on it. A list of tables that differs from that
+//! of a fresh database is replaced by it where more rows can then be read: databases of this program
+//! have the same tables in the same places. Each row is compared with its digest, and a row that differs is left out. Damaged settings are restored from their second copy.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{AnyConnection, ConnectOptions as _, Connection as _, SqliteConnection};
+use sqlx::{AnyConnection, Connection as _};
 
 use self::rows::{columns_of, insert_rows, read_table, run_of};
+use self::schema::{NoSource, source_of};
 use self::seals::Seals;
 use super::digest::{self, recording_subject};
 use super::statement::put_digest;
 use super::{SqlStore, StoreError};
 
 mod rows;
+mod schema;
 mod seals;
 
 /// Tables, those that others refer to first. Handshakes refer to sessions, which other tables may
@@ -62,8 +63,8 @@ pub struct Recovered {
     /// Runs whose settings differ from what was written, and have no second copy: they are kept as
     /// they were read.
     pub settings_doubtful: Vec<i64>,
-    /// Whether the first page, and with it the list of tables, had to be replaced.
-    pub first_page_replaced: bool,
+    /// Whether the list of tables had to be replaced by that of a fresh database.
+    pub schema_replaced: bool,
 }
 
 /// Copies the readable data of the database at `damaged` into a new one at `new`.
@@ -88,28 +89,33 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
     let mut recovered = Recovered::default();
     let draft = workshop.folder.join("new.db");
     let mut target = SqlStore::create_or_open(&draft)?;
-    let first_page = std::fs::read(&draft).map_err(|source| workshop.io(source))?;
+    let fresh = std::fs::read(&draft).map_err(|source| workshop.io(source))?;
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .map_err(|source| workshop.io(source))?;
-    let mut source = runtime.block_on(open_copy(&workshop.copy));
-    if source.is_err() {
-        workshop.replace_first_page(&first_page)?;
-        recovered.first_page_replaced = true;
-        source = runtime.block_on(open_copy(&workshop.copy));
-    }
-    let mut source = source.map_err(|source| StoreError::Damaged {
-        path: damaged.to_owned(),
-        what: source.to_string(),
+    let columns = target.block(async |connection| {
+        let mut columns = Vec::new();
+        for table in TABLES.into_iter().chain(["digests"]) {
+            columns.push((table, columns_of(table, connection).await?));
+        }
+        Ok(columns)
     })?;
+    let source = runtime.block_on(source_of(&workshop, &fresh, &columns));
+    let (mut source, replaced) = source.map_err(|error| match error {
+        NoSource::Io(error) => error,
+        NoSource::Unreadable(source) => StoreError::Damaged {
+            path: damaged.to_owned(),
+            what: source.to_string(),
+        },
+    })?;
+    recovered.schema_replaced = replaced;
     let seals = runtime.block_on(Seals::read(&mut source));
     let mut incomplete = BTreeSet::new();
     for table in TABLES {
-        let (rows, lost, _) = target.block(async |connection| {
-            let columns = columns_of(table, connection).await?;
-            Ok(read_table(table, &columns, &mut source).await)
-        })?;
+        let of_table = columns.iter().find(|(name, _)| *name == table);
+        let of_table = of_table.map(|(_, columns)| columns.as_slice()).unwrap_or_default();
+        let (rows, lost, _) = runtime.block_on(read_table(table, of_table, &mut source));
         let mut saved = Saved { read: 0, lost };
         let (good, bad): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| seals.vouch_for(table, row));
         let mut kept = good;
@@ -178,36 +184,6 @@ impl Workshop {
             source,
         }
     }
-
-    /// Gives the copy the first page of `fresh`, and removes its log, which would bring the damaged
-    /// page back.
-    fn replace_first_page(&self, fresh: &[u8]) -> Result<(), StoreError> {
-        let page = fresh
-            .get(16..18)
-            .and_then(|b| b.try_into().ok())
-            .map_or(4096, |b| usize::from(u16::from_be_bytes(b)));
-        let mut bytes = std::fs::read(&self.copy).map_err(|source| self.io(source))?;
-        let pages = u32::try_from(bytes.len() / page.max(512)).unwrap_or(u32::MAX);
-        if let (Some(old), Some(new)) = (bytes.get_mut(..page), fresh.get(..page)) {
-            old.copy_from_slice(new);
-            // Its own number of pages, no free pages, and no write-ahead mode.
-            for (at, value) in [(28, pages), (32, 0), (36, 0)] {
-                if let Some(slot) = old.get_mut(at..at + 4) {
-                    slot.copy_from_slice(&value.to_be_bytes());
-                }
-            }
-            if let Some(slot) = old.get_mut(18..20) {
-                slot.copy_from_slice(&[1, 1]);
-            }
-        }
-        std::fs::write(&self.copy, &bytes).map_err(|source| self.io(source))?;
-        let mut log = self.copy.as_os_str().to_owned();
-        log.push("-wal");
-        match std::fs::remove_file(PathBuf::from(log)) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(self.io(error)),
-            _ => Ok(()),
-        }
-    }
 }
 
 impl Drop for Workshop {
@@ -215,26 +191,6 @@ impl Drop for Workshop {
         if let Err(error) = std::fs::remove_dir_all(&self.folder) {
             tracing::warn!(folder = %self.folder.display(), %error, "the folder of the recovery is left");
         }
-    }
-}
-
-/// Opens a copy that may be shorter than its header says, and checks whether its list of tables is
-/// readable.
-async fn open_copy(copy: &Path) -> Result<SqliteConnection, sqlx::Error> {
-    let mut connection = SqliteConnectOptions::new()
-        .filename(copy)
-        .pragma("writable_schema", "ON")
-        .connect()
-        .await?;
-    let known: i64 = sqlx::query_scalar(
-        "SELECT COUNT(*) FROM sqlite_master WHERE type = 'table' AND name IN ('runs', 'recordings', 'poses')",
-    )
-    .fetch_one(&mut connection)
-    .await?;
-    if known == 3 {
-        Ok(connection)
-    } else {
-        Err(sqlx::Error::RowNotFound)
     }
 }
 
