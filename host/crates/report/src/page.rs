@@ -331,9 +331,14 @@ fn contacts(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>
         });
     }
     for trace in &input.contacts {
+        let threshold = format!("{:.1} N", input.contact_threshold_n);
         let words = html! {
-            "Sphere " (trace.sphere) ": force against the approach. The dot is where it exceeds the threshold of "
-            (format!("{:.1} N", input.contact_threshold_n)) " (dashed) for good; the line is the declaration of the contact."
+            "Sphere " (trace.sphere) ": force against the approach. "
+            @if charts::crossing(trace, input.contact_threshold_n).is_some() {
+                "The dot is where it exceeds the threshold of " (threshold) " (dashed) for good; the line is the declaration of the contact."
+            } @else {
+                "The samples of the telemetry do not pass the threshold of " (threshold) " (dashed); the line is the declaration of the contact."
+            }
         };
         drawn.push(figures.figure(&charts::force(trace, input.contact_threshold_n)?, &words));
     }

@@ -264,7 +264,7 @@ fn one_bar_is_said_in_words() {
     let words = time_charts::single_value(&histogram);
     assert_eq!(
         words.as_deref(),
-        Some("latency (control periods): 20 in all 7 contacts.")
+        Some("Latency (control periods): 20 in all 7 contacts.")
     );
     let mut input = full();
     input.triggers = vec![histogram.clone()];

@@ -20,7 +20,14 @@ pub(super) fn single_value(histogram: &Histogram) -> Option<String> {
     let (values, low, high) = range(histogram);
     let step = histogram.step.max(1e-3 * high.abs());
     (!values.is_empty() && high - low < step).then(|| {
-        let what = &histogram.what;
+        // It begins a sentence.
+        let mut letters = histogram.what.chars();
+        let what: String = letters
+            .next()
+            .into_iter()
+            .flat_map(char::to_uppercase)
+            .chain(letters)
+            .collect();
         format!("{what}: {} in all {} {}.", short(&low), values.len(), histogram.of)
     })
 }

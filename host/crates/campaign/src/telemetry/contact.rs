@@ -32,6 +32,8 @@ struct Kept {
     force_n: [f32; 3],
     /// Setpoint of the TCP, F0, in m.
     setpoint_m: [f32; 3],
+    /// Whether the arm descended.
+    descends: bool,
 }
 
 /// Cuts the force trace of each contact from the samples of its approach.
@@ -75,6 +77,7 @@ impl ContactTracer {
                     time_us,
                     force_n: sample.force_n,
                     setpoint_m: sample.setpoint_m,
+                    descends: sample.phase == Phase::Approaching,
                 });
             }
             _ => return self.finish(),
@@ -110,11 +113,11 @@ impl ContactTracer {
         }
     }
 
-    /// Direction in which the setpoint moved until the trigger; straight down
-    /// where it did not move.
+    /// Direction in which the setpoint moved during the descent; straight down where it did not move. With the trigger
+    /// the setpoint jumps to where the arm is, which lies beside the line by some millimetres.
     fn direction(&self, trigger_us: u64) -> [f64; 3] {
         const DOWN: [f64; 3] = [0.0, 0.0, -1.0];
-        let mut before = self.recent.iter().filter(|k| k.time_us <= trigger_us);
+        let mut before = self.recent.iter().filter(|k| k.descends && k.time_us <= trigger_us);
         let Some(first) = before.next() else { return DOWN };
         let last = before.next_back().unwrap_or(first);
         let motion: [f64; 3] = core::array::from_fn(|i| f64::from(last.setpoint_m[i]) - f64::from(first.setpoint_m[i]));
@@ -163,7 +166,12 @@ mod tests {
         let mut told = Vec::new();
         for k in 0..80u16 {
             let time_us = 1_000_000 + 2_000 * u64::from(k);
-            told.extend(tracer.sample(time_us, &approaching(k)));
+            let mut sample = approaching(k);
+            // With the trigger the setpoint jumps to the arm, beside the line.
+            if k >= 50 {
+                (sample.phase, sample.setpoint_m) = (Phase::Coupling, [2e-3, 1e-3, 0.48]);
+            }
+            told.extend(tracer.sample(time_us, &sample));
             if k == 50 {
                 tracer.contact(&contact(time_us));
             }
