@@ -30,7 +30,9 @@ fn summary(output: &Output) -> Value {
 fn a_run_over_services_is_the_run_in_one_process() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let run = ["run", "--poses", "9", "--seed", "5", "--json"];
+    // Whether the arm of a service is simulated is not known before the run: the error of teaching is for simulated arms.
+    std::fs::write(folder.join("cell.toml"), "[campaign]\ntaught_error_m = 0.0\n").expect("written");
+    let run = ["run", "--config", "cell.toml", "--poses", "9", "--seed", "5", "--json"];
     let here = summary(&spherecal(folder, &[&run[..], &["--out", "here"]].concat(), &[]));
     assert_eq!(here["poses"]["recorded"], 9);
 
@@ -85,7 +87,7 @@ fn the_plate_is_moved_over_services() {
     let place = spherecal::job::Config::default().cell.placements[0];
     let ([x, y, z], [roll, pitch, yaw]) = (place.origin_m, place.rpy_rad);
     let cell = format!(
-        "[plan]\nposes = 24\n[plan.range]\ncandidates = 700\n[[cell.placements]]\norigin_m = [{x}, {y}, {z}]\n\
+        "[campaign]\ntaught_error_m = 0.0\n[plan]\nposes = 24\n[plan.range]\ncandidates = 700\n[[cell.placements]]\norigin_m = [{x}, {y}, {z}]\n\
          rpy_rad = [{roll}, {pitch}, {yaw}]\n[[cell.placements]]\norigin_m = [{x}, {}, {}]\n\
          rpy_rad = [{roll}, {pitch}, {}]\n",
         y + 0.12,
@@ -221,18 +223,47 @@ fn beyond_loopback_only_the_token_opens() {
     assert!(answer.status.success(), "{}", text(&answer.stderr));
     assert_eq!(summary(&answer)["runs"], serde_json::json!([]));
     for (environment, words) in [
-        (vec![ca], "bearer token"),
+        (vec![ca], "bearer token, and none was shown"),
         (
             vec![ca, ("SPHERECAL_TOKEN", "ffffffffffffffffffffffffffffffff")],
-            "bearer token",
+            "bearer token is not that of this server",
         ),
-        (vec![right], "certificate"),
+        (vec![right], "spherecal_ca names no file"),
     ] {
         let answer = ask(&peer, &environment);
         assert_eq!(answer.status.code(), Some(1), "{environment:?}");
         let said = text(&answer.stderr);
         assert!(said.to_lowercase().contains(words), "{environment:?}: {said}");
     }
+    // What `openssl req -x509` makes: a certificate of an authority, which no server may use.
+    let mut authority = rcgen::CertificateParams::new(vec!["localhost".to_owned()]).expect("names");
+    authority.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
+    let key = rcgen::KeyPair::generate().expect("a key");
+    let signed = authority.self_signed(&key).expect("a certificate");
+    std::fs::write(folder.join("ca.pem"), signed.pem()).expect("written");
+    std::fs::write(folder.join("ca-key.pem"), key.serialize_pem()).expect("written");
+    let arguments = [
+        "serve",
+        "--grpc",
+        "0",
+        "--tls-cert",
+        "ca.pem",
+        "--tls-key",
+        "ca-key.pem",
+        "--service",
+        "store",
+    ];
+    let other = Server::start_in(folder, &[&arguments[..], &["--out", "other"]].concat());
+    let other_port = other.peer.rsplit(':').next().expect("a port");
+    let said = ask(&format!("grpcs:localhost:{other_port}"), &[("SPHERECAL_CA", "ca.pem")]);
+    let said = text(&said.stderr);
+    assert!(
+        said.contains("CA:TRUE") && said.contains("basicConstraints") && said.contains("ca.pem"),
+        "{said}"
+    );
+    // Key and certificate exchanged.
+    let said = refused(&["--grpc", "0", "--tls-cert", "key.pem", "--tls-key", "cert.pem"]);
+    assert!(said.contains("key.pem") && said.contains("BEGIN CERTIFICATE"), "{said}");
     let plain = ask(&peer.replace("grpcs", "grpc"), &[right]);
     assert_eq!(plain.status.code(), Some(1), "{}", text(&plain.stdout));
 }

@@ -49,6 +49,17 @@ pub enum ServiceError {
         /// What failed.
         what: String,
     },
+    /// The server's certificate is not accepted.
+    #[cfg(feature = "grpc")]
+    #[error("{peer}: {what}: {remedy}")]
+    Tls {
+        /// The other side.
+        peer: String,
+        /// What is wrong with its certificate.
+        what: String,
+        /// What to do.
+        remedy: String,
+    },
     /// The other side refused or failed.
     #[cfg(feature = "grpc")]
     #[error("{peer}: {message}{}", remedy(*code))]
@@ -85,7 +96,6 @@ pub enum ServiceError {
 #[cfg(feature = "grpc")]
 fn remedy(code: Code) -> &'static str {
     match code {
-        Code::Unauthenticated => " (give the server's token in SPHERECAL_TOKEN)",
         Code::ResourceExhausted => " (wait until it is free)",
         Code::Unimplemented => " (start that server with this service)",
         _ => "",
@@ -123,9 +133,16 @@ impl ServiceError {
             }
             cause = inner.source();
         }
-        Self::Transport {
-            peer: peer.to_owned(),
-            what,
+        match super::grpc::certificate_words(&what) {
+            Some((what, remedy)) => Self::Tls {
+                peer: peer.to_owned(),
+                what,
+                remedy,
+            },
+            None => Self::Transport {
+                peer: peer.to_owned(),
+                what,
+            },
         }
     }
 }

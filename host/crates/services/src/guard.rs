@@ -42,7 +42,7 @@ impl Guard {
     pub fn new(address: SocketAddr, files: &GuardFiles) -> Result<Self, ServiceError> {
         let tls = match (&files.certificate, &files.key) {
             (Some(_), Some(_)) if cfg!(not(feature = "grpc")) => return Err(ServiceError::Feature { what: "TLS" }),
-            (Some(certificate), Some(key)) => Some((read(certificate)?, read(key)?)),
+            (Some(certificate), Some(key)) => Some((read_pem(certificate, CERTIFICATE)?, read_pem(key, PRIVATE_KEY)?)),
             (None, None) => None,
             (Some(path), None) | (None, Some(path)) => {
                 return Err(ServiceError::File {
@@ -104,6 +104,26 @@ impl Guard {
 
 fn digest(bytes: &[u8]) -> [u8; 32] {
     Sha256::digest(bytes).into()
+}
+
+/// What a file of certificates holds.
+pub(crate) const CERTIFICATE: &str = "CERTIFICATE";
+/// What a file with a key holds; the kind of the key may stand before it.
+const PRIVATE_KEY: &str = "PRIVATE KEY";
+
+/// Reads a PEM file that must hold `what`.
+pub(crate) fn read_pem(path: &Path, what: &'static str) -> Result<Vec<u8>, ServiceError> {
+    let bytes = read(path)?;
+    let text = String::from_utf8_lossy(&bytes);
+    let holds = |line: &str| line.starts_with("-----BEGIN ") && line.trim_end().ends_with(&format!("{what}-----"));
+    if text.lines().any(holds) {
+        return Ok(bytes);
+    }
+    Err(ServiceError::File {
+        path: path.display().to_string(),
+        what: format!("it has no line -----BEGIN {what}-----"),
+        remedy: "give a PEM file: --tls-cert and SPHERECAL_CA take certificates, --tls-key a private key without a password",
+    })
 }
 
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, ServiceError> {

@@ -17,6 +17,7 @@
 //! [`CalibrationStore`](spherecal_store::CalibrationStore). Every number keeps its bits on the way,
 //! so a run over the network records the same values as a run in this process.
 
+mod certificate;
 mod convert;
 mod device;
 mod facts;
@@ -34,6 +35,7 @@ pub use live::Publisher;
 pub use store_client::RemoteStore;
 pub use tracker::{RemoteTracker, TrackerFactory};
 
+pub(crate) use certificate::certificate_words;
 pub(crate) use live::{LiveService, MAX_LIVE};
 pub(crate) use robot::RobotService;
 pub(crate) use store_server::StoreService;

@@ -11,12 +11,12 @@ use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
 use tonic::{Request, Status};
 
 use crate::ServiceError;
-use crate::guard::{Guard, read};
+use crate::guard::{CERTIFICATE, Guard, read_pem};
 
 /// Environment variable with the token that a client shows.
 const TOKEN_VARIABLE: &str = "SPHERECAL_TOKEN";
 /// Environment variable with the file of the certificate that a client trusts.
-const CA_VARIABLE: &str = "SPHERECAL_CA";
+pub(super) const CA_VARIABLE: &str = "SPHERECAL_CA";
 
 /// Connects, with the token and the certificate that the environment names.
 pub(super) async fn connect(peer: &Peer) -> Result<(Channel, Credentials), ServiceError> {
@@ -30,7 +30,7 @@ pub(super) async fn connect(peer: &Peer) -> Result<(Channel, Credentials), Servi
     if peer.encrypted {
         let mut tls = ClientTlsConfig::new();
         if let Some(path) = std::env::var_os(CA_VARIABLE) {
-            tls = tls.ca_certificate(Certificate::from_pem(read(Path::new(&path))?));
+            tls = tls.ca_certificate(Certificate::from_pem(read_pem(Path::new(&path), CERTIFICATE)?));
         }
         endpoint = endpoint.tls_config(tls).map_err(transport)?;
     }
@@ -73,10 +73,17 @@ impl Interceptor for Guard {
             .get("authorization")
             .and_then(|value| value.to_str().ok())
             .and_then(|value| value.strip_prefix("Bearer "));
-        if !self.wants_token() || shown.is_some_and(|token| self.takes_token(token)) {
-            Ok(request)
-        } else {
-            Err(Status::unauthenticated("this server wants a bearer token"))
+        match shown {
+            _ if !self.wants_token() => Ok(request),
+            Some(token) if self.takes_token(token) => Ok(request),
+            Some(_) => Err(Status::unauthenticated(
+                "the bearer token is not that of this server: SPHERECAL_TOKEN must have what is in the server's \
+                 --token-file",
+            )),
+            None => Err(Status::unauthenticated(
+                "this server wants a bearer token, and none was shown: give what is in the server's --token-file in \
+                 SPHERECAL_TOKEN",
+            )),
         }
     }
 }
