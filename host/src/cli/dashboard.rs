@@ -25,7 +25,7 @@ use ratatui::crossterm::terminal::{EnterAlternateScreen, LeaveAlternateScreen};
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize as _};
 use ratatui::text::Line;
-use ratatui::widgets::{Block, Gauge, Paragraph, Sparkline, Widget};
+use ratatui::widgets::{Block, Gauge, Paragraph, Sparkline, Widget, Wrap};
 use spherecal_shared::protocol::host::{Event, Sample};
 use spherecal_shared::robot::{Robot, Tool};
 
@@ -38,6 +38,12 @@ use spherecal_services::live::Scatter;
 const PERIOD: Duration = Duration::from_millis(100);
 /// Forces kept for the curve.
 const FORCES: usize = 240;
+/// Width of a joint's line without the bar.
+const JOINT_NUMBERS: u16 = 35;
+/// Width of the labels of the force's axis.
+const FORCE_LABELS: u16 = 8;
+/// What the keys do.
+const KEYS: &str = " Ctrl-C ends the run where --resume continues it; a second Ctrl-C ends at once";
 /// Remarks kept.
 const NOTES: usize = 6;
 
@@ -64,21 +70,69 @@ impl Screen {
         }
     }
 
-    /// One line per joint: angle, position in its range, speed, torque.
-    fn joint(&self, number: usize, sample: &Sample) -> Line<'static> {
+    /// One line per joint, `width` wide: angle, position in its range, speed, torque.
+    fn joint(&self, number: usize, sample: &Sample, width: u16) -> Line<'static> {
         let at = |values: &[f32]| values.get(number).map_or(0.0, |v| f64::from(*v));
         let (q, dq, tau) = (at(&sample.q), at(&sample.dq), at(&sample.tau));
         let range = self.robot.joints.get(number).map(|j| &j.limits);
         let share = range.map_or(0.5, |l| (q - l.min_rad) / (l.max_rad - l.min_rad));
-        let cell = (share * 24.0).round().max(0.0).min(24.0) as usize;
-        let bar: String = (0..25).map(|k| if k == cell { '█' } else { '·' }).collect();
+        let cells = usize::from(width.saturating_sub(JOINT_NUMBERS)).clamp(1, 60);
+        let last = (cells - 1) as f64;
+        let cell = (share * last).round().max(0.0).min(last) as usize;
+        let bar: String = (0..cells).map(|k| if k == cell { '█' } else { '·' }).collect();
         Line::from(format!(
-            " {}  {:7.1}°  {bar}  {:6.1}°/s  {:7.1} N m",
+            " {} {:7.1}° {bar} {:6.1}°/s {:7.1} N m",
             number + 1,
             q.to_degrees(),
             dq.to_degrees(),
             tau
         ))
+    }
+}
+
+impl Screen {
+    /// The force over time with its axes: newest at the right, up to the larger of twice the trigger and what was seen.
+    fn force_curve(&self, area: Rect, buffer: &mut Buffer) {
+        let block = Block::bordered()
+            .title(" contact force ")
+            .title_bottom(Line::from(" earlier ").left_aligned())
+            .title_bottom(Line::from(" now, 10 columns a second ").right_aligned());
+        let inner = block.inner(area);
+        block.render(area, buffer);
+        let [labels, curve] = Layout::horizontal([Constraint::Length(FORCE_LABELS), Constraint::Min(1)]).areas(inner);
+        let newest: Vec<u64> = self
+            .forces
+            .iter()
+            .rev()
+            .take(usize::from(curve.width))
+            .rev()
+            .copied()
+            .collect();
+        let trigger = if self.trigger_n.is_finite() {
+            self.trigger_n
+        } else {
+            0.0
+        };
+        // In tenths of a newton, as the forces are.
+        let most = newest
+            .iter()
+            .copied()
+            .max()
+            .unwrap_or(0)
+            .max((20.0 * trigger).round() as u64)
+            .max(1);
+        let rows = usize::from(labels.height);
+        let label = |row: usize| match row {
+            0 => format!("{:5.1} N", most as f64 / 10.0),
+            _ if row + 1 == rows => "  0.0 N".to_owned(),
+            _ => String::new(),
+        };
+        Paragraph::new((0..rows).map(|row| Line::from(label(row))).collect::<Vec<_>>()).render(labels, buffer);
+        Sparkline::default()
+            .style(self.style(Color::Green))
+            .max(most)
+            .data(newest)
+            .render(curve, buffer);
     }
 }
 
@@ -96,13 +150,19 @@ impl Widget for &Screen {
     fn render(self, area: Rect, buffer: &mut Buffer) {
         let p = &self.progress;
         let joints = self.robot.dof() as u16;
-        let [top, middle, curve, bottom] = Layout::vertical([
+        let keys = if area.width > KEYS.len() as u16 { 1 } else { 2 };
+        let [top, middle, curve, bottom, hints] = Layout::vertical([
             Constraint::Length(4),
             Constraint::Length(joints + 2),
             Constraint::Length(6),
             Constraint::Min(3),
+            Constraint::Length(keys),
         ])
         .areas(area);
+        Paragraph::new(KEYS)
+            .wrap(Wrap { trim: true })
+            .dim()
+            .render(hints, buffer);
         let sphere = if p.sphere > 0 {
             format!(" · sphere {}", p.sphere)
         } else {
@@ -134,20 +194,15 @@ impl Widget for &Screen {
             .label(format!("{:.1} N of {:.1} N", p.force_n, self.trigger_n))
             .render(force, buffer);
         let lines: Vec<Line<'_>> = match &self.sample {
-            Some(sample) => (0..self.robot.dof()).map(|k| self.joint(k, sample)).collect(),
+            Some(sample) => (0..self.robot.dof())
+                .map(|k| self.joint(k, sample, middle.width.saturating_sub(2)))
+                .collect(),
             None => vec![Line::from(" waiting for the controller")],
         };
         Paragraph::new(lines)
             .block(Block::bordered().title(" joints "))
             .render(middle, buffer);
-        let block = Block::bordered().title(" contact force ");
-        let width = usize::from(block.inner(curve).width);
-        let newest: Vec<u64> = self.forces.iter().rev().take(width).rev().copied().collect();
-        Sparkline::default()
-            .block(block)
-            .style(self.style(Color::Green))
-            .data(newest)
-            .render(curve, buffer);
+        self.force_curve(curve, buffer);
         let residual = self
             .scatter
             .residual_mm()
@@ -165,6 +220,7 @@ impl Widget for &Screen {
         ))];
         lines.extend(self.notes.iter().map(|note| Line::from(format!(" {note}"))));
         Paragraph::new(lines)
+            .wrap(Wrap { trim: true })
             .block(Block::bordered().title(" so far "))
             .render(bottom, buffer);
     }
@@ -270,73 +326,5 @@ impl Observer for Dashboard {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use ratatui::backend::TestBackend;
-    use spherecal_shared::protocol::host::Phase;
-    use spherecal_shared::robot::{iiwa7, iiwa7_tool};
-
-    fn shown(screen: &Screen, width: u16, height: u16) -> String {
-        let mut terminal = Terminal::new(TestBackend::new(width, height)).expect("a terminal");
-        terminal
-            .draw(|frame| frame.render_widget(screen, frame.area()))
-            .expect("drawn");
-        let buffer = terminal.backend().buffer().clone();
-        let rows = buffer.content.chunks(usize::from(width));
-        rows.map(|row| row.iter().map(ratatui::buffer::Cell::symbol).collect::<String>() + "\n")
-            .collect()
-    }
-
-    fn busy() -> Screen {
-        let mut screen = screen(&iiwa7(), &iiwa7_tool(), 7.5);
-        screen.progress = Progress {
-            phase: Phase::Recording,
-            sphere: 2,
-            spheres: 3,
-            done: 84,
-            poses: 150,
-            force_n: 3.12,
-            device_s: 300.0,
-            ..Progress::default()
-        };
-        screen.wall_s = 10.0;
-        let mut sample = Sample::default();
-        sample.q[2] = 0.5;
-        sample.tau[2] = 12.25;
-        screen.sample = Some(sample);
-        screen.notes.push_front("sphere 2: recovering".to_owned());
-        screen
-    }
-
-    // Fails if phase, poses, remaining time, force, a joint, or a remark is missing on the screen.
-    #[test]
-    fn everything_is_on_the_screen() {
-        let text = shown(&busy(), 100, 30);
-        for words in [
-            "iiwa7",
-            "recording",
-            "sphere 2",
-            "84 of 150 poses, ETA 0:08",
-            "3.1 N of 7.5 N",
-            "28.6°",
-            "12.2 N m",
-            "0 contacts, 0 faults",
-            "30x",
-            "recovering",
-        ] {
-            assert!(text.contains(words), "no \"{words}\" in\n{text}");
-        }
-    }
-
-    // Fails if a small terminal, or one of no size, ends the run.
-    #[test]
-    fn any_terminal_will_do() {
-        for (width, height) in [(1, 1), (20, 5), (40, 12), (300, 80)] {
-            shown(&busy(), width, height);
-        }
-        let mut empty = busy();
-        empty.progress = Progress::default();
-        empty.progress.force_n = f64::NAN;
-        shown(&empty, 80, 24);
-    }
-}
+#[path = "dashboard_tests.rs"]
+mod tests;
