@@ -4,12 +4,17 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
+use clap::builder::PossibleValuesParser;
 use clap::{Args, Command};
 use clap_complete::Shell;
 
 use super::exit::{CliError, Exit};
 use super::out::outln;
+use spherecal_identify::{Method, Model};
 use spherecal_job::JobError;
+use spherecal_lab::worlds::World;
+use spherecal_shared::robot::BUILT_IN;
+use spherecal_sim::inject::PRESETS;
 
 /// Arguments of `completions`.
 #[derive(Args, Clone, Debug)]
@@ -27,11 +32,92 @@ pub struct ManArgs {
     pub out: Option<PathBuf>,
 }
 
+/// What an option may be, by its name, as far as names and kinds go; files may stand there too where the flag says so.
+fn values(option: &str) -> Option<(Vec<&'static str>, bool)> {
+    Some(match option {
+        "robot" => (BUILT_IN.to_vec(), true),
+        "method" => (Method::ALL.map(Method::name).to_vec(), false),
+        "model" => (Model::ALL.map(Model::name).to_vec(), false),
+        "world" => (World::ALL.map(World::name).to_vec(), false),
+        "inject" => (PRESETS.iter().map(|preset| preset.name).collect(), true),
+        "show" | "only" => (PRESETS.iter().map(|preset| preset.name).collect(), false),
+        "instrument" => (vec!["none", "tracker", "points"], false),
+        "link" => (
+            vec![
+                "sim",
+                "qemu",
+                "serial:",
+                "tcp:",
+                "franka:",
+                "fri:",
+                "controller:",
+                "grpc:",
+                "grpcs:",
+            ],
+            false,
+        ),
+        _ => return None,
+    })
+}
+
+/// The command line with the values of its options, for shells alone: the program itself takes files in the same places.
+fn with_values(command: Command) -> Command {
+    let of_robot = command.get_name() == "robot";
+    command
+        .mut_args(|arg| {
+            let known =
+                values(arg.get_id().as_str()).filter(|_| arg.get_long().is_some() && arg.get_action().takes_values());
+            match known {
+                Some((names, _)) => arg.value_parser(PossibleValuesParser::new(names)),
+                None => arg,
+            }
+        })
+        .mut_subcommands(move |sub| {
+            // `robot show NAME` and `robot convert NAME`.
+            let sub = if of_robot {
+                sub.mut_args(|arg| match arg.get_id().as_str() {
+                    "robot" | "from" => arg.value_parser(PossibleValuesParser::new(BUILT_IN.iter().copied())),
+                    _ => arg,
+                })
+            } else {
+                sub
+            };
+            with_values(sub)
+        })
+}
+
+/// Lets shells complete files beside the names: those of fish and zsh leave them out where names are known.
+fn files_too(shell: Shell, script: String) -> String {
+    let lists: Vec<String> = ["robot", "inject"]
+        .into_iter()
+        .filter_map(|option| Some(values(option)?.0.join(" ")))
+        .collect();
+    match shell {
+        Shell::Zsh => lists.iter().fold(script, |script, names| {
+            let both = format!(": _alternative \"names\\:name\\:({names})\" \"files\\:file\\:_files\"");
+            script.replace(&format!(":({names})"), &both)
+        }),
+        Shell::Fish => script
+            .lines()
+            .map(|line| {
+                let wanted = [" -l robot ", " -l inject "].iter().any(|option| line.contains(option));
+                let line = if wanted {
+                    line.replacen(" -r -f -a ", " -r -F -a ", 1)
+                } else {
+                    line.to_owned()
+                };
+                line + "\n"
+            })
+            .collect(),
+        _ => script,
+    }
+}
+
 /// `spherecal completions`
-pub(super) fn completions(args: &CompletionsArgs, mut command: Command) -> Result<Exit, CliError> {
+pub(super) fn completions(args: &CompletionsArgs, command: Command) -> Result<Exit, CliError> {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut command, "spherecal", &mut script);
-    print_bytes(&script)
+    clap_complete::generate(args.shell, &mut with_values(command), "spherecal", &mut script);
+    print_bytes(files_too(args.shell, String::from_utf8_lossy(&script).into_owned()).as_bytes())
 }
 
 /// `spherecal man`
