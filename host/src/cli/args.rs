@@ -170,6 +170,7 @@ impl RunArgs {
         if let Some(path) = &self.waypoints {
             let waypoints = TaughtWaypoints::read(path)?;
             waypoints.apply(&prepared.robot, &prepared.tool, &mut prepared.plan)?;
+            prepared.untaught = None;
         }
         Ok(prepared)
     }

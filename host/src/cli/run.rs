@@ -282,6 +282,7 @@ fn resumed(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, Prepared, Optio
     let mut prepared = job::prepare(&job::read(store.as_mut(), &info)?.config)?;
     // Use the stored plan and waypoints, even if the planner would now choose others.
     prepared.plan = job::read(store.as_mut(), &info)?.plan;
+    prepared.untaught = None;
     Ok((store, prepared, Some(info)))
 }
 

@@ -182,6 +182,8 @@ pub fn commission(
         )?
     };
     if first.verdict == StepEnd::Passed {
+        let mut device = device(prepared, link, folder)?;
+        let prepared = &*prepared.for_arm(device.simulated());
         let done = std::collections::BTreeSet::new();
         let procedure = link.adapt(prepared.config.procedure);
         let assignment = Assignment {
@@ -193,7 +195,6 @@ pub fn commission(
             seated: &[],
             options: prepared.config.campaign.options(),
         };
-        let mut device = device(prepared, link, folder)?;
         let limits = MovingLimits::default();
         commission_moving(&assignment, device.as_mut(), &limits, &mut keeping, observer, interrupt)?;
     }

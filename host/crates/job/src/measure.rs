@@ -55,7 +55,6 @@ pub struct Measured {
 /// Any error that stops the campaign. The recordings made until then are in the store.
 pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
     let begun = Instant::now();
-    let plan = &prepared.plan;
     if let Some(plan) = site.inject.filter(|_| !site.store.is_file()) {
         plan.check_without_file()?;
     }
@@ -72,6 +71,8 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
         ));
     }
     let mut connected = connect(prepared, site.link, site.folder, inject.as_ref())?;
+    let prepared = &*prepared.for_arm(connected.device.simulated());
+    let plan = &prepared.plan;
     let had = resume
         .map(|info| site.store.read_run(info.run))
         .transpose()?

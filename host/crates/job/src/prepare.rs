@@ -1,5 +1,7 @@
 //! From the configuration to what is to be visited.
 
+use std::borrow::Cow;
+
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
@@ -28,8 +30,10 @@ pub struct Prepared {
     pub tool: Tool,
     /// The plate's certificate.
     pub spheres: Vec<Sphere>,
-    /// The plan, with the waypoints as taught.
+    /// The plan, with the waypoints as taught, or with the simulated error of teaching.
     pub plan: Plan,
+    /// The plan without the simulated error of teaching, where `plan` has it.
+    pub untaught: Option<Plan>,
     /// The plant's configuration.
     pub plant: PlantConfig,
 }
@@ -53,6 +57,7 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
     }
     let chain = Chain::new(&model.robot, &tool)?;
     let taught = &config.cell.waypoints;
+    let untaught = taught.is_empty().then(|| plan.clone());
     if taught.is_empty() {
         plan::teach(&mut plan, &chain, config.campaign.taught_error_m, config.seed);
     }
@@ -70,6 +75,7 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         tool,
         spheres: cell.spheres,
         plan,
+        untaught,
         plant,
     })
 }
@@ -112,6 +118,19 @@ fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobErr
 }
 
 impl Prepared {
+    /// The same for the arm that is there. The simulated error of teaching is for simulated arms alone: the waypoints of
+    /// any other arm, or of one of which nobody has said what it is, stay where they were planned.
+    pub(super) fn for_arm(&self, simulated: Option<bool>) -> Cow<'_, Self> {
+        match &self.untaught {
+            Some(plan) if simulated != Some(true) => Cow::Owned(Self {
+                plan: plan.clone(),
+                untaught: None,
+                ..self.clone()
+            }),
+            _ => Cow::Borrowed(self),
+        }
+    }
+
     /// The procedure, with its limits narrowed to the space that the plan needs.
     ///
     /// # Errors
@@ -220,4 +239,48 @@ fn plate_poses(cell: &NominalCell) -> Vec<PlatePose> {
         }
     };
     cell.placements.iter().map(pose).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if the waypoints of an arm that is not surely simulated are moved by the error that the simulation adds, or
+    // if a simulated arm has no such error.
+    #[test]
+    fn the_error_of_teaching_is_for_simulated_arms_alone() {
+        let mut config = Config::default();
+        config.plan.choice = Choice::Grid;
+        config.plan.poses = 6;
+        let with = prepare(&config).expect("a plan");
+        config.campaign.taught_error_m = 0.0;
+        let without = prepare(&config).expect("a plan");
+        let waypoints = |prepared: &Prepared| -> Vec<[f64; 3]> {
+            prepared
+                .plan
+                .spheres
+                .iter()
+                .map(|visit| visit.approach.position_m)
+                .collect()
+        };
+        assert_ne!(waypoints(&with), waypoints(&without));
+        assert_eq!(waypoints(&with.for_arm(Some(true))), waypoints(&with));
+        for real in [Some(false), None] {
+            assert_eq!(waypoints(&with.for_arm(real)), waypoints(&without), "{real:?}");
+        }
+        // Taught waypoints are those of every arm.
+        config.campaign.taught_error_m = 0.01;
+        config.cell.waypoints = with
+            .plan
+            .spheres
+            .iter()
+            .map(|visit| super::super::TaughtWaypoint {
+                sphere: visit.sphere_id,
+                place: visit.place,
+                joints_rad: visit.approach.joints.clone(),
+            })
+            .collect();
+        let taught = prepare(&config).expect("a plan");
+        assert_eq!(waypoints(&taught.for_arm(None)), waypoints(&taught));
+    }
 }

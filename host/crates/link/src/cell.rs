@@ -61,6 +61,10 @@ impl LocalDevice {
 }
 
 impl Device for LocalDevice {
+    fn simulated(&self) -> Option<bool> {
+        Some(self.hello.simulated)
+    }
+
     fn now_us(&self) -> u64 {
         let periods = self.ticks.saturating_sub(1).saturating_add(self.missed);
         periods.saturating_mul(u64::from(self.hello.period_us))

@@ -200,9 +200,19 @@ pub trait Device: Send {
     fn monitor(&self) -> Option<native::Monitor> {
         None
     }
+
+    /// Whether the drive moves a simulated arm, as its hello says. `None` where nobody has told it before the first
+    /// command: a board, a service.
+    fn simulated(&self) -> Option<bool> {
+        None
+    }
 }
 
 impl<D: Device + ?Sized> Device for Box<D> {
+    fn simulated(&self) -> Option<bool> {
+        (**self).simulated()
+    }
+
     fn now_us(&self) -> u64 {
         (**self).now_us()
     }

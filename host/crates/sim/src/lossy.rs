@@ -270,6 +270,10 @@ impl<D: Device> LossyDevice<D> {
 }
 
 impl<D: Device> Device for LossyDevice<D> {
+    fn simulated(&self) -> Option<bool> {
+        self.inner.simulated()
+    }
+
     fn now_us(&self) -> u64 {
         self.inner.now_us()
     }

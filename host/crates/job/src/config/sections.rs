@@ -132,7 +132,8 @@ pub struct CampaignSection {
     /// the command down within this time; otherwise the recordings depend on the link.
     pub lead_ms: u32,
     /// Largest error of the waypoints along each axis, in m: it stands for quick hand-guiding (Section 4.2 of the
-    /// paper). It has no effect where `cell.waypoints` or `--waypoints` gives taught ones.
+    /// paper). It is for simulated arms alone: the waypoints of a real arm are not moved. It has no effect where
+    /// `cell.waypoints` or `--waypoints` gives taught ones.
     pub taught_error_m: f64,
 }
 

@@ -60,6 +60,10 @@ impl Remote {
 }
 
 impl Device for Remote {
+    fn simulated(&self) -> Option<bool> {
+        Some(self.hello.simulated)
+    }
+
     fn now_us(&self) -> u64 {
         self.ticks
             .saturating_sub(1)
@@ -159,6 +163,10 @@ impl Threaded {
 }
 
 impl Device for Threaded {
+    fn simulated(&self) -> Option<bool> {
+        self.remote.as_ref().and_then(Device::simulated)
+    }
+
     fn now_us(&self) -> u64 {
         self.remote.as_ref().map_or(0, Device::now_us)
     }
