@@ -9,7 +9,7 @@ use super::exit::{CliError, Exit};
 use super::out::outln;
 use spherecal_job::JobError;
 use spherecal_model::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_urdf};
-use spherecal_model::write_file;
+use spherecal_model::{Pose, write_file};
 
 /// Arguments of `robot`.
 #[derive(Args, Clone, Debug)]
@@ -93,7 +93,42 @@ fn document(model: &RobotModel) -> serde_json::Value {
         "convention": "modified Denavit-Hartenberg; Hayati's beta about y where consecutive axes are near parallel",
         "joints": model.robot.joints,
         "tool": model.tool,
+        "root": model.frame_names.0,
+        "flange": model.frame_names.1,
+        "f0_in_root": pose_document(&model.base),
+        "flange_in_fn": pose_document(&model.flange),
     })
+}
+
+/// Roll, pitch and yaw of a pose (about x, then y, then z, fixed axes), in rad.
+fn rpy(pose: &Pose<f64>) -> [f64; 3] {
+    let r = &pose.rotation;
+    [
+        r[(2, 1)].atan2(r[(2, 2)]),
+        (-r[(2, 0)]).max(-1.0).min(1.0).asin(),
+        r[(1, 0)].atan2(r[(0, 0)]),
+    ]
+}
+
+fn pose_document(pose: &Pose<f64>) -> serde_json::Value {
+    let p = &pose.position;
+    serde_json::json!({ "position_m": [p.x, p.y, p.z], "rpy_rad": rpy(pose) })
+}
+
+/// A pose in mm and degrees, without a sign of zero.
+fn pose_words(pose: &Pose<f64>) -> String {
+    let three = |values: [f64; 3], digits: i32| {
+        let factor = 10f64.powi(digits);
+        let words = values.map(|value| ((value * factor).round() / factor + 0.0).to_string());
+        words.join(", ")
+    };
+    let p = &pose.position;
+    let at = [p.x, p.y, p.z].map(|m| m * 1e3);
+    format!(
+        "at ({}) mm, turned by ({}) degrees (roll, pitch, yaw)",
+        three(at, 3),
+        three(rpy(pose).map(f64::to_degrees), 4)
+    )
 }
 
 fn show(model: &RobotModel) {
@@ -131,9 +166,18 @@ fn show(model: &RobotModel) {
             joint.link.mass_kg
         );
     }
+    let (root, flange) = &model.frame_names;
+    outln!(
+        "\n  base frame F0, in which placements of the plate are given: in {root} {}",
+        pose_words(&model.base)
+    );
+    outln!(
+        "  flange frame {flange}: in the last frame of the table {}",
+        pose_words(&model.flange)
+    );
     let [x, y, z] = model.tool.tcp_m.map(|m| m * 1e3);
     outln!(
-        "\n  tool: TCP ({x:.3}, {y:.3}, {z:.3}) mm in the flange frame, {:.3} kg",
+        "  tool: TCP ({x:.3}, {y:.3}, {z:.3}) mm in the flange frame, {:.3} kg",
         model.tool.body.mass_kg
     );
 }

@@ -45,10 +45,11 @@ pub enum PlanError {
     },
     /// The arm cannot come to a sphere at all.
     #[error(
-        "sphere {sphere} at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm in F0: {obstacle}; move the plate closer to the middle of the arm's reach"
+        "{} at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm in the base frame: {obstacle}; move the plate closer to the middle of the arm's reach",
+        place(*sphere)
     )]
     SphereOutOfReach {
-        /// Id of the sphere.
+        /// Id of the sphere; 0 for the home frame above the plate.
         sphere: u32,
         /// Its place in F0, in mm.
         x_mm: f64,
@@ -59,4 +60,12 @@ pub enum PlanError {
         /// The obstacle.
         obstacle: Obstacle,
     },
+}
+
+/// What cannot be reached.
+fn place(sphere: u32) -> String {
+    match sphere {
+        0 => "the home frame above the plate".to_owned(),
+        id => format!("sphere {id}"),
+    }
 }
