@@ -20,12 +20,13 @@
 //! | [`sim`] | the simulated cell; fault injection |
 //! | [`link`] | the links to controller and drive |
 //! | [`plan`] | selects spheres and poses |
-//!
 //! | [`identify`] | calibration from plain data |
+//! | [`bag`] | ROS 2 bags as tables of poses |
 //! | [`model`] | robots, kinematics, measured data |
 
 pub mod cli;
 
+pub use spherecal_bag as bag;
 pub use spherecal_campaign as campaign;
 pub use spherecal_identify as identify;
 pub use spherecal_job as job;

@@ -200,6 +200,7 @@ pub(crate) fn identify(
             validate: validate
                 .as_deref()
                 .map(|csv| TableSource::Text { name: "validate", csv }),
+            notes: Vec::new(),
         };
         let study = study_of(&request, sources, &mut |_| {})?;
         let texts = calibrated(&study)?;

@@ -27,11 +27,17 @@ def stamp(header):
     return header.stamp.sec * 10**9 + header.stamp.nanosec
 
 
-counts, times, worst = {}, [], 0.0
+counts, times, worst, contacts = {}, [], 0.0, 0
 with AnyReader([pathlib.Path(sys.argv[1])]) as reader:
     for connection, time_ns, raw in reader.messages():
         message = reader.deserialize(raw, connection.msgtype)
         topic = connection.topic
+        if topic == "/contact":
+            assert connection.msgtype == "geometry_msgs/msg/PointStamped"
+            assert message.header.frame_id.startswith("sphere_") and xyz(message.point) == [0, 0, 0]
+            assert abs(stamp(message.header) - time_ns) < 5 * 10**9
+            contacts += 1
+            continue
         number = counts.get(topic, 0)
         counts[topic] = number + 1
         times.append(time_ns)
@@ -57,4 +63,4 @@ with AnyReader([pathlib.Path(sys.argv[1])]) as reader:
                              [*xyz(other["translation"]), *xyz(other["rotation"]), other["rotation"]["w"]])
         worst = max([worst, *(abs(a - b) / max(1.0, abs(b)) for a, b in pairs if b is not None)])
 assert counts == {topic: len(messages) for topic, messages in told.items()}, counts
-print(json.dumps({"counts": counts, "first_ns": times[0], "last_ns": times[-1], "largest_difference": worst}))
+print(json.dumps({"counts": counts, "contacts": contacts, "first_ns": times[0], "last_ns": times[-1], "largest_difference": worst}))

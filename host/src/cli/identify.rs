@@ -3,14 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use spherecal_model::{read_text, read_toml};
+use spherecal_model::robots::{self, RobotModel};
+use spherecal_model::{read_text, read_toml, write_file};
 
 use super::args::{BadValue, StoredArgs};
+use super::bag::{BagArgs, BagTables, POSES};
 use super::exit::{CliError, Exit};
 use super::out::{errln, outln};
 use super::stages;
 use super::study_progress::StudyProgress;
-use spherecal_identify::study::{Request, StudyError, anonymous_csv, study};
+use spherecal_identify::study::{Request, Sources, Step, StudyError, TableSource, anonymous_csv, sources, study_of};
 use spherecal_identify::{Method, Model, Options};
 use spherecal_job::CertificateSection;
 use spherecal_job::study::{study_certificate, summary_json, summary_text, write_files};
@@ -31,18 +33,23 @@ use spherecal_store::time::now_utc;
 ///
 /// Accepted formats: commas, semicolons or tabs; decimal points or commas; UTF-8 or UTF-16; up to 5
 /// million rows and 2 GiB.
+///
+/// In place of a table, --data and --validate take a ROS 2 bag in MCAP (file or folder) with sensor_msgs/JointState and
+/// geometry_msgs/PointStamped: each rest of the arm with a point is a pose. A point in a frame sphere_N is a contact with
+/// sphere N. The poses are written to poses-of-bag.csv in --out.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Examples:\n  \
     spherecal identify --robot ur5e --data tracker.csv --tool-mm 0,0,120 --validate check.csv\n  \
     spherecal identify --robot arm.urdf --data spheres.csv --plate plate.toml --holdout place --out result\n  \
-    spherecal identify --robot ur5e --data log.csv --joint-columns j1,j2,j3,j4,j5,j6 --ignore-columns time,operator\n\n\
+    spherecal identify --robot ur5e --data log.csv --joint-columns j1,j2,j3,j4,j5,j6 --ignore-columns time,operator\n  \
+    spherecal identify --robot arm.urdf --data my_bag --topics /joint_states,/leica/point\n\n\
     Exit codes: 0 done; 1 failed; 2 wrong input; 3 finished, but the result is not to be trusted.")]
 pub struct IdentifyArgs {
     /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK for the chain to that link.
     #[arg(long, value_name = "NAME|FILE", requires = "data")]
     pub robot: Option<String>,
-    /// Table of poses.
-    #[arg(long, value_name = "FILE.csv", requires = "robot")]
+    /// Table of poses, or a ROS 2 bag in MCAP.
+    #[arg(long, value_name = "FILE.csv|BAG", requires = "robot")]
     pub data: Option<PathBuf>,
     /// Estimator: full, geometry, lm, gauss-newton, nelder-mead or nelder-mead-scaled.
     #[arg(long, value_name = "M", default_value = "full")]
@@ -62,8 +69,8 @@ pub struct IdentifyArgs {
     /// Its centre of mass in the flange frame, in mm.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub payload_com_mm: Option<String>,
-    /// Table of poses that judge the result.
-    #[arg(long, value_name = "FILE.csv")]
+    /// Table of poses, or a ROS 2 bag, that judges the result.
+    #[arg(long, value_name = "FILE.csv|BAG")]
     pub validate: Option<PathBuf>,
     /// Hold each value of this column out in turn: place, coupling (rows on one sphere that follow each other), region
     /// (of the joints), a column of your own, or sphere where the plate has four or more.
@@ -73,13 +80,15 @@ pub struct IdentifyArgs {
     #[arg(long, value_name = "MM", requires = "data", value_parser = accuracy)]
     pub accuracy_mm: Option<f64>,
     /// Columns with the joint angles, base to flange, instead of q1..qn (rad; degrees if the name
-    /// ends in _deg).
+    /// ends in _deg). In a bag: names of the joints.
     #[arg(long, value_name = "A,B,C", value_delimiter = ',')]
     pub joint_columns: Vec<String>,
     /// Columns that are left out, whatever their content.
     ///
     #[arg(long, value_name = "X,Y", value_delimiter = ',')]
     pub ignore_columns: Vec<String>,
+    #[command(flatten)]
+    pub bag: BagArgs,
     /// Options as TOML: noise, priors and fixed parameters, harmonics.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
@@ -165,6 +174,26 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, Stu
     })
 }
 
+/// What the request names, with the tables that were made of bags.
+///
+/// # Errors
+/// A plate that cannot be read.
+fn with_bags<'a>(request: &'a Request, model: RobotModel, tables: &'a BagTables) -> Result<Sources<'a>, StudyError> {
+    let table = |path: &'a Path, csv: &'a Option<String>| match csv {
+        Some(csv) => TableSource::Text {
+            name: path.to_str().unwrap_or("bag"),
+            csv,
+        },
+        None => TableSource::File(path),
+    };
+    Ok(Sources {
+        data: table(&request.data, &tables.data),
+        validate: request.validate.as_deref().map(|path| table(path, &tables.validate)),
+        notes: tables.notes.clone(),
+        ..sources(request, model)?
+    })
+}
+
 /// Refuses a file that is there already: nothing is overwritten.
 fn refuse_existing(path: &Path) -> Result<(), CliError> {
     if path.exists() {
@@ -212,7 +241,12 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         refuse_existing(path)?;
     }
     let mut view = StudyProgress::new();
-    let study = request(args, robot, data).and_then(|r| study(&r, &mut |step| view.show(step)));
+    let mut request = request(args, robot, data).map_err(refuse)?;
+    let model = robots::load(&request.robot).map_err(|e| refuse(e.into()))?;
+    let tables = BagTables::read(&args.bag, &mut request, &model, &mut |p| view.show(Step::Reading(p)));
+    let tables = tables.inspect_err(|_| view.finish())?;
+    let sources = with_bags(&request, model, &tables).map_err(refuse)?;
+    let study = study_of(&request, sources, &mut |step| view.show(step));
     view.finish();
     let study = study.map_err(refuse)?;
     if let Some(path) = &args.anonymise {
@@ -229,12 +263,19 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     if let Some(moved) = &files.moved {
         errln!("spherecal: {moved}");
     }
+    let poses = args.out.join(POSES);
+    if let Some(csv) = &tables.data {
+        write_file(&poses, csv.as_bytes()).map_err(|e| CliError::job(format!("{}: {e}", poses.display())))?;
+    }
     if args.json {
         outln!("{:#}", summary_json(&study, &certificate));
     } else {
         outln!("{}", summary_text(&study));
         for path in &files.paths {
             outln!("  {}", path.display());
+        }
+        if tables.data.is_some() {
+            outln!("  {}", poses.display());
         }
     }
     Ok(if study.evaluation.verdict.may_be_used {

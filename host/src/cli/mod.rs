@@ -8,6 +8,7 @@
 //! failed; 2 wrong usage or input; 3 finished, but the result is not to be trusted.
 
 mod args;
+mod bag;
 mod check;
 mod collect;
 mod command;

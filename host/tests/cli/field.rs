@@ -108,6 +108,7 @@ fn telemetry_and_tables_are_read_by_others() {
     for topic in ["/joint_states", "/wrench", "/tf"] {
         assert_eq!(bag["counts"][topic], mcap["counts"][topic], "{topic}");
     }
+    assert_eq!(bag["contacts"].as_u64(), summary["poses"]["recorded"].as_u64(), "{bag}");
     // The telemetry is in single precision; both say the same numbers.
     assert!(bag["largest_difference"].as_f64() < Some(1e-6), "{bag}");
 }

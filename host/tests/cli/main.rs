@@ -6,6 +6,7 @@
 
 mod arguments;
 mod arms;
+mod bags;
 mod certificate;
 mod check;
 mod collect;

@@ -4,8 +4,11 @@ use mcap::McapError;
 use mcap::read::ChannelAccumulator;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
+use super::log::EventMessage;
 use super::messages::{JointStates, PhaseState, Tcp, TelemetryMessage as _, Wrench};
 use super::scene::FrameTransforms;
 use super::writer::TelemetryError;
@@ -25,6 +28,26 @@ pub struct Period {
     pub phase: Option<PhaseState>,
     /// Frames of the arm, which few periods have.
     pub frames: Option<FrameTransforms<'static>>,
+    /// Recordings that were completed: few periods have one.
+    pub recorded: Vec<Recorded>,
+}
+
+/// A completed recording: the nest sat on a sphere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+pub struct Recorded {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Device time of the first sample, in us.
+    pub start_us: u64,
+    /// Device time of the last sample, in us.
+    pub end_us: u64,
+}
+
+/// An event of the controller, as far as the reader needs it.
+#[derive(Deserialize)]
+struct EventRead {
+    kind: String,
+    data: Value,
 }
 
 impl Period {
@@ -151,6 +174,17 @@ impl<'a> TelemetryReader<'a> {
             Tcp::TOPIC => target.tcp = Some(decode(topic, &message.data)?),
             PhaseState::TOPIC => target.phase = Some(decode(topic, &message.data)?),
             FrameTransforms::TOPIC => target.frames = Some(decode(topic, &message.data)?),
+            EventMessage::TOPIC => {
+                let event: EventRead = decode(topic, &message.data)?;
+                if event.kind != "Recording" {
+                    return Ok(None);
+                }
+                let recorded = Recorded::deserialize(event.data).map_err(|cause| TelemetryError::Decode {
+                    topic: topic.to_owned(),
+                    cause,
+                })?;
+                target.recorded.push(recorded);
+            }
             _ => return Ok(None),
         }
         Ok(if current { None } else { self.period.replace(next) })

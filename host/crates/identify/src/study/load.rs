@@ -62,18 +62,26 @@ pub struct Loaded {
     pub notes: Vec<String>,
 }
 
+/// The files that a request names, for its robot; tables are read later.
+///
+/// # Errors
+/// A plate that cannot be read.
+pub fn sources(request: &Request, model: RobotModel) -> Result<Sources<'_>, StudyError> {
+    Ok(Sources {
+        model,
+        plate: request.plate.as_deref().map(plate).transpose()?,
+        data: TableSource::File(&request.data),
+        validate: request.validate.as_deref().map(TableSource::File),
+        notes: Vec::new(),
+    })
+}
+
 /// Loads what a request names; `progress` is called while tables are read.
 ///
 /// # Errors
 /// Files that cannot be read or used, with field, value and remedy.
 pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loaded, StudyError> {
-    let sources = Sources {
-        model: robots::load(&request.robot)?,
-        plate: request.plate.as_deref().map(plate).transpose()?,
-        data: TableSource::File(&request.data),
-        validate: request.validate.as_deref().map(TableSource::File),
-    };
-    assemble(request, sources, progress)
+    assemble(request, sources(request, robots::load(&request.robot)?)?, progress)
 }
 
 /// The same from what a caller has in memory: the request's own robot, plate and tables
@@ -91,8 +99,8 @@ pub fn assemble(
         plate,
         data,
         validate,
+        mut notes,
     } = sources;
-    let mut notes = Vec::new();
     set_tool(&mut model, request)?;
     borrow_masses(&mut model, &mut notes);
     let certified = plate.is_some();

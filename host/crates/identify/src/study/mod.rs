@@ -14,7 +14,7 @@ mod sources;
 mod torques;
 
 pub use anonymous::anonymous_csv;
-pub use load::{Loaded, Request, assemble, load};
+pub use load::{Loaded, Request, assemble, load, sources};
 pub use sources::{PAPER_PLATE, Sources, TableSource};
 
 use std::time::Instant;

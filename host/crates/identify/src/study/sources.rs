@@ -50,6 +50,8 @@ pub struct Sources<'a> {
     pub data: TableSource<'a>,
     /// Table of poses that judge the result.
     pub validate: Option<TableSource<'a>>,
+    /// What the user should know about where the tables come from.
+    pub notes: Vec<String>,
 }
 
 /// The plate of a file, or of the paper.

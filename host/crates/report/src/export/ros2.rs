@@ -6,6 +6,10 @@
 //! | `/joint_states` | `sensor_msgs/msg/JointState` | position (rad), velocity (rad/s), effort (measured, N m) |
 //! | `/wrench` | `geometry_msgs/msg/WrenchStamped` | estimated force (N) and torque (N m) at the TCP, axes of F0 |
 //! | `/tf` | `tf2_msgs/msg/TFMessage` | the frames of the nominal robot, 20 times a second |
+//! | `/contact` | `geometry_msgs/msg/PointStamped` | per recording: the TCP is at (0, 0, 0) of the frame `sphere_N` |
+//!
+//! `/contact` has the time of the middle of the recording, so that `spherecal identify --data` makes the poses of the run
+//! from the bag.
 //!
 //! Messages are in CDR, little endian, each topic with its definition. Times are UTC.
 
@@ -24,7 +28,7 @@ use spherecal_campaign::telemetry::{Period, TelemetryReader};
 use spherecal_model::NewFile;
 
 use super::{ExportError, Exported};
-use definitions::{JOINT_STATE, TF_MESSAGE, WRENCH_STAMPED};
+use definitions::{JOINT_STATE, POINT_STAMPED, TF_MESSAGE, WRENCH_STAMPED};
 
 mod definitions;
 
@@ -72,6 +76,12 @@ struct WrenchStamped<'a> {
     header: Header<'a>,
     force: Vector3,
     torque: Vector3,
+}
+
+#[derive(Serialize)]
+struct PointStamped<'a> {
+    header: Header<'a>,
+    point: Vector3,
 }
 
 #[derive(Serialize)]
@@ -170,6 +180,8 @@ struct Bag {
     topics: Vec<Topic>,
     begin_ns: Option<u64>,
     end_ns: u64,
+    /// UTC at device time 0, in ns, of the last period that has both times.
+    device_start_ns: Option<u64>,
 }
 
 impl Bag {
@@ -184,6 +196,7 @@ impl Bag {
             ("/joint_states", "sensor_msgs/msg/JointState", JOINT_STATE),
             ("/wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED),
             ("/tf", "tf2_msgs/msg/TFMessage", TF_MESSAGE),
+            ("/contact", "geometry_msgs/msg/PointStamped", POINT_STAMPED),
         ];
         let mut topics = Vec::new();
         for (name, kind, definition) in kinds {
@@ -203,6 +216,7 @@ impl Bag {
             topics,
             begin_ns: None,
             end_ns: 0,
+            device_start_ns: None,
         })
     }
 
@@ -235,6 +249,20 @@ impl Bag {
         }
         if let Some(frames) = &period.frames {
             self.put(2, period.utc_ns, &TfMessage::from(frames))?;
+        }
+        if period.phase.is_some() {
+            self.device_start_ns = Some(period.utc_ns.saturating_sub(period.device_ns()));
+        }
+        for recorded in &period.recorded {
+            let Some(start_ns) = self.device_start_ns else { continue };
+            let middle_us = recorded.start_us.midpoint(recorded.end_us);
+            let stamp = Stamp::from_ns(start_ns.saturating_add(middle_us.saturating_mul(1000)));
+            let frame = format!("sphere_{}", recorded.sphere);
+            let message = PointStamped {
+                header: Header::new(stamp, &frame),
+                point: Vector3 { x: 0.0, y: 0.0, z: 0.0 },
+            };
+            self.put(3, period.utc_ns, &message)?;
         }
         Ok(())
     }

@@ -44,6 +44,14 @@ pub(super) const WRENCH_STAMPED: &str = concat!(
     vector3!()
 );
 
+/// `geometry_msgs/msg/PointStamped`.
+pub(super) const POINT_STAMPED: &str = concat!(
+    "std_msgs/Header header\nPoint point\n",
+    header!(),
+    of!("geometry_msgs/Point"),
+    "float64 x\nfloat64 y\nfloat64 z\n"
+);
+
 /// `tf2_msgs/msg/TFMessage`.
 pub(super) const TF_MESSAGE: &str = concat!(
     "geometry_msgs/TransformStamped[] transforms\n",

@@ -1,0 +1,50 @@
+//! A ROS 2 bag as a table of poses: where the arm rested, and what was measured meanwhile.
+//!
+//! ```text
+//!   bag ─ records ─┬─ measured points, contacts ─▶ targets ─┐
+//!                  └─ joint states ─▶ rests ────────────────┴─▶ poses ─▶ CSV
+//! ```
+//!
+//! | type | what it is |
+//! |---|---|
+//! | `sensor_msgs/msg/JointState` | joint angles in rad, by name; `effort` where the caller says that it is N m |
+//! | `geometry_msgs/msg/PointStamped` | a measured point in m; in a frame `sphere_N` or `PLACE/sphere_N` a contact with sphere N |
+//! | `geometry_msgs/msg/PoseStamped`, `TransformStamped` | the same: the position counts, the orientation is left out |
+//! | `std_msgs/msg/Int8` to `Int64`, `UInt8` to `UInt64` | a contact with the sphere of this number |
+//!
+//! **The pose of a rest.** The arm rests while no joint leaves a band of [`Wanted::rest_rad`] for at least [`REST_S`],
+//! and while two joint states follow each other within [`GAP_S`]. A rest with at least one target is one pose. Its joint
+//! angles are the mean over the rest's joint states that are at most [`NEAR_S`] from a target; its point is the mean of
+//! the rest's points. Targets outside rests are left out and counted.
+//!
+//! **Times** are those of the headers. Where the targets have no header, or a header's time is zero, all times are those
+//! of the recorder.
+//!
+//! The bag is read twice, as a stream: for the targets, then for the joint states. Memory is that of the targets
+//! ([`MOST_TARGETS`]) and of one record ([`MOST_RECORD_BYTES`]).
+
+mod cdr;
+mod error;
+mod files;
+mod joints;
+mod messages;
+mod poses;
+mod records;
+mod rests;
+mod targets;
+mod topics;
+mod wanted;
+mod words;
+
+pub use error::{BadMessage, BagError};
+pub use files::{MOST_BAG_BYTES, is_bag};
+pub use poses::{Poses, read_bag};
+pub use records::MOST_RECORD_BYTES;
+pub use rests::{GAP_S, NEAR_S, REST_S};
+pub use targets::MOST_TARGETS;
+pub use wanted::Wanted;
+
+#[cfg(test)]
+mod test_bag;
+#[cfg(test)]
+mod tests;

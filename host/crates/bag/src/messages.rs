@@ -1,0 +1,197 @@
+//! The types of messages that a bag is read for.
+
+use spherecal_model::excerpt;
+
+use super::cdr::{Cdr, CdrError, Numbers};
+
+/// `sensor_msgs/msg/JointState`.
+pub(crate) const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
+
+/// A type of messages that says where the tool was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum TargetKind {
+    /// A header, then three coordinates.
+    Position,
+    /// The same, with the name of a child frame between.
+    Transform,
+    /// A whole number of so many bytes.
+    Number { bytes: u8, signed: bool },
+}
+
+/// All of them, with their names.
+pub(crate) const TARGETS: [(&str, TargetKind); 11] = {
+    const fn number(bytes: u8, signed: bool) -> TargetKind {
+        TargetKind::Number { bytes, signed }
+    }
+    [
+        ("geometry_msgs/msg/PointStamped", TargetKind::Position),
+        ("geometry_msgs/msg/PoseStamped", TargetKind::Position),
+        ("geometry_msgs/msg/TransformStamped", TargetKind::Transform),
+        ("std_msgs/msg/Int8", number(1, true)),
+        ("std_msgs/msg/Int16", number(2, true)),
+        ("std_msgs/msg/Int32", number(4, true)),
+        ("std_msgs/msg/Int64", number(8, true)),
+        ("std_msgs/msg/UInt8", number(1, false)),
+        ("std_msgs/msg/UInt16", number(2, false)),
+        ("std_msgs/msg/UInt32", number(4, false)),
+        ("std_msgs/msg/UInt64", number(8, false)),
+    ]
+};
+
+/// The kind of a type, by its name.
+pub(crate) fn target_kind(name: &str) -> Option<TargetKind> {
+    TARGETS.iter().find(|(known, _)| *known == name).map(|(_, kind)| *kind)
+}
+
+/// Where the tool was.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Place<'a> {
+    /// A point in a frame, in m.
+    Point { frame: &'a str, at: [f64; 3] },
+    /// At the centre of a sphere; the name of the plate's placement, or nothing.
+    Sphere { sphere: u32, place: &'a str },
+}
+
+/// Why a message cannot be used: what, and the remedy.
+pub(crate) type Refusal = (String, String);
+
+fn broken(error: CdrError) -> Refusal {
+    (
+        error.words(),
+        "record the topic again, or convert the bag with `ros2 bag convert`".to_owned(),
+    )
+}
+
+/// A header's time in ns; `None` where it is not set.
+fn header<'a>(at: &mut Cdr<'a>) -> Result<(Option<i64>, &'a str), CdrError> {
+    let (seconds, rest) = (i64::from(at.i32()?), i64::from(at.u32()?));
+    let time_ns = seconds.saturating_mul(1_000_000_000).saturating_add(rest);
+    Ok((Some(time_ns).filter(|t| *t != 0), at.text()?))
+}
+
+/// The sphere that a frame is named after: `sphere_2`, or `PLACE/sphere_2`.
+fn sphere_of(frame: &str) -> Option<(u32, &str)> {
+    let (place, name) = frame.trim_start_matches('/').rsplit_once('/').unwrap_or(("", frame));
+    let number = name.trim_start_matches('/').strip_prefix("sphere_")?;
+    let plain = !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit());
+    plain.then(|| number.parse().ok())?.map(|sphere| (sphere, place))
+}
+
+/// Largest distance of a contact's point from the centre of the sphere in whose frame it is, in m.
+const AT_CENTRE_M: f64 = 1e-6;
+
+/// Reads a target: its header's time in ns, where it has one, and the place.
+pub(crate) fn target(kind: TargetKind, bytes: &[u8]) -> Result<(Option<i64>, Place<'_>), Refusal> {
+    let mut at = Cdr::new(bytes).map_err(broken)?;
+    if let TargetKind::Number { bytes, signed } = kind {
+        let number = at.whole(bytes, signed).map_err(broken)?;
+        let sphere = u32::try_from(number).map_err(|_| {
+            (
+                format!("its number is {number}"),
+                "give the id of a sphere of the plate, 0 to 4294967295".to_owned(),
+            )
+        })?;
+        return Ok((None, Place::Sphere { sphere, place: "" }));
+    }
+    let mut read = || {
+        let (time_ns, frame) = header(&mut at)?;
+        if kind == TargetKind::Transform {
+            at.text()?;
+        }
+        Ok((time_ns, frame, [at.f64()?, at.f64()?, at.f64()?]))
+    };
+    let (time_ns, frame, point) = read().map_err(broken)?;
+    if let Some((axis, value)) = ["x", "y", "z"].iter().zip(point).find(|(_, value)| !value.is_finite()) {
+        return Err((
+            format!("its {axis} is {value}"),
+            "a measurement that failed must not be published; leave its topic out, or filter the bag".to_owned(),
+        ));
+    }
+    let Some((sphere, place)) = sphere_of(frame) else {
+        return Ok((time_ns, Place::Point { frame, at: point }));
+    };
+    if let Some((axis, value)) = ["x", "y", "z"]
+        .iter()
+        .zip(point)
+        .find(|(_, value)| value.abs() > AT_CENTRE_M)
+    {
+        return Err((
+            format!("its frame is \"{}\", and its {axis} is {value} m", excerpt(frame)),
+            "a point in a sphere's frame is a contact: the tool is at the centre, (0, 0, 0). Give a measured point in the \
+             instrument's frame"
+                .to_owned(),
+        ));
+    }
+    Ok((time_ns, Place::Sphere { sphere, place }))
+}
+
+/// The parts of a joint state.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct JointState<'a> {
+    /// Time of its header in ns, where it is set.
+    pub(crate) time_ns: Option<i64>,
+    /// The bytes of its names: equal bytes are equal names.
+    pub(crate) names_key: &'a [u8],
+    names: Cdr<'a>,
+    pub(crate) position: Numbers<'a>,
+    pub(crate) effort: Numbers<'a>,
+}
+
+impl<'a> JointState<'a> {
+    /// The time of its header in ns, where it is set.
+    pub(crate) fn time(bytes: &[u8]) -> Result<Option<i64>, Refusal> {
+        let mut at = Cdr::new(bytes).map_err(broken)?;
+        Ok(header(&mut at).map_err(broken)?.0)
+    }
+
+    pub(crate) fn read(bytes: &'a [u8]) -> Result<Self, Refusal> {
+        let mut at = Cdr::new(bytes).map_err(broken)?;
+        let mut read = || {
+            let (time_ns, _) = header(&mut at)?;
+            let names = at;
+            for _ in 0..at.length()? {
+                at.text()?;
+            }
+            let names_key = at.since(&names);
+            let (position, _, effort) = (at.f64s()?, at.f64s()?, at.f64s()?);
+            Ok(Self {
+                time_ns,
+                names_key,
+                names,
+                position,
+                effort,
+            })
+        };
+        read().map_err(broken)
+    }
+
+    /// The names of its joints.
+    pub(crate) fn names(&self) -> Vec<&'a str> {
+        let mut at = self.names;
+        let count = at.length().unwrap_or(0);
+        (0..count).map_while(|_| at.text().ok()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_of_spheres() {
+        for (frame, found) in [
+            ("sphere_2", Some((2, ""))),
+            ("/sphere_12", Some((12, ""))),
+            ("plate_b/sphere_0", Some((0, "plate_b"))),
+            ("cell/left/sphere_3", Some((3, "cell/left"))),
+            ("sphere_", None),
+            ("sphere_-1", None),
+            ("sphere_+1", None),
+            ("sphere_99999999999", None),
+            ("tracker", None),
+            ("", None),
+        ] {
+            assert_eq!(sphere_of(frame), found, "{frame}");
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! The messages of MCAP files, as a stream in bounded memory.
+
+use std::collections::HashMap;
+use std::io::{BufReader, Read};
+use std::path::Path;
+use std::rc::Rc;
+
+use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{McapError, McapResult};
+use spherecal_model::{FileError, open_regular};
+
+use super::error::BagError;
+use super::files::{LARGER, MOST_BAG_BYTES};
+
+/// Longest record that is read, in bytes: the most that a stream keeps in memory.
+pub const MOST_RECORD_BYTES: usize = 64 << 20;
+/// Longest name of a topic or a type, in bytes.
+const MOST_NAME_BYTES: usize = 1024;
+/// Bytes that are read at once.
+const PIECE: usize = 1 << 20;
+/// Bytes between two reports of progress.
+const REPORTED: u64 = 16 << 20;
+
+/// A topic of one file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Topic {
+    pub(crate) name: String,
+    /// Name of its type, as `package/msg/Type`.
+    pub(crate) kind: String,
+    /// How its messages are encoded.
+    pub(crate) encoding: String,
+}
+
+/// A message.
+pub(crate) struct Message<'a> {
+    pub(crate) topic: &'a Rc<Topic>,
+    /// When it was recorded, in ns.
+    pub(crate) time_ns: i64,
+    pub(crate) data: &'a [u8],
+}
+
+/// Why the reading of a file ended early.
+enum Ended {
+    Mcap(McapError),
+    Name(&'static str),
+    System(std::io::Error),
+    Caller(BagError),
+}
+
+impl From<McapError> for Ended {
+    fn from(error: McapError) -> Self {
+        Self::Mcap(error)
+    }
+}
+
+/// `sensor_msgs/JointState` as `sensor_msgs/msg/JointState`.
+fn full_name(kind: &str) -> String {
+    match kind.split_once('/') {
+        Some((package, name)) if !name.contains('/') => format!("{package}/msg/{name}"),
+        _ => kind.to_owned(),
+    }
+}
+
+/// Calls `each` for every message of a file, in the file's order, and `progress` with the bytes read so far.
+///
+/// # Errors
+/// A file that cannot be read or is damaged, and what `each` refuses.
+pub(crate) fn each_message(
+    path: &Path,
+    progress: &mut dyn FnMut(u64),
+    each: &mut dyn FnMut(&Message<'_>) -> Result<(), BagError>,
+) -> Result<(), BagError> {
+    let (file, _) = open_regular(path, MOST_BAG_BYTES, LARGER)?;
+    let source = BufReader::with_capacity(PIECE, file.take(MOST_BAG_BYTES));
+    let damaged = |what: String| BagError::Damaged {
+        path: path.display().to_string(),
+        what,
+    };
+    read(source, progress, each).map_err(|ended| match ended {
+        Ended::Caller(error) => error,
+        Ended::System(source) => BagError::File(FileError::Read {
+            path: path.display().to_string(),
+            source,
+        }),
+        Ended::Name(what) => damaged(what.to_owned()),
+        Ended::Mcap(McapError::UnexpectedEof) => damaged("it ends early".to_owned()),
+        Ended::Mcap(McapError::RecordTooLarge { opcode, len }) => damaged(format!(
+            "a record of kind {opcode} has {len} bytes, and at most {MOST_RECORD_BYTES} are read"
+        )),
+        Ended::Mcap(error) => damaged(spherecal_model::printable(&error.to_string()).into_owned()),
+    })
+}
+
+fn read(
+    mut source: impl Read,
+    progress: &mut dyn FnMut(u64),
+    each: &mut dyn FnMut(&Message<'_>) -> Result<(), BagError>,
+) -> Result<(), Ended> {
+    let options = LinearReaderOptions::default()
+        .with_record_length_limit(MOST_RECORD_BYTES)
+        .with_validate_chunk_crcs(true);
+    let mut records = LinearReader::new_with_options(options);
+    let mut types: HashMap<u16, String> = HashMap::new();
+    let mut topics: HashMap<u16, Rc<Topic>> = HashMap::new();
+    let (mut bytes, mut reported) = (0, 0);
+    while let Some(event) = records.next_event() {
+        let (opcode, data) = match event? {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let count = some(&mut source, records.insert(wanted.min(MOST_RECORD_BYTES))).map_err(Ended::System)?;
+                records.notify_read(count);
+                bytes += count as u64;
+                if bytes - reported >= REPORTED {
+                    reported = bytes;
+                    progress(bytes);
+                }
+                continue;
+            }
+            LinearReadEvent::Record { data, opcode } => (opcode, data),
+        };
+        // Other records are not needed, and some of them are parsed without a check of their length.
+        if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+            continue;
+        }
+        match parse(opcode, data)? {
+            Record::Schema { header, .. } => {
+                named(&header.name)?;
+                types.insert(header.id, full_name(&header.name));
+            }
+            Record::Channel(channel) => {
+                named(&channel.topic)?;
+                named(&channel.message_encoding)?;
+                let topic = Topic {
+                    name: channel.topic,
+                    kind: types.get(&channel.schema_id).cloned().unwrap_or_default(),
+                    encoding: channel.message_encoding,
+                };
+                topics.insert(channel.id, Rc::new(topic));
+            }
+            Record::Message { header, data } => {
+                let topic = topics
+                    .get(&header.channel_id)
+                    .ok_or(Ended::Name("a message is of a topic that the file does not name"))?;
+                each(&Message {
+                    topic,
+                    time_ns: i64::try_from(header.log_time).unwrap_or(i64::MAX),
+                    data: &data,
+                })
+                .map_err(Ended::Caller)?;
+            }
+            _ => {}
+        }
+    }
+    progress(bytes);
+    Ok(())
+}
+
+fn parse(opcode: u8, data: &[u8]) -> McapResult<Record<'_>> {
+    mcap::parse_record(opcode, data)
+}
+
+fn named(name: &str) -> Result<(), Ended> {
+    if name.len() > MOST_NAME_BYTES {
+        return Err(Ended::Name(
+            "the name of a topic or of its type has more than 1024 bytes",
+        ));
+    }
+    Ok(())
+}
+
+/// Reads at least one byte, unless the source has ended.
+fn some(source: &mut impl Read, into: &mut [u8]) -> std::io::Result<usize> {
+    loop {
+        match source.read(into) {
+            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+            found => return found,
+        }
+    }
+}

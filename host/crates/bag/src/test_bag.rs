@@ -1,0 +1,115 @@
+//! Bags for tests, written message by message.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use mcap::records::MessageHeader;
+use mcap::{Compression, WriteOptions, Writer};
+
+/// A message in CDR, little endian.
+pub(crate) struct Cdr(Vec<u8>);
+
+impl Cdr {
+    pub(crate) fn new() -> Self {
+        Self(vec![0, 1, 0, 0])
+    }
+
+    fn align(&mut self, to: usize) {
+        while !(self.0.len() - 4).is_multiple_of(to) {
+            self.0.push(0);
+        }
+    }
+
+    pub(crate) fn u32(mut self, value: u32) -> Self {
+        self.align(4);
+        self.0.extend(value.to_le_bytes());
+        self
+    }
+
+    pub(crate) fn f64(mut self, value: f64) -> Self {
+        self.align(8);
+        self.0.extend(value.to_le_bytes());
+        self
+    }
+
+    pub(crate) fn text(self, text: &str) -> Self {
+        let mut own = self.u32(text.len() as u32 + 1);
+        own.0.extend(text.as_bytes());
+        own.0.push(0);
+        own
+    }
+
+    pub(crate) fn f64s(self, values: &[f64]) -> Self {
+        values
+            .iter()
+            .fold(self.u32(values.len() as u32), |own, value| own.f64(*value))
+    }
+
+    pub(crate) fn header(self, time_ns: u64, frame: &str) -> Self {
+        let (seconds, rest) = (time_ns / 1_000_000_000, time_ns % 1_000_000_000);
+        self.u32(seconds as u32).u32(rest as u32).text(frame)
+    }
+
+    pub(crate) fn bytes(self) -> Vec<u8> {
+        self.0
+    }
+}
+
+pub(crate) fn joint_state(time_ns: u64, names: &[&str], position: &[f64], effort: &[f64]) -> Vec<u8> {
+    let named = Cdr::new().header(time_ns, "").u32(names.len() as u32);
+    let named = names.iter().fold(named, |own, name| own.text(name));
+    named.f64s(position).f64s(&[]).f64s(effort).bytes()
+}
+
+pub(crate) fn point(time_ns: u64, frame: &str, at: [f64; 3]) -> Vec<u8> {
+    at.iter()
+        .fold(Cdr::new().header(time_ns, frame), |own, x| own.f64(*x))
+        .bytes()
+}
+
+/// A bag while it is written.
+pub(crate) struct Bag {
+    writer: Writer<std::io::BufWriter<std::fs::File>>,
+    channels: BTreeMap<String, u16>,
+    path: PathBuf,
+}
+
+impl Bag {
+    pub(crate) fn new(folder: &Path) -> Self {
+        Self::compressed(folder, Some(Compression::Lz4))
+    }
+
+    pub(crate) fn compressed(folder: &Path, compression: Option<Compression>) -> Self {
+        let path = folder.join("bag.mcap");
+        let writer = WriteOptions::new()
+            .compression(compression)
+            .profile("ros2")
+            .create(std::io::BufWriter::new(std::fs::File::create(&path).unwrap()))
+            .unwrap();
+        Self {
+            writer,
+            channels: BTreeMap::new(),
+            path,
+        }
+    }
+
+    pub(crate) fn put(&mut self, topic: &str, kind: &str, encoding: &str, time_ns: u64, data: &[u8]) {
+        let writer = &mut self.writer;
+        let channel_id = *self.channels.entry(topic.to_owned()).or_insert_with(|| {
+            let schema = writer.add_schema(kind, "ros2msg", b"").unwrap();
+            writer.add_channel(schema, topic, encoding, &BTreeMap::new()).unwrap()
+        });
+        let header = MessageHeader {
+            channel_id,
+            sequence: 0,
+            log_time: time_ns,
+            publish_time: time_ns,
+        };
+        self.writer.write_to_known_channel(&header, data).unwrap();
+    }
+
+    pub(crate) fn finish(mut self) -> PathBuf {
+        self.writer.finish().unwrap();
+        self.path
+    }
+}
