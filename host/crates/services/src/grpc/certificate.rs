@@ -2,7 +2,8 @@
 
 use spherecal_store::time::now_utc;
 
-use super::peer::CA_VARIABLE;
+/// Environment variable with the file of the certificate that a client trusts.
+pub(super) const CA_VARIABLE: &str = "SPHERECAL_CA";
 
 /// What is wrong with a certificate and what to do, from what the TLS library says. `None` where it is about something else.
 pub(crate) fn certificate_words(said: &str) -> Option<(String, String)> {

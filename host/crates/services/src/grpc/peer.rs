@@ -10,13 +10,12 @@ use tonic::service::Interceptor;
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
 use tonic::{Request, Status};
 
+use super::certificate::CA_VARIABLE;
 use crate::ServiceError;
 use crate::guard::{CERTIFICATE, Guard, read_pem};
 
 /// Environment variable with the token that a client shows.
 const TOKEN_VARIABLE: &str = "SPHERECAL_TOKEN";
-/// Environment variable with the file of the certificate that a client trusts.
-pub(super) const CA_VARIABLE: &str = "SPHERECAL_CA";
 
 /// Connects, with the token and the certificate that the environment names.
 pub(super) async fn connect(peer: &Peer) -> Result<(Channel, Credentials), ServiceError> {
