@@ -179,7 +179,7 @@ fn messages_that_cannot_be_used_are_refused() {
     let with = |each: &dyn Fn(usize, u64) -> Vec<u8>| {
         let mut bag = Bag::new(folder.path());
         joints(&mut bag, 3, |bag, rest, time| {
-            bag.put("/point", POINT, "cdr", time, &each(rest, time))
+            bag.put("/point", POINT, "cdr", time, &each(rest, time));
         });
         bag.finish()
     };
@@ -312,7 +312,7 @@ fn a_split_bag_is_read_in_its_order() {
     }
     let mut progress = Vec::new();
     let poses = read_bag(&bag, &wanted(), &mut |p| {
-        progress.push((p.rows, p.bytes, p.total_bytes))
+        progress.push((p.rows, p.bytes, p.total_bytes));
     })
     .unwrap();
     assert_eq!(poses.len(), 11);
