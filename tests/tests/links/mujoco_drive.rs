@@ -43,7 +43,7 @@ fn slow_mujoco_is_a_drive() {
     let mut script = Script(
         Command::new(python)
             .args(["mujoco_drive.py", "0", "--once"])
-            .current_dir(examples)
+            .current_dir(&examples)
             .stdout(Stdio::piped())
             .spawn()
             .expect("python starts"),
