@@ -31,10 +31,12 @@ mod motion;
 mod node;
 mod phases;
 mod recorder;
+mod report;
 mod safety;
 #[cfg(test)]
 mod testing;
 
-pub use controller::Controller;
+pub use controller::{Controller, Stopwatch};
 pub use link::HostLink;
 pub use node::Node;
+pub use report::Report;

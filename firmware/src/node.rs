@@ -2,10 +2,10 @@
 
 use embassy_time::Instant;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
-use spherecal_shared::protocol::host::{Command, Event, Sample, Statistics};
+use spherecal_shared::protocol::host::{Command, Sample, Statistics};
 
 use crate::link::{CommandOutcome, CommandPort};
-use crate::{Controller, HostLink};
+use crate::{Controller, HostLink, Report};
 
 /// A controller and its host link.
 #[derive(Clone, Debug)]
@@ -79,8 +79,8 @@ impl<const N: usize> CommandPort for Direct<'_, N> {
         self.0.command_outcome()
     }
 
-    fn next_event(&mut self) -> Option<Event> {
-        self.0.next_event()
+    fn next_report(&mut self) -> Option<Report> {
+        self.0.next_report()
     }
 
     fn samples_waiting(&self) -> usize {

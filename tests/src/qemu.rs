@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
 
-use spherecal::link::qemu::{LOG_FILE, Qemu, QemuOptions, find_qemu, log, qemu_arguments};
+use spherecal::link::qemu::{LOG_FILE, Machine, Qemu, QemuOptions, find_qemu, log, qemu_arguments};
 use spherecal_shared::procedure::Procedure;
 
 use crate::bench::Bench;
@@ -69,6 +69,14 @@ pub fn nucleo_image() -> Option<PathBuf> {
     image().map(|_| built(&["build", "nucleo-h743zi"]))
 }
 
+/// The image of the Cortex-M4F, from the same sources, or `None` where [`image`] is.
+///
+/// # Panics
+/// As [`image`].
+pub fn m4_image() -> Option<PathBuf> {
+    image().map(|_| built(&["build", "mps2-an386"]))
+}
+
 /// Runs `scripts/cross.sh` and returns the path that it says last.
 fn built(arguments: &[&str]) -> PathBuf {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scripts/cross.sh");
@@ -110,15 +118,15 @@ pub fn log_of(mut bench: Bench<Qemu>, folder: &Path) -> String {
     std::fs::read_to_string(folder.join(LOG_FILE)).expect("a log")
 }
 
-/// Runs a scenario of the image that needs no drive; its raw log goes to `log`
+/// Runs a scenario of the image, on `machine`, that needs no drive; its raw log goes to `log`
 /// in `folder`.
 ///
 /// # Panics
 /// When QEMU does not run.
-pub fn scenario(image: &Path, name: &str, folder: &Path) -> Output {
+pub fn scenario(image: &Path, machine: Machine, name: &str, folder: &Path) -> Output {
     let log = format!("log={}", folder.join("log").display());
     Command::new(find_qemu().expect("QEMU"))
-        .args(qemu_arguments(image, 3, &[name.to_owned(), log]))
+        .args(qemu_arguments(image, machine, 3, &[name.to_owned(), log]))
         .stdin(Stdio::null())
         .output()
         .expect("QEMU runs")

@@ -10,7 +10,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use object::elf::{FileHeader32, STT_FUNC};
+use object::elf::{FileHeader32, STT_FUNC, Sym32};
 use object::read::elf::{FileHeader, SectionHeader, Sym};
 use object::{Endianness, SectionIndex};
 
@@ -96,7 +96,7 @@ pub fn sizes(image: &Path) -> Sizes {
 }
 
 /// Bytes that the linker leaves for the stack of `image`: from its end down to
-/// the end of static data.
+/// the end of static data, or of the memory that holds the stack alone.
 ///
 /// # Panics
 /// When it is not an ELF file of `cortex-m-rt`'s making.
@@ -109,12 +109,11 @@ pub fn room(image: &Path) -> u32 {
         .symbols(endian, &*bytes, object::elf::SHT_SYMTAB)
         .expect("symbols");
     let address = |wanted: &str| {
-        let named =
-            |symbol: &&object::elf::Sym32<Endianness>| symbols.symbol_name(endian, symbol) == Ok(wanted.as_bytes());
+        let named = |symbol: &&Sym32<Endianness>| symbols.symbol_name(endian, symbol) == Ok(wanted.as_bytes());
         let symbol = symbols.iter().find(named);
         symbol.map_or_else(|| panic!("no symbol {wanted}"), |symbol| symbol.st_value(endian))
     };
-    address("_stack_start") - address("__sheap")
+    address("_stack_start") - address("_stack_end")
 }
 
 impl Calls {
@@ -130,40 +129,25 @@ impl Calls {
         let symbols = sections
             .symbols(endian, &*bytes, object::elf::SHT_SYMTAB)
             .expect("symbols");
-        let (_, text) = sections.section_by_name(endian, b".text").expect("code");
-        let start = text.sh_addr(endian);
-        let code = text.data(endian, &*bytes).expect("code");
-        let text_index = sections
-            .enumerate()
-            .find(|(_, s)| s.sh_addr(endian) == start && s.sh_size(endian) > 0)
-            .map(|(index, _)| index);
+        // Code lies in flash, and on some boards in a memory without wait states, too.
         let mut functions: BTreeMap<u32, Function> = BTreeMap::new();
-        let mut kinds: BTreeMap<u32, bool> = BTreeMap::new();
-        for symbol in symbols.iter() {
-            if symbol.st_shndx(endian) as usize != text_index.unwrap_or(SectionIndex(0)).0 {
+        for name in [&b".text"[..], b".itcm"] {
+            let Some((index, section)) = sections.section_by_name(endian, name) else {
                 continue;
-            }
-            let name = symbols.symbol_name(endian, symbol).unwrap_or_default();
-            let name = String::from_utf8_lossy(name).into_owned();
-            let address = symbol.st_value(endian);
-            if name.starts_with("$t") || name.starts_with("$d") {
-                kinds.insert(address, name.starts_with("$t"));
-            } else if symbol.st_type() == STT_FUNC {
-                let function = functions.entry(address & !1).or_default();
-                function.names.push(name);
-                function.end = function.end.max((address & !1) + symbol.st_size(endian));
-            }
-        }
-        let starts: Vec<u32> = functions.keys().copied().collect();
-        let end_of_code = start + code.len() as u32;
-        for (k, address) in starts.iter().enumerate() {
-            let next = starts.get(k + 1).copied().unwrap_or(end_of_code);
-            let function = functions.get_mut(address).expect("its own key");
-            // Assembly does not say how long it is.
-            if function.end == *address {
-                function.end = next;
-            }
-            scan(function, *address, code, start, &kinds);
+            };
+            let code = section.data(endian, &*bytes).expect("code");
+            let mut symbols = symbols.iter().map(|symbol| {
+                let name = symbols.symbol_name(endian, symbol).unwrap_or_default();
+                (symbol, String::from_utf8_lossy(name).into_owned())
+            });
+            read_section(
+                &mut functions,
+                &mut symbols,
+                index,
+                section.sh_addr(endian),
+                code,
+                endian,
+            );
         }
         let (_, stack) = sections.section_by_name(endian, b".stack_sizes").expect("stack sizes");
         let mut rest = stack.data(endian, &*bytes).expect("stack sizes");
@@ -262,6 +246,49 @@ impl Calls {
     }
 }
 
+/// Adds the functions of a section of code, which lies at `start`.
+fn read_section<'a>(
+    functions: &mut BTreeMap<u32, Function>,
+    symbols: &mut dyn Iterator<Item = (&'a Sym32<Endianness>, String)>,
+    section: SectionIndex,
+    start: u32,
+    code: &[u8],
+    endian: Endianness,
+) {
+    let mut kinds: BTreeMap<u32, bool> = BTreeMap::new();
+    let mut found: BTreeMap<u32, Function> = BTreeMap::new();
+    for (symbol, name) in symbols {
+        if symbol.st_shndx(endian) as usize != section.0 {
+            continue;
+        }
+        let address = symbol.st_value(endian);
+        if name.starts_with("$t") || name.starts_with("$d") {
+            kinds.insert(address, name.starts_with("$t"));
+        } else if symbol.st_type() == STT_FUNC {
+            let function = found.entry(address & !1).or_default();
+            function.names.push(name);
+            function.end = function.end.max((address & !1) + symbol.st_size(endian));
+        }
+    }
+    let starts: Vec<u32> = found.keys().copied().collect();
+    let end_of_code = start + code.len() as u32;
+    for (k, address) in starts.iter().enumerate() {
+        let next = starts.get(k + 1).copied().unwrap_or(end_of_code);
+        let function = found.get_mut(address).expect("its own key");
+        // Assembly does not say how long it is.
+        if function.end == *address {
+            function.end = next;
+        }
+        scan(function, *address, code, start, &kinds);
+    }
+    functions.append(&mut found);
+}
+
+/// The 16 bits that a `movw` or `movt` loads into r12.
+fn immediate(first: u32, second: u32) -> u32 {
+    (first & 0xf) << 12 | (first & 0x400) << 1 | (second & 0x7000) >> 4 | (second & 0xff)
+}
+
 /// Finds the calls of a function and, from its pushes, its frame.
 fn scan(function: &mut Function, start: u32, code: &[u8], base: u32, kinds: &BTreeMap<u32, bool>) {
     let word = |at: u32| {
@@ -272,6 +299,8 @@ fn scan(function: &mut Function, start: u32, code: &[u8], base: u32, kinds: &BTr
     let signed = |value: u32, bits: u32| ((value << (32 - bits)) as i32) >> (32 - bits);
     let end = function.end;
     let mut at = start;
+    // What r12 holds: the linker's bridges to code that is far away load it and branch.
+    let mut far = None;
     while at + 1 < end {
         let is_code = kinds.range(..=at).next_back().is_none_or(|(_, code)| *code);
         if !is_code {
@@ -292,6 +321,7 @@ fn scan(function: &mut Function, start: u32, code: &[u8], base: u32, kinds: &BTr
                 }
                 _ if first & 0xf800 == 0xe000 => branch = Some((target(signed(first & 0x7ff, 11) * 2), false)),
                 // blx, bx, mov pc; `bx lr` returns
+                0x4760 if far.is_some() => branch = far.map(|target: u32| (target & !1, true)),
                 _ if first & 0xff87 == 0x4780 => function.indirect = true,
                 _ if first & 0xff87 == 0x4700 && first & 0x78 != 0x70 => function.indirect = true,
                 _ if first & 0xff87 == 0x4687 => function.indirect = true,
@@ -312,6 +342,12 @@ fn scan(function: &mut Function, start: u32, code: &[u8], base: u32, kinds: &BTr
                 let offset = s << 20 | j2 << 19 | j1 << 18 | (first & 0x3f) << 12 | (second & 0x7ff) << 1;
                 branch = Some((target(signed(offset, 21)), false));
             }
+        } else if first & 0xfbf0 == 0xf240 && second & 0x8f00 == 0x0c00 {
+            // movw r12
+            far = Some(immediate(first, second));
+        } else if first & 0xfbf0 == 0xf2c0 && second & 0x8f00 == 0x0c00 {
+            // movt r12
+            far = far.map(|low| low & 0xffff | immediate(first, second) << 16);
         } else if first == 0xe92d {
             // push.w
             function.frame += 4 * second.count_ones();

@@ -66,6 +66,7 @@ pub fn run_cycle<const N: usize>(
     if tick.missed > 0 {
         log_warn!("overrun: {} periods missed", tick.missed);
     }
+    state.controller.begin_cycle();
     state.controller.record_missed(tick.missed);
     while let Some(message) = drive.next_message() {
         take_message(state, message)?;
@@ -81,9 +82,10 @@ pub fn run_cycle<const N: usize>(
         drive.send(&command);
     }
     let controller = &mut state.controller;
-    host.send_events(&mut || controller.next_event());
+    host.send_reports(&mut || controller.next_report());
     host.send_samples(&mut || controller.next_sample());
     host.set_period(controller.period_us());
+    controller.end_cycle();
     host.finish_tick(clock.device_time(tick, state.drive_us), controller.statistics());
     let after = controller.phase();
     if after != before {
@@ -114,6 +116,7 @@ fn control<const N: usize>(
         }
         report_outcomes(controller, host);
     }
+    controller.commands_taken();
     let command = controller.tick(clock.device_time(tick, state.drive_us), &state.state);
     report_outcomes(controller, host);
     command

@@ -9,33 +9,40 @@
 //! Every queue is bounded. What does not fit is dropped and counted; the links'
 //! sequence numbers show the gap, and the host link sends again what matters.
 //!
-//! A board gives its UARTs as [`embedded_io_async`] streams.
+//! A board gives its UARTs as [`embedded_io_async`] streams. No task waits for a stream
+//! without end: a read that takes long is begun again, a write that takes long is given up.
+//! So a stream whose wake-up is lost delays its link and does not stop it. Each task shows
+//! that it is alive ([`Pulse`]).
 
+use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
-use embassy_time::{Duration, Instant, Timer};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveReceiver};
-use spherecal_shared::protocol::frame::{self, MAX_FRAME};
+use spherecal_shared::protocol::frame::{self, LinkCounters, MAX_FRAME};
 
 use super::LinkSide;
 use super::ports::{Clock, DrivePort, Probe, Tick};
+use super::supervisor::{BEAT, Part, Pulse, WRITE};
 use crate::HostLink;
 
 /// Messages of the drive that may wait for the control task.
 const MESSAGES: usize = 4;
 /// Bytes from the host that may wait: two of the largest frames.
 const FROM_HOST: usize = 2 * MAX_FRAME;
-/// Bytes to the host that may wait.
-const TO_HOST: usize = 8 * MAX_FRAME;
+/// Bytes to the host that may wait: two of the largest frames, 50 ms at 921,600 baud.
+const TO_HOST: usize = 2 * MAX_FRAME;
 /// Bytes moved into or out of a queue at once: interrupts are off meanwhile.
 const CHUNK: usize = 64;
-/// Pause after an error of a byte stream, so that a stream that fails at once
-/// every time leaves the processor to the other link tasks.
+/// Pause after the second error in a row of a byte stream, so that a stream that fails at
+/// once every time leaves the processor to the other link tasks. The first error is one
+/// damaged byte: the next one is due in 3 µs.
 const ERROR_PAUSE: Duration = Duration::from_millis(1);
 
 /// The queues between the control task and the link tasks.
@@ -44,8 +51,12 @@ pub struct Links<M: RawMutex> {
     command: Signal<M, DriveCommand>,
     from_host: Pipe<M, FROM_HOST>,
     to_host: Pipe<M, TO_HOST>,
+    pulse: Pulse,
+    /// Counters of the drive link.
+    drive: Mutex<M, Cell<LinkCounters>>,
     dropped_messages: AtomicU32,
     dropped_bytes: AtomicU32,
+    stream_errors: AtomicU32,
 }
 
 impl<M: RawMutex> Default for Links<M> {
@@ -62,31 +73,50 @@ impl<M: RawMutex> Links<M> {
             command: Signal::new(),
             from_host: Pipe::new(),
             to_host: Pipe::new(),
+            pulse: Pulse::new(),
+            drive: Mutex::new(Cell::new(LinkCounters::new())),
             dropped_messages: AtomicU32::new(0),
             dropped_bytes: AtomicU32::new(0),
+            stream_errors: AtomicU32::new(0),
         }
     }
 
-    /// Drive messages and host bytes that found no room.
-    pub fn dropped(&self) -> (u32, u32) {
+    /// Drive messages and host bytes that found no room, and errors of the byte streams
+    /// with the writes that were given up.
+    pub fn dropped(&self) -> (u32, u32, u32) {
         (
             self.dropped_messages.load(Ordering::Relaxed),
             self.dropped_bytes.load(Ordering::Relaxed),
+            self.stream_errors.load(Ordering::Relaxed),
         )
     }
 
+    /// The tasks' signs of life.
+    pub fn pulse(&self) -> &Pulse {
+        &self.pulse
+    }
+
+    /// Waits until a message of the drive is there.
+    pub async fn message_arrived(&self) {
+        self.messages.ready_to_receive().await;
+    }
+
     /// Receives the drive's messages. A damaged byte is found by the frame's
-    /// checksum, so errors of the stream are not examined.
+    /// checksum, so errors of the stream are only counted.
     pub async fn drive_in(&self, reader: &mut impl Read) -> ! {
         let mut receiver = DriveReceiver::new();
-        let mut buffer = [0; 256];
+        let (mut buffer, mut failed) = ([0; 256], false);
         loop {
-            let length = read_some(reader, &mut buffer).await;
+            self.pulse.beat(Part::DriveIn);
+            let length = self.read_some(reader, &mut buffer, &mut failed).await;
             receiver.receive(buffer.get(..length).unwrap_or_default(), &mut |message| {
                 if self.messages.try_send(message).is_err() {
                     self.dropped_messages.fetch_add(1, Ordering::Relaxed);
                 }
             });
+            let mut counters = receiver.counters();
+            counters.overflow = self.dropped_messages.load(Ordering::Relaxed);
+            self.drive.lock(|drive| drive.set(counters));
         }
     }
 
@@ -95,20 +125,24 @@ impl<M: RawMutex> Links<M> {
         let mut sequence = 0u32;
         let mut out = [0; 256];
         loop {
-            let command = self.command.wait().await;
+            self.pulse.beat(Part::DriveOut);
+            let Ok(command) = with_timeout(BEAT, self.command.wait()).await else {
+                continue;
+            };
             let time_us = Instant::now().as_micros();
             if let Ok(length) = frame::encode(&command, sequence, time_us, &mut out) {
                 sequence = sequence.wrapping_add(1);
-                write(writer, out.get(..length).unwrap_or_default()).await;
+                self.write(writer, out.get(..length).unwrap_or_default()).await;
             }
         }
     }
 
     /// Receives the host's bytes.
     pub async fn host_in(&self, reader: &mut impl Read) -> ! {
-        let mut buffer = [0; 256];
+        let (mut buffer, mut failed) = ([0; 256], false);
         loop {
-            let length = read_some(reader, &mut buffer).await;
+            self.pulse.beat(Part::HostIn);
+            let length = self.read_some(reader, &mut buffer, &mut failed).await;
             self.put(&self.from_host, buffer.get(..length).unwrap_or_default());
         }
     }
@@ -118,11 +152,16 @@ impl<M: RawMutex> Links<M> {
     /// in `buffer`; its length limits the bytes that one tick sends.
     pub async fn serve_host(&self, link: &mut HostLink, mailbox: &mut LinkSide<'_, M>, buffer: &mut [u8]) -> ! {
         let mut chunk = [0; CHUNK];
+        mailbox.limit_samples(link.samples_per_s());
         loop {
-            let now = mailbox.tick_finished().await;
+            self.pulse.beat(Part::HostLink);
+            let Ok(now) = with_timeout(BEAT, mailbox.tick_finished()).await else {
+                continue;
+            };
             while let Ok(count) = self.from_host.try_read(&mut chunk) {
                 link.receive(chunk.get(..count).unwrap_or_default(), mailbox);
             }
+            link.set_drive_counters(self.drive.lock(Cell::get));
             let room = self.to_host.free_capacity().min(buffer.len());
             let length = link.transmit(now, buffer.get_mut(..room).unwrap_or_default(), mailbox);
             self.put(&self.to_host, buffer.get(..length).unwrap_or_default());
@@ -133,8 +172,45 @@ impl<M: RawMutex> Links<M> {
     pub async fn host_out(&self, writer: &mut impl Write) -> ! {
         let mut buffer = [0; CHUNK];
         loop {
-            let length = self.to_host.read(&mut buffer).await;
-            write(writer, buffer.get(..length).unwrap_or_default()).await;
+            self.pulse.beat(Part::HostOut);
+            if let Ok(length) = with_timeout(BEAT, self.to_host.read(&mut buffer)).await {
+                self.write(writer, buffer.get(..length).unwrap_or_default()).await;
+            }
+        }
+    }
+
+    /// Waits for at least one byte; 0 after a beat without one, an error, or the end of
+    /// the stream. `failed` says whether the call before ended with an error.
+    async fn read_some(&self, reader: &mut impl Read, buffer: &mut [u8], failed: &mut bool) -> usize {
+        match with_timeout(BEAT, reader.read(buffer)).await {
+            Ok(Ok(length)) if length > 0 => {
+                *failed = false;
+                length
+            }
+            Ok(_) => {
+                self.stream_errors.fetch_add(1, Ordering::Relaxed);
+                if *failed {
+                    Timer::after(ERROR_PAUSE).await;
+                }
+                *failed = true;
+                0
+            }
+            Err(_) => 0,
+        }
+    }
+
+    /// Sends all of `bytes`. After an error, or when it takes too long, the rest is
+    /// dropped: the receiver finds the gap by the frame's checksum.
+    async fn write(&self, writer: &mut impl Write, bytes: &[u8]) {
+        match with_timeout(WRITE, writer.write_all(bytes)).await {
+            Ok(Ok(())) => {}
+            Ok(Err(_)) => {
+                self.stream_errors.fetch_add(1, Ordering::Relaxed);
+                Timer::after(ERROR_PAUSE).await;
+            }
+            Err(_) => {
+                self.stream_errors.fetch_add(1, Ordering::Relaxed);
+            }
         }
     }
 
@@ -149,25 +225,6 @@ impl<M: RawMutex> Links<M> {
             };
             rest = rest.get(taken..).unwrap_or_default();
         }
-    }
-}
-
-/// Waits for at least one byte; 0 after an error or the end of the stream.
-async fn read_some(reader: &mut impl Read, buffer: &mut [u8]) -> usize {
-    match reader.read(buffer).await {
-        Ok(length) if length > 0 => length,
-        _ => {
-            Timer::after(ERROR_PAUSE).await;
-            0
-        }
-    }
-}
-
-/// Sends all of `bytes`. After an error the rest is dropped: the receiver finds
-/// the gap by the frame's checksum.
-async fn write(writer: &mut impl Write, bytes: &[u8]) {
-    if writer.write_all(bytes).await.is_err() {
-        Timer::after(ERROR_PAUSE).await;
     }
 }
 

@@ -16,10 +16,14 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
 use heapless::spsc::{Consumer, Producer, Queue};
-use spherecal_shared::protocol::host::{Command, Event, Sample, Statistics};
+use spherecal_shared::protocol::host::{Command, CycleCost, Sample, Statistics};
 
 use super::ports::HostPort;
+use crate::Report;
 use crate::link::{CommandOutcome, CommandPort};
+
+/// A whole sample of telemetry credit.
+const MILLION: u64 = 1_000_000;
 
 // A queue of n places holds n - 1 values.
 /// Places for commands that wait for a tick.
@@ -27,7 +31,7 @@ const COMMANDS: usize = 5;
 /// Places for outcomes of commands that wait for the link.
 const OUTCOMES: usize = 9;
 /// Places for events that wait for the link.
-const EVENTS: usize = 9;
+const REPORTS: usize = 9;
 /// Places for telemetry samples that wait for the link.
 const SAMPLES: usize = 33;
 
@@ -42,6 +46,7 @@ struct TickReport {
     late: u32,
     overflow: u32,
     simulated: bool,
+    cost: CycleCost,
 }
 
 /// The queues between control task and host link.
@@ -49,7 +54,7 @@ struct TickReport {
 pub struct Mailbox {
     commands: Queue<(u32, u64, Command), COMMANDS>,
     outcomes: Queue<CommandOutcome, OUTCOMES>,
-    events: Queue<Event, EVENTS>,
+    reports: Queue<Report, REPORTS>,
     samples: Queue<Sample, SAMPLES>,
 }
 
@@ -58,6 +63,7 @@ pub struct MailboxSignal<M: RawMutex> {
     heard: AtomicBool,
     dropped: AtomicU32,
     period_us: AtomicU32,
+    samples_per_s: AtomicU32,
     ticked: Signal<M, TickReport>,
 }
 
@@ -74,6 +80,7 @@ impl<M: RawMutex> MailboxSignal<M> {
             heard: AtomicBool::new(false),
             dropped: AtomicU32::new(0),
             period_us: AtomicU32::new(1000),
+            samples_per_s: AtomicU32::new(u32::MAX),
             ticked: Signal::new(),
         }
     }
@@ -90,7 +97,7 @@ impl Mailbox {
         Self {
             commands: Queue::new(),
             outcomes: Queue::new(),
-            events: Queue::new(),
+            reports: Queue::new(),
             samples: Queue::new(),
         }
     }
@@ -99,19 +106,20 @@ impl Mailbox {
     pub fn split<'a, M: RawMutex>(&'a mut self, signal: &'a MailboxSignal<M>) -> (ControlSide<'a, M>, LinkSide<'a, M>) {
         let (command_in, command_out) = self.commands.split();
         let (outcome_in, outcome_out) = self.outcomes.split();
-        let (event_in, event_out) = self.events.split();
+        let (report_in, report_out) = self.reports.split();
         let (sample_in, sample_out) = self.samples.split();
         let control = ControlSide {
             commands: command_out,
             outcomes: outcome_in,
-            events: event_in,
+            reports: report_in,
             samples: sample_in,
+            credit: 0,
             signal,
         };
         let link = LinkSide {
             commands: command_in,
             outcomes: outcome_out,
-            events: event_out,
+            reports: report_out,
             samples: sample_out,
             signal,
             report: None,
@@ -124,8 +132,10 @@ impl Mailbox {
 pub struct ControlSide<'a, M: RawMutex> {
     commands: Consumer<'a, (u32, u64, Command)>,
     outcomes: Producer<'a, CommandOutcome>,
-    events: Producer<'a, Event>,
+    reports: Producer<'a, Report>,
     samples: Producer<'a, Sample>,
+    /// Millionths of a sample that the host link has room for.
+    credit: u64,
     signal: &'a MailboxSignal<M>,
 }
 
@@ -150,20 +160,27 @@ impl<M: RawMutex> HostPort for ControlSide<'_, M> {
         }
     }
 
-    fn send_events(&mut self, next: &mut impl FnMut() -> Option<Event>) {
-        while self.events.ready()
-            && let Some(event) = next()
+    fn send_reports(&mut self, next: &mut impl FnMut() -> Option<Report>) {
+        while self.reports.ready()
+            && let Some(report) = next()
         {
             // There is room: only this side fills the queue.
-            let _ = self.events.enqueue(event);
+            let _ = self.reports.enqueue(report);
         }
     }
 
     fn send_samples(&mut self, next: &mut impl FnMut() -> Option<Sample>) {
+        let rate = u64::from(self.signal.samples_per_s.load(Ordering::Relaxed));
+        let period_us = u64::from(self.signal.period_us.load(Ordering::Relaxed));
+        let most = MILLION.max(rate.saturating_mul(period_us));
+        self.credit = self.credit.saturating_add(rate.saturating_mul(period_us)).min(most);
         while self.samples.ready()
             && let Some(sample) = next()
         {
-            let _ = self.samples.enqueue(sample);
+            if self.credit >= MILLION {
+                self.credit -= MILLION;
+                let _ = self.samples.enqueue(sample);
+            }
         }
     }
 
@@ -179,6 +196,7 @@ impl<M: RawMutex> HostPort for ControlSide<'_, M> {
             late: statistics.late,
             overflow: statistics.link.overflow,
             simulated: statistics.simulated,
+            cost: statistics.cost,
         });
     }
 }
@@ -187,13 +205,19 @@ impl<M: RawMutex> HostPort for ControlSide<'_, M> {
 pub struct LinkSide<'a, M: RawMutex> {
     commands: Producer<'a, (u32, u64, Command)>,
     outcomes: Consumer<'a, CommandOutcome>,
-    events: Consumer<'a, Event>,
+    reports: Consumer<'a, Report>,
     samples: Consumer<'a, Sample>,
     signal: &'a MailboxSignal<M>,
     report: Option<TickReport>,
 }
 
 impl<M: RawMutex> LinkSide<'_, M> {
+    /// Passes on at most `samples_per_s` telemetry samples per second, evenly spaced; the
+    /// others are left out. Without this call all pass.
+    pub fn limit_samples(&mut self, samples_per_s: u32) {
+        self.signal.samples_per_s.store(samples_per_s, Ordering::Relaxed);
+    }
+
     /// Waits for the end of a tick; returns the device time that the control
     /// path was given.
     pub async fn tick_finished(&mut self) -> Instant {
@@ -216,8 +240,8 @@ impl<M: RawMutex> CommandPort for LinkSide<'_, M> {
         self.outcomes.dequeue()
     }
 
-    fn next_event(&mut self) -> Option<Event> {
-        self.events.dequeue()
+    fn next_report(&mut self) -> Option<Report> {
+        self.reports.dequeue()
     }
 
     fn samples_waiting(&self) -> usize {
@@ -239,6 +263,7 @@ impl<M: RawMutex> CommandPort for LinkSide<'_, M> {
             statistics.missed = report.missed;
             statistics.late = report.late;
             statistics.simulated = report.simulated;
+            statistics.cost = report.cost;
             statistics.link.overflow = report.overflow;
         }
         statistics.link.overflow = statistics.link.overflow.saturating_add(self.signal.dropped());

@@ -21,11 +21,19 @@ mod control;
 pub mod links;
 mod mailbox;
 pub mod ports;
+pub mod self_test;
+mod state_clock;
+pub mod supervisor;
 mod ticker;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod uart_model;
+#[cfg(test)]
+mod wire_tests;
 
 pub use control::{ControlState, Ended, run, run_cycle};
 pub use mailbox::{ControlSide, LinkSide, Mailbox, MailboxSignal};
+pub use state_clock::{StateClock, StateSchedule};
 pub use ticker::{PERIOD, TickerClock};

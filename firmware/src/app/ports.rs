@@ -6,8 +6,9 @@
 
 use embassy_time::{Duration, Instant};
 use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage};
-use spherecal_shared::protocol::host::{Command, Event, Sample, Statistics};
+use spherecal_shared::protocol::host::{Command, Sample, Statistics};
 
+use crate::Report;
 use crate::link::CommandOutcome;
 
 /// The drive, as the control task sees it.
@@ -40,7 +41,7 @@ pub trait HostPort {
     fn report_outcome(&mut self, outcome: CommandOutcome);
 
     /// Takes events from `next` while there is room.
-    fn send_events(&mut self, next: &mut impl FnMut() -> Option<Event>);
+    fn send_reports(&mut self, next: &mut impl FnMut() -> Option<Report>);
 
     /// Takes telemetry samples from `next` while there is room.
     fn send_samples(&mut self, next: &mut impl FnMut() -> Option<Sample>);

@@ -3,7 +3,7 @@
 use nalgebra::SVector;
 use spherecal_shared::Joints;
 use spherecal_shared::protocol::drive::DriveCommand;
-use spherecal_shared::protocol::host::Fault;
+use spherecal_shared::protocol::host::{Fault, Stage};
 
 use super::{BLIND_S, Controller, STILL_FILTER};
 use crate::law::{JointSetpoint, Snapshot, Wrench, guide_torque, joint_torque, poles};
@@ -72,6 +72,7 @@ impl<const N: usize> Controller<N> {
             self.fail(Violation::new(Fault::Internal, 0.0, 0.0));
             return self.bridge(tick);
         };
+        self.costs.end_of(Stage::Model);
         let torque_limits = configured.torque_limits;
         let speeds = configured.speeds;
         self.measured = state.tau;
@@ -113,9 +114,12 @@ impl<const N: usize> Controller<N> {
         if let Some(violation) = self.pressing.check(touch, &snapshot, &force, external, self.period_s) {
             self.fail(violation);
         }
+        self.costs.end_of(Stage::Guards);
         self.advance(&snapshot, &speeds, joint_speed, force.norm());
+        self.costs.end_of(Stage::Phase);
 
         let mut wanted = self.torque(&snapshot);
+        self.costs.end_of(Stage::Law);
         let law = &self.procedure.law;
         let (gain, corner, bound) = (law.torque_loop_gain, law.torque_loop_rad_s, law.torque_loop_nm);
         let delivered = self.delivered(&snapshot, &state.tau);
@@ -164,6 +168,7 @@ impl<const N: usize> Controller<N> {
             self.fail(violation);
         }
         self.watch_host();
+        self.costs.end_of(Stage::Output);
         self.publish(state, &snapshot, &tau, shaped);
         self.snapshot = Some(snapshot);
         if self.keep_brakes {
@@ -201,6 +206,8 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Advances the setpoint and the phase by one tick.
+    // Not inlined: a board has fast memory for the law, and hardly for all phases too.
+    #[inline(never)]
     fn advance(&mut self, snapshot: &Snapshot<N>, speeds: &[f64; N], joint_speed: f64, force_n: f64) {
         let env = Env {
             snapshot,

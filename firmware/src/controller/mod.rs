@@ -14,6 +14,7 @@
 //! something.
 
 mod accept;
+mod costs;
 mod cycle;
 mod publish;
 mod schedule;
@@ -25,12 +26,15 @@ use heapless::Deque;
 use nalgebra::Vector3;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState, NO_SESSION};
-use spherecal_shared::protocol::host::{Event, Fault, Phase, Sample, Statistics};
+use spherecal_shared::protocol::host::{Event, Fault, Phase, Sample, Stage, Statistics};
 use spherecal_shared::robot::Arm;
 
+use crate::Report;
 use crate::law::{Giving, JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
 use crate::phases::{Activity, CartesianState};
 use crate::safety::{Admission, Instability, Pressing, SafetyMonitor};
+use costs::Costs;
+pub use costs::Stopwatch;
 use schedule::Schedule;
 use session::DriveSession;
 
@@ -98,9 +102,10 @@ pub struct Controller<const N: usize> {
     now_us: u64,
     tick: u64,
     since_sample: u32,
-    outbox: Deque<Event, OUTBOX>,
+    outbox: Deque<Report, OUTBOX>,
     samples: Deque<Sample, SAMPLES>,
     overflow: u32,
+    costs: Costs,
 }
 
 impl<const N: usize> Default for Controller<N> {
@@ -144,6 +149,7 @@ impl<const N: usize> Default for Controller<N> {
             outbox: Deque::new(),
             samples: Deque::new(),
             overflow: 0,
+            costs: Costs::default(),
         }
     }
 }
@@ -179,6 +185,11 @@ impl<const N: usize> Controller<N> {
 
     /// The next event for the host.
     pub fn next_event(&mut self) -> Option<Event> {
+        self.next_report().map(Event::from)
+    }
+
+    /// The next event for the host, as queues hold it.
+    pub(crate) fn next_report(&mut self) -> Option<Report> {
         self.outbox.pop_front()
     }
 
@@ -192,6 +203,27 @@ impl<const N: usize> Controller<N> {
         self.samples.len()
     }
 
+    /// Measures the cycles with the board's `stopwatch` from now on.
+    pub fn set_stopwatch(&mut self, stopwatch: Stopwatch) {
+        self.costs.set_stopwatch(stopwatch);
+    }
+
+    /// A control cycle begins.
+    pub(crate) fn begin_cycle(&mut self) {
+        self.costs.begin();
+    }
+
+    /// The host's commands are taken.
+    pub(crate) fn commands_taken(&mut self) {
+        self.costs.end_of(Stage::Commands);
+    }
+
+    /// A control cycle ends: its command and reports are passed on.
+    pub(crate) fn end_cycle(&mut self) {
+        self.costs.end_of(Stage::Report);
+        self.costs.end();
+    }
+
     /// Counters of the control path; the host link adds its own.
     pub fn statistics(&self) -> Statistics {
         let mut statistics = Statistics {
@@ -199,6 +231,7 @@ impl<const N: usize> Controller<N> {
             missed: self.safety.missed(),
             late: self.schedule.late(),
             simulated: self.session.as_ref().is_some_and(|session| session.simulated),
+            cost: self.costs.stated(),
             ..Statistics::default()
         };
         statistics.link.overflow = self.overflow;
@@ -227,6 +260,7 @@ impl<const N: usize> Controller<N> {
         let admission = self
             .safety
             .admit(self.now_us, state, sent, &self.procedure.limits, self.period_s);
+        self.costs.end_of(Stage::Admission);
         if self.configured.is_none() {
             return self.disabled(session.number, state.tick);
         }

@@ -1,14 +1,15 @@
 //! Changes of phase, and faults.
 
-use spherecal_shared::protocol::host::{Event, Fault, FaultReport, PhaseChange};
+use spherecal_shared::protocol::host::{Fault, FaultReport, PhaseChange};
 
 use super::Controller;
+use crate::Report;
 use crate::law::{Giving, JointSetpoint};
 use crate::phases::Activity;
 use crate::safety::Violation;
 
 impl<const N: usize> Controller<N> {
-    pub(super) fn queue_event(&mut self, event: Event) {
+    pub(super) fn queue_event(&mut self, event: Report) {
         if self.outbox.push_back(event).is_err() {
             self.overflow = self.overflow.saturating_add(1);
         }
@@ -24,7 +25,7 @@ impl<const N: usize> Controller<N> {
             self.latch();
         }
         let phase = self.activity.phase();
-        self.queue_event(Event::Phase(PhaseChange {
+        self.queue_event(Report::Phase(PhaseChange {
             phase,
             from,
             time_us: self.now_us,
@@ -70,7 +71,7 @@ impl<const N: usize> Controller<N> {
             self.giving = Some(Giving::new(snapshot.tcp.position, model_n));
         }
         self.latch();
-        self.queue_event(Event::Fault(report));
+        self.queue_event(Report::Fault(report));
         self.enter(Activity::Fault);
     }
 

@@ -117,3 +117,48 @@ impl Damping {
         Vector6::from_fn(|i, _| sqrt(a[(i, i)].max(FREQUENCY_FLOOR * FREQUENCY_FLOOR)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::law::Actuation;
+    use crate::testing::HOME;
+    use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
+
+    // Fails if a spring is faster in any direction than the drive's delay allows, or if a
+    // drive without delay gets a softer spring than the one that is asked for.
+    #[test]
+    fn no_mode_is_faster_than_the_drive_allows() {
+        let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
+        let stiffness = Stiffness::isotropic(100.0, 200.0);
+        let mut seed = 1u64;
+        let mut draw = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        };
+        let mut softened = 0;
+        for latency_s in [0.0, 4e-3] {
+            let drive = Actuation::<7>::new([0.0; 7], 1e-3, latency_s);
+            let snapshot = Snapshot::on(&drive, &arm, &HOME, &[0.0; 7]).expect("a mass matrix");
+            let mut damping = Damping::default();
+            let still = Vector6::zeros();
+            for _ in 0..20 {
+                damping.force(&snapshot, &stiffness, 0.7, &still, &still);
+            }
+            for _ in 0..200 {
+                let x = Vector6::from_fn(|_, _| draw());
+                let taken = damping.force(&snapshot, &stiffness, 0.7, &x, &still);
+                let asked = stiffness.times(&x).dot(&x);
+                let left = asked + taken.dot(&x);
+                // x' Λ x, where the mobility L L' is the inverse of Λ.
+                let inertia = snapshot.mobility.solve_lower(&x).norm_squared();
+                assert!(left <= 1.001 * inertia * drive.fastest_rad_s * drive.fastest_rad_s);
+                if latency_s == 0.0 {
+                    assert!((left - asked).abs() < 1e-9 * asked);
+                }
+                softened += usize::from(left < 0.99 * asked);
+            }
+        }
+        assert!(softened > 100, "the late drive gets a softer spring: {softened} of 200");
+    }
+}

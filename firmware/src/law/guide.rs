@@ -67,3 +67,33 @@ pub(crate) fn guide_torque<const N: usize>(
     }
     torque
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::HOME;
+    use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
+
+    // Fails if the wall before a joint limit starts elsewhere than 0.15 rad before the
+    // margin, pushes outwards, or has another height at either end of the range.
+    #[test]
+    fn the_wall_stands_before_both_limits() {
+        let limits = core::array::from_fn(|i| iiwa7().joints[i].limits);
+        let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
+        let margin = 0.05;
+        let wall = |q: f64| {
+            let mut at = HOME;
+            at[0] = q;
+            let snapshot = Snapshot::new(&arm, &at, &[0.0; 7]).expect("a mass matrix");
+            let mut hold = JointSetpoint { q: at, dq: [0.0; 7] };
+            guide_torque(&snapshot, &mut hold, &limits, margin)[0]
+        };
+        let height = WALL_SHARE * limits[0].torque_nm;
+        let (low, high) = (limits[0].min_rad + margin, limits[0].max_rad - margin);
+        for (inwards, end) in [(1.0, low), (-1.0, high)] {
+            assert!((wall(end) - inwards * height).abs() < 1e-9);
+            assert!((wall(end + inwards * 0.5 * WALL_RAD) - inwards * 0.5 * height).abs() < 1e-9);
+            assert_eq!(wall(end + inwards * (WALL_RAD + 0.01)), 0.0);
+        }
+    }
+}

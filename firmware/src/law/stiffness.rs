@@ -62,3 +62,30 @@ impl Stiffness {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if one entry of a stiffness that is not diagonal is left out or has a wrong sign,
+    // or if a ramp does not go straight from one stiffness to the other.
+    #[test]
+    fn a_spring_is_its_matrix() {
+        let along = Vector3::new(0.48, -0.6, 0.64);
+        let from = Stiffness::about([50.0, 70.0, 100.0], &along, 200.0);
+        let x = Vector6::new(0.01, -0.02, 0.03, 0.1, -0.2, 0.3);
+        let expected = from.translation * Vector3::new(x[0], x[1], x[2]);
+        let force = from.times(&x);
+        for i in 0..3 {
+            assert!((force[i] - expected[i]).abs() < 1e-12);
+            assert!((force[i + 3] - 200.0 * x[i + 3]).abs() < 1e-12);
+        }
+        let to = Stiffness::isotropic(5.0, 40.0);
+        for share in [0.0, 0.25, 1.0] {
+            let middle = Stiffness::between(&from, &to, share);
+            let expected = from.translation * (1.0 - share) + to.translation * share;
+            assert!((middle.translation - expected).amax() < 1e-12);
+            assert!((middle.rotation - (200.0 - 160.0 * share)).abs() < 1e-12);
+        }
+    }
+}

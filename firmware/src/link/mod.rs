@@ -13,12 +13,17 @@
 //! restarted or that another host has taken over.
 
 use embassy_time::{Duration, Instant};
-use heapless::{Deque, String, Vec};
-use spherecal_shared::protocol::frame::{self, Accumulator, FrameError, LinkCounters, MAX_FRAME, SequenceWatch};
-use spherecal_shared::protocol::host::{
-    Banner, Command, Downlink, Event, MAX_BATCH, Refusal, Sample, SessionId, Statistics, Uplink,
-};
+use heapless::{Deque, String};
+use spherecal_shared::protocol::frame::{self, Accumulator, FrameError, LinkCounters, SequenceWatch};
+use spherecal_shared::protocol::host::{Banner, Command, Downlink, Refusal, SessionId};
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
+
+use crate::Report;
+
+mod port;
+mod send;
+
+pub use port::{CommandOutcome, CommandPort};
 
 /// Most events that are sent but not acknowledged.
 const PENDING: usize = 8;
@@ -27,52 +32,34 @@ const REPLIES: usize = 4;
 /// Time after which an unacknowledged event is sent again, unless the board sets
 /// another. A host that keeps up acknowledges within two periods.
 const RESEND: Duration = Duration::from_millis(5);
-/// Interval of the statistics.
-const STATISTICS: Duration = Duration::from_millis(1000);
-
-/// The outcome of a command: accepted, or refused and why.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CommandOutcome {
-    /// Number of the command.
-    pub sequence: u32,
-    /// Whether the command was accepted.
-    pub result: Result<(), Refusal>,
-}
-
-/// The control path, as the host link sees it.
-pub trait CommandPort {
-    /// Records that something has come from the host.
-    fn host_heard(&mut self);
-
-    /// Takes a command that starts at `start_us` (device time, in µs). `false` if
-    /// there is no room: the host sends it again.
-    fn queue_command(&mut self, sequence: u32, start_us: u64, command: Command) -> bool;
-
-    /// The oldest outcome of a command that was not fetched yet.
-    fn command_outcome(&mut self) -> Option<CommandOutcome>;
-
-    /// The next event for the host.
-    fn next_event(&mut self) -> Option<Event>;
-
-    /// Number of telemetry samples that wait.
-    fn samples_waiting(&self) -> usize;
-
-    /// The next telemetry sample.
-    fn next_sample(&mut self) -> Option<Sample>;
-
-    /// The control period, in µs.
-    fn period_us(&self) -> u32;
-
-    /// Counters of the control path; the link adds its own.
-    fn statistics(&self) -> Statistics;
-}
+/// Bytes of one telemetry sample on the wire, its share of the frame included: measured by
+/// a test.
+const SAMPLE_BYTES: u32 = 200;
+/// Share of the wire's bandwidth that telemetry may take, in percent. The rest is for events,
+/// their repeats and replies.
+const TELEMETRY_PERCENT: u32 = 60;
 
 /// An event that the host has not acknowledged.
 #[derive(Clone, Debug)]
 struct Pending {
-    uplink: Uplink,
+    /// Session in which it happened.
+    session: SessionId,
+    /// Its number.
+    event: u32,
+    report: Report,
     /// When it was last sent; `None` if it was not.
     sent: Option<Instant>,
+}
+
+/// What answers the host's messages: sent once, without a number.
+#[derive(Clone, Copy, Debug)]
+enum Reply {
+    /// [`Event::Banner`], with the control period in µs.
+    Banner { period_us: u32 },
+    /// [`Event::Held`].
+    Held { sequence: u32 },
+    /// [`Event::Reply`].
+    Outcome(CommandOutcome),
 }
 
 /// The answer to the last command, kept for its repeats. `None` while the control
@@ -92,13 +79,15 @@ pub struct HostLink {
     build: String<24>,
     joints: u8,
     resend: Duration,
+    samples_per_s: u32,
+    drive: LinkCounters,
     session: Option<SessionId>,
     /// The session before. A late repeat of its handshake does not restore it.
     previous: Option<SessionId>,
     /// Whether a host has spoken yet.
     host_known: bool,
     answered: Option<LastAnswer>,
-    replies: Deque<Event, REPLIES>,
+    replies: Deque<Reply, REPLIES>,
     pending: Deque<Pending, PENDING>,
     next_event: u32,
     sequence: u32,
@@ -122,6 +111,8 @@ impl HostLink {
             build: text,
             joints: u8::try_from(joints).unwrap_or(u8::MAX),
             resend: RESEND,
+            samples_per_s: u32::MAX,
+            drive: LinkCounters::new(),
             session: None,
             previous: None,
             host_known: false,
@@ -139,6 +130,23 @@ impl HostLink {
     pub fn resending_after(mut self, resend: Duration) -> Self {
         self.resend = resend;
         self
+    }
+
+    /// Sets the bandwidth of the wire, in bytes per second: telemetry takes at most 60 % of
+    /// it. Without this call all telemetry is sent.
+    pub fn with_bandwidth(mut self, bytes_per_s: u32) -> Self {
+        self.samples_per_s = (bytes_per_s / 100).saturating_mul(TELEMETRY_PERCENT) / SAMPLE_BYTES;
+        self
+    }
+
+    /// Telemetry samples that the wire has room for, per second.
+    pub fn samples_per_s(&self) -> u32 {
+        self.samples_per_s
+    }
+
+    /// Takes the counters of the drive link, for the statistics.
+    pub fn set_drive_counters(&mut self, drive: LinkCounters) {
+        self.drive = drive;
     }
 
     /// Counters of this end of the link.
@@ -195,7 +203,7 @@ impl HostLink {
             Command::Acknowledge { event } => {
                 for _ in 0..self.pending.len() {
                     let Some(entry) = self.pending.pop_front() else { break };
-                    if entry.uplink.event != event {
+                    if entry.event != event {
                         let _ = self.pending.push_back(entry);
                     }
                 }
@@ -215,8 +223,8 @@ impl HostLink {
                 self.counters.duplicates = self.counters.duplicates.saturating_add(1);
                 match last.result {
                     _ if overtaken => {}
-                    Some(result) => self.reply(Event::Reply { sequence, result }),
-                    None => self.reply(Event::Held { sequence }),
+                    Some(result) => self.reply(Reply::Outcome(CommandOutcome { sequence, result })),
+                    None => self.reply(Reply::Held { sequence }),
                 }
                 return;
             }
@@ -224,7 +232,7 @@ impl HostLink {
         if port.queue_command(sequence, start_us, command) {
             self.answered = Some(LastAnswer { sequence, result: None });
             if start_us > 0 {
-                self.reply(Event::Held { sequence });
+                self.reply(Reply::Held { sequence });
             }
         } else {
             self.counters.overflow = self.counters.overflow.saturating_add(1);
@@ -234,27 +242,26 @@ impl HostLink {
     /// Makes replies of the outcomes that the control path has given.
     fn collect_outcomes(&mut self, port: &mut impl CommandPort) {
         while !self.replies.is_full()
-            && let Some(CommandOutcome { sequence, result }) = port.command_outcome()
+            && let Some(outcome) = port.command_outcome()
         {
-            if let Some(answered) = self.answered.as_mut().filter(|a| a.sequence == sequence) {
-                answered.result = Some(result);
+            if let Some(answered) = self.answered.as_mut().filter(|a| a.sequence == outcome.sequence) {
+                answered.result = Some(outcome.result);
             }
-            self.reply(Event::Reply { sequence, result });
+            self.reply(Reply::Outcome(outcome));
         }
     }
 
     fn reply_banner(&mut self, period_us: u32) {
         self.host_known = true;
-        let banner = self.banner(period_us);
-        self.reply(Event::Banner(banner));
+        self.reply(Reply::Banner { period_us });
     }
 
     fn session(&self) -> SessionId {
         self.session.unwrap_or_default()
     }
 
-    fn reply(&mut self, event: Event) {
-        if self.replies.push_back(event).is_err() {
+    fn reply(&mut self, reply: Reply) {
+        if self.replies.push_back(reply).is_err() {
             self.counters.overflow = self.counters.overflow.saturating_add(1);
         }
     }
@@ -269,127 +276,8 @@ impl HostLink {
             build: self.build.clone(),
             joints: self.joints,
             period_us,
-            first_event: self.pending.front().map_or(self.next_event, |p| p.uplink.event),
+            first_event: self.pending.front().map_or(self.next_event, |p| p.event),
         }
-    }
-
-    /// Writes what is to be sent to `out`, in complete frames, and returns the
-    /// number of bytes. Sends nothing before a host has spoken.
-    pub fn transmit(&mut self, now: Instant, out: &mut [u8], port: &mut impl CommandPort) -> usize {
-        self.collect_outcomes(port);
-        if !self.host_known {
-            return 0;
-        }
-        let mut used = 0;
-        while let Some(event) = self.replies.front() {
-            let uplink = Uplink {
-                session: self.session(),
-                event: 0,
-                body: event.clone(),
-            };
-            let Some(length) = self.write(&uplink, now, out, used) else {
-                return used;
-            };
-            used += length;
-            self.replies.pop_front();
-        }
-        self.take_events(port);
-        used = self.send_pending(now, out, used);
-        used = self.send_samples(now, out, used, port);
-        let due = self
-            .last_statistics
-            .is_none_or(|last| now.saturating_duration_since(last) >= STATISTICS);
-        if due {
-            let mut statistics = port.statistics();
-            let overflow = statistics.link.overflow;
-            statistics.link = self.counters;
-            statistics.link.overflow = statistics.link.overflow.saturating_add(overflow);
-            if let Some(length) = self.write(
-                &Uplink {
-                    session: self.session(),
-                    event: 0,
-                    body: Event::Statistics(statistics),
-                },
-                now,
-                out,
-                used,
-            ) {
-                used += length;
-                self.last_statistics = Some(now);
-            }
-        }
-        used
-    }
-
-    /// Numbers new events while there is room among the unacknowledged ones.
-    fn take_events(&mut self, port: &mut impl CommandPort) {
-        while !self.pending.is_full() {
-            let Some(body) = port.next_event() else { break };
-            let uplink = Uplink {
-                session: self.session(),
-                event: self.next_event,
-                body,
-            };
-            self.next_event = self.next_event.wrapping_add(1).max(1);
-            let _ = self.pending.push_back(Pending { uplink, sent: None });
-        }
-    }
-
-    fn send_pending(&mut self, now: Instant, out: &mut [u8], mut used: usize) -> usize {
-        for _ in 0..self.pending.len() {
-            // Takes and returns each entry, so that no borrow of the queue lasts.
-            let Some(mut entry) = self.pending.pop_front() else {
-                break;
-            };
-            let due = entry
-                .sent
-                .is_none_or(|sent| now.saturating_duration_since(sent) >= self.resend);
-            if due && let Some(length) = self.write(&entry.uplink, now, out, used) {
-                used += length;
-                if entry.sent.is_some() {
-                    self.counters.resent = self.counters.resent.saturating_add(1);
-                }
-                entry.sent = Some(now);
-            }
-            let _ = self.pending.push_back(entry);
-        }
-        used
-    }
-
-    fn send_samples(&mut self, now: Instant, out: &mut [u8], mut used: usize, port: &mut impl CommandPort) -> usize {
-        while port.samples_waiting() >= MAX_BATCH {
-            // Starts only if a complete batch certainly fits.
-            if out.len().saturating_sub(used) < MAX_FRAME {
-                return used;
-            }
-            let mut batch = Vec::new();
-            while !batch.is_full() {
-                let Some(sample) = port.next_sample() else { break };
-                let _ = batch.push(sample);
-            }
-            match self.write(
-                &Uplink {
-                    session: self.session(),
-                    event: 0,
-                    body: Event::Telemetry(batch),
-                },
-                now,
-                out,
-                used,
-            ) {
-                Some(length) => used += length,
-                None => return used,
-            }
-        }
-        used
-    }
-
-    /// Encodes one frame after the first `used` bytes of `out`.
-    fn write(&mut self, uplink: &Uplink, now: Instant, out: &mut [u8], used: usize) -> Option<usize> {
-        let rest = out.get_mut(used..)?;
-        let length = frame::encode(uplink, self.sequence, now.as_micros(), rest).ok()?;
-        self.sequence = self.sequence.wrapping_add(1);
-        Some(length)
     }
 }
 

@@ -2,9 +2,10 @@
 //! 25 mm/s with 50/50/100 N/m until the force has been 7.5 N for the dwell time.
 
 use nalgebra::Vector3;
-use spherecal_shared::protocol::host::{Contact, Event, Fault};
+use spherecal_shared::protocol::host::{Contact, Fault};
 
 use super::{Activity, CartesianState, Coupling, Env, Next};
+use crate::Report;
 use crate::contact::{ContactTrigger, Tare};
 use crate::law::Stiffness;
 use crate::motion::LineMove;
@@ -126,7 +127,7 @@ impl Approaching {
             };
             return Next::Enter(
                 Activity::Coupling(Coupling::new(env, cartesian)),
-                Some(Event::Contact(contact)),
+                Some(Report::Contact(contact)),
             );
         }
         if travel > approach.travel_m {

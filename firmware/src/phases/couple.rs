@@ -4,10 +4,11 @@
 //! while a force circles across it; and another test pull.
 
 use nalgebra::Vector3;
-use spherecal_shared::protocol::host::{Coupled, Event, Fault};
+use spherecal_shared::protocol::host::{Coupled, Fault};
 
 use super::pull::Pull;
 use super::{Activity, CartesianState, Env, Next};
+use crate::Report;
 use crate::contact::SeatingWatch;
 
 /// Largest distance that the nest may move while the magnet seats it, in m: one
@@ -124,6 +125,6 @@ impl Verifying {
             shift_m: (tcp - cartesian.contact).norm(),
             test_m: moved,
         };
-        Next::Enter(Activity::Coupled, Some(Event::Coupled(coupled)))
+        Next::Enter(Activity::Coupled, Some(Report::Coupled(coupled)))
     }
 }

@@ -25,7 +25,7 @@ mod speed_scaling;
 mod turn;
 
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::host::{Event, Fault, Phase};
+use spherecal_shared::protocol::host::{Fault, Phase};
 use spherecal_shared::robot::JointLimits;
 
 pub(crate) use approach::{Approaching, Taring};
@@ -36,6 +36,7 @@ pub(crate) use free::Moving;
 pub(crate) use record::RecordingPose;
 pub(crate) use turn::{PoseTarget, Turning};
 
+use crate::Report;
 use crate::law::{JointSetpoint, Snapshot, Wrench};
 use crate::safety::{Touch, Violation};
 
@@ -81,7 +82,7 @@ pub(crate) enum Next<const N: usize> {
     /// The same phase.
     Stay,
     /// Another phase, and an event for the host.
-    Enter(Activity<N>, Option<Event>),
+    Enter(Activity<N>, Option<Report>),
     /// A fault.
     Fail(Violation),
 }
@@ -197,5 +198,19 @@ impl<const N: usize> Activity<N> {
             Self::Recording(phase) => phase.step(env, cartesian),
             Self::Decoupling(phase) => phase.step(env, cartesian),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if an idle arm with its nest on a sphere is judged like one in free space: it may
+    // be pushed aside, and it may carry what it hangs on.
+    #[test]
+    fn an_idle_arm_may_hang_on_a_sphere() {
+        assert_eq!(Activity::<7>::Idle.touch(false), Touch::Rest);
+        assert_eq!(Activity::<7>::Idle.touch(true), Touch::Wanted);
+        assert_eq!(Activity::<7>::Coupled.touch(true), Touch::Seated);
     }
 }

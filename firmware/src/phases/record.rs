@@ -6,10 +6,11 @@
 //! seated under the pull.
 
 use nalgebra::Vector3;
-use spherecal_shared::protocol::host::{Event, Fault};
+use spherecal_shared::protocol::host::Fault;
 
 use super::pull::Pull;
 use super::{Activity, CartesianState, Env, Next, STILL_S};
+use crate::Report;
 use crate::recorder::{Recorder, RecorderSample};
 
 /// The recording starts anew when a joint is faster than this multiple of the
@@ -122,6 +123,6 @@ impl<const N: usize> RecordingPose<N> {
 
     fn finish(&self, cartesian: &CartesianState<N>) -> Next<N> {
         let recording = self.recorder.finish(cartesian.sphere, self.pose);
-        Next::Enter(Activity::Coupled, Some(Event::Recording(recording)))
+        Next::Enter(Activity::Coupled, Some(Report::Recording(recording)))
     }
 }

@@ -2,11 +2,12 @@
 //! nest seated; the tool and the elbow turn.
 
 use nalgebra::Matrix3;
-use spherecal_shared::protocol::host::{Event, Fault};
+use spherecal_shared::protocol::host::Fault;
 
 use super::record::RecordingPose;
 use super::speed_scaling::{SpeedScaling, joint_load};
 use super::{Activity, CartesianState, Env, Next, STILL_S};
+use crate::Report;
 use crate::law::NullSpace;
 use crate::motion::TurnMove;
 
@@ -141,7 +142,7 @@ impl<const N: usize> Turning<N> {
         let elbow_error = cartesian.null_space.elbow_error(env.snapshot).abs();
         let there = error <= turn.tolerance_rad && elbow_error <= turn.elbow_tolerance_rad;
         if there && !self.pose.record {
-            return Next::Enter(Activity::Coupled, Some(Event::Passed { pose: self.pose.id }));
+            return Next::Enter(Activity::Coupled, Some(Report::Passed { pose: self.pose.id }));
         }
         self.still_s = if there && env.joint_speed <= turn.still_rad_s {
             self.still_s + env.period_s

@@ -9,6 +9,8 @@ mod envelope;
 mod instability;
 mod plausibility;
 mod pressing;
+#[cfg(test)]
+mod tests;
 mod violation;
 
 use nalgebra::Vector3;

@@ -266,6 +266,22 @@ mod tests {
         assert!((105..1000).all(|tick| look(tick, 0.2, 1.0).is_some()));
     }
 
+    // Fails if the way that an arm can go in a time has another size than its speed allows,
+    // by the joint's limit or by its own higher speed before.
+    #[test]
+    fn an_angle_may_change_by_speed_times_time() {
+        let (limits, joints) = (Limits::default(), joints());
+        let moved = |from: &JointState<7>, by: f64| jump(from, &at(by, 0.0), 0.1, &joints, &limits);
+        let most = joints[0].velocity_rad_s * SPEED_FACTOR * 0.1 + limits.jump_rad;
+        let found = moved(&at(0.0, 0.0), 1.001 * most).expect("a jump");
+        assert_eq!((found.joint, found.limit), (1, most));
+        assert!(moved(&at(0.0, 0.0), 0.999 * most).is_none_or(|found| found.joint > 1));
+        let mut fast = at(0.0, 0.0);
+        fast.dq = joints.map(|joint| 3.0 * joint.velocity_rad_s);
+        let most = 3.0 * joints[0].velocity_rad_s * SPEED_FACTOR * 0.1 + limits.jump_rad;
+        assert_eq!(moved(&fast, 1.001 * most).map(|found| found.limit), Some(most));
+    }
+
     // Fails if one false angle after a gap becomes the place from which all true angles
     // are jumps, or if an arm that stays away after the gap may come back at once.
     #[test]

@@ -24,8 +24,10 @@ use crate::Joints;
 use crate::procedure::Procedure;
 use crate::robot::{Robot, Tool};
 
+mod cost;
 mod event;
 
+pub use cost::{Cost, CycleCost, STAGES, Stage};
 pub use event::{
     Banner, Contact, Coupled, Event, Fault, FaultReport, MAX_BATCH, Phase, PhaseChange, Recording, Refusal, Sample,
     SignalStatistics, Statistics,

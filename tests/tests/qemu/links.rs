@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use spherecal::link::Controller;
-use spherecal::link::qemu::{Qemu, QemuError, QemuOptions, find_qemu, qemu_arguments};
+use spherecal::link::qemu::{Machine, Qemu, QemuError, QemuOptions, find_qemu, qemu_arguments};
 use spherecal_firmware::Node;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::PROTOCOL_VERSION;
@@ -108,7 +108,7 @@ fn the_uarts_carry_both_links() {
     let folder = tempfile::tempdir().expect("a folder");
     let socket = |name: &str| folder.path().join(name);
     let chardev = |id: &str| format!("socket,id={id},path={},server=on,wait=off", socket(id).display());
-    let mut arguments = qemu_arguments(&image, 3, &["uart".to_owned()]);
+    let mut arguments = qemu_arguments(&image, Machine::CortexM7, 3, &["uart".to_owned()]);
     // Real bytes want real time: no instruction counting.
     let icount = arguments.iter().position(|a| a == "-icount").expect("it is there");
     arguments.drain(icount..icount + 2);

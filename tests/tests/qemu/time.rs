@@ -1,7 +1,7 @@
 //! Time on a board: a 32-bit counter that wraps, beats that others would move,
 //! ticks that take too long.
 
-use spherecal::link::qemu::QemuOptions;
+use spherecal::link::qemu::{Machine, QemuOptions};
 use spherecal_shared::protocol::host::{Event, Fault, Phase};
 use spherecal_tests::bench::HOME;
 use spherecal_tests::qemu::{bench, image, log_of, numbers, options, scenario, scenario_log};
@@ -79,6 +79,6 @@ fn an_overrun_is_counted_and_becomes_a_fault() {
 fn time_goes_on_across_the_wrap_of_the_counter() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().expect("a folder");
-    let output = scenario(&image, "wrap", folder.path());
+    let output = scenario(&image, Machine::CortexM7, "wrap", folder.path());
     assert!(output.status.success(), "{}", scenario_log(&image, folder.path()));
 }

@@ -19,6 +19,7 @@ pub use static_cell::{ConstStaticCell, StaticCell};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Timer;
 use spherecal_firmware::app;
+use spherecal_firmware::app::supervisor::{BEAT, Part};
 
 /// The lock of the queues: it turns interrupts off for the time of one chunk.
 pub type Lock = CriticalSectionRawMutex;
@@ -35,18 +36,24 @@ pub type LinkSide = app::LinkSide<'static, Lock>;
 /// The control task's state, for an arm with `N` joints.
 pub type ControlState<const N: usize> = app::ControlState<N>;
 
-/// Logs once a second how much `links` have dropped, when the numbers changed.
-pub async fn report_drops(links: &Links) -> ! {
-    let mut reported = (0, 0);
+/// Shows that thread mode runs, and logs once a second how much `links` have dropped, when
+/// the numbers changed. For a task in thread mode.
+pub async fn keep_house(links: &Links) -> ! {
+    const BEATS: u64 = 1000 / BEAT.as_millis();
+    let mut reported = (0, 0, 0);
     loop {
-        Timer::after_secs(1).await;
+        for _ in 0..BEATS {
+            links.pulse().beat(Part::Thread);
+            Timer::after(BEAT).await;
+        }
         let dropped = links.dropped();
         if dropped != reported {
             reported = dropped;
             defmt::warn!(
-                "links: {} drive messages and {} host bytes dropped so far",
+                "links: {} drive messages and {} host bytes dropped, {} errors of the streams so far",
                 dropped.0,
-                dropped.1
+                dropped.1,
+                dropped.2
             );
         }
     }
@@ -79,7 +86,9 @@ macro_rules! interrupt_executor {
 /// - `drive`, `host`: types of the receiver and the transmitter of each link;
 ///   they implement `embedded_io_async::Read` and `Write`.
 /// - `tick_bytes`: most bytes that one tick sends to the host; at least one
-///   frame (`MAX_FRAME`), three or more so that recordings do not wait.
+///   frame (`MAX_FRAME`), two or more so that recordings do not wait.
+/// - `control_section`, optional: section of the linker script for the state of the control
+///   task, with zeros at the start: the fastest memory of the board.
 ///
 /// Defines:
 /// - `BUILD`: the build for the banner, from the variable `SPHERECAL_BUILD`;
@@ -95,7 +104,8 @@ macro_rules! controller {
         joints: $joints:expr,
         drive: ($drive_rx:ty, $drive_tx:ty),
         host: ($host_rx:ty, $host_tx:ty),
-        tick_bytes: $tick_bytes:expr $(,)?
+        tick_bytes: $tick_bytes:expr
+        $(, control_section: $control_section:literal)? $(,)?
     ) => {
         /// The build that the banner states.
         pub const BUILD: &str = match option_env!("SPHERECAL_BUILD") {
@@ -108,6 +118,7 @@ macro_rules! controller {
 
         /// The state of the control task.
         pub fn control_state() -> &'static mut $crate::ControlState<{ $joints }> {
+            $(#[unsafe(link_section = $control_section)])?
             static STATE: $crate::StaticCell<$crate::ControlState<{ $joints }>> = $crate::StaticCell::new();
             STATE.init_with(Default::default)
         }

@@ -7,6 +7,8 @@ pub enum Scenario {
     Pipe,
     /// As `Pipe`, while a thread-mode task occupies the processor for 20 ms at a time.
     Hog,
+    /// As `Pipe`, with one tick per exchange, however long a tick takes.
+    Steps,
     /// Controller on UART0 (drive) and UART1 (host), one tick per drive state.
     Uart,
     /// Measures the cost of the stages of the control law.
@@ -48,6 +50,7 @@ impl<'a> Arguments<'a> {
             if index == 0 {
                 arguments.scenario = match word.trim_end_matches('\0') {
                     "pipe" => Some(Scenario::Pipe),
+                    "steps" => Some(Scenario::Steps),
                     "hog" => Some(Scenario::Hog),
                     "uart" => Some(Scenario::Uart),
                     "stages" => Some(Scenario::Stages),

@@ -1,11 +1,12 @@
 //! spherecal's controller on the Cortex-M7 board that QEMU emulates: MPS2 with
-//! FPGA image AN500.
+//! FPGA image AN500. The same sources, built for a Cortex-M4F, run on MPS2 with AN386.
 //!
 //! One image holds every scenario; QEMU's `-semihosting-config arg=` selects one:
 //!
 //! | `arg=` | what runs |
 //! |---|---|
 //! | `pipe` | the controller on QEMU's standard streams, in lock-step |
+//! | `steps` | the same with one tick per exchange, for cores that need more than a period |
 //! | `hog` | the same while a thread-mode task occupies the processor for 20 ms at a time |
 //! | `uart` | the controller on UART0 (drive) and UART1 (host) |
 //! | `stages` | prints the cost of each stage of the control law, in instructions |

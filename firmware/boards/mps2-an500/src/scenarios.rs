@@ -3,6 +3,7 @@
 use embassy_executor::SendSpawner;
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use spherecal_board::ControlSide;
+use spherecal_firmware::Stopwatch;
 use spherecal_firmware::app::links::DriveClock;
 use spherecal_firmware::app::ports::{Clock, Tick};
 use spherecal_firmware::app::{ControlState, Ended, PERIOD, run as run_control};
@@ -16,7 +17,7 @@ use crate::log::{self, Sink};
 use crate::pipe::{self, LockStep, Messages, Pipe};
 use crate::semihosting;
 use crate::stack;
-use crate::timer;
+use crate::timer::{self, stopwatch};
 use crate::uart::{UART0, UART1, Uart};
 
 /// Joints of the arm.
@@ -31,12 +32,24 @@ spherecal_board::controller! {
     tick_bytes: MAX_HOST,
 }
 
+/// The state of the control task, which measures its cycles by SysTick.
+fn measured_state() -> &'static mut ControlState<JOINTS> {
+    let state = control_state();
+    state.controller.set_stopwatch(Stopwatch {
+        read: || stopwatch::between(0, stopwatch::read()),
+        hz: timer::HZ,
+        last: stopwatch::between(0, 1),
+    });
+    state
+}
+
 /// Runs `scenario`; the log goes to `sink`.
 pub fn run(scenario: Scenario, sink: Sink) -> ! {
     let control = executor::start_control();
     let links = executor::start_link();
     match scenario {
-        Scenario::Pipe | Scenario::Hog => start_pipe(control, links, sink),
+        Scenario::Pipe | Scenario::Hog => start_pipe(control, links, sink, false),
+        Scenario::Steps => start_pipe(control, links, sink, true),
         Scenario::Uart => start_uarts(control, links, sink),
         Scenario::Wrap => control.spawn(spawned(wrapped(sink))),
         Scenario::Stages => crate::stages::run(),
@@ -54,7 +67,7 @@ pub fn run(scenario: Scenario, sink: Sink) -> ! {
 
 // Not inlined, so that what it builds on the stack does not stay there.
 #[inline(never)]
-fn start_pipe(control: SendSpawner, links: SendSpawner, sink: Sink) {
+fn start_pipe(control: SendSpawner, links: SendSpawner, sink: Sink, steps: bool) {
     static MESSAGES: StaticCell<Messages> = StaticCell::new();
     static PIPE: StaticCell<Pipe> = StaticCell::new();
     let (producer, consumer) = MESSAGES.init(Messages::new()).split();
@@ -63,7 +76,12 @@ fn start_pipe(control: SendSpawner, links: SendSpawner, sink: Sink) {
     };
     let pipe = PIPE.init(pipe);
     let (host, mailbox) = mailbox();
-    control.spawn(spawned(piped(control_state(), LockStep::new(consumer), host, sink)));
+    let (state, drive) = (measured_state(), LockStep::new(consumer));
+    if steps {
+        control.spawn(spawned(stepped(state, drive, host, sink)));
+    } else {
+        control.spawn(spawned(piped(state, drive, host, sink)));
+    }
     links.spawn(spawned(serve(pipe, mailbox)));
 }
 
@@ -72,7 +90,7 @@ fn start_uarts(control: SendSpawner, links: SendSpawner, sink: Sink) {
     UART0.start();
     UART1.start();
     let (host, mailbox) = mailbox();
-    control.spawn(spawned(wired(control_state(), host, sink)));
+    control.spawn(spawned(wired(measured_state(), host, sink)));
     let link = host_link(|link| link);
     if spawn_links(&links, link, mailbox, (&UART0, &UART0), (&UART1, &UART1)).is_err() {
         semihosting::exit(crate::EXIT_FAILED);
@@ -108,6 +126,29 @@ async fn piped(state: &'static mut ControlState<JOINTS>, mut drive: LockStep, mu
         clock.late
     );
     finish(sink, ended)
+}
+
+#[embassy_executor::task]
+async fn stepped(state: &'static mut ControlState<JOINTS>, mut drive: LockStep, mut host: ControlSide, sink: Sink) {
+    let ended = run_control(state, &mut ExchangeClock, &mut drive, &mut host).await;
+    finish(sink, ended)
+}
+
+/// A clock that ticks with each exchange on the pipe.
+struct ExchangeClock;
+
+impl Clock for ExchangeClock {
+    async fn next_tick(&mut self) -> Tick {
+        pipe::EXCHANGE.wait().await;
+        Tick {
+            at: Instant::now(),
+            missed: 0,
+        }
+    }
+
+    fn device_time(&self, _tick: &Tick, drive_us: u64) -> Instant {
+        Instant::from_micros(drive_us)
+    }
 }
 
 #[embassy_executor::task]

@@ -2,11 +2,15 @@
 //! supply voltage.
 
 use embassy_stm32::Config;
+use embassy_stm32::interrupt::Priority;
 use embassy_stm32::pac;
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale,
 };
 use embassy_stm32::time::Hertz;
+
+/// Frequency of the core, in Hz.
+pub const CORE_HZ: u32 = 480_000_000;
 
 /// 480 MHz for the core, 240 MHz for the buses, 120 MHz for the peripherals.
 pub fn configuration() -> Config {
@@ -32,6 +36,8 @@ pub fn configuration() -> Config {
     config.rcc.apb3_pre = APBPrescaler::DIV2;
     config.rcc.apb4_pre = APBPrescaler::DIV2;
     config.rcc.voltage_scale = VoltageScale::Scale0;
+    // Below the control task, as the UARTs: a wake-up takes some µs.
+    config.dma_interrupt_priority = Priority::P4;
     config
 }
 

@@ -8,6 +8,10 @@ use core::mem::MaybeUninit;
 use core::ptr;
 
 use embassy_stm32::pac;
+use spherecal_firmware::app::self_test::stack_overflowed;
+use spherecal_firmware::app::supervisor::Part;
+
+use crate::memory::GUARD;
 
 const MAGIC: u32 = 0x5bec_a1ed;
 const SCB_CFSR: *const u32 = 0xe000_ed28 as *const u32;
@@ -25,6 +29,10 @@ pub enum Cause {
     Panic = 2,
     /// The supply fell below 2.85 V.
     LowSupply = 3,
+    /// A task gave no sign of life; `at` is the [`Part`].
+    Silent = 4,
+    /// The self-test found bad memory; `at` is its address.
+    Memory = 5,
 }
 
 #[derive(Clone, Copy)]
@@ -41,7 +49,9 @@ struct Record {
     uptime_ms: u32,
 }
 
-#[unsafe(link_section = ".uninit.RECORD")]
+// In DTCM: no cache holds it back, and each word has its own check bits, so the last one is
+// not lost in a write buffer.
+#[unsafe(link_section = ".kept")]
 #[unsafe(no_mangle)]
 static mut RECORD: MaybeUninit<Record> = MaybeUninit::uninit();
 
@@ -93,10 +103,14 @@ pub fn log_last() {
     }
     // SAFETY: as above.
     unsafe { ptr::write_volatile((&raw mut RECORD).cast::<u32>(), 0) };
+    let overflow = stack_overflowed(record.cfsr, record.mmfar, GUARD);
     let cause = match record.cause {
+        1 if overflow => "stack overflow",
         1 => "hard fault",
         2 => "panic",
         3 => "supply below 2.85 V",
+        4 => "a task that gave no sign of life",
+        5 => "bad memory",
         _ => "unknown",
     };
     defmt::error!(
@@ -110,4 +124,9 @@ pub fn log_last() {
         record.mmfar,
         record.bfar
     );
+    if record.cause == Cause::Silent as u32
+        && let Some(part) = Part::ALL.get(record.at as usize)
+    {
+        defmt::error!("the silent task: {}", part);
+    }
 }

@@ -1,9 +1,15 @@
-//! The two serial ports: byte streams of the drive link and the host link.
+//! The two serial ports: byte streams of the drive link and the host link. DMA carries
+//! the bytes both ways, so none is lost while the control task runs.
+//!
+//! A receiver's ring is filled by DMA without end. Its reader wakes when the line is idle
+//! for one byte, and when DMA has written half of the ring. A transmitter's DMA reads from
+//! the link task's memory, in AXI SRAM. DMA cannot reach the stack.
 
 use embassy_stm32::Peri;
-use embassy_stm32::peripherals::{PD5, PD6, PD8, PD9, USART2, USART3};
-use embassy_stm32::usart::{BufferedUart, BufferedUartRx, BufferedUartTx, Config};
-use static_cell::StaticCell;
+use embassy_stm32::mode::Async;
+use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH3, PD5, PD6, PD8, PD9, USART2, USART3};
+use embassy_stm32::usart::{Config, RingBufferedUartRx, Uart, UartTx};
+use static_cell::ConstStaticCell;
 
 use crate::Interrupts;
 
@@ -12,12 +18,17 @@ use crate::Interrupts;
 const DRIVE_BAUD: u32 = 3_000_000;
 /// Baud rate of the host link: the highest that the ST-LINK's virtual COM port
 /// carries reliably.
-const HOST_BAUD: u32 = 921_600;
-/// Size of each port's ring buffers, in bytes.
-const BUFFER: usize = 2048;
+pub const HOST_BAUD: u32 = 921_600;
+/// Size of each receiver's ring, in bytes: 6.8 ms of the drive link. A reader that comes
+/// later than that finds an overrun.
+const RING: usize = 2048;
 
+/// A port's receiver.
+pub type Receiver = RingBufferedUartRx<'static>;
+/// A port's transmitter.
+pub type Transmitter = UartTx<'static, Async>;
 /// Receiver and transmitter of a port.
-type Port = (BufferedUartRx<'static>, BufferedUartTx<'static>);
+type Port = (Receiver, Transmitter);
 
 /// The configuration of a port: 8 data bits, no parity, one stop bit.
 fn at(baud: u32) -> Config {
@@ -26,22 +37,31 @@ fn at(baud: u32) -> Config {
     config
 }
 
+fn port(uart: Uart<'static, Async>, ring: &'static mut [u8]) -> Port {
+    let (transmitter, receiver) = uart.split();
+    (receiver.into_ring_buffered(ring), transmitter)
+}
+
 /// The drive link; `None` when the clocks cannot give its baud rate.
-pub fn drive(usart: Peri<'static, USART2>, rx: Peri<'static, PD6>, tx: Peri<'static, PD5>) -> Option<Port> {
-    static OUT: StaticCell<[u8; BUFFER]> = StaticCell::new();
-    static IN: StaticCell<[u8; BUFFER]> = StaticCell::new();
-    let (out, incoming) = (OUT.init([0; BUFFER]), IN.init([0; BUFFER]));
-    let uart = BufferedUart::new(usart, rx, tx, out, incoming, Interrupts, at(DRIVE_BAUD)).ok()?;
-    let (tx, rx) = uart.split();
-    Some((rx, tx))
+pub fn drive(
+    usart: Peri<'static, USART2>,
+    rx: Peri<'static, PD6>,
+    tx: Peri<'static, PD5>,
+    dma: (Peri<'static, DMA1_CH0>, Peri<'static, DMA1_CH1>),
+) -> Option<Port> {
+    static IN: ConstStaticCell<[u8; RING]> = ConstStaticCell::new([0; RING]);
+    let uart = Uart::new(usart, rx, tx, dma.0, dma.1, Interrupts, at(DRIVE_BAUD)).ok()?;
+    Some(port(uart, IN.take()))
 }
 
 /// The host link; `None` when the clocks cannot give its baud rate.
-pub fn host(usart: Peri<'static, USART3>, rx: Peri<'static, PD9>, tx: Peri<'static, PD8>) -> Option<Port> {
-    static OUT: StaticCell<[u8; BUFFER]> = StaticCell::new();
-    static IN: StaticCell<[u8; BUFFER]> = StaticCell::new();
-    let (out, incoming) = (OUT.init([0; BUFFER]), IN.init([0; BUFFER]));
-    let uart = BufferedUart::new(usart, rx, tx, out, incoming, Interrupts, at(HOST_BAUD)).ok()?;
-    let (tx, rx) = uart.split();
-    Some((rx, tx))
+pub fn host(
+    usart: Peri<'static, USART3>,
+    rx: Peri<'static, PD9>,
+    tx: Peri<'static, PD8>,
+    dma: (Peri<'static, DMA1_CH2>, Peri<'static, DMA1_CH3>),
+) -> Option<Port> {
+    static IN: ConstStaticCell<[u8; RING]> = ConstStaticCell::new([0; RING]);
+    let uart = Uart::new(usart, rx, tx, dma.0, dma.1, Interrupts, at(HOST_BAUD)).ok()?;
+    Some(port(uart, IN.take()))
 }

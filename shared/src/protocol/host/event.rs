@@ -3,6 +3,7 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::CycleCost;
 use crate::MAX_JOINTS;
 use crate::protocol::frame::LinkCounters;
 
@@ -339,6 +340,11 @@ pub struct Statistics {
     pub late: u32,
     /// Counters of the controller's end of the host link.
     pub link: LinkCounters,
+    /// Counters of the controller's end of the drive link; zero where a process gives the
+    /// states directly.
+    pub drive: LinkCounters,
+    /// Cost of the control cycles.
+    pub cost: CycleCost,
     /// Whether the drive of the present session moves a simulated arm.
     pub simulated: bool,
 }

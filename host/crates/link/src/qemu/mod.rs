@@ -47,8 +47,10 @@ pub struct QemuOptions {
     pub image: Option<PathBuf>,
     /// Folder for the logs; it must exist.
     pub folder: PathBuf,
-    /// Scenario of the image: `pipe`, or `hog`.
+    /// Scenario of the image: `pipe`, `steps` for slow cores, or `hog`.
     pub scenario: String,
+    /// The machine that the image is made for.
+    pub machine: Machine,
     /// One instruction takes 2^shift ns.
     pub shift: u8,
     /// How long an answer may take.
@@ -65,9 +67,30 @@ impl QemuOptions {
             image: None,
             folder: folder.to_path_buf(),
             scenario: "pipe".to_owned(),
+            machine: Machine::default(),
             shift: 3,
             patience: Duration::from_secs(20),
             record: None,
+        }
+    }
+}
+
+/// A machine of QEMU that has an image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Machine {
+    /// MPS2 with AN500: Cortex-M7 with a double-precision FPU.
+    #[default]
+    CortexM7,
+    /// MPS2 with AN386: Cortex-M4F, double precision by library.
+    CortexM4F,
+}
+
+impl Machine {
+    /// QEMU's names of machine and core.
+    fn names(self) -> [&'static str; 2] {
+        match self {
+            Self::CortexM7 => ["mps2-an500", "cortex-m7"],
+            Self::CortexM4F => ["mps2-an386", "cortex-m4"],
         }
     }
 }
@@ -81,19 +104,20 @@ pub struct Cost {
     pub link: u32,
 }
 
-/// The arguments that start `image` in QEMU with instruction counting:
+/// The arguments that start `image` on `machine` in QEMU with instruction counting:
 /// `arguments` are the image's own (`arg=`).
-pub fn qemu_arguments(image: &Path, shift: u8, arguments: &[String]) -> Vec<String> {
+pub fn qemu_arguments(image: &Path, machine: Machine, shift: u8, arguments: &[String]) -> Vec<String> {
     let mut semihosting = "enable=on,target=native".to_owned();
     for argument in arguments {
         semihosting.push_str(",arg=");
         semihosting.push_str(argument);
     }
+    let [board, core] = machine.names();
     [
         "-M",
-        "mps2-an500",
+        board,
         "-cpu",
-        "cortex-m7",
+        core,
         "-display",
         "none",
         "-monitor",
@@ -160,7 +184,7 @@ impl Qemu {
         })?;
         let arguments = [options.scenario.clone(), format!("log={text}")];
         let mut child = Command::new(&program)
-            .args(qemu_arguments(&image, options.shift, &arguments))
+            .args(qemu_arguments(&image, options.machine, options.shift, &arguments))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(stderr)
