@@ -168,8 +168,10 @@ case $command in
         [ $# -gt 0 ] || set -- $boards
         for board in "$@"; do
             if [ "$board" = "$m4_board" ]; then
-                (cross_cargo build --release --locked --package mps2-an500 --bin mps2-an500 --target-dir ../../target/boards-m4 \
-                    --config "target.$target.rustflags=['-C', 'target-cpu=cortex-m4']")
+                # The variable replaces the flags of the configuration; `--config` would add to them.
+                export RUSTFLAGS="-C target-cpu=cortex-m4"
+                (cross_cargo build --release --locked --package mps2-an500 --bin mps2-an500 --target-dir ../../target/boards-m4)
+                unset RUSTFLAGS
                 [ "$dry" = yes ] || printf '%s\n' "$root/target/boards-m4/$target/release/mps2-an500"
                 continue
             fi
