@@ -55,20 +55,13 @@ impl<const N: usize> DriveSession<N> {
                 .all(|inertia| (0.0..=MOST_MOTOR).contains(inertia));
         let motors = core::array::from_fn(|i| hello.motor_kg_m2.get(i).copied().unwrap_or(0.0));
         let (period_s, latency_s) = (f64::from(hello.period_us) * 1e-6, f64::from(hello.latency_us) * 1e-6);
-        let actuation = Actuation::new(motors, period_s, latency_s);
-        // A drive in lock-step waits for each command: its delay cannot grow.
-        let actuation = if hello.lock_step {
-            actuation
-        } else {
-            actuation.in_real_time()
-        };
         fits.then_some(Self {
             number: hello.session,
             period_us: hello.period_us,
             gravity_by_drive: hello.compensates_gravity,
             torque_reversed: hello.torque_sign == TorqueSign::OfLink,
             limits,
-            actuation,
+            actuation: Actuation::new(motors, period_s, latency_s),
             simulated: hello.simulated,
         })
     }

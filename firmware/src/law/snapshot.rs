@@ -40,11 +40,6 @@ impl<const N: usize> Actuation<N> {
     /// arm in every posture, for 0 to 5 ms (a test of `law::joint`).
     const JOINT_LAG_RAD: f64 = 0.14;
 
-    /// Delay, in s, for which the springs at the TCP are designed at least where the delay
-    /// may grow: that of the latest drive that is supported. The spring about the axis of a
-    /// light last joint (2.8 g m² on an iiwa) is the only one that this makes softer.
-    const LEAST_DELAY_S: f64 = 5e-3;
-
     /// A drive with these motors (kg m²) that is commanded once in `period_s` (s) and
     /// answers `latency_s` (s) after a state.
     pub fn new(motors: [f64; N], period_s: f64, latency_s: f64) -> Self {
@@ -52,15 +47,6 @@ impl<const N: usize> Actuation<N> {
             motors,
             fastest_rad_s: Self::LAG_RAD / (period_s + latency_s),
             joint_rad_s: Self::JOINT_LAG_RAD / (0.5 * period_s + latency_s),
-        }
-    }
-
-    /// The same drive in real time: its delay may grow beyond what it states. A joint that a
-    /// stiff spring turns at 270 rad/s is then fast before any guard can see it.
-    pub fn in_real_time(self) -> Self {
-        Self {
-            fastest_rad_s: self.fastest_rad_s.min(Self::LAG_RAD / Self::LEAST_DELAY_S),
-            ..self
         }
     }
 }

@@ -1,22 +1,19 @@
 //! One fixed run of the controller, contact and recordings included, has the
-//! bits that it always had: in this process, on the Cortex-M7, and on a Cortex-M4F without
-//! a double-precision FPU, both in QEMU.
+//! bits that it always had: in this process, and on the Cortex-M7 in QEMU.
 //!
 //! The arm and the host are the stand-ins of [`spherecal_tests::bench`], so
 //! that nothing but the control path changes the hash. When the law is changed
 //! on purpose, the failing test names the new one for [`GOLDEN`].
 
-use std::sync::{Arc, Mutex};
-
 use sha2::{Digest, Sha256};
-use spherecal::link::qemu::{Machine, Qemu, QemuOptions};
-use spherecal::link::{Controller, InProcess, LinkError};
+use spherecal::link::Controller;
+use spherecal::link::InProcess;
+use spherecal::link::qemu::{Qemu, QemuOptions};
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use spherecal_shared::protocol::drive::DriveCommand;
 use spherecal_shared::protocol::host::{Command, Phase, Recording};
 use spherecal_tests::bench::{Bench, HOME, joints};
-use spherecal_tests::costs::compare;
-use spherecal_tests::qemu::{image, m4_image, options};
+use spherecal_tests::qemu::image;
 
 /// SHA-256 over torques and recordings of [`run`].
 const GOLDEN: &str = "1c259eca235092d09a939a103652a303d50acb58bf9aa6ca97adb10ea3b80704";
@@ -117,58 +114,4 @@ fn in_qemu_three_times_out_of_three() {
         eprintln!("run {turn}: {ticks} ticks, {rate:.0} a second");
         assert_eq!(hash, GOLDEN, "run {turn} of 3");
     }
-}
-
-/// Instructions of the ticks: their number, sum and largest.
-type Instructions = Arc<Mutex<(u64, u64, u32)>>;
-
-/// A controller in QEMU whose ticks are counted.
-struct Counted(Qemu, Instructions);
-
-impl Controller for Counted {
-    fn connect(&mut self, hello: &DriveHello) -> Result<(), LinkError> {
-        self.0.connect(hello)
-    }
-
-    fn exchange(
-        &mut self,
-        now_us: u64,
-        state: &DriveState,
-        down: &[u8],
-        up: &mut Vec<u8>,
-    ) -> Result<DriveCommand, LinkError> {
-        let command = self.0.exchange(now_us, state, down, up)?;
-        let tick = self.0.cost().tick;
-        let (ticks, sum, worst) = &mut *self.1.lock().expect("one thread");
-        (*ticks, *sum, *worst) = (*ticks + 1, *sum + u64::from(tick), (*worst).max(tick));
-        Ok(command)
-    }
-}
-
-// Fails if a bit differs on a core whose double precision is a library's, or if the boards'
-// README says something else of its ticks than what is measured (5 %).
-#[test]
-#[ignore = "slow: a minute of emulated software floating point"]
-fn slow_on_a_cortex_m4f_too() {
-    let Some(image) = m4_image() else { return };
-    let folder = tempfile::tempdir().expect("a folder");
-    let options = QemuOptions {
-        machine: Machine::CortexM4F,
-        // A tick takes longer than its period.
-        scenario: "steps".to_owned(),
-        ..options(&image, folder.path())
-    };
-    let counted = Instructions::default();
-    let qemu = Qemu::start(&options).expect("QEMU starts");
-    let (hash, ticks) = run(Counted(qemu, Arc::clone(&counted)));
-    assert!(ticks >= TICKS, "only {ticks} ticks");
-    assert_eq!(hash, GOLDEN);
-    let (ticks, sum, worst) = *counted.lock().expect("one thread");
-    let mean = u32::try_from(sum / ticks).expect("a mean");
-    let rows = [
-        ("on average".to_owned(), vec![Some(mean)]),
-        ("at worst".to_owned(), vec![Some(worst)]),
-    ];
-    let head = "| a tick of the golden run, Cortex-M4F | instructions |";
-    compare("m4", head, &rows, 0.05, 0.0);
 }
