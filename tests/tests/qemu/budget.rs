@@ -172,7 +172,7 @@ fn bound(board: &Board) -> u32 {
     board.priorities.iter().map(deepest).sum()
 }
 
-// Fails if the stack's room is less than twice what it may need, by paint after
+// Fails if the stack's room is less than one and a half times what it may need, by paint after
 // a run with contact or by the frames and calls of the code; or if the README
 // says something else than what is measured (5 %).
 #[test]
@@ -198,7 +198,7 @@ fn the_table_of_memory_is_what_is_measured() {
         "{used} bytes were used, more than the bound of {bounds:?}"
     );
     for (bound, room) in bounds.iter().zip(rooms) {
-        assert!(2 * bound <= room, "{bound} bytes of stack may be used of {room}");
+        assert!(3 * bound <= 2 * room, "{bound} bytes of stack may be used of {room}");
     }
     let (here, there) = (sizes(&image), sizes(&nucleo));
     let row = |name: &str, here: u32, there: Option<u32>| (name.to_owned(), vec![Some(here), there]);
@@ -206,7 +206,6 @@ fn the_table_of_memory_is_what_is_measured() {
         row("text: code and constants", here.text, Some(there.text)),
         row("data", here.data, Some(there.data)),
         row("bss", here.bss, Some(there.bss)),
-        row("stack, by paint", used, None),
         row("stack, bound", bounds[0], Some(bounds[1])),
         row("stack, room", rooms[0], Some(rooms[1])),
     ];
