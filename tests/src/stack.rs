@@ -247,9 +247,9 @@ impl Calls {
 }
 
 /// Adds the functions of a section of code, which lies at `start`.
-fn read_section<'a>(
+fn read_section(
     functions: &mut BTreeMap<u32, Function>,
-    symbols: &mut dyn Iterator<Item = (&'a Sym32<Endianness>, String)>,
+    symbols: &mut dyn Iterator<Item = (&Sym32<Endianness>, String)>,
     section: SectionIndex,
     start: u32,
     code: &[u8],

@@ -136,7 +136,7 @@ fn record(world: World, kind: Kind, made: Made, seed: u64) -> Recordings {
         }
         Made::Orientation(size) => displace(&mut trial, kind, |_, q| {
             let frames = chain.frames(q);
-            let z = frames.last().map_or_else(Vector3::z, |f| f.z());
+            let z = frames.last().map_or_else(Vector3::z, spherecal_shared::robot::Pose::z);
             z * (size * cosine(&z))
         }),
         Made::Gross(bad) => {
