@@ -16,7 +16,7 @@ use super::out::errln;
 use super::robot_sides::{self, PlantArgs};
 use spherecal_job::{self as job, Link};
 use spherecal_link::native::enter_real_time;
-use spherecal_link::tcp::{DriveServer, TcpDrive, controller_server, listen};
+use spherecal_link::tcp::{DriveServer, TcpDrive, TcpError, controller_server, listen};
 use spherecal_link::{Device, Drive, LinkError, LocalDevice, controller_in_process};
 
 /// Interval at which a controller prints what its robot reported.
@@ -137,7 +137,8 @@ pub(super) fn controller(args: &ControllerArgs) -> Result<Exit, CliError> {
         });
         enter_real_time(&monitor);
     }
-    let result = controller_server::serve_hosts(&mut cell, &listener, args.once);
+    let told = &mut |reason: &TcpError| errln!("spherecal controller: {reason}");
+    let result = controller_server::serve_hosts(&mut cell, &listener, args.once, told);
     if let Some(monitor) = Device::monitor(&cell) {
         errln!("{}", job::DriveTiming::from(&monitor.record()).words());
     }

@@ -4,6 +4,7 @@
 mod cross_routes;
 mod drive_link_page;
 mod handshake;
+mod hostile_peers;
 mod lossy_link;
 mod mujoco_drive;
 mod no_std_tree;

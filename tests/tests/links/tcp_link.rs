@@ -72,7 +72,7 @@ fn over_sockets_the_recordings_are_the_same_in_every_bit() {
     let (listener, host_link) = listen("0").expect("a free port");
     let controller = thread::spawn(move || {
         let mut cell = cell(Box::new(TcpDrive::connect(&address).expect("a drive")));
-        controller_server::serve_hosts(&mut cell, &listener, true).expect("served");
+        controller_server::serve_hosts(&mut cell, &listener, true, &mut |_| ()).expect("served");
         cell.drive_counters()
     });
     let mut remote = Remote::connect(&host_link.to_string(), 7).expect("a controller");

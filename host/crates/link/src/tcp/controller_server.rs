@@ -3,14 +3,19 @@
 //! When a host connects, the server first sends the drive's hello frame, so that the host can check
 //! joints, limits and period. After that the connection carries the bytes of the host link. Each
 //! side ends its part of every period with an end mark (a zero byte with no frame before it).
+//!
+//! A host that sends bytes and no valid frame for 5 s, a turn without end, or a turn in parts for 5 s
+//! is disconnected. In real time so is one that sends no valid frame for 5 s, or that does not read. In
+//! lock-step a host may be silent, because nothing moves; it gives way to another one after 5 s.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::{TcpListener, TcpStream};
-use std::time::Duration;
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 
 use super::TcpError;
+use super::progress::{NO_FRAME, Watch};
 use crate::{Device, LinkError, LocalDevice};
 
 /// Bytes that may wait for a host in real time. A host that falls behind further is disconnected.
@@ -19,6 +24,14 @@ const BACKLOG: usize = 1 << 20;
 const DOWN: usize = 4 * MAX_FRAME;
 /// Bytes that the controller sends in one period, with room to spare.
 const UP: usize = 16 * MAX_FRAME;
+/// Most bytes of a turn. A turn has a few frames, and what was repeated while the other side stood.
+const MOST_OF_A_TURN: usize = 1 << 20;
+/// How long a host in real time may be silent, and one in lock-step if another one waits.
+const SILENT: Duration = Duration::from_secs(5);
+/// How long a host in lock-step may take to read.
+const READ: Duration = Duration::from_secs(5);
+/// How often a silent host in lock-step is looked after.
+const LOOK: Duration = Duration::from_millis(250);
 
 /// Splits a byte stream into turns.
 #[derive(Debug, Default)]
@@ -34,6 +47,23 @@ impl Turns {
     /// Adds what was received.
     pub(super) fn push(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
+    }
+
+    /// Bytes of a turn that has no end yet.
+    pub(super) fn waiting(&self) -> usize {
+        self.bytes.len() - self.spent
+    }
+
+    /// Fails if the present turn has too many bytes.
+    pub(super) fn check(&self, peer: &str) -> Result<(), TcpError> {
+        let bytes = self.waiting();
+        if bytes <= MOST_OF_A_TURN {
+            return Ok(());
+        }
+        Err(TcpError::Endless {
+            peer: peer.to_owned(),
+            bytes,
+        })
     }
 
     /// The next whole turn, without its end.
@@ -55,52 +85,107 @@ impl Turns {
     }
 }
 
-/// Serves one host after the other; with `once` it returns when the first has disconnected.
+/// Serves one host after the other; with `once` it returns when the first has disconnected. `told`
+/// is given the reason for which a host was disconnected.
 ///
 /// In lock-step nothing moves while no host is connected. In real time the controller keeps running
 /// every tick and holds the arm.
 ///
 /// # Errors
 /// The cell fails, or the listener fails. A host that disconnects is not an error.
-pub fn serve_hosts(cell: &mut LocalDevice, listener: &TcpListener, once: bool) -> Result<(), LinkError> {
+pub fn serve_hosts(
+    cell: &mut LocalDevice,
+    listener: &TcpListener,
+    once: bool,
+    told: &mut dyn FnMut(&TcpError),
+) -> Result<(), LinkError> {
+    serve(cell, listener, once, Some(SILENT), told)
+}
+
+/// Serves the host of this process, which may be silent for any time, until it disconnects.
+pub(super) fn serve_own_host(cell: &mut LocalDevice, listener: &TcpListener) -> Result<(), LinkError> {
+    serve(cell, listener, true, None, &mut |_| ())
+}
+
+fn serve(
+    cell: &mut LocalDevice,
+    listener: &TcpListener,
+    once: bool,
+    silent: Option<Duration>,
+    told: &mut dyn FnMut(&TcpError),
+) -> Result<(), LinkError> {
+    let failed = |e| TcpError::of("the host link", e);
     if cell.hello().lock_step {
+        let mut next = None;
         loop {
-            let (stream, _) = listener.accept().map_err(|e| TcpError::of("the host link", e))?;
-            turn_by_turn(cell, stream)?;
+            let (stream, address) = if let Some(waited) = next.take() {
+                waited
+            } else {
+                listener.set_nonblocking(false).map_err(failed)?;
+                listener.accept().map_err(failed)?
+            };
+            listener.set_nonblocking(true).map_err(failed)?;
+            let mut host = TurnHost::new(stream, address, silent);
+            let left = host.serve(cell, listener)?;
+            next = left.next;
+            if let Some(reason) = left.reason {
+                told(&reason);
+            }
             if once {
                 return Ok(());
             }
         }
     }
-    let mut service = HostService::new(listener)?;
-    while !(service.turn(cell)? && once) {}
-    Ok(())
+    let mut service = HostService::with_patience(listener, silent)?;
+    loop {
+        let left = service.turn(cell)?;
+        if let Some(reason) = service.reason() {
+            told(&reason);
+        }
+        if left && once {
+            return Ok(());
+        }
+    }
 }
 
 /// Serves one host after the other in real time, one control period at a time. While no host is connected, and whatever
-/// a host does, each period is carried out. Apart from a host that connects, a period allocates nothing here.
+/// a host does, each period is carried out. Apart from a host that connects or is disconnected, a period allocates
+/// nothing here.
 pub struct HostService<'a> {
     listener: &'a TcpListener,
     host: Option<Host>,
+    silent: Option<Duration>,
+    reason: Option<TcpError>,
     down: Vec<u8>,
     up: Vec<u8>,
 }
 
 impl<'a> HostService<'a> {
-    /// No host is connected yet.
+    /// No host is connected yet. A host that sends no valid frame for 5 s is disconnected.
     ///
     /// # Errors
     /// The listener fails.
     pub fn new(listener: &'a TcpListener) -> Result<Self, LinkError> {
+        Self::with_patience(listener, Some(SILENT))
+    }
+
+    fn with_patience(listener: &'a TcpListener, silent: Option<Duration>) -> Result<Self, LinkError> {
         listener
             .set_nonblocking(true)
             .map_err(|e| TcpError::of("the host link", e))?;
         Ok(Self {
             listener,
             host: None,
+            silent,
+            reason: None,
             down: Vec::with_capacity(DOWN + MAX_FRAME),
             up: Vec::with_capacity(UP),
         })
+    }
+
+    /// Why the last host was disconnected, once; `None` if it disconnected by itself.
+    pub fn reason(&mut self) -> Option<TcpError> {
+        self.reason.take()
     }
 
     /// One control period. Returns whether a host has disconnected.
@@ -110,25 +195,24 @@ impl<'a> HostService<'a> {
     pub fn turn(&mut self, cell: &mut LocalDevice) -> Result<bool, LinkError> {
         if self.host.is_none() {
             match self.listener.accept() {
-                Ok((stream, _)) => self.host = Host::handshake(cell, stream).ok(),
+                Ok((stream, address)) => self.host = Host::handshake(cell, stream, address, self.silent).ok(),
                 Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
                 Err(e) => return Err(TcpError::of("the host link", e).into()),
             }
         }
         self.down.clear();
         self.up.clear();
-        let mut left = self
-            .host
-            .as_mut()
-            .is_some_and(|host| host.read(&mut self.down).is_err());
+        let mut left = self.host.as_mut().and_then(|host| host.read(&mut self.down).err());
         cell.step(&self.down, &mut self.up)?;
-        if let Some(host) = &mut self.host {
-            left |= host.write(&self.up).is_err();
+        if let Some(host) = self.host.as_mut().filter(|_| left.is_none()) {
+            left = host.write(&self.up).err();
         }
-        if left {
-            self.host = None;
-        }
-        Ok(left)
+        let Some(reason) = left else {
+            return Ok(false);
+        };
+        self.host = None;
+        self.reason = Some(reason).filter(|reason| !reason.is_closed());
+        Ok(true)
     }
 }
 
@@ -140,43 +224,162 @@ fn hello_frame(cell: &LocalDevice) -> std::io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Lock-step: the host's bytes, one period, the controller's bytes; repeated until the host
-/// disconnects.
-fn turn_by_turn(cell: &mut LocalDevice, mut stream: TcpStream) -> Result<(), LinkError> {
-    let sent = stream
-        .set_nonblocking(false)
-        .and_then(|()| stream.set_nodelay(true))
-        .and_then(|()| stream.write_all(&hello_frame(cell)?));
-    if sent.is_err() {
-        return Ok(());
+/// A host in lock-step: its bytes, one period, the controller's bytes; repeated until it leaves.
+struct TurnHost {
+    stream: TcpStream,
+    peer: String,
+    silent: Option<Duration>,
+    turns: Turns,
+    watch: Watch,
+    /// When the last turn was complete, or else the last byte came.
+    heard: Instant,
+    /// Since when a turn has been incomplete.
+    begun: Option<Instant>,
+}
+
+/// How a host in lock-step left.
+#[derive(Default)]
+struct Left {
+    /// Why it was disconnected; `None` if it disconnected.
+    reason: Option<TcpError>,
+    /// Another host, to which it gave way.
+    next: Option<(TcpStream, SocketAddr)>,
+}
+
+impl From<TcpError> for Left {
+    fn from(reason: TcpError) -> Self {
+        Self {
+            reason: (!reason.is_closed()).then_some(reason),
+            next: None,
+        }
     }
-    let (mut turns, mut up, mut buffer) = (Turns::default(), Vec::new(), vec![0; 4 * MAX_FRAME]);
-    loop {
-        while let Some(down) = turns.next() {
-            up.clear();
-            cell.step(down, &mut up)?;
-            up.push(0);
-            if stream.write_all(&up).is_err() {
-                return Ok(());
+}
+
+impl TurnHost {
+    fn new(stream: TcpStream, address: SocketAddr, silent: Option<Duration>) -> Self {
+        Self {
+            stream,
+            peer: format!("the host at {address}"),
+            silent,
+            turns: Turns::default(),
+            watch: Watch::default(),
+            heard: Instant::now(),
+            begun: None,
+        }
+    }
+
+    fn serve(&mut self, cell: &mut LocalDevice, listener: &TcpListener) -> Result<Left, LinkError> {
+        let sent = self
+            .stream
+            .set_nonblocking(false)
+            .and_then(|()| self.stream.set_nodelay(true))
+            .and_then(|()| self.stream.set_write_timeout(Some(READ)))
+            .and_then(|()| self.stream.set_read_timeout(Some(LOOK)))
+            .and_then(|()| self.stream.write_all(&hello_frame(cell)?));
+        if let Err(error) = sent {
+            return Ok(self.broken(error).into());
+        }
+        let (mut up, mut buffer) = (Vec::new(), vec![0; 4 * MAX_FRAME]);
+        loop {
+            while let Some(down) = self.turns.next() {
+                self.watch.look(down);
+                if let Err(reason) = self.watch.progress.check(&self.peer) {
+                    return Ok(reason.into());
+                }
+                up.clear();
+                cell.step(down, &mut up)?;
+                up.push(0);
+                if let Err(error) = self.stream.write_all(&up) {
+                    return Ok(self.broken(error).into());
+                }
+                // The drive may have taken any time.
+                (self.heard, self.begun) = (Instant::now(), None);
+            }
+            match self.read(&mut buffer) {
+                Ok(true) => {}
+                Ok(false) => {
+                    let waits = self.silent.is_some_and(|most| self.heard.elapsed() >= most);
+                    if let Some(next) = waits.then(|| listener.accept().ok()).flatten() {
+                        return Ok(Left {
+                            reason: Some(TcpError::Gone {
+                                peer: self.peer.clone(),
+                                what: "it gives way to another host",
+                                seconds: self.heard.elapsed().as_secs(),
+                            }),
+                            next: Some(next),
+                        });
+                    }
+                }
+                Err(reason) => return Ok(reason.into()),
             }
         }
-        match stream.read(&mut buffer) {
-            Ok(0) => return Ok(()),
-            Ok(count) => turns.push(buffer.get(..count).unwrap_or_default()),
-            Err(e) if e.kind() == ErrorKind::Interrupted => {}
-            Err(_) => return Ok(()),
-        }
     }
+
+    /// Reads what comes next; whether anything came.
+    fn read(&mut self, buffer: &mut [u8]) -> Result<bool, TcpError> {
+        let came = match self.stream.read(buffer) {
+            Ok(0) => {
+                return Err(TcpError::Closed {
+                    peer: self.peer.clone(),
+                });
+            }
+            Ok(count) => {
+                self.turns.push(buffer.get(..count).unwrap_or_default());
+                self.turns.check(&self.peer)?;
+                self.heard = Instant::now();
+                true
+            }
+            Err(e) if matches!(e.kind(), ErrorKind::Interrupted) => true,
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => false,
+            Err(e) => return Err(TcpError::of(&self.peer, e)),
+        };
+        if self.turns.waiting() > 0 {
+            let begun = *self.begun.get_or_insert_with(Instant::now);
+            if begun.elapsed() >= NO_FRAME {
+                return Err(TcpError::Endless {
+                    peer: self.peer.clone(),
+                    bytes: self.turns.waiting(),
+                });
+            }
+        }
+        Ok(came)
+    }
+
+    fn broken(&self, error: std::io::Error) -> TcpError {
+        broken(&self.peer, error)
+    }
+}
+
+/// A write that failed.
+fn broken(peer: &str, error: std::io::Error) -> TcpError {
+    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) {
+        return TcpError::Deaf {
+            peer: peer.to_owned(),
+            seconds: READ.as_secs(),
+        };
+    }
+    TcpError::of(peer, error)
 }
 
 /// A host in real time. Nothing waits for it.
 struct Host {
     stream: TcpStream,
+    peer: String,
+    silent: Option<Duration>,
     backlog: Vec<u8>,
+    watch: Watch,
+    heard: Instant,
+    /// Since when the backlog has not become shorter.
+    stuck: Option<Instant>,
 }
 
 impl Host {
-    fn handshake(cell: &LocalDevice, mut stream: TcpStream) -> std::io::Result<Self> {
+    fn handshake(
+        cell: &LocalDevice,
+        mut stream: TcpStream,
+        address: SocketAddr,
+        silent: Option<Duration>,
+    ) -> std::io::Result<Self> {
         stream.set_nonblocking(false)?;
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(Duration::from_millis(1)))?;
@@ -185,41 +388,75 @@ impl Host {
         Ok(Self {
             stream,
             backlog: Vec::with_capacity(BACKLOG + UP + 1),
+            peer: format!("the host at {address}"),
+            silent,
+            watch: Watch::default(),
+            heard: Instant::now(),
+            stuck: None,
         })
     }
 
-    fn read(&mut self, down: &mut Vec<u8>) -> std::io::Result<()> {
+    fn read(&mut self, down: &mut Vec<u8>) -> Result<(), TcpError> {
         let mut buffer = [0; MAX_FRAME];
         while down.len() < DOWN {
             match self.stream.read(&mut buffer) {
                 Ok(0) => {
-                    return Err(ErrorKind::BrokenPipe.into());
+                    return Err(TcpError::Closed {
+                        peer: self.peer.clone(),
+                    });
                 }
-                Ok(count) => down.extend_from_slice(buffer.get(..count).unwrap_or_default()),
+                Ok(count) => {
+                    down.extend_from_slice(buffer.get(..count).unwrap_or_default());
+                }
                 Err(e) if e.kind() == ErrorKind::WouldBlock => break,
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) => return Err(e),
+                Err(e) => return Err(TcpError::of(&self.peer, e)),
             }
+        }
+        if self.watch.look(down) {
+            self.heard = Instant::now();
+        }
+        self.watch.progress.check(&self.peer)?;
+        let noisy = self.watch.progress.left().is_some();
+        if !noisy && self.silent.is_some_and(|most| self.heard.elapsed() >= most) {
+            return Err(TcpError::Gone {
+                peer: self.peer.clone(),
+                what: "the controller holds the arm and waits for another host",
+                seconds: self.heard.elapsed().as_secs(),
+            });
         }
         Ok(())
     }
 
-    fn write(&mut self, up: &[u8]) -> std::io::Result<()> {
+    fn write(&mut self, up: &[u8]) -> Result<(), TcpError> {
         self.backlog.extend_from_slice(up);
         self.backlog.push(0);
         while !self.backlog.is_empty() {
             match self.stream.write(&self.backlog) {
                 Ok(0) => {
-                    return Err(ErrorKind::BrokenPipe.into());
+                    return Err(TcpError::Closed {
+                        peer: self.peer.clone(),
+                    });
                 }
-                Ok(count) => drop(self.backlog.drain(..count)),
+                Ok(count) => {
+                    drop(self.backlog.drain(..count));
+                    self.stuck = None;
+                }
                 Err(e) if e.kind() == ErrorKind::WouldBlock => break,
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) => return Err(e),
+                Err(e) => return Err(TcpError::of(&self.peer, e)),
             }
         }
-        if self.backlog.len() > BACKLOG {
-            return Err(ErrorKind::BrokenPipe.into());
+        if self.backlog.is_empty() {
+            return Ok(());
+        }
+        let stuck = self.stuck.get_or_insert_with(Instant::now).elapsed();
+        let hangs = self.silent.is_some_and(|most| stuck >= most);
+        if hangs || self.backlog.len() > BACKLOG {
+            return Err(TcpError::Deaf {
+                peer: self.peer.clone(),
+                seconds: stuck.as_secs(),
+            });
         }
         Ok(())
     }

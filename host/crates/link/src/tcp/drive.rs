@@ -8,6 +8,7 @@ use spherecal_shared::robot::{JointLimits, Robot};
 use spherecal_shared::timing::PeriodWatch;
 
 use super::TcpError;
+use super::progress::Rate;
 use super::wire::Wire;
 use crate::{Drive, LinkError};
 
@@ -16,6 +17,10 @@ const HELLO: Duration = Duration::from_secs(10);
 /// How long a lock-step drive may take for one period. A simulator that someone pauses by hand is
 /// given up after this time.
 const ANSWER: Duration = Duration::from_mins(1);
+/// How long a drive in real time may take for its first state.
+const FIRST_STATE: Duration = Duration::from_secs(5);
+/// Periods in which a lock-step drive may have sent more than the one state that it owes.
+const AHEAD: u32 = 50;
 
 /// How long before a state is due this side starts to poll for it.
 const EARLY: Duration = Duration::from_micros(250);
@@ -32,9 +37,12 @@ pub struct TcpDrive {
     wire: Wire,
     hello: DriveHello,
     schedule: Option<Schedule>,
-    heard: bool,
     /// The command of this period was sent.
     answered: bool,
+    /// What a drive in real time has sent, from its first state on.
+    rate: Option<Rate>,
+    /// Periods in which a lock-step drive was ahead.
+    ahead: u32,
     missed: u32,
 }
 
@@ -100,8 +108,9 @@ impl TcpDrive {
             wire,
             hello,
             schedule,
-            heard: false,
             answered: false,
+            rate: None,
+            ahead: 0,
             missed: 0,
         })
     }
@@ -111,19 +120,15 @@ impl TcpDrive {
         self.wire.send(command, time_us)
     }
 
-    fn state(&mut self) -> Result<DriveState, TcpError> {
-        self.wire.wait_for("a drive state", ANSWER)
-    }
-
     fn newest(&mut self, state: &mut DriveState) -> Result<(), TcpError> {
-        if !self.heard {
-            *state = self.state()?;
-            self.heard = true;
+        let Some(rate) = &mut self.rate else {
+            *state = self.wire.wait_for("a drive state", FIRST_STATE)?;
             self.wire.never_wait()?;
             // The ticks begin with the first state.
             self.schedule = Some(Schedule::new(self.hello.period_us));
+            self.rate = Some(Rate::new(Duration::from_micros(u64::from(self.hello.period_us))));
             return Ok(());
-        }
+        };
         let Some(schedule) = &mut self.schedule else {
             return Ok(());
         };
@@ -131,6 +136,7 @@ impl TcpDrive {
         let mut fresh = false;
         loop {
             while let Some((_, newer)) = self.wire.expect("a drive state")? {
+                rate.count(&self.wire.peer, "drive states")?;
                 *state = newer;
                 fresh = true;
             }
@@ -166,6 +172,18 @@ impl Drive for TcpDrive {
                     seconds: ANSWER.as_secs(),
                     damaged: self.wire.counters().crc_errors,
                 })?;
+            self.ahead = if self.wire.has_more() {
+                self.ahead + 1
+            } else {
+                self.ahead.saturating_sub(1)
+            };
+            if self.ahead > AHEAD {
+                return Err(TcpError::Ahead {
+                    peer: self.wire.peer.clone(),
+                    periods: self.ahead,
+                }
+                .into());
+            }
         }
         Ok(())
     }

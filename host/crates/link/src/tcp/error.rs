@@ -42,8 +42,8 @@ pub enum TcpError {
     },
     /// Nothing arrived in time.
     #[error(
-        "{peer} was silent for {seconds} s ({damaged} damaged frames until then): \
-         a lock-step drive must answer every command with one state (docs/drive-link.md)"
+        "{peer} was silent for {seconds} s ({damaged} damaged frames until then): see whether it still runs; \
+         a lock-step drive must answer every command with one state (docs/drive-link.md); then go on with --resume"
     )]
     Silent {
         /// Who.
@@ -52,6 +52,91 @@ pub enum TcpError {
         seconds: u64,
         /// Frames whose checksum or shape was wrong.
         damaged: u32,
+    },
+    /// Bytes came, but no valid frame.
+    #[error(
+        "{peer} sent {bytes} bytes in {seconds:.1} s and no valid frame ({damaged} damaged): \
+         it does not speak this link; check host and port on both sides, and that one program alone uses them"
+    )]
+    Babble {
+        /// Who.
+        peer: String,
+        /// Bytes since the last valid frame.
+        bytes: usize,
+        /// Time since the first of them, in s.
+        seconds: f64,
+        /// Frames among them whose checksum or shape was wrong.
+        damaged: u32,
+    },
+    /// More messages came than one a period.
+    #[error(
+        "{peer} sent {count} {what} in {seconds:.1} s, far more than one a period: \
+         in lock-step it must wait for the other side, in real time keep its period (docs/drive-link.md)"
+    )]
+    Flood {
+        /// Who.
+        peer: String,
+        /// Which messages.
+        what: &'static str,
+        /// How many.
+        count: u64,
+        /// Within which time, in s.
+        seconds: f64,
+    },
+    /// A lock-step drive does not wait for commands.
+    #[error(
+        "{peer} sent further states without waiting for a command, in {periods} periods: \
+         a lock-step drive answers every command with one state (docs/drive-link.md)"
+    )]
+    Ahead {
+        /// Who.
+        peer: String,
+        /// In how many periods.
+        periods: u32,
+    },
+    /// A turn of the host link has no end.
+    #[error(
+        "{peer} sent {bytes} bytes without the end of a period: it does not speak the host link; check host and port"
+    )]
+    Endless {
+        /// Who.
+        peer: String,
+        /// How many bytes.
+        bytes: usize,
+    },
+    /// The other side does not read.
+    #[error(
+        "{peer} has not read for {seconds} s what was sent to it: it hangs or its network is down; then go on with --resume"
+    )]
+    Deaf {
+        /// Who.
+        peer: String,
+        /// For how long, in s.
+        seconds: u64,
+    },
+    /// The other side of a link in real time sends nothing.
+    #[error(
+        "{peer} sent no valid frame for {seconds} s: {what}; if that program still runs, check it and its network, \
+         then go on with --resume"
+    )]
+    Gone {
+        /// Who.
+        peer: String,
+        /// What becomes of the arm.
+        what: &'static str,
+        /// For how long, in s.
+        seconds: u64,
+    },
+    /// A controller process did not say hello.
+    #[error(
+        "{peer} did not introduce itself as a controller within {seconds} s: check the port; \
+         a controller serves one host at a time, so end the other host"
+    )]
+    Busy {
+        /// The other side's address.
+        peer: String,
+        /// How long was waited.
+        seconds: u64,
     },
     /// No hello arrived in time.
     #[error(

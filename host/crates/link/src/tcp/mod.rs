@@ -23,6 +23,7 @@
 pub mod controller_server;
 mod drive;
 mod error;
+mod progress;
 mod remote;
 mod server;
 mod wire;

@@ -3,11 +3,12 @@
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::drive::DriveHello;
 
-use super::controller_server::{Turns, serve_hosts};
+use super::controller_server::{Turns, serve_own_host};
+use super::progress::{NO_FRAME, Watch};
 use super::wire::Wire;
 use super::{TcpError, listen};
 use crate::native::{Monitor, enter_real_time};
@@ -15,6 +16,13 @@ use crate::{Device, Drive, LinkError, LocalDevice, check_hello, controller_in_pr
 
 /// How long a controller may take for one period, drive included.
 const TURN: Duration = Duration::from_mins(1);
+/// The same where the drive is in real time: its periods pass whether or not the host asks.
+const TURN_IN_REAL_TIME: Duration = Duration::from_secs(5);
+/// How long a controller may take for its hello. One that serves another host takes longer.
+const HELLO: Duration = Duration::from_secs(15);
+
+/// How often a silent controller is looked after.
+const LOOK: Duration = Duration::from_millis(500);
 
 /// A controller process, reached over its host link.
 pub struct Remote {
@@ -22,6 +30,8 @@ pub struct Remote {
     peer: String,
     hello: DriveHello,
     turns: Turns,
+    watch: Watch,
+    patience: Duration,
     buffer: Vec<u8>,
     out: Vec<u8>,
     ticks: u64,
@@ -36,9 +46,13 @@ impl Remote {
     pub fn connect(address: &str, joints: usize) -> Result<Self, LinkError> {
         let mut wire = Wire::connect(address)?;
         let peer = wire.peer.clone();
-        let hello: DriveHello = wire.wait_for("the hello of a controller's drive", TURN)?;
+        let hello: DriveHello = match wire.wait_for("the hello of a controller's drive", HELLO) {
+            Err(TcpError::Silent { peer, seconds, .. }) => return Err(TcpError::Busy { peer, seconds }.into()),
+            other => other?,
+        };
         check_hello(&hello, joints)?;
-        wire.patience(Some(TURN))?;
+        let patience = if hello.lock_step { TURN } else { TURN_IN_REAL_TIME };
+        wire.patience(Some(LOOK.min(patience)))?;
         let (stream, rest) = wire.into_stream();
         let mut turns = Turns::default();
         turns.push(&rest);
@@ -47,6 +61,8 @@ impl Remote {
             peer,
             hello,
             turns,
+            watch: Watch::default(),
+            patience,
             buffer: vec![0; 1 << 14],
             out: Vec::new(),
             ticks: 0,
@@ -79,12 +95,50 @@ impl Device for Remote {
         self.out.extend_from_slice(down);
         self.out.push(0);
         let failed = |peer: &str, e| LinkError::from(TcpError::of(peer, e));
-        self.stream.write_all(&self.out).map_err(|e| failed(&self.peer, e))?;
+        let begin = Instant::now();
+        let mut at = 0;
+        while at < self.out.len() {
+            match self.stream.write(self.out.get(at..).unwrap_or_default()) {
+                Ok(count) if count > 0 => at += count,
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                    return Err(TcpError::Deaf {
+                        peer: self.peer.clone(),
+                        seconds: begin.elapsed().as_secs(),
+                    }
+                    .into());
+                }
+                other => {
+                    let error = other.err().unwrap_or_else(|| ErrorKind::BrokenPipe.into());
+                    return Err(failed(&self.peer, error));
+                }
+            }
+        }
+        let mut begun = None;
         loop {
             if let Some(turn) = self.turns.next() {
+                self.watch.look(turn);
+                self.watch.progress.check(&self.peer)?;
                 up.extend_from_slice(turn);
                 self.ticks += 1;
                 return Ok(());
+            }
+            // A turn in parts may take as long as a frame; silence as long as the drive.
+            let waited = begin.elapsed();
+            if self.turns.waiting() > 0 && begun.get_or_insert_with(Instant::now).elapsed() >= NO_FRAME {
+                return Err(TcpError::Endless {
+                    peer: self.peer.clone(),
+                    bytes: self.turns.waiting(),
+                }
+                .into());
+            }
+            if waited >= self.patience {
+                return Err(TcpError::Silent {
+                    peer: self.peer.clone(),
+                    seconds: waited.as_secs(),
+                    damaged: 0,
+                }
+                .into());
             }
             match self.stream.read(&mut self.buffer) {
                 Ok(0) => {
@@ -93,16 +147,15 @@ impl Device for Remote {
                     }
                     .into());
                 }
-                Ok(count) => self.turns.push(self.buffer.get(..count).unwrap_or_default()),
-                Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
-                    return Err(TcpError::Silent {
-                        peer: self.peer.clone(),
-                        seconds: TURN.as_secs(),
-                        damaged: 0,
-                    }
-                    .into());
+                Ok(count) => {
+                    self.turns.push(self.buffer.get(..count).unwrap_or_default());
+                    self.turns.check(&self.peer)?;
                 }
+                Err(e)
+                    if matches!(
+                        e.kind(),
+                        ErrorKind::Interrupted | ErrorKind::WouldBlock | ErrorKind::TimedOut
+                    ) => {}
                 Err(e) => return Err(failed(&self.peer, e)),
             }
         }
@@ -134,7 +187,7 @@ impl Threaded {
                 if let Some(monitor) = native {
                     enter_real_time(&monitor);
                 }
-                serve_hosts(&mut cell, &listener, true)
+                serve_own_host(&mut cell, &listener)
             })
             .map_err(|source| LinkError::Transport {
                 link: "the controller's thread".to_owned(),

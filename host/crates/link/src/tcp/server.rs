@@ -7,12 +7,17 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, Dr
 use spherecal_shared::protocol::frame::LinkCounters;
 
 use super::TcpError;
+use super::progress::Rate;
 use super::wire::Wire;
 use crate::{Drive, LinkError};
 
 /// Periods without a command after which a real-time drive closes its brakes. Until then the last
 /// torque is kept.
 const HELD_PERIODS: u32 = 10;
+/// How long a controller in real time may be silent before another one may connect.
+const SILENT: Duration = Duration::from_secs(5);
+/// Commands for older states that a lock-step controller may send in a row.
+const LATE: u64 = 1000;
 
 /// Counts of one controller's connection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -73,6 +78,8 @@ impl DriveServer {
         self.drive.exchange(None, &mut state)?;
         loop {
             wire.send(&state, state.tick.wrapping_mul(u64::from(hello.period_us)))?;
+            let late = service.late;
+            let begin = Instant::now();
             let command = loop {
                 let Some((_, mut command)) = wire.expect::<DriveCommand>("a drive command")? else {
                     continue;
@@ -82,6 +89,15 @@ impl DriveServer {
                     break command;
                 }
                 service.late += 1;
+                if service.late - late > LATE {
+                    return Err(TcpError::Flood {
+                        peer: wire.peer.clone(),
+                        what: "drive commands that answer no state",
+                        count: service.late - late,
+                        seconds: begin.elapsed().as_secs_f64(),
+                    }
+                    .into());
+                }
             };
             service.commands += 1;
             self.drive.exchange(Some(&command), &mut state)?;
@@ -96,9 +112,12 @@ impl DriveServer {
         let mut state = DriveState::default();
         let mut last: Option<DriveCommand> = None;
         let mut silent = HELD_PERIODS;
+        let (mut rate, mut heard) = (Rate::new(period), start);
         loop {
             let mut fresh = false;
             while let Some((_, mut command)) = wire.expect::<DriveCommand>("a drive command")? {
+                rate.count(&wire.peer, "drive commands")?;
+                heard = Instant::now();
                 if last.as_ref().is_some_and(|last| command.tick <= last.tick) {
                     service.late += 1;
                     continue;
@@ -113,6 +132,14 @@ impl DriveServer {
             } else if last.is_some() {
                 silent = silent.saturating_add(1);
                 service.missing += 1;
+            }
+            if heard.elapsed() >= SILENT && !wire.is_noisy() {
+                return Err(TcpError::Gone {
+                    peer: wire.peer.clone(),
+                    what: "the drive keeps its brakes closed and waits for another controller",
+                    seconds: SILENT.as_secs(),
+                }
+                .into());
             }
             let held = silent < HELD_PERIODS;
             self.drive.exchange(last.as_ref().filter(|_| held), &mut state)?;

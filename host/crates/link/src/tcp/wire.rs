@@ -2,16 +2,19 @@
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::frame::{
     self, Accumulator, FrameError, Header, LinkCounters, MAX_FRAME, Message, SequenceWatch,
 };
 
 use super::TcpError;
+use super::progress::Progress;
 
 /// How long it may take to connect.
 const CONNECT: Duration = Duration::from_secs(5);
+/// How long the other side may take to read.
+const READ: Duration = Duration::from_secs(5);
 
 /// Outcome of parsing one frame.
 pub(super) enum Parsed<T> {
@@ -32,6 +35,15 @@ pub(super) struct Wire {
     at: usize,
     filled: usize,
     sent: u32,
+    progress: Progress,
+    /// How long a read waits; `None` waits for ever, or not at all where nothing waits.
+    patience: Option<Duration>,
+    /// The time limit of reads that the system has.
+    limit: Option<Duration>,
+    waits: bool,
+    /// The rest of a frame that found no room, and since when it waits.
+    rest: Vec<u8>,
+    stuck: Option<Instant>,
 }
 
 impl Wire {
@@ -66,23 +78,42 @@ impl Wire {
             at: 0,
             filled: 0,
             sent: 0,
+            progress: Progress::default(),
+            patience: None,
+            limit: None,
+            waits: true,
+            rest: Vec::new(),
+            stuck: None,
         })
     }
 
-    /// Reads wait at most this long; `None` waits for ever.
-    pub(super) fn patience(&self, patience: Option<Duration>) -> Result<(), TcpError> {
+    /// Reads wait at most this long for the first byte of a message; `None` waits for ever. Bytes that
+    /// come and are no valid frame for [`NO_FRAME`](super::progress::NO_FRAME) are an error.
+    pub(super) fn patience(&mut self, patience: Option<Duration>) -> Result<(), TcpError> {
+        (self.patience, self.limit, self.waits) = (patience, patience, true);
         self.stream
             .set_nonblocking(false)
             .and_then(|()| self.stream.set_read_timeout(patience))
-            .and_then(|()| self.stream.set_write_timeout(Some(Duration::from_secs(10))))
+            .and_then(|()| self.stream.set_write_timeout(Some(READ)))
             .map_err(|e| TcpError::of(&self.peer, e))
     }
 
     /// Neither reads nor writes wait.
-    pub(super) fn never_wait(&self) -> Result<(), TcpError> {
+    pub(super) fn never_wait(&mut self) -> Result<(), TcpError> {
+        self.waits = false;
         self.stream
             .set_nonblocking(true)
             .map_err(|e| TcpError::of(&self.peer, e))
+    }
+
+    /// Whether bytes that were received wait to be looked at.
+    pub(super) fn has_more(&self) -> bool {
+        self.at < self.filled
+    }
+
+    /// Whether bytes came since the last valid frame.
+    pub(super) fn is_noisy(&self) -> bool {
+        self.progress.left().is_some()
     }
 
     /// What was received.
@@ -91,35 +122,67 @@ impl Wire {
     }
 
     /// Sends a message. Where writes do not wait, a message that finds no room is dropped as a
-    /// whole and counted as overflow.
+    /// whole and counted as overflow; one that finds too little room is completed with the next.
     pub(super) fn send<M: Message>(&mut self, message: &M, time_us: u64) -> Result<(), TcpError> {
         let mut out = [0; MAX_FRAME];
         let length = frame::encode(message, self.sent, time_us, &mut out)?;
         self.sent = self.sent.wrapping_add(1);
-        let mut rest = out.get(..length).unwrap_or_default();
-        let mut begun = false;
-        while !rest.is_empty() {
-            match self.stream.write(rest) {
+        if !self.flush()? {
+            self.counters.overflow = self.counters.overflow.wrapping_add(1);
+            return Ok(());
+        }
+        let frame = out.get(..length).unwrap_or_default();
+        let begun = self.write(frame)?;
+        if begun == 0 {
+            self.counters.overflow = self.counters.overflow.wrapping_add(1);
+        } else if begun < frame.len() {
+            self.rest.extend_from_slice(frame.get(begun..).unwrap_or_default());
+        }
+        Ok(())
+    }
+
+    /// Sends the rest of a frame that was begun; whether all of it is sent.
+    fn flush(&mut self) -> Result<bool, TcpError> {
+        if self.rest.is_empty() {
+            return Ok(true);
+        }
+        let rest = std::mem::take(&mut self.rest);
+        let begun = self.write(&rest)?;
+        self.rest.extend_from_slice(rest.get(begun..).unwrap_or_default());
+        Ok(self.rest.is_empty())
+    }
+
+    /// Writes as much as there is room for; returns how much. Fails if there has been no room for
+    /// too long.
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, TcpError> {
+        let mut at = 0;
+        while at < bytes.len() {
+            match self.stream.write(bytes.get(at..).unwrap_or_default()) {
                 Ok(0) => {
                     return Err(TcpError::Closed {
                         peer: self.peer.clone(),
                     });
                 }
                 Ok(count) => {
-                    begun = true;
-                    rest = rest.get(count..).unwrap_or_default();
+                    at += count;
+                    self.stuck = None;
                 }
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) if e.kind() == ErrorKind::WouldBlock && !begun => {
-                    self.counters.overflow = self.counters.overflow.wrapping_add(1);
-                    return Ok(());
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                    let since = *self.stuck.get_or_insert_with(Instant::now);
+                    // A write that waits has waited its whole time limit.
+                    if self.waits || since.elapsed() >= READ {
+                        return Err(TcpError::Deaf {
+                            peer: self.peer.clone(),
+                            seconds: READ.as_secs(),
+                        });
+                    }
+                    break;
                 }
-                // A frame that was begun must be completed; the buffer will drain soon.
-                Err(e) if e.kind() == ErrorKind::WouldBlock => std::thread::yield_now(),
                 Err(e) => return Err(TcpError::of(&self.peer, e)),
             }
         }
-        Ok(())
+        Ok(at)
     }
 
     /// Returns the next message of type `M`, or the key of another message that came instead;
@@ -135,25 +198,62 @@ impl Wire {
                 match parsed {
                     None => {}
                     Some(Ok(Parsed::Message(header, message))) => {
+                        self.progress.valid();
+                        if self.has_more() {
+                            self.progress.came(self.filled - self.at);
+                        }
                         self.watch.record(header.sequence, &mut self.counters);
                         return Ok(Some(Parsed::Message(header, message)));
                     }
                     Some(Ok(other)) => return Ok(Some(other)),
-                    Some(Err(_)) => self.counters.crc_errors = self.counters.crc_errors.wrapping_add(1),
+                    Some(Err(_)) => {
+                        self.progress.damaged();
+                        self.counters.crc_errors = self.counters.crc_errors.wrapping_add(1);
+                    }
                 }
             }
+            self.progress.check(&self.peer)?;
+            self.limit_read()?;
             match self.stream.read(&mut self.buffer) {
                 Ok(0) => {
                     return Err(TcpError::Closed {
                         peer: self.peer.clone(),
                     });
                 }
-                Ok(count) => (self.at, self.filled) = (0, count),
+                Ok(count) => {
+                    (self.at, self.filled) = (0, count);
+                    self.progress.came(count);
+                }
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => return Ok(None),
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                    self.progress.check(&self.peer)?;
+                    // The limit that the bytes so far left may end a little early.
+                    if !self.waits || self.limit == self.patience {
+                        return Ok(None);
+                    }
+                }
                 Err(e) => return Err(TcpError::of(&self.peer, e)),
             }
         }
+    }
+
+    /// Gives the next read the time limit that the bytes received so far leave.
+    fn limit_read(&mut self) -> Result<(), TcpError> {
+        if !self.waits {
+            return Ok(());
+        }
+        let left = self.progress.left().map(|left| left.max(Duration::from_millis(1)));
+        let limit = match (left, self.patience) {
+            (Some(left), Some(patience)) => Some(left.min(patience)),
+            (left, patience) => left.or(patience),
+        };
+        if limit != self.limit {
+            self.stream
+                .set_read_timeout(limit)
+                .map_err(|e| TcpError::of(&self.peer, e))?;
+            self.limit = limit;
+        }
+        Ok(())
     }
 
     /// Like [`receive`](Self::receive), but any other message is an error.
