@@ -56,7 +56,7 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     let mut store = open_store(args.store.as_ref().unwrap_or(&file), false)?;
     let last = store.require_last_run()?.run;
     let run = args.run.unwrap_or(last);
-    let Some(info) = store.runs()?.into_iter().find(|info| info.run == run) else {
+    let Some(info) = store.find_run(run)? else {
         return Err(CliError::input(format!(
             "{} has no run {run}: give a number from 1 to {last}",
             store.path().display()

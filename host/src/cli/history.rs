@@ -134,10 +134,18 @@ fn text(trend: &Trend) -> String {
              and no date are stated; set the clock, and measure again to state them.\n"
         ));
     }
-    out.push_str(if trend.drifting {
-        "  It is drifting"
-    } else {
-        "  No drift beyond the uncertainty of the calibrations"
+    let sigma_mm = trend.steps.last().map_or(0.0, |step| step.sigma_mm);
+    out.push_str(&match (trend.drifting, trend.can_tell) {
+        (true, _) => "  It is drifting".to_owned(),
+        (false, true) => "  No drift beyond the uncertainty of the calibrations".to_owned(),
+        (false, false) if trend.steps.len() < 2 => {
+            "  Cannot tell yet whether it drifts: this is the first calibration".to_owned()
+        }
+        (false, false) => format!(
+            "  Cannot tell yet whether it drifts: 3 sigma of the calibrations is {:.3} mm, more than the limit; give more \
+             poses",
+            3.0 * sigma_mm
+        ),
     });
     if let (true, Some(speed)) = (trend.drifting, trend.mm_per_year) {
         out.push_str(&format!(", {speed:.2} mm a year"));

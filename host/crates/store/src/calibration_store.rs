@@ -6,6 +6,7 @@ use std::path::Path;
 use spherecal_model::{LaserShot, Sphere};
 use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, PhaseChange, Recording};
 
+use super::history::{self, StoredPast};
 use super::{NewRun, Placed, RunInfo, SessionEnd, StoreError};
 
 /// Everything that a run has, fetched once.
@@ -162,6 +163,23 @@ pub trait CalibrationStore: Send {
     /// When the store fails.
     fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError>;
 
+    /// One run.
+    ///
+    /// # Errors
+    /// When the store fails or the run does not decode.
+    fn find_run(&mut self, run: i64) -> Result<Option<RunInfo>, StoreError> {
+        Ok(self.runs()?.into_iter().find(|info| info.run == run))
+    }
+
+    /// The calibrations of one arm, or of all if `arm` is empty, without what was measured in them;
+    /// oldest first.
+    ///
+    /// # Errors
+    /// When the store fails, or a row is not as it was written.
+    fn past(&mut self, arm: &str) -> Result<Vec<StoredPast>, StoreError> {
+        history::one_by_one(self, arm)
+    }
+
     /// Reads everything that a file holds, and compares it with its digests. A server vouches for
     /// its own data.
     ///
@@ -190,7 +208,7 @@ pub trait CalibrationStore: Send {
     /// When the store fails or the run does not decode.
     fn last_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
         match self.chosen_run() {
-            Some(chosen) => Ok(self.runs()?.into_iter().find(|info| info.run == chosen)),
+            Some(chosen) => self.find_run(chosen),
             None => self.newest_run(),
         }
     }

@@ -26,6 +26,10 @@ use crate::{CalibrationStore, RunInfo, StoreError};
 pub const LIMIT_MM: f64 = 0.3;
 /// Name of a fingerprint among a run's results.
 pub const FINGERPRINT: &str = "fingerprint";
+/// Name of the headline among a run's results.
+pub(super) const HEADLINE: &str = "headline";
+/// Name of the summary among a run's results.
+const SUMMARY: &str = "summary";
 /// Configurations of a fingerprint.
 const POINTS: usize = 60;
 /// How many times the uncertainty a move must be to count as drift.
@@ -89,6 +93,82 @@ impl Fingerprint {
     }
 }
 
+/// What a list of past calibrations shows of a summary, which itself is a hundred times as long.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Headline {
+    trusted: Option<bool>,
+    recorded: Option<u64>,
+    residual_rms_mm: Option<f64>,
+    nominal_mm: Option<f64>,
+    calibrated_mm: Option<f64>,
+}
+
+impl Headline {
+    /// Of a summary as JSON; empty if it is none.
+    fn of(summary: &str) -> Self {
+        let summary: serde_json::Value = serde_json::from_str(summary).unwrap_or_default();
+        let models = &summary["validation"]["models"];
+        Self {
+            // Earlier versions called it `trusted`.
+            trusted: summary["verdict"]["may_be_used"]
+                .as_bool()
+                .or_else(|| summary["verdict"]["trusted"].as_bool()),
+            recorded: summary["poses"]["recorded"].as_u64(),
+            residual_rms_mm: summary["residual"]["rms_mm"].as_f64(),
+            nominal_mm: models["nominal"]["mean_mm"].as_f64(),
+            calibrated_mm: models["sphere"]["mean_mm"].as_f64(),
+        }
+    }
+}
+
+/// Stores the summary of a run, as JSON, so that [`read`] finds it.
+///
+/// # Errors
+/// When the store fails.
+pub fn put_summary(store: &mut dyn CalibrationStore, run: i64, json: &str) -> Result<(), StoreError> {
+    let headline = serde_json::to_string(&Headline::of(json)).map_err(|source| StoreError::Decode {
+        path: store.path().to_owned(),
+        field: "summary",
+        source,
+    })?;
+    store.put_result(run, SUMMARY, json)?;
+    store.put_result(run, HEADLINE, &headline)
+}
+
+/// One past calibration as a store gives it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StoredPast {
+    pub(super) run: i64,
+    pub(super) created_utc: String,
+    pub(super) robot: String,
+    pub(super) arm: String,
+    pub(super) state: String,
+    /// As JSON; `None` if the run has no result, or an earlier version wrote it.
+    pub(super) headline: Option<String>,
+    /// As JSON.
+    pub(super) fingerprint: Option<String>,
+}
+
+/// Reads the past run by run, with all checks of a store.
+pub(super) fn one_by_one<S: CalibrationStore + ?Sized>(
+    store: &mut S,
+    arm: &str,
+) -> Result<Vec<StoredPast>, StoreError> {
+    let mut past = Vec::new();
+    for info in store.runs_of(arm)?.into_iter().filter(RunInfo::is_calibration) {
+        past.push(StoredPast {
+            headline: store.result(info.run, HEADLINE)?,
+            fingerprint: store.result(info.run, FINGERPRINT)?,
+            run: info.run,
+            created_utc: info.created_utc,
+            robot: info.robot.name.to_string(),
+            arm: info.arm,
+            state: info.state,
+        });
+    }
+    Ok(past)
+}
+
 /// One past calibration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Past {
@@ -122,29 +202,31 @@ pub struct Past {
 /// # Errors
 /// When the store fails.
 pub fn read(store: &mut dyn CalibrationStore, arm: &str) -> Result<Vec<Past>, StoreError> {
-    let mut past = Vec::new();
-    for info in store.runs_of(arm)?.into_iter().filter(RunInfo::is_calibration) {
-        let summary: serde_json::Value = store
-            .result(info.run, "summary")?
-            .and_then(|json| serde_json::from_str(&json).ok())
-            .unwrap_or_default();
-        let fingerprint = store.result(info.run, FINGERPRINT)?;
-        let models = &summary["validation"]["models"];
+    let stored = store.past(arm)?;
+    let mut past = Vec::with_capacity(stored.len());
+    for run in stored {
+        let headline: Headline = match run.headline {
+            Some(json) => serde_json::from_str(&json).unwrap_or_default(),
+            // It has no result yet.
+            None if run.state == "running" => Headline::default(),
+            // An earlier version wrote it.
+            None => store
+                .result(run.run, SUMMARY)?
+                .map(|json| Headline::of(&json))
+                .unwrap_or_default(),
+        };
         past.push(Past {
-            run: info.run,
-            created_utc: info.created_utc,
-            robot: info.robot.name.to_string(),
-            arm: info.arm,
-            state: info.state,
-            // Earlier versions called it `trusted`.
-            trusted: summary["verdict"]["may_be_used"]
-                .as_bool()
-                .or_else(|| summary["verdict"]["trusted"].as_bool()),
-            recorded: summary["poses"]["recorded"].as_u64(),
-            residual_rms_mm: summary["residual"]["rms_mm"].as_f64(),
-            nominal_mm: models["nominal"]["mean_mm"].as_f64(),
-            calibrated_mm: models["sphere"]["mean_mm"].as_f64(),
-            fingerprint: fingerprint.and_then(|json| serde_json::from_str(&json).ok()),
+            run: run.run,
+            created_utc: run.created_utc,
+            robot: run.robot,
+            arm: run.arm,
+            state: run.state,
+            trusted: headline.trusted,
+            recorded: headline.recorded,
+            residual_rms_mm: headline.residual_rms_mm,
+            nominal_mm: headline.nominal_mm,
+            calibrated_mm: headline.calibrated_mm,
+            fingerprint: run.fingerprint.and_then(|json| serde_json::from_str(&json).ok()),
         });
     }
     Ok(past)
@@ -185,6 +267,9 @@ pub struct Trend {
     pub steps: Vec<Step>,
     /// Whether the arm has moved by more than the calibrations' own uncertainty.
     pub drifting: bool,
+    /// Whether the calibrations could have shown a move by the limit: there are two at least, and
+    /// three times their uncertainty is within the limit. Without it, no drift means nothing.
+    pub can_tell: bool,
     /// Slope of the straight line through all moves, in mm per year; `None` if all runs are from
     /// one day.
     pub mm_per_year: Option<f64>,
@@ -226,6 +311,7 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
     let clock_back_at = back.map(|pair| pair[1].run);
     let last = steps.last()?;
     let drifting = last.moved_mm > SIGNIFICANT * last.sigma_mm;
+    let can_tell = drifting || (steps.len() > 1 && SIGNIFICANT * last.sigma_mm <= limit_mm);
     // A line through the origin: the first run has not moved relative to itself.
     let (product, square) = steps.iter().fold((0.0, 0.0), |(p, s), step| {
         (p + step.days * step.moved_mm, s + step.days * step.days)
@@ -241,6 +327,7 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
         robot: first.robot.clone(),
         arm: first.arm.clone(),
         drifting,
+        can_tell,
         mm_per_year: per_day.map(|speed| speed * YEAR_DAYS),
         limit_mm,
         due_utc: clock_back_at
@@ -312,7 +399,8 @@ mod tests {
         assert!(t.clock_back_at.is_none() && t.due_utc.is_some(), "{t:?}");
     }
 
-    // Fails if noise counts as drift, if drift is missed, or if the due date is not where the line
+    // Fails if noise counts as drift, if drift is missed, if "no drift" is said where the limit could not
+    // be seen, or if the due date is not where the line
     // reaches the limit.
     #[test]
     fn drift_is_told_from_noise_and_dated() {
@@ -321,7 +409,12 @@ mod tests {
             past(2, "2026-07-01T00:00:00Z", print(0.0002, 0.2)),
         ];
         let t = trend(&steady, 0.5).expect("a trend");
-        assert!(!t.drifting, "{t:?}");
+        assert!(!t.drifting && t.can_tell, "{t:?}");
+        // 3 sigma of both together is 0.212 mm: a smaller limit could have been passed unseen.
+        let t = trend(&steady, 0.2).expect("a trend");
+        assert!(!t.drifting && !t.can_tell, "{t:?}");
+        // One calibration says nothing of a move.
+        assert!(!trend(&steady[..1], 0.5).expect("a trend").can_tell);
         assert_eq!(t.due_utc.as_deref(), Some("2027-07-01T00:00:00Z"));
 
         let drifting = [
@@ -330,7 +423,7 @@ mod tests {
             past(3, "2026-01-21T00:00:00Z", print(0.004, 0.3)),
         ];
         let t = trend(&drifting, 1.0).expect("a trend");
-        assert!(t.drifting);
+        assert!(t.drifting && t.can_tell);
         let per_day = t.mm_per_year.expect("a speed") / 365.0;
         assert!((0.04..0.06).contains(&per_day), "{per_day}");
         let due = days(t.due_utc.as_deref().expect("due")).expect("a date");

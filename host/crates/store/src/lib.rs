@@ -24,6 +24,7 @@ mod columns;
 mod digest;
 mod error;
 mod events;
+mod fleet;
 pub mod history;
 mod location;
 mod lock;
@@ -126,7 +127,15 @@ pub struct StoredPose {
 }
 
 #[cfg(test)]
+thread_local! {
+    /// Pieces of database work of this thread so far.
+    static STATEMENTS: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
+}
+
+#[cfg(test)]
 mod damage_tests;
+#[cfg(all(test, feature = "postgres"))]
+mod fleet_tests;
 #[cfg(test)]
 mod flip_tests;
 #[cfg(test)]

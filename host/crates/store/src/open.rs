@@ -19,7 +19,11 @@ use super::lock::identity;
 use super::{Kind, SqlStore, StoreError};
 
 /// Version of the schema that this program writes. It also reads older versions.
-pub const SCHEMA_VERSION: i64 = 4;
+pub const SCHEMA_VERSION: i64 = 5;
+
+/// The first version whose rows are all sealed. Rows of an older database are sealed once, as they
+/// are; those of a newer one never again, or damage would be sealed too.
+const SEALED_SINCE: i64 = 4;
 
 /// `SPHC`, in SQLite's application id: marks a database of spherecal.
 const APPLICATION_ID: i64 = 0x5350_4843;
@@ -37,6 +41,7 @@ static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
         step(2, "sessions", include_str!("../migrations/0002_sessions.sql")),
         step(3, "arm", include_str!("../migrations/0003_arm.sql")),
         step(4, "seals", include_str!("../migrations/0004_seals.sql")),
+        step(5, "fleet", include_str!("../migrations/0005_fleet.sql")),
     ])
 });
 
@@ -120,7 +125,7 @@ impl SqlStore {
                 .fetch_one(&mut connection)
                 .await
                 .unwrap_or(None);
-            let older = before.is_some_and(|version| version < SCHEMA_VERSION);
+            let older = before.is_some_and(|version| version < SEALED_SINCE);
             match MIGRATIONS.run(&mut connection).await {
                 Ok(()) => Ok((connection, older)),
                 Err(MigrateError::VersionMissing(found) | MigrateError::VersionMismatch(found)) => {
@@ -227,7 +232,9 @@ impl SqlStore {
             reading: false,
         };
         if version < SCHEMA_VERSION {
-            store.seal_everything()?;
+            if version < SEALED_SINCE {
+                store.seal_everything()?;
+            }
             // The mark is last: after a kill the migration is repeated.
             let mark = format!("PRAGMA user_version = {SCHEMA_VERSION}");
             store.block(async |connection| sqlx::query(AssertSqlSafe(mark)).execute(connection).await.map(|_| ()))?;

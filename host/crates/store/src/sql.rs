@@ -4,6 +4,7 @@ use std::path::Path;
 
 use spherecal_model::LaserShot;
 
+use super::history::{self, StoredPast};
 use super::seal::{
     CONTACTS, COUPLINGS, FAULTS, GREETINGS, LASER, PHASES, POSES, RECORDINGS, SESSIONS, SPHERES, Sealed,
 };
@@ -43,6 +44,18 @@ impl CalibrationStore for SqlStore {
 
     fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, StoreError> {
         self.snapshot(|store| SqlStore::runs_of(store, arm))
+    }
+
+    fn find_run(&mut self, run: i64) -> Result<Option<RunInfo>, StoreError> {
+        self.snapshot(|store| store.info_of(run))
+    }
+
+    fn past(&mut self, arm: &str) -> Result<Vec<StoredPast>, StoreError> {
+        match self.kind {
+            // A file vouches for nothing: every row of every run is compared with its digest.
+            Kind::Sqlite => history::one_by_one(self, arm),
+            Kind::Postgres => self.snapshot(|store| store.past_at_once(arm)),
+        }
     }
 
     fn read_run(&mut self, run: i64) -> Result<StoredRun, StoreError> {

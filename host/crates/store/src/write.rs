@@ -289,6 +289,8 @@ impl SqlStore {
         &mut self,
         work: impl AsyncFnOnce(&mut AnyConnection) -> Result<T, sqlx::Error>,
     ) -> Result<T, StoreError> {
+        #[cfg(test)]
+        super::STATEMENTS.set(super::STATEMENTS.get() + 1);
         let done = match self.connection.as_mut() {
             Some(connection) => self.runtime.block_on(work(connection)),
             None => Err(sqlx::Error::WorkerCrashed),

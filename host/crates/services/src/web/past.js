@@ -21,9 +21,10 @@ function status(trend, limit) {
   if (!trend) return ["not calibrated yet", "pill quiet"];
   if (trend.steps.length === 1) return ["first calibration", "pill"];
   const last = trend.steps.at(-1);
+  if (!trend.can_tell) return ["cannot tell yet: 3 sigma exceeds the limit", "pill"];
   if (!trend.drifting) return ["no drift", "pill good"];
   const speed = trend.mm_per_year === null ? "" : `, ${trend.mm_per_year.toFixed(2)} mm a year`;
-  return [`drifting${speed}`, last.moved_mm > limit ? "pill bad" : "pill bad"];
+  return [`drifting${speed}${last.moved_mm > limit ? ", beyond the limit" : ""}`, "pill bad"];
 }
 
 function due(trend) {
@@ -118,7 +119,9 @@ export async function showPast() {
     card.append(table(runs.slice(0, SHOWN)));
     if (runs.length > SHOWN) {
       const more = element("details");
-      more.append(element("summary", `${runs.length - SHOWN} older`), table(runs.slice(SHOWN)));
+      more.append(element("summary", `${runs.length - SHOWN} older`));
+      // A fleet has thousands: rows are made when they are asked for.
+      more.addEventListener("toggle", () => more.append(table(runs.slice(SHOWN))), { once: true });
       card.append(more);
     }
     return card;

@@ -45,7 +45,7 @@ pub(super) async fn report(State(site): State<Arc<Site>>, Path(run): Path<String
         return (headers("text/html; charset=utf-8"), page.clone()).into_response();
     }
     let found = with_store(store, move |store| {
-        Ok(store.runs()?.into_iter().find(|info| info.run == run).map(|info| {
+        Ok(store.find_run(run)?.map(|info| {
             let complete = info.state == "complete";
             (complete, read(store, &info))
         }))

@@ -1,0 +1,83 @@
+//! Reads the past of a fleet with a fixed number of statements, however many calibrations there are.
+
+use std::collections::HashMap;
+
+use super::history::{FINGERPRINT, HEADLINE, StoredPast};
+use super::seal::{RESULTS, Value, of_row};
+use super::{SqlStore, StoreError};
+
+/// Calibrations. The statements for one arm and for all differ, so that each uses its own index.
+const RUNS: &str = "SELECT run, created_utc, robot, arm, state FROM runs WHERE state <> 'commissioned'";
+/// What [`history`](super::history) reads of each, with the digest of the row.
+const RESULTS_OF_RUNS: &str = "SELECT r.run AS run, r.name AS name, r.json AS json, d.digest AS digest \
+     FROM runs u JOIN results r ON r.run = u.run \
+     LEFT JOIN digests d ON d.run = r.run AND d.subject = 'results ' || r.name \
+     WHERE r.name IN ('headline', 'fingerprint')";
+
+/// The two statements for one arm (which is $1), or for all.
+pub(super) fn statements(one_arm: bool) -> [String; 2] {
+    let (runs, results) = if one_arm {
+        (" AND arm = $1", " AND u.arm = $1")
+    } else {
+        ("", "")
+    };
+    [
+        format!("{RUNS}{runs} ORDER BY run"),
+        format!("{RESULTS_OF_RUNS}{results}"),
+    ]
+}
+
+impl SqlStore {
+    /// See [`CalibrationStore::past`](super::CalibrationStore::past).
+    pub(super) fn past_at_once(&mut self, arm: &str) -> Result<Vec<StoredPast>, StoreError> {
+        let [runs, results] = statements(!arm.is_empty());
+        let runs = self.select(runs, arm)?;
+        let results = self.select(results, arm)?;
+        let mut texts: HashMap<(i64, bool), String> = HashMap::with_capacity(results.len());
+        for row in &results {
+            let (run, name): (i64, String) = (self.get(row, "run")?, self.get(row, "name")?);
+            let json: String = self.get(row, "json")?;
+            let stored: Option<i64> = self.get(row, "digest")?;
+            let headline = name == HEADLINE;
+            debug_assert!(headline || name == FINGERPRINT);
+            let values = [Value::Whole(run), Value::Text(name), Value::Text(json)];
+            let digest = of_row(RESULTS.name, &values);
+            let [_, Value::Text(name), Value::Text(json)] = values else {
+                continue;
+            };
+            if stored != Some(digest) {
+                return Err(StoreError::Damaged {
+                    path: self.path.clone(),
+                    what: format!("run {run}: the result \"{name}\" differs from what was written"),
+                });
+            }
+            texts.insert((run, headline), json);
+        }
+        runs.iter()
+            .map(|row| {
+                let run: i64 = self.get(row, "run")?;
+                let mut text = |headline| texts.remove(&(run, headline));
+                Ok(StoredPast {
+                    run,
+                    headline: text(true),
+                    fingerprint: text(false),
+                    created_utc: self.get(row, "created_utc")?,
+                    robot: self.get(row, "robot")?,
+                    arm: self.get(row, "arm")?,
+                    state: self.get(row, "state")?,
+                })
+            })
+            .collect()
+    }
+
+    /// The rows of a statement whose only parameter is an arm, if one is named.
+    fn select(&mut self, statement: String, arm: &str) -> Result<Vec<sqlx::any::AnyRow>, StoreError> {
+        self.block(async |connection| {
+            let mut query = sqlx::query(sqlx::AssertSqlSafe(statement));
+            if !arm.is_empty() {
+                query = query.bind(arm.to_owned());
+            }
+            query.fetch_all(connection).await
+        })
+    }
+}
