@@ -6,6 +6,7 @@ use super::out::errln;
 use clap::Args;
 use clap::builder::TypedValueParser;
 
+use super::progress::Planning;
 use spherecal_job::{self as job, Config, JobError, Link, Prepared, TaughtWaypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation, UnknownScheme};
@@ -166,7 +167,10 @@ impl RunArgs {
     /// # Errors
     /// Any error in the input.
     pub fn prepare(&self) -> Result<Prepared, JobError> {
-        let mut prepared = job::prepare(&self.configuration()?)?;
+        let config = self.configuration()?;
+        let planning = Planning::show(self.json);
+        let mut prepared = job::prepare(&config)?;
+        drop(planning);
         if let Some(path) = &self.waypoints {
             let waypoints = TaughtWaypoints::read(path)?;
             waypoints.apply(&prepared.robot, &prepared.tool, &mut prepared.plan)?;

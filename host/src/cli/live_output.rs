@@ -1,6 +1,10 @@
 //! Shows a run to viewers outside the terminal: browsers at its own page (`--serve`) and at the
 //! page of a server (`--publish`).
 
+use std::io::IsTerminal as _;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
 use super::args::RunArgs;
 use super::exit::CliError;
 use super::out::errln;
@@ -29,13 +33,12 @@ pub(super) struct LiveOutput {
 }
 
 impl LiveOutput {
-    /// Opens the run's own page, and connects to another server's page.
-    pub(super) fn start(args: &RunArgs, prepared: &Prepared) -> Result<Self, CliError> {
+    /// Opens the run's own page. It answers while the poses are still being planned.
+    pub(super) fn open(args: &RunArgs) -> Result<Self, CliError> {
         let mut live = Self::default();
-        let mut outs = Vec::new();
         if let Some(address) = &args.serve {
             // A separate connection, beside the one through which the run writes.
-            let store = open_store(&args.database(), true)?;
+            let store = open_store(&args.database(), !args.resume)?;
             let page = Page {
                 store: Some(std::sync::Arc::new(std::sync::Mutex::new(store))),
                 report: Some(stored_reports()),
@@ -46,17 +49,25 @@ impl LiveOutput {
                 page: Some((page, false)),
                 ..Offer::default()
             };
-            let mut server = Server::start(address, &args.protection.files(), offer)?;
+            let server = Server::start(address, &args.protection.files(), offer)?;
             errln!("page on {}", server.page_url());
-            outs.extend(server.show().map(|out| (out, true)));
             live.server = Some(server);
+        }
+        Ok(live)
+    }
+
+    /// Shows the run that begins, also on another server's page.
+    pub(super) fn begin(&mut self, args: &RunArgs, prepared: &Prepared) -> Result<(), CliError> {
+        let mut outs = Vec::new();
+        if let Some(server) = &mut self.server {
+            outs.extend(server.show().map(|out| (out, true)));
         }
         #[cfg(feature = "services")]
         if let Some(peer) = args.shown_by() {
             let stored = args.database() == StoreLocation::Service(peer.clone());
             let (out, publisher) = Publisher::start(peer)?;
             outs.push((out, stored));
-            live.publisher = Some(publisher);
+            self.publisher = Some(publisher);
         }
         let scene = Scene {
             arm: prepared.config.arm.clone(),
@@ -70,12 +81,13 @@ impl LiveOutput {
             )
         };
         let watch = |out| Watch::new(out, &prepared.robot, &prepared.tool, scene.clone());
-        live.watches = outs.into_iter().map(|(out, stored)| (watch(out), stored)).collect();
-        Ok(live)
+        self.watches = outs.into_iter().map(|(out, stored)| (watch(out), stored)).collect();
+        Ok(())
     }
 
-    /// Says how the run ended, and closes the page.
-    pub(super) fn end(mut self, end: &End) {
+    /// Says how the run ended. The run's own page stays until this is dropped where a person is at the terminal, and
+    /// closes at once where nobody is: a script may read the page to its end before it reads the result.
+    pub(super) fn end(&mut self, end: &End) {
         for (watch, stored) in &mut self.watches {
             // A number means nothing where another database is.
             let run = end.run.filter(|_| *stored);
@@ -87,6 +99,21 @@ impl LiveOutput {
         if let Some(publisher) = self.publisher.take() {
             publisher.finish();
         }
+        if !std::io::stdin().is_terminal() {
+            self.server = None;
+        }
+    }
+
+    /// Keeps the run's own page until the person at the terminal is done with it: Enter, or Ctrl-C.
+    pub(super) fn stay(&self, interrupt: &AtomicBool) {
+        let Some(server) = &self.server else { return };
+        errln!("The page stays on {}. Press Enter to close it.", server.page_url());
+        let (done, waiting) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            let _ = std::io::stdin().read_line(&mut String::new());
+            let _ = done.send(());
+        });
+        while !interrupt.load(Ordering::Relaxed) && waiting.recv_timeout(Duration::from_millis(50)).is_err() {}
     }
 
     /// A remark for those who see the run.

@@ -14,6 +14,36 @@ use spherecal_services::live::eta_s;
 /// Interval of the lines if there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
+/// Says that the poses are being planned, from the first moment until it is dropped: on a terminal with
+/// the time so far, otherwise in one line.
+pub(super) struct Planning(ProgressBar);
+
+impl Planning {
+    /// Says so, unless `quiet`.
+    pub(super) fn show(quiet: bool) -> Self {
+        const WORDS: &str = "planning the poses";
+        let bar = ProgressBar::hidden();
+        if !quiet && std::io::stderr().is_terminal() {
+            bar.set_draw_target(ProgressDrawTarget::stderr_with_hz(10));
+            // The template is a constant that is known to parse.
+            if let Ok(style) = ProgressStyle::with_template("{spinner:.cyan} {msg}  {elapsed}") {
+                bar.set_style(style);
+            }
+            bar.set_message(WORDS);
+            bar.enable_steady_tick(Duration::from_millis(200));
+        } else if !quiet {
+            errln!("{WORDS}");
+        }
+        Self(bar)
+    }
+}
+
+impl Drop for Planning {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
+
 /// Shows a campaign's progress.
 pub(super) struct ProgressView {
     bar: ProgressBar,

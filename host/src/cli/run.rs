@@ -1,7 +1,9 @@
 //! `spherecal run`: the whole job.
 
 use std::collections::BTreeMap;
+use std::io::IsTerminal as _;
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 
 use super::args::RunArgs;
 #[cfg(feature = "dashboard")]
@@ -16,12 +18,14 @@ use super::text;
 use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};
 use spherecal_campaign::{Moved, Observer, Progress};
 use spherecal_job::open_store;
-use spherecal_job::{self as job, JobError, Link, Measurements, Prepared, Site, Summary};
-use spherecal_link::Arrival;
+use spherecal_job::{self as job, JobError, Link, Measurements, Prepared, Site, Summary, TaughtWaypoints};
 use spherecal_link::qemu::LOG_FILE;
+use spherecal_link::{Arrival, Serial};
+use spherecal_model::robots;
+use spherecal_services::Server;
 use spherecal_services::live::End;
 use spherecal_sim::inject;
-use spherecal_store::history::{FINGERPRINT, Fingerprint};
+use spherecal_store::history::{self, FINGERPRINT, Fingerprint};
 use spherecal_store::{CalibrationStore, RunInfo, SqlStore, StoreLocation};
 
 /// What a run of the whole job left.
@@ -53,11 +57,7 @@ impl Face {
         let trigger_n = prepared.config.procedure.approach.trigger_n;
         Dashboard::start(&prepared.robot, &prepared.tool, trigger_n)
             .map(|dashboard| Self::Whole(Box::new(dashboard)))
-            .ok_or_else(|| {
-                CliError::input(
-                    "--dashboard: stderr is not a terminal: leave the option out, or do not redirect stderr",
-                )
-            })
+            .ok_or_else(no_terminal)
     }
 
     #[cfg(not(feature = "dashboard"))]
@@ -111,7 +111,8 @@ impl Observer for View {
 
 /// Runs the whole job.
 pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
-    let (mut store, info, mut live) = measure(args)?;
+    let interrupt = interrupt()?;
+    let (mut store, info, mut live) = measure(args, &interrupt)?;
     live.remark("measurement complete; identifying the robot");
     let finished = evaluate(&args.out, store.as_mut(), &info).and_then(|finished| {
         store.set_state(info.run, "complete")?;
@@ -130,7 +131,9 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
         Err(error) => end(None, error.to_string()),
     });
     drop(store);
-    print(&finished?, args.json)
+    let exit = print(&finished?, args.json)?;
+    live.stay(&interrupt);
+    Ok(exit)
 }
 
 /// Prints a result, as JSON or for people.
@@ -165,18 +168,64 @@ fn warn_of_first_run(link: &Link, arm: &str, store: &mut dyn CalibrationStore) {
     }
 }
 
+/// Checks what can be checked before anything is written, planned or moved.
+fn check_first(args: &RunArgs) -> Result<(), CliError> {
+    if !args.resume {
+        robots::load(&args.configuration()?.robot)?;
+    }
+    if let Some(path) = &args.waypoints {
+        TaughtWaypoints::read(path)?;
+    }
+    if args.dashboard && !std::io::stderr().is_terminal() {
+        return Err(no_terminal());
+    }
+    if let Some(address) = &args.serve {
+        Server::check(address, &args.protection.files())?;
+    }
+    if let Link::Serial(device) = &args.link {
+        Serial::check(device)?;
+    }
+    if args.out.exists() && !args.out.is_dir() {
+        return Err(CliError::input(format!(
+            "--out is {}, which is a file: give a folder",
+            args.out.display()
+        )));
+    }
+    Ok(())
+}
+
+/// `--dashboard` without a terminal.
+fn no_terminal() -> CliError {
+    CliError::input("--dashboard: stderr is not a terminal: leave the option out, or do not redirect stderr")
+}
+
 /// Plans and measures, or continues the last run. The outside views stay open.
-pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
+pub(super) fn measure(
+    args: &RunArgs,
+    interrupt: &AtomicBool,
+) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
     features::check_run(args)?;
-    let interrupt = interrupt()?;
     let inject = args.inject.as_deref().map(inject::FaultPlan::load).transpose()?;
+    check_first(args)?;
+    let mut live = LiveOutput::open(args)?;
     let (mut store, prepared, resume) = if args.resume {
         resumed(args)?
     } else {
+        // What is there already is checked before the poses are planned; what is not yet there appears
+        // with the plan.
+        let there = match args.database() {
+            StoreLocation::File(path) => path.exists(),
+            StoreLocation::Postgres(_) | StoreLocation::Service(_) => true,
+        };
+        let open = || {
+            let mut store = open_store(&args.database(), true)?;
+            // A new run in a damaged file could not be read back.
+            store.verify()?;
+            Ok::<_, CliError>(store)
+        };
+        let found = there.then(open).transpose()?;
         let prepared = args.prepare()?;
-        let mut store = open_store(&args.database(), true)?;
-        // A new run in a damaged file could not be read back.
-        store.verify()?;
+        let mut store = found.map_or_else(open, Ok)?;
         warn_of_first_run(&args.link, &prepared.config.arm, store.as_mut());
         (store, prepared, None)
     };
@@ -185,7 +234,6 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
         StoreLocation::File(path) => Some(SqlStore::claim(&path)?),
         StoreLocation::Postgres(_) | StoreLocation::Service(_) => None,
     };
-    let mut live = LiveOutput::default();
     if resume.as_ref().is_none_or(|info| info.state == "running") {
         if !args.json {
             err!("{}", text::plan(&prepared.plan));
@@ -194,10 +242,9 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
             ("robot".to_owned(), prepared.robot.name.to_string()),
             ("link".to_owned(), args.link.to_string()),
         ]);
-        let view = View {
-            face: Face::new(args, &prepared)?,
-            live: LiveOutput::start(args, &prepared)?,
-        };
+        let face = Face::new(args, &prepared)?;
+        live.begin(args, &prepared)?;
+        let view = View { face, live };
         let mut view = TelemetryRecorder::new(view, &args.out, DrawnArm::new(&prepared.model, &prepared.tool), &about);
         let site = Site {
             link: &args.link,
@@ -205,12 +252,15 @@ pub(super) fn measure(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, RunI
             folder: &args.out,
             store: store.as_mut(),
             observer: &mut view,
-            interrupt: &interrupt,
+            interrupt,
             inject: inject.as_ref(),
         };
         let measured = job::measure(&prepared, site, resume.as_ref());
         let (view, _, traces) = view.finish();
-        let View { mut face, live: seen } = view;
+        let View {
+            mut face,
+            live: mut seen,
+        } = view;
         face.finish();
         if let Err(error) = measured {
             seen.end(&End {
@@ -301,7 +351,7 @@ pub(super) fn evaluate(
         errln!("spherecal: {moved}");
     }
     let json = serde_json::to_string(&summary).map_err(CliError::job)?;
-    store.put_result(info.run, "summary", &json)?;
+    history::put_summary(store, info.run, &json)?;
     let model = &evaluation.calibration;
     let fingerprint = Fingerprint::of(
         &model.robot,

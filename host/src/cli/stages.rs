@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::args::{RunArgs, StoredArgs};
 use super::exit::{CliError, Exit};
+use super::interrupt::interrupt;
 use super::out::{out, outln};
 use super::run::{self, evaluate, print};
 use super::text;
@@ -27,7 +28,8 @@ pub struct ConfigArgs {
 
 /// `spherecal measure`
 pub(super) fn measure(args: &RunArgs) -> Result<Exit, CliError> {
-    let (mut store, info, live) = run::measure(args)?;
+    let interrupt = interrupt()?;
+    let (mut store, info, mut live) = run::measure(args, &interrupt)?;
     let recorded = store.read_run(info.run)?.recordings.len();
     live.end(&End {
         run: Some(info.run),

@@ -1,27 +1,20 @@
 //! `spherecal commission` at a pseudo-terminal, with the simulated arm; and without a person.
 
-use std::fs::File;
 use std::io::{Read as _, Write as _};
 use std::net::UdpSocket;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use rustix::fs::{Mode, OFlags};
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
 
-use crate::support::{PROGRAM, Server, spherecal, text};
+use crate::support::{PROGRAM, Server, spherecal, terminal, text};
 
 /// Three poses: the plan is made quickly.
 const QUICK: &str = "[plan]\nposes = 3\nchoice = \"grid\"\n";
 
 /// Exit code, stdout and stderr of a commissioning whose person types `answers`, one after each question.
 fn at_terminal(folder: &Path, arguments: &[&str], answers: &[&str]) -> (Option<i32>, String, String) {
-    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudo-terminal");
-    grantpt(&master).expect("a pseudo-terminal");
-    unlockpt(&master).expect("a pseudo-terminal");
-    let name = ptsname(&master, Vec::new()).expect("it has a name");
-    let slave = rustix::fs::open(name, OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).expect("it opens");
+    let (mut keyboard, slave) = terminal();
     let mut child = Command::new(PROGRAM)
         .args(arguments)
         .current_dir(folder)
@@ -30,7 +23,6 @@ fn at_terminal(folder: &Path, arguments: &[&str], answers: &[&str]) -> (Option<i
         .stderr(Stdio::piped())
         .spawn()
         .expect("the program starts");
-    let mut keyboard = File::from(master);
     let mut shown = child.stderr.take().expect("piped");
     let mut answers = answers.iter();
     let (mut said, mut asked, mut buffer) = (String::new(), 0, [0; 4096]);

@@ -9,6 +9,8 @@ use serde_json::{Value, json};
 
 #[cfg(feature = "services")]
 use crate::field::{check, python};
+#[cfg(target_os = "linux")]
+use crate::support::terminal;
 use crate::support::{PROGRAM, Server, start};
 
 fn spherecal(folder: &Path, arguments: &[&str]) -> Value {
@@ -48,10 +50,9 @@ fn a_run_serves_its_own_page() {
     );
     let mut said = BufReader::new(run.stderr.take().expect("piped"));
     let mut line = String::new();
-    while !line.contains("page on http://") {
-        line.clear();
-        assert!(said.read_line(&mut line).expect("a line") > 0, "no page is named");
-    }
+    said.read_line(&mut line).expect("a line");
+    // The first line, before the poses are planned.
+    assert!(line.contains("page on http://"), "{line}");
     let address = line
         .trim()
         .rsplit("//")
@@ -138,6 +139,60 @@ fn a_run_serves_its_own_page() {
     assert_eq!(summary["recordings_sha256"], alone["recordings_sha256"]);
     assert_eq!(of("end").len(), 1);
     assert_eq!(of("end")[0]["trusted"], summary["verdict"]["may_be_used"]);
+}
+
+// Fails if the page does not answer before the poses are planned, if planning is not announced, if the page
+// of a person at a terminal closes with the run, if it then says something else than the terminal, if it
+// does not close at Enter, or if the exit code is another for it.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_page_stays_after_the_run_until_it_is_closed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (mut keyboard, slave) = terminal();
+    let mut run = std::process::Command::new(PROGRAM)
+        .args(["run", "--poses", "9", "--serve", "0", "--out", "o"])
+        .current_dir(folder.path())
+        .stdin(slave)
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut said = BufReader::new(run.stderr.take().expect("piped")).lines();
+    let mut next = || said.next().expect("a line").expect("readable");
+    let first = next();
+    let address = first
+        .strip_prefix("page on http://")
+        .unwrap_or_else(|| panic!("{first}"));
+    let address = address.trim_end_matches('/').to_owned();
+    assert_eq!(http(&address, "GET /", "").0, 200);
+    assert_eq!(next(), "planning the poses");
+    let mut line = next();
+    while !line.contains("Press Enter") {
+        line = next();
+    }
+    assert!(line.contains(&address), "{line}");
+    // A browser that comes now, and reads for a moment.
+    let mut late = TcpStream::connect(&address).expect("connects");
+    write!(late, "GET /api/live HTTP/1.1\r\nHost: {address}\r\n\r\n").expect("sent");
+    let mut late = BufReader::new(late).lines();
+    let end = late.find_map(|l| {
+        let message: Value = serde_json::from_str(l.expect("readable").strip_prefix("data: ")?).ok()?;
+        message["message"].get("end").cloned()
+    });
+    let end = end.expect("the end of the run");
+    let summary = std::fs::read(folder.path().join("o/summary.json")).expect("a summary");
+    let summary: Value = serde_json::from_slice(&summary).expect("JSON");
+    assert_eq!(end["trusted"], summary["verdict"]["may_be_used"]);
+    assert!(run.try_wait().expect("its state").is_none(), "it has ended");
+    keyboard.write_all(b"\n").expect("typed");
+    let output = run.wait_with_output().expect("it ends");
+    let result = String::from_utf8_lossy(&output.stdout).into_owned();
+    // The words of the page are in the result, line by line.
+    let words = end["text"].as_str().expect("words");
+    assert!(words.lines().all(|l| result.contains(l.trim())), "{words}: {result}");
+    let trusted = summary["verdict"]["may_be_used"] == true;
+    assert_eq!(output.status.code(), Some(if trusted { 0 } else { 3 }));
+    assert!(TcpStream::connect(&address).is_err(), "the page is still there");
 }
 
 // Fails if a run waits for a server that is not there to show it, does not say

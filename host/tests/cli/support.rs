@@ -33,6 +33,19 @@ pub(crate) fn start(folder: &Path, arguments: &[&str]) -> Child {
         .expect("the program starts")
 }
 
+/// A pseudo-terminal: what a person types, and the side that the program reads.
+#[cfg(target_os = "linux")]
+pub(crate) fn terminal() -> (std::fs::File, std::os::fd::OwnedFd) {
+    use rustix::fs::{Mode, OFlags};
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudo-terminal");
+    grantpt(&master).expect("a pseudo-terminal");
+    unlockpt(&master).expect("a pseudo-terminal");
+    let name = ptsname(&master, Vec::new()).expect("it has a name");
+    let slave = rustix::fs::open(name, OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).expect("it opens");
+    (std::fs::File::from(master), slave)
+}
+
 /// A server that has said where it listens; it is ended with the test.
 pub(crate) struct Server {
     child: Child,

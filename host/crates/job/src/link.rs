@@ -64,13 +64,19 @@ impl FromStr for Link {
             None if text == "sim" => Ok(Self::Sim),
             None if text == "qemu" => Ok(Self::Qemu),
             Some(("serial", device)) if !device.is_empty() => Ok(Self::Serial(device.to_owned())),
-            Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_owned())),
-            Some(("controller", address)) if address.contains(':') => Ok(Self::Controller(address.to_owned())),
+            Some(("tcp", address)) if has_port(address) => Ok(Self::Tcp(address.to_owned())),
+            Some(("controller", address)) if has_port(address) => Ok(Self::Controller(address.to_owned())),
             Some(("franka", rest)) => franka(rest).ok_or_else(|| UnknownLink { text: text.to_owned() }),
             Some(("fri", rest)) => fri(rest).ok_or_else(|| UnknownLink { text: text.to_owned() }),
             _ => Err(UnknownLink { text: text.to_owned() }),
         }
     }
+}
+
+/// Whether a text is `HOST:PORT`, with a port that there can be.
+fn has_port(text: &str) -> bool {
+    let port = text.rsplit_once(':').and_then(|(_, port)| port.parse::<u16>().ok());
+    port.is_some_and(|port| port > 0)
 }
 
 /// `HOST`, `HOST:PORT` or `[HOST]:PORT`, with brackets about an IPv6 address.

@@ -50,6 +50,19 @@ impl Serial {
         }
     }
 
+    /// Refuses a rate that is none, and a device that is not there, without opening it: some boards restart
+    /// when they are opened.
+    ///
+    /// # Errors
+    /// Like [`open`](Self::open).
+    pub fn check(device: &str) -> Result<(), LinkError> {
+        let (path, rate) = device.rsplit_once('@').unwrap_or((device, "1"));
+        if std::path::Path::new(path).exists() && rate.parse::<u32>().is_ok_and(|rate| rate > 0) {
+            return Ok(());
+        }
+        Self::open(device).map(|_| ())
+    }
+
     /// A board behind a port that is already open; `name` appears in messages.
     ///
     /// # Errors

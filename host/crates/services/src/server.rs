@@ -35,6 +35,15 @@ pub struct Server {
 }
 
 impl Server {
+    /// Refuses an address that is none, and protection that is missing or cannot be read, before anything
+    /// is opened.
+    ///
+    /// # Errors
+    /// Like [`start`](Self::start), but for an address that is in use.
+    pub fn check(address: &str, files: &GuardFiles) -> Result<(), ServiceError> {
+        Guard::new(listen_address(address)?, files).map(|_| ())
+    }
+
     /// Listens at `address` (`HOST:PORT`, or a port alone for this machine) and serves in its own
     /// threads.
     ///
