@@ -130,18 +130,26 @@ pub enum Command {
     Trend(TrendArgs),
     /// Repeat the paper's study on the last run of --out, or on a synthetic robot: tables and
     /// figures beside the published numbers.
-    #[command(after_help = "Example: spherecal reproduce --world W1 --seed 3 --out study")]
+    #[command(
+        after_help = "Examples: spherecal reproduce --world W1 --seed 3 --out study\n          \
+                            spherecal reproduce --world W1 --robots 1000 --shard 3/50 --out study\n          \
+                            spherecal reproduce --merge --out study"
+    )]
     Reproduce(ReproduceArgs),
     /// Compare the estimators, or the plans, on the synthetic worlds W0 to W4.
     #[command(
-        after_help = "Examples: spherecal worlds --world W0 --world W3 --seeds 4\n          spherecal worlds --plan"
+        after_help = "Examples: spherecal worlds --world W0 --world W3 --seeds 4\n          spherecal worlds --plan\n          \
+                      spherecal worlds --seeds 1000000 --shard 17/1000 --out study\n          \
+                      spherecal worlds --merge --rows parquet --out study"
     )]
     Worlds(WorldsArgs),
     /// Inject every fault at random instants, and check how each run ends.
     #[command(after_help = "Examples: spherecal faults --list\n          \
                             spherecal faults --show human_push > push.toml && spherecal run --inject push.toml\n          \
                             spherecal faults --instants 20 --seeds 3\n          \
-                            spherecal faults --campaign 1000")]
+                            spherecal faults --campaign 1000\n          \
+                            spherecal faults --campaign 100000 --shard 17/100 --out study\n          \
+                            spherecal faults --campaign 100000 --merge --out study")]
     Faults(FaultsArgs),
     /// Print or check the configuration: every field with its meaning and value.
     #[command(after_help = "Example: spherecal config --print > cell.toml && spherecal run --config cell.toml")]

@@ -3,6 +3,7 @@
 use clap::Args;
 
 use super::exit::{CliError, Exit};
+use super::sharding::{self, ShardArgs, ShardFolder};
 use spherecal_lab::faults::{CampaignOptions, MatrixOptions, WorstOptions, campaign, matrix, worst};
 use spherecal_sim::inject::{FaultPlan, PRESETS};
 
@@ -22,7 +23,7 @@ pub struct FaultsArgs {
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
     pub instants: u32,
     /// Arms, each with its own errors.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     pub seeds: u64,
     /// Instead, run N runs with one to four random faults each.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
@@ -31,9 +32,14 @@ pub struct FaultsArgs {
     #[arg(long, value_name = "N", requires = "campaign")]
     pub run: Option<u64>,
     /// Instead, search with N runs for each fault for the cases that do most harm, and print them.
-    #[arg(long, value_name = "N", conflicts_with = "campaign", num_args = 0..=1, default_missing_value = "100",
+    #[arg(long, value_name = "N", conflicts_with_all = ["campaign", "shard", "merge"], num_args = 0..=1,
+          default_missing_value = "100",
           value_parser = clap::value_parser!(u32).range(8..))]
     pub worst: Option<u32>,
+    #[command(flatten)]
+    pub part: ShardArgs,
+    #[command(flatten)]
+    pub folder: ShardFolder,
     /// Print one JSON document on stdout and nothing else.
     #[arg(long)]
     pub json: bool,
@@ -53,43 +59,59 @@ pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
     }
     // A panic is counted, and its message is in the table.
     std::panic::set_hook(Box::new(|_| {}));
-    let (holds, text, json) = if let Some(runs) = args.campaign {
-        let table = campaign::run(&CampaignOptions {
+    let (shard, folder) = (args.part.shard, &args.folder.out);
+    let progress = !args.json;
+    if let Some(runs) = args.campaign {
+        let options = CampaignOptions {
             runs,
             seeds: args.seeds,
             only: args.run,
-            progress: !args.json,
-        })
-        .map_err(CliError::job)?;
-        let json = serde_json::to_string_pretty(&table).map_err(CliError::job)?;
-        (table.holds(), table.to_string(), json)
-    } else if let Some(runs) = args.worst {
-        matrix::presets(&args.only).map_err(CliError::input)?;
+            progress,
+        };
+        if let Some(shard) = shard {
+            return sharding::one(&options, shard, folder, args.json);
+        }
+        let table = if args.part.merge {
+            campaign::merge(folder).map_err(CliError::from_shard)?
+        } else {
+            campaign::run(&options).map_err(CliError::job)?
+        };
+        return end(args, &table, table.holds());
+    }
+    matrix::presets(&args.only).map_err(CliError::input)?;
+    if let Some(runs) = args.worst {
         let table = worst::run(&WorstOptions {
             only: args.only.clone(),
             runs,
             seeds: args.seeds,
-            progress: !args.json,
+            progress,
         })
         .map_err(CliError::job)?;
-        let json = serde_json::to_string_pretty(&table).map_err(CliError::job)?;
-        (table.holds(), table.to_string(), json)
-    } else {
-        matrix::presets(&args.only).map_err(CliError::input)?;
-        let table = matrix::run(&MatrixOptions {
-            only: args.only.clone(),
-            instants: args.instants,
-            seeds: args.seeds,
-            progress: !args.json,
-        })
-        .map_err(CliError::job)?;
-        let json = serde_json::to_string_pretty(&table).map_err(CliError::job)?;
-        (table.holds(), table.to_string(), json)
+        return end(args, &table, table.holds());
+    }
+    let options = MatrixOptions {
+        only: args.only.clone(),
+        instants: args.instants,
+        seeds: args.seeds,
+        progress,
     };
-    if args.json {
-        println!("{json}");
+    if let Some(shard) = shard {
+        return sharding::one(&options, shard, folder, args.json);
+    }
+    let table = if args.part.merge {
+        matrix::merge(folder).map_err(CliError::from_shard)?
     } else {
-        print!("{text}");
+        matrix::run(&options).map_err(CliError::job)?
+    };
+    end(args, &table, table.holds())
+}
+
+/// Prints a table. Fails if a run did not end as it should.
+fn end(args: &FaultsArgs, table: &(impl std::fmt::Display + serde::Serialize), holds: bool) -> Result<Exit, CliError> {
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(table).map_err(CliError::job)?);
+    } else {
+        print!("{table}");
     }
     if holds {
         Ok(Exit::Done)

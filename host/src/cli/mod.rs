@@ -38,6 +38,7 @@ mod robot_sides;
 mod run;
 mod serve;
 mod servers;
+mod sharding;
 mod shell;
 mod soak;
 mod stability;

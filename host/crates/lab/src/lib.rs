@@ -8,10 +8,13 @@
 //! | [`soak`] | what grows or drifts over hours of robot time? |
 //! | [`stability`] | how still does a seated arm hold? |
 //!
+//! [`shards`] divides the first three over many machines.
+//!
 //! The highest of the host's crates below the command line.
 
 pub mod faults;
 pub mod reproduce;
+pub mod shards;
 pub mod soak;
 pub mod stability;
 pub mod worlds;

@@ -2,15 +2,17 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::ops::Range;
+use std::path::Path;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use super::case::{Case, Ended, Finish, Trial};
+use super::case::{Ended, Finish, Trial};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
-use super::{FaultsError, bar};
+use super::{Cases, FaultsError};
+use crate::shards::{self, ShardError, Study};
 use spherecal_sim::inject::{Entry, FaultPlan, PRESETS, When};
 
 /// Largest accepted ratio of the error with faults to the undisturbed error.
@@ -19,7 +21,7 @@ const WORSE: f64 = 1.2;
 const MOST: usize = 4;
 
 /// How many runs on how many arms.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct CampaignOptions {
     /// Runs.
     pub runs: u64,
@@ -28,6 +30,7 @@ pub struct CampaignOptions {
     /// Only the run with this number, to inspect it again.
     pub only: Option<u64>,
     /// Whether a bar is shown.
+    #[serde(skip)]
     pub progress: bool,
 }
 
@@ -62,7 +65,7 @@ pub struct CampaignTable {
     pub kinetic_j: f64,
     /// Largest contact force that lasted 10 ms, in N.
     pub contact_n: f64,
-    /// Undisturbed errors of the arms, in mm.
+    /// Undisturbed errors of the arms that had a run, in mm.
     pub clean_mm: Vec<f64>,
     /// What should not have been.
     pub broken: Vec<String>,
@@ -74,20 +77,21 @@ impl CampaignTable {
         self.broken.is_empty()
     }
 
-    fn add(&mut self, label: &str, trial: &Trial) {
+    fn add(&mut self, disturbed: &Disturbed) {
+        let label = &disturbed.label;
         self.runs += 1;
-        self.injected += trial.happened.iter().filter(|h| h.begins).count();
-        self.told += trial.faults.len();
-        self.resumed += trial.resumed;
-        self.bad += trial.bad.len();
-        self.lost += trial.lost;
-        self.duplicates += trial.duplicates;
-        self.kinetic_j = self.kinetic_j.max(trial.kinetic_j);
-        self.contact_n = self.contact_n.max(trial.contact_n);
-        match &trial.ended {
+        self.injected += disturbed.injected;
+        self.told += disturbed.told;
+        self.resumed += disturbed.resumed;
+        self.bad += disturbed.bad.len();
+        self.lost += disturbed.lost;
+        self.duplicates += disturbed.duplicates;
+        self.kinetic_j = self.kinetic_j.max(disturbed.kinetic_j);
+        self.contact_n = self.contact_n.max(disturbed.contact_n);
+        match &disturbed.ended {
             Ended::Finished => {
                 self.calibrated += 1;
-                self.rejected += trial.rejected;
+                self.rejected += disturbed.rejected;
             }
             Ended::Stopped(why) => {
                 let short = why.split([',', ':', '(']).next().unwrap_or(why);
@@ -95,24 +99,51 @@ impl CampaignTable {
             }
             Ended::Unexplained(why) | Ended::Panicked(why) => self.broken.push(format!("{label}: {why}")),
         }
-        for why in &trial.bad {
+        for why in &disturbed.bad {
             self.broken.push(format!("{label}: {why}"));
         }
-        if trial.lost + trial.duplicates > 0 {
-            self.broken
-                .push(format!("{label}: {} lost, {} twice", trial.lost, trial.duplicates));
-        }
-        if trial.kinetic_j > KINETIC_J || trial.contact_n > CONTACT_N {
+        if disturbed.lost + disturbed.duplicates > 0 {
             self.broken.push(format!(
-                "{label}: {:.1} J at tick {}, {:.0} N",
-                trial.kinetic_j, trial.kinetic_tick, trial.contact_n
+                "{label}: {} lost, {} twice",
+                disturbed.lost, disturbed.duplicates
             ));
         }
-        if trial.held_s > HELD_S {
+        if disturbed.kinetic_j > KINETIC_J || disturbed.contact_n > CONTACT_N {
+            self.broken.push(format!(
+                "{label}: {:.1} J at tick {}, {:.0} N",
+                disturbed.kinetic_j, disturbed.kinetic_tick, disturbed.contact_n
+            ));
+        }
+        if disturbed.held_s > HELD_S {
             self.broken
-                .push(format!("{label}: more than {HELD_N} N for {:.2} s", trial.held_s));
+                .push(format!("{label}: more than {HELD_N} N for {:.2} s", disturbed.held_s));
         }
     }
+}
+
+/// What became of one run.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Disturbed {
+    /// Number of the run, and its faults.
+    label: String,
+    /// Faults that were injected.
+    injected: usize,
+    /// Faults that the controller reported.
+    told: usize,
+    ended: Ended,
+    resumed: usize,
+    rejected: usize,
+    bad: Vec<String>,
+    lost: usize,
+    duplicates: usize,
+    kinetic_j: f64,
+    kinetic_tick: usize,
+    contact_n: f64,
+    held_s: f64,
+    /// Undisturbed error of the arm, in mm.
+    clean_mm: f64,
+    /// Error over the undisturbed one, or why there is none; `None` if the run did not finish.
+    ratio: Option<Result<f64, String>>,
 }
 
 /// A plan of one to four random faults within `ticks`.
@@ -131,41 +162,101 @@ fn random_plan(seed: u64, ticks: u64) -> FaultPlan {
     }
 }
 
+/// Item number is number of the run.
+impl Study for CampaignOptions {
+    const NAME: &'static str = "campaign";
+    const COMMAND: &'static str = "faults --campaign 1000";
+    const ITEMS: &'static str = "runs";
+    type Context = Cases;
+    type Outcome = Disturbed;
+    type Error = FaultsError;
+
+    fn items(&self) -> u64 {
+        self.only.map_or(self.runs, |_| 1)
+    }
+
+    fn prepare(&self, items: Range<u64>) -> Result<Cases, FaultsError> {
+        // After so many runs every arm has had its turn.
+        let most = usize::try_from(self.seeds).unwrap_or(usize::MAX);
+        let seeds = items.take(most).map(|item| self.seed_of(self.number_of(item)));
+        Cases::new(seeds.collect(), Finish::Calibrate)
+    }
+
+    fn run(&self, cases: &Cases, item: u64) -> Result<Disturbed, FaultsError> {
+        let number = self.number_of(item);
+        let case = cases.get(self.seed_of(number))?;
+        let plan = random_plan(number, case.ticks);
+        let trial: Trial = case.run(&plan)?;
+        let ratio = match trial.ended {
+            Ended::Finished => Some(match case.judge(&trial) {
+                Ok(error_mm) if (error_mm / case.error_mm).is_finite() => Ok(error_mm / case.error_mm),
+                Ok(_) => Err("the error after calibration is not a number".to_owned()),
+                Err(error) => Err(error.to_string()),
+            }),
+            _ => None,
+        };
+        let names: Vec<_> = plan.faults.iter().map(|f| f.what.name()).collect();
+        Ok(Disturbed {
+            label: format!("run {number} ({})", names.join(", ")),
+            injected: trial.happened.iter().filter(|h| h.begins).count(),
+            told: trial.faults.len(),
+            ended: trial.ended,
+            resumed: trial.resumed,
+            rejected: trial.rejected,
+            bad: trial.bad,
+            lost: trial.lost,
+            duplicates: trial.duplicates,
+            kinetic_j: trial.kinetic_j,
+            kinetic_tick: trial.kinetic_tick,
+            contact_n: trial.contact_n,
+            held_s: trial.held_s,
+            clean_mm: case.error_mm,
+            ratio,
+        })
+    }
+}
+
+impl CampaignOptions {
+    /// Number of an item's run.
+    fn number_of(&self, item: u64) -> u64 {
+        self.only.unwrap_or(item)
+    }
+
+    /// Seed of a run's arm.
+    fn seed_of(&self, number: u64) -> u64 {
+        1 + number % self.seeds
+    }
+}
+
 /// Runs the whole campaign.
 ///
 /// # Errors
 /// The undisturbed run of an arm fails.
 pub fn run(options: &CampaignOptions) -> Result<CampaignTable, FaultsError> {
-    let cases = (1..=options.seeds)
-        .into_par_iter()
-        .map(|seed| Case::new(seed, Finish::Calibrate))
-        .collect::<Result<Vec<_>, _>>()?;
-    let bar = bar(options.runs, options.progress);
-    let numbers = options.only.map_or(0..options.runs, |number| number..number + 1);
-    let trials = numbers
-        .into_par_iter()
-        .map(|number| {
-            let case = &cases[(number % options.seeds) as usize];
-            let plan = random_plan(number, case.ticks);
-            let trial = case.run(&plan)?;
-            let error = match trial.ended {
-                Ended::Finished => Some(case.judge(&trial).map(|e| e / case.error_mm).map_err(|e| e.to_string())),
-                _ => None,
-            };
-            bar.inc(1);
-            let names: Vec<_> = plan.faults.iter().map(|f| f.what.name()).collect();
-            Ok((format!("run {number} ({})", names.join(", ")), trial, error))
-        })
-        .collect::<Result<Vec<_>, FaultsError>>()?;
-    bar.finish_and_clear();
+    Ok(table(options, &shards::whole(options, options.progress)?))
+}
+
+/// The campaign of all shards in a folder.
+///
+/// # Errors
+/// See [`ShardError`].
+pub fn merge(folder: &Path) -> Result<CampaignTable, ShardError> {
+    let (options, runs) = shards::merged::<CampaignOptions>(folder)?;
+    Ok(table(&options, &runs))
+}
+
+/// The table that the runs give, in the order of their numbers.
+fn table(options: &CampaignOptions, runs: &[Disturbed]) -> CampaignTable {
+    let arms = usize::try_from(options.seeds).unwrap_or(usize::MAX);
     let mut table = CampaignTable {
-        clean_mm: cases.iter().map(|c| c.error_mm).collect(),
+        clean_mm: runs.iter().take(arms).map(|run| run.clean_mm).collect(),
         ..CampaignTable::default()
     };
     let mut ratios = Vec::new();
-    for (label, trial, error) in &trials {
-        table.add(label, trial);
-        match error {
+    for run in runs {
+        let label = &run.label;
+        table.add(run);
+        match &run.ratio {
             Some(Ok(ratio)) => {
                 ratios.push(*ratio);
                 if !(*ratio <= WORSE) {
@@ -182,7 +273,7 @@ pub fn run(options: &CampaignOptions) -> Result<CampaignTable, FaultsError> {
     ratios.sort_by(f64::total_cmp);
     let at = |k: usize| ratios.get(k).copied().unwrap_or(f64::NAN);
     table.ratio = [at(ratios.len() / 2), at(ratios.len().saturating_sub(1))];
-    Ok(table)
+    table
 }
 
 impl fmt::Display for CampaignTable {

@@ -1,22 +1,25 @@
 //! Each fault alone, at random instants.
 
+use std::collections::BTreeMap;
 use std::fmt;
+use std::ops::Range;
+use std::path::Path;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use super::case::{Case, Ended, Finish, Trial};
+use super::case::{Ended, Finish, Trial};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
-use super::{FaultsError, bar};
+use super::{Cases, FaultsError};
+use crate::shards::{self, ShardError, Study};
 use spherecal_sim::inject::{FaultPlan, PRESETS, Preset, When};
 
 /// Ticks at the beginning and at the end of a run that are left out: handshake and shutdown.
 const EDGE_TICKS: u64 = 500;
 
 /// What is to be injected how often.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct MatrixOptions {
     /// Names of the faults; all if the list is empty.
     pub only: Vec<String>,
@@ -25,6 +28,7 @@ pub struct MatrixOptions {
     /// Arms.
     pub seeds: u64,
     /// Whether a bar is shown.
+    #[serde(skip)]
     pub progress: bool,
 }
 
@@ -139,30 +143,73 @@ fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
     (broken, after_ms)
 }
 
-impl Row {
-    fn add(&mut self, preset: &Preset, label: &str, trial: &Trial) {
+/// What became of one injected fault.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Injected {
+    /// Arm, instant and phase.
+    label: String,
+    /// Names of the reported faults.
+    told: Vec<String>,
+    ended: Ended,
+    /// Time from the injected fault to its first report, in ms.
+    after_ms: Option<u64>,
+    resumed: usize,
+    bad: usize,
+    lost: usize,
+    duplicates: usize,
+    kinetic_j: f64,
+    contact_n: f64,
+    /// Deviations from the documentation.
+    broken: Vec<String>,
+}
+
+impl Injected {
+    fn of(preset: &Preset, label: String, trial: &Trial) -> Self {
         let (broken, after_ms) = broken(preset, trial);
-        self.runs += 1;
-        self.borne += usize::from(trial.faults.is_empty());
-        self.documented += usize::from(broken.is_empty());
-        for fault in &trial.faults {
-            *self.told.entry(spherecal_link::fault_name(fault.fault)).or_default() += 1;
+        Self {
+            label,
+            told: trial
+                .faults
+                .iter()
+                .map(|f| spherecal_link::fault_name(f.fault))
+                .collect(),
+            ended: trial.ended.clone(),
+            after_ms,
+            resumed: trial.resumed,
+            bad: trial.bad.len(),
+            lost: trial.lost,
+            duplicates: trial.duplicates,
+            kinetic_j: trial.kinetic_j,
+            contact_n: trial.contact_n,
+            broken,
         }
-        self.slowest_ms = self.slowest_ms.max(after_ms.unwrap_or(0));
-        match &trial.ended {
+    }
+}
+
+impl Row {
+    fn add(&mut self, injected: &Injected) {
+        self.runs += 1;
+        self.borne += usize::from(injected.told.is_empty());
+        self.documented += usize::from(injected.broken.is_empty());
+        for fault in &injected.told {
+            *self.told.entry(fault.clone()).or_default() += 1;
+        }
+        self.slowest_ms = self.slowest_ms.max(injected.after_ms.unwrap_or(0));
+        match &injected.ended {
             Ended::Finished => self.finished += 1,
             Ended::Stopped(_) => self.stopped += 1,
             Ended::Unexplained(_) => self.unexplained += 1,
             Ended::Panicked(_) => self.panics += 1,
         }
-        self.resumed += trial.resumed;
-        self.bad += trial.bad.len();
-        self.lost += trial.lost;
-        self.duplicates += trial.duplicates;
-        self.kinetic_j = self.kinetic_j.max(trial.kinetic_j);
-        self.contact_n = self.contact_n.max(trial.contact_n);
-        if !broken.is_empty() {
-            self.broken.push(format!("{label}: {}", broken.join("; ")));
+        self.resumed += injected.resumed;
+        self.bad += injected.bad;
+        self.lost += injected.lost;
+        self.duplicates += injected.duplicates;
+        self.kinetic_j = self.kinetic_j.max(injected.kinetic_j);
+        self.contact_n = self.contact_n.max(injected.contact_n);
+        if !injected.broken.is_empty() {
+            self.broken
+                .push(format!("{}: {}", injected.label, injected.broken.join("; ")));
         }
     }
 }
@@ -179,45 +226,61 @@ pub fn presets(only: &[String]) -> Result<Vec<&'static Preset>, FaultsError> {
     only.iter().map(find).collect()
 }
 
-/// Injects each fault alone.
-///
-/// # Errors
-/// A name that no preset has, or an arm whose undisturbed run fails.
-pub fn run(options: &MatrixOptions) -> Result<MatrixTable, FaultsError> {
-    let presets = presets(&options.only)?;
-    let cases = (1..=options.seeds)
-        .into_par_iter()
-        .map(|seed| Case::new(seed, Finish::Record))
-        .collect::<Result<Vec<_>, _>>()?;
-    let mut runs = Vec::new();
-    for (number, preset) in presets.iter().enumerate() {
-        for case in &cases {
-            let mut rng = ChaCha8Rng::seed_from_u64(case.seed.wrapping_mul(1000) + number as u64);
-            for _ in 0..options.instants {
-                let last = case.ticks.saturating_sub(EDGE_TICKS).max(EDGE_TICKS + 1);
-                runs.push((number, *preset, case, rng.random_range(EDGE_TICKS..last)));
+/// Item number `(arm * faults + fault) * instants + instant` is one run.
+impl Study for MatrixOptions {
+    const NAME: &'static str = "faults";
+    const COMMAND: &'static str = "faults";
+    const ITEMS: &'static str = "runs";
+    /// The arms, and the instants by arm and number of the fault.
+    type Context = (Cases, BTreeMap<(u64, usize), Vec<u64>>);
+    type Outcome = Injected;
+    type Error = FaultsError;
+
+    fn items(&self) -> u64 {
+        let faults = presets(&self.only).map_or(0, |presets| presets.len());
+        self.seeds * faults as u64 * u64::from(self.instants)
+    }
+
+    fn prepare(&self, items: Range<u64>) -> Result<Self::Context, FaultsError> {
+        let faults = presets(&self.only)?.len();
+        let each = faults as u64 * u64::from(self.instants);
+        let seeds = 1 + items.start / each..=1 + items.end.saturating_sub(1) / each;
+        let cases = Cases::new(seeds.clone().collect(), Finish::Record)?;
+        let mut ticks = BTreeMap::new();
+        for seed in seeds {
+            let last = cases.get(seed)?.ticks.saturating_sub(EDGE_TICKS).max(EDGE_TICKS + 1);
+            for number in 0..faults {
+                let mut rng = ChaCha8Rng::seed_from_u64(seed.wrapping_mul(1000) + number as u64);
+                let drawn = (0..self.instants).map(|_| rng.random_range(EDGE_TICKS..last));
+                ticks.insert((seed, number), drawn.collect());
             }
         }
+        Ok((cases, ticks))
     }
-    let bar = bar(runs.len() as u64, options.progress);
-    let trials = runs
-        .into_par_iter()
-        .map(|(number, preset, case, tick)| {
-            let plan = FaultPlan {
-                seed: tick,
-                ..FaultPlan::of(preset.what, When::Tick(tick))
-            };
-            let trial = case.run(&plan)?;
-            bar.inc(1);
-            let phase = trial
-                .happened
-                .first()
-                .map(|h| format!(" ({:?})", h.phase))
-                .unwrap_or_default();
-            Ok((number, preset, format!("seed {}, tick {tick}{phase}", case.seed), trial))
-        })
-        .collect::<Result<Vec<_>, FaultsError>>()?;
-    bar.finish_and_clear();
+
+    fn run(&self, (cases, ticks): &Self::Context, item: u64) -> Result<Injected, FaultsError> {
+        let presets = presets(&self.only)?;
+        let (nth, instants) = (item / u64::from(self.instants), u64::from(self.instants));
+        let (seed, number) = (1 + nth / presets.len() as u64, nth as usize % presets.len());
+        let (case, preset) = (cases.get(seed)?, presets[number]);
+        let drawn = ticks
+            .get(&(seed, number))
+            .and_then(|t| t.get((item % instants) as usize));
+        let tick = *drawn.ok_or(FaultsError::NotPrepared { seed })?;
+        let plan = FaultPlan {
+            seed: tick,
+            ..FaultPlan::of(preset.what, When::Tick(tick))
+        };
+        let trial = case.run(&plan)?;
+        let phase = trial.happened.first().map(|h| format!(" ({:?})", h.phase));
+        let label = format!("seed {seed}, tick {tick}{}", phase.unwrap_or_default());
+        Ok(Injected::of(preset, label, &trial))
+    }
+}
+
+/// The matrix that the runs give, in the order of the items.
+fn table(options: &MatrixOptions, runs: &[Injected]) -> Result<MatrixTable, FaultsError> {
+    let presets = presets(&options.only)?;
     let mut rows: Vec<Row> = presets
         .iter()
         .map(|preset| Row {
@@ -225,14 +288,33 @@ pub fn run(options: &MatrixOptions) -> Result<MatrixTable, FaultsError> {
             ..Row::default()
         })
         .collect();
-    for (number, preset, label, trial) in &trials {
-        rows[*number].add(preset, label, trial);
+    for (item, run) in runs.iter().enumerate() {
+        let number = item / options.instants as usize % presets.len();
+        rows[number].add(run);
     }
     Ok(MatrixTable {
         instants: options.instants,
         seeds: options.seeds,
         rows,
     })
+}
+
+/// Injects each fault alone.
+///
+/// # Errors
+/// A name that no preset has, or an arm whose undisturbed run fails.
+pub fn run(options: &MatrixOptions) -> Result<MatrixTable, FaultsError> {
+    presets(&options.only)?;
+    table(options, &shards::whole(options, options.progress)?)
+}
+
+/// The matrix of all shards in a folder.
+///
+/// # Errors
+/// See [`ShardError`].
+pub fn merge(folder: &Path) -> Result<MatrixTable, ShardError> {
+    let (options, runs) = shards::merged::<MatrixOptions>(folder)?;
+    table(&options, &runs).map_err(|e| ShardError::Study(Box::new(e)))
 }
 
 impl fmt::Display for MatrixTable {

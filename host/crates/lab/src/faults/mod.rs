@@ -21,6 +21,10 @@ mod recovery_page;
 mod run_journal;
 pub mod worst;
 
+use std::collections::{BTreeMap, BTreeSet};
+
+use rayon::prelude::*;
+
 pub use campaign::{CampaignOptions, CampaignTable};
 pub use case::{Case, Ended, Finish, Trial};
 pub use judge::{CONTACT_N, HELD_N, HELD_S, Judgement, KINETIC_J, PEAK_N, SUSTAINED_N};
@@ -44,6 +48,12 @@ pub enum FaultsError {
     /// There is no folder for a database.
     #[error("a folder for the database cannot be created ({0}): check the temporary folder (TMPDIR)")]
     Folder(std::io::Error),
+    /// A run of an arm that was not prepared.
+    #[error("the arm of seed {seed} was not prepared")]
+    NotPrepared {
+        /// Seed.
+        seed: u64,
+    },
     /// No preset of that name.
     #[error("\"{name}\" is not a fault: `spherecal faults --list` names all faults")]
     Unknown {
@@ -52,12 +62,20 @@ pub enum FaultsError {
     },
 }
 
-/// A bar on stderr over `length` runs.
-fn bar(length: u64, shown: bool) -> indicatif::ProgressBar {
-    if !shown {
-        return indicatif::ProgressBar::hidden();
+/// Arms by seed, each run once undisturbed.
+pub struct Cases(BTreeMap<u64, Case>);
+
+impl Cases {
+    /// The arms with these seeds, prepared on all cores.
+    fn new(seeds: BTreeSet<u64>, finish: Finish) -> Result<Self, FaultsError> {
+        let cases = seeds
+            .into_par_iter()
+            .map(|seed| Ok((seed, Case::new(seed, finish)?)))
+            .collect::<Result<_, FaultsError>>()?;
+        Ok(Self(cases))
     }
-    let style = indicatif::ProgressStyle::with_template("{bar:40} {pos}/{len} runs, {eta} left")
-        .unwrap_or_else(|_| indicatif::ProgressStyle::default_bar());
-    indicatif::ProgressBar::new(length).with_style(style)
+
+    fn get(&self, seed: u64) -> Result<&Case, FaultsError> {
+        self.0.get(&seed).ok_or(FaultsError::NotPrepared { seed })
+    }
 }

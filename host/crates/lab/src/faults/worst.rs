@@ -15,7 +15,8 @@ use spherecal_shared::protocol::host::Phase;
 
 use super::case::{Case, Ended, Finish, Trial};
 use super::judge::{KINETIC_J, PEAK_N, SUSTAINED_N};
-use super::{FaultsError, bar, matrix};
+use super::{FaultsError, matrix};
+use crate::shards::bar;
 use spherecal_sim::inject::{Entry, FaultPlan, InjectedFault, Preset, When};
 
 /// Phases that the search covers.
@@ -203,7 +204,7 @@ pub fn run(options: &WorstOptions) -> Result<WorstTable, FaultsError> {
         .into_par_iter()
         .map(|seed| Case::new(seed, Finish::Record))
         .collect::<Result<Vec<_>, _>>()?;
-    let bar = bar(u64::from(options.runs) * presets.len() as u64, options.progress);
+    let bar = bar(u64::from(options.runs) * presets.len() as u64, "runs", options.progress);
     let mut rows = Vec::new();
     for (number, preset) in (0u64..).zip(presets) {
         let mut rng = ChaCha8Rng::seed_from_u64(0x776f_7273_7400 + number);

@@ -10,6 +10,7 @@
 //! ```
 
 mod figures;
+mod many;
 mod published;
 mod tables;
 
@@ -27,6 +28,7 @@ use spherecal_identify::{
 };
 use spherecal_model::write_file;
 
+pub use many::{ManyOptions, ManyStudies, ModelSpread, RobotError, RobotStudy, Spread, merge_many, reproduce_many};
 pub use tables::{Redundancy, Side, Table};
 
 /// The models of the study besides nominal and sphere.

@@ -1,29 +1,34 @@
 //! Compares estimators on many drawn robots of each world, in one table.
 
 use std::fmt;
+use std::ops::Range;
+use std::path::Path;
 
-use indicatif::{ProgressBar, ProgressStyle};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::estimators::judge;
 use super::record::{ContactPose, WorldError, paper_poses, record_poses};
+use super::seeds;
+use crate::shards::{self, ShardError, Study};
 use spherecal_identify::Estimator;
 use spherecal_identify::validate::{Alignment, Statistics};
+use spherecal_report::export::Table;
 use spherecal_sim::worlds::World;
 
 /// What to compare.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct CompareOptions {
     /// The worlds.
     pub worlds: Vec<World>,
     /// The estimators.
     pub estimators: Vec<Estimator>,
     /// Seeds of the robots, the same in every world.
+    #[serde(with = "seeds")]
     pub seeds: Vec<u64>,
     /// Poses of the contacts; the paper's grid if none.
     pub poses: Option<Vec<ContactPose>>,
     /// Whether to show progress on stderr.
+    #[serde(skip)]
     pub progress: bool,
 }
 
@@ -53,7 +58,7 @@ pub struct Errors {
 }
 
 impl Errors {
-    fn under(&self, alignment: Alignment) -> &Statistics {
+    pub(crate) fn under(&self, alignment: Alignment) -> &Statistics {
         match alignment {
             Alignment::Arcs => &self.arcs,
             Alignment::BestFit => &self.best_fit,
@@ -117,6 +122,38 @@ impl Comparison {
         self.cells.iter().find(|c| c.world == world && c.estimator == estimator)
     }
 
+    /// One row for each robot and estimator: world, estimator, seed, and the errors under each
+    /// alignment, in mm.
+    pub fn rows(&self) -> Table {
+        let rows: Vec<(&Cell, &Errors)> = self
+            .cells
+            .iter()
+            .flat_map(|c| c.robots.iter().map(move |r| (c, r)))
+            .collect();
+        let mut table = Table::new("worlds");
+        table.text("world", rows.iter().map(|(cell, _)| cell.world.name().to_owned()));
+        table.text(
+            "estimator",
+            rows.iter().map(|(cell, _)| cell.estimator.name().to_owned()),
+        );
+        table.whole("seed", rows.iter().map(|(_, errors)| errors.seed));
+        for (name, alignment) in [
+            ("arcs", Alignment::Arcs),
+            ("best_fit", Alignment::BestFit),
+            ("own", Alignment::Own),
+        ] {
+            let mut column = |what: &str, value: fn(&Statistics) -> f64| {
+                let values = rows.iter().map(|(_, errors)| value(errors.under(alignment)));
+                table.real(format!("{name}_{what}_mm"), values);
+            };
+            column("mean", |s| s.mean_mm);
+            column("std", |s| s.std_mm);
+            column("min", |s| s.min_mm);
+            column("max", |s| s.max_mm);
+        }
+        table
+    }
+
     /// Worlds and estimators in the order of the cells.
     fn axes(&self) -> (Vec<World>, Vec<Estimator>) {
         let (mut worlds, mut estimators) = (Vec::new(), Vec::new());
@@ -172,53 +209,51 @@ impl fmt::Display for Comparison {
     }
 }
 
-/// Draws robots, simulates their recordings, identifies and judges them, on all cores.
-///
-/// # Errors
-/// The first trial or estimator that fails.
-pub fn compare(options: &CompareOptions) -> Result<Comparison, WorldError> {
-    let poses = match &options.poses {
-        Some(poses) => poses.as_slice(),
-        None => paper_poses()?,
-    };
-    let jobs: Vec<(World, u64)> = options
-        .worlds
-        .iter()
-        .flat_map(|w| options.seeds.iter().map(|s| (*w, *s)))
-        .collect();
-    let bar = if options.progress {
-        ProgressBar::new(jobs.len() as u64)
-    } else {
-        ProgressBar::hidden()
-    };
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} robots, {elapsed} elapsed, {eta} left") {
-        bar.set_style(style);
-    }
-    let judged: Vec<_> = jobs
-        .par_iter()
-        .map(|(world, seed)| {
-            let trial = record_poses(*world, *seed, poses)?;
-            let judged = judge(&trial, &options.estimators);
-            bar.inc(1);
-            judged
-        })
-        .collect::<Result<_, _>>()?;
-    bar.finish_and_clear();
+/// One robot of a world, as every estimator left it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct RobotErrors {
+    /// Number of contacts.
+    contacts: usize,
+    /// Errors by estimator. Estimators without a meaning in the world are left out.
+    errors: Vec<(Estimator, Errors)>,
+}
+
+/// Draws a robot, simulates its recordings, identifies and judges it.
+pub(super) fn robot(
+    world: World,
+    seed: u64,
+    poses: &[ContactPose],
+    estimators: &[Estimator],
+) -> Result<RobotErrors, WorldError> {
+    let table = judge(&record_poses(world, seed, poses)?, estimators)?;
+    let errors = estimators.iter().filter_map(|estimator| {
+        let model = table.model(estimator.name())?;
+        let errors = Errors {
+            seed,
+            arcs: model.arcs,
+            best_fit: model.best_fit,
+            own: model.own,
+        };
+        Some((*estimator, errors))
+    });
+    Ok(RobotErrors {
+        contacts: poses.len(),
+        errors: errors.collect(),
+    })
+}
+
+/// The cells of the worlds; `of_world` gives the robots of the world with this number.
+pub(super) fn cells<'a, I: Iterator<Item = &'a RobotErrors>>(
+    worlds: &[World],
+    estimators: &[Estimator],
+    of_world: impl Fn(usize) -> I,
+) -> Vec<Cell> {
     let mut cells = Vec::new();
-    for world in &options.worlds {
-        for estimator in &options.estimators {
-            let robots: Vec<Errors> = jobs
-                .iter()
-                .zip(&judged)
-                .filter(|((w, _), _)| w == world)
-                .filter_map(|((_, seed), table)| {
-                    table.model(estimator.name()).map(|m| Errors {
-                        seed: *seed,
-                        arcs: m.arcs,
-                        best_fit: m.best_fit,
-                        own: m.own,
-                    })
-                })
+    for (number, world) in worlds.iter().enumerate() {
+        for estimator in estimators {
+            let robots: Vec<Errors> = of_world(number)
+                .flat_map(|robot| robot.errors.iter().filter(|(e, _)| e == estimator))
+                .map(|(_, errors)| *errors)
                 .collect();
             if !robots.is_empty() {
                 cells.push(Cell {
@@ -229,9 +264,60 @@ pub fn compare(options: &CompareOptions) -> Result<Comparison, WorldError> {
             }
         }
     }
-    Ok(Comparison {
+    cells
+}
+
+/// Item number `seed * worlds + world` is one robot.
+impl Study for CompareOptions {
+    const NAME: &'static str = "worlds";
+    const COMMAND: &'static str = "worlds";
+    const ITEMS: &'static str = "robots";
+    type Context = Vec<ContactPose>;
+    type Outcome = RobotErrors;
+    type Error = WorldError;
+
+    fn items(&self) -> u64 {
+        (self.worlds.len() * self.seeds.len()) as u64
+    }
+
+    fn prepare(&self, _: Range<u64>) -> Result<Self::Context, WorldError> {
+        match &self.poses {
+            Some(poses) => Ok(poses.clone()),
+            None => paper_poses().map(<[_]>::to_vec),
+        }
+    }
+
+    fn run(&self, poses: &Self::Context, item: u64) -> Result<RobotErrors, WorldError> {
+        let (seed, world) = (item as usize / self.worlds.len(), item as usize % self.worlds.len());
+        robot(self.worlds[world], self.seeds[seed], poses, &self.estimators)
+    }
+}
+
+/// The comparison that the robots' errors give, in the order of the items.
+fn comparison(options: &CompareOptions, robots: &[RobotErrors]) -> Comparison {
+    let worlds = options.worlds.len();
+    Comparison {
         robots: options.seeds.len(),
-        poses: poses.len(),
-        cells,
-    })
+        poses: robots.first().map_or(0, |robot| robot.contacts),
+        cells: cells(&options.worlds, &options.estimators, |world| {
+            robots.iter().skip(world).step_by(worlds)
+        }),
+    }
+}
+
+/// Draws robots, simulates their recordings, identifies and judges them, on all cores.
+///
+/// # Errors
+/// The first trial or estimator that fails.
+pub fn compare(options: &CompareOptions) -> Result<Comparison, WorldError> {
+    Ok(comparison(options, &shards::whole(options, options.progress)?))
+}
+
+/// The comparison of all shards in a folder.
+///
+/// # Errors
+/// See [`ShardError`].
+pub fn merge_comparison(folder: &Path) -> Result<Comparison, ShardError> {
+    let (options, robots) = shards::merged::<CompareOptions>(folder)?;
+    Ok(comparison(&options, &robots))
 }

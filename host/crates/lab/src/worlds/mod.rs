@@ -18,10 +18,11 @@ mod compare;
 mod estimators;
 mod plans;
 mod record;
+mod seeds;
 
-pub use compare::{Cell, CompareOptions, Comparison, Errors, compare};
+pub use compare::{Cell, CompareOptions, Comparison, Errors, RobotErrors, compare, merge_comparison};
 pub use estimators::judge;
-pub use plans::{Chosen, PlanOptions, PlanRow, PlanTable, compare_plans};
+pub use plans::{Chosen, PlanOptions, PlanRow, PlanTable, PlannedRobot, compare_plans, merge_plans};
 pub use record::{
     CONTACT_S, ContactPose, GRID_SPHERES, Trial, WorldError, paper_poses, planned_poses, record, record_plant,
     record_poses,

@@ -2,12 +2,17 @@
 //! and leaves in error. Every plan is made from the nominal robot alone; every drawn robot then
 //! records the same poses.
 
+use std::collections::BTreeMap;
 use std::fmt;
+use std::ops::Range;
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::compare::{Cell, CompareOptions, compare};
-use super::record::{WorldError, planned_poses};
+use super::compare::{Cell, RobotErrors, cells, robot};
+use super::record::{ContactPose, WorldError, planned_poses};
+use super::seeds;
+use crate::shards::{self, ShardError, Study};
 use spherecal_identify::Estimator;
 use spherecal_identify::validate::Alignment;
 use spherecal_plan::{self as plan, DesignRequest, Plan, PlanError};
@@ -51,15 +56,17 @@ impl Chosen {
 }
 
 /// What to compare.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PlanOptions {
     /// The worlds.
     pub worlds: Vec<World>,
     /// The plans.
     pub plans: Vec<Chosen>,
     /// Seeds of the robots, the same in every world.
+    #[serde(with = "seeds")]
     pub seeds: Vec<u64>,
     /// Whether to show progress on stderr.
+    #[serde(skip)]
     pub progress: bool,
 }
 
@@ -154,32 +161,107 @@ impl fmt::Display for PlanTable {
     }
 }
 
+/// One robot after one plan.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct PlannedRobot {
+    /// Contacts that the plan makes.
+    contacts: usize,
+    /// Robot time that it predicts, in s.
+    robot_s: f64,
+    /// Poses that it records.
+    poses: usize,
+    /// What the default estimator left.
+    robot: RobotErrors,
+}
+
+/// Item number `(seed * plans + plan) * worlds + world` is one robot.
+impl Study for PlanOptions {
+    const NAME: &'static str = "plans";
+    const COMMAND: &'static str = "worlds --plan";
+    const ITEMS: &'static str = "robots";
+    /// The plans, by number, each with the poses that it records.
+    type Context = BTreeMap<usize, (Plan, Vec<ContactPose>)>;
+    type Outcome = PlannedRobot;
+    type Error = WorldError;
+
+    fn items(&self) -> u64 {
+        (self.seeds.len() * self.plans.len() * self.worlds.len()) as u64
+    }
+
+    fn prepare(&self, items: Range<u64>) -> Result<Self::Context, WorldError> {
+        let mut made = Self::Context::new();
+        // After so many items every plan has come up.
+        for item in items.take(self.plans.len() * self.worlds.len()) {
+            let number = self.plan_of(item);
+            if !made.contains_key(&number) {
+                let plan = self.plans[number].plan();
+                let plan = plan.map_err(|e| WorldError::Grid(e.to_string()))?;
+                let poses = planned_poses(&plan);
+                made.insert(number, (plan, poses));
+            }
+        }
+        Ok(made)
+    }
+
+    fn run(&self, plans: &Self::Context, item: u64) -> Result<PlannedRobot, WorldError> {
+        let number = self.plan_of(item);
+        let Some((plan, poses)) = plans.get(&number) else {
+            return Err(WorldError::Grid(format!("plan {number} was not prepared")));
+        };
+        let world = self.worlds[item as usize % self.worlds.len()];
+        let seed = self.seeds[item as usize / (self.worlds.len() * self.plans.len())];
+        Ok(PlannedRobot {
+            poses: poses.len(),
+            contacts: plan.spheres.len(),
+            robot_s: plan.robot_s,
+            robot: robot(world, seed, poses, &[Estimator::Sphere])?,
+        })
+    }
+}
+
+impl PlanOptions {
+    /// Number of the plan that an item uses.
+    fn plan_of(&self, item: u64) -> usize {
+        item as usize / self.worlds.len() % self.plans.len()
+    }
+}
+
+/// The table that the robots' errors give, in the order of the items.
+fn table(options: &PlanOptions, robots: &[PlannedRobot]) -> PlanTable {
+    let worlds = options.worlds.len();
+    let rows = options.plans.iter().enumerate().filter_map(|(number, chosen)| {
+        let (begin, step) = (number * worlds, options.plans.len() * worlds);
+        let first = robots.get(begin)?;
+        Some(PlanRow {
+            chosen: *chosen,
+            poses: first.poses,
+            contacts: first.contacts,
+            robot_s: first.robot_s,
+            cells: cells(&options.worlds, &[Estimator::Sphere], |world| {
+                robots.iter().skip(begin + world).step_by(step).map(|r| &r.robot)
+            }),
+        })
+    });
+    PlanTable {
+        robots: options.seeds.len(),
+        worlds: options.worlds.clone(),
+        rows: rows.collect(),
+    }
+}
+
 /// Makes the plans, simulates the recordings of drawn robots, identifies and judges them.
 ///
 /// # Errors
-/// A plan that cannot be made; see also [`compare`].
+/// A plan that cannot be made; see also [`compare`](super::compare).
 pub fn compare_plans(options: &PlanOptions) -> Result<PlanTable, WorldError> {
-    let mut rows = Vec::new();
-    for chosen in &options.plans {
-        let plan = chosen.plan().map_err(|e| WorldError::Grid(e.to_string()))?;
-        let compared = compare(&CompareOptions {
-            worlds: options.worlds.clone(),
-            estimators: vec![Estimator::Sphere],
-            seeds: options.seeds.clone(),
-            poses: Some(planned_poses(&plan)),
-            progress: options.progress,
-        })?;
-        rows.push(PlanRow {
-            chosen: *chosen,
-            poses: compared.poses,
-            contacts: plan.spheres.len(),
-            robot_s: plan.robot_s,
-            cells: compared.cells,
-        });
-    }
-    Ok(PlanTable {
-        robots: options.seeds.len(),
-        worlds: options.worlds.clone(),
-        rows,
-    })
+    Ok(table(options, &shards::whole(options, options.progress)?))
+}
+
+/// The table of plans of all shards in a folder.
+///
+/// # Errors
+/// See [`ShardError`].
+pub fn merge_plans(folder: &Path) -> Result<PlanTable, ShardError> {
+    let (options, robots) = shards::merged::<PlanOptions>(folder)?;
+    Ok(table(&options, &robots))
 }

@@ -6,6 +6,7 @@ use nalgebra::{Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 use spherecal_identify::arcs::{LaserError, Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
@@ -22,7 +23,7 @@ pub const GRID_SPHERES: usize = 1875;
 pub const CONTACT_S: f64 = 4.0;
 
 /// A pose at which a contact is to be recorded.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ContactPose {
     /// Number of the coupling: poses that follow each other in one are recorded without letting go of the sphere.
     pub coupling: usize,

@@ -1,0 +1,232 @@
+//! Studies on several machines: shards, their merge, and the examples for clusters.
+
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use granit_parser::{Event, Parser};
+
+use crate::docs::root;
+use crate::support::{PROGRAM, spherecal, start, text};
+
+/// What a command prints; it must end well.
+fn said(folder: &Path, arguments: &[&str]) -> String {
+    let output = spherecal(folder, arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// One run and the merge of three shards, in text and as JSON.
+fn three_shards_and_one_run(study: &[&str], options: &[&str]) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let with = |more: &[&str]| said(folder, &[study, options, more].concat());
+    for shard in ["2/3", "3/3", "1/3"] {
+        let done = with(&["--shard", shard, "--out", "study"]);
+        assert!(done.contains(&format!("Shard {shard}")), "{done}");
+    }
+    let again: serde_json::Value =
+        serde_json::from_str(&with(&["--shard", "1/3", "--out", "study", "--json"])).expect("one document");
+    assert_eq!(again["items"], again["done_before"]);
+    for json in [&[][..], &["--json"]] {
+        let merge = said(folder, &[study, &["--merge", "--out", "study"], json].concat());
+        assert_eq!(merge, with(json), "{study:?}");
+        assert!(merge.len() > 100, "{merge}");
+    }
+}
+
+// Fails if the merge of three shards differs from one run by a bit, for any of the studies that can be
+// divided, or if a shard that is finished is worked on again.
+#[test]
+fn three_shards_of_worlds_have_the_bits_of_one_run() {
+    let options = ["--world", "W0", "--world", "W4", "--seeds", "2", "--poses", "20"];
+    let estimators = ["--estimator", "nominal", "--estimator", "sphere"];
+    three_shards_and_one_run(&["worlds"], &[&options[..], &estimators].concat());
+}
+
+#[test]
+fn three_shards_of_faults_have_the_bits_of_one_run() {
+    let options = [
+        "--only",
+        "state_frozen",
+        "--only",
+        "human_push",
+        "--instants",
+        "2",
+        "--seeds",
+        "1",
+    ];
+    three_shards_and_one_run(&["faults"], &options);
+}
+
+#[test]
+#[ignore = "slow: thirty runs"]
+fn slow_three_shards_of_a_campaign_and_of_the_paper_have_the_bits_of_one_run() {
+    three_shards_and_one_run(&["faults", "--campaign", "4"], &["--seeds", "2"]);
+    three_shards_and_one_run(&["reproduce"], &["--robots", "3", "--world", "W1"]);
+}
+
+// Fails if a shard that is killed in the middle does not go on, works on a robot again, or if what is
+// merged then is not what one run gives.
+#[test]
+fn a_killed_shard_goes_on() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let study = [
+        "worlds",
+        "--world",
+        "W0",
+        "--seeds",
+        "12",
+        "--poses",
+        "20",
+        "--estimator",
+        "sphere",
+    ];
+    let shard = [&study[..], &["--shard", "1/1", "--out", "study"]].concat();
+    let file = folder.join("study/worlds-shard-1-of-1.jsonl");
+    let lines = || std::fs::read_to_string(&file).map_or(0, |text| text.lines().count());
+    let mut child = start(folder, &shard);
+    let begun = Instant::now();
+    while lines() < 4 && begun.elapsed() < Duration::from_secs(300) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+    let before = lines();
+    assert!(before >= 4, "{before} lines");
+    let json = said(folder, &[&shard[..], &["--json"]].concat());
+    let done: serde_json::Value = serde_json::from_str(&json).expect("one document");
+    assert!(done["done_before"].as_u64().is_some_and(|n| n >= 3), "{done}");
+    let merged = said(
+        folder,
+        &["worlds", "--merge", "--json", "--out", "study", "--rows", "csv"],
+    );
+    assert_eq!(merged, said(folder, &[&study[..], &["--json"]].concat()));
+    // One row for each robot, with the numbers of the table.
+    let rows = std::fs::read_to_string(folder.join("study/worlds.csv")).expect("rows");
+    let merged: serde_json::Value = serde_json::from_str(&merged).expect("one document");
+    let robots = merged["cells"][0]["robots"].as_array().expect("robots");
+    assert_eq!(rows.lines().count(), robots.len() + 1);
+    let column = rows
+        .lines()
+        .next()
+        .expect("a header")
+        .split(',')
+        .position(|c| c == "best_fit_mean_mm");
+    for (row, robot) in rows.lines().skip(1).zip(robots) {
+        let cell = row
+            .split(',')
+            .nth(column.expect("the column"))
+            .and_then(|c| c.parse::<f64>().ok());
+        assert_eq!(cell, robot["best_fit"]["mean_mm"].as_f64());
+    }
+}
+
+// Fails if a wrong shard, a missing shard or one of another study is not refused with exit code 2 and
+// what to do.
+#[test]
+fn wrong_shards_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let study = [
+        "worlds",
+        "--world",
+        "W0",
+        "--seeds",
+        "3",
+        "--poses",
+        "20",
+        "--estimator",
+        "nominal",
+        "--out",
+        "s",
+    ];
+    said(folder, &[&study[..], &["--shard", "1/3"]].concat());
+    let mut other = study;
+    other[4] = "4";
+    let cases: [(Vec<&str>, &[&str]); 8] = [
+        ([&study[..], &["--shard", "4/3"]].concat(), &["4/3", "I from 1 to N"]),
+        ([&study[..], &["--shard", "2"]].concat(), &["give I/N"]),
+        (
+            [&study[..], &["--shard", "1/3", "--merge"]].concat(),
+            &["--merge", "cannot be used with"],
+        ),
+        (
+            [&other[..], &["--shard", "1/3"]].concat(),
+            &["of another study", "choose another folder"],
+        ),
+        (
+            vec!["worlds", "--merge", "--out", "s"],
+            &["shard 2/3 has 0 of 1 robots", "--shard 2/3"],
+        ),
+        (
+            vec!["worlds", "--merge", "--plan", "--out", "s"],
+            &["holds no shard of `worlds --plan`"],
+        ),
+        (vec!["reproduce", "--shard", "1/3"], &["--robots N"]),
+        (vec!["faults", "--worst", "--shard", "1/3"], &["cannot be used with"]),
+    ];
+    for (arguments, parts) in cases {
+        let output = spherecal(folder, &arguments);
+        let told = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {told}");
+        assert!(parts.iter().all(|part| told.contains(part)), "{arguments:?}: {told}");
+    }
+}
+
+/// Runs a command of an example in `folder`.
+fn shell(folder: &Path, command: &[&str], variables: &[(&str, &str)]) {
+    let program = Path::new(PROGRAM).parent().expect("a folder");
+    let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap_or_default());
+    let output = Command::new("sh")
+        .args(command)
+        .current_dir(folder)
+        .env("PATH", path)
+        .envs(variables.iter().copied())
+        .output()
+        .expect("a shell");
+    assert!(output.status.success(), "{command:?}: {}", text(&output.stderr));
+}
+
+/// The only argument of the container in a Kubernetes manifest, which must be YAML.
+fn argument(manifest: &str) -> String {
+    let text = std::fs::read_to_string(root().join("examples/cluster").join(manifest)).expect("the example");
+    let scalars = Parser::new_from_str(&text).map(|event| match event.expect("YAML").0 {
+        Event::Scalar(value, ..) => value.to_string(),
+        _ => String::new(),
+    });
+    let words: Vec<String> = scalars.collect();
+    let found = words.iter().find(|word| word.starts_with("exec spherecal"));
+    found.unwrap_or_else(|| panic!("{manifest}")).clone()
+}
+
+// Fails if the job array for Slurm or the manifests for Kubernetes do not run, or give another result
+// than one run.
+#[test]
+fn the_examples_for_clusters_run() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let small = [("ROBOTS", "1"), ("POSES", "20"), ("SHARDS", "2"), ("ROWS", "csv")];
+    let slurm = root()
+        .join("examples/cluster/slurm.sh")
+        .canonicalize()
+        .expect("the example");
+    let (job, merge) = (argument("kubernetes.yaml"), argument("kubernetes-merge.yaml"));
+    for shard in 1..=2 {
+        let (task, index) = (shard.to_string(), (shard - 1).to_string());
+        let array = [
+            ("SLURM_ARRAY_TASK_ID", &*task),
+            ("SLURM_ARRAY_TASK_COUNT", "2"),
+            ("STUDY", "slurm"),
+        ];
+        shell(folder, &[&slurm.display().to_string()], &[&small[..], &array].concat());
+        let pod = [("JOB_COMPLETION_INDEX", &*index), ("STUDY", "pods")];
+        shell(folder, &["-c", &job], &[&small[..], &pod].concat());
+    }
+    shell(folder, &["-c", &merge], &[&small[..], &[("STUDY", "pods")]].concat());
+    assert!(folder.join("pods/worlds.csv").exists());
+    let merged = |out: &str| said(folder, &["worlds", "--merge", "--json", "--out", out]);
+    assert_eq!(merged("slurm"), merged("pods"));
+    assert!(merged("slurm").contains("\"W4\""));
+}
