@@ -55,14 +55,18 @@ fn read(page: &Path) -> (Vec<String>, Vec<String>) {
 /// The code blocks of a page whose language is `kind`: all that stands beside
 /// it at the block's head, and the text.
 pub(crate) fn blocks(page: &Path, kind: &str) -> Vec<(String, String)> {
+    let of_kind = |(head, _): &(String, String)| head.split_whitespace().next() == Some(kind);
+    pieces(page).into_iter().filter(of_kind).collect()
+}
+
+/// All fenced blocks of a page in their order: the block's head, and the text.
+pub(crate) fn pieces(page: &Path) -> Vec<(String, String)> {
     let text = std::fs::read_to_string(page).expect("a page");
     let (mut blocks, mut block) = (Vec::new(), None);
     for event in Parser::new(&text) {
         match event {
-            Event::Start(Tag::CodeBlock(CodeBlockKind::Fenced(head)))
-                if head.split_whitespace().next() == Some(kind) =>
-            {
-                block = Some((head.to_string(), String::new()));
+            Event::Start(Tag::CodeBlock(CodeBlockKind::Fenced(head))) => {
+                block = Some((head.to_string(), String::new()))
             }
             Event::Text(words) => {
                 if let Some((_, text)) = &mut block {

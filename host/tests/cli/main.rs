@@ -7,6 +7,7 @@
 mod arguments;
 mod arms;
 mod bags;
+mod before_planning;
 mod certificate;
 mod check;
 mod collect;
@@ -33,8 +34,14 @@ mod paths;
 mod processes;
 mod real_data;
 mod refused;
+#[cfg(unix)]
+mod release;
 mod robot_sides;
 #[cfg(feature = "services")]
 mod services;
+#[cfg(unix)]
+mod shards;
 mod support;
+#[cfg(unix)]
+mod tutorials;
 mod wire_kills;
