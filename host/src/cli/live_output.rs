@@ -57,6 +57,10 @@ impl LiveOutput {
     }
 
     /// Shows the run that begins, also on another server's page.
+    #[cfg_attr(
+        not(feature = "services"),
+        allow(clippy::unnecessary_wraps, reason = "only another server's page can fail")
+    )]
     pub(super) fn begin(&mut self, args: &RunArgs, prepared: &Prepared) -> Result<(), CliError> {
         let mut outs = Vec::new();
         if let Some(server) = &mut self.server {

@@ -66,7 +66,7 @@ pub(crate) fn pieces(page: &Path) -> Vec<(String, String)> {
     for event in Parser::new(&text) {
         match event {
             Event::Start(Tag::CodeBlock(CodeBlockKind::Fenced(head))) => {
-                block = Some((head.to_string(), String::new()))
+                block = Some((head.to_string(), String::new()));
             }
             Event::Text(words) => {
                 if let Some((_, text)) = &mut block {

@@ -167,7 +167,7 @@ fn the_recipe_of_the_image_is_whole() {
         .expect("an image");
     assert_eq!(image, smallest.trim_matches('"'));
     assert!(text.contains("cargo build --profile dist --package spherecal --all-features --locked"));
-    let user = lines.iter().filter(|w| w[0] == "USER").next_back().expect("a user");
+    let user = lines.iter().rfind(|w| w[0] == "USER").expect("a user");
     assert_ne!(user[1], "root");
     // The pods of the examples override the entry point by a shell, which this base has.
     assert!(text.contains("FROM docker.io/library/debian:bookworm-slim"));

@@ -290,7 +290,7 @@ pub(super) fn read_all<S: Study>(folder: &Path) -> Result<(S, Vec<S::Outcome>), 
 }
 
 /// Sorts the outcomes by item. Fails at the first shard that has not all of its own.
-fn complete<S: Study>(header: &Header<S>, outcomes: &mut Vec<(u64, S::Outcome)>) -> Result<(), ShardError> {
+fn complete<S: Study>(header: &Header<S>, outcomes: &mut [(u64, S::Outcome)]) -> Result<(), ShardError> {
     outcomes.sort_by_key(|(item, _)| *item);
     for shard in (1..=header.shards).filter_map(|number| Shard::new(number, header.shards)) {
         let own = shard.range(header.items);

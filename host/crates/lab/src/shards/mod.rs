@@ -156,7 +156,7 @@ impl Shard {
 
     /// Shard `number`, from 1, of `of`; `None` if there is no such shard.
     pub fn new(number: u64, of: u64) -> Option<Self> {
-        ((1..=of).contains(&number) && of <= Self::MOST).then_some(Self { number, of })
+        ((1..=of).contains(&number) && of <= Self::MOST).then_some(Self { of, number })
     }
 
     /// Number, from 1, and number of shards.

@@ -3,6 +3,7 @@
 //! records the same poses.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fmt;
 use std::ops::Range;
 use std::path::Path;
@@ -193,11 +194,11 @@ impl Study for PlanOptions {
         // After so many items every plan has come up.
         for item in items.take(self.plans.len() * self.worlds.len()) {
             let number = self.plan_of(item);
-            if !made.contains_key(&number) {
+            if let Entry::Vacant(place) = made.entry(number) {
                 let plan = self.plans[number].plan();
                 let plan = plan.map_err(|e| WorldError::Grid(e.to_string()))?;
                 let poses = planned_poses(&plan);
-                made.insert(number, (plan, poses));
+                place.insert((plan, poses));
             }
         }
         Ok(made)
