@@ -69,7 +69,7 @@ fn nothing_is_cut_at_sixty_columns() {
     screen.forces.extend([10, 40, 120]);
     let text = shown(&screen, 60, 30);
     for words in [
-        "12.2 N m│",
+        "12.2 N m │",
         "15.0 N",
         "0.0 N",
         "earlier",

@@ -307,7 +307,7 @@ fn mistakes(good: &str) -> Vec<Mistake> {
             "a directory",
             "x",
             "",
-            &["is a directory"],
+            &["is a folder without an MCAP file"],
         ),
         with(
             &["--robot", "ur5e", "--data", "/dev/zero"],

@@ -125,6 +125,10 @@ fn own_arm(urdf: &str, contacts: Option<&str>, wanted: usize) {
         if arguments.iter().any(|word| word == "contacts.csv") && contacts.is_none() {
             continue;
         }
+        // A bag needs a writer of bags: the tests of bags have one.
+        if arguments.iter().any(|word| word == "my_bag") {
+            continue;
+        }
         let output = spherecal(folder, &arguments);
         assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", text(&output.stderr));
         let calibrated = folder.join(out).join("calibrated.urdf");
