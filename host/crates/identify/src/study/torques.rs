@@ -1,5 +1,7 @@
 //! What the torque columns of a table say: their sign, their offsets, and the load at the flange.
 
+use std::collections::HashSet;
+
 use nalgebra::{DMatrix, DVector, Vector3};
 use spherecal_shared::robot::{Inertia, Robot, Tool};
 
@@ -66,6 +68,8 @@ fn tool_with(tool: &Tool, mass_kg: f64, com_m: [f64; 3]) -> Tool {
 /// fewer than a few rows have torques.
 fn torques(robot: &Robot, tool: &Tool, observations: &[Observation]) -> Option<Torques> {
     let n = robot.dof();
+    // A row that is copied tells nothing more.
+    let mut seen = HashSet::new();
     let all: Vec<Row<'_>> = observations
         .iter()
         .filter(|o| o.set == Set::Calibrate)
@@ -73,6 +77,7 @@ fn torques(robot: &Robot, tool: &Tool, observations: &[Observation]) -> Option<T
             let (q, tau) = (&*o.q, o.tau.as_deref()?);
             (q.len() == n && tau.len() == n).then_some(Row { q, tau })
         })
+        .filter(|row| seen.insert(row.q.iter().chain(row.tau).map(|x| x.to_bits()).collect::<Vec<u64>>()))
         .collect();
     let rows: Vec<&Row<'_>> = all.iter().step_by(all.len().div_ceil(MOST_ROWS).max(1)).collect();
     if rows.len() < n + 4 {
