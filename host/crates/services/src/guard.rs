@@ -181,8 +181,8 @@ mod tests {
     #[test]
     fn beyond_loopback_tls_and_token_are_demanded() {
         let folder = tempfile::tempdir().expect("a folder");
-        let certificate = Some(file(folder.path(), "cert.pem", "x"));
-        let key = Some(file(folder.path(), "key.pem", "x"));
+        let certificate = Some(file(folder.path(), "cert.pem", "-----BEGIN CERTIFICATE-----\n"));
+        let key = Some(file(folder.path(), "key.pem", "-----BEGIN PRIVATE KEY-----\n"));
         let long = Some(file(folder.path(), "token", &"a1".repeat(32)));
         let short = Some(file(folder.path(), "short", "secret"));
         let open: SocketAddr = "0.0.0.0:1".parse().expect("address");
@@ -198,6 +198,7 @@ mod tests {
         assert!(refused(open, files(&None, &None, &long)).contains("TLS is missing"));
         assert!(refused(open, files(&certificate, &key, &None)).contains("the token is missing"));
         assert!(refused(own, files(&certificate, &None, &None)).contains("--tls-key"));
+        assert!(refused(own, files(&key, &certificate, &None)).contains("it has no line -----BEGIN CERTIFICATE-----"));
         assert!(refused(own, files(&None, &None, &short)).contains("openssl rand"));
         let guard = Guard::new(open, &files(&certificate, &key, &long));
         if cfg!(feature = "grpc") {
