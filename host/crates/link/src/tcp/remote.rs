@@ -132,7 +132,7 @@ impl Device for Remote {
                 }
                 .into());
             }
-            if waited >= self.patience {
+            if self.turns.waiting() == 0 && waited >= self.patience {
                 return Err(TcpError::Silent {
                     peer: self.peer.clone(),
                     seconds: waited.as_secs(),
