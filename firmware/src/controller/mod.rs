@@ -26,7 +26,7 @@ use heapless::Deque;
 use nalgebra::Vector3;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState, NO_SESSION};
-use spherecal_shared::protocol::host::{Event, Fault, Phase, Sample, Stage, Statistics};
+use spherecal_shared::protocol::host::{Event, Fault, LoopTiming, Phase, Sample, Stage, Statistics};
 use spherecal_shared::robot::Arm;
 
 use crate::Report;
@@ -106,6 +106,7 @@ pub struct Controller<const N: usize> {
     samples: Deque<Sample, SAMPLES>,
     overflow: u32,
     costs: Costs,
+    timing: LoopTiming,
 }
 
 impl<const N: usize> Default for Controller<N> {
@@ -150,6 +151,7 @@ impl<const N: usize> Default for Controller<N> {
             samples: Deque::new(),
             overflow: 0,
             costs: Costs::default(),
+            timing: LoopTiming::default(),
         }
     }
 }
@@ -208,6 +210,11 @@ impl<const N: usize> Controller<N> {
         self.costs.set_stopwatch(stopwatch);
     }
 
+    /// States how punctual the loop was until now, as the process that runs it measures it.
+    pub fn record_timing(&mut self, timing: LoopTiming) {
+        self.timing = timing;
+    }
+
     /// A control cycle begins.
     pub(crate) fn begin_cycle(&mut self) {
         self.costs.begin();
@@ -232,6 +239,7 @@ impl<const N: usize> Controller<N> {
             late: self.schedule.late(),
             simulated: self.session.as_ref().is_some_and(|session| session.simulated),
             cost: self.costs.stated(),
+            timing: self.timing,
             ..Statistics::default()
         };
         statistics.link.overflow = self.overflow;

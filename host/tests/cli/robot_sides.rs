@@ -12,11 +12,9 @@ use crate::support::{Server, spherecal, text};
 const POSES: &str = "3";
 
 /// Runs over `link`; the robot must record every pose and never stop.
-fn run(folder: &Path, link: &str) -> Value {
-    let output = spherecal(
-        folder,
-        &["run", "--poses", POSES, "--json", "--link", link, "--out", "cell"],
-    );
+fn run(folder: &Path, link: &str, more: &[&str]) -> Value {
+    let arguments = ["run", "--poses", POSES, "--json", "--link", link, "--out", "cell"];
+    let output = spherecal(folder, &[&arguments, more].concat());
     let said = text(&output.stderr);
     // Three poses are too few for a result that may be used.
     assert!(matches!(output.status.code(), Some(0 | 3)), "{said}");
@@ -45,7 +43,7 @@ fn slow_a_run_over_the_franka_control_interface() {
     let folder = tempfile::tempdir().expect("a folder");
     let arguments = ["plant", "--fci", "--version", "5", "--listen", "0", "--tolerant"];
     let robot = Server::start(&arguments);
-    let summary = run(folder.path(), &robot.peer);
+    let summary = run(folder.path(), &robot.peer, &[]);
     assert_eq!(summary["robot"], "panda");
 }
 
@@ -58,8 +56,28 @@ fn slow_a_run_over_kukas_fast_robot_interface() {
     let client = probe.local_addr().expect("an address");
     drop(probe);
     let robot = Server::start(&["plant", "--fri", &client.to_string(), "--tolerant"]);
-    let summary = run(folder.path(), &robot.peer);
+    let summary = run(folder.path(), &robot.peer, &[]);
     assert_eq!(summary["robot"], "iiwa7");
+}
+
+// Fails if a controller in a process of its own does not tell its host how punctual it is, or if a cycle is
+// missing in what it tells.
+#[test]
+#[ignore = "slow: 40 s of real time"]
+fn slow_a_controller_of_its_own_tells_its_times() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let config = "robot = \"panda\"\n[procedure.law]\ntorque_rate_nm_s = 990.0\n";
+    std::fs::write(folder.path().join("panda.toml"), config).expect("a configuration");
+    let robot = Server::start(&["plant", "--fci", "--version", "5", "--listen", "0", "--tolerant"]);
+    let drive = ["controller", "--drive", &robot.peer, "--host-link", "tcp:0", "--once"];
+    let controller = Server::start_in(folder.path(), &[&drive[..], &["--config", "panda.toml"]].concat());
+    let link = format!("controller:{}", controller.address);
+    let summary = run(folder.path(), &link, &["--config", "panda.toml"]);
+    let turnaround = &summary["drive"]["turnaround"];
+    assert!(
+        turnaround["max_us"].as_u64().is_some_and(|us| us > 0 && us < 1_000_000),
+        "{turnaround}"
+    );
 }
 
 // Fails if a link or a plant that cannot be is accepted, or the refusal does not say what to give.

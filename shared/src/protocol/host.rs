@@ -26,12 +26,14 @@ use crate::robot::{Robot, Tool};
 
 mod cost;
 mod event;
+mod timing;
 
 pub use cost::{Cost, CycleCost, STAGES, Stage};
 pub use event::{
     Banner, Contact, Coupled, Event, Fault, FaultReport, MAX_BATCH, Phase, PhaseChange, Recording, Refusal, Sample,
     SignalStatistics, Statistics,
 };
+pub use timing::{LoopTiming, OCTAVES, Octaves};
 
 super::frame::message!(Downlink, "host/down");
 super::frame::message!(Uplink, "host/up");

@@ -6,6 +6,9 @@ use spherecal_shared::protocol::frame::LinkCounters;
 
 use super::{Controller, Device, Drive, LinkError};
 
+/// Periods after which the controller learns how punctual its loop is.
+const TIMING_TICKS: u64 = 100;
+
 /// A controller and a drive, stepped one control period at a time. The clock counts periods, missed
 /// ones included.
 pub struct LocalDevice {
@@ -82,6 +85,11 @@ impl Device for LocalDevice {
         self.missed = self.missed.saturating_add(u64::from(missed));
         self.ticks += 1;
         self.controller.missed(missed);
+        if self.ticks.is_multiple_of(TIMING_TICKS)
+            && let Some(timing) = self.drive.timing()
+        {
+            self.controller.timing(timing);
+        }
         let command = self.controller.exchange(self.now_us(), &self.state, down, up)?;
         // Before anything else, such as the bytes for the host, takes time.
         self.drive.answer(&command)?;

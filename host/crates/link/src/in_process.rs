@@ -4,6 +4,7 @@ use embassy_time::Instant;
 use spherecal_firmware::Node;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::MAX_FRAME;
+use spherecal_shared::protocol::host::LoopTiming;
 
 use super::{Controller, LinkError};
 
@@ -32,6 +33,10 @@ impl<const N: usize> Controller for InProcess<N> {
 
     fn missed(&mut self, periods: u32) {
         self.node.controller().record_missed(periods);
+    }
+
+    fn timing(&mut self, timing: LoopTiming) {
+        self.node.controller().record_timing(timing);
     }
 
     fn exchange(

@@ -40,7 +40,7 @@ pub mod tcp;
 
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::{FrameError, LinkCounters};
-use spherecal_shared::protocol::host::Refusal;
+use spherecal_shared::protocol::host::{LoopTiming, Refusal};
 
 pub use cell::{LocalDevice, check_hello};
 pub use endpoint::{Arrival, HostEndpoint, Timing};
@@ -246,6 +246,9 @@ pub trait Controller: Send {
     /// own clock counts them itself.
     fn missed(&mut self, _periods: u32) {}
 
+    /// States how punctual the loop was until now, for the host.
+    fn timing(&mut self, _timing: LoopTiming) {}
+
     /// Passes the joint state of this period and the host's bytes to the controller. Returns the
     /// torque command, and appends the controller's bytes for the host to `up`. `now_us` is the
     /// device's time, in µs.
@@ -276,6 +279,10 @@ impl<D: Drive + ?Sized> Drive for Box<D> {
 
     fn missed(&self) -> u32 {
         (**self).missed()
+    }
+
+    fn timing(&self) -> Option<LoopTiming> {
+        (**self).timing()
     }
 
     fn move_plate(&mut self, place: u32) -> bool {
@@ -318,6 +325,11 @@ pub trait Drive: Send {
     /// controller wait for each other.
     fn missed(&self) -> u32 {
         0
+    }
+
+    /// How punctual its loop is; `None` if drive and controller wait for each other.
+    fn timing(&self) -> Option<LoopTiming> {
+        None
     }
 
     /// Moves the plate of a simulated cell, see [`Device::move_plate`].

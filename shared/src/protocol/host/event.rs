@@ -3,7 +3,7 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::CycleCost;
+use super::{CycleCost, LoopTiming};
 use crate::MAX_JOINTS;
 use crate::protocol::frame::LinkCounters;
 
@@ -345,6 +345,8 @@ pub struct Statistics {
     pub drive: LinkCounters,
     /// Cost of the control cycles.
     pub cost: CycleCost,
+    /// How punctual the control loop is.
+    pub timing: LoopTiming,
     /// Whether the drive of the present session moves a simulated arm.
     pub simulated: bool,
 }

@@ -19,7 +19,7 @@ use crate::{Options, Pose, Recordings, Reference, Target};
 pub(super) const FOLDS: usize = 5;
 /// Rows that each fit of a cross-validation uses, spread evenly over those that it
 /// may see. The figure of the result is then that of a fit of fewer rows.
-const FOLD_ROWS: usize = 50_000;
+const FOLD_ROWS: usize = 20_000;
 /// Most values of a hold-out column: each takes a fit.
 const MOST_HELD_OUT: usize = 200;
 

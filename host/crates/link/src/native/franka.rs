@@ -8,6 +8,7 @@ use spherecal_fci::robot::{JointLimits as FrankaLimits, ModelError};
 use spherecal_fci::wire::{CollisionBehavior, Load, RobotMode, RobotState, Status, Version};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
+use spherecal_shared::protocol::host::LoopTiming;
 use spherecal_shared::robot::{Inertia, JointLimits};
 
 use super::monitor::{Monitor, Recorder};
@@ -365,6 +366,10 @@ impl Drive for FrankaDrive {
 
     fn monitor(&self) -> Option<Monitor> {
         Some(self.recorder.monitor())
+    }
+
+    fn timing(&self) -> Option<LoopTiming> {
+        Some(LoopTiming::from(&self.recorder.record))
     }
 }
 

@@ -1,5 +1,7 @@
 //! A histogram of times that the real-time thread can keep: a fixed array, no allocation.
 
+use spherecal_shared::protocol::host::Octaves;
+
 /// Bins: four for each doubling of the time.
 const BINS: usize = 88;
 
@@ -82,9 +84,54 @@ impl Histogram {
     }
 }
 
+impl Histogram {
+    /// The same times, counted by octaves.
+    pub fn octaves(&self) -> Octaves {
+        let mut octaves = Octaves {
+            max_us: self.max_us,
+            ..Octaves::default()
+        };
+        for (from_us, _, count) in self.bins() {
+            octaves.add(from_us, count);
+        }
+        octaves
+    }
+}
+
+impl From<&Octaves> for Histogram {
+    /// Every time is rounded up to the end of its octave, at most to the largest time.
+    fn from(octaves: &Octaves) -> Self {
+        let mut histogram = Self::default();
+        for (k, count) in octaves.bins.iter().enumerate() {
+            let (_, to_us) = octaves.range_us(k);
+            if let Some(bin) = histogram.bins.get_mut(bin(to_us.min(octaves.max_us))) {
+                *bin = bin.saturating_add(*count);
+            }
+            histogram.count += u64::from(*count);
+        }
+        histogram.max_us = octaves.max_us;
+        histogram
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    // Fails if a time is lost on the way through octaves, or if a percentile becomes smaller or more than twice as large.
+    #[test]
+    fn octaves_keep_every_time() {
+        let mut histogram = Histogram::default();
+        for us in (0..2000).chain([70_000]) {
+            histogram.record(us);
+        }
+        let seen = Histogram::from(&histogram.octaves());
+        assert_eq!((seen.count(), seen.max_us()), (2001, 70_000));
+        for share in [0.1, 0.5, 0.9, 0.99, 0.999] {
+            let (exact, found) = (histogram.percentile_us(share), seen.percentile_us(share));
+            assert!((exact..=2 * exact).contains(&found), "{share}: {exact} {found}");
+        }
+    }
 
     // Fails if a time falls into a bin that does not contain it, or bins leave gaps.
     #[test]

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use spherecal_fri::client::{Client, ClientError, Config, Limits, MeasuredSign, State, measured_sign};
 use spherecal_fri::wire::{SafetyState, SessionState};
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
+use spherecal_shared::protocol::host::LoopTiming;
 use spherecal_shared::robot::{Arm, Dynamics as _, Robot, Tool};
 
 use super::monitor::{Monitor, Recorder};
@@ -304,6 +305,10 @@ impl Drive for KukaDrive {
 
     fn monitor(&self) -> Option<Monitor> {
         Some(self.recorder.monitor())
+    }
+
+    fn timing(&self) -> Option<LoopTiming> {
+        Some(LoopTiming::from(&self.recorder.record))
     }
 }
 

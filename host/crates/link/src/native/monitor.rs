@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::time::Instant;
 
+use spherecal_shared::protocol::host::LoopTiming;
+
 use super::{DriveEvent, Histogram};
 
 /// Cycles between two copies for the readers.
@@ -36,6 +38,39 @@ pub struct DriveRecord {
     pub turnaround: Histogram,
     /// How far the time between two states differs from the control period, µs.
     pub jitter: Histogram,
+}
+
+impl From<&DriveRecord> for LoopTiming {
+    /// What the controller tells its host: counts that do not fit are the largest that do.
+    fn from(record: &DriveRecord) -> Self {
+        let narrow = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
+        Self {
+            cycles: narrow(record.cycles),
+            late: narrow(record.late),
+            missed: narrow(record.missed),
+            longest_gap: narrow(record.longest_gap),
+            stops: narrow(record.stops),
+            turnaround: record.turnaround.octaves(),
+            jitter: record.jitter.octaves(),
+        }
+    }
+}
+
+impl From<&LoopTiming> for DriveRecord {
+    /// What a host knows of a controller in another process. Recoveries, connections and clamped commands are not told,
+    /// and count as 0.
+    fn from(timing: &LoopTiming) -> Self {
+        Self {
+            cycles: timing.cycles.into(),
+            late: timing.late.into(),
+            missed: timing.missed.into(),
+            longest_gap: timing.longest_gap.into(),
+            stops: timing.stops.into(),
+            turnaround: Histogram::from(&timing.turnaround),
+            jitter: Histogram::from(&timing.jitter),
+            ..Self::default()
+        }
+    }
 }
 
 /// Time after a state within which its answer must leave, in µs. Franka's figure, network included.
