@@ -48,7 +48,7 @@ impl<I: BufRead, O: Write> Questions<I, O> {
         if given.tool_mass_kg.is_none() {
             let words = "Mass of everything at the flange, in kg";
             given.tool_mass_kg = self.question(words, None, |text| {
-                let mass = number(text)?;
+                let mass = number(text).map_err(|e| e.to_string())?;
                 check_mass(&robot, mass).map(|()| mass).map_err(|e| e.to_string())
             })?;
         }
@@ -132,10 +132,15 @@ impl<I: BufRead, O: Write> Questions<I, O> {
     }
 }
 
+/// An answer that is no number.
+#[derive(Debug, thiserror::Error)]
+#[error("\"{0}\" is no number")]
+struct NoNumber(String);
+
 /// A finite number; a decimal comma is read, too.
-fn number(text: &str) -> Result<f64, String> {
+fn number(text: &str) -> Result<f64, NoNumber> {
     let read: Option<f64> = text.replace(',', ".").parse().ok().filter(|x: &f64| x.is_finite());
-    read.ok_or_else(|| format!("\"{}\" is no number", spherecal_model::excerpt(text)))
+    read.ok_or_else(|| NoNumber(spherecal_model::excerpt(text).to_string()))
 }
 
 #[cfg(test)]

@@ -26,6 +26,7 @@ mod error;
 mod progress;
 mod remote;
 mod server;
+mod turns;
 mod wire;
 
 use std::net::{SocketAddr, TcpListener};

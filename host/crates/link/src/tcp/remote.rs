@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::drive::DriveHello;
 
-use super::controller_server::{Turns, serve_own_host};
+use super::controller_server::serve_own_host;
 use super::progress::{NO_FRAME, Watch};
+use super::turns::Turns;
 use super::wire::Wire;
 use super::{TcpError, listen};
 use crate::native::{Monitor, enter_real_time};

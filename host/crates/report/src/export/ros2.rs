@@ -174,6 +174,15 @@ struct Topic {
     messages: u64,
 }
 
+/// Why the bag cannot be written.
+#[derive(Debug, thiserror::Error)]
+enum BagError {
+    #[error(transparent)]
+    File(#[from] mcap::McapError),
+    #[error(transparent)]
+    Message(#[from] cdr::Error),
+}
+
 /// The bag while it is written.
 struct Bag {
     writer: Writer<BufWriter<File>>,
@@ -185,13 +194,12 @@ struct Bag {
 }
 
 impl Bag {
-    fn new(file: File) -> Result<Self, String> {
+    fn new(file: File) -> Result<Self, BagError> {
         let mut writer = WriteOptions::new()
             .compression(Some(Compression::Lz4))
             .profile("ros2")
             .library(concat!("spherecal ", env!("CARGO_PKG_VERSION")))
-            .create(BufWriter::new(file))
-            .map_err(|e| e.to_string())?;
+            .create(BufWriter::new(file))?;
         let kinds = [
             ("/joint_states", "sensor_msgs/msg/JointState", JOINT_STATE),
             ("/wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED),
@@ -200,14 +208,11 @@ impl Bag {
         ];
         let mut topics = Vec::new();
         for (name, kind, definition) in kinds {
-            let add = |writer: &mut Writer<_>| {
-                let schema = writer.add_schema(kind, "ros2msg", definition.as_bytes())?;
-                writer.add_channel(schema, name, "cdr", &BTreeMap::new())
-            };
+            let schema = writer.add_schema(kind, "ros2msg", definition.as_bytes())?;
             topics.push(Topic {
                 name,
                 kind,
-                channel: add(&mut writer).map_err(|e: mcap::McapError| e.to_string())?,
+                channel: writer.add_channel(schema, name, "cdr", &BTreeMap::new())?,
                 messages: 0,
             });
         }
@@ -221,8 +226,8 @@ impl Bag {
     }
 
     /// Writes one message of the topic with number `topic`.
-    fn put(&mut self, topic: usize, time_ns: u64, message: &impl Serialize) -> Result<(), String> {
-        let data = cdr::serialize::<_, _, CdrLe>(message, Infinite).map_err(|e| e.to_string())?;
+    fn put(&mut self, topic: usize, time_ns: u64, message: &impl Serialize) -> Result<(), BagError> {
+        let data = cdr::serialize::<_, _, CdrLe>(message, Infinite)?;
         let Some(topic) = self.topics.get_mut(topic) else {
             return Ok(());
         };
@@ -235,12 +240,10 @@ impl Bag {
         topic.messages += 1;
         self.begin_ns = Some(self.begin_ns.map_or(time_ns, |begin| begin.min(time_ns)));
         self.end_ns = self.end_ns.max(time_ns);
-        self.writer
-            .write_to_known_channel(&header, &data)
-            .map_err(|e| e.to_string())
+        Ok(self.writer.write_to_known_channel(&header, &data)?)
     }
 
-    fn period(&mut self, period: &Period) -> Result<(), String> {
+    fn period(&mut self, period: &Period) -> Result<(), BagError> {
         if let Some(joints) = &period.joint_states {
             self.put(0, period.utc_ns, &JointState::from(joints))?;
         }
@@ -307,7 +310,8 @@ pub fn export_ros2(files: &[PathBuf], folder: &Path) -> Result<Exported, ExportE
     let in_bag = |what: String| failed(&paths[0], what);
     std::fs::create_dir_all(folder).map_err(|e| failed(folder, e.to_string()))?;
     let new = NewFile::create(&paths[0]).map_err(|e| in_bag(e.to_string()))?;
-    let mut bag = Bag::new(new.handle().map_err(|e| in_bag(e.to_string()))?).map_err(in_bag)?;
+    let in_file = |error: BagError| in_bag(error.to_string());
+    let mut bag = Bag::new(new.handle().map_err(|e| in_bag(e.to_string()))?).map_err(in_file)?;
     let mut torn_telemetry = Vec::new();
     for file in files {
         let unreadable = |what: String| ExportError::Telemetry {
@@ -318,7 +322,7 @@ pub fn export_ros2(files: &[PathBuf], folder: &Path) -> Result<Exported, ExportE
         let mut reader = TelemetryReader::new(&bytes).map_err(|e| unreadable(e.to_string()))?;
         for period in reader.by_ref() {
             let period = period.map_err(|e| unreadable(e.to_string()))?;
-            bag.period(&period).map_err(in_bag)?;
+            bag.period(&period).map_err(in_file)?;
         }
         if reader.is_torn() {
             torn_telemetry.push(file.clone());
