@@ -70,6 +70,63 @@ pub fn csv(data: &[u8]) {
     }
 }
 
+/// Topics of a made bag, and their types.
+pub const TOPICS: [(&str, &str); 5] = [
+    ("/joint_states", "sensor_msgs/msg/JointState"),
+    ("/point", "geometry_msgs/msg/PointStamped"),
+    ("/pose", "geometry_msgs/msg/PoseStamped"),
+    ("/tip", "geometry_msgs/msg/TransformStamped"),
+    ("/number", "std_msgs/msg/Int32"),
+];
+
+/// Names of the joints in a made bag.
+pub const JOINTS: [&str; 6] = ["j1", "j2", "j3", "j4", "j5", "j6"];
+
+/// Any bag: any bytes as a file, or a file whose messages are any bytes. What is read is finite.
+pub fn bag(data: &[u8]) {
+    let Some((kind, rest)) = data.split_first() else { return };
+    let folder = folder();
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let file = folder.join("fuzz.mcap");
+    let mut wanted = spherecal_bag::Wanted::new(JOINTS.map(str::to_owned).to_vec());
+    let target = usize::from(kind / 8) % (TOPICS.len() - 1) + 1;
+    if kind % 4 == 0 {
+        std::fs::write(&file, rest).expect("written");
+    } else {
+        made_bag(&file, rest);
+        wanted.topics = vec![TOPICS[0].0.to_owned(), TOPICS[target].0.to_owned()];
+    }
+    wanted.effort_nm = kind % 2 == 0;
+    if let Ok(poses) = spherecal_bag::read_bag(&file, &wanted, &mut |_| ()) {
+        let text = poses.to_csv();
+        let mut numbers = text.lines().skip(1).flat_map(|line| line.split(',')).filter_map(|cell| cell.parse::<f64>().ok());
+        assert!(numbers.all(f64::is_finite), "{text}");
+    }
+}
+
+/// A bag with the pieces as messages, 10 ms apart; the first byte of each names its topic.
+fn made_bag(file: &std::path::Path, data: &[u8]) {
+    let out = std::io::BufWriter::new(std::fs::File::create(file).expect("a file"));
+    let options = mcap::WriteOptions::new().compression(None).profile("ros2");
+    let mut writer = options.create(out).expect("a bag");
+    let channels = TOPICS.map(|(topic, kind)| {
+        let schema = writer.add_schema(kind, "ros2msg", b"").expect("a schema");
+        let none = std::collections::BTreeMap::new();
+        writer.add_channel(schema, topic, "cdr", &none).expect("a channel")
+    });
+    for (piece, k) in pieces(data).take(512).zip(0_u64..) {
+        let Some((topic, body)) = piece.split_first() else { continue };
+        let header = mcap::records::MessageHeader {
+            channel_id: channels[usize::from(*topic) % channels.len()],
+            sequence: 0,
+            log_time: 10_000_000 * k,
+            publish_time: 10_000_000 * k,
+        };
+        writer.write_to_known_channel(&header, body).expect("written");
+    }
+    writer.finish().expect("finished");
+}
+
 /// Any configuration: refused, or one that can be written and read again.
 pub fn config(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };

@@ -277,6 +277,54 @@ fn links() {
 }
 
 /// Files that users bring.
+/// Rests of an arm, with points and numbers of spheres: one message a piece, its topic first.
+#[cfg(feature = "host")]
+fn bags() {
+    use spherecal_fuzz::JOINTS;
+    let cdr = |topic: u8, time_ms: u32| {
+        let mut message = vec![topic, 0, 1, 0, 0];
+        message.extend((time_ms / 1000 + 1).to_le_bytes());
+        message.extend((time_ms % 1000 * 1_000_000).to_le_bytes());
+        // The frame: an empty text, then the gap to a multiple of four.
+        message.extend([1, 0, 0, 0, 0, 0, 0, 0]);
+        message
+    };
+    let joints = |time_ms: u32| {
+        let mut message = cdr(0, time_ms);
+        message.extend(6_u32.to_le_bytes());
+        for name in JOINTS {
+            message.extend(3_u32.to_le_bytes());
+            message.extend([name.as_bytes(), &[0, 0]].concat());
+        }
+        message.extend([6, 0, 0, 0]);
+        while (message.len() - 5) % 8 != 0 {
+            message.push(0);
+        }
+        (1..=6).for_each(|k| message.extend((0.1 * f64::from(k)).to_le_bytes()));
+        message.extend([0; 8]);
+        message
+    };
+    let point = |time_ms: u32| {
+        let mut message = cdr(1, time_ms);
+        while (message.len() - 5) % 8 != 0 {
+            message.push(0);
+        }
+        [0.5_f64, 0.0, 0.3].iter().for_each(|x| message.extend(x.to_le_bytes()));
+        message
+    };
+    let number = |_: u32| vec![4, 0, 1, 0, 0, 2, 0, 0, 0];
+    // The first byte asks for made bags, and for the topic of the targets.
+    for (name, kind, target) in [("points", 1, &point as &dyn Fn(u32) -> Vec<u8>), ("numbers", 1 + 8 * 3, &number)] {
+        let messages: Vec<Vec<u8>> = (0..60).flat_map(|k| [joints(10 * k), target(10 * k)]).collect();
+        let mut data = vec![kind];
+        for message in &messages {
+            data.extend((message.len() as u16).to_le_bytes());
+            data.extend(message);
+        }
+        write("bag", name, &data);
+    }
+}
+
 #[cfg(feature = "host")]
 fn host() {
     write(
@@ -312,6 +360,7 @@ fn host() {
         b"[[sphere]]\nid = 1\nx_mm = 0.0\ny_mm = 1.0\nz_mm = 2.0\nsigma_mm = 0.001\n",
     );
 
+    bags();
     let config = Config::default();
     write("config", "all", config.to_toml().expect("it can be written").as_bytes());
     write("config", "cell", b"seed = 7\n[plan]\nposes = 30\nchoice = \"grid\"\n[plant]\npreset = \"typical\"\n[plant.plate]\nplacement_sigma_m = 0.0015\n[cell.tool]\ntcp_mm = [50.0, 0.0, 100.0]\n[host_link]\nloss = 0.2\n");
