@@ -141,9 +141,12 @@ impl<const N: usize> Controller<N> {
         } else {
             poles(&actuation.motors, gain, corner)
         };
+        let exerted = self
+            .torque_loop
+            .exerted(&delivered, &state.dq, &actuation.motors, self.period_s);
         let correction = self
             .torque_loop
-            .correction(&delivered, gain, &poles, bound, self.period_s);
+            .correction(&exerted, gain, &poles, bound, self.period_s);
         for i in 0..N {
             wanted[i] += correction[i];
         }
@@ -225,12 +228,9 @@ impl<const N: usize> Controller<N> {
         };
         if self.activity.is_seated() {
             let seating = &env.procedure.seating;
-            let tcp = &snapshot.tcp.position;
-            if let Some(distance) = self
-                .cartesian
-                .watch
-                .push(tcp, snapshot.tcp_speed(), seating, env.period_s)
-            {
+            let (tcp, speed) = (&snapshot.tcp.position, snapshot.tcp_speed());
+            let watch = &mut self.cartesian.watch;
+            if let Some(distance) = watch.push(tcp, speed, &snapshot.jacobian, seating, env.period_s) {
                 let limit = seating.window_m;
                 self.fail(Violation::new(Fault::ContactLost, distance, limit));
                 return;
@@ -257,10 +257,12 @@ impl<const N: usize> Controller<N> {
     pub(super) fn torque(&mut self, snapshot: &Snapshot<N>) -> SVector<f64, N> {
         let law = &self.procedure.law;
         let mut torque = if self.activity.is_cartesian() {
-            let force = self
-                .cartesian
-                .impedance
-                .force(snapshot, &self.cartesian.setpoint, law.damping_ratio);
+            let (impedance, setpoint) = (&mut self.cartesian.impedance, &self.cartesian.setpoint);
+            let force = if matches!(self.activity, Activity::Turning(_)) {
+                impedance.turning_force(snapshot, setpoint, law.damping_ratio)
+            } else {
+                impedance.force(snapshot, setpoint, law.damping_ratio)
+            };
             let null = self
                 .cartesian
                 .null_space

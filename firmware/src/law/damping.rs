@@ -54,6 +54,20 @@ impl Damping {
         velocity_error: &Vector6<f64>,
     ) -> Vector6<f64> {
         let frequency = self.update(snapshot, stiffness);
+        self.of_modes(snapshot, &frequency, ratio, error, velocity_error)
+    }
+
+    /// As [`force`](Self::force), with the modes of the last [`update`](Self::update) and their
+    /// frequencies, in rad/s.
+    #[inline]
+    pub(super) fn of_modes<const N: usize>(
+        &self,
+        snapshot: &Snapshot<N>,
+        frequency: &Vector6<f64>,
+        ratio: f64,
+        error: &Vector6<f64>,
+        velocity_error: &Vector6<f64>,
+    ) -> Vector6<f64> {
         let fastest = snapshot.fastest_rad_s;
         let y = snapshot.mobility.solve_lower(velocity_error);
         let mut modal = Vector6::zeros();
@@ -87,7 +101,7 @@ impl Damping {
     /// One sweep towards the eigenvectors of `A`. Returns the modal frequencies in
     /// rad/s, bounded below.
     #[inline]
-    fn update<const N: usize>(&mut self, snapshot: &Snapshot<N>, stiffness: &Stiffness) -> Vector6<f64> {
+    pub(super) fn update<const N: usize>(&mut self, snapshot: &Snapshot<N>, stiffness: &Stiffness) -> Vector6<f64> {
         // C = L V are the modes in task coordinates; then V^T A V = C^T K C.
         let lower = snapshot.mobility.lower();
         let mut modes = Matrix6::zeros();

@@ -10,6 +10,10 @@ use spherecal_shared::scalar::sqrt;
 /// 100 kg m².
 const MOBILITY_FLOOR: f64 = 0.01;
 
+/// Largest force that the law adds for the inertia of a turning tool, in N: twice what was needed on the
+/// built-in arm with visible motors.
+const MOST_REACTION_N: f64 = 40.0;
+
 /// Damping of [`Snapshot::point_force`], in m²: the square of the ratio of a torque
 /// error to the force error that it may cause (3 N m and 30 N).
 const POINT_FORCE_DAMPING: f64 = 0.01;
@@ -222,6 +226,53 @@ impl<const N: usize> Snapshot<N> {
         }
         // Every pivot is positive because of the damping. For NaN any force will do.
         Cholesky::new(&normal).map_or(force, |factor| factor.solve(&force))
+    }
+
+    /// Force on the TCP (F0, in N) that leaves it unaccelerated under a moment `moment` (F0, in N m)
+    /// and the present joint speeds: with the mobility `B = J M⁻¹ Jᵀ` it is
+    /// `−B_tt⁻¹ (B_tr m + J̇ q̇)`. It is bounded, because near singularities it need not be.
+    #[inline]
+    pub(crate) fn reaction(&self, moment: &Vector3<f64>) -> Vector3<f64> {
+        let lower = self.mobility.lower();
+        let drift = self.drift();
+        // B_tt = L L' and B_tr = L R' of the factor's blocks; so L' f = −(R' m + L⁻¹ J̇ q̇).
+        let mut y = Vector3::zeros();
+        for i in 0..3 {
+            let mut sum = drift[i];
+            for k in 0..i {
+                sum -= lower[(i, k)] * y[k];
+            }
+            y[i] = sum / lower[(i, i)];
+        }
+        for i in 0..3 {
+            for k in 0..3 {
+                y[i] += lower[(3 + k, i)] * moment[k];
+            }
+        }
+        let mut force = Vector3::zeros();
+        for i in (0..3).rev() {
+            let mut sum = -y[i];
+            for k in (i + 1)..3 {
+                sum -= lower[(k, i)] * force[k];
+            }
+            force[i] = sum / lower[(i, i)];
+        }
+        force * (MOST_REACTION_N / force.norm().max(MOST_REACTION_N))
+    }
+
+    /// Acceleration of the TCP at constant joint speeds, `J̇ q̇`, in m/s².
+    #[inline]
+    fn drift(&self) -> Vector3<f64> {
+        let (mut turn, mut turn_change, mut drift) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        for i in 0..N {
+            let about = self.frames[i].z() * self.dq[i];
+            turn_change += turn.cross(&about);
+            turn += about;
+            let end = self.frames.get(i + 1).map_or(self.tcp.position, |next| next.position);
+            let link = end - self.frames[i].position;
+            drift += turn_change.cross(&link) + turn.cross(&turn.cross(&link));
+        }
+        drift
     }
 
     /// Speed of the computed TCP, in m/s.

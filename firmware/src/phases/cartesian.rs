@@ -19,7 +19,7 @@ pub(crate) struct CartesianState<const N: usize> {
     /// Computed TCP at contact, in m.
     pub(crate) contact: Vector3<f64>,
     /// The watch over the seated nest.
-    pub(crate) watch: SeatingWatch,
+    pub(crate) watch: SeatingWatch<N>,
     /// The spring.
     pub(crate) impedance: Impedance,
     /// Setpoint of the spring.
@@ -35,7 +35,7 @@ impl<const N: usize> Default for CartesianState<N> {
             direction: Vector3::zeros(),
             tare: Wrench::default(),
             contact: Vector3::zeros(),
-            watch: SeatingWatch::new(Vector3::zeros()),
+            watch: SeatingWatch::default(),
             impedance: Impedance::new(Stiffness::isotropic(0.0, 0.0)),
             setpoint: CartesianSetpoint::at(Vector3::zeros(), Matrix3::identity()),
             null_space: NullSpace::Free,

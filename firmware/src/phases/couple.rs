@@ -75,7 +75,7 @@ impl Coupling {
         }
         cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());
         cartesian.setpoint.position = env.snapshot.tcp.position;
-        cartesian.watch = SeatingWatch::new(env.snapshot.tcp.position);
+        cartesian.watch = SeatingWatch::new(env.snapshot.tcp.position, &env.snapshot.jacobian);
         Next::Enter(
             Activity::Verifying(Verifying {
                 pull: Pull::new(env.snapshot.tcp.position),
@@ -117,7 +117,7 @@ impl Verifying {
         }
         cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());
         cartesian.setpoint.position = tcp;
-        cartesian.watch = SeatingWatch::new(tcp);
+        cartesian.watch = SeatingWatch::new(tcp, &env.snapshot.jacobian);
         let coupled = Coupled {
             sphere: cartesian.sphere,
             time_us: env.time_us,

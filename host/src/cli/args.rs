@@ -54,6 +54,10 @@ pub struct RunArgs {
     /// configuration.
     #[arg(long, help_heading = "Plan", value_name = "NAME|FILE")]
     pub robot: Option<String>,
+    /// Errors of the simulated arm: a preset, instead of all of the configuration's `[plant]`. as_measured (the
+    /// default) is as hard to calibrate as real arms, typical is three times easier.
+    #[arg(long, help_heading = "Plan", value_name = "PRESET")]
+    pub preset: Option<String>,
     /// Start the descents at the waypoints that `spherecal teach` wrote.
     #[arg(long, help_heading = "Plan", value_name = "FILE.toml")]
     pub waypoints: Option<PathBuf>,
@@ -62,7 +66,7 @@ pub struct RunArgs {
     #[arg(long, help_heading = "Connection", value_name = "FILE.toml|PRESET")]
     pub inject: Option<String>,
     /// Continue the last run in --out at the pose where it stopped.
-    #[arg(long, help_heading = "Results", conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "robot", "seed", "waypoints"])]
+    #[arg(long, help_heading = "Results", conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "robot", "seed", "preset", "waypoints"])]
     pub resume: bool,
     /// Show the run on the whole terminal: phase, force, joints, residual so far.
     #[arg(long, help_heading = "Viewers")]
@@ -127,6 +131,9 @@ impl RunArgs {
         let mut config = base(self.config.as_deref(), self.seed)?;
         if let Some(robot) = &self.robot {
             config.robot.clone_from(robot);
+        }
+        if let Some(preset) = &self.preset {
+            config = config.on_preset(preset);
         }
         // Without a configuration, a robot that tells which one it is decides.
         if self.config.is_none()

@@ -15,6 +15,7 @@ use spherecal_job::JobError;
 use spherecal_lab::worlds::World;
 use spherecal_shared::robot::BUILT_IN;
 use spherecal_sim::inject::PRESETS;
+use spherecal_sim::plant;
 
 /// Arguments of `completions`.
 #[derive(Args, Clone, Debug)]
@@ -36,6 +37,7 @@ pub struct ManArgs {
 fn values(option: &str) -> Option<(Vec<&'static str>, bool)> {
     Some(match option {
         "robot" => (BUILT_IN.to_vec(), true),
+        "preset" => (plant::PRESETS.to_vec(), false),
         "method" => (Method::ALL.map(Method::name).to_vec(), false),
         "model" => (Model::ALL.map(Model::name).to_vec(), false),
         "world" => (World::ALL.map(World::name).to_vec(), false),

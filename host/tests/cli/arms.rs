@@ -14,7 +14,7 @@ fn slow_every_built_in_arm_runs_the_whole_procedure() {
     let names: Vec<&str> = list.lines().filter_map(|line| line.split_whitespace().next()).collect();
     assert!(names.len() >= 7, "{list}");
     for name in names {
-        let mut cell = format!("robot = \"{name}\"\n");
+        let mut cell = format!("robot = \"{name}\"\n[plant]\npreset = \"typical\"\n");
         let file = folder.path().join("cell.toml");
         std::fs::write(&file, &cell).expect("written");
         let plan = spherecal(folder.path(), &["plan", "--config", "cell.toml", "--poses", "6"]);

@@ -143,7 +143,7 @@ fn the_bag_of_a_run_gives_the_robot_of_the_run() {
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(matches!(output.status.code(), Some(0 | 3)), "{arguments:?}: {said}");
     };
-    spherecal(&["run", "--poses", "24", "--json", "--out", "o"]);
+    spherecal(&["run", "--preset", "typical", "--poses", "24", "--json", "--out", "o"]);
     spherecal(&["export", "--format", "ros2", "--out", "o"]);
     spherecal(&["export", "--csv", "--out", "o"]);
     let common = ["--robot", "iiwa7", "--plate", "paper"];

@@ -123,7 +123,8 @@ fn drift_is_told_from_two_calibrations() {
     let calibrate = |seed: &str, arm: &str| {
         let out = format!("{seed}{arm}");
         let arguments = [
-            "run", "--poses", "60", "--json", "--seed", seed, "--arm", arm, "--store", &url, "--out", &out,
+            "run", "--preset", "typical", "--poses", "60", "--json", "--seed", seed, "--arm", arm, "--store", &url,
+            "--out", &out,
         ];
         let output = ended(start(folder.path(), &arguments));
         assert_eq!(

@@ -6,43 +6,51 @@ use crate::support::{spherecal, text};
 const CASES: [(&str, &str, &str); 11] = [
     ("as measured", "1", "[plant]\npreset = \"as_measured\"\n"),
     ("harsh", "1", "[plant]\npreset = \"harsh\"\n"),
-    ("elastic, 16,000 N m/rad", "1", "[plant.elasticity]\nenabled = true\n"),
+    (
+        "elastic, 16,000 N m/rad",
+        "1",
+        "[plant]\npreset = \"typical\"\n[plant.elasticity]\nenabled = true\n",
+    ),
     (
         "elastic, 7,000 N m/rad",
         "1",
-        "[plant.elasticity]\nenabled = true\nstiffness_nm_rad = 7000.0\n",
+        "[plant]\npreset = \"typical\"\n[plant.elasticity]\nenabled = true\nstiffness_nm_rad = 7000.0\n",
     ),
-    ("rotors", "1", "[plant.inertia]\nrotors = true\n"),
+    (
+        "rotors",
+        "1",
+        "[plant]\npreset = \"typical\"\n[plant.inertia]\nrotors = true\n",
+    ),
     (
         "dry friction to 2 N m",
         "1",
-        "[plant.friction]\ncoulomb_nm = [1.0, 2.0]\n",
+        "[plant]\npreset = \"typical\"\n[plant.friction]\ncoulomb_nm = [1.0, 2.0]\n",
     ),
     (
         "torque noise of 0.25 N m",
         "1",
-        "[plant.sensors]\ntorque_white_nm = 0.25\n",
+        "[plant]\npreset = \"typical\"\n[plant.sensors]\ntorque_white_nm = 0.25\n",
     ),
     (
         "4 ms of delay",
         "1",
-        "[plant.drive]\nstate_delay_s = 0.002\ncommand_delay_s = 0.002\n",
+        "[plant]\npreset = \"typical\"\n[plant.drive]\nstate_delay_s = 0.002\ncommand_delay_s = 0.002\n",
     ),
     (
         "1.5 ms of delay with 2 ms of jitter",
         "1",
-        "[plant.drive]\nstate_delay_s = 0.001\ncommand_delay_s = 0.0005\njitter_s = 0.002\n",
+        "[plant]\npreset = \"typical\"\n[plant.drive]\nstate_delay_s = 0.001\ncommand_delay_s = 0.0005\njitter_s = 0.002\n",
     ),
     // With this seed the joint spring of free motions was unstable.
     (
         "4 ms of delay, seed 3",
         "3",
-        "[plant.drive]\nstate_delay_s = 0.002\ncommand_delay_s = 0.002\n",
+        "[plant]\npreset = \"typical\"\n[plant.drive]\nstate_delay_s = 0.002\ncommand_delay_s = 0.002\n",
     ),
     (
         "1.5 ms of delay with 2 ms of jitter, seed 3",
         "3",
-        "[plant.drive]\nstate_delay_s = 0.001\ncommand_delay_s = 0.0005\njitter_s = 0.002\n",
+        "[plant]\npreset = \"typical\"\n[plant.drive]\nstate_delay_s = 0.001\ncommand_delay_s = 0.0005\njitter_s = 0.002\n",
     ),
 ];
 

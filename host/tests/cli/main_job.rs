@@ -288,6 +288,8 @@ fn a_second_tells_what_a_long_hold_does() {
     let folder = folder.path();
     let arguments = [
         "stability",
+        "--preset",
+        "typical",
         "--poses",
         "12",
         "--places",
@@ -329,7 +331,10 @@ fn a_second_tells_what_a_long_hold_does() {
 #[ignore = "slow: 1,843 poses"]
 fn slow_the_papers_grid_is_recorded() {
     let folder = tempfile::tempdir().expect("a folder");
-    let output = spherecal(folder.path(), &["run", "--paper", "--seed", "3", "--json"]);
+    let output = spherecal(
+        folder.path(),
+        &["run", "--preset", "typical", "--paper", "--seed", "3", "--json"],
+    );
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let summary: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
     let count = |what: &str| summary["poses"][what].as_u64().expect("a count");

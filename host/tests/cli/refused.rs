@@ -30,7 +30,11 @@ struct Contact {
 /// The contacts of a simulated arm, measured once for all tests.
 fn measured(seed: &str) -> Vec<Contact> {
     let folder = tempfile::tempdir().expect("a folder");
-    std::fs::write(folder.path().join("cell.toml"), "[laser]\nenabled = false\n").expect("written");
+    std::fs::write(
+        folder.path().join("cell.toml"),
+        "[laser]\nenabled = false\n[plant]\npreset = \"typical\"\n",
+    )
+    .expect("written");
     let arguments = [
         "measure",
         "--seed",
@@ -332,7 +336,11 @@ fn judges_that_judge_nothing_are_refused() {
 /// A whole run without a tracker that is not to be trusted, with its reasons.
 fn not_trusted(poses: &str, words: &[&str]) {
     let folder = tempfile::tempdir().expect("a folder");
-    std::fs::write(folder.path().join("cell.toml"), "[laser]\nenabled = false\n").expect("written");
+    std::fs::write(
+        folder.path().join("cell.toml"),
+        "[laser]\nenabled = false\n[plant]\npreset = \"typical\"\n",
+    )
+    .expect("written");
     let arguments = ["run", "--seed", "1", "--poses", poses, "--config", "cell.toml"];
     let output = spherecal(folder.path(), &arguments);
     let said = text(&output.stdout);
@@ -366,7 +374,10 @@ fn a_run_stops_where_a_sphere_has_moved() {
     let plan = "[[fault]]\n[fault.what.sphere_moved]\nby_m = [0.003, 0.0, 0.0]\nover_s = 0.2\n\
                 [fault.when.phase]\nname = \"recording\"\nentry = 20\nafter_s = 0.5\n";
     std::fs::write(folder.path().join("faults.toml"), plan).expect("written");
-    let output = spherecal(folder.path(), &["run", "--seed", "1", "--inject", "faults.toml"]);
+    let output = spherecal(
+        folder.path(),
+        &["run", "--preset", "typical", "--seed", "1", "--inject", "faults.toml"],
+    );
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{}{said}", text(&output.stdout));
     for word in ["limit 0.20 mm", "begin a new run"] {

@@ -38,7 +38,7 @@ fn until(what: &str, host: &mut Child, mut done: impl FnMut() -> bool) {
 
 /// The configuration of a short job, also as a file in `folder`.
 fn cell(folder: &Path, robot: &str) -> Config {
-    let text = format!("robot = \"{robot}\"\n{CELL}");
+    let text = format!("robot = \"{robot}\"\n[plant]\npreset = \"typical\"\n{CELL}");
     std::fs::write(folder.join("cell.toml"), &text).expect("a file");
     Config::parse("cell.toml", &text).expect("a configuration")
 }

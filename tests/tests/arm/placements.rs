@@ -10,7 +10,7 @@ use spherecal_tests::plan::{carry_out, cell, measured, plant};
 
 /// Two placements: the paper's, and one 120 mm to the side, 100 mm higher and turned.
 fn two_places() -> Prepared {
-    let mut config = Config::default();
+    let mut config = Config::default().on_preset("typical");
     config.plan.poses = 60;
     config.plan.range.candidates = 700;
     let mut second = config.cell.placements[0];

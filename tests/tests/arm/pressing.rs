@@ -9,7 +9,7 @@ use crate::injected::one;
 
 /// Arms that are hard to control: name, seed, `[plant]`.
 const HARD: [(&str, u64, &str); 8] = [
-    ("typical", 1, ""),
+    ("typical", 1, "preset = \"typical\""),
     ("as measured", 1, "preset = \"as_measured\""),
     ("as measured", 2, "preset = \"as_measured\""),
     ("harsh", 1, "preset = \"harsh\""),
@@ -17,10 +17,18 @@ const HARD: [(&str, u64, &str); 8] = [
     (
         "elastic, 16,000 N m/rad",
         1,
-        "[elasticity]\nenabled = true\nstiffness_nm_rad = 16000.0",
+        "preset = \"typical\"\n[elasticity]\nenabled = true\nstiffness_nm_rad = 16000.0",
     ),
-    ("dry friction to 2 N m", 1, "[friction]\ncoulomb_nm = [1.0, 2.0]"),
-    ("torque noise of 0.25 N m", 1, "[sensors]\ntorque_white_nm = 0.25"),
+    (
+        "dry friction to 2 N m",
+        1,
+        "preset = \"typical\"\n[friction]\ncoulomb_nm = [1.0, 2.0]",
+    ),
+    (
+        "torque noise of 0.25 N m",
+        1,
+        "preset = \"typical\"\n[sensors]\ntorque_white_nm = 0.25",
+    ),
 ];
 
 fn case(seed: u64, plant: &str) -> Case {
@@ -69,7 +77,7 @@ fn disturbed(case: &Case, what: InjectedFault, entry: u32, after_s: f64, for_s: 
 // Fails if a push that lasts does not stop a free motion, or if the run does not recover.
 #[test]
 fn a_push_in_a_free_motion_stops_it_and_the_run_recovers() {
-    let case = case(2, "");
+    let case = case(2, "preset = \"typical\"");
     for (entry, force_n) in [
         (1, [0.0, 0.0, 40.0]),
         (2, [30.0, 0.0, 0.0]),
@@ -87,7 +95,7 @@ fn a_push_in_a_free_motion_stops_it_and_the_run_recovers() {
 // Fails if the arm presses on an obstacle in a free motion, or if the run does not recover.
 #[test]
 fn an_obstacle_is_not_pressed_on() {
-    let case = case(2, "");
+    let case = case(2, "preset = \"typical\"");
     for (entry, stiffness_n_m) in [(2, 1e4), (3, 1e4), (4, 1e3), (3, 1e5)] {
         let obstacle = InjectedFault::Obstacle {
             ahead_m: 0.02,

@@ -16,7 +16,7 @@ const BAD: Lossy = Lossy {
 };
 
 fn measured(poses: usize, host_link: Lossy) -> Measurements {
-    let mut config = Config::default();
+    let mut config = Config::default().on_preset("typical");
     config.plan.poses = poses;
     config.plan.choice = Choice::Grid;
     config.laser.enabled = false;

@@ -86,13 +86,14 @@ pub(super) struct Campaign<'a> {
 impl<'a> Campaign<'a> {
     /// A campaign that has done nothing in this session.
     pub(super) fn new(assignment: &'a Assignment<'a>) -> Self {
+        let waypoints = Waypoints::new(assignment.robot, assignment.tool);
         Self {
             assignment,
             done: assignment.done.clone(),
             rejected: Vec::new(),
             recorded: 0,
-            waypoints: Waypoints::new(assignment.robot, assignment.tool),
-            places: Places::recall(assignment.plan, assignment.seated),
+            places: Places::recall(assignment.plan, assignment.seated, waypoints.chain()),
+            waypoints,
             place: 0,
             touching: false,
         }

@@ -12,6 +12,7 @@ use spherecal_identify as identify;
 use spherecal_model::{read_text, read_toml};
 use spherecal_sim::Lossy;
 use spherecal_sim::plant::{PRESETS, PlantConfig};
+use toml::{Table, Value};
 
 mod cell;
 mod certificate;
@@ -26,6 +27,11 @@ pub use sections::{CampaignSection, Choice, LaserSection, PlanSection};
 
 /// Largest configuration file, in bytes.
 const MOST_BYTES: u64 = 1 << 20;
+
+/// Preset of the simulated arm where a configuration names none: as hard to calibrate as real arms (world W5).
+const PRESET: &str = "as_measured";
+/// The preset of runs that older programs stored without a name.
+const STORED_PRESET: &str = "typical";
 
 /// The whole configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -47,11 +53,11 @@ pub struct Config {
     pub campaign: CampaignSection,
     /// The procedure of Algorithm 2.
     pub procedure: Procedure,
-    /// The simulated arm: the name of a `preset`, and the errors that differ from it. A real arm
-    /// does not use this section.
-    #[serde(skip_serializing_if = "toml::Table::is_empty")]
+    /// The simulated arm: the name of a `preset` (default: `as_measured`), and the errors that differ from it. A real
+    /// arm does not use this section.
+    #[serde(skip_serializing_if = "Table::is_empty")]
     #[schemars(with = "PlantConfig")]
-    pub plant: toml::Table,
+    pub plant: Table,
     /// The laser tracker's reference.
     pub laser: LaserSection,
     /// Faults that are injected into the host link, for tests.
@@ -71,7 +77,7 @@ impl Default for Config {
             plan: PlanSection::default(),
             campaign: CampaignSection::default(),
             procedure: Procedure::default(),
-            plant: toml::Table::new(),
+            plant: named(PRESET),
             laser: LaserSection::default(),
             host_link: Lossy::default(),
             identify: identify::Options::default(),
@@ -79,7 +85,33 @@ impl Default for Config {
     }
 }
 
+/// A `[plant]` with a preset alone.
+fn named(preset: &str) -> Table {
+    Table::from_iter([("preset".to_owned(), Value::from(preset))])
+}
+
+/// Names the preset in the `[plant]` of a configuration that names none. A value that is no table stays: the reader
+/// reports it.
+fn name_preset(config: &mut Table, preset: &str) {
+    match config.get_mut("plant") {
+        Some(Value::Table(plant)) => {
+            plant.entry("preset").or_insert_with(|| Value::from(preset));
+        }
+        Some(_) => {}
+        None => {
+            config.insert("plant".to_owned(), named(preset).into());
+        }
+    }
+}
+
 impl Config {
+    /// The same configuration on a simulated arm with this preset and nothing else.
+    #[must_use]
+    pub fn on_preset(mut self, preset: &str) -> Self {
+        self.plant = named(preset);
+        self
+    }
+
     /// Reads a file. Fields that it leaves out have their defaults.
     ///
     /// # Errors
@@ -95,7 +127,7 @@ impl Config {
     /// # Errors
     /// The text is not TOML, contains an unknown name, or has the layout of an older program.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
-        if let Ok(mut table) = toml::from_str::<toml::Table>(text) {
+        if let Ok(mut table) = toml::from_str::<Table>(text) {
             let fields = layout::bring_forward(&mut table);
             if !fields.is_empty() {
                 return Err(ConfigError::OldLayout {
@@ -105,10 +137,13 @@ impl Config {
                 });
             }
         }
-        read_toml(text).map_err(|e| ConfigError::Syntax {
+        let mut config: Self = read_toml(text).map_err(|e| ConfigError::Syntax {
             path: name.to_owned(),
             message: e.to_string(),
-        })
+        })?;
+        // Named, so that the stored configuration keeps its meaning when the default changes.
+        config.plant.entry("preset").or_insert_with(|| Value::from(PRESET));
+        Ok(config)
     }
 
     /// Reads the configuration of a stored run, of this program or an older one.
@@ -120,8 +155,9 @@ impl Config {
             path: "the stored configuration".to_owned(),
             message: e.to_string(),
         };
-        let mut table: toml::Table = toml::from_str(text).map_err(unreadable)?;
+        let mut table: Table = toml::from_str(text).map_err(unreadable)?;
         layout::bring_forward(&mut table);
+        name_preset(&mut table, STORED_PRESET);
         table.try_into().map_err(unreadable)
     }
 
@@ -205,8 +241,8 @@ impl Config {
         let section = |message: String| ConfigError::PlantSection { message };
         let mut table = self.plant.clone();
         let preset = match table.remove("preset") {
-            None => PRESETS.get(1).copied().unwrap_or("typical").to_owned(),
-            Some(toml::Value::String(name)) => name,
+            None => PRESET.to_owned(),
+            Some(Value::String(name)) => name,
             Some(other) => {
                 return Err(section(format!(
                     "preset is {other}: give one of {}",
@@ -214,7 +250,7 @@ impl Config {
                 )));
             }
         };
-        let mut whole = toml::Table::try_from(PlantConfig::preset(&preset)?).map_err(|e| section(e.to_string()))?;
+        let mut whole = Table::try_from(PlantConfig::preset(&preset)?).map_err(|e| section(e.to_string()))?;
         merge(&mut whole, table);
         let mut config: PlantConfig = whole
             .try_into()
@@ -240,13 +276,13 @@ impl Config {
 }
 
 /// Writes `over` into `base`, table by table.
-fn merge(base: &mut toml::Table, over: toml::Table) {
+fn merge(base: &mut Table, over: Table) {
     for (key, value) in over {
         match (base.get_mut(&key), value) {
-            (Some(toml::Value::Table(inner)), toml::Value::Table(new)) => merge(inner, new),
+            (Some(Value::Table(inner)), Value::Table(new)) => merge(inner, new),
             // A whole number in the place of a float is read as a float.
-            (Some(slot @ toml::Value::Float(_)), toml::Value::Integer(whole)) => {
-                *slot = toml::Value::Float(whole as f64);
+            (Some(slot @ Value::Float(_)), Value::Integer(whole)) => {
+                *slot = Value::Float(whole as f64);
             }
             (_, value) => {
                 base.insert(key, value);

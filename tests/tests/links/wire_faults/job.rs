@@ -16,7 +16,7 @@ use super::robots::Robot;
 pub(super) fn short(robot: &str, poses: usize) -> Config {
     let mut config = Config {
         robot: robot.to_owned(),
-        ..Config::default()
+        ..Config::default().on_preset("typical")
     };
     config.plan.choice = Choice::Grid;
     config.plan.poses = poses;
