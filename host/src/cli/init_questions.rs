@@ -140,7 +140,7 @@ struct NoNumber(String);
 /// A finite number; a decimal comma is read, too.
 fn number(text: &str) -> Result<f64, NoNumber> {
     let read: Option<f64> = text.replace(',', ".").parse().ok().filter(|x: &f64| x.is_finite());
-    read.ok_or_else(|| NoNumber(spherecal_model::excerpt(text).to_string()))
+    read.ok_or_else(|| NoNumber(spherecal_model::excerpt(text)))
 }
 
 #[cfg(test)]
