@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use spherecal::campaign::{Assignment, CampaignError, Outcome, RunOptions, Silent, run};
+use spherecal::campaign::{Assignment, CampaignError, Outcome, Silent, run};
 use spherecal::lab::faults::{CampaignOptions, Case, Ended, Finish, MatrixOptions, campaign, matrix};
 use spherecal::link::qemu::{Qemu, QemuOptions};
 use spherecal::link::{Controller, LinkError, controller_in_process};
@@ -14,7 +14,7 @@ use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Fault, Phase};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
-use spherecal_tests::plan::{Memory, short_plan};
+use spherecal_tests::plan::{Memory, short_plan, single_couplings};
 use spherecal_tests::qemu::image;
 
 fn during(name: Phase, entry: u32, after_s: f64) -> When {
@@ -59,7 +59,7 @@ fn campaign_with(faults: &FaultPlan, mut make: Make) -> (Memory, Outcome, Result
         plan: &plan,
         done: &BTreeSet::new(),
         seated: &[],
-        options: RunOptions::default(),
+        options: single_couplings(),
     };
     let (outcome, result) = run(
         &assignment,

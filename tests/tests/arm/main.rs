@@ -18,6 +18,8 @@ mod plant_nest;
 mod plant_presets;
 mod plant_rig;
 mod pressing;
+mod pushes;
 mod recovery;
 mod robot_oracle;
+mod second_visits;
 mod teach;

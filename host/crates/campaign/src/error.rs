@@ -186,12 +186,41 @@ pub enum CampaignError {
     Shifted {
         /// The sphere.
         sphere: u32,
-        /// The smallest distance that was measured, in mm.
+        /// Distance of the middle of the two couplings that agree best, in mm.
         by_mm: f64,
         /// Largest distance accepted, in mm.
         limit_mm: f64,
         /// Couplings that showed it.
-        couplings: u32,
+        couplings: usize,
+    },
+    /// No two couplings of a sphere agree.
+    #[error(
+        "no two of {couplings} couplings of sphere {sphere} agree: the nearest two are {apart_mm:.2} mm apart (limit \
+         {limit_mm:.2} mm); clean nest and sphere, check that sphere and plate are fastened, then continue with --resume"
+    )]
+    Scattered {
+        /// The sphere.
+        sphere: u32,
+        /// Couplings.
+        couplings: usize,
+        /// Distance of the two that are nearest to each other, in mm.
+        apart_mm: f64,
+        /// Largest distance accepted, in mm.
+        limit_mm: f64,
+    },
+    /// A sphere that was coupled before is not found again.
+    #[error(
+        "sphere {sphere} was coupled before and is not found there again, in {attempts} attempts (the last: {fault:?}): the \
+         sphere or the plate moved, or something lies on it; fix the cause and begin a new run, because earlier \
+         recordings may not fit"
+    )]
+    Gone {
+        /// The sphere.
+        sphere: u32,
+        /// Attempts.
+        attempts: u32,
+        /// What the last attempt ended with.
+        fault: Fault,
     },
     /// Too many poses failed.
     #[error(

@@ -35,6 +35,8 @@ mod recover;
 pub mod recovery;
 mod rejects;
 mod retry;
+mod revisit;
+mod seats;
 mod session;
 mod teach;
 pub mod telemetry;
@@ -73,6 +75,11 @@ pub struct RunOptions {
     /// Delay from a command's cause to its start, in ms. A lossy link can deliver both within this
     /// time, so that no tick of the arm depends on the link.
     pub lead_ms: u32,
+    /// Whether a sphere is coupled until two couplings agree before it is measured, so that its place
+    /// is known even if the nest seats badly now and then.
+    pub confirm_seats: bool,
+    /// Whether every sphere is coupled once more after its poses, to see that it has not moved.
+    pub second_visits: bool,
 }
 
 impl Default for RunOptions {
@@ -82,6 +89,8 @@ impl Default for RunOptions {
             pose_attempts: 2,
             rejected_percent: 25,
             lead_ms: 60,
+            confirm_seats: true,
+            second_visits: true,
         }
     }
 }

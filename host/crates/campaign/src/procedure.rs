@@ -4,13 +4,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::AtomicBool;
 
 use spherecal_shared::Joints;
-use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultReport, Phase, PoseCommand, Refusal};
+use spherecal_shared::protocol::host::{Command, Fault, FaultReport, Phase, PoseCommand, Refusal};
 
 use super::observe::{Observer, Stage};
 use super::outcome::{Outcome, Rejected};
-use super::places::{Places, SHIFTED_M};
+use super::places::Places;
 use super::recovery::policy;
 use super::retry::{DescentEnd, Waypoints};
+use super::revisit::Coupling;
+use super::seats::Seats;
 use super::session::{Session, Waited};
 use super::{Assignment, CampaignError};
 use spherecal_link::Device;
@@ -23,12 +25,9 @@ enum AtSphere {
     Finished,
     /// A fault; the arm holds.
     Fault(FaultReport, Option<u32>),
-    /// The sphere is this far from where it was at the same visit before, in m. The nest is off it.
-    Shifted(f64),
+    /// Another coupling must confirm this one or decide. The nest is off the sphere.
+    Again,
 }
-
-/// Couplings in a row that must show a shift, so that one bad seat is not taken for a moved sphere.
-const SHIFTED_COUPLINGS: u32 = 3;
 
 /// Runs a campaign to its end or to a typed stop. Returns the outcome in both cases.
 pub fn run(
@@ -77,6 +76,7 @@ pub(super) struct Campaign<'a> {
     pub(super) recorded: usize,
     pub(super) waypoints: Waypoints,
     pub(super) places: Places,
+    pub(super) seats: Seats,
     /// Placement in which the plate stands.
     pub(super) place: u32,
     /// Whether the nest may be on a sphere.
@@ -93,6 +93,7 @@ impl<'a> Campaign<'a> {
             rejected: Vec::new(),
             recorded: 0,
             places: Places::recall(assignment.plan, assignment.seated, waypoints.chain()),
+            seats: Seats::recall(assignment.plan, assignment.seated, assignment.options.confirm_seats),
             waypoints,
             place: 0,
             touching: false,
@@ -166,6 +167,9 @@ impl<'a> Campaign<'a> {
             if self.pending(visit).is_empty() {
                 continue;
             }
+            if stands.is_some_and(|place| place != visit.place) {
+                self.second_visits(session)?;
+            }
             let at_home = self.have_plate(session, &mut stands, visit.place)?;
             let straight = at_home || (!visit.over_home && left.is_some_and(|l| l + 1 == number));
             let faults = session.faults.len();
@@ -181,6 +185,9 @@ impl<'a> Campaign<'a> {
             })?;
             away = true;
             left = (!lost && session.faults.len() == faults).then_some(number);
+        }
+        if stands.is_some() {
+            away |= self.second_visits(session)?;
         }
         if away {
             self.with_reconnect(session, None, |campaign, session, _| {
@@ -222,8 +229,6 @@ impl<'a> Campaign<'a> {
         let mut approach = visit.approach.joints.clone();
         // Descents in a row that did not find the seat.
         let mut missed = 0;
-        // Couplings in a row that found the sphere elsewhere, and the smallest distance, in m.
-        let (mut shifted, mut least_m) = (0, f64::INFINITY);
         loop {
             session.stage(Stage::Approach, visit.sphere_id, plan);
             self.travel(session, "reach the approach frame", &approach)?;
@@ -234,25 +239,7 @@ impl<'a> Campaign<'a> {
                     self.touching = false;
                     return Ok(());
                 }
-                AtSphere::Shifted(by_m) => {
-                    self.touching = false;
-                    shifted += 1;
-                    least_m = by_m.min(least_m);
-                    session.note(&format!(
-                        "sphere {}: {:.2} mm from where it was; coupling again",
-                        visit.sphere_id,
-                        by_m * 1e3
-                    ));
-                    if shifted >= SHIFTED_COUPLINGS {
-                        return Err(CampaignError::Shifted {
-                            sphere: visit.sphere_id,
-                            by_mm: least_m * 1e3,
-                            limit_mm: SHIFTED_M * 1e3,
-                            couplings: shifted,
-                        });
-                    }
-                    continue;
-                }
+                AtSphere::Again => continue,
                 AtSphere::Fault(report, pose) => (report, pose),
             };
             in_vain = if self.recorded > before { 1 } else { in_vain + 1 };
@@ -309,39 +296,11 @@ impl<'a> Campaign<'a> {
     fn attempt(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<AtSphere, CampaignError> {
         let plan = self.assignment.plan;
         let p = self.assignment.procedure;
-        session.stage(Stage::Couple, visit.sphere_id, plan);
-        session.coupled = None;
-        let approach = ApproachCommand {
-            sphere: visit.sphere_id,
-            direction: visit.approach_direction,
-        };
-        if let Some(report) = session.carry_out("approach", Command::Approach(approach))? {
-            return Ok(AtSphere::Fault(report, None));
+        match self.couple(session, visit)? {
+            Coupling::Seated => {}
+            Coupling::Again => return Ok(AtSphere::Again),
+            Coupling::Fault(report) => return Ok(AtSphere::Fault(report, None)),
         }
-        self.touching = true;
-        let limit = self.couple_limit();
-        let coupled = |s: &Session<'_>| {
-            s.coupled
-                .filter(|c| c.sphere == visit.sphere_id && s.phase == Phase::Coupled)
-        };
-        match session.wait("touch and couple", limit, coupled)? {
-            Waited::Got(coupled) => {
-                if let Err(moved) = self.places.check(visit, &coupled.centre_m) {
-                    self.leave(session)?;
-                    return Err(moved);
-                }
-                self.waypoints.seated(visit, &coupled);
-                let by_m = self.places.shift_m(visit, &coupled.centre_m);
-                if by_m > SHIFTED_M {
-                    return Ok(match self.leave(session)? {
-                        None => AtSphere::Shifted(by_m),
-                        Some(report) => AtSphere::Fault(report, None),
-                    });
-                }
-            }
-            Waited::Fault(report) => return Ok(AtSphere::Fault(report, None)),
-        }
-
         session.stage(Stage::Poses, visit.sphere_id, plan);
         let pending = self.pending(visit);
         let limit = 30.0 + p.turn.settle_s + 2e-3 * f64::from(p.record.samples);

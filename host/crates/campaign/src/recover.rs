@@ -202,6 +202,14 @@ impl Campaign<'_> {
         })
     }
 
+    /// Whether the straight joint motion to `target` (rad) is clear.
+    pub(super) fn is_straight(&self, session: &Session<'_>, target: &[f64]) -> bool {
+        let (Some(scene), Some(q)) = (self.scene(), self.posture(session)) else {
+            return false;
+        };
+        scene.way(&q, target).is_some_and(|way| way.len() == 1)
+    }
+
     /// Time limit of a free motion at the speed of the procedure, in s.
     fn motion_limit(&self) -> f64 {
         MOTION_S * (USUAL_RAD_S / self.assignment.procedure.motion.speed_rad_s).max(1.0)

@@ -131,6 +131,10 @@ pub struct CampaignSection {
     /// Time from an event to the start of the command that answers it, in ms. The link must carry the event up and
     /// the command down within this time; otherwise the recordings depend on the link.
     pub lead_ms: u32,
+    /// Whether a sphere is coupled until two couplings agree before it is measured.
+    pub confirm_seats: bool,
+    /// Whether every sphere is coupled once more after its poses, to see that it has not moved.
+    pub second_visits: bool,
     /// Largest error of the waypoints along each axis, in m: it stands for quick hand-guiding (Section 4.2 of the
     /// paper). It is for simulated arms alone: the waypoints of a real arm are not moved. It has no effect where
     /// `cell.waypoints` or `--waypoints` gives taught ones.
@@ -145,6 +149,8 @@ impl Default for CampaignSection {
             pose_attempts: options.pose_attempts,
             rejected_percent: options.rejected_percent,
             lead_ms: options.lead_ms,
+            confirm_seats: options.confirm_seats,
+            second_visits: options.second_visits,
             taught_error_m: 0.010,
         }
     }
@@ -158,6 +164,8 @@ impl CampaignSection {
             pose_attempts: self.pose_attempts.max(1),
             rejected_percent: self.rejected_percent,
             lead_ms: self.lead_ms,
+            confirm_seats: self.confirm_seats,
+            second_visits: self.second_visits,
         }
     }
 }

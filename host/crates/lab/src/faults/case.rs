@@ -80,8 +80,12 @@ pub struct Trial {
     pub held_s: f64,
     /// Largest force with which the arm pressed for 0.3 s, less the magnet's, in N.
     pub sustained_n: f64,
+    /// The control period in which it was reached, from 1.
+    pub sustained_tick: usize,
     /// Largest force with which the arm pressed for 10 ms, less the magnet's, in N.
     pub pressed_n: f64,
+    /// The control period in which it was reached, from 1.
+    pub pressed_tick: usize,
     /// Robot time, in s.
     pub robot_s: f64,
 }
@@ -107,6 +111,9 @@ fn shortened(mut config: Config, finish: Finish) -> Config {
         Finish::Calibrate => 60,
     };
     config.plan.approach_height_m = 0.035;
+    // The tests of faults have one coupling a sphere.
+    config.campaign.confirm_seats = finish == Finish::Calibrate;
+    config.campaign.second_visits = finish == Finish::Calibrate;
     let p = &mut config.procedure;
     p.couple.hold_s = 1.0;
     p.record.samples = 200;
@@ -263,7 +270,9 @@ impl Case {
             contact_n: judgement.contact_n,
             held_s: judgement.held_s,
             sustained_n: judgement.sustained_n,
+            sustained_tick: judgement.sustained_tick,
             pressed_n: judgement.pressed_n,
+            pressed_tick: judgement.pressed_tick,
             robot_s: device.now_us() as f64 * 1e-6,
             resumed,
             ended,
@@ -329,7 +338,9 @@ fn stop(error: &CampaignError) -> Ended {
         | CampaignError::Blocked { .. }
         | CampaignError::Lost { .. }
         | CampaignError::Moved { .. }
-        | CampaignError::Shifted { .. } => Ended::Stopped(text),
+        | CampaignError::Shifted { .. }
+        | CampaignError::Scattered { .. }
+        | CampaignError::Gone { .. } => Ended::Stopped(text),
         _ => Ended::Unexplained(text),
     }
 }

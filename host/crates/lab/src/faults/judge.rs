@@ -74,8 +74,12 @@ pub struct Judgement {
     pressing: std::collections::VecDeque<f64>,
     /// Largest of these forces, in N, that lasted 0.3 s without a push.
     pub sustained_n: f64,
+    /// The control period in which it was reached, from 1.
+    pub sustained_tick: usize,
     /// Largest of these forces, in N, that lasted 10 ms without a push.
     pub pressed_n: f64,
+    /// The control period in which it was reached, from 1.
+    pub pressed_tick: usize,
 }
 
 impl Judgement {
@@ -131,8 +135,13 @@ impl Judgement {
         } else {
             (0.0, 0.0)
         };
-        self.sustained_n = self.sustained_n.max(sustained);
-        self.pressed_n = self.pressed_n.max(pressed);
+        let tick = self.ticks.len() + 1;
+        if sustained > self.sustained_n {
+            (self.sustained_n, self.sustained_tick) = (sustained, tick);
+        }
+        if pressed > self.pressed_n {
+            (self.pressed_n, self.pressed_tick) = (pressed, tick);
+        }
         let slot = self.ticks.len() % LASTING;
         self.forces[slot] = force;
         let lasting = self.forces.iter().copied().fold(f64::INFINITY, f64::min);

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::{Hold, Listener};
-use spherecal_campaign::{self as campaign, Assignment, NoJournal, Observer, Outcome};
+use spherecal_campaign::{self as campaign, Assignment, NoJournal, Observer, Outcome, RunOptions};
 use spherecal_job::connect::{controller, distant};
 use spherecal_job::{ConfigError, JobError, Link, Prepared};
 use spherecal_link::{Device, LocalDevice};
@@ -47,7 +47,12 @@ pub fn hold(
         plan: &plan,
         done: &done,
         seated: &[],
-        options: prepared.config.campaign.options(),
+        // The places say nothing of stability.
+        options: RunOptions {
+            confirm_seats: false,
+            second_visits: false,
+            ..prepared.config.campaign.options()
+        },
     };
     let joints = prepared.robot.dof();
     let mut device: Box<dyn Device> = if let Some(device) = distant(prepared, link)? {

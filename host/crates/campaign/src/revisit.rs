@@ -1,0 +1,177 @@
+//! Couplings, and the comparison of every second one with the first.
+//!
+//! ```text
+//!   couple ─▶ seated: the place is known and this is it
+//!          ├▶ again: the nest is off the sphere; another coupling must decide
+//!          └▶ fault
+//! ```
+//!
+//! After the poses of a placement every sphere is coupled once more, as at its first visit. So a
+//! sphere that moved meanwhile is noticed while the arm is still there.
+
+use std::collections::BTreeSet;
+
+use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultReport, Phase};
+
+use super::CampaignError;
+use super::observe::Stage;
+use super::procedure::Campaign;
+use super::retry::{DescentEnd, Waypoints};
+use super::seats::Seating;
+use super::session::{Session, Waited};
+use spherecal_plan::Visit;
+
+/// How a coupling ended.
+pub(super) enum Coupling {
+    /// The nest is seated, at its place.
+    Seated,
+    /// The nest is off the sphere: another coupling must confirm it or decide.
+    Again,
+    /// A fault; the arm holds.
+    Fault(FaultReport),
+}
+
+/// Whether a fault can come from a sphere that is not where it was.
+fn of_the_sphere(fault: Fault) -> bool {
+    matches!(
+        fault,
+        Fault::NoContact
+            | Fault::NotSeated
+            | Fault::ContactLost
+            | Fault::StillCoupled
+            | Fault::Force
+            | Fault::Pressing
+            | Fault::PathDeviation
+    )
+}
+
+impl Campaign<'_> {
+    /// Touches and couples the sphere of `visit` from its approach frame, and compares the coupling
+    /// with earlier ones.
+    ///
+    /// # Errors
+    /// The sphere moved, or its couplings scatter; the nest is off the sphere then.
+    pub(super) fn couple(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<Coupling, CampaignError> {
+        session.stage(Stage::Couple, visit.sphere_id, self.assignment.plan);
+        session.coupled = None;
+        let approach = ApproachCommand {
+            sphere: visit.sphere_id,
+            direction: visit.approach_direction,
+        };
+        if let Some(report) = session.carry_out("approach", Command::Approach(approach))? {
+            return Ok(Coupling::Fault(report));
+        }
+        self.touching = true;
+        let seated = |s: &Session<'_>| {
+            s.coupled
+                .filter(|c| c.sphere == visit.sphere_id && s.phase == Phase::Coupled)
+        };
+        let coupled = match session.wait("touch and couple", self.couple_limit(), seated)? {
+            Waited::Got(coupled) => coupled,
+            Waited::Fault(report) => return Ok(Coupling::Fault(report)),
+        };
+        let found = self.places.check(visit, &coupled.centre_m);
+        let seating = found.and_then(|()| {
+            self.waypoints.seated(visit, &coupled);
+            self.seats.take(visit, &coupled.centre_m)
+        });
+        match &seating {
+            Ok(Seating::Sound) => return Ok(Coupling::Seated),
+            Ok(Seating::Unconfirmed) => {}
+            Ok(Seating::Off(by_m)) => session.note(&format!(
+                "sphere {}: {:.2} mm from the couplings before; coupling again",
+                visit.sphere_id,
+                by_m * 1e3
+            )),
+            Err(error) => session.note(&error.to_string()),
+        }
+        let fault = self.leave(session)?;
+        if let Err(error) = seating {
+            if let Some(report) = fault {
+                self.let_go(session, visit, report)?;
+            }
+            self.touching = false;
+            return Err(error);
+        }
+        if let Some(report) = fault {
+            return Ok(Coupling::Fault(report));
+        }
+        self.touching = false;
+        Ok(Coupling::Again)
+    }
+
+    /// Couples every sphere of the present placement once more whose place is known. Returns whether
+    /// there was one.
+    pub(super) fn second_visits(&mut self, session: &mut Session<'_>) -> Result<bool, CampaignError> {
+        let mut seen = BTreeSet::new();
+        if !self.assignment.options.second_visits {
+            return Ok(false);
+        }
+        for visit in &self.assignment.plan.spheres {
+            if visit.place == self.place && self.seats.knows(visit) && seen.insert(visit.sphere_id) {
+                self.with_reconnect(session, Some(visit), |campaign, session, _| {
+                    campaign.second_visit(session, visit)
+                })?;
+            }
+        }
+        Ok(!seen.is_empty())
+    }
+
+    /// Goes to the approach frame of `visit`, over home if the straight way is not clear, and couples
+    /// until there is a decision.
+    fn second_visit(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<(), CampaignError> {
+        let plan = self.assignment.plan;
+        let attempts = self.assignment.options.attempts.max(1);
+        let mut approach = visit.approach.joints.clone();
+        if !self.is_straight(session, &approach) {
+            session.stage(Stage::Home, 0, plan);
+            self.travel(session, "reach the home frame", &plan.home.joints)?;
+        }
+        let mut failed = 0;
+        loop {
+            session.stage(Stage::Approach, visit.sphere_id, plan);
+            self.travel(session, "reach the approach frame", &approach)?;
+            let contacts = session.contacts.len();
+            let report = match self.couple(session, visit)? {
+                Coupling::Seated => {
+                    session.stage(Stage::Decouple, visit.sphere_id, plan);
+                    if let Some(report) = self.leave(session)? {
+                        self.let_go(session, visit, report)?;
+                    }
+                    self.touching = false;
+                    return Ok(());
+                }
+                Coupling::Again => continue,
+                Coupling::Fault(report) => report,
+            };
+            failed += 1;
+            if Waypoints::helps(report.fault) {
+                let contact = session.contacts.get(contacts..).and_then(<[_]>::last);
+                let last = DescentEnd::new(contact, session.sample.map(|s| s.tcp_m));
+                approach = self.waypoints.retry(visit, failed, &last);
+            }
+            session.note(&format!(
+                "sphere {}: {:?} while {:?} at its second visit; recovering",
+                visit.sphere_id, report.fault, report.phase
+            ));
+            session.stage(Stage::Recover, visit.sphere_id, plan);
+            self.let_go(session, visit, report)?;
+            self.touching = false;
+            if failed >= attempts {
+                return Err(if of_the_sphere(report.fault) {
+                    CampaignError::Gone {
+                        sphere: visit.sphere_id,
+                        attempts: failed,
+                        fault: report.fault,
+                    }
+                } else {
+                    CampaignError::GivenUp {
+                        sphere: visit.sphere_id,
+                        attempts: failed,
+                        report,
+                    }
+                });
+            }
+        }
+    }
+}
