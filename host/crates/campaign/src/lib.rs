@@ -89,8 +89,8 @@ impl Default for RunOptions {
             pose_attempts: 2,
             rejected_percent: 25,
             lead_ms: 60,
-            confirm_seats: true,
-            second_visits: true,
+            confirm_seats: false,
+            second_visits: false,
         }
     }
 }
