@@ -77,6 +77,14 @@ impl Campaign<'_> {
         });
         match &seating {
             Ok(Seating::Sound) => return Ok(Coupling::Seated),
+            Ok(Seating::Replaced(by_m)) => {
+                session.note(&format!(
+                    "sphere {}: the first coupling was {:.2} mm from the later ones, as a bad seat may be: they count now",
+                    visit.sphere_id,
+                    by_m * 1e3
+                ));
+                return Ok(Coupling::Seated);
+            }
             Ok(Seating::Unconfirmed) => {}
             Ok(Seating::Off(by_m)) => session.note(&format!(
                 "sphere {}: {:.2} mm from the couplings before; coupling again",
