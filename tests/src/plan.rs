@@ -147,37 +147,29 @@ pub fn cell(drive: Box<dyn Drive>) -> LocalDevice {
     LocalDevice::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell")
 }
 
-/// One coupling for each visit: for tests of something else than second couplings.
-pub fn single_couplings() -> RunOptions {
-    RunOptions {
-        confirm_seats: false,
-        second_visits: false,
-        ..RunOptions::default()
-    }
-}
-
 /// Carries out `plan` with the default procedure on whatever stands behind the
-/// host link, all but the (sphere, pose) pairs in `done`. Every visit has one coupling.
+/// host link, all but the (sphere, pose) pairs in `done`.
 pub fn carry_out(
     device: &mut dyn Device,
     plan: &Plan,
     done: &BTreeSet<(u32, u32)>,
 ) -> (Memory, Outcome, Result<(), CampaignError>) {
-    carry_out_with(device, plan, done, single_couplings())
+    carry_out_with(device, plan, done, &Procedure::default(), RunOptions::default())
 }
 
-/// Like [`carry_out`], with other options.
+/// Like [`carry_out`], with another procedure and other options.
 pub fn carry_out_with(
     device: &mut dyn Device,
     plan: &Plan,
     done: &BTreeSet<(u32, u32)>,
+    procedure: &Procedure,
     options: RunOptions,
 ) -> (Memory, Outcome, Result<(), CampaignError>) {
-    let (robot, tool, procedure) = (iiwa7(), iiwa7_tool(), Procedure::default());
+    let (robot, tool) = (iiwa7(), iiwa7_tool());
     let assignment = Assignment {
         robot: &robot,
         tool: &tool,
-        procedure: &procedure,
+        procedure,
         plan,
         done,
         seated: &[],

@@ -2,9 +2,8 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
-use spherecal::campaign::{Assignment, CampaignError, Outcome, Silent, run};
+use spherecal::campaign::{CampaignError, Outcome, RunOptions};
 use spherecal::lab::faults::{CampaignOptions, Case, Ended, Finish, MatrixOptions, campaign, matrix};
 use spherecal::link::qemu::{Qemu, QemuOptions};
 use spherecal::link::{Controller, LinkError, controller_in_process};
@@ -14,7 +13,7 @@ use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Fault, Phase};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
-use spherecal_tests::plan::{Memory, short_plan, single_couplings};
+use spherecal_tests::plan::{Memory, carry_out_with, short_plan};
 use spherecal_tests::qemu::image;
 
 fn during(name: Phase, entry: u32, after_s: f64) -> When {
@@ -48,27 +47,10 @@ fn campaign_with(faults: &FaultPlan, mut make: Make) -> (Memory, Outcome, Result
     let drive = simulated_arm(&robot, &tool, &config, &plan.home.joints).expect("a plant");
     let first = make().expect("a controller");
     let mut device = FaultyCell::new(first, FaultyDrive::Simulated(drive), 7, faults, make).expect("a device");
-    let mut memory = Memory::default();
     let mut procedure = Procedure::default();
     procedure.couple.hold_s = 1.0;
     procedure.record.samples = 300;
-    let assignment = Assignment {
-        robot: &robot,
-        tool: &tool,
-        procedure: &procedure,
-        plan: &plan,
-        done: &BTreeSet::new(),
-        seated: &[],
-        options: single_couplings(),
-    };
-    let (outcome, result) = run(
-        &assignment,
-        &mut device,
-        &mut memory,
-        &mut Silent,
-        &AtomicBool::new(false),
-    );
-    (memory, outcome, result)
+    carry_out_with(&mut device, &plan, &BTreeSet::new(), &procedure, RunOptions::default())
 }
 
 fn poses(memory: &Memory) -> Vec<(u32, u32)> {

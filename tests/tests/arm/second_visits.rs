@@ -2,10 +2,9 @@
 
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
-use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
-use spherecal::campaign::{Assignment, CampaignError, Outcome, RunOptions, Silent, run};
+use spherecal::campaign::{CampaignError, Outcome, RunOptions};
 use spherecal::link::controller_in_process;
 use spherecal::sim::inject::{FaultPlan, FaultyCell, FaultyDrive, InjectedFault};
 use spherecal::sim::plant::PlantConfig;
@@ -13,7 +12,7 @@ use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::Phase;
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
-use spherecal_tests::plan::{Memory, short_plan, single_couplings};
+use spherecal_tests::plan::{carry_out_with, short_plan};
 
 use crate::injected::one;
 
@@ -71,23 +70,7 @@ fn visited_twice(
     procedure.couple.hold_s = 1.0;
     procedure.record.samples = 200;
     procedure.approach.tare_s = 0.2;
-    let assignment = Assignment {
-        robot: &robot,
-        tool: &tool,
-        procedure: &procedure,
-        plan: &plan,
-        done: &BTreeSet::new(),
-        seated: &[],
-        options,
-    };
-    let mut memory = Memory::default();
-    let (outcome, result) = run(
-        &assignment,
-        &mut device,
-        &mut memory,
-        &mut Silent,
-        &AtomicBool::new(false),
-    );
+    let (memory, outcome, result) = carry_out_with(&mut device, &plan, &BTreeSet::new(), &procedure, options);
     assert_eq!(memory.recordings.len(), 1, "{preset}, seed {seed}: {result:?}");
     (outcome, result)
 }
@@ -96,7 +79,7 @@ fn checked(confirm_seats: bool) -> RunOptions {
     RunOptions {
         confirm_seats,
         second_visits: true,
-        ..single_couplings()
+        ..RunOptions::default()
     }
 }
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
-use spherecal::campaign::{Assignment, Operator, Silent, run};
+use spherecal::campaign::{Assignment, Operator, RunOptions, Silent, run};
 use spherecal::job::{Choice, Config, Link, Prepared, TaughtWaypoints, prepare, teach};
 use spherecal::link::{LocalDevice, controller_in_process};
 use spherecal::model::chain::Chain;
@@ -104,7 +104,7 @@ fn the_hand_leads_the_arm_over_every_sphere() {
             plan: &plan,
             done: &BTreeSet::new(),
             seated: &[],
-            options: spherecal_tests::plan::single_couplings(),
+            options: RunOptions::default(),
         };
         let mut memory = spherecal_tests::plan::Memory::default();
         let (outcome, result) = run(

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
-use spherecal::campaign::{Assignment, CampaignError, Silent, run};
+use spherecal::campaign::{Assignment, CampaignError, RunOptions, Silent, run};
 use spherecal::link::{Device, LinkError, LocalDevice, controller_in_process};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::simulated_arm;
@@ -67,7 +67,7 @@ fn attempt_handshake(forge: fn(Uplink) -> Vec<u8>) -> Result<(), CampaignError> 
         plan: &plan,
         done: &BTreeSet::new(),
         seated: &[],
-        options: spherecal_tests::plan::single_couplings(),
+        options: RunOptions::default(),
     };
     let (mut memory, stop) = (Memory::default(), AtomicBool::new(false));
     let (outcome, result) = run(&assignment, &mut device, &mut memory, &mut Silent, &stop);

@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
-use spherecal::campaign::{Assignment, Silent, run};
+use spherecal::campaign::{Assignment, RunOptions, Silent, run};
 use spherecal::job::{Config, prepare};
 use spherecal::link::tcp::{TcpDrive, check_limits};
 use spherecal::link::{Drive, LocalDevice, controller_in_process};
@@ -68,7 +68,7 @@ fn slow_mujoco_is_a_drive() {
         plan: &plan,
         done: &BTreeSet::new(),
         seated: &[],
-        options: spherecal_tests::plan::single_couplings(),
+        options: RunOptions::default(),
     };
     let mut memory = Memory::default();
     let stop = AtomicBool::new(false);

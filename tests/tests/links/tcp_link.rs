@@ -150,14 +150,17 @@ fn a_drive_that_compensates_gravity_gets_the_rest() {
     let (here, _) = campaign(&mut cell(arm()));
     assert_eq!(there.len(), here.len());
     for (a, b) in there.iter().zip(&here) {
-        let apart_m = (tcp(a) - tcp(b)).norm();
-        // The nest's friction turns last bits into another seat: seats of this plant repeat within 40 um.
-        assert!(apart_m < 4e-5, "the TCPs are {apart_m} m apart");
-        for (a, b) in a.q.iter().zip(&b.q) {
-            // Sums of other parts differ in their last bits, of which friction makes
-            // 2 mrad in the null space: the elbow is held by a soft spring only.
-            assert!((a.mean - b.mean).abs() < 5e-3, "{} and {} rad", a.mean, b.mean);
-        }
+        // The elbow is held by a soft spring only. Of eleven runs whose torques differ in their last bits, four had an
+        // elbow that slipped once more at the end of a turn, by 2.4 mrad; the others differed by 0.2 mrad at most.
+        let moved_rad =
+            a.q.iter()
+                .zip(&b.q)
+                .map(|(a, b)| (a.mean - b.mean).abs())
+                .fold(0.0, f64::max);
+        assert!(moved_rad < 5e-3, "a joint is {moved_rad} rad apart");
+        // The computed TCP moves with the elbow as far as the nominal model is wrong: millimetres for each radian.
+        let (apart_m, most_m) = ((tcp(a) - tcp(b)).norm(), 5e-6 + 0.01 * moved_rad);
+        assert!(apart_m < most_m, "the TCPs are {apart_m} m apart, more than {most_m}");
     }
     let (_, _, twice) = carry_out(&mut carrying(false), &short(), &BTreeSet::new());
     assert!(twice.is_err(), "the arm bears its weight twice");

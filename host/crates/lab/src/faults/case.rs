@@ -111,7 +111,7 @@ fn shortened(mut config: Config, finish: Finish) -> Config {
         Finish::Calibrate => 60,
     };
     config.plan.approach_height_m = 0.035;
-    // The tests of faults have one coupling a sphere.
+    // A whole job also has the couplings that compare a sphere with itself; few poses stay few.
     config.campaign.confirm_seats = finish == Finish::Calibrate;
     config.campaign.second_visits = finish == Finish::Calibrate;
     let p = &mut config.procedure;
