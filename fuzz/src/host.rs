@@ -71,7 +71,7 @@ pub fn csv(data: &[u8]) {
 }
 
 /// Topics of a made bag, and their types.
-pub const TOPICS: [(&str, &str); 5] = [
+const TOPICS: [(&str, &str); 5] = [
     ("/joint_states", "sensor_msgs/msg/JointState"),
     ("/point", "geometry_msgs/msg/PointStamped"),
     ("/pose", "geometry_msgs/msg/PoseStamped"),
@@ -83,8 +83,11 @@ pub const TOPICS: [(&str, &str); 5] = [
 pub const JOINTS: [&str; 6] = ["j1", "j2", "j3", "j4", "j5", "j6"];
 
 /// Any bag: any bytes as a file, or a file whose messages are any bytes. What is read is finite.
-pub fn bag(data: &[u8]) {
-    let Some((kind, rest)) = data.split_first() else { return };
+/// Returns the number of poses.
+pub fn bag(data: &[u8]) -> usize {
+    let Some((kind, rest)) = data.split_first() else {
+        return 0;
+    };
     let folder = folder();
     std::fs::create_dir_all(&folder).expect("a folder");
     let file = folder.join("fuzz.mcap");
@@ -97,11 +100,17 @@ pub fn bag(data: &[u8]) {
         wanted.topics = vec![TOPICS[0].0.to_owned(), TOPICS[target].0.to_owned()];
     }
     wanted.effort_nm = kind % 2 == 0;
-    if let Ok(poses) = spherecal_bag::read_bag(&file, &wanted, &mut |_| ()) {
-        let text = poses.to_csv();
-        let mut numbers = text.lines().skip(1).flat_map(|line| line.split(',')).filter_map(|cell| cell.parse::<f64>().ok());
-        assert!(numbers.all(f64::is_finite), "{text}");
-    }
+    let Ok(poses) = spherecal_bag::read_bag(&file, &wanted, &mut |_| ()) else {
+        return 0;
+    };
+    let text = poses.to_csv();
+    let mut numbers = text
+        .lines()
+        .skip(1)
+        .flat_map(|line| line.split(','))
+        .filter_map(|cell| cell.parse::<f64>().ok());
+    assert!(numbers.all(f64::is_finite), "{text}");
+    poses.len()
 }
 
 /// A bag with the pieces as messages, 10 ms apart; the first byte of each names its topic.
@@ -115,7 +124,9 @@ fn made_bag(file: &std::path::Path, data: &[u8]) {
         writer.add_channel(schema, topic, "cdr", &none).expect("a channel")
     });
     for (piece, k) in pieces(data).take(512).zip(0_u64..) {
-        let Some((topic, body)) = piece.split_first() else { continue };
+        let Some((topic, body)) = piece.split_first() else {
+            continue;
+        };
         let header = mcap::records::MessageHeader {
             channel_id: channels[usize::from(*topic) % channels.len()],
             sequence: 0,

@@ -13,7 +13,7 @@ use std::cell::RefCell;
 
 use embassy_time::Instant;
 #[cfg(feature = "host")]
-pub use host::{bag, config, csv, database, events, robots};
+pub use host::{JOINTS, bag, config, csv, database, events, robots};
 use spherecal_firmware::Node;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;

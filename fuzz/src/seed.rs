@@ -26,7 +26,7 @@ use spherecal_shared::protocol::host::{
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 #[cfg(feature = "host")]
-use spherecal_store::{CalibrationStore as _, NewRun, StoredPose, SqlStore};
+use spherecal_store::{CalibrationStore as _, NewRun, SqlStore, StoredPose};
 
 /// Joint angles of an LBR, in rad.
 const HOME: [f64; 7] = [0.0, 0.6, 0.0, -1.6, 0.0, 0.9, 0.0];
@@ -82,7 +82,13 @@ fn robots_wires() {
             inertia: [0.0; 9],
         };
         for (what, request) in [
-            ("connect", fci::Request::Connect { version: version.number(), udp_port: 50_000 }),
+            (
+                "connect",
+                fci::Request::Connect {
+                    version: version.number(),
+                    udp_port: 50_000,
+                },
+            ),
             ("move", fci::Request::Move(fci::MoveRequest::torque(version))),
             ("load", fci::Request::SetLoad(load)),
         ] {
@@ -314,13 +320,17 @@ fn bags() {
     };
     let number = |_: u32| vec![4, 0, 1, 0, 0, 2, 0, 0, 0];
     // The first byte asks for made bags, and for the topic of the targets.
-    for (name, kind, target) in [("points", 1, &point as &dyn Fn(u32) -> Vec<u8>), ("numbers", 1 + 8 * 3, &number)] {
-        let messages: Vec<Vec<u8>> = (0..60).flat_map(|k| [joints(10 * k), target(10 * k)]).collect();
+    for (name, kind, target) in [
+        ("points", 1, &point as &dyn Fn(u32) -> Vec<u8>),
+        ("numbers", 1 + 8 * 3, &number),
+    ] {
+        let messages: Vec<Vec<u8>> = (0..40).flat_map(|k| [joints(16 * k), target(16 * k)]).collect();
         let mut data = vec![kind];
         for message in &messages {
             data.extend((message.len() as u16).to_le_bytes());
             data.extend(message);
         }
+        assert_eq!(spherecal_fuzz::bag(&data), 1, "{name}: a rest with a target is a pose");
         write("bag", name, &data);
     }
 }
