@@ -122,7 +122,7 @@ impl Impedance {
     /// The moment of the rotational spring alone accelerates the TCP, too, because the arm's
     /// centre of inertia is elsewhere. What holds the TCP would have to react: with
     /// visible motors 18 N were measured on the sphere, where the magnet holds 26.5 N. So the law adds the
-    /// force that leaves the TCP at rest ([`Snapshot::reaction`]). Spring and damper of the position
+    /// force that leaves the TCP at rest (`Snapshot::reaction`). Spring and damper of the position
     /// and those of the orientation act each for itself.
     #[inline]
     pub fn turning_force<const N: usize>(
