@@ -20,6 +20,7 @@ use super::interrupt::interrupt;
 use super::listening::{announce, warn_if_open};
 use super::out::errln;
 use spherecal_job::{self as job, Config, JobError};
+use spherecal_shared::robot::BUILT_IN;
 use spherecal_sim::GuidedArm;
 
 /// Interval at which the simulated application and Ctrl-C are looked after.
@@ -128,6 +129,13 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
     if args.config.is_none() {
         let robot = if version.is_panda() { "panda" } else { "fr3" };
         robot.clone_into(&mut config.robot);
+    }
+    if BUILT_IN.contains(&config.robot.as_str()) && !matches!(config.robot.as_str(), "panda" | "fr3") {
+        return Err(CliError::input(format!(
+            "--fci: robot is \"{}\", which does not speak the Franka Control Interface: write robot = \"panda\" or \
+             robot = \"fr3\" in the configuration, or leave --config out",
+            config.robot
+        )));
     }
     let arm: Box<dyn spherecal_fci::robot::Arm> = match &args.guide {
         Some(path) => Box::new(guided(&config, path)?),

@@ -84,11 +84,13 @@ fn slow_a_controller_of_its_own_tells_its_times() {
 #[test]
 fn impossible_robots_are_refused_with_the_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("iiwa.toml"), "robot = \"iiwa7\"\n").expect("a file");
     for (arguments, code, words) in [
         (&["run", "--link", "franka:"][..], 2, "franka:HOST"),
         (&["run", "--link", "fri:0"], 2, "fri:PORT"),
         (&["run", "--link", "franka:127.0.0.1:1"], 1, "activate FCI in Desk"),
         (&["plant", "--fci", "--version", "6"], 2, "give 5, 7, 8 or 10"),
+        (&["plant", "--fci", "--config", "iiwa.toml"], 2, "robot = \"fr3\""),
         (&["plant", "--tolerant"], 2, "give --fci or --fri"),
         (&["plant", "--fri", "127.0.0.1"], 2, "--fri"),
         (&["controller", "--drive", "sim"], 2, "franka:HOST"),
