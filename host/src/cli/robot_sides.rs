@@ -28,6 +28,9 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Time without a motion after which the simulated application starts the next one.
 const NEXT_MOTION: Duration = Duration::from_millis(500);
 
+/// Preset of an arm behind a robot's own interface: the robot would compensate friction and motors.
+const INTERFACE_PRESET: &str = "typical";
+
 /// Arguments of `plant`.
 #[derive(Args, Clone, Debug)]
 pub struct PlantArgs {
@@ -66,6 +69,11 @@ pub struct PlantArgs {
     /// Configuration of the run, for the same arm and plate.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
+    /// Errors of the simulated arm: a preset, instead of all of the configuration's `[plant]`. Default: as_measured;
+    /// with --fci or --fri, and without --config, typical: the friction and the motors of as_measured stand under a
+    /// real robot's own torque control, which this robot side does not have.
+    #[arg(long, value_name = "NAME")]
+    pub preset: Option<String>,
     /// Run in real time at 1 kHz, and do not wait for commands.
     #[arg(long)]
     pub real_time: bool,
@@ -80,7 +88,13 @@ impl PlantArgs {
     /// # Errors
     /// A file or a value that cannot be used.
     pub fn configuration(&self) -> Result<Config, JobError> {
-        let config = base(self.config.as_deref(), self.seed)?;
+        let mut config = base(self.config.as_deref(), self.seed)?;
+        let own_interface = self.fci || self.fri.is_some();
+        if let Some(preset) = &self.preset {
+            config = config.on_preset(preset);
+        } else if own_interface && self.config.is_none() {
+            config = config.on_preset(INTERFACE_PRESET);
+        }
         config.check()?;
         Ok(config)
     }

@@ -34,13 +34,7 @@ fn control(version: &str, robot: &str) {
     };
     let tool = loaded_model(&config).expect("a robot").tool.body;
     let [x, y, z] = tool.com_m;
-    // A Franka robot is calibrated by its maker so far that its gravity compensation holds it. The masses of the default
-    // plant are wrong by 3 %, and the client's soft joints would sag by 1.2 mrad.
-    let folder = tempfile::tempdir().expect("a folder");
-    let file = folder.path().join("cell.toml");
-    std::fs::write(&file, format!("robot = \"{robot}\"\n[plant]\npreset = \"typical\"\n")).expect("a file");
-    let file = file.to_string_lossy();
-    let _plant = Server::start(&["plant", "--fci", "--version", version, "--tolerant", "--config", &file]);
+    let _plant = Server::start(&["plant", "--fci", "--version", version, "--tolerant"]);
     let output = Command::new("timeout")
         .args(["120".as_ref(), python.as_os_str()])
         .arg(root().join("tests/python/fci_conformance.py"))

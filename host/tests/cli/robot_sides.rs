@@ -91,6 +91,7 @@ fn impossible_robots_are_refused_with_the_remedy() {
         (&["run", "--link", "franka:127.0.0.1:1"], 1, "activate FCI in Desk"),
         (&["plant", "--fci", "--version", "6"], 2, "give 5, 7, 8 or 10"),
         (&["plant", "--fci", "--config", "iiwa.toml"], 2, "robot = \"fr3\""),
+        (&["plant", "--fci", "--preset", "easy"], 2, "as_measured"),
         (&["plant", "--tolerant"], 2, "give --fci or --fri"),
         (&["plant", "--fri", "127.0.0.1"], 2, "--fri"),
         (&["controller", "--drive", "sim"], 2, "franka:HOST"),
