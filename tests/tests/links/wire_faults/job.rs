@@ -173,13 +173,16 @@ impl Job {
     }
 
     /// Asserts that these sessions together recorded the whole plan, gave up no pose, and met only these faults. One
-    /// more is forgiven: a Panda's wrist rings when it meets a sphere, at about the limit of the instability guard
-    /// (0.40 rad/s of 0.39 were seen). A stop there costs one attempt of the approach.
+    /// more is forgiven: joint 7 of a Franka rings when it meets a sphere, at up to 1.03 times the limit of the
+    /// instability guard. A stop there costs one attempt of the approach (`docs/recovery.md`).
     pub(super) fn finished(&self, sessions: &[&Session], permitted: &[Fault]) {
         assert_eq!(self.nothing_is_lost(sessions), self.planned());
         let stored = self.stored();
         assert!(stored.rejected.is_empty(), "{:?}", stored.rejected);
-        let rings = |report: &&FaultReport| report.fault == Fault::Unstable && report.phase == Phase::Approaching;
+        let rings = |report: &&FaultReport| {
+            (report.fault, report.phase, report.joint) == (Fault::Unstable, Phase::Approaching, 6)
+                && report.value.abs() < 1.05 * report.limit
+        };
         let ringing = stored.faults.iter().filter(rings).count();
         assert!(ringing <= 1, "{:?}", stored.faults);
         for report in stored.faults.iter().filter(|report| !rings(report)) {
