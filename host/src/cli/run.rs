@@ -208,6 +208,7 @@ pub(super) fn measure(
     let inject = args.inject.as_deref().map(inject::FaultPlan::load).transpose()?;
     check_first(args)?;
     let mut live = LiveOutput::open(args)?;
+    let mut device = None;
     let (mut store, prepared, resume) = if args.resume {
         resumed(args)?
     } else {
@@ -224,6 +225,13 @@ pub(super) fn measure(
             Ok::<_, CliError>(store)
         };
         let found = there.then(open).transpose()?;
+        if let Some(peer) = &args.tracker {
+            job::check_tracker(peer)?;
+        }
+        // Faults are injected into a drive that only they connect.
+        if inject.is_none() {
+            device = job::connect_early(&args.configuration()?, &args.link)?;
+        }
         let prepared = args.prepare()?;
         let mut store = found.map_or_else(open, Ok)?;
         warn_of_first_run(&args.link, &prepared.config.arm, store.as_mut());
@@ -254,6 +262,7 @@ pub(super) fn measure(
             observer: &mut view,
             interrupt,
             inject: inject.as_ref(),
+            device,
         };
         let measured = job::measure(&prepared, site, resume.as_ref());
         let (view, _, traces) = view.finish();

@@ -64,6 +64,7 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
         observer: &mut view,
         inject: None,
         interrupt: &interrupt,
+        device: None,
     };
     let soak = soak(&prepared, site, args.hours);
     view.finish();

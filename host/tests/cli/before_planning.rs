@@ -1,6 +1,7 @@
 //! What goes wrong before a run: forty clumsy mistakes. Each ends before the poses are planned, with exit code 2 and
 //! a message that names what is wrong and what to give; and nothing is written.
 
+use std::net::UdpSocket;
 use std::path::Path;
 
 use crate::support::{spherecal, text};
@@ -318,5 +319,32 @@ fn forty_mistakes_end_before_planning() {
             *content,
             "{name}"
         );
+    }
+}
+
+// Fails if a link or a tracker where nothing answers, or a port that another program has, is told only after the poses
+// are planned, if the message does not name it, or if a file is written.
+#[test]
+fn what_does_not_answer_is_told_before_planning() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let taken = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    let cabinet = taken.local_addr().expect("an address").to_string();
+    for (option, value, part) in [
+        ("--link", "tcp:127.0.0.1:1", "127.0.0.1:1"),
+        ("--link", "controller:127.0.0.1:1", "127.0.0.1:1"),
+        ("--link", "franka:127.0.0.1:1", "activate FCI in Desk"),
+        ("--link", "grpc:127.0.0.1:1", "127.0.0.1:1"),
+        ("--link", "serial:/dev/none", "/dev/none"),
+        ("--link", &format!("fri:{cabinet}"), "is another client running"),
+        ("--tracker", "grpc:127.0.0.1:1", "127.0.0.1:1"),
+    ] {
+        let robot = if value.starts_with("franka") { "fr3" } else { "iiwa7" };
+        let output = spherecal(folder, &["run", "--robot", robot, option, value]);
+        let said = text(&output.stderr);
+        assert!(matches!(output.status.code(), Some(1 | 2)), "{value}: {said}");
+        assert!(said.contains(part), "{value}: {said}");
+        assert!(!said.contains("planning the poses") && !said.contains("poses chosen"), "{value}: {said}");
+        assert_eq!(names(folder), [""; 0], "{value}: {said}");
     }
 }

@@ -5,12 +5,14 @@ use std::path::Path;
 use spherecal_link::qemu::{Qemu, QemuOptions};
 use spherecal_link::tcp::{Remote, TcpDrive, Threaded, check_limits};
 use spherecal_link::{Controller, Device, Drive as _, LinkError, LocalDevice, Serial, controller_in_process};
+use spherecal_model::robots::RobotModel;
+use spherecal_shared::robot::Robot;
 use spherecal_sim::inject::{self, FaultyCell, FaultyDrive, HostFaults};
 use spherecal_sim::{Injected, InjectedCounter, LossyDevice, simulated_arm};
 use spherecal_store::Peer;
 
 use super::link::Link;
-use super::{JobError, Prepared, native};
+use super::{Config, JobError, Prepared, loaded_model, native};
 
 /// The connected device, with handles to the injected faults.
 pub(super) struct Connected {
@@ -45,17 +47,38 @@ impl Connected {
 /// # Errors
 /// The link cannot be used, nothing answers there, or another robot does.
 pub fn device(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
-    Ok(connect(prepared, link, folder, None)?.device)
+    Ok(connect(prepared, link, folder, None, None)?.device)
 }
 
-/// As [`device`], with what is to go wrong.
+/// Connects to the arm of `link` before the poses are planned, so that a link that cannot be used is told at once. The
+/// device is for [`measure`](crate::measure). `None`: the arm is in this process, or its link is opened again for the
+/// run, because a host that is silent during the planning would be disconnected, or because the robot connects to us.
+///
+/// # Errors
+/// The link cannot be used, nothing answers there, or another robot does.
+pub fn connect_early(config: &Config, link: &Link) -> Result<Option<Box<dyn Device>>, JobError> {
+    let open = || distant(&loaded_model(config)?, config, link);
+    match link {
+        Link::Tcp(_) | Link::Franka { .. } => open(),
+        Link::Controller(_) | Link::Grpc(_) => open().map(|_| None),
+        Link::Serial(device) => Serial::check(device).map(|()| None).map_err(JobError::from),
+        Link::Fri(_) => native::can_listen(link).map(|()| None),
+        Link::Sim | Link::Qemu => Ok(None),
+    }
+}
+
+/// As [`device`], with what is to go wrong. `early` is the device that [`connect_early`] gave, if it gave one.
 pub(super) fn connect(
     prepared: &Prepared,
     link: &Link,
     folder: &Path,
     inject: Option<&inject::FaultPlan>,
+    early: Option<Box<dyn Device>>,
 ) -> Result<Connected, JobError> {
-    let mut connected = reliable(prepared, link, folder, inject)?;
+    let mut connected = match early {
+        Some(device) => Connected::plain(device),
+        None => reliable(prepared, link, folder, inject)?,
+    };
     let lossy = inject
         .and_then(|plan| plan.host_link)
         .unwrap_or(prepared.config.host_link);
@@ -76,7 +99,7 @@ fn reliable(
 ) -> Result<Connected, JobError> {
     let joints = prepared.robot.dof();
     let Some(plan) = inject else {
-        if let Some(device) = distant(prepared, link)? {
+        if let Some(device) = distant(&prepared.model, &prepared.config, link)? {
             return Ok(Connected::plain(device));
         }
         let controller = controller(prepared, link, folder)?;
@@ -137,14 +160,15 @@ fn no_injection(link: &Link) -> JobError {
 ///
 /// # Errors
 /// The link cannot be used, nothing answers there, or another robot does.
-pub fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device>>, JobError> {
-    let joints = prepared.robot.dof();
+pub fn distant(model: &RobotModel, config: &Config, link: &Link) -> Result<Option<Box<dyn Device>>, JobError> {
+    let robot = &model.robot;
+    let joints = robot.dof();
     match link {
         Link::Sim | Link::Qemu => Ok(None),
         Link::Serial(device) => Ok(Some(Box::new(Serial::open(device)?))),
         Link::Tcp(address) => {
             let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
-            check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+            check_limits(&drive.hello().limits, robot).map_err(LinkError::from)?;
             if !drive.hello().lock_step {
                 return Ok(Some(Box::new(Threaded::start(Box::new(drive), joints)?)));
             }
@@ -152,16 +176,16 @@ pub fn distant(prepared: &Prepared, link: &Link) -> Result<Option<Box<dyn Device
             Ok(Some(Box::new(LocalDevice::new(controller, Box::new(drive), joints)?)))
         }
         Link::Franka { .. } | Link::Fri(_) => {
-            let drive = native::drive(&prepared.model, &prepared.config, link)?;
-            check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+            let drive = native::drive(model, config, link)?;
+            check_limits(&drive.hello().limits, robot).map_err(LinkError::from)?;
             Ok(Some(Box::new(Threaded::start(drive, joints)?)))
         }
         Link::Controller(address) => {
             let remote = Remote::connect(address, joints)?;
-            check_limits(&remote.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+            check_limits(&remote.hello().limits, robot).map_err(LinkError::from)?;
             Ok(Some(Box::new(remote)))
         }
-        Link::Grpc(peer) => remote_robot(prepared, peer).map(Some),
+        Link::Grpc(peer) => remote_robot(robot, peer).map(Some),
     }
 }
 
@@ -177,13 +201,13 @@ pub fn controller(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box
 }
 
 #[cfg(feature = "services")]
-fn remote_robot(prepared: &Prepared, peer: &Peer) -> Result<Box<dyn Device>, JobError> {
-    let robot = spherecal_services::grpc::RemoteRobot::attach(peer, &prepared.robot)?;
+fn remote_robot(robot: &Robot, peer: &Peer) -> Result<Box<dyn Device>, JobError> {
+    let robot = spherecal_services::grpc::RemoteRobot::attach(peer, robot)?;
     Ok(Box::new(robot))
 }
 
 #[cfg(not(feature = "services"))]
-fn remote_robot(_prepared: &Prepared, _peer: &Peer) -> Result<Box<dyn Device>, JobError> {
+fn remote_robot(_robot: &Robot, _peer: &Peer) -> Result<Box<dyn Device>, JobError> {
     Err(JobError::Feature {
         what: "a robot behind gRPC (--link grpc:)",
         feature: "services",

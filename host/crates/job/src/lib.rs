@@ -46,7 +46,7 @@ pub use config::{
     CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, DriveSection, LaserSection,
     PlanSection, ToolSection,
 };
-pub use connect::device;
+pub use connect::{connect_early, device};
 pub use drive_timing::{Bin, DriveTiming, Spread};
 pub use error::JobError;
 pub use evaluate::{Measurements, evaluate};
@@ -55,7 +55,7 @@ pub use journal::{StoreJournal, store_error};
 pub use known_laws::known_laws_options;
 pub use link::{Link, UnknownLink};
 pub use link_record::LinkRecord;
-pub use measure::{Measured, Site, create_run, measure, read};
+pub use measure::{Measured, Site, check_tracker, create_run, measure, read};
 pub use open::open_store;
 pub use prepare::{Prepared, check_reach, loaded_model, prepare, simulated_drive, simulated_robot};
 pub use run_report::run_report;

@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use spherecal_campaign::{self as campaign, Assignment, Observer, Outcome, Tracker, measure_laser};
+use spherecal_link::Device;
 use spherecal_plan::Plan;
 use spherecal_sim::inject::{self, HostFaultJournal};
 use spherecal_store::time::now_utc;
@@ -37,6 +38,8 @@ pub struct Site<'a> {
     pub interrupt: &'a AtomicBool,
     /// Faults to inject; none by default.
     pub inject: Option<&'a inject::FaultPlan>,
+    /// The device, if [`connect_early`](crate::connect_early) has connected it.
+    pub device: Option<Box<dyn Device>>,
 }
 /// What was measured.
 #[derive(Clone, Debug)]
@@ -70,7 +73,7 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
             address.port()
         ));
     }
-    let mut connected = connect(prepared, site.link, site.folder, inject.as_ref())?;
+    let mut connected = connect(prepared, site.link, site.folder, inject.as_ref(), site.device)?;
     let prepared = &*prepared.for_arm(connected.device.simulated());
     let plan = &prepared.plan;
     let had = resume
@@ -165,6 +168,14 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
     }
     site.store.set_state(run, "measured")?;
     Ok(Measured { run, outcome })
+}
+
+/// Checks that a laser tracker answers at `peer`: it is needed only when the campaign has ended.
+///
+/// # Errors
+/// Nothing answers there, or this program was built without the feature `services`.
+pub fn check_tracker(peer: &Peer) -> Result<(), JobError> {
+    remote_tracker(peer).map(drop)
 }
 
 #[cfg(feature = "services")]

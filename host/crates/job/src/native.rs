@@ -1,6 +1,7 @@
 //! Robots that are driven over their own interface: which one, with which settings, and simulated
 //! ones for the other side.
 
+use std::net::SocketAddr;
 use std::time::Duration;
 
 use spherecal_fci::client as fci;
@@ -55,6 +56,27 @@ fn franka(host: &str, port: u16, waiting: DriveSection) -> fci::Config {
     }
 }
 
+fn cabinet(address: SocketAddr, waiting: DriveSection) -> fri::Config {
+    fri::Config {
+        address,
+        timeout: SILENCE,
+        busy_poll_us: busy_poll(waiting),
+        spin: Duration::from_micros(waiting.spin_us.into()),
+        ..fri::Config::new(fri::Limits::IIWA_7)
+    }
+}
+
+/// Checks that this computer can listen for a cabinet, whose own session may begin at any time.
+///
+/// # Errors
+/// The port of a link `fri:` cannot be opened.
+pub(super) fn can_listen(link: &Link) -> Result<(), JobError> {
+    if let Link::Fri(address) = link {
+        fri::Observer::listen(&cabinet(*address, DriveSection::default())).map_err(LinkError::device)?;
+    }
+    Ok(())
+}
+
 fn busy_poll(waiting: DriveSection) -> Option<u32> {
     Some(waiting.busy_poll_us).filter(|us| *us > 0)
 }
@@ -73,13 +95,8 @@ pub fn drive(model: &RobotModel, config: &Config, link: &Link) -> Result<Box<dyn
             thresholds: collision_behavior(procedure),
         })?)),
         Link::Fri(address) => {
-            let mut config = fri::Config::new(fri::Limits::IIWA_7);
-            config.address = *address;
-            config.timeout = SILENCE;
-            config.busy_poll_us = busy_poll(waiting);
-            config.spin = Duration::from_micros(waiting.spin_us.into());
             Ok(Box::new(KukaDrive::listen(&KukaOptions {
-                config,
+                config: cabinet(*address, waiting),
                 torque_rate: procedure.law.torque_rate_nm_s,
                 robot: model.robot.clone(),
                 tool: model.tool_in_table(),

@@ -53,7 +53,7 @@ pub fn teach(
         options: prepared.config.campaign.options(),
     };
     let mut simulated;
-    let (mut device, operator): (Box<dyn Device>, &mut dyn Operator) = if let Some(device) = distant(prepared, link)? {
+    let (mut device, operator): (Box<dyn Device>, &mut dyn Operator) = if let Some(device) = distant(&prepared.model, &prepared.config, link)? {
         (device, person)
     } else {
         let controller = controller(prepared, link, folder)?;

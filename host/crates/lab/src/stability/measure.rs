@@ -55,7 +55,7 @@ pub fn hold(
         },
     };
     let joints = prepared.robot.dof();
-    let mut device: Box<dyn Device> = if let Some(device) = distant(prepared, link)? {
+    let mut device: Box<dyn Device> = if let Some(device) = distant(&prepared.model, &prepared.config, link)? {
         device
     } else {
         let controller = controller(prepared, link, folder)?;

@@ -32,7 +32,7 @@ const READ: Duration = Duration::from_secs(5);
 /// How often a silent host in lock-step is looked after.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Serves one host after the other; with `once` it returns when the first has disconnected. `told`
+/// Serves one host after the other; with `once` it returns when the first that has sent anything has disconnected. `told`
 /// is given the reason for which a host was disconnected.
 ///
 /// In lock-step nothing moves while no host is connected. In real time the controller keeps running
@@ -78,7 +78,7 @@ fn serve(
             if let Some(reason) = left.reason {
                 told(&reason);
             }
-            if once {
+            if once && host.spoke {
                 return Ok(());
             }
         }
@@ -135,7 +135,8 @@ impl<'a> HostService<'a> {
         self.reason.take()
     }
 
-    /// One control period. Returns whether a host has disconnected.
+    /// One control period. Returns whether a host has disconnected that had sent anything: one that has not only looked
+    /// whether the controller is there.
     ///
     /// # Errors
     /// The cell fails, or the listener fails.
@@ -157,9 +158,9 @@ impl<'a> HostService<'a> {
         let Some(reason) = left else {
             return Ok(false);
         };
-        self.host = None;
+        let spoke = self.host.take().is_some_and(|host| host.spoke);
         self.reason = Some(reason).filter(|reason| !reason.is_closed());
-        Ok(true)
+        Ok(spoke)
     }
 }
 
@@ -182,6 +183,8 @@ struct TurnHost {
     heard: Instant,
     /// Since when a turn has been incomplete.
     begun: Option<Instant>,
+    /// Whether a byte came from it.
+    spoke: bool,
 }
 
 /// How a host in lock-step left.
@@ -212,6 +215,7 @@ impl TurnHost {
             watch: Watch::default(),
             heard: Instant::now(),
             begun: None,
+            spoke: false,
         }
     }
 
@@ -272,6 +276,7 @@ impl TurnHost {
             }
             Ok(count) => {
                 self.turns.push(buffer.get(..count).unwrap_or_default());
+                self.spoke = true;
                 self.turns.check(&self.peer)?;
                 self.heard = Instant::now();
                 true
@@ -318,6 +323,8 @@ struct Host {
     heard: Instant,
     /// Since when the backlog has not become shorter.
     stuck: Option<Instant>,
+    /// Whether a byte came from it.
+    spoke: bool,
 }
 
 impl Host {
@@ -340,6 +347,7 @@ impl Host {
             watch: Watch::default(),
             heard: Instant::now(),
             stuck: None,
+            spoke: false,
         })
     }
 
@@ -353,6 +361,7 @@ impl Host {
                     });
                 }
                 Ok(count) => {
+                    self.spoke = true;
                     down.extend_from_slice(buffer.get(..count).unwrap_or_default());
                 }
                 Err(e) if e.kind() == ErrorKind::WouldBlock => break,
