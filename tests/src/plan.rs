@@ -195,6 +195,7 @@ pub fn measured(prepared: &Prepared) -> Measurements {
         observer: &mut Silent,
         inject: None,
         interrupt: &AtomicBool::new(false),
+        device: None,
     };
     measure(prepared, site, None).expect("measured to the end");
     let info = store.require_last_run().expect("a run");

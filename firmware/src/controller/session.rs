@@ -7,17 +7,15 @@
 //! compensation stay the same within one session.
 
 use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveHello, DriveStatus, MOST_LATENCY_US, NO_SESSION, PERIODS_US, TorqueSign};
+use spherecal_shared::protocol::drive::{
+    DriveHello, DriveStatus, MOST_LATENCY_US, MOST_MOTOR_KG_M2, NO_SESSION, PERIODS_US, TorqueSign,
+};
 use spherecal_shared::protocol::host::{Fault, Refusal};
 use spherecal_shared::robot::JointLimits;
 
 use super::Controller;
 use crate::law::Actuation;
 use crate::safety::Violation;
-
-/// Largest inertia of a motor that a drive may declare, in kg m²: ten times the
-/// largest of the iiwa 7.
-const MOST_MOTOR: f64 = 50.0;
 
 /// A session with a drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +50,7 @@ impl<const N: usize> DriveSession<N> {
             && hello
                 .motor_kg_m2
                 .iter()
-                .all(|inertia| (0.0..=MOST_MOTOR).contains(inertia));
+                .all(|inertia| (0.0..=MOST_MOTOR_KG_M2).contains(inertia));
         let motors = core::array::from_fn(|i| hello.motor_kg_m2.get(i).copied().unwrap_or(0.0));
         let (period_s, latency_s) = (f64::from(hello.period_us) * 1e-6, f64::from(hello.latency_us) * 1e-6);
         fits.then_some(Self {

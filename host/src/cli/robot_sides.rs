@@ -20,6 +20,7 @@ use super::interrupt::interrupt;
 use super::listening::{announce, warn_if_open};
 use super::out::errln;
 use spherecal_job::{self as job, Config, JobError};
+use spherecal_link::native::Undeclared;
 use spherecal_shared::robot::BUILT_IN;
 use spherecal_sim::GuidedArm;
 
@@ -28,7 +29,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Time without a motion after which the simulated application starts the next one.
 const NEXT_MOTION: Duration = Duration::from_millis(500);
 
-/// Preset of an arm behind a robot's own interface: the robot would compensate friction and motors.
+/// Preset of an arm behind a robot's own interface, whose torque control hides its motors.
 const INTERFACE_PRESET: &str = "typical";
 
 /// Arguments of `plant`.
@@ -70,8 +71,8 @@ pub struct PlantArgs {
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
     /// Errors of the simulated arm: a preset, instead of all of the configuration's `[plant]`. Default: as_measured;
-    /// with --fci or --fri, and without --config, typical: the friction and the motors of as_measured stand under a
-    /// real robot's own torque control, which this robot side does not have.
+    /// with --fci or --fri, and without --config, typical. With as_measured the motors show, and the program prints the
+    /// lines of [cell.drive] that the run needs then.
     #[arg(long, value_name = "NAME")]
     pub preset: Option<String>,
     /// Run in real time at 1 kHz, and do not wait for commands.
@@ -151,9 +152,13 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
             config.robot
         )));
     }
-    let arm: Box<dyn spherecal_fci::robot::Arm> = match &args.guide {
-        Some(path) => Box::new(guided(&config, path)?),
-        None => Box::new(job::simulated_robot(&config, (0.0, 0.0))?),
+    let mut undeclared = Undeclared::default();
+    let arm: Box<dyn spherecal_fci::robot::Arm> = if let Some(path) = &args.guide {
+        Box::new(guided(&config, path)?)
+    } else {
+        let arm = job::simulated_robot(&config, (0.0, 0.0))?;
+        undeclared = arm.undeclared();
+        Box::new(arm)
     };
     let mut side = RobotConfig::new(version);
     side.address = match &args.listen {
@@ -174,6 +179,7 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
         config.robot,
         side.address()
     ));
+    tell(&undeclared);
     wait(&interrupt, || ());
     let s = side.shut_down();
     errln!(
@@ -199,9 +205,13 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     let config = args.configuration()?;
     // As much damping as stiffness for an inertia of 1 kg m2 and Lehr's damping ratio 0.7.
     let damping = 1.4 * args.stiffness.sqrt();
-    let arm: Box<dyn spherecal_fri::robot::Arm> = match &args.guide {
-        Some(path) => Box::new(guided(&config, path)?),
-        None => Box::new(job::simulated_robot(&config, (args.stiffness, damping))?),
+    let mut undeclared = Undeclared::default();
+    let arm: Box<dyn spherecal_fri::robot::Arm> = if let Some(path) = &args.guide {
+        Box::new(guided(&config, path)?)
+    } else {
+        let arm = job::simulated_robot(&config, (args.stiffness, damping))?;
+        undeclared = arm.undeclared();
+        Box::new(arm)
     };
     let mut side = CabinetConfig {
         client,
@@ -222,6 +232,7 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
         "Fast Robot Interface ({}), sending to fri:{client}",
         config.robot
     ));
+    tell(&undeclared);
     side.controls().guiding.store(args.guide.is_some(), Ordering::Relaxed);
     // The application: a person confirms each motion at once, but the first one when it is time.
     let mut answered: Option<Instant> = None;
@@ -259,6 +270,25 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
         s.torques_after_stop
     );
     Ok(Exit::Done)
+}
+
+/// Says what the run has to be told, because the robot does not say it over its interface.
+fn tell(undeclared: &Undeclared) {
+    let Undeclared {
+        motor_kg_m2,
+        latency_us,
+    } = undeclared;
+    if motor_kg_m2.iter().all(|inertia| *inertia == 0.0) && *latency_us == 0 {
+        return;
+    }
+    let motors: Vec<f64> = motor_kg_m2
+        .iter()
+        .map(|inertia| (inertia * 1e4).round() / 1e4)
+        .collect();
+    errln!(
+        "this robot has motors or a delay that its interface does not tell: the run's configuration needs\n\n[cell.drive]\n\
+         motor_kg_m2 = {motors:?}\nlatency_us = {latency_us}\n"
+    );
 }
 
 /// Until Ctrl-C.

@@ -344,7 +344,10 @@ fn what_does_not_answer_is_told_before_planning() {
         let said = text(&output.stderr);
         assert!(matches!(output.status.code(), Some(1 | 2)), "{value}: {said}");
         assert!(said.contains(part), "{value}: {said}");
-        assert!(!said.contains("planning the poses") && !said.contains("poses chosen"), "{value}: {said}");
+        assert!(
+            !said.contains("planning the poses") && !said.contains("poses chosen"),
+            "{value}: {said}"
+        );
         assert_eq!(names(folder), [""; 0], "{value}: {said}");
     }
 }

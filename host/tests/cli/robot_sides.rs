@@ -60,6 +60,50 @@ fn slow_a_run_over_kukas_fast_robot_interface() {
     assert_eq!(summary["robot"], "iiwa7");
 }
 
+/// A run on an arm that is as hard as real ones: its motors show, so the configuration declares them.
+fn hard(robot: &str, link: &str) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let motors = "[cell.drive]\nmotor_kg_m2 = [0.459, 1.1117, 0.8105, 0.4542, 0.348, 0.3505, 0.348]\n";
+    let config = format!("robot = \"{robot}\"\n{motors}");
+    std::fs::write(folder.path().join("cell.toml"), config).expect("a configuration");
+    let summary = run(folder.path(), link, &["--config", "cell.toml"]);
+    assert_eq!(summary["robot"], robot);
+}
+
+// Fails if the arm whose errors are as large as those of real ones cannot be measured over a robot's own interface, for
+// which its motors are declared in the configuration.
+#[test]
+#[ignore = "slow: 40 s of real time"]
+fn slow_an_arm_as_measured_behind_the_franka_control_interface() {
+    let robot = Server::start(&[
+        "plant",
+        "--fci",
+        "--preset",
+        "as_measured",
+        "--listen",
+        "0",
+        "--tolerant",
+    ]);
+    hard("fr3", &robot.peer);
+}
+
+#[test]
+#[ignore = "slow: 40 s of real time"]
+fn slow_an_arm_as_measured_behind_the_fast_robot_interface() {
+    let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    let client = probe.local_addr().expect("an address");
+    drop(probe);
+    let robot = Server::start(&[
+        "plant",
+        "--fri",
+        &client.to_string(),
+        "--preset",
+        "as_measured",
+        "--tolerant",
+    ]);
+    hard("iiwa7", &robot.peer);
+}
+
 // Fails if a controller in a process of its own does not tell its host how punctual it is, or if a cycle is
 // missing in what it tells.
 #[test]
@@ -84,11 +128,23 @@ fn slow_a_controller_of_its_own_tells_its_times() {
 #[test]
 fn impossible_robots_are_refused_with_the_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
-    std::fs::write(folder.path().join("iiwa.toml"), "robot = \"iiwa7\"\n").expect("a file");
+    for (name, content) in [
+        ("iiwa.toml", "robot = \"iiwa7\"\n"),
+        ("motors.toml", "[cell.drive]\nmotor_kg_m2 = [0, 0, 0, 0, 0, 0]\n"),
+        ("slow.toml", "[cell.drive]\nlatency_us = 6000\n"),
+    ] {
+        std::fs::write(folder.path().join(name), content).expect("a file");
+    }
     for (arguments, code, words) in [
         (&["run", "--link", "franka:"][..], 2, "franka:HOST"),
         (&["run", "--link", "fri:0"], 2, "fri:PORT"),
         (&["run", "--link", "franka:127.0.0.1:1"], 1, "activate FCI in Desk"),
+        (
+            &["run", "--config", "motors.toml"],
+            2,
+            "has 6 values, but the robot has 7 joints",
+        ),
+        (&["run", "--config", "slow.toml"], 2, "cell.drive.latency_us is 6000"),
         (&["plant", "--fci", "--version", "6"], 2, "give 5, 7, 8 or 10"),
         (&["plant", "--fci", "--config", "iiwa.toml"], 2, "robot = \"fr3\""),
         (&["plant", "--fci", "--preset", "easy"], 2, "as_measured"),

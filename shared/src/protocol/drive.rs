@@ -27,6 +27,9 @@ pub const NO_SESSION: u32 = 0;
 /// Largest delay of a drive, in µs, beyond one control period. With more, the springs
 /// that seat the nest would have to be too soft.
 pub const MOST_LATENCY_US: u32 = 5000;
+/// Largest inertia of a motor that a drive may declare, seen at its joint, in kg m²: ten times the largest of the
+/// iiwa 7.
+pub const MOST_MOTOR_KG_M2: f64 = 50.0;
 
 /// Control periods that the controller supports, in µs.
 pub const PERIODS_US: core::ops::RangeInclusive<u32> = 1000..=4000;

@@ -56,6 +56,17 @@ pub enum JobError {
     /// The controller in QEMU cannot be used.
     #[error(transparent)]
     Qemu(#[from] QemuError),
+    /// Another number of motors than of joints.
+    #[error(
+        "cell.drive.motor_kg_m2 has {found} values, but the robot has {joints} joints: give one inertia for each joint, \
+         base to flange, or leave the field out"
+    )]
+    Motors {
+        /// Values given.
+        found: usize,
+        /// Joints of the robot.
+        joints: usize,
+    },
     /// Nothing can be injected over this link.
     #[error("link \"{link}\": {remedy}")]
     NoInjection {
@@ -189,6 +200,7 @@ impl JobError {
             | Self::Plan(_)
             | Self::PlateOutOfReach { .. }
             | Self::NoPose { .. }
+            | Self::Motors { .. }
             | Self::Plant(_)
             | Self::NoInjection { .. }
             | Self::NoRobot { .. }

@@ -6,9 +6,10 @@ use std::time::Duration;
 
 use spherecal_fci::client as fci;
 use spherecal_fri::client as fri;
-use spherecal_link::native::{FrankaDrive, FrankaOptions, KukaDrive, KukaOptions, collision_behavior};
+use spherecal_link::native::{FrankaDrive, FrankaOptions, KukaDrive, KukaOptions, Undeclared, collision_behavior};
 use spherecal_link::{Drive, LinkError};
 use spherecal_model::robots::RobotModel;
+use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::procedure::Procedure;
 
 use super::link::Link;
@@ -37,7 +38,7 @@ impl Link {
         let Self::Franka { host, port } = self else {
             return Ok(None);
         };
-        let client = fci::Client::connect(&franka(host, *port, DriveSection::default())).map_err(LinkError::device)?;
+        let client = fci::Client::connect(&franka(host, *port, &DriveSection::default())).map_err(LinkError::device)?;
         Ok(Some(if client.version().is_panda() { "panda" } else { "fr3" }))
     }
 }
@@ -46,7 +47,7 @@ impl Link {
 /// state, and the robot's own clock says how many periods were missed.
 const SILENCE: Duration = Duration::from_millis(500);
 
-fn franka(host: &str, port: u16, waiting: DriveSection) -> fci::Config {
+fn franka(host: &str, port: u16, waiting: &DriveSection) -> fci::Config {
     fci::Config {
         port,
         state_timeout: SILENCE,
@@ -56,7 +57,7 @@ fn franka(host: &str, port: u16, waiting: DriveSection) -> fci::Config {
     }
 }
 
-fn cabinet(address: SocketAddr, waiting: DriveSection) -> fri::Config {
+fn cabinet(address: SocketAddr, waiting: &DriveSection) -> fri::Config {
     fri::Config {
         address,
         timeout: SILENCE,
@@ -72,12 +73,19 @@ fn cabinet(address: SocketAddr, waiting: DriveSection) -> fri::Config {
 /// The port of a link `fri:` cannot be opened.
 pub(super) fn can_listen(link: &Link) -> Result<(), JobError> {
     if let Link::Fri(address) = link {
-        fri::Observer::listen(&cabinet(*address, DriveSection::default())).map_err(LinkError::device)?;
+        fri::Observer::listen(&cabinet(*address, &DriveSection::default())).map_err(LinkError::device)?;
     }
     Ok(())
 }
 
-fn busy_poll(waiting: DriveSection) -> Option<u32> {
+fn undeclared(section: &DriveSection) -> Undeclared {
+    Undeclared {
+        motor_kg_m2: section.motor_kg_m2.iter().copied().take(MAX_JOINTS).collect(),
+        latency_us: section.latency_us,
+    }
+}
+
+fn busy_poll(waiting: &DriveSection) -> Option<u32> {
     Some(waiting.busy_poll_us).filter(|us| *us > 0)
 }
 
@@ -87,21 +95,21 @@ fn busy_poll(waiting: DriveSection) -> Option<u32> {
 /// # Errors
 /// The robot cannot be reached or refuses a setting, or the link is of another kind.
 pub fn drive(model: &RobotModel, config: &Config, link: &Link) -> Result<Box<dyn Drive>, JobError> {
-    let (procedure, waiting) = (&config.procedure, config.cell.drive);
+    let (procedure, waiting) = (&config.procedure, &config.cell.drive);
     match link {
         Link::Franka { host, port } => Ok(Box::new(FrankaDrive::connect(FrankaOptions {
             config: franka(host, *port, waiting),
             load: model.tool.body,
             thresholds: collision_behavior(procedure),
+            undeclared: undeclared(waiting),
         })?)),
-        Link::Fri(address) => {
-            Ok(Box::new(KukaDrive::listen(&KukaOptions {
-                config: cabinet(*address, waiting),
-                torque_rate: procedure.law.torque_rate_nm_s,
-                robot: model.robot.clone(),
-                tool: model.tool_in_table(),
-            })?))
-        }
+        Link::Fri(address) => Ok(Box::new(KukaDrive::listen(&KukaOptions {
+            config: cabinet(*address, waiting),
+            torque_rate: procedure.law.torque_rate_nm_s,
+            robot: model.robot.clone(),
+            tool: model.tool_in_table(),
+            undeclared: undeclared(waiting),
+        })?)),
         other => Err(JobError::NoRobot {
             link: other.to_string(),
         }),

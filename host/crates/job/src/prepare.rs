@@ -162,6 +162,10 @@ fn known(config: &Config) -> Result<Known, JobError> {
     config.check()?;
     let mut model = robots::load(&config.robot)?;
     config.cell.tool.apply(&mut model);
+    let (found, joints) = (config.cell.drive.motor_kg_m2.len(), model.robot.dof());
+    if found != 0 && found != joints {
+        return Err(JobError::Motors { found, joints });
+    }
     let tool = model.tool_in_table();
     let plant = config.plant()?;
     let mut cell = plan::Cell {

@@ -53,19 +53,20 @@ pub fn teach(
         options: prepared.config.campaign.options(),
     };
     let mut simulated;
-    let (mut device, operator): (Box<dyn Device>, &mut dyn Operator) = if let Some(device) = distant(&prepared.model, &prepared.config, link)? {
-        (device, person)
-    } else {
-        let controller = controller(prepared, link, folder)?;
-        let height_m = prepared.config.plan.approach_height_m;
-        let (robot, tool) = (&prepared.robot, &prepared.tool);
-        let (drive, call) = hand_guided_arm(robot, tool, &prepared.plant, &plan.home.joints, height_m)?;
-        simulated = Simulated(call);
-        (
-            Box::new(LocalDevice::new(controller, drive, robot.dof())?),
-            &mut simulated,
-        )
-    };
+    let (mut device, operator): (Box<dyn Device>, &mut dyn Operator) =
+        if let Some(device) = distant(&prepared.model, &prepared.config, link)? {
+            (device, person)
+        } else {
+            let controller = controller(prepared, link, folder)?;
+            let height_m = prepared.config.plan.approach_height_m;
+            let (robot, tool) = (&prepared.robot, &prepared.tool);
+            let (drive, call) = hand_guided_arm(robot, tool, &prepared.plant, &plan.home.joints, height_m)?;
+            simulated = Simulated(call);
+            (
+                Box::new(LocalDevice::new(controller, drive, robot.dof())?),
+                &mut simulated,
+            )
+        };
     let taught = campaign::teach(&assignment, device.as_mut(), operator, observer, interrupt)?;
     Ok(TaughtWaypoints {
         robot: prepared.robot.name.to_string(),

@@ -8,7 +8,7 @@ use spherecal_fci::client::{Config, EndCause};
 use spherecal_fci::robot::{FR3_URDF, JointArm, JointLimits, READY, RobotConfig, RobotSide};
 use spherecal_fci::wire::{RobotError, Version};
 use spherecal_link::Drive;
-use spherecal_link::native::{DriveEvent, FrankaDrive, FrankaOptions, collision_behavior};
+use spherecal_link::native::{DriveEvent, FrankaDrive, FrankaOptions, Undeclared, collision_behavior};
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus, TorqueSign};
@@ -31,6 +31,10 @@ fn options(port: u16) -> FrankaOptions {
             ..Inertia::default()
         },
         thresholds: collision_behavior(&Procedure::default()),
+        undeclared: Undeclared {
+            motor_kg_m2: [0.25; 7].into_iter().collect(),
+            latency_us: 1500,
+        },
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use spherecal_fri::client::{Config, EndCause, Limits};
 use spherecal_fri::robot::{Arm, ArmCommand, ArmState, CabinetConfig, CabinetSide, JointArm, START, Tolerance};
 use spherecal_fri::wire::SafetyState;
-use spherecal_link::native::{DriveEvent, KukaDrive, KukaOptions};
+use spherecal_link::native::{DriveEvent, KukaDrive, KukaOptions, Undeclared};
 use spherecal_link::{Drive, LinkError};
 use spherecal_shared::Joints;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus, TorqueSign};
@@ -83,6 +83,10 @@ fn listen(address: SocketAddr) -> Result<KukaDrive, LinkError> {
         torque_rate: 4000.0,
         robot: iiwa7(),
         tool: iiwa7_tool(),
+        undeclared: Undeclared {
+            motor_kg_m2: [0.25; 7].into_iter().collect(),
+            latency_us: 1500,
+        },
     })
 }
 
@@ -123,6 +127,7 @@ fn the_sign_is_found_and_the_arm_is_held() {
         let mut drive = listen(client).expect("a cabinet");
         assert_eq!(drive.hello().torque_sign, found);
         assert!(drive.hello().compensates_gravity && !drive.hello().lock_step);
+        assert_eq!((drive.hello().motor_kg_m2[6], drive.hello().latency_us), (0.25, 1500));
         let (mut state, mut events) = (DriveState::default(), Vec::new());
         drive.exchange(None, &mut state).expect("a state");
         side.controls().command.store(true, Ordering::Relaxed);

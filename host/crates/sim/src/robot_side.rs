@@ -2,13 +2,15 @@
 //!
 //! What the robot does itself is here: it compensates the gravity of the nominal arm and of the load that was declared,
 //! holds its pose with the brakes, and estimates the external torques and the wrench at the TCP. It does not compensate
-//! friction, so the controller has more to do than on a real robot.
+//! friction, so the controller has more to do than on a real robot. Over these interfaces a robot does not say which
+//! motors lie between commanded and measured torque: [`RobotArm::undeclared`] is what its user has to find in a data sheet.
 
 use nalgebra::SVector;
 use spherecal_fci::robot as fci;
 use spherecal_firmware::law::{Observer, Snapshot};
 use spherecal_fri::robot as fri;
 use spherecal_link::LinkError;
+use spherecal_link::native::Undeclared;
 use spherecal_model::robots::{RobotModel, moved};
 use spherecal_shared::robot::{Arm, Dynamics as _, Inertia, Tool};
 
@@ -65,6 +67,14 @@ impl RobotArm {
             wrench: [0.0; 6],
             impedance,
         })
+    }
+
+    /// What this robot does not say over its interface: inertia of each motor by its data sheet (kg m²) and its delay (µs).
+    pub fn undeclared(&self) -> Undeclared {
+        Undeclared {
+            motor_kg_m2: self.plant.declared_motors().iter().copied().collect(),
+            latency_us: (self.plant.latency_s() * 1e6) as u32,
+        }
     }
 
     /// The robot's own gravity torques at the measured angles, in N m.

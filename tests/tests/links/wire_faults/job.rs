@@ -116,6 +116,7 @@ impl Job {
             observer: &mut watch,
             interrupt: &AtomicBool::new(false),
             inject: None,
+            device: None,
         };
         let result = job::measure(&self.prepared, site, info.as_ref());
         Session {

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use spherecal_model::robots::RobotModel;
 use spherecal_model::{CalibrationPlate, CellError, NominalCell, Placement};
+use spherecal_shared::protocol::drive::{MOST_LATENCY_US, MOST_MOTOR_KG_M2};
 use spherecal_shared::robot::Inertia;
 
 use crate::waypoints::TaughtWaypoint;
@@ -25,7 +26,7 @@ pub struct CellSection {
     /// sphere's nominal position, displaced by `campaign.taught_error_m`. `--waypoints` replaces
     /// this list.
     pub waypoints: Vec<TaughtWaypoint>,
-    /// How the program waits for a robot over its own interface (`franka:`, `fri:`).
+    /// What a robot does not say of itself over its own interface (`franka:`, `fri:`), and how the program waits for it.
     #[serde(skip_serializing_if = "DriveSection::is_default")]
     pub drive: DriveSection,
 }
@@ -43,8 +44,9 @@ impl Default for CellSection {
     }
 }
 
-/// Two ways to save the time that a sleeping thread needs to wake up when a state of the robot comes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+/// What a robot does not say of itself over its own interface, and two ways to save the time that a sleeping thread needs
+/// to wake up when a state of the robot comes. Other drives declare motors and delay in their handshake.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DriveSection {
     /// The loop polls the socket for this long before it sleeps, in us; 0: it sleeps at once. 1000 costs a processor core.
@@ -52,6 +54,14 @@ pub struct DriveSection {
     /// The kernel polls the network card for this long, in us; 0: it does not. Linux only; it may need the right
     /// `CAP_NET_ADMIN`.
     pub busy_poll_us: u32,
+    /// Inertia of each motor, seen at its joint, that the robot's own torque control leaves between commanded and measured
+    /// torque, in kg m², base to flange. Empty: none. If it is too small, runs end with TorqueSensor or PathDeviation; if
+    /// it is too large, with Unstable.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub motor_kg_m2: Vec<f64>,
+    /// Delay of the robot beyond one period, in us: age of a state when it is sent, and time until the torque that answers
+    /// it acts, together.
+    pub latency_us: u32,
 }
 
 impl DriveSection {
@@ -69,6 +79,22 @@ impl DriveSection {
                     field,
                     value: f64::from(value),
                     remedy: "give 0 to 4000 us, at most the robot's period",
+                });
+            }
+        }
+        if self.latency_us > MOST_LATENCY_US {
+            return Err(CellError {
+                field: "drive.latency_us",
+                value: f64::from(self.latency_us),
+                remedy: "give the delay that was measured, 0 to 5000 us: no safe gains are known beyond",
+            });
+        }
+        for &inertia in &self.motor_kg_m2 {
+            if !(0.0..=MOST_MOTOR_KG_M2).contains(&inertia) {
+                return Err(CellError {
+                    field: "drive.motor_kg_m2",
+                    value: inertia,
+                    remedy: "give one inertia for each joint in kg m², 0 to 50, or leave the field out",
                 });
             }
         }

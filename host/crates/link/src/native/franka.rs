@@ -12,7 +12,7 @@ use spherecal_shared::protocol::host::LoopTiming;
 use spherecal_shared::robot::{Inertia, JointLimits};
 
 use super::monitor::{Monitor, Recorder};
-use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, fill, periods, torques};
+use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, Undeclared, fill, periods, torques};
 use crate::{Drive, LinkError};
 
 /// Session number of the drive: a lost connection ends the run, or goes on in the
@@ -39,6 +39,8 @@ pub struct FrankaOptions {
     pub load: Inertia,
     /// Thresholds of contact and collision, see [`collision_behavior`].
     pub thresholds: CollisionBehavior,
+    /// What the handshake adds to what the robot says.
+    pub undeclared: Undeclared,
 }
 
 /// Thresholds of the robot for this procedure. The robot reports a contact from the force that triggers the approach
@@ -103,6 +105,8 @@ impl FrankaDrive {
         let hello = DriveHello {
             period_us: PERIOD_US,
             compensates_gravity: true,
+            motor_kg_m2: options.undeclared.motor_kg_m2.clone(),
+            latency_us: options.undeclared.latency_us,
             // No control unit is on this computer: what answers from here is a simulation.
             simulated: client.peer().is_loopback(),
             ..DriveHello::new(SESSION, joint_limits(&limits))

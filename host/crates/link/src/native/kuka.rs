@@ -9,7 +9,7 @@ use spherecal_shared::protocol::host::LoopTiming;
 use spherecal_shared::robot::{Arm, Dynamics as _, Robot, Tool};
 
 use super::monitor::{Monitor, Recorder};
-use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, fill, periods, torques};
+use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, Undeclared, fill, periods, torques};
 use crate::{Drive, LinkError};
 
 /// Session number of the drive: a lost connection ends the run, or goes on in the
@@ -33,6 +33,8 @@ pub struct KukaOptions {
     pub robot: Robot,
     /// The calibration tool, as declared in the load data of the application.
     pub tool: Tool,
+    /// What the handshake adds to what the robot says.
+    pub undeclared: Undeclared,
 }
 
 /// Why a cabinet cannot be used.
@@ -139,6 +141,8 @@ impl KukaDrive {
             hello: DriveHello {
                 period_us,
                 compensates_gravity: true,
+                motor_kg_m2: options.undeclared.motor_kg_m2.clone(),
+                latency_us: options.undeclared.latency_us,
                 torque_sign,
                 simulated,
                 ..DriveHello::new(SESSION, robot.joints.iter().map(|joint| joint.limits))

@@ -23,6 +23,8 @@ mod wake_ups;
 
 use std::time::Duration;
 
+use spherecal_shared::Joints;
+
 pub use event::DriveEvent;
 pub use franka::{FrankaDrive, FrankaOptions, collision_behavior};
 pub use histogram::Histogram;
@@ -34,6 +36,16 @@ pub use wake_ups::WakeUps;
 /// that steps a drive with this monitor; call it once, before the loop.
 pub fn enter_real_time(monitor: &Monitor) {
     monitor.announce(DriveEvent::Scheduled(spherecal_realtime::enter()));
+}
+
+/// What the robot does not say of itself over its own interface, but a controller has to know.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Undeclared {
+    /// Inertia of each motor, seen at its joint, that lies between commanded and measured torque, in kg m², base to
+    /// flange; empty: none.
+    pub motor_kg_m2: Joints,
+    /// Delay beyond one period, in µs.
+    pub latency_us: u32,
 }
 
 /// Joints of every arm with such an interface.
