@@ -177,6 +177,10 @@ pub(crate) struct State {
     /// Cosine and sine of the rows' theta.
     #[serde(skip)]
     offsets: Vec<(f64, f64)>,
+    /// The harmonics by order: cosine parts of all joints, then sine parts. The joints lie side by side, so that
+    /// their waves are summed together.
+    #[serde(skip)]
+    waves: Vec<[[f64; N]; 2]>,
 }
 
 /// Intermediate results of an evaluation, for the Jacobian.
@@ -204,12 +208,13 @@ impl State {
             spheres: vec![Vector3::zeros(); layout.spheres.len()],
             links: Vec::new(),
             offsets: Vec::new(),
+            waves: Vec::new(),
         };
         state.refresh();
         state
     }
 
-    /// Recomputes what follows from the rows.
+    /// Recomputes what follows from rows and harmonics.
     pub(crate) fn refresh(&mut self) {
         self.links = self.rows.iter().map(LinkTransform::from).collect();
         let offset = |row: &MdhRow<f64>| {
@@ -217,6 +222,12 @@ impl State {
             (c, s)
         };
         self.offsets = self.rows.iter().map(offset).collect();
+        let orders = self.harmonics.iter().map(Vec::len).max().unwrap_or_default();
+        let part = |order: usize, part: usize| {
+            let of = |joint: usize| Some(self.harmonics.get(joint)?.get(order)?[part]);
+            std::array::from_fn(|joint| of(joint).unwrap_or_default())
+        };
+        self.waves = (0..orders).map(|order| [part(order, 0), part(order, 1)]).collect();
     }
 
     /// The value of a parameter (base rotations: components of the rotation vector).
@@ -282,16 +293,22 @@ impl State {
         }
     }
 
-    /// Correction of an encoder angle by compliance and harmonics, in rad.
+    /// Corrections of the encoder angles by compliance and harmonics, in rad.
     #[inline]
-    fn deviation(&self, joint: usize, (c, s): (f64, f64), load: &Load) -> f64 {
-        let mut deviation = -self.compliance[joint] * load.joint[joint][2];
-        let (mut ck, mut sk) = (c, s);
-        for [cosine, sine] in &self.harmonics[joint] {
-            deviation += cosine * ck + sine * sk;
-            (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
+    fn deviations(&self, trig: &Trig, load: &Load) -> [f64; N] {
+        let mut deviations = [0.0; N];
+        for ((slot, compliance), moment) in deviations.iter_mut().zip(&self.compliance).zip(&load.joint) {
+            *slot = -compliance * moment[2];
         }
-        deviation
+        let (c, s) = (trig.map(|t| t.0), trig.map(|t| t.1));
+        let (mut ck, mut sk) = (c, s);
+        for [cosine, sine] in &self.waves {
+            for j in 0..N {
+                deviations[j] += cosine[j] * ck[j] + sine[j] * sk[j];
+                (ck[j], sk[j]) = (ck[j] * c[j] - sk[j] * s[j], sk[j] * c[j] + ck[j] * s[j]);
+            }
+        }
+        deviations
     }
 
     /// Frames and TCP at encoder angles `q` (at least n) under `load`.
@@ -309,9 +326,9 @@ impl State {
     fn turned(&self, trig: &Trig, load: &Load) -> Kinematics {
         let mut frames = [Pose::identity(); N];
         let mut frame = Pose::identity();
+        let deviations = self.deviations(trig, load);
         for (j, ((link, offset), slot)) in self.links.iter().zip(&self.offsets).zip(&mut frames).enumerate() {
-            let deviation = self.deviation(j, trig[j], load);
-            let (c, s) = sum(sum(trig[j], *offset), small(deviation));
+            let (c, s) = sum(sum(trig[j], *offset), small(deviations[j]));
             frame = next_frame_turned(&frame, link, (s, c));
             *slot = frame;
         }

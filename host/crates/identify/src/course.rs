@@ -30,6 +30,11 @@ impl Course {
     /// The course where only the order of the rows is known: rows on one sphere of
     /// one place that follow each other are one coupling.
     pub fn in_order(experiment: &Experiment) -> Self {
+        Self::without_moves(experiment).with_moves(&experiment.observations)
+    }
+
+    /// As [`Self::in_order`], without the last moves.
+    pub(crate) fn without_moves(experiment: &Experiment) -> Self {
         let mut coupling = Vec::with_capacity(experiment.observations.len());
         let mut count = 0;
         let mut before = None;
@@ -50,19 +55,36 @@ impl Course {
             time: (0..experiment.observations.len()).map(|k| k as f64 / last).collect(),
             ..Self::default()
         }
-        .with_moves(&experiment.observations)
     }
 
     /// The same with the last moves, where the observations stand in the order in which they were made.
     #[must_use]
     pub fn with_moves(mut self, observations: &[Observation]) -> Self {
-        let pairs = observations.windows(2).zip(self.coupling.windows(2));
-        let moves = pairs.map(|(pair, coupling)| {
-            let known = coupling[0] == coupling[1] && pair[0].q.len() == pair[1].q.len();
-            known.then(|| pair[1].q.iter().zip(&pair[0].q).map(|(to, from)| to - from).collect())
-        });
-        self.moves = std::iter::once(None).chain(moves).collect();
+        self.moves = (0..observations.len())
+            .map(|row| self.last_move(observations, row))
+            .collect();
         self
+    }
+
+    /// As [`Self::with_moves`], for some of the observations: `rows` are their numbers.
+    #[must_use]
+    pub(crate) fn with_moves_of(mut self, observations: &[Observation], rows: &[usize]) -> Self {
+        self.moves = vec![None; observations.len()];
+        for &row in rows {
+            let last = self.last_move(observations, row);
+            if let Some(slot) = self.moves.get_mut(row) {
+                *slot = last;
+            }
+        }
+        self
+    }
+
+    /// The move from the observation before `row`, in rad by joint, where it is known.
+    fn last_move(&self, observations: &[Observation], row: usize) -> Option<Vec<f64>> {
+        let before = row.checked_sub(1)?;
+        let (from, to) = (&observations.get(before)?.q, &observations.get(row)?.q);
+        let known = self.coupling.get(before)? == self.coupling.get(row)? && from.len() == to.len();
+        known.then(|| to.iter().zip(from).map(|(to, from)| to - from).collect())
     }
 
     /// The same with places: a number by observation, and their names by number.

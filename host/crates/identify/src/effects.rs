@@ -5,6 +5,10 @@
 //! among a few alternatives. Learning every variance from the data fails if the model is wrong
 //! (`docs/design/identification.md`).
 
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::chain::{N, Prepared};
 use super::error::IdentifyError;
 use super::normal::{Normal, Root, likelihoods};
 use super::parameters::Kind;
@@ -139,28 +143,37 @@ impl Search<'_> {
     pub(super) fn repeating(&self) -> (f64, f64) {
         let n = self.layout.n;
         let m = self.prepared.len();
-        let mut along = vec![Vec::with_capacity(m); n];
-        for (observation, weight) in self.prepared.iter().zip(&self.weights) {
+        let shares = |(observation, weight): (&Prepared, &f64)| {
             let k = self.state.at(observation);
-            let columns: Vec<_> = (0..n)
-                .map(|j| k.frames[j].z().cross(&(k.tcp - k.frames[j].position)))
-                .collect();
-            let root = Root::new(&self.whitening.covariance(&columns, observation.sphere.is_some()));
-            let residual = root.times(&self.state.residual(observation, &k.tcp)) * weight.sqrt().min(1.0);
-            for (joint, column) in columns.iter().enumerate() {
-                let white = root.times(column);
-                let norm = white.norm();
-                let share = if norm > 1e-9 { white.dot(&residual) / norm } else { 0.0 };
-                along[joint].push((observation.q[joint], share));
+            let mut columns = [Vector3::zeros(); N];
+            for (column, frame) in columns.iter_mut().zip(&k.frames[..n]) {
+                *column = frame.z().cross(&(k.tcp - frame.position));
             }
-        }
-        let mut sum = 0.0;
-        for joint in &mut along {
-            joint.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let own: f64 = joint.iter().map(|x| x.1 * x.1).sum();
-            let both: f64 = joint.windows(2).map(|w| w[0].1 * w[1].1).sum();
-            sum += if own > 0.0 { both / own } else { 0.0 };
-        }
+            let covariance = self.whitening.covariance(&columns[..n], observation.sphere.is_some());
+            let root = Root::new(&covariance);
+            let residual = root.times(&self.state.residual(observation, &k.tcp)) * weight.sqrt().min(1.0);
+            columns.map(|column| {
+                let white = root.times(&column);
+                let norm = white.norm();
+                if norm > 1e-9 { white.dot(&residual) / norm } else { 0.0 }
+            })
+        };
+        let shares: Vec<[f64; N]> = self.prepared.par_iter().zip(&self.weights).map(shares).collect();
+        // The same sums on any number of threads: each joint's is one task.
+        let correlation = |joint: usize| {
+            let mut along: Vec<(f64, f64)> = self
+                .prepared
+                .iter()
+                .map(|p| p.q[joint])
+                .zip(shares.iter().map(|s| s[joint]))
+                .collect();
+            along.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let own: f64 = along.iter().map(|x| x.1 * x.1).sum();
+            let both: f64 = along.windows(2).map(|w| w[0].1 * w[1].1).sum();
+            if own > 0.0 { both / own } else { 0.0 }
+        };
+        let correlations: Vec<f64> = (0..n).into_par_iter().map(correlation).collect();
+        let sum: f64 = correlations.into_iter().sum();
         let count = n.max(1) as f64;
         (sum / count, 1.0 / (count * m.max(1) as f64).sqrt())
     }

@@ -10,6 +10,7 @@
 //!    mode and covariance are computed with it.
 
 use nalgebra::{DMatrix, Vector3};
+use rayon::prelude::*;
 
 use super::chain::{Nominal, Prepared, State, trig};
 use super::effects::Choice;
@@ -82,53 +83,53 @@ pub(crate) fn prepare(
     wanted: impl Fn(usize) -> bool,
 ) -> Result<Vec<Prepared>, IdentifyError> {
     let measured = measured(experiment, nominal, torque);
-    let mut prepared = Vec::with_capacity(experiment.observations.len());
-    for (index, observation) in experiment.observations.iter().enumerate() {
-        if !wanted(index) {
-            continue;
-        }
-        let tau = if measured {
-            Some(observation.tau.as_deref().ok_or(IdentifyError::NoTorque {
+    let chosen: Vec<usize> = (0..experiment.observations.len()).filter(|i| wanted(*i)).collect();
+    for &index in &chosen {
+        let observation = &experiment.observations[index];
+        if measured && observation.tau.is_none() {
+            return Err(IdentifyError::NoTorque {
                 row: index + 1,
                 expected: layout.n,
-            })?)
-        } else {
-            None
-        };
+            });
+        }
+        // Refused by the experiment's check.
+        if let Target::Points(_) | Target::Frame(_) = observation.target {
+            let (kind, remedy) = ("another kind of target", "give one point per row");
+            return Err(DataError::TargetKind {
+                row: index + 1,
+                kind,
+                remedy,
+            }
+            .into());
+        }
+    }
+    let prepared = chosen.par_iter().map(|&index| {
+        let observation = &experiment.observations[index];
         let mut q = [0.0; super::chain::N];
         for (slot, angle) in q.iter_mut().zip(&observation.q) {
             *slot = *angle;
         }
         let reference = reference_of(&observation.target);
         let (target, sphere) = match &observation.target {
-            Target::Point(p) => (Vector3::from(*p), None),
             Target::Sphere { sphere, .. } => {
                 let known = experiment.spheres.iter().find(|s| s.id == *sphere);
                 let position = known.map_or([0.0; 3], |s| s.position_m);
                 (Vector3::from(position), layout.spheres.binary_search(sphere).ok())
             }
-            // Refused by the experiment's check.
-            Target::Points(_) | Target::Frame(_) => {
-                let (kind, remedy) = ("another kind of target", "give one point per row");
-                return Err(DataError::TargetKind {
-                    row: index + 1,
-                    kind,
-                    remedy,
-                }
-                .into());
-            }
+            Target::Point(p) => (Vector3::from(*p), None),
+            Target::Points(_) | Target::Frame(_) => (Vector3::zeros(), None),
         };
-        prepared.push(Prepared {
+        Prepared {
             index,
             q,
             trig: trig(&q),
-            load: nominal.load(&observation.q, tau),
+            load: nominal.load(&observation.q, observation.tau.as_deref().filter(|_| measured)),
             target,
             reference: layout.references.binary_search(&reference).unwrap_or_default(),
             sphere,
-        });
-    }
-    Ok(prepared)
+        }
+    });
+    Ok(prepared.collect())
 }
 
 /// Registers every reference frame to the state's robot.
@@ -138,7 +139,7 @@ pub(crate) fn register(state: &mut State, prepared: &[Prepared], base: Option<&P
         members[p.reference].push(p);
     }
     for (reference, of) in members.iter().enumerate() {
-        let from: Vec<_> = of.iter().map(|p| state.at(p).tcp).collect();
+        let from: Vec<_> = of.par_iter().map(|p| state.at(p).tcp).collect();
         let onto: Vec<_> = of.iter().map(|p| p.target).collect();
         if let Some(pose) = fit_pose(&from, &onto) {
             state.bases[reference] = pose;

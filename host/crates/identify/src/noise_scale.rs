@@ -5,7 +5,13 @@ pub(crate) fn weights(d2: &[f64], s2: f64, nu: f64) -> Vec<f64> {
     if nu <= 0.0 {
         return vec![1.0; d2.len()];
     }
-    d2.iter().map(|d| (nu + 3.0) / (nu + d / s2)).collect()
+    d2.iter().map(|d| weight(*d, s2, nu)).collect()
+}
+
+/// Student-t weight of one residual.
+#[inline]
+fn weight(d2: f64, s2: f64, nu: f64) -> f64 {
+    (nu + 3.0) / (nu + d2 / s2)
 }
 
 /// Noise variance by the Student-t likelihood, with `effective` parameters subtracted.
@@ -13,7 +19,11 @@ pub(crate) fn scale(d2: &[f64], effective: f64, nu: f64, start: f64) -> f64 {
     let freedom = (3.0 * d2.len() as f64 - effective).max(1.0);
     let mut s2 = start;
     for _ in 0..if nu > 0.0 { 12 } else { 1 } {
-        let sum: f64 = weights(d2, s2, nu).iter().zip(d2).map(|(w, d)| w * d).sum();
+        let sum: f64 = if nu > 0.0 {
+            d2.iter().map(|d| weight(*d, s2, nu) * d).sum()
+        } else {
+            d2.iter().sum()
+        };
         s2 = (sum / freedom).max(1e-8);
     }
     s2

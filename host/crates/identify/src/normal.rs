@@ -187,10 +187,9 @@ fn sums(
                 slot[wide + c] = v.y;
                 slot[2 * wide + c] = v.z;
             }
-            for (j, phi) in chunk.phi.iter_mut().enumerate().take(apart) {
-                let phi = &mut phi[b * basis..(b + 1) * basis];
-                pose.basis(layout, j, &prepared[index], phi);
-            }
+            let phi = chunk.phi.iter_mut().take(apart);
+            let slots = phi.map(|phi| &mut phi[b * basis..(b + 1) * basis]);
+            pose.bases(layout, &prepared[index], slots);
             chunk.white[b] = pose.joints;
         }
         add_product(&mut out.block, &chunk.own, &chunk.own, wide, wide, 3 * count);

@@ -1,9 +1,10 @@
 //! Residuals of a fit, row by row and by sphere and place.
 
 use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
 use serde::Serialize;
 
-use super::chain::N;
+use super::chain::{N, Prepared};
 use super::map::Fit;
 use super::normal::Root;
 use super::parameters::Reference;
@@ -69,9 +70,8 @@ pub struct GroupFit {
 /// Residuals at the final state, by observation and by group.
 pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
     let (state, layout) = (&fit.state, &fit.layout);
-    let mut rows = Vec::with_capacity(fit.prepared.len());
-    let mut columns = [Vector3::zeros(); N];
-    for (observation, &weight) in fit.prepared.iter().zip(&fit.weights) {
+    let row = |(observation, &weight): (&Prepared, &f64)| {
+        let mut columns = [Vector3::zeros(); N];
         let k = state.at(observation);
         for j in 0..layout.n {
             columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
@@ -83,13 +83,14 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
         let deviation = Root::new(&covariance).times(&residual).norm() / fit.scale;
         let rotation = state.bases.get(observation.reference).map(|b| b.rotation);
         let error = rotation.unwrap_or_else(Matrix3::identity) * residual * 1000.0;
-        rows.push(ResidualRow {
+        ResidualRow {
             index: observation.index,
             error_mm: error.into(),
             deviation,
             weight,
-        });
-    }
+        }
+    };
+    let rows: Vec<ResidualRow> = fit.prepared.par_iter().zip(&fit.weights).map(row).collect();
     let length = |row: &ResidualRow| Vector3::from(row.error_mm).norm();
     let mean_square = |of: &[f64]| (of.iter().map(|x| x * x).sum::<f64>() / of.len().max(1) as f64).sqrt();
     let lengths: Vec<f64> = rows.iter().map(length).collect();

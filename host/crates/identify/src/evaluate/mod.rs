@@ -240,15 +240,14 @@ pub fn evaluate(
 fn training_rows(recordings: &Recordings) -> Result<(Vec<usize>, Vec<(usize, usize)>), EvaluateError> {
     let observations = &recordings.experiment.observations;
     let mut train = recordings.training_rows();
-    let repeated = repeats::copies(train.iter().map(|&i| (i, &observations[i])));
     // Validation rows stand behind all rows of the data.
     let judges: Vec<Judge<'_>> = recordings.set_aside().collect();
     let behind = judges.iter().map(|j| (observations.len() + j.index, j.observation));
-    let all = train.iter().map(|&i| (i, &observations[i])).chain(behind);
-    let seen: Vec<(usize, usize)> = repeats::copies(all)
+    let all: Vec<_> = train.iter().map(|&i| (i, &observations[i])).chain(behind).collect();
+    let (repeated, others): (Vec<_>, Vec<_>) = repeats::copies(&all)
         .into_iter()
-        .filter(|(copy, of)| *copy >= observations.len() && *of < observations.len())
-        .collect();
+        .partition(|(copy, _)| *copy < observations.len());
+    let seen: Vec<(usize, usize)> = others.into_iter().filter(|(_, of)| *of < observations.len()).collect();
     if let Some((_, of)) = seen.first() {
         return Err(EvaluateError::Seen {
             copies: seen.len(),
@@ -272,9 +271,9 @@ fn diagnosed(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) -> Opt
     // Before rows were left out: the last move of a row is that from the row before it.
     let whole = match &recordings.course {
         Some(course) => course.clone(),
-        None => Course::in_order(&recordings.experiment),
+        None => Course::without_moves(&recordings.experiment),
     }
-    .with_moves(&recordings.experiment.observations)
+    .with_moves_of(&recordings.experiment.observations, &rows)
     .with_places(
         recordings.samples.iter().map(|sample| sample.place).collect(),
         recordings.places.names().map(str::to_owned).collect(),

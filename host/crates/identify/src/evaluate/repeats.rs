@@ -5,12 +5,16 @@
 //! judges nothing.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::hash::{BuildHasher as _, RandomState};
 
+use rayon::prelude::*;
 use spherecal_model::{Observation, Target};
 
 /// The bits of a row: joint angles, and target.
-fn key(observation: &Observation) -> Vec<u64> {
-    let mut bits: Vec<u64> = observation.q.iter().map(|q| q.to_bits()).collect();
+fn key(observation: &Observation, bits: &mut Vec<u64>) {
+    bits.clear();
+    bits.extend(observation.q.iter().map(|q| q.to_bits()));
     let mut put = |values: &[f64]| bits.extend(values.iter().map(|v| v.to_bits()));
     match &observation.target {
         Target::Sphere { sphere, place } => put(&[f64::from(*sphere), f64::from(*place), 0.0]),
@@ -21,20 +25,33 @@ fn key(observation: &Observation) -> Vec<u64> {
         }
         Target::Points(points) => points.iter().flatten().for_each(|point| put(point)),
     }
-    bits
 }
 
 /// Rows among `of` that repeat an earlier one: the copy, and what it repeats.
-pub(super) fn copies<'a>(of: impl IntoIterator<Item = (usize, &'a Observation)>) -> Vec<(usize, usize)> {
-    let mut first: HashMap<Vec<u64>, usize> = HashMap::new();
+pub(super) fn copies(of: &[(usize, &Observation)]) -> Vec<(usize, usize)> {
+    let state = RandomState::new();
+    let hash = |bits: &mut Vec<u64>, (place, (_, observation)): (usize, &(usize, &Observation))| {
+        key(observation, bits);
+        (state.hash_one(&*bits), place)
+    };
+    let mut hashes: Vec<(u64, usize)> = of.par_iter().enumerate().map_init(Vec::new, hash).collect();
+    hashes.par_sort_unstable();
     let mut copies = Vec::new();
-    for (i, observation) in of {
-        match first.entry(key(observation)) {
-            std::collections::hash_map::Entry::Occupied(known) => copies.push((i, *known.get())),
-            std::collections::hash_map::Entry::Vacant(free) => {
-                free.insert(i);
+    for equal in hashes.chunk_by(|a, b| a.0 == b.0).filter(|equal| equal.len() > 1) {
+        // Rows of one hash differ only by chance.
+        let mut first: HashMap<Vec<u64>, usize> = HashMap::new();
+        for &(_, place) in equal {
+            let (row, observation) = of[place];
+            let mut bits = Vec::new();
+            key(observation, &mut bits);
+            match first.entry(bits) {
+                Entry::Occupied(known) => copies.push((place, row, *known.get())),
+                Entry::Vacant(free) => {
+                    free.insert(row);
+                }
             }
         }
     }
-    copies
+    copies.sort_unstable();
+    copies.into_iter().map(|(_, copy, of)| (copy, of)).collect()
 }

@@ -37,9 +37,9 @@ pub(crate) fn whitened_row(
     for (c, column, sign) in places(layout, &group) {
         all[column] = pose.own[c] * sign;
     }
-    let mut phi = vec![0.0; layout.basis()];
-    for j in 0..layout.n {
-        pose.basis(layout, j, observation, &mut phi);
+    let mut phi = vec![0.0; layout.n * layout.basis()];
+    pose.bases(layout, observation, phi.chunks_exact_mut(layout.basis()));
+    for (j, phi) in phi.chunks_exact(layout.basis()).enumerate() {
         for (k, value) in phi.iter().enumerate() {
             all[layout.joint(j) + k] = pose.joints[j] * *value;
         }

@@ -57,21 +57,28 @@ impl PoseColumns {
         }
     }
 
-    /// `φ_j` of joint j.
+    /// Writes `φ_j` of every joint to its slot of `phi`. The joints' waves are turned on together, order by order.
     #[inline]
-    pub(super) fn basis(&self, layout: &Layout, j: usize, observation: &Prepared, phi: &mut [f64]) {
-        phi[0] = 1.0;
+    pub(super) fn bases<'p>(&self, layout: &Layout, observation: &Prepared, phi: impl Iterator<Item = &'p mut [f64]>) {
+        let mut slots: [&mut [f64]; N] = std::array::from_fn(|_| &mut [][..]);
         let mut first = 1;
-        if layout.stiffness {
-            phi[1] = -observation.load.joint[j][2];
-            first = 2;
+        for ((slot, phi), moment) in slots.iter_mut().zip(phi).zip(&observation.load.joint) {
+            phi[0] = 1.0;
+            if layout.stiffness {
+                phi[1] = -moment[2];
+                first = 2;
+            }
+            *slot = phi;
         }
-        let (c, s) = self.trig[j];
-        let (mut ck, mut sk) = (c, s);
-        for pair in phi[first..].chunks_exact_mut(2) {
-            pair[0] = ck;
-            pair[1] = sk;
-            (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
+        let mut waves = Waves::new(&self.trig, [1.0; N]);
+        for k in 0..layout.orders {
+            let at = first + 2 * k;
+            for (slot, (c, s)) in slots.iter_mut().zip(waves.ck.iter().zip(&waves.sk)) {
+                if let Some([cosine, sine]) = slot.get_mut(at..at + 2) {
+                    (*cosine, *sine) = (*c, *s);
+                }
+            }
+            waves.turn();
         }
     }
 
@@ -81,21 +88,60 @@ impl PoseColumns {
             *to += column.dot(&self.residual);
         }
         let basis = layout.basis();
-        for (j, to) in sum.joints.chunks_exact_mut(basis).enumerate() {
-            let along = self.joints[j].dot(&self.residual);
+        let along = self.joints.map(|joint| joint.dot(&self.residual));
+        let mut first = 1;
+        for ((to, along), moment) in sum
+            .joints
+            .chunks_exact_mut(basis)
+            .zip(&along)
+            .zip(&observation.load.joint)
+        {
             to[0] += along;
-            let mut first = 1;
             if layout.stiffness {
-                to[1] -= along * observation.load.joint[j][2];
+                to[1] -= along * moment[2];
                 first = 2;
             }
-            let (c, s) = self.trig[j];
-            let (mut ck, mut sk) = (along * c, along * s);
-            for pair in to[first..].chunks_exact_mut(2) {
-                pair[0] += ck;
-                pair[1] += sk;
-                (ck, sk) = (ck * c - sk * s, sk * c + ck * s);
+        }
+        let mut waves = Waves::new(&self.trig, along);
+        for k in 0..layout.orders {
+            let at = first + 2 * k;
+            for (to, (c, s)) in sum.joints.chunks_exact_mut(basis).zip(waves.ck.iter().zip(&waves.sk)) {
+                to[at] += c;
+                to[at + 1] += s;
             }
+            waves.turn();
+        }
+    }
+}
+
+/// Cosine and sine of one multiple of every joint's angle, times a factor.
+struct Waves {
+    c: [f64; N],
+    s: [f64; N],
+    ck: [f64; N],
+    sk: [f64; N],
+}
+
+impl Waves {
+    /// The first multiple.
+    #[inline]
+    fn new(trig: &[(f64, f64); N], factor: [f64; N]) -> Self {
+        let (c, s) = (trig.map(|t| t.0), trig.map(|t| t.1));
+        Self {
+            c,
+            s,
+            ck: std::array::from_fn(|j| factor[j] * c[j]),
+            sk: std::array::from_fn(|j| factor[j] * s[j]),
+        }
+    }
+
+    /// The next multiple.
+    #[inline]
+    fn turn(&mut self) {
+        for j in 0..N {
+            let (ck, sk) = (self.ck[j], self.sk[j]);
+            self.ck[j] = ck * self.c[j] - sk * self.s[j];
+            self.sk[j] = sk * self.c[j] + ck * self.s[j];
         }
     }
 }
