@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::chain::{N, Prepared};
 use super::error::IdentifyError;
-use super::normal::{Normal, Root, likelihoods};
+use super::normal::{Normal, Root, likelihoods_of_tails};
 use super::parameters::Kind;
 use super::search::Search;
 use super::solve::{Posterior, Unknowns};
@@ -121,12 +121,10 @@ impl Search<'_> {
         if heavy <= 0.0 || heavy >= LIGHT_TAILS || !self.options.noise.estimate {
             return Ok(0.0);
         }
+        let tails = [heavy, LIGHT_TAILS];
+        let found = likelihoods_of_tails(&self.state, self.layout, self.prepared, &self.whitening, tails);
         let count = self.prepared.len() as f64;
-        let likelihood = |nu: f64| {
-            let found = likelihoods(&self.state, self.layout, self.prepared, &[self.whitening], nu);
-            found.first().copied().unwrap_or_default() + count * normaliser(nu)
-        };
-        let gain = likelihood(heavy) - likelihood(LIGHT_TAILS);
+        let gain = (found[0] + count * normaliser(heavy)) - (found[1] + count * normaliser(LIGHT_TAILS));
         if gain < -TAILS_GAIN {
             self.nu = LIGHT_TAILS;
             self.reweight()?;

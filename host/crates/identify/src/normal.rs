@@ -25,7 +25,7 @@ use super::chain::{N, Prepared, State};
 use super::parameters::Layout;
 
 pub(crate) use self::groups::{Group, groups};
-pub(crate) use self::likelihood::{distances, likelihoods, whitened_row};
+pub(crate) use self::likelihood::{distances, likelihoods, likelihoods_of_tails, whitened_row};
 pub(crate) use self::whitening::{Root, Whitening};
 
 /// Poses that are whitened before they are multiplied: fits the cache.

@@ -105,6 +105,23 @@ pub(crate) fn likelihoods<const K: usize>(
     candidates: &[Whitening; K],
     nu: f64,
 ) -> [f64; K] {
+    whitened(state, layout, prepared, candidates).map(|(d2, log)| likelihood(&d2, log, nu))
+}
+
+/// The same under one whitening for each of several `nus`.
+pub(crate) fn likelihoods_of_tails<const K: usize>(
+    state: &State,
+    layout: &Layout,
+    prepared: &[Prepared],
+    whitening: &Whitening,
+    nus: [f64; K],
+) -> [f64; K] {
+    let [(d2, log)] = whitened(state, layout, prepared, &[*whitening]);
+    nus.map(|nu| likelihood(&d2, log, nu))
+}
+
+/// Log likelihood of squared whitened residuals, the scale at its best.
+fn likelihood(d2: &[f64], log: f64, nu: f64) -> f64 {
     let shape = |d: f64, s2: f64| {
         if nu > 0.0 {
             -0.5 * (nu + 3.0) * (d / (s2 * nu)).ln_1p()
@@ -112,8 +129,6 @@ pub(crate) fn likelihoods<const K: usize>(
             -0.5 * d / s2
         }
     };
-    whitened(state, layout, prepared, candidates).map(|(d2, log)| {
-        let s2 = crate::noise_scale::scale(&d2, 0.0, nu, 1.0);
-        log + d2.iter().map(|d| shape(*d, s2)).sum::<f64>() - 1.5 * d2.len() as f64 * s2.ln()
-    })
+    let s2 = crate::noise_scale::scale(d2, 0.0, nu, 1.0);
+    log + d2.iter().map(|d| shape(*d, s2)).sum::<f64>() - 1.5 * d2.len() as f64 * s2.ln()
 }
