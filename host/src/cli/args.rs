@@ -174,9 +174,17 @@ impl RunArgs {
     /// # Errors
     /// Any error in the input.
     pub fn prepare(&self) -> Result<Prepared, JobError> {
-        let config = self.configuration()?;
+        self.prepare_from(&self.configuration()?)
+    }
+
+    /// The same of a configuration that was read before. A robot that says which one it is takes one client at a time:
+    /// it cannot be asked again while it is connected.
+    ///
+    /// # Errors
+    /// Any error in the input.
+    pub fn prepare_from(&self, config: &Config) -> Result<Prepared, JobError> {
         let planning = Planning::show(self.json);
-        let mut prepared = job::prepare(&config)?;
+        let mut prepared = job::prepare(config)?;
         drop(planning);
         if let Some(path) = &self.waypoints {
             let waypoints = TaughtWaypoints::read(path)?;

@@ -228,11 +228,12 @@ pub(super) fn measure(
         if let Some(peer) = &args.tracker {
             job::check_tracker(peer)?;
         }
+        let config = args.configuration()?;
         // Faults are injected into a drive that only they connect.
         if inject.is_none() {
-            device = job::connect_early(&args.configuration()?, &args.link)?;
+            device = job::connect_early(&config, &args.link)?;
         }
-        let prepared = args.prepare()?;
+        let prepared = args.prepare_from(&config)?;
         let mut store = found.map_or_else(open, Ok)?;
         warn_of_first_run(&args.link, &prepared.config.arm, store.as_mut());
         (store, prepared, None)

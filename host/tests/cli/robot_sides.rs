@@ -47,6 +47,20 @@ fn slow_a_run_over_the_franka_control_interface() {
     assert_eq!(summary["robot"], "panda");
 }
 
+// Fails if a run over a robot's own interface does not end where its poses cannot be planned, although the robot is
+// connected by then.
+#[test]
+fn a_plan_that_cannot_be_made_ends_with_its_reason() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let robot = Server::start(&["plant", "--fci", "--version", "5", "--listen", "0", "--tolerant"]);
+    let far = "robot = \"panda\"\n[[cell.placements]]\norigin_m = [3.0, 0.0, 0.0]\nrpy_rad = [0.0, 0.0, 0.0]\n";
+    std::fs::write(folder.path().join("far.toml"), far).expect("a configuration");
+    let output = spherecal(folder.path(), &["run", "--config", "far.toml", "--link", &robot.peer]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("out of"), "{said}");
+}
+
 // Fails if a run over KUKA's Fast Robot Interface loses a pose or the cabinet ends the motion.
 #[test]
 #[ignore = "slow: 40 s of real time"]

@@ -9,6 +9,7 @@ use spherecal_fci::robot::{FR3_URDF, JointArm, JointLimits, READY, RobotConfig, 
 use spherecal_fci::wire::{RobotError, Version};
 use spherecal_link::Drive;
 use spherecal_link::native::{DriveEvent, FrankaDrive, FrankaOptions, Undeclared, collision_behavior};
+use spherecal_link::tcp::Threaded;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus, TorqueSign};
@@ -345,4 +346,21 @@ fn a_joint_beyond_its_limit_needs_a_person() {
     assert_eq!(held.state.status, DriveStatus::Failed);
     assert_eq!(held.drive.monitor().expect("a monitor").record().recoveries, 1);
     assert_eq!(side.statistics().commands_after_stop, 0);
+}
+
+// Fails if a controller's thread goes on after a run that ended before it had anything to say, as one does whose poses
+// cannot be planned: the program would never end.
+#[test]
+fn a_controller_that_was_told_nothing_ends_with_its_run() {
+    let (side, _arm) = robot(Version::V10);
+    let port = side.address().port();
+    let (done, ended) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let drive = FrankaDrive::connect(options(port)).expect("a robot");
+        drop(Threaded::start(Box::new(drive), 7).expect("a controller"));
+        done.send(()).expect("somebody waits");
+    });
+    ended
+        .recv_timeout(Duration::from_secs(20))
+        .expect("the controller's thread ends");
 }

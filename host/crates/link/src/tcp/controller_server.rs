@@ -78,7 +78,8 @@ fn serve(
             if let Some(reason) = left.reason {
                 told(&reason);
             }
-            if once && host.spoke {
+            // The host of this process ends the service even if it has said nothing.
+            if once && (host.spoke || silent.is_none()) {
                 return Ok(());
             }
         }
@@ -136,7 +137,7 @@ impl<'a> HostService<'a> {
     }
 
     /// One control period. Returns whether a host has disconnected that had sent anything: one that has not only looked
-    /// whether the controller is there.
+    /// whether the controller is there. The host of this process counts always.
     ///
     /// # Errors
     /// The cell fails, or the listener fails.
@@ -160,7 +161,7 @@ impl<'a> HostService<'a> {
         };
         let spoke = self.host.take().is_some_and(|host| host.spoke);
         self.reason = Some(reason).filter(|reason| !reason.is_closed());
-        Ok(spoke)
+        Ok(spoke || self.silent.is_none())
     }
 }
 
