@@ -2,10 +2,12 @@
 # The Python package: its wheel, its tests, its notebook.
 #
 #   scripts/python.sh wheel   build the wheel for release into target/wheels
-#   scripts/python.sh test    build it as the tests are built, install it into an empty environment, and run the
-#                             tests, the examples of the docstrings and the notebook
+#   scripts/python.sh test [WHEEL|LIBRARY]
+#                             install the package into an empty environment, and run the tests, the examples of the
+#                             docstrings and the notebook. WHEEL: the package. LIBRARY: the extension module, already
+#                             built (target/debug/lib_native.so of a build of the workspace). Without: maturin builds it
 #
-# Builds share what they can with the workspace's: one folder, the same profile and features.
+# Builds share what they can with the workspace's: one folder, the same profile.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -26,11 +28,17 @@ case "${1:-}" in
         "$place/tools/bin/maturin" build --release --locked --manifest-path python/Cargo.toml --out target/wheels
         ;;
     test)
-        tools
         rm -rf "$place/wheels" "$place/env"
-        # No tag for other Linux systems: the wheel stays here.
-        "$place/tools/bin/maturin" build --profile dev --locked --compatibility linux --quiet \
-            --manifest-path python/Cargo.toml --out "$place/wheels"
+        case "${2:-}" in
+        *.whl) mkdir -p "$place/wheels" && cp "$2" "$place/wheels" ;;
+        ?*) scripts/wheel "$2" "$place/wheels" ;;
+        *)
+            tools
+            # No tag for other Linux systems: the wheel stays here.
+            "$place/tools/bin/maturin" build --profile dev --locked --compatibility linux --quiet \
+                --manifest-path python/Cargo.toml --out "$place/wheels"
+            ;;
+        esac
         python3 -m venv "$place/env"
         "$place/env/bin/pip" install --quiet "$place"/wheels/*.whl
         # What the wheel brings itself must do for all but DataFrames.

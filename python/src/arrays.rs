@@ -55,17 +55,17 @@ impl Rows {
 }
 
 /// An array of `values`, row by row.
-pub(crate) fn matrix<'py>(py: Python<'py>, width: usize, values: Vec<f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+pub(crate) fn matrix(py: Python<'_>, width: usize, values: Vec<f64>) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let rows = values.len() / width.max(1);
     numpy::PyArray1::from_vec(py, values).reshape([rows, width])
 }
 
 /// An array of matrices, each row by row.
-pub(crate) fn matrices<'py>(
-    py: Python<'py>,
+pub(crate) fn matrices(
+    py: Python<'_>,
     [height, width]: [usize; 2],
     values: Vec<f64>,
-) -> PyResult<Bound<'py, PyArray3<f64>>> {
+) -> PyResult<Bound<'_, PyArray3<f64>>> {
     let count = values.len() / (height * width).max(1);
     numpy::PyArray1::from_vec(py, values).reshape([count, height, width])
 }

@@ -68,8 +68,8 @@ fn check_calibrations(folder: &Path, table: &str, truth: &RobotModel) {
 
 // Fails if the stated error of an FR3 whose joints give way under gravity is more than 20 % from the true one.
 #[test]
-#[ignore = "slow: 40 s of real time"]
-fn slow_a_dozen_contacts_check_an_fr3() {
+#[ignore = "long: 40 s of real time"]
+fn long_a_dozen_contacts_check_an_fr3() {
     let folder = tempfile::tempdir().expect("a folder");
     let truth = TrueArm::new(&wrong(&nominal("fr3")), SAGGING);
     let file = folder.path().join("hand.csv");

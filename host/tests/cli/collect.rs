@@ -266,8 +266,8 @@ fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &TrueArm, 
 // Fails if a guided pose is lost, is taken while the arm moves, or counts for another sphere: the arm is then not found. Its
 // joints give way under gravity.
 #[test]
-#[ignore = "slow: 60 s of real time"]
-fn slow_guided_contacts_identify_a_panda() {
+#[ignore = "long: 60 s of real time"]
+fn long_guided_contacts_identify_a_panda() {
     let folder = tempfile::tempdir().expect("a folder");
     let truth = TrueArm::new(&wrong(&nominal("panda")), SAGGING);
     let file = folder.path().join("hand.csv");

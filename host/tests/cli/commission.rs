@@ -155,8 +155,8 @@ fn slow_a_panda_is_commissioned() {
 // Fails if an LBR behind a cabinet is not commissioned, or if the sign of its torques is not told. Its application starts
 // the motion only later, as a person does who answers the smartPAD after the yes.
 #[test]
-#[ignore = "slow: a minute of real time"]
-fn slow_an_lbr_is_commissioned() {
+#[ignore = "long: a minute of real time"]
+fn long_an_lbr_is_commissioned() {
     let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
     let client = probe.local_addr().expect("an address");
     drop(probe);

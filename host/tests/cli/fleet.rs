@@ -123,7 +123,7 @@ fn drift_is_told_from_two_calibrations() {
     let calibrate = |seed: &str, arm: &str| {
         let out = format!("{seed}{arm}");
         let arguments = [
-            "run", "--preset", "typical", "--poses", "60", "--json", "--seed", seed, "--arm", arm, "--store", &url,
+            "run", "--preset", "typical", "--poses", "30", "--json", "--seed", seed, "--arm", arm, "--store", &url,
             "--out", &out,
         ];
         let output = ended(start(folder.path(), &arguments));

@@ -257,8 +257,8 @@ fn help_and_configuration_are_usable() {
 // 0.22), if the default plan loses a pose or runs into a fault, touches a sphere more than
 // twice, or takes the robot over 13 minutes.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "slow: run in release")]
-fn slow_five_arms_are_better_than_half_of_nominal() {
+#[cfg_attr(debug_assertions, ignore = "long: run in release")]
+fn long_five_arms_are_better_than_half_of_nominal() {
     let folder = tempfile::tempdir().expect("a folder");
     for seed in ["1", "2", "3", "4", "5"] {
         let output = spherecal(folder.path(), &["run", "--seed", seed, "--json", "--out", seed]);
@@ -336,8 +336,8 @@ fn a_second_tells_what_a_long_hold_does() {
 // recovered from; this one is left standing in the margin of joint 6 once, from
 // which every way off the sphere leads a hair farther into it.
 #[test]
-#[ignore = "slow: 1,843 poses"]
-fn slow_the_papers_grid_is_recorded() {
+#[ignore = "long: 1,843 poses"]
+fn long_the_papers_grid_is_recorded() {
     let folder = tempfile::tempdir().expect("a folder");
     let output = spherecal(
         folder.path(),

@@ -316,9 +316,9 @@ fn a_run_is_watched_in_a_browser() {
     let folder = folder.path();
     for _ in 0..2 {
         let arguments = [
-            "run", "--poses", "30", "--seed", "5", "--arm", "A-17", "--json", "--out", "cell",
+            "run", "--poses", "12", "--seed", "5", "--arm", "A-17", "--json", "--out", "cell",
         ];
-        assert_eq!(spherecal(folder, &arguments)["poses"]["recorded"], 30);
+        assert_eq!(spherecal(folder, &arguments)["poses"]["recorded"], 12);
     }
     let server = Server::start_in(
         folder,

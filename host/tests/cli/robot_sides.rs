@@ -87,8 +87,8 @@ fn hard(robot: &str, link: &str) {
 // Fails if the arm whose errors are as large as those of real ones cannot be measured over a robot's own interface, for
 // which its motors are declared in the configuration.
 #[test]
-#[ignore = "slow: 40 s of real time"]
-fn slow_an_arm_as_measured_behind_the_franka_control_interface() {
+#[ignore = "long: 40 s of real time"]
+fn long_an_arm_as_measured_behind_the_franka_control_interface() {
     let robot = Server::start(&[
         "plant",
         "--fci",
@@ -102,8 +102,8 @@ fn slow_an_arm_as_measured_behind_the_franka_control_interface() {
 }
 
 #[test]
-#[ignore = "slow: 40 s of real time"]
-fn slow_an_arm_as_measured_behind_the_fast_robot_interface() {
+#[ignore = "long: 40 s of real time"]
+fn long_an_arm_as_measured_behind_the_fast_robot_interface() {
     let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
     let client = probe.local_addr().expect("an address");
     drop(probe);

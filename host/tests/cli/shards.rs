@@ -60,14 +60,14 @@ fn three_shards_of_faults_have_the_bits_of_one_run() {
 }
 
 #[test]
-#[ignore = "slow: plans of eight sizes for three robots"]
-fn slow_three_shards_of_plans_have_the_bits_of_one_run() {
+#[ignore = "long: plans of eight sizes for three robots"]
+fn long_three_shards_of_plans_have_the_bits_of_one_run() {
     three_shards_and_one_run(&["worlds", "--plan"], &["--world", "W0", "--seeds", "3"]);
 }
 
 #[test]
-#[ignore = "slow: thirty runs"]
-fn slow_three_shards_of_a_campaign_and_of_the_paper_have_the_bits_of_one_run() {
+#[ignore = "long: thirty runs"]
+fn long_three_shards_of_a_campaign_and_of_the_paper_have_the_bits_of_one_run() {
     three_shards_and_one_run(&["faults", "--campaign", "4"], &["--seeds", "2"]);
     three_shards_and_one_run(&["reproduce"], &["--robots", "3", "--world", "W1"]);
 }

@@ -132,8 +132,8 @@ impl Drop for Ends<'_> {
 // Fails if a cabinet whose client is killed goes on moving, a torque comes after that, a recording is lost, or `--resume`
 // does not finish.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
-fn slow_a_host_killed_over_the_fast_robot_interface_goes_on() {
+#[ignore = "long: 1 minute of real time"]
+fn long_a_host_killed_over_the_fast_robot_interface_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = cell(folder.path(), "iiwa7");
     let arm = job::simulated_robot(&config, (0.0, 0.0)).expect("an arm");

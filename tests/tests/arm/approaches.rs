@@ -170,8 +170,8 @@ fn approach(k: u64) -> Outcome {
 // that seats. The peak is the magnet snapping the pads onto the sphere, for a few
 // milliseconds; its limit is PEAK_N.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "slow: run in release")]
-fn slow_five_hundred_approaches() {
+#[cfg_attr(debug_assertions, ignore = "long: run in release")]
+fn long_five_hundred_approaches() {
     let outcomes: Vec<Outcome> = (0..APPROACHES).into_par_iter().map(approach).collect();
     for (preset, first) in [("typical", 0), ("harsh", 1)] {
         let own: Vec<&Outcome> = outcomes.iter().skip(first).step_by(2).collect();

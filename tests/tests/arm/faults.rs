@@ -169,7 +169,8 @@ fn what_cannot_be_mended_is_explained() {
 // Fails if faults of the drive link come out otherwise in QEMU than in this
 // process: another fault, phase or tick, or another recording.
 #[test]
-fn faults_are_the_same_in_qemu() {
+#[ignore = "long: half a minute of robot time in QEMU"]
+fn long_faults_are_the_same_in_qemu() {
     let Some(image) = image() else { return };
     let faults = plan(&[
         (
@@ -238,8 +239,8 @@ fn slow_every_fault_alone() {
 // calibrated as well as without, or with a stop that says why. The whole
 // campaign: `spherecal faults --campaign 1000`.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "slow: run by name")]
-fn slow_a_campaign_of_random_faults() {
+#[cfg_attr(debug_assertions, ignore = "long: run by name")]
+fn long_a_campaign_of_random_faults() {
     let runs = amount("SPHERECAL_RUNS", 12);
     let table = campaign::run(&CampaignOptions {
         runs,

@@ -99,7 +99,7 @@ fn contact_never_creates_energy() {
 
 /// The same over 1,000 drops.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "slow: run in release")]
-fn slow_contact_never_creates_energy_in_1000_drops() {
+#[cfg_attr(debug_assertions, ignore = "long: run in release")]
+fn long_contact_never_creates_energy_in_1000_drops() {
     drops(1000, 2, 2.5e-4);
 }

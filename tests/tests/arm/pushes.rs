@@ -125,8 +125,8 @@ fn study_of_pushes_everywhere() {
 // Fails if a run with pushes at a third of its poses ends without all poses or a reason, if a
 // recording is bad, lost or stored twice, or if the arm presses in a recovery.
 #[test]
-#[ignore = "slow: 60 poses with a push at every third"]
-fn slow_pushes_at_many_poses_do_not_make_the_arm_press() {
+#[ignore = "long: 60 poses with a push at every third"]
+fn long_pushes_at_many_poses_do_not_make_the_arm_press() {
     let case = case(1, "typical");
     for phase in [5, 6] {
         let trial = case.run(&pushes(phase, 1)).expect("a run");

@@ -71,8 +71,8 @@ fn stated_and_true(world: World, plant: PlantConfig, poses: &[ContactPose]) -> [
 // at 200 configurations by more than 15 % in the mean over the robots of a world, or by more than
 // 30 % for one robot; also with joints that yield twenty times more than those of W0.
 #[test]
-#[ignore = "slow: 18 robots are measured and identified"]
-fn slow_a_file_states_its_own_error() {
+#[ignore = "long: 18 robots are measured and identified"]
+fn long_a_file_states_its_own_error() {
     let plan = design(&Cell::iiwa7(), &DesignRequest::new(150)).expect("the built-in cell is plannable");
     let poses = planned_poses(&plan);
     let worlds = [World::W0, World::W1, World::W2, World::W3, World::W4];

@@ -8,8 +8,8 @@ use spherecal::sim::worlds::World;
 // 150 do not do better still, or if these take a fifth of the grid's robot time.
 // The plans know the nominal robot alone; estimator and worlds show here too.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "slow: run in release")]
-fn slow_sixty_poses_beat_the_whole_grid() {
+#[cfg_attr(debug_assertions, ignore = "long: run in release")]
+fn long_sixty_poses_beat_the_whole_grid() {
     let table = compare_plans(&PlanOptions::default()).expect("every plan is made");
     println!("{table}");
     let row = |chosen| table.row(chosen).expect("a row");

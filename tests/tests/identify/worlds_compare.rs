@@ -111,8 +111,8 @@ fn inside(world: World, seed: u64) -> f64 {
 // Fails if the stated 95 % intervals are too narrow or, where the model is right,
 // too wide, over 200 robots that no constant was chosen on.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "slow: run in release")]
-fn slow_intervals_hold_what_they_state() {
+#[cfg_attr(debug_assertions, ignore = "long: run in release")]
+fn long_intervals_hold_what_they_state() {
     for (world, least, most) in [(World::W0, 0.90, 0.98), (World::W3, 0.85, 1.0), (World::W4, 0.85, 1.0)] {
         let shares: Vec<f64> = (1000..1200u64)
             .into_par_iter()

@@ -31,8 +31,8 @@ impl Drop for Script {
 // one pose of the plan is lost, or if the recorded angles do not have the TCP in the
 // sphere's centre: that arm's geometry is the nominal one exactly.
 #[test]
-#[ignore = "slow: MuJoCo by way of Python; scripts/test runs it"]
-fn slow_mujoco_is_a_drive() {
+#[ignore = "long: MuJoCo by way of Python; scripts/test --long runs it"]
+fn long_mujoco_is_a_drive() {
     let Some(python) = std::env::var_os(PYTHON_VARIABLE) else {
         // Past the test harness's capture: a left-out test must be seen.
         let line = format!("left out, MuJoCo as a drive: {PYTHON_VARIABLE} names no Python with mujoco\n");

@@ -40,8 +40,8 @@ fn program() -> String {
 // end calibrated, differs from the one in this process, or leaves no decoded
 // log that is named where people look.
 #[test]
-#[ignore = "slow: minutes of robot time in QEMU"]
-fn slow_a_calibration_in_qemu_ends_calibrated_and_leaves_its_log() {
+#[ignore = "long: minutes of robot time in QEMU"]
+fn long_a_calibration_in_qemu_ends_calibrated_and_leaves_its_log() {
     let Some(image) = image() else { return };
     let program = program();
     let folder = tempfile::tempdir().expect("a folder");

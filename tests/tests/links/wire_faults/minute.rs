@@ -74,8 +74,8 @@ fn long(robot: &str) -> Config {
 // Fails if the controller's thread allocates in one of 60,000 periods of a job over Franka's interface: an allocation may
 // wait for a lock that a thread without priority holds.
 #[test]
-#[ignore = "slow: 70 s of real time"]
-fn slow_a_minute_over_the_franka_control_interface_allocates_nothing() {
+#[ignore = "long: 70 s of real time"]
+fn long_a_minute_over_the_franka_control_interface_allocates_nothing() {
     let config = long("panda");
     let robot: Arc<dyn Robot> = Franka::start(&config, Version::V5, LONG);
     minute(&config, &robot);
@@ -83,8 +83,8 @@ fn slow_a_minute_over_the_franka_control_interface_allocates_nothing() {
 
 // Fails if it does over KUKA's interface.
 #[test]
-#[ignore = "slow: 70 s of real time"]
-fn slow_a_minute_over_the_fast_robot_interface_allocates_nothing() {
+#[ignore = "long: 70 s of real time"]
+fn long_a_minute_over_the_fast_robot_interface_allocates_nothing() {
     let config = long("iiwa7");
     let robot: Arc<dyn Robot> = Kuka::start(&config, LONG);
     minute(&config, &robot);

@@ -185,16 +185,16 @@ fn twice(happens: Happens) -> [(Phase, Happens); 2] {
 
 // Fails if the user stop is not the fault `drive`, is not named, or the job does not go on once it is released.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
-fn slow_the_user_stop_is_waited_for() {
+#[ignore = "long: 1 minute of real time"]
+fn long_the_user_stop_is_waited_for() {
     let (job, robot) = fr3(4);
     survives(&job, &robot, &twice(stop)).told("the user stop was pressed");
 }
 
 // Fails if a safety stop is not the fault `drive`, is not named with its level, or the job does not go on after it.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
-fn slow_a_safety_stop_is_waited_for() {
+#[ignore = "long: 1 minute of real time"]
+fn long_a_safety_stop_is_waited_for() {
     let (job, robot) = iiwa(4, LONG);
     survives(&job, &robot, &twice(stop)).told("safety stop (");
 }
@@ -209,16 +209,16 @@ fn cable(job: &Job, robot: &Arc<dyn Robot>, words: &str) {
 
 // Fails if a cable that is out for 3 s ends the job, is not named, or costs a recording.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
-fn slow_a_cable_that_is_out_is_waited_for_by_franka() {
+#[ignore = "long: 1 minute of real time"]
+fn long_a_cable_that_is_out_is_waited_for_by_franka() {
     let (job, robot) = fr3(4);
     cable(&job, &robot, "communication_constraints_violation");
 }
 
 // Fails if the same does not hold for KUKA.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
-fn slow_a_cable_that_is_out_is_waited_for_by_kuka() {
+#[ignore = "long: 1 minute of real time"]
+fn long_a_cable_that_is_out_is_waited_for_by_kuka() {
     let (job, robot) = iiwa(4, LONG);
     cable(&job, &robot, "commanding ended");
 }
@@ -276,16 +276,16 @@ fn bad_network(job: &Job, robot: &Arc<dyn Robot>) {
 
 // Fails if lost and late datagrams end the job, cost a recording, or are not in the counts and the report.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
-fn slow_a_bad_network_before_a_franka_costs_nothing() {
+#[ignore = "long: 1 minute of real time"]
+fn long_a_bad_network_before_a_franka_costs_nothing() {
     let (job, robot) = franka(Version::V10, 3, SHORT);
     bad_network(&job, &robot);
 }
 
 // Fails if the same does not hold for KUKA.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
-fn slow_a_bad_network_before_a_cabinet_costs_nothing() {
+#[ignore = "long: 1 minute of real time"]
+fn long_a_bad_network_before_a_cabinet_costs_nothing() {
     let (job, robot) = iiwa(3, SHORT);
     bad_network(&job, &robot);
 }
@@ -317,16 +317,16 @@ fn gives_up(job: &Job, robot: &Arc<dyn Robot>) {
 
 // Fails if a user stop that stays pressed does not end the job with its remedy, or `--resume` does not finish it.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
-fn slow_a_user_stop_for_good_ends_the_job_and_another_session_finishes_it() {
+#[ignore = "long: 1 minute of real time"]
+fn long_a_user_stop_for_good_ends_the_job_and_another_session_finishes_it() {
     let (job, robot) = panda(4);
     gives_up(&job, &robot);
 }
 
 // Fails if the same does not hold for KUKA's safety stop.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
-fn slow_a_safety_stop_for_good_ends_the_job_and_another_session_finishes_it() {
+#[ignore = "long: 1 minute of real time"]
+fn long_a_safety_stop_for_good_ends_the_job_and_another_session_finishes_it() {
     let (job, robot) = iiwa(4, LONG);
     gives_up(&job, &robot);
 }
