@@ -99,7 +99,7 @@ fn open(link: &Link) -> Result<(Box<dyn StateReader>, Option<&'static str>), Cli
     Ok(match link {
         Link::Franka { host, port } => {
             let reader = FrankaReader::connect(host, *port)?;
-            let robot = if reader.is_panda() { "panda" } else { "fr3" };
+            let robot = reader.robot();
             (Box::new(reader), Some(robot))
         }
         Link::Fri(address) => (Box::new(KukaReader::listen(*address)?), Some("iiwa7")),

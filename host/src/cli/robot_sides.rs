@@ -142,10 +142,9 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
         Version::from_number(number).map_err(|_| CliError::input(format!("--version {number}: give 5, 7, 8 or 10")))?;
     let mut config = args.configuration()?;
     if args.config.is_none() {
-        let robot = if version.is_panda() { "panda" } else { "fr3" };
-        robot.clone_into(&mut config.robot);
+        version.robot().clone_into(&mut config.robot);
     }
-    if BUILT_IN.contains(&config.robot.as_str()) && !matches!(config.robot.as_str(), "panda" | "fr3") {
+    if BUILT_IN.contains(&config.robot.as_str()) && !Version::ROBOTS.contains(&config.robot.as_str()) {
         return Err(CliError::input(format!(
             "--fci: robot is \"{}\", which does not speak the Franka Control Interface: write robot = \"panda\" or \
              robot = \"fr3\" in the configuration, or leave --config out",

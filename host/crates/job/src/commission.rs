@@ -11,6 +11,7 @@ use spherecal_campaign::commission::{
     Attendant, MovingLimits, ReadOnlyLimits, Step, StepEnd, StepReport, commission_moving, commission_read_only,
 };
 use spherecal_campaign::{Assignment, Observer};
+use spherecal_fci::wire::Version;
 use spherecal_link::{Drive, DriveReader, FrankaReader, JournalError, KukaReader, StateReader};
 use spherecal_sim::simulated_arm;
 use spherecal_store::{CalibrationStore, RunInfo};
@@ -112,9 +113,9 @@ fn reader(prepared: &Prepared, link: &Link) -> Result<Box<dyn StateReader>, JobE
     Ok(match link {
         Link::Franka { host, port } => {
             let reader = FrankaReader::connect(host, *port)?;
-            let found = if reader.is_panda() { "panda" } else { "fr3" };
+            let found = reader.robot();
             let configured = prepared.config.robot.as_str();
-            if ["panda", "fr3"].contains(&configured) && configured != found {
+            if Version::ROBOTS.contains(&configured) && configured != found {
                 return Err(JobError::OtherRobot {
                     link: link.to_string(),
                     found,

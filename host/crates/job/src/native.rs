@@ -39,7 +39,7 @@ impl Link {
             return Ok(None);
         };
         let client = fci::Client::connect(&franka(host, *port, &DriveSection::default())).map_err(LinkError::device)?;
-        Ok(Some(if client.version().is_panda() { "panda" } else { "fr3" }))
+        Ok(Some(client.version().robot()))
     }
 }
 

@@ -78,9 +78,9 @@ impl FrankaReader {
         })
     }
 
-    /// Whether it is a Panda; otherwise it is an FR3.
-    pub fn is_panda(&self) -> bool {
-        self.observer.version().is_panda()
+    /// The robot, by the name of its built-in file.
+    pub fn robot(&self) -> &'static str {
+        self.observer.version().robot()
     }
 }
 

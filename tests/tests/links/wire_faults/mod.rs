@@ -32,7 +32,7 @@ const STOPPED: [Fault; 3] = [Fault::Drive, Fault::StaleState, Fault::Overrun];
 
 /// A job on a Panda (version 5) or an FR3, which waits for `patience` for an answer.
 fn franka(version: Version, poses: usize, patience: Duration) -> (Job, Arc<dyn Robot>) {
-    let config = short(if version.is_panda() { "panda" } else { "fr3" }, poses);
+    let config = short(version.robot(), poses);
     let robot = Franka::start(&config, version, patience);
     (Job::new(&config, robot.as_ref()), robot)
 }

@@ -73,6 +73,15 @@ impl Version {
     pub const fn is_panda(self) -> bool {
         matches!(self, Self::V5)
     }
+
+    /// The robot that speaks this version, by the name of its built-in file: one of [`ROBOTS`](Self::ROBOTS).
+    pub const fn robot(self) -> &'static str {
+        let [panda, fr3] = Self::ROBOTS;
+        if self.is_panda() { panda } else { fr3 }
+    }
+
+    /// The robots that speak the Franka Control Interface, by the names of their built-in files.
+    pub const ROBOTS: [&'static str; 2] = ["panda", "fr3"];
 }
 
 impl std::fmt::Display for Version {
