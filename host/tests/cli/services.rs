@@ -87,7 +87,7 @@ fn the_plate_is_moved_over_services() {
     let place = spherecal::job::Config::default().cell.placements[0];
     let ([x, y, z], [roll, pitch, yaw]) = (place.origin_m, place.rpy_rad);
     let cell = format!(
-        "[campaign]\ntaught_error_m = 0.0\n[plan]\nposes = 24\n[plan.range]\ncandidates = 700\n[[cell.placements]]\norigin_m = [{x}, {y}, {z}]\n\
+        "[campaign]\ntaught_error_m = 0.0\n[plan]\nposes = 12\n[plan.range]\ncandidates = 700\n[[cell.placements]]\norigin_m = [{x}, {y}, {z}]\n\
          rpy_rad = [{roll}, {pitch}, {yaw}]\n[[cell.placements]]\norigin_m = [{x}, {}, {}]\n\
          rpy_rad = [{roll}, {pitch}, {}]\n",
         y + 0.12,
@@ -97,7 +97,7 @@ fn the_plate_is_moved_over_services() {
     std::fs::write(folder.join("cell.toml"), cell).expect("written");
     let run = ["run", "--config", "cell.toml", "--seed", "5", "--json"];
     let here = summary(&spherecal(folder, &[&run[..], &["--out", "here"]].concat(), &[]));
-    assert_eq!(here["poses"]["recorded"], 24);
+    assert_eq!(here["poses"]["recorded"], 12);
     let serve = [
         "serve",
         "--grpc",
