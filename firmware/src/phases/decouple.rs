@@ -10,12 +10,19 @@ use crate::motion::LineMove;
 /// Acceleration of the setpoint, in m/s².
 const ACCELERATION: f64 = 0.25;
 
+/// How far the pull on the magnet may go beyond the force that the pressing guard grants for good, in N, and the
+/// time that it may take besides, in s.
+const PULL_N: f64 = 10.0;
+const PULL_S: f64 = 0.05;
+
 /// Moves back along the approach.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Decoupling {
     start: Vector3<f64>,
     line: LineMove,
     over_s: f64,
+    /// Time in ms for which the magnet explains a large force.
+    pub(super) pull_ms: u16,
 }
 
 impl Decoupling {
@@ -35,6 +42,9 @@ impl Decoupling {
             start: tcp.position,
             line,
             over_s: 0.0,
+            // The pull rises as fast as the setpoint stretches the spring. The check of a procedure keeps the product
+            // above 0.2 N/s.
+            pull_ms: ((PULL_S + PULL_N / (decouple.stiffness_n_m * decouple.speed_m_s)) * 1e3) as u16,
         }
     }
 

@@ -170,12 +170,10 @@ impl<const N: usize> Activity<N> {
         match self {
             Self::Idle if !hangs => Touch::Rest,
             Self::Moving(_) => Touch::Free,
-            Self::Coupling(_)
-            | Self::Verifying(_)
-            | Self::Coupled
-            | Self::Turning(_)
-            | Self::Recording(_)
-            | Self::Decoupling(_) => Touch::Seated,
+            Self::Coupling(_) | Self::Verifying(_) | Self::Coupled | Self::Turning(_) | Self::Recording(_) => {
+                Touch::Seated
+            }
+            Self::Decoupling(phase) => Touch::Leaving(phase.pull_ms),
             Self::Idle | Self::Taring(_) | Self::Approaching(_) | Self::HandGuiding | Self::Fault => Touch::Wanted,
         }
     }

@@ -24,6 +24,8 @@ const FREE_S: f64 = 0.050;
 /// The same while the nest is on a sphere. The magnet holds it with 26.5 N.
 const SEATED_N: f64 = 40.0;
 const SEATED_S: f64 = 0.200;
+/// Force that the magnet alone explains for a while as the nest is pulled off, in N.
+const LEAVING_N: f64 = 20.0;
 /// Largest rest force, in N: the tare of an approach that is refused.
 const REST_N: f64 = 12.0;
 /// Time constant of the rest force, in s. It includes the time that the observer takes
@@ -39,6 +41,8 @@ pub(crate) enum Touch {
     Free,
     /// The sphere.
     Seated,
+    /// The sphere, until the magnet lets go: the time in ms for which more than [`LEAVING_N`] may be needed.
+    Leaving(u16),
     /// What the phase itself judges, a hand, or an unknown thing.
     #[default]
     Wanted,
@@ -52,8 +56,8 @@ pub(crate) struct Pressing<const N: usize> {
     rest_torque: SVector<f64, N>,
     /// Time for which the rest force has been taken, in s.
     rest_s: f64,
-    /// Ticks for which the force has been too large.
-    ticks: u32,
+    /// Ticks for which the force has been above each of the phase's limits.
+    ticks: [u32; 2],
     /// What the phase of the last tick touched.
     touch: Touch,
 }
@@ -64,7 +68,7 @@ impl<const N: usize> Default for Pressing<N> {
             rest: Vector3::zeros(),
             rest_torque: SVector::zeros(),
             rest_s: 0.0,
-            ticks: 0,
+            ticks: [0; 2],
             touch: Touch::default(),
         }
     }
@@ -82,7 +86,7 @@ impl<const N: usize> Pressing<N> {
     }
 
     /// Takes the estimates of one tick: the force (F0, in N), which is tared where the
-    /// phase has a tare ([`Touch::Seated`]), and the external joint torque (N m).
+    /// phase has a tare (on a sphere), and the external joint torque (N m).
     #[inline]
     pub(crate) fn check(
         &mut self,
@@ -94,7 +98,7 @@ impl<const N: usize> Pressing<N> {
     ) -> Option<Violation> {
         let free = |touch| matches!(touch, Touch::Rest | Touch::Free);
         if self.touch != touch {
-            self.ticks = 0;
+            self.ticks = [0; 2];
             if !free(self.touch) {
                 // What the arm touched until now is no model error.
                 self.rest_s = 0.0;
@@ -105,18 +109,26 @@ impl<const N: usize> Pressing<N> {
         if touch == Touch::Rest || (touch == Touch::Free && self.rest_s < REST_S) {
             self.take_rest(force, external, period_s);
         }
-        let (mut size, limit, dwell_s) = match touch {
+        let seated = (SEATED_N, SEATED_S);
+        let (mut size, limits) = match touch {
             Touch::Rest | Touch::Wanted => return None,
-            Touch::Free => ((force - self.rest).norm(), FREE_N, FREE_S),
-            Touch::Seated => (force.norm(), SEATED_N, SEATED_S),
+            Touch::Free => ((force - self.rest).norm(), [(FREE_N, FREE_S); 2]),
+            Touch::Seated => (force.norm(), [seated; 2]),
+            Touch::Leaving(ms) => (force.norm(), [seated, (LEAVING_N, f64::from(ms) * 1e-3)]),
         };
-        if touch == Touch::Free && size > limit {
+        if touch == Touch::Free && size > FREE_N {
             let change = external - self.rest_torque;
             size = size.min(snapshot.point_force(&change).norm());
         }
-        // A force that is not a number counts as too large.
-        self.ticks = if size <= limit { 0 } else { self.ticks.saturating_add(1) };
-        (f64::from(self.ticks) * period_s > dwell_s).then(|| Violation::new(Fault::Pressing, size, limit))
+        let mut found = None;
+        for (ticks, (limit, dwell_s)) in self.ticks.iter_mut().zip(limits) {
+            // A force that is not a number counts as too large.
+            *ticks = if size <= limit { 0 } else { ticks.saturating_add(1) };
+            if found.is_none() && f64::from(*ticks) * period_s > dwell_s {
+                found = Some(Violation::new(Fault::Pressing, size, limit));
+            }
+        }
+        found
     }
 
     fn take_rest(&mut self, force: &Vector3<f64>, external: &SVector<f64, N>, period_s: f64) {
@@ -188,6 +200,23 @@ mod tests {
         assert_eq!(noticed(&mut known(0.0), Touch::Free, 14.9), None);
         assert_eq!(noticed(&mut known(0.0), Touch::Seated, 40.1), Some((201, 40.0)));
         assert_eq!(noticed(&mut known(0.0), Touch::Seated, 39.9), None);
+        assert_eq!(noticed(&mut known(0.0), Touch::Leaving(250), 20.1), Some((251, 20.0)));
+        assert_eq!(noticed(&mut known(0.0), Touch::Leaving(250), 19.9), None);
+        assert_eq!(noticed(&mut known(0.0), Touch::Leaving(600), 40.1), Some((201, 40.0)));
+        assert_eq!(noticed(&mut known(0.0), Touch::Leaving(600), 39.9), Some((601, 20.0)));
+    }
+
+    // Fails if the magnet's own pull-off is taken for pressing: a force that rises by 50 N/s to what
+    // the magnet holds, and model error of 3 N.
+    #[test]
+    fn a_magnet_may_be_pulled_off() {
+        let mut guard = known(0.0);
+        let pulled =
+            (0..590).find(|tick| look(&mut guard, Touch::Leaving(250), &newton(0.05 * f64::from(*tick))).is_some());
+        assert_eq!(pulled, None);
+        assert!(
+            (590..700).any(|tick| look(&mut guard, Touch::Leaving(250), &newton(0.05 * f64::from(tick))).is_some())
+        );
     }
 
     // Fails if the approach, a hand that guides or an arm that stands is judged, or if the

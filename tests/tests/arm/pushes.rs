@@ -103,6 +103,7 @@ fn told(preset: &str, seed: u64, phase: usize, trial: &Trial) -> String {
     )
 }
 
+// `PUSH_PLANTS`, `PUSH_SEEDS` (their number) and `PUSH_PHASE` name a part of it.
 #[test]
 #[ignore = "study: an hour; prints the figures of docs/recovery.md"]
 fn study_of_pushes_everywhere() {
@@ -111,10 +112,11 @@ fn study_of_pushes_everywhere() {
         .ok()
         .and_then(|s| s.parse().ok())
         .unwrap_or(3u64);
+    let asked = std::env::var("PUSH_PHASE").unwrap_or_default();
     for seed in 1..=seeds {
         for preset in presets.split(',') {
             let case = case(seed, preset);
-            for phase in 0..PHASES.len() {
+            for phase in (0..PHASES.len()).filter(|p| format!("{:?}", PHASES[*p].0).contains(&asked)) {
                 let trial = case.run(&pushes(phase, seed)).expect("a run");
                 println!("{}", told(preset, seed, phase, &trial));
             }

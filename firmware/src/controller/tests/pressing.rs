@@ -97,8 +97,8 @@ fn nothing_of_it_stays_after_the_fault_is_cleared() {
     assert_eq!(bench.faults().len(), 1);
 }
 
-// Fails if the approach is judged by the guard of free motions, or if a force on a seated
-// nest is not noticed or is noticed too early.
+// Fails if the approach is judged by the guard of free motions, or if a nest that does not come
+// off its sphere is pulled with more than the magnet explains.
 #[test]
 fn a_seated_nest_may_bear_more_and_an_approach_is_judged_by_its_trigger() {
     let mut bench = Bench::new(Bench::fast_procedure());
@@ -115,7 +115,10 @@ fn a_seated_nest_may_bear_more_and_an_approach_is_judged_by_its_trigger() {
     bench.until_fault(5_000);
     let report = bench.faults()[0];
     assert_eq!((report.fault, report.phase), (Fault::Pressing, Phase::Decoupling));
-    assert!(report.value > 40.0 && report.limit == 40.0, "{report:?}");
+    assert!(
+        (20.0..36.0).contains(&report.value) && report.limit == 20.0,
+        "{report:?}"
+    );
     // The arm gives way: it no longer pulls.
     bench.run(1_000);
     let pull = bench.controller.contact_force().norm();
