@@ -298,7 +298,7 @@ fn the_times_to_settle_are_those_of_the_procedure() {
     let decoupling = |settle_s: f64| {
         let mut procedure = Bench::fast_procedure();
         procedure.decouple.settle_s = settle_s;
-        procedure.decouple.stiffness_n_m = 500.0;
+        procedure.decouple.stiffness_n_m = 300.0;
         let mut bench = Bench::coupled_by(procedure);
         // The magnet does not let go.
         bench.hold_n = 1e6;

@@ -290,7 +290,7 @@ pub fn remedy(fault: Fault) -> &'static str {
         }
         Fault::Pressing => {
             "the arm pressed on something, or something pressed on it: clear the path, and check the waypoints, the declared \
-             tool mass, and that the nest turns freely on the sphere"
+             tool mass, and that the nest turns freely on the sphere and comes off it"
         }
         Fault::Internal => "this is a defect of the controller: report it with the database",
     }
