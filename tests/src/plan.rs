@@ -139,6 +139,12 @@ pub fn plant(config: &PlantConfig, plan: &Plan) -> Box<dyn Drive> {
     simulated_arm(&iiwa7(), &iiwa7_tool(), config, &plan.home.joints).expect("a plant")
 }
 
+/// Every sphere of the plan is coupled once.
+pub const ONCE: RunOptions = RunOptions {
+    second_visits: false,
+    ..RunOptions::DEFAULT
+};
+
 /// The controller in this process, on `drive`.
 ///
 /// # Panics
@@ -147,14 +153,14 @@ pub fn cell(drive: Box<dyn Drive>) -> LocalDevice {
     LocalDevice::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell")
 }
 
-/// Carries out `plan` with the default procedure on whatever stands behind the
+/// Carries out `plan` with the default procedure and without second visits on whatever stands behind the
 /// host link, all but the (sphere, pose) pairs in `done`.
 pub fn carry_out(
     device: &mut dyn Device,
     plan: &Plan,
     done: &BTreeSet<(u32, u32)>,
 ) -> (Memory, Outcome, Result<(), CampaignError>) {
-    carry_out_with(device, plan, done, &Procedure::default(), RunOptions::default())
+    carry_out_with(device, plan, done, &Procedure::default(), ONCE)
 }
 
 /// Like [`carry_out`], with another procedure and other options.

@@ -56,9 +56,9 @@ fn one_seed_gives_one_summary() {
     assert_eq!(printed, a);
     assert_eq!(a["poses"]["recorded"], a["poses"]["chosen"]);
     assert_eq!(a["faults"], Value::Array(Vec::new()));
-    // One of each sphere, or up to five where another branch is worth it.
+    // One of each sphere, or up to five where another branch is worth it, and a second visit to each.
     let contacts = a["contacts"].as_array().map_or(0, Vec::len);
-    assert!((3..=5).contains(&contacts), "{contacts} contacts");
+    assert!((6..=8).contains(&contacts), "{contacts} contacts");
     assert_eq!(a["validation"]["n"], 125);
     for name in ["nominal", "sphere", "laser"] {
         let mean = a["validation"]["models"][name]["mean_mm"].as_f64();
@@ -281,9 +281,9 @@ fn long_five_arms_are_better_than_half_of_nominal() {
             );
         }
         let contacts = s["contacts"].as_array().expect("contacts");
-        assert!(contacts.len() <= 6, "seed {seed}: {} contacts", contacts.len());
+        assert!(contacts.len() <= 9, "seed {seed}: {} contacts", contacts.len());
         let robot_s = s["simulated_s"].as_f64().expect("a number");
-        assert!(robot_s < 780.0, "seed {seed}: {robot_s} s");
+        assert!(robot_s < 835.0, "seed {seed}: {robot_s} s");
     }
 }
 

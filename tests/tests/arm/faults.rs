@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use spherecal::campaign::{CampaignError, Outcome, RunOptions};
+use spherecal::campaign::{CampaignError, Outcome};
 use spherecal::lab::faults::{CampaignOptions, Case, Ended, Finish, MatrixOptions, campaign, matrix};
 use spherecal::link::qemu::{Qemu, QemuOptions};
 use spherecal::link::{Controller, LinkError, controller_in_process};
@@ -13,7 +13,7 @@ use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Fault, Phase};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
-use spherecal_tests::plan::{Memory, carry_out_with, short_plan};
+use spherecal_tests::plan::{Memory, ONCE, carry_out_with, short_plan};
 use spherecal_tests::qemu::image;
 
 fn during(name: Phase, entry: u32, after_s: f64) -> When {
@@ -50,7 +50,7 @@ fn campaign_with(faults: &FaultPlan, mut make: Make) -> (Memory, Outcome, Result
     let mut procedure = Procedure::default();
     procedure.couple.hold_s = 1.0;
     procedure.record.samples = 300;
-    carry_out_with(&mut device, &plan, &BTreeSet::new(), &procedure, RunOptions::default())
+    carry_out_with(&mut device, &plan, &BTreeSet::new(), &procedure, ONCE)
 }
 
 fn poses(memory: &Memory) -> Vec<(u32, u32)> {

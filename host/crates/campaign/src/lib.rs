@@ -82,16 +82,21 @@ pub struct RunOptions {
     pub second_visits: bool,
 }
 
+impl RunOptions {
+    /// What a campaign does unless it is told otherwise.
+    pub const DEFAULT: Self = Self {
+        attempts: 3,
+        pose_attempts: 2,
+        rejected_percent: 25,
+        lead_ms: 60,
+        confirm_seats: false,
+        second_visits: true,
+    };
+}
+
 impl Default for RunOptions {
     fn default() -> Self {
-        Self {
-            attempts: 3,
-            pose_attempts: 2,
-            rejected_percent: 25,
-            lead_ms: 60,
-            confirm_seats: false,
-            second_visits: false,
-        }
+        Self::DEFAULT
     }
 }
 

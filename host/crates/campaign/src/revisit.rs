@@ -73,13 +73,23 @@ impl Campaign<'_> {
         let found = self.places.check(visit, &coupled.centre_m);
         let seating = found.and_then(|()| {
             self.waypoints.seated(visit, &coupled);
-            self.seats.take(visit, &coupled.centre_m)
+            self.seats.take(visit, &coupled)
         });
         match &seating {
             Ok(Seating::Sound) => return Ok(Coupling::Seated),
             Ok(Seating::Replaced(by_m)) => {
                 session.note(&format!(
-                    "sphere {}: the first coupling was {:.2} mm from the later ones, as a bad seat may be: they count now",
+                    "sphere {}: its couplings are now {:.2} mm from its first one: the first had seated badly, or the sphere \
+                     moved; see what the report says of its recordings",
+                    visit.sphere_id,
+                    by_m * 1e3
+                ));
+                return Ok(Coupling::Seated);
+            }
+            Ok(Seating::Drifted(by_m)) => {
+                session.note(&format!(
+                    "sphere {}: {:.2} mm from its place before, as an arm and a plate that warm up may drift; let them warm \
+                     up before a run",
                     visit.sphere_id,
                     by_m * 1e3
                 ));
