@@ -10,10 +10,10 @@ use crate::motion::LineMove;
 /// Acceleration of the setpoint, in m/s².
 const ACCELERATION: f64 = 0.25;
 
-/// How far the pull on the magnet may go beyond the force that the pressing guard grants for good, in N, and the
-/// time that it may take besides, in s.
-const PULL_N: f64 = 10.0;
-const PULL_S: f64 = 0.05;
+/// How far the spring may be stretched beyond the force that the pressing guard grants for good, in N, and the
+/// time that friction and a wrong tare may take besides, in s: dry friction of 1 to 2 N m halves the rate of the pull.
+const PULL_N: f64 = 15.0;
+const PULL_S: f64 = 0.2;
 
 /// Moves back along the approach.
 #[derive(Clone, Copy, Debug)]
