@@ -117,10 +117,7 @@ impl<const N: usize> Pressing<N> {
             Touch::Rest | Touch::Wanted => return None,
             Touch::Free => ((force - self.rest).norm(), [(FREE_N, FREE_S); 2]),
             Touch::Seated => (force.norm(), [seated; 2]),
-            Touch::Leaving(ms) => (
-                force.norm(),
-                [(HELD_N, HELD_S), (LEAVING_N, f64::from(ms) * 1e-3)],
-            ),
+            Touch::Leaving(ms) => (force.norm(), [(HELD_N, HELD_S), (LEAVING_N, f64::from(ms) * 1e-3)]),
         };
         if touch == Touch::Free && size > FREE_N {
             let change = external - self.rest_torque;

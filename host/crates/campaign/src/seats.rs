@@ -90,7 +90,9 @@ fn nearest(points: &[Vector3<f64>]) -> Option<(Vector3<f64>, f64)> {
 /// How far a place may drift between two times of the controller, in m. A clock that began again after the
 /// first does not tell how long ago that was.
 fn drift_m(since_us: u64, now_us: u64) -> f64 {
-    let elapsed_s = now_us.checked_sub(since_us).map_or(f64::INFINITY, |us| us as f64 * 1e-6);
+    let elapsed_s = now_us
+        .checked_sub(since_us)
+        .map_or(f64::INFINITY, |us| us as f64 * 1e-6);
     (DRIFT_M_S * elapsed_s).min(DRIFT_M)
 }
 

@@ -18,7 +18,7 @@ use axum::extract::Request;
 use axum::middleware::Next;
 use axum::response::Response;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::oneshot;
 
 /// Most connections at one time. Together with the limits of one connection this limits the memory
@@ -30,6 +30,9 @@ const MOST_OF_ONE_ADDRESS: usize = 32;
 const FIRST_REQUEST: Duration = Duration::from_secs(10);
 /// Time after which a connection without a complete request is closed first.
 const LATE: Duration = Duration::from_secs(1);
+/// Connections that may wait to be accepted. Where more wait, the system drops the next one, and its client tries
+/// again only after a second. The system may have a lower limit (`net.core.somaxconn`).
+const WAITING: u32 = 4096;
 /// Wait after an accept that failed, for example because no file descriptor is free.
 const AFTER_FAILURE: Duration = Duration::from_millis(50);
 
@@ -102,6 +105,23 @@ impl Open {
             }
         }
     }
+}
+
+/// Listens at `address`; must be called within a runtime.
+///
+/// # Errors
+/// The address is in use or not available.
+pub(crate) fn bound(address: SocketAddr) -> io::Result<TcpListener> {
+    let socket = if address.is_ipv4() {
+        TcpSocket::new_v4()?
+    } else {
+        TcpSocket::new_v6()?
+    };
+    // A server that was just stopped may be started again at once.
+    #[cfg(unix)]
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    socket.listen(WAITING)
 }
 
 /// A listener that keeps the bounds of this module.

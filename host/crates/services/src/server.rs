@@ -4,14 +4,13 @@
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 use super::guard::listen_address;
 #[cfg(not(feature = "grpc"))]
-use super::listen::Listener;
+use super::listen::{Listener, bound};
 use super::live::{Hub, Message, WAITING};
 use super::offer::Offer;
 use super::{Guard, GuardFiles, ServiceError, SharedStore};
@@ -65,7 +64,7 @@ impl Server {
         let stores = offer.stores();
         let (stop, stopped) = oneshot::channel::<()>();
         let (address, ended) = runtime.block_on(async move {
-            let listener = TcpListener::bind(wanted).await.map_err(listen)?;
+            let listener = bound(wanted).map_err(listen)?;
             let address = listener.local_addr().map_err(listen)?;
             let ended = serve(listener, guard, offer, stopped).await?;
             Ok::<_, ServiceError>((address, ended))
@@ -137,7 +136,7 @@ impl Drop for Server {
 #[cfg(not(feature = "grpc"))]
 #[expect(clippy::unused_async, reason = "the form of the function that serves gRPC too")]
 async fn serve(
-    listener: TcpListener,
+    listener: tokio::net::TcpListener,
     guard: Guard,
     offer: Offer,
     stopped: oneshot::Receiver<()>,
