@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::error::IdentifyError;
-use super::holdout::{Split, holdout, possible_splits};
+use super::holdout::{Split, holdout, holdout_by_own_weights, possible_splits};
 use super::options::{Method, Model, Options};
 use spherecal_model::{Experiment, Set};
 
@@ -89,7 +89,7 @@ pub fn choose_model(
                 model,
                 ..options.clone()
             };
-            Ok((model, holdout(experiment, &options, &split)?.figure_mm()))
+            Ok((model, holdout_by_own_weights(experiment, &options, &split)?.figure_mm()))
         })
         .collect::<Result<Vec<_>, IdentifyError>>();
     let figures = match figures {

@@ -311,6 +311,7 @@ impl DistanceProblem {
             prepared: self.prepared.clone(),
             whitening,
             weights,
+            richer: None,
             scale: variance.sqrt().max(1e-9),
             effective: m as f64,
             covariance,

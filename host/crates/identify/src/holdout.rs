@@ -13,7 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use super::chain::Nominal;
 use super::error::IdentifyError;
-use super::map::{Fit, fit, prepare};
+use super::geometry_fit;
+use super::map::{self, Fit, prepare};
 use super::options::{Method, Model, Options};
 use super::parameters::Layout;
 use super::targets::reference_of;
@@ -156,6 +157,29 @@ pub(crate) fn regions(experiment: &Experiment, count: usize) -> Vec<usize> {
 /// # Errors
 /// Everything that [`super::identify`] refuses, and a split with fewer than two parts.
 pub fn holdout(experiment: &Experiment, options: &Options, split: &Split) -> Result<Holdout, IdentifyError> {
+    held_out(experiment, options, split, |experiment, options, model, of, part| {
+        geometry_fit::fit(experiment, options, model, |i| of.get(i) != Some(&part))
+    })
+}
+
+/// The same with each model judged by its own weights: to compare models, none of which is known to be right.
+pub(crate) fn holdout_by_own_weights(
+    experiment: &Experiment,
+    options: &Options,
+    split: &Split,
+) -> Result<Holdout, IdentifyError> {
+    held_out(experiment, options, split, |experiment, options, model, of, part| {
+        map::fit(experiment, options, model, |i| of.get(i) != Some(&part))
+    })
+}
+
+/// The hold-out; `fit` fits a model to the observations whose part (by observation) is not the given one.
+fn held_out(
+    experiment: &Experiment,
+    options: &Options,
+    split: &Split,
+    fit: impl Fn(&Experiment, &Options, Model, &[usize], usize) -> Result<Fit, IdentifyError>,
+) -> Result<Holdout, IdentifyError> {
     experiment.check()?;
     options.check()?;
     let model = if options.method == Method::Geometry {
@@ -177,7 +201,7 @@ pub fn holdout(experiment: &Experiment, options: &Options, split: &Split) -> Res
     let mut sums = Sums::default();
     let mut found = Vec::new();
     for &part in &used {
-        let fitted = fit(experiment, options, model, |i| of.get(i) != Some(&part))?;
+        let fitted = fit(experiment, options, model, &of, part)?;
         let mut own = Sums::default();
         predict(experiment, options, &fitted, |i| of.get(i) == Some(&part), &mut own)?;
         found.push(Part {

@@ -59,6 +59,7 @@ mod error;
 pub mod evaluate;
 mod expected_error;
 mod flange;
+mod geometry_fit;
 mod geometry_only;
 mod holdout;
 pub mod identifiability;
@@ -123,11 +124,11 @@ pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibratio
     options.check()?;
     match options.method {
         Method::Full => {
-            let fit = map::fit(experiment, options, options.model, |_| true)?;
+            let fit = geometry_fit::fit(experiment, options, options.model, |_| true)?;
             Ok(calibration::finish(experiment, options, options.model, fit))
         }
         Method::Geometry => {
-            let fit = map::fit(experiment, options, Model::Geometry, |_| true)?;
+            let fit = geometry_fit::fit(experiment, options, Model::Geometry, |_| true)?;
             Ok(calibration::finish(experiment, options, Model::Geometry, fit))
         }
         Method::Lm | Method::GaussNewton => distance::identify(experiment, options),

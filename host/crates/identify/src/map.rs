@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use super::chain::{Nominal, Prepared, State, trig};
 use super::effects::Choice;
 use super::error::IdentifyError;
+use super::geometry_fit::RowNoise;
 use super::identifiability::{Identifiability, analyse};
 use super::normal::{Group, Whitening, distances, groups};
 use super::options::{Model, Options, Torque};
@@ -48,6 +49,9 @@ pub(crate) struct Fit {
     pub(crate) whitening: Whitening,
     /// Robust weights by prepared observation.
     pub(crate) weights: Vec<f64>,
+    /// Lengths of the whitened residuals by prepared observation that say which rows are outliers, where
+    /// a richer model decided it.
+    pub(crate) richer: Option<Vec<f64>>,
     /// Noise scale estimated, before inflation.
     pub(crate) scale: f64,
     /// Parameters that the data determine.
@@ -181,6 +185,20 @@ pub(crate) fn fit(
     model: Model,
     wanted: impl Fn(usize) -> bool,
 ) -> Result<Fit, IdentifyError> {
+    fit_knowing(experiment, options, model, None, wanted)
+}
+
+/// The same, where a richer model has found the noise of each row that `wanted` names.
+///
+/// # Errors
+/// As [`fit`].
+pub(crate) fn fit_knowing(
+    experiment: &Experiment,
+    options: &Options,
+    model: Model,
+    known: Option<&RowNoise>,
+    wanted: impl Fn(usize) -> bool,
+) -> Result<Fit, IdentifyError> {
     let nominal = Nominal::new(&experiment.robot, &experiment.tool);
     let plain = Layout::new(experiment, 0, false);
     let in_set = |i: usize| experiment.observations.get(i).is_some_and(|o| o.set == Set::Calibrate) && wanted(i);
@@ -209,22 +227,24 @@ pub(crate) fn fit(
         .into_iter()
         .filter_map(|kind| full_table.iter().find(|p| p.kind == kind).cloned())
         .collect();
+    let stated = Whitening {
+        joint: noise.joint_rad.powi(2),
+        seating: noise.seating_m.powi(2),
+        point: noise.point_m.powi(2),
+    };
     let mut search = Search {
         layout: &plain,
         table: &plain_table,
         prepared: &prepared,
         groups: &grouped,
-        whitening: Whitening {
-            joint: noise.joint_rad.powi(2),
-            seating: noise.seating_m.powi(2),
-            point: noise.point_m.powi(2),
-        },
+        whitening: known.map_or(stated, |known| known.whitening),
         state: start.clone(),
         unknowns: Unknowns::new(&plain_table),
         weights: vec![1.0; prepared.len()],
         s2: 1.0,
         effective: 0.0,
         nu: options.student_t,
+        known,
         options,
     };
     let richer = layout != plain;
@@ -268,7 +288,11 @@ pub(crate) fn fit(
     // The mode and covariance under inflated noise.
     let d2 = distances(&search.state, search.layout, &prepared, &search.whitening);
     let posterior = Posterior::new(&normal, &search.unknowns, search.s2)?;
-    let log_evidence = evidence(&posterior, &search.unknowns, &d2, search.s2, search.nu);
+    let of_rows = match known {
+        Some(_) => weighted_likelihood(&d2, &search.weights, search.s2),
+        None => likelihood(&d2, search.s2, search.nu),
+    };
+    let log_evidence = evidence(&posterior, &search.unknowns, of_rows);
     let inflation = search.inflation();
     let inflated = search.s2 * inflation.powi(2);
     let posterior = Posterior::new(&normal, &search.unknowns, inflated)?;
@@ -299,6 +323,7 @@ pub(crate) fn fit(
         groups: grouped,
         whitening,
         weights,
+        richer: None,
         scale: s2.sqrt(),
         effective,
         unknowns,
@@ -333,10 +358,9 @@ fn about_base(covariance: &mut DMatrix<f64>, unknowns: &Unknowns, layout: &Layou
     }
 }
 
-/// Laplace evidence: Student-t likelihood, priors and the posterior's volume.
-fn evidence(posterior: &Posterior, unknowns: &Unknowns, d2: &[f64], s2: f64, nu: f64) -> f64 {
-    let data: f64 = d2
-        .iter()
+/// Log likelihood of squared whitened residuals under Student's t.
+fn likelihood(d2: &[f64], s2: f64, nu: f64) -> f64 {
+    d2.iter()
         .map(|d| {
             let shape = if nu > 0.0 {
                 -0.5 * (nu + 3.0) * (d / (s2 * nu)).ln_1p()
@@ -345,7 +369,17 @@ fn evidence(posterior: &Posterior, unknowns: &Unknowns, d2: &[f64], s2: f64, nu:
             };
             shape - 1.5 * s2.ln()
         })
-        .sum();
+        .sum()
+}
+
+/// The same under normal noise of variance `s2` over each row's weight.
+fn weighted_likelihood(d2: &[f64], weights: &[f64], s2: f64) -> f64 {
+    let row = |(d, w): (&f64, &f64)| 1.5 * (w / s2).ln() - 0.5 * d * w / s2;
+    d2.iter().zip(weights).map(row).sum()
+}
+
+/// Laplace evidence: likelihood of the data, priors and the posterior's volume.
+fn evidence(posterior: &Posterior, unknowns: &Unknowns, data: f64) -> f64 {
     let prior: f64 = unknowns
         .precision
         .iter()

@@ -43,7 +43,7 @@ pub struct Residual {
     pub mean_mm: f64,
     /// Largest distance, in mm.
     pub max_mm: f64,
-    /// Observations that were down-weighted to less than a quarter.
+    /// Observations that the model does not believe; of geometry alone those that the full model does not believe.
     pub outliers: Vec<Outlier>,
     /// Every observation's.
     #[serde(skip)]
@@ -118,15 +118,25 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
             }
         })
         .collect();
+    // What a poor model cannot follow is no outlier.
+    let decided = |k: usize, row: &ResidualRow| {
+        let richer = fit.richer.as_ref().and_then(|richer| richer.get(k));
+        richer.copied().unwrap_or(row.deviation)
+    };
+    let by = match fit.richer {
+        Some(_) => " by the full model",
+        None => "",
+    };
     let outliers = rows
         .iter()
-        .filter(|row| row.deviation > OUTLIER_SIGMAS)
-        .map(|row| Outlier {
+        .enumerate()
+        .map(|(k, row)| (row, decided(k, row)))
+        .filter(|(_, deviation)| *deviation > OUTLIER_SIGMAS)
+        .map(|(row, deviation)| Outlier {
             index: row.index,
             why: format!(
-                "{:.3} mm from its target, {:.1} times the noise: counted with weight {:.2}",
+                "{:.3} mm from its target, {deviation:.1} times the noise{by}: counted with weight {:.2}",
                 length(row),
-                row.deviation,
                 row.weight
             ),
         });

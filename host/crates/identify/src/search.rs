@@ -8,6 +8,7 @@ use nalgebra::DVector;
 
 use super::chain::{Prepared, State};
 use super::error::IdentifyError;
+use super::geometry_fit::RowNoise;
 use super::noise_scale::{median_scale, scale, weights};
 use super::normal::{Group, Normal, Whitening, accumulate, distances, gradient, likelihoods};
 use super::options::Options;
@@ -39,6 +40,8 @@ pub(super) struct Search<'a> {
     pub(super) effective: f64,
     /// Degrees of freedom of the Student-t weights; 0 for least squares.
     pub(super) nu: f64,
+    /// Noise of each row as a richer model found it; its weights then stand in for the Student-t ones.
+    pub(super) known: Option<&'a RowNoise>,
     pub(super) options: &'a Options,
 }
 
@@ -95,6 +98,10 @@ impl Search<'_> {
         if !d2.iter().sum::<f64>().is_finite() {
             return Err(IdentifyError::Diverged { rms_mm: f64::INFINITY });
         }
+        if let Some(known) = self.known {
+            (self.s2, self.weights) = known.with_model_error(&d2, self.effective);
+            return Ok(());
+        }
         if self.options.noise.estimate {
             let start = if self.effective > 0.0 {
                 self.s2
@@ -134,7 +141,7 @@ impl Search<'_> {
     /// Chooses the shape of the noise that the residuals clearly support. Returns whether it
     /// changed.
     pub(super) fn choose_shape(&mut self) -> Result<bool, IdentifyError> {
-        if !self.options.noise.estimate {
+        if !self.options.noise.estimate || self.known.is_some() {
             return Ok(false);
         }
         let candidates = SHAPES.map(|factor| Whitening {

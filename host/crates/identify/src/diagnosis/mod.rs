@@ -40,7 +40,7 @@ use crate::error::IdentifyError;
 use crate::expected_error::ExpectedError;
 use crate::options::{Options, Torque};
 use crate::parameters::{Kind, Parameter};
-use crate::{map, priors};
+use crate::{geometry_fit, priors};
 use spherecal_model::Experiment;
 
 /// A cause that the model leaves out and the data speak for.
@@ -187,7 +187,7 @@ pub fn diagnose(
     course: &Course,
     workspace: &[Vec<f64>],
 ) -> Result<Diagnosis, IdentifyError> {
-    let fit = map::fit(experiment, options, options.model, |_| true)?;
+    let fit = geometry_fit::fit(experiment, options, options.model, |_| true)?;
     let table: Vec<Parameter> = fit.unknowns.columns.iter().map(|c| fit.table[*c].clone()).collect();
     let scale = table
         .iter()

@@ -42,11 +42,12 @@ pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
 
 use crate::course::Course;
 use crate::diagnosis::{Diagnosis, diagnose, workspace};
+use crate::geometry_fit::by_full_model;
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
 use crate::verdict::{Evidence, Verdict, verdict};
 
-use crate::{Calibration, ExpectedError, GeometryOnly, IdentifyError, Options};
+use crate::{Calibration, ExpectedError, GeometryOnly, IdentifyError, Method, Options};
 use fit::{Fit, fit};
 use thin::thinned;
 
@@ -56,6 +57,11 @@ const NOTED: usize = 20;
 const HOPELESS_M: f64 = 0.025;
 /// Distances of the plate that differ by more than this (m) from the data's explain such data.
 const WRONG_PLATE_M: f64 = 0.010;
+
+/// What a geometry alone is.
+const PROJECTION: &str = "geometry alone: the full model says which rows are outliers, so the result is close to the \
+                          projection of the full model on geometry; what it leaves is the error of the model, not \
+                          noise";
 
 /// Most rows whose residuals are searched for causes: the search takes time and memory in
 /// proportion to the rows.
@@ -143,6 +149,10 @@ pub fn evaluate(
     }
     let mut notes = fit.chosen.clone();
     note_rejected(recordings, &fit, &mut notes);
+    let has_priors = matches!(fit.options.method, Method::Full | Method::Geometry);
+    if has_priors && by_full_model(&fit.options, fit.calibration.model) {
+        notes.push(PROJECTION.to_owned());
+    }
     if let Some((copy, first)) = repeated.first() {
         notes.push(format!(
             "{} rows are copies of others and count once; the first: {} repeats {}",
