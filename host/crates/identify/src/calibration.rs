@@ -218,8 +218,9 @@ impl Calibration {
     }
 
     /// How the TCP in F0 depends on the free parameters at the configurations (three
-    /// rows each), and the covariance of those parameters: of all on which it depends.
-    pub(crate) fn spread_in_base(&self, configurations: &[Vec<f64>]) -> (DMatrix<f64>, DMatrix<f64>) {
+    /// rows each), the covariance of those parameters, and the standard deviations of their priors: of all on
+    /// which it depends.
+    pub(crate) fn spread_in_base(&self, configurations: &[Vec<f64>]) -> (DMatrix<f64>, DMatrix<f64>, Vec<f64>) {
         let free = &self.inner.columns;
         let mut columns = DMatrix::zeros(3 * configurations.len(), free.len());
         for (k, q) in configurations.iter().enumerate() {
@@ -228,7 +229,14 @@ impl Calibration {
         }
         let moving: Vec<usize> = (0..free.len()).filter(|&c| columns.column(c).amax() > 0.0).collect();
         let covariance = self.covariance.select_rows(&moving).select_columns(&moving);
-        (columns.select_columns(&moving), covariance)
+        let priors: Vec<f64> = self
+            .parameters
+            .iter()
+            .filter(|p| p.free)
+            .map(|p| p.prior_sigma)
+            .collect();
+        let priors = moving.iter().map(|&c| priors.get(c).copied().unwrap_or(f64::INFINITY));
+        (columns.select_columns(&moving), covariance, priors.collect())
     }
 
     /// Names of the free parameters, in the order of [`Self::covariance`].

@@ -35,7 +35,7 @@ impl ExpectedError {
         configurations: &[Vec<f64>],
         off: Option<&[Vector3<f64>]>,
     ) -> Option<Self> {
-        let (columns, covariance) = calibration.spread_in_base(configurations);
+        let (columns, covariance, _) = calibration.spread_in_base(configurations);
         if covariance.is_empty() || covariance.iter().any(|c| !c.is_finite()) {
             return None;
         }

@@ -73,6 +73,7 @@ mod parameter_table;
 pub mod parameters;
 pub mod priors;
 mod recordings;
+pub mod residual_map;
 mod residuals;
 mod rows;
 mod search;

@@ -303,7 +303,8 @@ impl Field {
     }
 }
 
-fn summary(mut means: Vec<f64>, p95: &[f64], size_sigma: f64) -> ExpectedError {
+/// Of mean errors and 95 % quantiles (m) by draw; `size_sigma` widens the interval.
+pub(crate) fn summary(mut means: Vec<f64>, p95: &[f64], size_sigma: f64) -> ExpectedError {
     let count = means.len().max(1) as f64;
     means.sort_by(f64::total_cmp);
     let mean = means.iter().sum::<f64>() / count;

@@ -26,12 +26,13 @@ pub use scatter::ScatteredPlace;
 use nalgebra::{DMatrix, DVector, Vector3};
 use serde::Serialize;
 
+pub(crate) use self::expected::{Rigid, size_sigma, summary};
 pub(crate) use self::tail::log_tail;
 
 use self::component::{Group, GroupOf};
 use self::dense::{Factor, transposed_product};
 use self::discrepancy::Discrepancy;
-use self::expected::{Field, Rigid, size_sigma};
+use self::expected::Field;
 use self::linear::{Linear, Posture};
 use self::patterns::Loaded;
 use self::scan::scan;

@@ -6,6 +6,7 @@ use std::collections::HashSet;
 use super::align::{NominalFrames, align};
 use super::thin::{only, thinned};
 use super::{EvaluateError, EvaluateOptions, tune};
+use crate::residual_map::ResidualMap;
 use crate::{Calibration, Experiment, Options, Override, choose_model, identify};
 
 /// A tool further than this (m) from what was said is taken from the data.
@@ -36,6 +37,8 @@ pub(super) struct Fit {
     pub(super) found_tool: bool,
     /// The result.
     pub(super) calibration: Calibration,
+    /// The map of its residuals, where one is kept.
+    pub(super) map: Option<ResidualMap>,
 }
 
 impl Fit {
@@ -113,5 +116,6 @@ pub(super) fn fit(
         nominal,
         found_tool,
         calibration,
+        map: None,
     })
 }

@@ -3,34 +3,38 @@
 
 use std::collections::HashSet;
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use spherecal_shared::robot::Robot;
 
 use super::fit::{Fit, fit};
 use super::groups::{Derived, groups, without_only_contacts};
+use super::mapped::of_fit;
 use super::thin::thinned;
 use super::{EvaluateError, EvaluateOptions};
 use crate::flange::Flange;
 use crate::judge::{Fold, HeldOut, Judged, Predictor, judge};
 use crate::recordings::Judge;
+use crate::residual_map::{MapInput, ResidualMap};
 use crate::{Options, Pose, Recordings, Reference, Target};
 
 /// Folds of the cross-validation that stands in where no validation was given.
 pub(super) const FOLDS: usize = 5;
 /// Rows that each fit of a cross-validation uses, spread evenly over those that it
 /// may see. The figure of the result is then that of a fit of fewer rows.
-const FOLD_ROWS: usize = 20_000;
+pub(super) const FOLD_ROWS: usize = 20_000;
 /// Most values of a hold-out column: each takes a fit.
 const MOST_HELD_OUT: usize = 200;
 
-/// The models that are judged: nominal geometry, calibrated, and the calibrated
-/// table alone, as a URDF holds it.
+/// The models that are judged: nominal geometry, calibrated, the calibrated
+/// table alone, as a URDF holds it, and the calibrated model with the map of its residuals.
 fn predictors<'a>(nominal: &'a Robot, fit: &'a Fit) -> Vec<Predictor<'a>> {
     let frames: Vec<(Reference, Pose)> = fit.calibration.frames.iter().map(|f| (f.reference, f.base)).collect();
     let calibration = &fit.calibration;
+    let mapped = fit.map.as_ref().map(|map| predictor_with(fit, Some(map)));
     let (given, tcp) = (fit.nominal.tcp_m, calibration.tool.tcp());
     let (before, after) = (Flange::new(nominal), Flange::new(&calibration.robot));
-    vec![
+    let mut all = vec![
         Predictor {
             name: "nominal",
             tcp_m: Box::new(move |q, _| before.at(q).point(&given)),
@@ -46,7 +50,21 @@ fn predictors<'a>(nominal: &'a Robot, fit: &'a Fit) -> Vec<Predictor<'a>> {
             tcp_m: Box::new(move |q, _| after.at(q).point(&tcp)),
             frames,
         },
-    ]
+    ];
+    all.extend(mapped);
+    all
+}
+
+/// A fit's calibration with a map of its residuals, or without.
+pub(super) fn predictor_with<'a>(fit: &'a Fit, map: Option<&'a ResidualMap>) -> Predictor<'a> {
+    let calibration = &fit.calibration;
+    let flange = Flange::new(&calibration.robot);
+    let shift = move |q: &[f64]| map.map_or_else(Vector3::zeros, |map| map.shift(&flange.at(q).rotation, q));
+    Predictor {
+        name: "calibrated_with_map",
+        tcp_m: Box::new(move |q, tau| calibration.tcp_m(q, tau) + shift(q)),
+        frames: calibration.frames.iter().map(|f| (f.reference, f.base)).collect(),
+    }
 }
 
 /// Judges rows by a fit.
@@ -60,11 +78,12 @@ pub(super) fn judged(recordings: &Recordings, fit: &Fit, judges: &[Judge<'_>], b
     )
 }
 
-/// Fits without some rows and judges those, fold by fold.
+/// Fits without some rows and judges those, fold by fold; where a map is kept, each fold learns its own.
 fn folds(
     recordings: &Recordings,
     asked: &EvaluateOptions,
     options: &Options,
+    map: Option<MapInput>,
     train: &[usize],
     folds: &[(String, Vec<usize>)],
 ) -> Result<Vec<Fold>, EvaluateError> {
@@ -74,7 +93,8 @@ fn folds(
             let held: HashSet<usize> = out.iter().copied().collect();
             let rest: Vec<usize> = train.iter().copied().filter(|i| !held.contains(i)).collect();
             let rest = thinned(&recordings.experiment, &rest, FOLD_ROWS);
-            let fit = fit(&recordings.experiment, asked, options, &rest, false)?;
+            let mut fit = fit(&recordings.experiment, asked, options, &rest, false)?;
+            fit.map = map.and_then(|input| of_fit(recordings, &fit, input));
             let judges: Vec<Judge<'_>> = out.iter().map(|&i| recordings.judge(i, i)).collect();
             Ok(Fold {
                 value: value.clone(),
@@ -105,6 +125,7 @@ pub(super) fn cross_validate(
     recordings: &Recordings,
     asked: &EvaluateOptions,
     options: &Options,
+    map: Option<MapInput>,
     used: &[usize],
 ) -> Result<Judged, EvaluateError> {
     let by_place = recordings.closed_loop() && recordings.places.len() >= 3;
@@ -130,7 +151,7 @@ pub(super) fn cross_validate(
     if used.len() > FOLD_ROWS {
         words += &format!(", of which it used {FOLD_ROWS} at most");
     }
-    let folds = folds(recordings, asked, options, used, &groups)?;
+    let folds = folds(recordings, asked, options, map, used, &groups)?;
     Ok(pool(folds.into_iter().map(|f| f.judged), &words))
 }
 
@@ -139,6 +160,7 @@ pub(super) fn hold_out(
     recordings: &Recordings,
     asked: &EvaluateOptions,
     options: &Options,
+    map: Option<MapInput>,
     used: &[usize],
     column: &str,
 ) -> Result<HeldOut, EvaluateError> {
@@ -195,7 +217,7 @@ pub(super) fn hold_out(
                 .to_owned(),
         ));
     }
-    let folds = folds(recordings, asked, options, used, &groups)?;
+    let folds = folds(recordings, asked, options, map, used, &groups)?;
     let pooled = pool(folds.iter().map(|f| f.judged.clone()), &words);
     Ok(HeldOut {
         column: column.to_owned(),

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! Recordings ─ fit (align · gross errors · priors · model · identify) ─▶ Calibration
+//!            ├ mapped (a map of the residuals, where it is asked for)
 //!            ├ reference (other estimators, an instrument's table)
 //!            ├ folds (rows that the fit has not seen, cross-validation, hold-out)
 //!            └ verdict ─▶ Evaluation
@@ -22,6 +23,7 @@ mod error;
 mod fit;
 mod folds;
 mod groups;
+mod mapped;
 mod options;
 mod plate;
 mod reference;
@@ -37,6 +39,7 @@ pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};
 pub use error::EvaluateError;
+pub use mapped::{MapReport, TriedMap};
 pub use options::{EvaluateOptions, Step};
 pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
 
@@ -44,6 +47,7 @@ use crate::course::Course;
 use crate::diagnosis::{Diagnosis, diagnose, workspace};
 use crate::geometry_fit::by_full_model;
 use crate::recordings::Recordings;
+use crate::residual_map::MapInput;
 use crate::validate::ValidationTable;
 use crate::verdict::{Evidence, Verdict, verdict};
 
@@ -97,6 +101,8 @@ pub struct Evaluation {
     /// Predicted standard deviation of the TCP (root of the summed variances)
     /// over the judging rows: mean and largest, in mm.
     pub predicted_mm: (f64, f64),
+    /// What maps of the residuals gain, and the one that is kept; none where none was asked for.
+    pub residual_map: Option<MapReport>,
     /// What the residuals tell; none where it could not be computed.
     pub diagnosis: Option<Diagnosis>,
     /// Whether the result may be used, and why.
@@ -118,6 +124,16 @@ impl Evaluation {
         let over = |d: &Diagnosis| d.expected_error_of(|q| chain.pose(q).position);
         let expected = self.diagnosis.as_ref().map(over).or(alone.expected_error_mm);
         Ok((alone, expected))
+    }
+
+    /// TCP in F0, in m, at encoder angles `q` (rad) and, where they were used, measured torques (N m): by the
+    /// calibration, and by the map of its residuals where one is kept.
+    pub fn tcp_with_map_m(&self, q: &[f64], tau: Option<&[f64]>) -> Vector3<f64> {
+        let map = self.residual_map.as_ref().and_then(|report| report.map.as_ref());
+        match map {
+            Some(map) => map.corrected_m(&self.calibration, q, tau),
+            None => self.calibration.tcp_m(q, tau),
+        }
     }
 
     /// Errors of all models on the independent instrument's points.
@@ -143,7 +159,7 @@ pub fn evaluate(
 ) -> Result<Evaluation, EvaluateError> {
     let (train, repeated) = training_rows(recordings)?;
     progress(Step::Fitting { rows: train.len() });
-    let fit = fit(&recordings.experiment, options, &options.identify, &train, true)?;
+    let mut fit = fit(&recordings.experiment, options, &options.identify, &train, true)?;
     if options.align {
         plausible(recordings, &fit)?;
     }
@@ -161,6 +177,14 @@ pub fn evaluate(
             recordings.describe(*first)
         ));
     }
+    let residual_map = if options.residual_map {
+        progress(Step::Mapping { rows: fit.used.len() });
+        Some(mapped::choose(recordings, options, &fit)?)
+    } else {
+        None
+    };
+    let map_input = residual_map.as_ref().and_then(MapReport::input);
+    fit.map = residual_map.as_ref().and_then(|report| report.map.clone());
     let reference = match &recordings.tracker {
         Some(tracker) => Some(reference::reference(
             recordings,
@@ -182,7 +206,7 @@ pub fn evaluate(
             fits: folds::FOLDS,
             rows: fit.used.len(),
         });
-        cross_validation(recordings, options, &fit, &mut notes)?
+        cross_validation(recordings, options, &fit, map_input, &mut notes)?
     } else if judges.is_empty() {
         None
     } else {
@@ -195,7 +219,10 @@ pub fn evaluate(
         Some(judged)
     };
     let holdout = match &recordings.holdout {
-        Some(column) => Some(folds::hold_out(recordings, options, &fit.options, &fit.used, column)?),
+        Some(column) => {
+            let held = folds::hold_out(recordings, options, &fit.options, map_input, &fit.used, column)?;
+            Some(held)
+        }
         None => None,
     };
     let closed_loop = recordings.closed_loop();
@@ -239,6 +266,7 @@ pub fn evaluate(
         cross_validated,
         holdout,
         predicted_mm,
+        residual_map,
         verdict,
         notes,
         closed_loop,
@@ -335,9 +363,10 @@ fn cross_validation(
     recordings: &Recordings,
     options: &EvaluateOptions,
     fit: &Fit,
+    map: Option<MapInput>,
     notes: &mut Vec<String>,
 ) -> Result<Option<Judged>, EvaluateError> {
-    match folds::cross_validate(recordings, options, &fit.options, &fit.used) {
+    match folds::cross_validate(recordings, options, &fit.options, map, &fit.used) {
         Ok(judged) => Ok(Some(judged)),
         Err(EvaluateError::Identify(
             error @ (IdentifyError::TooFewObservations { .. }

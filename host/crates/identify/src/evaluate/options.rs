@@ -20,6 +20,9 @@ pub struct EvaluateOptions {
     /// Search the residuals for causes, and state the expected error with what the model
     /// leaves out.
     pub diagnose: bool,
+    /// Try a map of the residuals, and keep it where it predicts blocks of rows better that
+    /// neither it nor the fit has seen.
+    pub residual_map: bool,
     /// Other estimators to compare with, where an independent instrument measured.
     pub models: Vec<Estimator>,
     /// Mean error of the TCP (mm) that was asked for: a worse result is refused.
@@ -37,6 +40,7 @@ impl Default for EvaluateOptions {
             choose_model: true,
             cross_validate: true,
             diagnose: true,
+            residual_map: false,
             models: Vec::new(),
             accuracy_mm: None,
             known_laws: None,
@@ -50,6 +54,11 @@ pub enum Step {
     /// The frames are aligned, priors and model chosen and the model fitted.
     Fitting {
         /// Rows of the calibration set.
+        rows: usize,
+    },
+    /// Maps of the residuals are tried on blocks of rows.
+    Mapping {
+        /// Rows in the blocks.
         rows: usize,
     },
     /// Another estimator is fitted.
