@@ -157,13 +157,6 @@ fn poses_without_load_count_in_geometry_alone() {
         assert!(weight(&found) > 0.9, "{}", weight(&found));
         let (was, is) = (errors(&before, &experiment), errors(&found, &experiment));
         let largest = |e: &[f64]| e.iter().copied().fold(0.0, f64::max);
-        println!(
-            "{seed} {gross}: {:.3} {:.3}, {:.3} {:.3}",
-            rms(&was) * 1e3,
-            largest(&was) * 1e3,
-            rms(&is) * 1e3,
-            largest(&is) * 1e3
-        );
         assert!(rms(&is) < 0.95 * rms(&was), "{} {}", rms(&is), rms(&was));
         assert!(
             largest(&is) < 0.85 * largest(&was),
