@@ -78,10 +78,17 @@ fn experiment(poses: usize, contacts: bool) -> Experiment {
 }
 
 fn options(method: Method) -> Options {
+    let default = Options::default();
     Options {
         method,
         model: Model::Full,
-        ..Options::default()
+        // Geometry by least squares, as NumPy does it: robust weights would take a full fit before it.
+        student_t: if method == Method::Geometry {
+            0.0
+        } else {
+            default.student_t
+        },
+        ..default
     }
 }
 

@@ -54,6 +54,9 @@ impl StudyProgress {
                 (format!("reading: {} rows{share}", p.rows), false)
             }
             Step::Evaluating(evaluate::Step::Fitting { rows }) => (format!("fitting {rows} rows"), rows >= MANY),
+            Step::Evaluating(evaluate::Step::Mapping { rows }) => {
+                (format!("trying maps of the residuals on blocks of {rows} rows"), true)
+            }
             Step::Evaluating(evaluate::Step::Comparing { estimator }) => (format!("comparing with {estimator}"), false),
             Step::Evaluating(evaluate::Step::Judging { fits, rows }) => {
                 let fits = if fits == 1 {

@@ -52,3 +52,45 @@ fn the_page_states_what_the_program_finds() {
     assert_eq!(again.status.code(), Some(2), "{said}");
     assert!(said.contains("shared.csv exists already"), "{said}");
 }
+
+// Fails if a map of residuals is tried without being asked for, if the document does not say what was tried and why no map
+// was kept, or if the text for people keeps it back. A warped tool is `spherecal-identify`'s own test.
+#[test]
+fn a_map_of_residuals_is_tried_where_it_is_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("sockets.toml"), SOCKETS).expect("written");
+    let data = |name: &str| root().join("tests/data").join(name).display().to_string();
+    let (robot, table) = (data("iiwa14.urdf"), data("mukca_iiwa14.csv"));
+    let plain = [
+        "identify",
+        "--robot",
+        &robot,
+        "--data",
+        &table,
+        "--plate",
+        "sockets.toml",
+    ];
+    let document = |more: &[&str]| -> Value {
+        let output = spherecal(folder.path(), &[&plain[..], more].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        serde_json::from_slice(&output.stdout).expect("one document")
+    };
+    let without = document(&["--json"]);
+    assert!(without["residual_map"].is_null(), "{}", without["residual_map"]);
+    let with = document(&["--json", "--residual-map"]);
+    assert_eq!(with["parameters"], without["parameters"]);
+    let report = &with["residual_map"];
+    assert!(report["map"].is_null(), "{report}");
+    assert_eq!(report["blocks"], 10);
+    assert_eq!(report["tried"][0]["input"], "orientation");
+    assert_eq!(report["tried"][1]["input"], "joints");
+    assert!(report["none_mm"].as_f64().is_some_and(|mm| mm > 0.1), "{report}");
+    let output = spherecal(folder.path(), &[&plain[..], &["--residual-map"]].concat());
+    let said = text(&output.stdout);
+    assert!(
+        said.contains("Residual map: none was kept (10 contiguous blocks"),
+        "{said}"
+    );
+    let page = std::fs::read_to_string(folder.path().join("spherecal-out/report.html")).expect("the report");
+    assert!(page.contains("residual map: none was kept"));
+}

@@ -184,6 +184,7 @@ pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> 
         }
     }
     let mut notes = study.notes.clone();
+    notes.extend(evaluation.residual_map.as_ref().map(|report| report.words.clone()));
     if calibration.residual.rows.len() > rows_drawn.len() {
         notes.push(format!(
             "the figures by row show every {}th of {} rows; tables and histograms use all rows",

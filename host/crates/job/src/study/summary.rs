@@ -155,6 +155,9 @@ pub fn summary_json(study: &Study, certificate: &Certificate) -> Value {
         value["validation"]["models_base_aligned"] = models_json(&aligned, closed_loop);
     }
     value["validation"]["cross_validated"] = json!(evaluation.cross_validated);
+    if let Some(report) = &evaluation.residual_map {
+        value["residual_map"] = json!(report);
+    }
     if let Some(holdout) = &evaluation.holdout {
         let folds: Vec<Value> = holdout
             .folds

@@ -35,6 +35,13 @@ fn table(out: &mut String, judged: &Judged) {
     }
 }
 
+/// Words as a sentence.
+fn sentence(words: &str) -> String {
+    let mut letters = words.chars();
+    let first = letters.next().into_iter().flat_map(char::to_uppercase);
+    first.chain(letters).chain(['.']).collect()
+}
+
 /// A study in words.
 pub fn summary_text(study: &Study) -> String {
     let mut out = String::new();
@@ -100,6 +107,9 @@ pub fn summary_text(study: &Study) -> String {
             holdout.folds.len()
         );
         table(&mut out, &holdout.pooled);
+    }
+    if let Some(report) = &evaluation.residual_map {
+        let _ = writeln!(out, "\n{}", sentence(&report.words));
     }
     let calibration = &evaluation.calibration;
     let id = &calibration.identifiability;

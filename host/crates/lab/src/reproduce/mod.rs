@@ -117,6 +117,7 @@ pub fn reproduce(
         choose_model: false,
         cross_validate: false,
         diagnose: true,
+        residual_map: false,
         models: MODELS.to_vec(),
         accuracy_mm: None,
         known_laws: None,
