@@ -218,11 +218,15 @@ fn words(report: &MapReport, none_mm: f64, closed_loop: bool) -> String {
         tried.join(", ")
     );
     let Some(map) = &report.map else {
-        return format!(
-            "residual map: none was kept ({tried}). A map must lower the error by {:.0} % and by {SIGMAS:.0} standard \
-             errors",
-            100.0 * GAIN
-        );
+        let why = if report.tried.iter().any(|t| t.wins(none_mm)) {
+            "All rows together speak for none".to_owned()
+        } else {
+            format!(
+                "A map must lower the error by {:.0} % and by {SIGMAS:.0} standard errors",
+                100.0 * GAIN
+            )
+        };
+        return format!("residual map: none was kept ({tried}). {why}");
     };
     let data = map.data();
     let mut text = format!(
