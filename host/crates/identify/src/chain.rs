@@ -5,15 +5,19 @@
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
+use spherecal_model::input::MOST_TARGETS;
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::kinematics::{next_frame, next_frame_turned, parameter_columns};
 use spherecal_shared::robot::{GRAVITY_M_S2, LinkTransform, MdhRow, Pose, Robot, Tool};
 use spherecal_shared::scalar::Real;
 
 use super::parameters::{Kind, Layout};
+use super::parts::Seen;
 
 /// Largest number of joints, as a length of arrays.
 pub(crate) const N: usize = MAX_JOINTS;
+/// Room for the general columns of any layout and the six of a base.
+pub(crate) const OWN: usize = 5 * N + 14 + 3 * MOST_TARGETS;
 
 /// Moments that hold the robot against gravity, computed with the nominal model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -144,8 +148,12 @@ pub(crate) struct Prepared {
     /// Cosine and sine of `q`, stored because an observation is evaluated many times.
     pub(crate) trig: Trig,
     pub(crate) load: Load,
-    /// Target in its reference frame, in m (a sphere's certified centre).
+    /// The leading target's number, from 0: the first that was seen.
+    pub(crate) lead: usize,
+    /// The leading target in its reference frame, in m (a sphere's certified centre).
     pub(crate) target: Vector3<f64>,
+    /// What the row tells besides the leading target.
+    pub(crate) further: Box<[Seen]>,
     /// Index of the reference frame in the layout.
     pub(crate) reference: usize,
     /// Index of the sphere in the layout.
@@ -157,6 +165,10 @@ pub(crate) struct Prepared {
 pub(crate) struct State {
     pub(crate) rows: Vec<MdhRow<f64>>,
     pub(crate) tcp: Vector3<f64>,
+    /// Targets 2.. in the flange frame, in m.
+    pub(crate) targets: Vec<Vector3<f64>>,
+    /// Orientation of the measured body in the flange frame.
+    pub(crate) body: Matrix3<f64>,
     /// F0 in each reference frame.
     pub(crate) bases: Vec<Pose>,
     /// Points of each reference frame about which steps rotate the base, in m: the mean of the
@@ -187,7 +199,7 @@ pub(crate) struct State {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kinematics {
     pub(crate) frames: [Pose<f64>; N],
-    /// TCP in F0, in m.
+    /// The TCP in F0, in m; of an observation its leading target.
     pub(crate) tcp: Vector3<f64>,
     /// Cosine and sine of the encoder angles.
     pub(crate) trig: Trig,
@@ -199,6 +211,8 @@ impl State {
         let mut state = Self {
             rows: robot.joints.iter().map(|j| j.mdh).collect(),
             tcp: tool.tcp(),
+            targets: vec![Vector3::zeros(); layout.targets.saturating_sub(1)],
+            body: Matrix3::identity(),
             bases: vec![Pose::default(); layout.references.len()],
             pivots: vec![Vector3::zeros(); layout.references.len()],
             compliance: vec![0.0; n],
@@ -239,6 +253,8 @@ impl State {
             Kind::Beta(i) => self.rows.get(i).map(|r| r.beta),
             Kind::Theta(i) => self.rows.get(i).map(|r| r.theta),
             Kind::Tool(k) => self.tcp.get(k).copied(),
+            Kind::Target(t, k) => self.targets.get(t).map(|p| p[k]),
+            Kind::Body(k) => Some(nalgebra::Rotation3::from_matrix_unchecked(self.body).scaled_axis()[k]),
             Kind::Bending(i, k) => self.bending.get(i).and_then(|b| b.get(k)).copied(),
             Kind::Tilt(k) => self.tilt.get(k).copied(),
             Kind::Compliance(i) => self.compliance.get(i).copied(),
@@ -260,7 +276,7 @@ impl State {
     }
 
     /// Adds `step` to a parameter. A base rotation turns about the reference frame's axes through
-    /// the pivot.
+    /// the pivot, a rotation of the measured body about the flange's axes.
     pub(crate) fn add(&mut self, kind: Kind, step: f64) {
         let slot = match kind {
             Kind::Alpha(i) => self.rows.get_mut(i).map(|r| &mut r.alpha),
@@ -269,6 +285,11 @@ impl State {
             Kind::Beta(i) => self.rows.get_mut(i).map(|r| &mut r.beta),
             Kind::Theta(i) => self.rows.get_mut(i).map(|r| &mut r.theta),
             Kind::Tool(k) => self.tcp.get_mut(k),
+            Kind::Target(t, k) => self.targets.get_mut(t).map(|p| &mut p[k]),
+            Kind::Body(k) => {
+                self.body = nalgebra::Rotation3::new(Vector3::ith(k, step)) * self.body;
+                None
+            }
             Kind::Bending(i, k) => self.bending.get_mut(i).and_then(|b| b.get_mut(k)),
             Kind::Tilt(k) => self.tilt.get_mut(k),
             Kind::Compliance(i) => self.compliance.get_mut(i),
@@ -313,17 +334,17 @@ impl State {
 
     /// Frames and TCP at encoder angles `q` (at least n) under `load`.
     pub(crate) fn evaluate(&self, q: &[f64; N], load: &Load) -> Kinematics {
-        self.turned(&trig(q), load)
+        self.turned(&trig(q), load, &self.tcp)
     }
 
-    /// Frames and TCP of an observation.
+    /// Frames and leading target of an observation.
     #[inline]
     pub(crate) fn at(&self, observation: &Prepared) -> Kinematics {
-        self.turned(&observation.trig, &observation.load)
+        self.turned(&observation.trig, &observation.load, &self.place(observation.lead))
     }
 
     #[inline]
-    fn turned(&self, trig: &Trig, load: &Load) -> Kinematics {
+    fn turned(&self, trig: &Trig, load: &Load, tool: &Vector3<f64>) -> Kinematics {
         let mut frames = [Pose::identity(); N];
         let mut frame = Pose::identity();
         let deviations = self.deviations(trig, load);
@@ -332,7 +353,23 @@ impl State {
             frame = next_frame_turned(&frame, link, (s, c));
             *slot = frame;
         }
-        let mut tcp = frame.point(&self.tcp);
+        Kinematics {
+            tcp: self.tip(&frames, &frame, load, tool),
+            frames,
+            trig: *trig,
+        }
+    }
+
+    /// Where a point of the flange frame (m) is in F0, with bending and tilt.
+    #[inline]
+    pub(crate) fn tip(
+        &self,
+        frames: &[Pose<f64>; N],
+        flange: &Pose<f64>,
+        load: &Load,
+        tool: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        let mut tcp = flange.point(tool);
         let rigid = tcp;
         for (j, [x, y]) in self.bending.iter().enumerate().take(N) {
             if *x != 0.0 || *y != 0.0 {
@@ -342,11 +379,7 @@ impl State {
         }
         let tilt = Vector3::new(-self.tilt[0] * load.base[0], -self.tilt[1] * load.base[1], 0.0);
         tcp += tilt.cross(&rigid);
-        Kinematics {
-            frames,
-            tcp,
-            trig: *trig,
-        }
+        tcp
     }
 
     /// Columns of the general block and of the joints, in F0: `general` has
@@ -422,7 +455,7 @@ fn order(harmonics: &mut [Vec<[f64; 2]>], joint: usize, k: usize) -> Option<&mut
 /// Rotation of a link by bending, in F0, in rad. The link yields to the load, so the rotation is
 /// against the moment that holds it.
 #[inline]
-fn bend(frame: &Pose<f64>, moment: &[f64; 3], x: f64, y: f64) -> Vector3<f64> {
+pub(crate) fn bend(frame: &Pose<f64>, moment: &[f64; 3], x: f64, y: f64) -> Vector3<f64> {
     let r: &Matrix3<f64> = &frame.rotation;
     r.column(0) * (-x * moment[0]) + r.column(1) * (-y * moment[1])
 }
