@@ -159,6 +159,11 @@ impl Calibration {
         state.body_at(&state.evaluate(&pad(q), &load), &load)
     }
 
+    /// Orientation of the measured body in the last frame of the table: 3 x 3.
+    pub(crate) fn body_in_flange(&self) -> Matrix3<f64> {
+        self.inner.state.body
+    }
+
     /// TCP in the first reference frame (plate or tracker), in m.
     pub fn tcp_world_m(&self, q: &[f64], tau: Option<&[f64]>) -> Vector3<f64> {
         self.base.point(&self.tcp_m(q, tau))

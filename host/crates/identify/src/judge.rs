@@ -8,11 +8,12 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::targets::{frame_of, target_of};
+use super::judge_targets::{Further, Turned, further_errors};
+use super::targets::{first_target, frame_of, measured_tcp};
 use spherecal_model::fit_pose;
 
 use crate::recordings::Judge;
@@ -67,6 +68,24 @@ pub struct Predictor<'a> {
     pub tcp_m: Tcp<'a>,
     /// F0 in each frame.
     pub frames: Vec<(Reference, Pose)>,
+    /// Targets 2.. and the measured body, where the data have them.
+    pub tool: ToolPredictor<'a>,
+}
+
+/// Tells where target `number` (from 1: target 2) is in F0, in m, at joint angles and torques.
+pub type TargetTcp<'a> = Box<dyn Fn(usize, &[f64], Option<&[f64]>) -> Vector3<f64> + Sync + 'a>;
+/// Tells the orientation of the measured body in F0.
+pub type Body<'a> = Box<dyn Fn(&[f64], Option<&[f64]>) -> Matrix3<f64> + Sync + 'a>;
+
+/// What a model predicts of the tool besides the TCP.
+#[derive(Default)]
+pub struct ToolPredictor<'a> {
+    /// Targets besides the TCP.
+    pub targets: usize,
+    /// Where they are in F0.
+    pub target_m: Option<TargetTcp<'a>>,
+    /// How the measured body is turned in F0.
+    pub body: Option<Body<'a>>,
 }
 
 /// One sample's error.
@@ -90,6 +109,12 @@ pub struct JudgedModel {
     /// By sample.
     #[serde(skip)]
     pub samples: Vec<SampleError>,
+    /// Errors of targets 2..
+    #[serde(skip)]
+    pub further: Vec<Further>,
+    /// Errors of measured orientations.
+    #[serde(skip)]
+    pub turned: Vec<Turned>,
     /// Errors of distances between the mean positions of the spheres of one
     /// place, in mm, where the frame was not known: `(place, sphere, sphere, error)`.
     pub distances_mm: Vec<(u32, u32, u32, f64)>,
@@ -132,8 +157,8 @@ impl Judged {
         for model in &mut out.models {
             let mut pairs = Vec::new();
             for (k, s) in model.samples.iter().enumerate() {
-                if let Some(Target::Point(p)) = judges.get(s.index).map(|j| &j.observation.target) {
-                    pairs.push((k, Vector3::from(s.at_m), Vector3::from(*p)));
+                if let Some(p) = judges.get(s.index).and_then(|j| measured_tcp(&j.observation.target)) {
+                    pairs.push((k, Vector3::from(s.at_m), p));
                 }
             }
             let from: Vec<_> = pairs.iter().map(|p| p.1).collect();
@@ -144,6 +169,7 @@ impl Judged {
                     *slot = error(slot.index, &tcp, &(pose.point(&tcp) - truth));
                 }
             }
+            model.align_further(&pose, judges);
         }
         out
     }
@@ -172,6 +198,8 @@ impl Judged {
         for model in other.models {
             if let Some(own) = self.models.iter_mut().find(|m| m.name == model.name) {
                 own.samples.extend(model.samples);
+                own.further.extend(model.further);
+                own.turned.extend(model.turned);
                 own.distances_mm.extend(model.distances_mm);
             } else {
                 self.models.push(model);
@@ -217,7 +245,12 @@ fn judge_one(model: &Predictor<'_>, judges: &[Judge<'_>], spheres: &[Sphere], cl
     for (judge, tcp) in judges.iter().zip(&tcps) {
         let target = &judge.observation.target;
         let reference = frame_of(target, judge.place, closed_loop);
-        let truth = target_of(target, spheres);
+        if let Some(pose) = frames.get(&reference) {
+            further_errors(&mut out, &model.tool, judge, pose);
+        }
+        let Some(truth) = first_target(target, spheres) else {
+            continue;
+        };
         match (frames.get(&reference), target) {
             (Some(pose), _) => out.samples.push(error(judge.index, tcp, &(pose.point(tcp) - truth))),
             (None, &Target::Sphere { sphere, place }) => {
@@ -266,7 +299,7 @@ fn judge_contacts(out: &mut JudgedModel, contacts: &Loose<(u32, u32)>, spheres: 
     }
 }
 
-fn error(index: usize, tcp: &Vector3<f64>, off: &Vector3<f64>) -> SampleError {
+pub(crate) fn error(index: usize, tcp: &Vector3<f64>, off: &Vector3<f64>) -> SampleError {
     SampleError {
         index,
         at_m: (*tcp).into(),

@@ -126,7 +126,10 @@ pub(crate) fn prepare(
 fn parts(target: &Target) -> (usize, Box<[Seen]>) {
     match target {
         Target::Points(points) => {
-            let mut seen = points.iter().enumerate().filter_map(|(number, at)| Some((number, (*at)?)));
+            let mut seen = points
+                .iter()
+                .enumerate()
+                .filter_map(|(number, at)| Some((number, (*at)?)));
             let lead = seen.next().map_or(0, |(number, _)| number);
             let further = seen.map(|(number, at)| Seen::Target {
                 number,

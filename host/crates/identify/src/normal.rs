@@ -20,6 +20,8 @@ use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector, Dyn, MatrixView, V
 
 mod groups;
 mod likelihood;
+#[cfg(test)]
+mod parts_tests;
 mod pose_columns;
 mod whitening;
 
@@ -58,7 +60,11 @@ impl Chunk {
     /// Writes one part of a pose to slot `b`.
     fn put(&mut self, b: usize, pose: &PoseColumns, layout: &Layout, observation: &Prepared, widths: Widths) {
         let Widths {
-            basis, own, wide, apart, ..
+            basis,
+            own,
+            wide,
+            apart,
+            ..
         } = widths;
         let slot = &mut self.own[3 * wide * b..3 * wide * (b + 1)];
         for (c, v) in pose.own[..own].iter().chain(&pose.joints[..wide - own]).enumerate() {

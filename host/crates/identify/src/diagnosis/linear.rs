@@ -138,7 +138,11 @@ impl Linear {
             let parts = fit.prepared[of].parts();
             parts.filter(|part| *part != Part::Body).count()
         };
-        let step = (0..fit.prepared.len()).map(targets).sum::<usize>().div_ceil(MOST).max(1);
+        let step = (0..fit.prepared.len())
+            .map(targets)
+            .sum::<usize>()
+            .div_ceil(MOST)
+            .max(1);
         let chosen: Vec<usize> = (0..fit.prepared.len()).step_by(step).collect();
         let count: usize = chosen.iter().map(|of| targets(*of)).sum();
         let mut x = DMatrix::zeros(3 * count, m);

@@ -123,7 +123,10 @@ impl Conditional {
         let mut rest = whitening.covariance(joints, floor);
         let factor = |before: &[Vector3<f64>; N]| {
             let pairs = joints.iter().zip(before);
-            pairs.map(|(own, earlier)| own * earlier.transpose()).sum::<Matrix3<f64>>() * whitening.joint
+            pairs
+                .map(|(own, earlier)| own * earlier.transpose())
+                .sum::<Matrix3<f64>>()
+                * whitening.joint
         };
         let factors: Vec<Matrix3<f64>> = before.map(factor).collect();
         for factor in &factors {
