@@ -55,9 +55,10 @@ pub(crate) fn whitened_rows(
                 all[layout.joint(j) + k] = pose.joints[j] * *value;
             }
         }
-        let floor = match before.is_empty() {
-            true => whitening.leading(observation),
-            false => whitening.own(block.part),
+        let floor = if before.is_empty() {
+            whitening.leading(observation)
+        } else {
+            whitening.own(block.part)
         };
         let given = Conditional::new(whitening, floor, &block.joints[..layout.n], before.iter());
         before.push(pose.joints.map(|joint| joint / weight.sqrt()));
@@ -92,9 +93,10 @@ fn whitened<const K: usize>(
                 columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
             }
             let residual = state.residual(observation, &k.tcp);
-            let further = match observation.further.is_empty() {
-                true => Vec::new(),
-                false => state.further(layout.n, observation, &k),
+            let further = if observation.further.is_empty() {
+                Vec::new()
+            } else {
+                state.further(layout.n, observation, &k)
             };
             for (candidate, (rows, log)) in candidates.iter().zip(&mut found) {
                 let root = Root::new(&candidate.covariance(&columns[..layout.n], candidate.leading(observation)));

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
-use rand::{RngExt as _, SeedableRng as _};
+use rand::SeedableRng as _;
 use spherecal_model::{Experiment, Observation, Pose, Set, Target};
 use spherecal_shared::robot::{Tool, built_in};
 
@@ -69,13 +69,28 @@ fn setup() -> Setup {
     }
     state.pivots = vec![Vector3::new(0.1, -0.2, 0.3)];
     state.refresh();
-    // The measured orientation is near the model's, as in a fit.
-    let last = experiment.observations.len() - 1;
+    // The measurements are near the model's, as in a fit.
     let prepared = prepare(&experiment, &layout, &nominal, Torque::Model, |_| true).unwrap();
-    let body = state.body_at(&state.at(&prepared[last]), &prepared[last].load);
-    let off = Rotation3::new(Vector3::new(1e-4, -2e-4, 3e-4)).into_inner();
-    if let Target::Frame(pose) = &mut experiment.observations[last].target {
-        pose.rotation = off * state.bases[0].rotation * body;
+    let base = state.bases[0];
+    for (p, observation) in prepared.iter().zip(&mut experiment.observations) {
+        let at = |number: usize| -> [f64; 3] {
+            let off = Vector3::new(1e-5, -2e-5, 3e-5) * (number + 1) as f64;
+            (base.point(&state.target_at(&p.q, &p.load, number)) + off).into()
+        };
+        match &mut observation.target {
+            Target::Points(points) => {
+                for (number, point) in points.iter_mut().enumerate() {
+                    *point = point.map(|_| at(number));
+                }
+            }
+            Target::Frame(pose) => {
+                let body = state.body_at(&state.at(p), &p.load);
+                let off = Rotation3::new(Vector3::new(1e-4, -2e-4, 3e-4)).into_inner();
+                pose.rotation = off * base.rotation * body;
+                pose.position = at(0).into();
+            }
+            other => *other = Target::Point(at(0)),
+        }
     }
     let prepared = prepare(&experiment, &layout, &nominal, Torque::Model, |_| true).unwrap();
     Setup {

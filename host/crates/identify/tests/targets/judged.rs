@@ -1,6 +1,7 @@
 //! The whole evaluation of several targets and poses: folds, errors by target, gross errors, orientations of another body.
 
 use super::drawn::{Drawn, Noise};
+use spherecal_identify::evaluate::JudgedModel;
 use spherecal_identify::{EvaluateError, EvaluateOptions, Evaluation, Experiment, Recordings, Target, evaluate};
 
 fn evaluated(experiment: Experiment) -> Result<Evaluation, EvaluateError> {
@@ -55,7 +56,7 @@ fn poses_have_two_errors_and_must_turn_with_the_flange() {
     let judged = found.judged.as_ref().expect("cross-validated");
     let turns = judged
         .model("calibrated")
-        .and_then(|m| m.turns())
+        .and_then(JudgedModel::turns)
         .expect("has orientations");
     assert_eq!(turns.n, 60);
     assert!((1.0..4.0).contains(&turns.rms_mrad), "{turns:?}");
