@@ -11,7 +11,8 @@ use nalgebra::{DMatrix, Vector3};
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::chain::{Load, N, OWN, State};
+use super::chain::{N, OWN, State};
+use super::load::Load;
 use super::parameters::{Kind, Layout, Unit, hayati, name_of};
 
 /// Relative tolerance of the rank, on columns of unit length.

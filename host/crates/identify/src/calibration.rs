@@ -4,8 +4,9 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::chain::{N, Nominal, OWN, State};
+use super::chain::{N, OWN, State};
 use super::identifiability::Identifiability;
+use super::load::Nominal;
 use super::map::{self, Fit};
 use super::options::{Method, Model, Options};
 use super::parameters::{Layout, Reference, Unit};

@@ -14,8 +14,9 @@ use spherecal_model::input::MOST_TARGETS;
 use super::error::IdentifyError;
 use super::noise_scale::Squared;
 use super::normal::Whitening;
-use super::parts::{Block, Part};
+use super::parts::Block;
 use super::search::Search;
+use super::seen::Part;
 
 /// Most rows that the variances are estimated from, spread evenly: more hardly change them.
 const ROWS: usize = 400;
@@ -88,10 +89,10 @@ impl Search<'_> {
         self.prepared.iter().any(|p| !p.further.is_empty())
     }
 
-    /// Estimates the variances at the state, then scale and weights.
-    pub(super) fn choose_components(&mut self) -> Result<(), IdentifyError> {
+    /// Estimates the variances at the state, then scale and weights. Returns whether they may have changed.
+    pub(super) fn choose_components(&mut self) -> Result<bool, IdentifyError> {
         if !self.options.noise.estimate {
-            return Ok(());
+            return Ok(false);
         }
         let step = self.prepared.len().div_ceil(ROWS).max(1);
         let n = self.layout.n;
@@ -130,7 +131,8 @@ impl Search<'_> {
             body: variances[BODY],
         };
         self.s2 = 1.0;
-        self.reweight()
+        self.reweight()?;
+        Ok(true)
     }
 }
 

@@ -15,10 +15,11 @@ use spherecal_shared::robot::Tool;
 
 use super::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use super::calibration::{Calibration, finish};
-use super::chain::{Nominal, Prepared, State};
+use super::chain::{Prepared, State};
 use super::effects::Choice;
 use super::error::IdentifyError;
 use super::identifiability::analyse;
+use super::load::Nominal;
 use super::map::{FEWEST, Fit, prepare, register};
 use super::normal::{Whitening, accumulate, groups};
 use super::options::{Method, Model, Options, Pairs, Torque};

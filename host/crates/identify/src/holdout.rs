@@ -11,8 +11,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::chain::Nominal;
 use super::error::IdentifyError;
+use super::load::Nominal;
 use super::map::{Fit, fit, prepare};
 use super::options::{Method, Model, Options};
 use super::parameters::Layout;

@@ -8,54 +8,17 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::judge_targets::{Further, Turned, further_errors};
+use super::errors::{Errors, SampleError, error};
+use super::judge_targets::{Further, ToolPredictor, Turned, Turns, align_further, further_errors};
 use super::targets::{first_target, frame_of, measured_tcp};
 use spherecal_model::fit_pose;
 
 use crate::recordings::Judge;
 use crate::{Pose, Reference, Sphere, Target};
-
-/// Statistics of distances, in mm.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Errors {
-    /// Samples.
-    pub n: usize,
-    /// Mean distance.
-    pub mean_mm: f64,
-    /// Standard deviation of the distances.
-    pub std_mm: f64,
-    /// Smallest distance.
-    pub min_mm: f64,
-    /// Largest distance.
-    pub max_mm: f64,
-    /// Root mean square of the distances.
-    pub rms_mm: f64,
-}
-
-impl Errors {
-    /// Of distances in mm.
-    pub fn of(distances_mm: &[f64]) -> Self {
-        let n = distances_mm.len();
-        if n == 0 {
-            return Self::default();
-        }
-        let mean = distances_mm.iter().sum::<f64>() / n as f64;
-        let square = distances_mm.iter().map(|d| d * d).sum::<f64>() / n as f64;
-        let spread = distances_mm.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / n as f64;
-        Self {
-            n,
-            mean_mm: mean,
-            std_mm: spread.sqrt(),
-            min_mm: distances_mm.iter().copied().fold(f64::INFINITY, f64::min),
-            max_mm: distances_mm.iter().copied().fold(0.0, f64::max),
-            rms_mm: square.sqrt(),
-        }
-    }
-}
 
 /// Tells the TCP in F0 (m) at joint angles and, where measured, torques.
 pub type Tcp<'a> = Box<dyn Fn(&[f64], Option<&[f64]>) -> Vector3<f64> + Sync + 'a>;
@@ -70,35 +33,6 @@ pub struct Predictor<'a> {
     pub frames: Vec<(Reference, Pose)>,
     /// Targets 2.. and the measured body, where the data have them.
     pub tool: ToolPredictor<'a>,
-}
-
-/// Tells where target `number` (from 1: target 2) is in F0, in m, at joint angles and torques.
-pub type TargetTcp<'a> = Box<dyn Fn(usize, &[f64], Option<&[f64]>) -> Vector3<f64> + Sync + 'a>;
-/// Tells the orientation of the measured body in F0.
-pub type Body<'a> = Box<dyn Fn(&[f64], Option<&[f64]>) -> Matrix3<f64> + Sync + 'a>;
-
-/// What a model predicts of the tool besides the TCP.
-#[derive(Default)]
-pub struct ToolPredictor<'a> {
-    /// Targets besides the TCP.
-    pub targets: usize,
-    /// Where they are in F0.
-    pub target_m: Option<TargetTcp<'a>>,
-    /// How the measured body is turned in F0.
-    pub body: Option<Body<'a>>,
-}
-
-/// One sample's error.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct SampleError {
-    /// Index of the sample among those judged.
-    pub index: usize,
-    /// Where the TCP is in F0 by the model, in m.
-    pub at_m: [f64; 3],
-    /// Predicted minus true, in mm.
-    pub error_mm: [f64; 3],
-    /// Its length.
-    pub distance_mm: f64,
 }
 
 /// One model's errors.
@@ -125,6 +59,28 @@ impl JudgedModel {
     pub fn errors(&self) -> Errors {
         let d: Vec<f64> = self.samples.iter().map(|s| s.distance_mm).collect();
         Errors::of(&d)
+    }
+
+    /// Statistics of target `number` of the tool, from 1: the TCP.
+    pub fn target_errors(&self, number: usize) -> Errors {
+        if number == 1 {
+            return self.errors();
+        }
+        let own = self.further.iter().filter(|f| f.number + 1 == number);
+        let distances: Vec<f64> = own.map(|f| f.error.distance_mm).collect();
+        Errors::of(&distances)
+    }
+
+    /// Statistics of the orientations; none where no row has one.
+    pub fn turns(&self) -> Option<Turns> {
+        let angles: Vec<f64> = self.turned.iter().map(|t| t.angle_rad * 1e3).collect();
+        let e = Errors::of(&angles);
+        (e.n > 0).then_some(Turns {
+            n: e.n,
+            mean_mrad: e.mean_mm,
+            rms_mrad: e.rms_mm,
+            max_mrad: e.max_mm,
+        })
     }
 
     /// Mean size of the errors of distances between spheres, in mm.
@@ -169,7 +125,7 @@ impl Judged {
                     *slot = error(slot.index, &tcp, &(pose.point(&tcp) - truth));
                 }
             }
-            model.align_further(&pose, judges);
+            align_further(&mut model.further, &mut model.turned, &pose, judges);
         }
         out
     }
@@ -246,7 +202,7 @@ fn judge_one(model: &Predictor<'_>, judges: &[Judge<'_>], spheres: &[Sphere], cl
         let target = &judge.observation.target;
         let reference = frame_of(target, judge.place, closed_loop);
         if let Some(pose) = frames.get(&reference) {
-            further_errors(&mut out, &model.tool, judge, pose);
+            further_errors(&mut out.further, &mut out.turned, &model.tool, judge, pose);
         }
         let Some(truth) = first_target(target, spheres) else {
             continue;
@@ -296,15 +252,6 @@ fn judge_contacts(out: &mut JudgedModel, contacts: &Loose<(u32, u32)>, spheres: 
                 out.distances_mm.push((*place, *one, *two, off * 1e3));
             }
         }
-    }
-}
-
-pub(crate) fn error(index: usize, tcp: &Vector3<f64>, off: &Vector3<f64>) -> SampleError {
-    SampleError {
-        index,
-        at_m: (*tcp).into(),
-        error_mm: (off * 1e3).into(),
-        distance_mm: off.norm() * 1e3,
     }
 }
 

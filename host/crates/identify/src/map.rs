@@ -12,17 +12,18 @@
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
-use super::chain::{Nominal, Prepared, State, trig};
+use super::chain::{Prepared, State, trig};
 use super::effects::Choice;
 use super::error::IdentifyError;
 use super::identifiability::{Identifiability, analyse};
+use super::load::Nominal;
 use super::noise_scale::Squared;
 use super::normal::{Group, Whitening, distances, groups, log_determinant};
 use super::options::{Model, Options, Torque};
 use super::parameter_table::table;
 use super::parameters::{Kind, Layout, Parameter};
-use super::parts::{Part, Seen};
 use super::search::{SETTLED, Search, joined};
+use super::seen::{Part, Seen};
 use super::solve::{Posterior, Unknowns};
 use super::targets::{reference_of, target_of};
 use spherecal_model::{Experiment, Pose, Set, Target, fit_pose};
@@ -257,11 +258,16 @@ pub(crate) fn fit(
         options,
     };
     let richer = layout != plain;
-    let several = search.several();
     let most = if richer { FIRST_STEPS } else { STEPS };
     let (first, mut normal) = search.settle(most)?;
     let identifiability = analyse(&first, &plain_table, prepared.len());
-    if search.choose_shape()? {
+    let several = search.several();
+    let changed = if several {
+        search.choose_components()?
+    } else {
+        search.choose_shape()?
+    };
+    if changed {
         (_, normal) = search.settle(most)?;
     }
     // The effects join, with the geometry where it is.

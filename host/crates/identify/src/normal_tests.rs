@@ -6,7 +6,7 @@ use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 use super::groups::BLOCK;
 use super::*;
-use crate::chain::Nominal;
+use crate::load::Nominal;
 use crate::map::prepare;
 use crate::options::Torque;
 

@@ -7,40 +7,10 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::chain::{Kinematics, Load, N, Prepared, State, bend};
+use super::chain::{Kinematics, N, Prepared, State, bend};
+use super::load::Load;
 use super::parameters::Layout;
-
-/// What three numbers of a row measure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Part {
-    /// Position of a target on the tool, numbered from 0: the TCP.
-    Target(usize),
-    /// Orientation of the measured body.
-    Body,
-}
-
-/// A part of a row as it was measured, in the reference frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Seen {
-    /// Position of a target, in m.
-    Target {
-        /// Number of the target, from 0.
-        number: usize,
-        /// Its position, in m.
-        at: Vector3<f64>,
-    },
-    /// Orientation of the measured body.
-    Body(Matrix3<f64>),
-}
-
-impl Seen {
-    pub(crate) fn part(&self) -> Part {
-        match *self {
-            Self::Target { number, .. } => Part::Target(number),
-            Self::Body(_) => Part::Body,
-        }
-    }
-}
+use super::seen::{Part, Seen};
 
 /// One part of a row at a state: how the joints move it, and its residual, in the axes of F0.
 #[derive(Clone, Debug)]
@@ -50,23 +20,6 @@ pub(crate) struct Block {
     pub(crate) joints: [Vector3<f64>; N],
     /// Model minus measurement.
     pub(crate) residual: Vector3<f64>,
-}
-
-impl Prepared {
-    /// How many numbers were measured.
-    pub(crate) fn numbers(&self) -> f64 {
-        3.0 * (1 + self.further.len()) as f64
-    }
-
-    /// The part that leads the row.
-    pub(crate) fn leading(&self) -> Part {
-        Part::Target(self.lead)
-    }
-
-    /// All parts of the row, in order.
-    pub(crate) fn parts(&self) -> impl Iterator<Item = Part> {
-        std::iter::once(self.leading()).chain(self.further.iter().map(Seen::part))
-    }
 }
 
 impl Layout {

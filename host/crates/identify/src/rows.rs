@@ -9,8 +9,9 @@
 use nalgebra::Vector3;
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::chain::{N, Nominal, OWN, Prepared, State, trig};
+use super::chain::{N, OWN, Prepared, State, trig};
 use super::error::IdentifyError;
+use super::load::Nominal;
 use super::normal::{Root, Whitening};
 use super::options::Options;
 use super::parameter_table::table;

@@ -137,10 +137,6 @@ impl Search<'_> {
         if !self.options.noise.estimate {
             return Ok(false);
         }
-        if self.several() {
-            self.choose_components()?;
-            return Ok(true);
-        }
         let first = self.whitening;
         let candidates = SHAPES.map(|factor| first.with_floor(factor));
         let nu = self.nu;

@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::chain::{Prepared, State};
-use super::parts::Seen;
+use super::seen::Seen;
 use spherecal_model::Pose;
 
 /// Middle of the values; 0 for none.

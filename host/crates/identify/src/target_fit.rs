@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::map::Fit;
-use super::parts::Part;
+use super::seen::Part;
 
 /// One target's place, noise and residual.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -13,11 +13,12 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use crate::chain::{Kinematics, Load};
+use crate::chain::Kinematics;
+use crate::load::Load;
 use crate::map::Fit;
 use crate::normal::{Root, Row, whitened_rows};
 use crate::parameters::Layout;
-use crate::parts::{Part, Seen};
+use crate::seen::{Part, Seen};
 
 /// Most observations that a statement about a fit is computed from; of more,
 /// these many evenly spread ones.

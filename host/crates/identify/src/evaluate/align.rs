@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use spherecal_model::fit_pose;
 use spherecal_shared::robot::Robot;
 
-use super::align_targets;
+use super::align_targets::place;
 use crate::flange::Flange;
 use crate::targets::{first_target, reference_of};
 use crate::{Experiment, Observation, Pose, Reference, Set};
@@ -276,20 +276,20 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Nominal
         frames,
     });
     let all = experiment.observations.par_iter().enumerate();
-    let distances_m: Vec<(usize, f64)> = all
+    let mut distances_m: Vec<(usize, f64)> = all
         .filter(|(_, o)| o.set == Set::Calibrate)
         .filter_map(|(index, o)| Some((index, problem.residual(&item(o)?, &guess).norm())))
         .collect();
     let mut d: Vec<f64> = distances_m.iter().map(|d| d.1).collect();
-    let mut aligned = NominalFrames {
+    let frames: Vec<(Reference, Pose)> = problem.references.into_iter().zip(guess.frames).collect();
+    let placed = place(experiment, &flange, &frames, &mut distances_m);
+    NominalFrames {
         tcp_m: guess.tool,
-        targets_m: Vec::new(),
-        body: None,
+        targets_m: placed.targets_m,
+        body: placed.body,
+        median_turn_rad: placed.median_turn_rad,
         median_m: median(&mut d),
-        frames: problem.references.into_iter().zip(guess.frames).collect(),
+        frames,
         distances_m,
-        median_turn_rad: None,
-    };
-    align_targets::add(&mut aligned, experiment, &flange);
-    aligned
+    }
 }

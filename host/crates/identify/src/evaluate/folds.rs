@@ -11,7 +11,8 @@ use super::groups::{Derived, groups, without_only_contacts};
 use super::thin::thinned;
 use super::{EvaluateError, EvaluateOptions};
 use crate::flange::Flange;
-use crate::judge::{Body, Fold, HeldOut, Judged, Predictor, ToolPredictor, judge};
+use crate::judge::{Fold, HeldOut, Judged, Predictor, judge};
+use crate::judge_targets::{Body, ToolPredictor};
 use crate::recordings::Judge;
 use crate::{Options, Pose, Recordings, Reference, Target};
 

@@ -33,10 +33,9 @@ mod tune;
 use nalgebra::Vector3;
 use spherecal_model::chain::Chain;
 
-pub use crate::judge::{
-    Body, Errors, Fold, HeldOut, Judged, JudgedModel, Predictor, SampleError, TargetTcp, Tcp, ToolPredictor, judge,
-};
-pub use crate::judge_targets::{Further, Turned, Turns};
+pub use crate::errors::{Errors, SampleError};
+pub use crate::judge::{Fold, HeldOut, Judged, JudgedModel, Predictor, Tcp, judge};
+pub use crate::judge_targets::{Body, Further, TargetTcp, ToolPredictor, Turned, Turns};
 pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};

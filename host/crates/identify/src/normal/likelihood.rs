@@ -9,7 +9,7 @@ use super::whitening::{Conditional, Root, Whitening};
 use crate::chain::{N, Prepared, State};
 use crate::noise_scale::{Squared, numbers, scale};
 use crate::parameters::Layout;
-use crate::parts::Part;
+use crate::seen::Part;
 
 /// One target's whitened residual and what whitened it.
 pub(crate) struct Row {

@@ -6,7 +6,7 @@ use super::groups::add_all;
 use super::whitening::{Conditional, Root, Whitening};
 use crate::chain::{Kinematics, N, OWN, Prepared, State};
 use crate::parameters::Layout;
-use crate::parts::Seen;
+use crate::seen::Seen;
 
 /// One part of a pose: its whitened columns and residual.
 pub(super) struct PoseColumns {

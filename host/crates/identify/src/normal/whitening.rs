@@ -5,7 +5,8 @@ use spherecal_model::input::MOST_TARGETS;
 
 use crate::chain::{N, Prepared};
 use crate::options::Noise;
-use crate::parts::{Block, Part};
+use crate::parts::Block;
+use crate::seen::Part;
 
 /// Most targets besides the TCP.
 const FURTHER: usize = MOST_TARGETS - 1;
