@@ -27,7 +27,9 @@ use spherecal_store::time::now_utc;
 ///
 /// The table is a CSV file with a header row. Joint columns: q1..qn in rad, q1_deg..qn_deg, or the
 /// robot's joint names; optionally tau1..taun in N m. Each row also has either a measured point
-/// (x_mm,y_mm,z_mm or x_m,y_m,z_m, in any tracker frame), or the sphere on which the tool sat
+/// (x_mm,y_mm,z_mm or x_m,y_m,z_m, in any tracker frame), several targets on the tool
+/// (x1_mm,y1_mm,z1_mm,x2_mm,..: up to six, target 1 is the TCP; empty where one was hidden), a pose
+/// (x_mm,y_mm,z_mm with qw,qx,qy,qz or r11..r33, in the tracker frame), or the sphere on which the tool sat
 /// (sphere, and place if the plate was moved). Optional column: set = calibrate | validate. Other
 /// columns are refused; exclude them with --ignore-columns.
 ///

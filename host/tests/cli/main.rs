@@ -42,6 +42,7 @@ mod services;
 #[cfg(unix)]
 mod shards;
 mod support;
+mod targets;
 #[cfg(unix)]
 mod tutorials;
 mod wire_kills;

@@ -228,14 +228,18 @@ fn mistakes(good: &str) -> Vec<Mistake> {
             ],
         ),
         of_table(
-            "several targets, which the estimator does not take",
-            "q1,q2,q3,q4,q5,q6,x1_mm,y1_mm,z1_mm\n".to_owned() + &"0,0,0,0,0,0,100,2,3\n".repeat(5),
-            &["row 1", "several measured points", "one point per row"],
+            "a second target that one row saw",
+            "q1,q2,q3,q4,q5,q6,x1_mm,y1_mm,z1_mm,x2_mm,y2_mm,z2_mm\n".to_owned()
+                + "0,0,0,0,0,0.9,100,2,3,1,2,30\n"
+                + &(0..5)
+                    .map(|k| format!("0,0,0,0,0,0.{k},10{k},2,3,,,\n"))
+                    .collect::<String>(),
+            &["target 2 is in 1 rows", "at least 3", "--ignore-columns"],
         ),
         of_table(
-            "a whole frame, which the estimator does not take",
-            "q1,q2,q3,q4,q5,q6,x_mm,y_mm,z_mm,qw,qx,qy,qz\n".to_owned() + &"0,0,0,0,0,0,100,2,3,1,0,0,0\n".repeat(5),
-            &["row 1", "a measured frame", "--ignore-columns"],
+            "several targets beside spheres",
+            "q1,q2,q3,q4,q5,q6,x1_mm,y1_mm,z1_mm,sphere\n".to_owned() + &"0,0,0,0,0,0,100,2,3,\n".repeat(5),
+            &["a column sphere", "a table of their own"],
         ),
         of_table(
             "a quaternion that is none",

@@ -11,7 +11,8 @@ use nalgebra::{DMatrix, Vector3};
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::chain::{Load, N, State};
+use super::chain::{N, OWN, State};
+use super::load::Load;
 use super::parameters::{Kind, Layout, Unit, hayati, name_of};
 
 /// Relative tolerance of the rank, on columns of unit length.
@@ -81,6 +82,8 @@ pub fn position_jacobian(robot: &Robot, tool: &Tool, q: &[Vec<f64>], columns: Co
         hayati: hayati(robot),
         references: vec![super::parameters::Reference::Tracker],
         spheres: Vec::new(),
+        targets: 1,
+        body: false,
     };
     let state = State::nominal(robot, tool, &layout);
     // By rows, as in the paper's table: alpha, a, theta, d (or beta).
@@ -97,7 +100,7 @@ pub fn position_jacobian(robot: &Robot, tool: &Tool, q: &[Vec<f64>], columns: Co
     }
     let (names, units): (Vec<_>, Vec<_>) = kinds.iter().map(|k| name_of(*k, &layout)).unzip();
     let mut matrix = DMatrix::zeros(3 * q.len(), kinds.len());
-    let mut general = [Vector3::zeros(); 5 * N + 16];
+    let mut general = [Vector3::zeros(); OWN];
     let mut joints = [Vector3::zeros(); N];
     for (row, q) in q.iter().enumerate() {
         let mut angles = [0.0; N];

@@ -4,12 +4,14 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::chain::{N, Nominal, State};
+use super::chain::{N, OWN, State};
 use super::identifiability::Identifiability;
+use super::load::Nominal;
 use super::map::{self, Fit};
 use super::options::{Method, Model, Options};
 use super::parameters::{Layout, Reference, Unit};
 use super::residuals::{GroupFit, Residual, residuals};
+use super::target_fit::{OrientationFit, TargetFit, target_fits};
 use spherecal_model::{Experiment, Pose, Sphere};
 
 /// One parameter's row of the result.
@@ -88,7 +90,12 @@ pub struct Calibration {
     pub residual: Residual,
     /// Goodness of fit by sphere and place.
     pub groups: Vec<GroupFit>,
-    /// Noise found, as a factor on [`super::Noise`].
+    /// Every target of the tool, where the data have several or measured orientations; else empty.
+    pub targets: Vec<TargetFit>,
+    /// The measured orientations, where the data have them.
+    pub orientation: Option<OrientationFit>,
+    /// Noise found, as a factor on [`super::Noise`]. Where rows have several parts, the noise of each was
+    /// estimated before ([`Self::targets`]), and this is about 1.
     pub noise_scale: f64,
     /// Parameters that the data determine, out of those free.
     pub effective_parameters: f64,
@@ -139,6 +146,25 @@ impl Calibration {
         self.inner.state.evaluate(&pad(q), &load).tcp
     }
 
+    /// Target `number` of the tool (from 1: the TCP) in F0, in m, as [`Self::tcp_m`] gives the TCP. A number
+    /// that the data do not have gives the TCP.
+    pub fn target_m(&self, number: usize, q: &[f64], tau: Option<&[f64]>) -> Vector3<f64> {
+        let load = self.inner.nominal.load(q, tau.filter(|_| self.inner.measured_torque));
+        self.inner.state.target_at(&pad(q), &load, number.saturating_sub(1))
+    }
+
+    /// Orientation of the measured body in F0: 3 x 3. That of the last frame where the data have no orientations.
+    pub fn body_rotation(&self, q: &[f64], tau: Option<&[f64]>) -> Matrix3<f64> {
+        let load = self.inner.nominal.load(q, tau.filter(|_| self.inner.measured_torque));
+        let state = &self.inner.state;
+        state.body_at(&state.evaluate(&pad(q), &load), &load)
+    }
+
+    /// Orientation of the measured body in the last frame of the table: 3 x 3.
+    pub(crate) fn body_in_flange(&self) -> Matrix3<f64> {
+        self.inner.state.body
+    }
+
     /// TCP in the first reference frame (plate or tracker), in m.
     pub fn tcp_world_m(&self, q: &[f64], tau: Option<&[f64]>) -> Vector3<f64> {
         self.base.point(&self.tcp_m(q, tau))
@@ -177,7 +203,7 @@ impl Calibration {
         let (layout, state) = (&inner.layout, &inner.state);
         let load = inner.nominal.load(q, None);
         let k = state.evaluate(&pad(q), &load);
-        let mut general = [Vector3::zeros(); 5 * N + 16];
+        let mut general = [Vector3::zeros(); OWN];
         let mut joints = [Vector3::zeros(); N];
         state.columns(layout, &k, &load, &mut general, &mut joints);
         let rotation = self.base.rotation;
@@ -334,6 +360,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         sphere
     });
     let (residual, groups) = residuals(&fit);
+    let (targets, orientation) = target_fits(&fit);
     let joint_noise = fit.whitening.joint * fit.scale.powi(2);
     Calibration {
         method: options.method,
@@ -351,6 +378,8 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         identifiability: fit.identifiability.clone(),
         residual,
         groups,
+        targets,
+        orientation,
         noise_scale: fit.scale,
         effective_parameters: fit.effective,
         log_evidence: fit.log_evidence,

@@ -1,106 +1,24 @@
-//! Kinematics and gravity load of a robot whose number of joints is known only at run time.
+//! Kinematics of a robot whose number of joints is known only at run time.
 //!
 //! The constants of an observation are prepared once ([`Prepared`]). A model state ([`State`]) then
 //! gives the TCP, and the columns from which the estimators build their Jacobians ([`Kinematics`]).
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
+use spherecal_model::input::MOST_TARGETS;
 use spherecal_shared::MAX_JOINTS;
-use spherecal_shared::robot::kinematics::{next_frame, next_frame_turned, parameter_columns};
-use spherecal_shared::robot::{GRAVITY_M_S2, LinkTransform, MdhRow, Pose, Robot, Tool};
+use spherecal_shared::robot::kinematics::{next_frame_turned, parameter_columns};
+use spherecal_shared::robot::{LinkTransform, MdhRow, Pose, Robot, Tool};
 use spherecal_shared::scalar::Real;
 
+use super::load::Load;
 use super::parameters::{Kind, Layout};
+use super::seen::{Part, Seen};
 
 /// Largest number of joints, as a length of arrays.
 pub(crate) const N: usize = MAX_JOINTS;
-
-/// Moments that hold the robot against gravity, computed with the nominal model.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Load {
-    /// At the origin of each joint's frame, in the frame's axes, in N m; the z
-    /// component is the joint torque.
-    pub(crate) joint: [[f64; 3]; N],
-    /// At the base, about x and y of F0, in N m.
-    pub(crate) base: [f64; 2],
-}
-
-/// The nominal robot as slices, the input of the loads.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Nominal {
-    links: Vec<LinkTransform<f64>>,
-    bodies: Vec<(f64, Vector3<f64>)>,
-    /// The description has no masses; [`ASSUMED_LINK_KG`] is used instead.
-    assumed: bool,
-}
-
-/// Assumed mass of each link of a robot whose description has none, half way to the next joint.
-/// Only the change of the load from pose to pose matters, because the fitted compliance absorbs its
-/// size. On the real arm of `mukca_iiwa14.csv`, whose URDF has no masses, it gives nearly the same
-/// result as the arm's own masses.
-const ASSUMED_LINK_KG: f64 = 3.0;
-
-impl Nominal {
-    pub(crate) fn new(robot: &Robot, tool: &Tool) -> Self {
-        let last = robot.dof().saturating_sub(1);
-        let bodies = robot.joints.iter().enumerate().map(|(i, joint)| {
-            let body = if i == last {
-                joint.link.combined(&tool.body)
-            } else {
-                joint.link
-            };
-            (body.mass_kg, body.com())
-        });
-        let links: Vec<_> = robot.joints.iter().map(|j| LinkTransform::from(&j.mdh)).collect();
-        let mut bodies: Vec<_> = bodies.collect();
-        let assumed = robot.joints.iter().all(|joint| joint.link.mass_kg <= 0.0);
-        if assumed {
-            for (i, body) in bodies.iter_mut().enumerate() {
-                let end = links.get(i + 1).map_or_else(|| tool.tcp(), |next| next.origin);
-                let total = body.0 + ASSUMED_LINK_KG;
-                *body = (total, (body.1 * body.0 + end * (0.5 * ASSUMED_LINK_KG)) / total);
-            }
-        }
-        Self { links, bodies, assumed }
-    }
-
-    /// Mass (kg) and centre of mass (m, own frame) of joint `j`'s link as the loads use them.
-    pub(crate) fn body(&self, j: usize) -> (f64, Vector3<f64>) {
-        self.bodies.get(j).copied().unwrap_or_default()
-    }
-
-    /// Whether the masses are assumed, because the description has none.
-    pub(crate) fn assumed(&self) -> bool {
-        self.assumed
-    }
-
-    /// Loads at joint angles `q`; measured torques replace the joints' own.
-    pub(crate) fn load(&self, q: &[f64], measured: Option<&[f64]>) -> Load {
-        let mut load = Load::default();
-        let mut frames = [Pose::identity(); N];
-        let n = self.links.len().min(q.len()).min(N);
-        let mut frame = Pose::identity();
-        for i in 0..n {
-            frame = next_frame(&frame, &self.links[i], q[i]);
-            frames[i] = frame;
-        }
-        let mut mass = 0.0;
-        let mut moment = Vector3::zeros();
-        for i in (0..n).rev() {
-            let (m, com) = &self.bodies[i];
-            mass += m;
-            moment += frames[i].point(com) * *m;
-            let holding = (moment - frames[i].position * mass).cross(&Vector3::z()) * GRAVITY_M_S2;
-            load.joint[i] = frames[i].rotation.tr_mul(&holding).into();
-        }
-        let holding = moment.cross(&Vector3::z()) * GRAVITY_M_S2;
-        load.base = [holding.x, holding.y];
-        for (slot, tau) in load.joint.iter_mut().zip(measured.into_iter().flatten()) {
-            slot[2] = *tau;
-        }
-        load
-    }
-}
+/// Room for the general columns of any layout and the six of a base.
+pub(crate) const OWN: usize = 5 * N + 14 + 3 * MOST_TARGETS;
 
 /// Cosine and sine by joint.
 pub(crate) type Trig = [(f64, f64); N];
@@ -144,12 +62,33 @@ pub(crate) struct Prepared {
     /// Cosine and sine of `q`, stored because an observation is evaluated many times.
     pub(crate) trig: Trig,
     pub(crate) load: Load,
-    /// Target in its reference frame, in m (a sphere's certified centre).
+    /// The leading target's number, from 0: the first that was seen.
+    pub(crate) lead: usize,
+    /// The leading target in its reference frame, in m (a sphere's certified centre).
     pub(crate) target: Vector3<f64>,
+    /// What the row tells besides the leading target.
+    pub(crate) further: Box<[Seen]>,
     /// Index of the reference frame in the layout.
     pub(crate) reference: usize,
     /// Index of the sphere in the layout.
     pub(crate) sphere: Option<usize>,
+}
+
+impl Prepared {
+    /// How many numbers were measured.
+    pub(crate) fn numbers(&self) -> f64 {
+        3.0 * (1 + self.further.len()) as f64
+    }
+
+    /// The part that leads the row.
+    pub(crate) fn leading(&self) -> Part {
+        Part::Target(self.lead)
+    }
+
+    /// All parts of the row, in order.
+    pub(crate) fn parts(&self) -> impl Iterator<Item = Part> {
+        std::iter::once(self.leading()).chain(self.further.iter().map(Seen::part))
+    }
 }
 
 /// A state of the model: the geometry and the effects at one point of the search.
@@ -157,6 +96,10 @@ pub(crate) struct Prepared {
 pub(crate) struct State {
     pub(crate) rows: Vec<MdhRow<f64>>,
     pub(crate) tcp: Vector3<f64>,
+    /// Targets 2.. in the flange frame, in m.
+    pub(crate) targets: Vec<Vector3<f64>>,
+    /// Orientation of the measured body in the flange frame.
+    pub(crate) body: Matrix3<f64>,
     /// F0 in each reference frame.
     pub(crate) bases: Vec<Pose>,
     /// Points of each reference frame about which steps rotate the base, in m: the mean of the
@@ -187,7 +130,7 @@ pub(crate) struct State {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kinematics {
     pub(crate) frames: [Pose<f64>; N],
-    /// TCP in F0, in m.
+    /// The TCP in F0, in m; of an observation its leading target.
     pub(crate) tcp: Vector3<f64>,
     /// Cosine and sine of the encoder angles.
     pub(crate) trig: Trig,
@@ -199,6 +142,8 @@ impl State {
         let mut state = Self {
             rows: robot.joints.iter().map(|j| j.mdh).collect(),
             tcp: tool.tcp(),
+            targets: vec![Vector3::zeros(); layout.targets.saturating_sub(1)],
+            body: Matrix3::identity(),
             bases: vec![Pose::default(); layout.references.len()],
             pivots: vec![Vector3::zeros(); layout.references.len()],
             compliance: vec![0.0; n],
@@ -239,6 +184,8 @@ impl State {
             Kind::Beta(i) => self.rows.get(i).map(|r| r.beta),
             Kind::Theta(i) => self.rows.get(i).map(|r| r.theta),
             Kind::Tool(k) => self.tcp.get(k).copied(),
+            Kind::Target(t, k) => self.targets.get(t).map(|p| p[k]),
+            Kind::Body(k) => Some(nalgebra::Rotation3::from_matrix_unchecked(self.body).scaled_axis()[k]),
             Kind::Bending(i, k) => self.bending.get(i).and_then(|b| b.get(k)).copied(),
             Kind::Tilt(k) => self.tilt.get(k).copied(),
             Kind::Compliance(i) => self.compliance.get(i).copied(),
@@ -260,7 +207,7 @@ impl State {
     }
 
     /// Adds `step` to a parameter. A base rotation turns about the reference frame's axes through
-    /// the pivot.
+    /// the pivot, a rotation of the measured body about the flange's axes.
     pub(crate) fn add(&mut self, kind: Kind, step: f64) {
         let slot = match kind {
             Kind::Alpha(i) => self.rows.get_mut(i).map(|r| &mut r.alpha),
@@ -269,6 +216,11 @@ impl State {
             Kind::Beta(i) => self.rows.get_mut(i).map(|r| &mut r.beta),
             Kind::Theta(i) => self.rows.get_mut(i).map(|r| &mut r.theta),
             Kind::Tool(k) => self.tcp.get_mut(k),
+            Kind::Target(t, k) => self.targets.get_mut(t).map(|p| &mut p[k]),
+            Kind::Body(k) => {
+                self.body = nalgebra::Rotation3::new(Vector3::ith(k, step)) * self.body;
+                None
+            }
             Kind::Bending(i, k) => self.bending.get_mut(i).and_then(|b| b.get_mut(k)),
             Kind::Tilt(k) => self.tilt.get_mut(k),
             Kind::Compliance(i) => self.compliance.get_mut(i),
@@ -313,17 +265,17 @@ impl State {
 
     /// Frames and TCP at encoder angles `q` (at least n) under `load`.
     pub(crate) fn evaluate(&self, q: &[f64; N], load: &Load) -> Kinematics {
-        self.turned(&trig(q), load)
+        self.turned(&trig(q), load, &self.tcp)
     }
 
-    /// Frames and TCP of an observation.
+    /// Frames and leading target of an observation.
     #[inline]
     pub(crate) fn at(&self, observation: &Prepared) -> Kinematics {
-        self.turned(&observation.trig, &observation.load)
+        self.turned(&observation.trig, &observation.load, &self.place(observation.lead))
     }
 
     #[inline]
-    fn turned(&self, trig: &Trig, load: &Load) -> Kinematics {
+    fn turned(&self, trig: &Trig, load: &Load, tool: &Vector3<f64>) -> Kinematics {
         let mut frames = [Pose::identity(); N];
         let mut frame = Pose::identity();
         let deviations = self.deviations(trig, load);
@@ -332,7 +284,23 @@ impl State {
             frame = next_frame_turned(&frame, link, (s, c));
             *slot = frame;
         }
-        let mut tcp = frame.point(&self.tcp);
+        Kinematics {
+            tcp: self.tip(&frames, &frame, load, tool),
+            frames,
+            trig: *trig,
+        }
+    }
+
+    /// Where a point of the flange frame (m) is in F0, with bending and tilt.
+    #[inline]
+    pub(crate) fn tip(
+        &self,
+        frames: &[Pose<f64>; N],
+        flange: &Pose<f64>,
+        load: &Load,
+        tool: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        let mut tcp = flange.point(tool);
         let rigid = tcp;
         for (j, [x, y]) in self.bending.iter().enumerate().take(N) {
             if *x != 0.0 || *y != 0.0 {
@@ -342,11 +310,7 @@ impl State {
         }
         let tilt = Vector3::new(-self.tilt[0] * load.base[0], -self.tilt[1] * load.base[1], 0.0);
         tcp += tilt.cross(&rigid);
-        Kinematics {
-            frames,
-            tcp,
-            trig: *trig,
-        }
+        tcp
     }
 
     /// Columns of the general block and of the joints, in F0: `general` has
@@ -422,7 +386,7 @@ fn order(harmonics: &mut [Vec<[f64; 2]>], joint: usize, k: usize) -> Option<&mut
 /// Rotation of a link by bending, in F0, in rad. The link yields to the load, so the rotation is
 /// against the moment that holds it.
 #[inline]
-fn bend(frame: &Pose<f64>, moment: &[f64; 3], x: f64, y: f64) -> Vector3<f64> {
+pub(crate) fn bend(frame: &Pose<f64>, moment: &[f64; 3], x: f64, y: f64) -> Vector3<f64> {
     let r: &Matrix3<f64> = &frame.rotation;
     r.column(0) * (-x * moment[0]) + r.column(1) * (-y * moment[1])
 }

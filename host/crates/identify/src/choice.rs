@@ -95,7 +95,12 @@ pub fn choose_model(
     let figures = match figures {
         Ok(figures) => figures,
         // Without a part, the rest may say too little to be fitted at all.
-        Err(IdentifyError::TooFewObservations { .. } | IdentifyError::NoVariety | IdentifyError::Singular { .. }) => {
+        Err(
+            IdentifyError::TooFewObservations { .. }
+            | IdentifyError::TooFewOfTarget { .. }
+            | IdentifyError::NoVariety
+            | IdentifyError::Singular { .. },
+        ) => {
             return Ok((options.model, None));
         }
         Err(error) => return Err(error),

@@ -15,10 +15,11 @@ use spherecal_shared::robot::Tool;
 
 use super::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use super::calibration::{Calibration, finish};
-use super::chain::{Nominal, Prepared, State};
+use super::chain::{Prepared, State};
 use super::effects::Choice;
 use super::error::IdentifyError;
 use super::identifiability::analyse;
+use super::load::Nominal;
 use super::map::{FEWEST, Fit, prepare, register};
 use super::normal::{Whitening, accumulate, groups};
 use super::options::{Method, Model, Options, Pairs, Torque};
@@ -26,7 +27,7 @@ use super::parameter_table::table;
 use super::parameters::{Kind, Layout, Parameter, Reference, Unit};
 use super::solve::Unknowns;
 use spherecal_model::halton::halton;
-use spherecal_model::{Experiment, Pose, Set};
+use spherecal_model::{Experiment, Observation, Pose, Set, Target};
 
 mod newton;
 
@@ -75,6 +76,15 @@ impl DistanceProblem {
     /// The data cannot be used, are too few, or mix sphere contacts with points.
     pub fn new(experiment: &Experiment, options: &Options) -> Result<Self, IdentifyError> {
         experiment.check()?;
+        let several = |o: &Observation| matches!(o.target, Target::Points(_) | Target::Frame(_));
+        if experiment.observations.iter().any(several) {
+            return Err(IdentifyError::Method {
+                method: options.method.name(),
+                reason: "the paper's fitness takes one point per row: use full or geometry for several targets or \
+                         poses"
+                    .to_owned(),
+            });
+        }
         let layout = Layout::new(experiment, 0, false);
         let nominal = Nominal::new(&experiment.robot, &experiment.tool);
         let wanted = |i: usize| {
@@ -284,11 +294,8 @@ impl DistanceProblem {
             inverse[(r, c)] * variance * per_pose / units
         });
         let millimetre = 1e-6;
-        let whitening = Whitening {
-            joint: 0.0,
-            seating: millimetre,
-            point: millimetre,
-        };
+        let mut whitening = Whitening::new(&options.noise);
+        (whitening.joint, whitening.seating, whitening.point) = (0.0, millimetre, millimetre);
         let grouped = groups(&self.prepared);
         let weights = vec![1.0; self.poses()];
         let design = accumulate(

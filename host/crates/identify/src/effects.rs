@@ -41,10 +41,10 @@ const TAILS_GAIN: f64 = 3.0;
 /// complete.
 const REPEATING: (f64, f64) = (0.025, 0.05);
 
-/// `ln` of the normalising factor of Student's t density in three dimensions, up to terms that do
+/// `ln` of the normalising factor of Student's t density of so many numbers, up to terms that do
 /// not depend on `nu`.
-fn normaliser(nu: f64) -> f64 {
-    libm::lgamma(0.5 * (nu + 3.0)) - libm::lgamma(0.5 * nu) - 1.5 * nu.ln()
+fn normaliser(nu: f64, numbers: f64) -> f64 {
+    libm::lgamma(0.5 * (nu + numbers)) - libm::lgamma(0.5 * nu) - 0.5 * numbers * nu.ln()
 }
 
 /// Priors of the effects that the evidence chose, as factors on the table's priors.
@@ -123,13 +123,20 @@ impl Search<'_> {
         }
         let tails = [heavy, LIGHT_TAILS];
         let found = likelihoods_of_tails(&self.state, self.layout, self.prepared, &self.whitening, tails);
-        let count = self.prepared.len() as f64;
-        let gain = (found[0] + count * normaliser(heavy)) - (found[1] + count * normaliser(LIGHT_TAILS));
+        let gain = (found[0] + self.normalisers(heavy)) - (found[1] + self.normalisers(LIGHT_TAILS));
         if gain < -TAILS_GAIN {
             self.nu = LIGHT_TAILS;
             self.reweight()?;
         }
         Ok(gain)
+    }
+
+    /// [`normaliser`] summed over all rows.
+    fn normalisers(&self, nu: f64) -> f64 {
+        let three = normaliser(nu, 3.0);
+        let single = self.prepared.iter().filter(|p| p.further.is_empty()).count();
+        let several = self.prepared.iter().filter(|p| !p.further.is_empty());
+        single as f64 * three + several.map(|p| normaliser(nu, p.numbers())).sum::<f64>()
     }
 
     /// How much of the noise repeats. Poses that are neighbours in one joint's angle are compared
@@ -147,7 +154,8 @@ impl Search<'_> {
             for (column, frame) in columns.iter_mut().zip(&k.frames[..n]) {
                 *column = frame.z().cross(&(k.tcp - frame.position));
             }
-            let covariance = self.whitening.covariance(&columns[..n], observation.sphere.is_some());
+            let floor = self.whitening.leading(observation);
+            let covariance = self.whitening.covariance(&columns[..n], floor);
             let root = Root::new(&covariance);
             let residual = root.times(&self.state.residual(observation, &k.tcp)) * weight.sqrt().min(1.0);
             columns.map(|column| {

@@ -21,6 +21,19 @@ pub enum IdentifyError {
         /// Observations needed.
         needed: usize,
     },
+    /// A target or the orientation is in too few rows to be placed on the tool.
+    #[error(
+        "{what} is in {found} rows of the calibration set, but at least {needed} are needed: measure it in more poses, or \
+         leave its columns out (--ignore-columns)"
+    )]
+    TooFewOfTarget {
+        /// Which, in words.
+        what: String,
+        /// Rows there are.
+        found: usize,
+        /// Rows needed.
+        needed: usize,
+    },
     /// Torques asked for that the data do not have.
     #[error("row {row} has no torques: add tau1..tau{expected}, or take the gravity torque from the model")]
     NoTorque {

@@ -17,6 +17,7 @@
 
 use super::error::IdentifyError;
 use super::map::{self, Fit};
+use super::noise_scale::{Squared, numbers};
 use super::normal::{Whitening, distances};
 use super::options::{Model, Options};
 use spherecal_model::Experiment;
@@ -47,15 +48,15 @@ impl RowNoise {
         }
     }
 
-    /// Variance of a row of weight 1, and the rows' weights, in a model whose squared whitened residuals are
-    /// `d2` after `effective` parameters were taken from them.
-    pub(crate) fn with_model_error(&self, d2: &[f64], effective: f64) -> (f64, Vec<f64>) {
-        let freedom = (3.0 * d2.len() as f64 - effective).max(1.0);
+    /// Variance of a row of weight 1, and the rows' weights, in a model whose whitened residuals are
+    /// `rows` after `effective` parameters were taken from them.
+    pub(crate) fn with_model_error(&self, rows: &[Squared], effective: f64) -> (f64, Vec<f64>) {
+        let freedom = (numbers(rows) - effective).max(1.0);
         let mut model = 0.0;
         for _ in 0..STEPS {
             let (mut sum, mut slope) = (0.0, 0.0);
-            for (d, v) in d2.iter().zip(&self.variance) {
-                let share = d / (v + model);
+            for (row, v) in rows.iter().zip(&self.variance) {
+                let share = row.d2 / (v + model);
                 sum += share;
                 slope += share / (v + model);
             }
@@ -100,7 +101,7 @@ pub(crate) fn fit(
     let noise = RowNoise::of(&full);
     let mut found = map::fit_knowing(experiment, options, model, Some(&noise), wanted)?;
     let d2 = distances(&full.state, &full.layout, &full.prepared, &full.whitening);
-    found.richer = Some(d2.iter().map(|d| d.sqrt() / full.scale).collect());
+    found.richer = Some(d2.iter().map(|row| row.d2.sqrt() / full.scale).collect());
     Ok(found)
 }
 

@@ -10,8 +10,8 @@ use spherecal_shared::robot::{Inertia, Robot, Tool, built_in, iiwa7_tool};
 
 use super::*;
 use crate::calibration::finish;
-use crate::chain::Nominal;
-use crate::{Calibration, EvaluateOptions, Method, Observation, Recordings, Set, Target, evaluate, identify};
+use crate::load::Nominal;
+use crate::{Calibration, EvaluateOptions, Method, Noise, Observation, Recordings, Set, Target, evaluate, identify};
 
 /// Poses in front of the arm, where the joints carry load.
 const LOADED: usize = 110;
@@ -250,14 +250,14 @@ proptest! {
         effective in 0.0..6.0_f64,
     ) {
         let noise = RowNoise {
-            whitening: Whitening { joint: 1.0, seating: 1.0, point: 1.0 },
+            whitening: Whitening::new(&Noise::default()),
             s2: 1.0,
             variance: rows.iter().map(|r| r.1).collect(),
         };
-        let d2: Vec<f64> = rows.iter().map(|r| r.0).collect();
-        let (s2, weights) = noise.with_model_error(&d2, effective);
+        let squared: Vec<Squared> = rows.iter().map(|r| Squared { d2: r.0, numbers: 3.0 }).collect();
+        let (s2, weights) = noise.with_model_error(&squared, effective);
         prop_assert!(s2 >= 1.0);
-        let sum: f64 = d2.iter().zip(&weights).map(|(d, w)| d * w / s2).sum();
+        let sum: f64 = squared.iter().zip(&weights).map(|(row, w)| row.d2 * w / s2).sum();
         let freedom = 3.0 * rows.len() as f64 - effective;
         prop_assert!(sum <= freedom * (1.0 + 1e-6), "{} {}", sum, freedom);
         prop_assert!(s2 == 1.0 || sum >= freedom * (1.0 - 1e-6), "{} {}", sum, freedom);

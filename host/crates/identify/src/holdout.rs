@@ -11,9 +11,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::chain::Nominal;
 use super::error::IdentifyError;
 use super::geometry_fit;
+use super::load::Nominal;
 use super::map::{self, Fit, prepare};
 use super::options::{Method, Model, Options};
 use super::parameters::Layout;

@@ -81,7 +81,7 @@ const RESOLUTION: f64 = 1e-6;
 pub(crate) fn analyse(design: &Normal, table: &[Parameter], poses: usize) -> Identifiability {
     let geometric = |kind: &Kind| match *kind {
         Kind::Alpha(i) | Kind::A(i) | Kind::D(i) | Kind::Beta(i) | Kind::Theta(i) => i > 0,
-        Kind::Tool(_) | Kind::Base(..) => true,
+        Kind::Tool(_) | Kind::Target(..) | Kind::Body(_) | Kind::Base(..) => true,
         _ => false,
     };
     let mut order: Vec<usize> = (0..table.len()).filter(|c| geometric(&table[*c].kind)).collect();

@@ -12,49 +12,13 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::targets::{frame_of, target_of};
+use super::errors::{Errors, SampleError, error};
+use super::judge_targets::{Further, ToolPredictor, Turned, Turns, align_further, further_errors};
+use super::targets::{first_target, frame_of, measured_tcp};
 use spherecal_model::fit_pose;
 
 use crate::recordings::Judge;
 use crate::{Pose, Reference, Sphere, Target};
-
-/// Statistics of distances, in mm.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Errors {
-    /// Samples.
-    pub n: usize,
-    /// Mean distance.
-    pub mean_mm: f64,
-    /// Standard deviation of the distances.
-    pub std_mm: f64,
-    /// Smallest distance.
-    pub min_mm: f64,
-    /// Largest distance.
-    pub max_mm: f64,
-    /// Root mean square of the distances.
-    pub rms_mm: f64,
-}
-
-impl Errors {
-    /// Of distances in mm.
-    pub fn of(distances_mm: &[f64]) -> Self {
-        let n = distances_mm.len();
-        if n == 0 {
-            return Self::default();
-        }
-        let mean = distances_mm.iter().sum::<f64>() / n as f64;
-        let square = distances_mm.iter().map(|d| d * d).sum::<f64>() / n as f64;
-        let spread = distances_mm.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / n as f64;
-        Self {
-            n,
-            mean_mm: mean,
-            std_mm: spread.sqrt(),
-            min_mm: distances_mm.iter().copied().fold(f64::INFINITY, f64::min),
-            max_mm: distances_mm.iter().copied().fold(0.0, f64::max),
-            rms_mm: square.sqrt(),
-        }
-    }
-}
 
 /// Tells the TCP in F0 (m) at joint angles and, where measured, torques.
 pub type Tcp<'a> = Box<dyn Fn(&[f64], Option<&[f64]>) -> Vector3<f64> + Sync + 'a>;
@@ -67,19 +31,8 @@ pub struct Predictor<'a> {
     pub tcp_m: Tcp<'a>,
     /// F0 in each frame.
     pub frames: Vec<(Reference, Pose)>,
-}
-
-/// One sample's error.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct SampleError {
-    /// Index of the sample among those judged.
-    pub index: usize,
-    /// Where the TCP is in F0 by the model, in m.
-    pub at_m: [f64; 3],
-    /// Predicted minus true, in mm.
-    pub error_mm: [f64; 3],
-    /// Its length.
-    pub distance_mm: f64,
+    /// Targets 2.. and the measured body, where the data have them.
+    pub tool: ToolPredictor<'a>,
 }
 
 /// One model's errors.
@@ -90,6 +43,12 @@ pub struct JudgedModel {
     /// By sample.
     #[serde(skip)]
     pub samples: Vec<SampleError>,
+    /// Errors of targets 2..
+    #[serde(skip)]
+    pub further: Vec<Further>,
+    /// Errors of measured orientations.
+    #[serde(skip)]
+    pub turned: Vec<Turned>,
     /// Errors of distances between the mean positions of the spheres of one
     /// place, in mm, where the frame was not known: `(place, sphere, sphere, error)`.
     pub distances_mm: Vec<(u32, u32, u32, f64)>,
@@ -100,6 +59,28 @@ impl JudgedModel {
     pub fn errors(&self) -> Errors {
         let d: Vec<f64> = self.samples.iter().map(|s| s.distance_mm).collect();
         Errors::of(&d)
+    }
+
+    /// Statistics of target `number` of the tool, from 1: the TCP.
+    pub fn target_errors(&self, number: usize) -> Errors {
+        if number == 1 {
+            return self.errors();
+        }
+        let own = self.further.iter().filter(|f| f.number + 1 == number);
+        let distances: Vec<f64> = own.map(|f| f.error.distance_mm).collect();
+        Errors::of(&distances)
+    }
+
+    /// Statistics of the orientations; none where no row has one.
+    pub fn turns(&self) -> Option<Turns> {
+        let angles: Vec<f64> = self.turned.iter().map(|t| t.angle_rad * 1e3).collect();
+        let e = Errors::of(&angles);
+        (e.n > 0).then_some(Turns {
+            n: e.n,
+            mean_mrad: e.mean_mm,
+            rms_mrad: e.rms_mm,
+            max_mrad: e.max_mm,
+        })
     }
 
     /// Mean size of the errors of distances between spheres, in mm.
@@ -132,8 +113,8 @@ impl Judged {
         for model in &mut out.models {
             let mut pairs = Vec::new();
             for (k, s) in model.samples.iter().enumerate() {
-                if let Some(Target::Point(p)) = judges.get(s.index).map(|j| &j.observation.target) {
-                    pairs.push((k, Vector3::from(s.at_m), Vector3::from(*p)));
+                if let Some(p) = judges.get(s.index).and_then(|j| measured_tcp(&j.observation.target)) {
+                    pairs.push((k, Vector3::from(s.at_m), p));
                 }
             }
             let from: Vec<_> = pairs.iter().map(|p| p.1).collect();
@@ -144,6 +125,7 @@ impl Judged {
                     *slot = error(slot.index, &tcp, &(pose.point(&tcp) - truth));
                 }
             }
+            align_further(&mut model.further, &mut model.turned, &pose, judges);
         }
         out
     }
@@ -172,6 +154,8 @@ impl Judged {
         for model in other.models {
             if let Some(own) = self.models.iter_mut().find(|m| m.name == model.name) {
                 own.samples.extend(model.samples);
+                own.further.extend(model.further);
+                own.turned.extend(model.turned);
                 own.distances_mm.extend(model.distances_mm);
             } else {
                 self.models.push(model);
@@ -217,7 +201,12 @@ fn judge_one(model: &Predictor<'_>, judges: &[Judge<'_>], spheres: &[Sphere], cl
     for (judge, tcp) in judges.iter().zip(&tcps) {
         let target = &judge.observation.target;
         let reference = frame_of(target, judge.place, closed_loop);
-        let truth = target_of(target, spheres);
+        if let Some(pose) = frames.get(&reference) {
+            further_errors(&mut out.further, &mut out.turned, &model.tool, judge, pose);
+        }
+        let Some(truth) = first_target(target, spheres) else {
+            continue;
+        };
         match (frames.get(&reference), target) {
             (Some(pose), _) => out.samples.push(error(judge.index, tcp, &(pose.point(tcp) - truth))),
             (None, &Target::Sphere { sphere, place }) => {
@@ -263,15 +252,6 @@ fn judge_contacts(out: &mut JudgedModel, contacts: &Loose<(u32, u32)>, spheres: 
                 out.distances_mm.push((*place, *one, *two, off * 1e3));
             }
         }
-    }
-}
-
-fn error(index: usize, tcp: &Vector3<f64>, off: &Vector3<f64>) -> SampleError {
-    SampleError {
-        index,
-        at_m: (*tcp).into(),
-        error_mm: (off * 1e3).into(),
-        distance_mm: off.norm() * 1e3,
     }
 }
 

@@ -12,19 +12,22 @@
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
-use super::chain::{Nominal, Prepared, State, trig};
+use super::chain::{Prepared, State, trig};
 use super::effects::Choice;
 use super::error::IdentifyError;
 use super::geometry_fit::RowNoise;
 use super::identifiability::{Identifiability, analyse};
-use super::normal::{Group, Whitening, distances, groups};
+use super::load::Nominal;
+use super::noise_scale::Squared;
+use super::normal::{Group, Whitening, distances, groups, log_determinant};
 use super::options::{Model, Options, Torque};
 use super::parameter_table::table;
 use super::parameters::{Kind, Layout, Parameter};
 use super::search::{SETTLED, Search, joined};
+use super::seen::{Part, Seen};
 use super::solve::{Posterior, Unknowns};
-use super::targets::reference_of;
-use spherecal_model::{DataError, Experiment, Pose, Set, Target, fit_pose};
+use super::targets::{reference_of, target_of};
+use spherecal_model::{Experiment, Pose, Set, Target, fit_pose};
 
 /// Fewest observations: their three numbers each must exceed the six of the base.
 pub(crate) const FEWEST: usize = 3;
@@ -96,16 +99,6 @@ pub(crate) fn prepare(
                 expected: layout.n,
             });
         }
-        // Refused by the experiment's check.
-        if let Target::Points(_) | Target::Frame(_) = observation.target {
-            let (kind, remedy) = ("another kind of target", "give one point per row");
-            return Err(DataError::TargetKind {
-                row: index + 1,
-                kind,
-                remedy,
-            }
-            .into());
-        }
     }
     let prepared = chosen.par_iter().map(|&index| {
         let observation = &experiment.observations[index];
@@ -114,21 +107,19 @@ pub(crate) fn prepare(
             *slot = *angle;
         }
         let reference = reference_of(&observation.target);
-        let (target, sphere) = match &observation.target {
-            Target::Sphere { sphere, .. } => {
-                let known = experiment.spheres.iter().find(|s| s.id == *sphere);
-                let position = known.map_or([0.0; 3], |s| s.position_m);
-                (Vector3::from(position), layout.spheres.binary_search(sphere).ok())
-            }
-            Target::Point(p) => (Vector3::from(*p), None),
-            Target::Points(_) | Target::Frame(_) => (Vector3::zeros(), None),
+        let sphere = match &observation.target {
+            Target::Sphere { sphere, .. } => layout.spheres.binary_search(sphere).ok(),
+            _ => None,
         };
+        let (lead, further) = parts(&observation.target);
         Prepared {
             index,
             q,
             trig: trig(&q),
             load: nominal.load(&observation.q, observation.tau.as_deref().filter(|_| measured)),
-            target,
+            lead,
+            target: target_of(&observation.target, &experiment.spheres),
+            further,
             reference: layout.references.binary_search(&reference).unwrap_or_default(),
             sphere,
         }
@@ -136,10 +127,51 @@ pub(crate) fn prepare(
     Ok(prepared.collect())
 }
 
-/// Registers every reference frame to the state's robot.
+/// The number of the target that leads a row, and the other parts of the row.
+fn parts(target: &Target) -> (usize, Box<[Seen]>) {
+    match target {
+        Target::Points(points) => {
+            let mut seen = points
+                .iter()
+                .enumerate()
+                .filter_map(|(number, at)| Some((number, (*at)?)));
+            let lead = seen.next().map_or(0, |(number, _)| number);
+            let further = seen.map(|(number, at)| Seen::Target {
+                number,
+                at: Vector3::from(at),
+            });
+            (lead, further.collect())
+        }
+        Target::Frame(pose) => (0, Box::new([Seen::Body(pose.rotation)])),
+        Target::Point(_) | Target::Sphere { .. } => (0, Box::default()),
+    }
+}
+
+/// Every target is in enough rows to be placed on the tool.
+fn check_targets(layout: &Layout, prepared: &[Prepared]) -> Result<(), IdentifyError> {
+    if layout.targets == 1 && !layout.body {
+        return Ok(());
+    }
+    let count = |part: Part| prepared.iter().filter(|p| p.parts().any(|own| own == part)).count();
+    let targets = (0..layout.targets).map(|number| (Part::Target(number), format!("target {}", number + 1)));
+    let body = layout.body.then(|| (Part::Body, "the orientation".to_owned()));
+    for (part, what) in targets.chain(body) {
+        let found = count(part);
+        if found < FEWEST {
+            return Err(IdentifyError::TooFewOfTarget {
+                what,
+                found,
+                needed: FEWEST,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Registers every reference frame to the state's robot, by the rows that saw the TCP.
 pub(crate) fn register(state: &mut State, prepared: &[Prepared], base: Option<&Pose>) {
     let mut members: Vec<Vec<&Prepared>> = vec![Vec::new(); state.bases.len()];
-    for p in prepared {
+    for p in prepared.iter().filter(|p| p.lead == 0) {
         members[p.reference].push(p);
     }
     for (reference, of) in members.iter().enumerate() {
@@ -166,12 +198,13 @@ fn start_state(
     let mut state = State::nominal(&experiment.robot, &experiment.tool, layout);
     for parameter in table {
         let now = state.get(parameter.kind);
-        if parameter.nominal != now && !matches!(parameter.kind, Kind::Base(..)) {
+        if parameter.nominal != now && !matches!(parameter.kind, Kind::Base(..) | Kind::Target(..) | Kind::Body(_)) {
             state.add(parameter.kind, parameter.nominal - now);
         }
     }
     state.refresh();
     register(&mut state, prepared, base);
+    state.place_targets(prepared);
     state
 }
 
@@ -213,6 +246,7 @@ pub(crate) fn fit_knowing(
     if prepared.iter().all(|p| p.q == prepared[0].q) {
         return Err(IdentifyError::NoVariety);
     }
+    check_targets(&plain, &prepared)?;
     let noise = &options.noise;
     let grouped = groups(&prepared);
     let stiffness = model != Model::Geometry;
@@ -227,17 +261,12 @@ pub(crate) fn fit_knowing(
         .into_iter()
         .filter_map(|kind| full_table.iter().find(|p| p.kind == kind).cloned())
         .collect();
-    let stated = Whitening {
-        joint: noise.joint_rad.powi(2),
-        seating: noise.seating_m.powi(2),
-        point: noise.point_m.powi(2),
-    };
     let mut search = Search {
         layout: &plain,
         table: &plain_table,
         prepared: &prepared,
         groups: &grouped,
-        whitening: known.map_or(stated, |known| known.whitening),
+        whitening: known.map_or_else(|| Whitening::new(noise), |known| known.whitening),
         state: start.clone(),
         unknowns: Unknowns::new(&plain_table),
         weights: vec![1.0; prepared.len()],
@@ -251,7 +280,14 @@ pub(crate) fn fit_knowing(
     let most = if richer { FIRST_STEPS } else { STEPS };
     let (first, mut normal) = search.settle(most)?;
     let identifiability = analyse(&first, &plain_table, prepared.len());
-    if search.choose_shape()? {
+    // A richer model has weighted the targets already.
+    let several = known.is_none() && search.several();
+    let changed = if several {
+        search.choose_components()?
+    } else {
+        search.choose_shape()?
+    };
+    if changed {
         (_, normal) = search.settle(most)?;
     }
     // The effects join, with the geometry where it is.
@@ -266,7 +302,10 @@ pub(crate) fn fit_knowing(
         normal = search.equations();
         search.step(&normal, true)?;
         for k in 0..STRUCTURED_STEPS {
-            if prepared.len() <= FEW {
+            if several && k > 0 {
+                search.choose_components()?;
+            }
+            if several || prepared.len() <= FEW {
                 normal = search.equations();
             } else {
                 search.renew(&mut normal);
@@ -278,6 +317,9 @@ pub(crate) fn fit_knowing(
             if search.step(&normal, true)? < SETTLED && k > 0 {
                 break;
             }
+        }
+        if several {
+            search.choose_components()?;
         }
         normal = search.equations();
     } else {
@@ -292,7 +334,11 @@ pub(crate) fn fit_knowing(
         Some(_) => weighted_likelihood(&d2, &search.weights, search.s2),
         None => likelihood(&d2, search.s2, search.nu),
     };
-    let log_evidence = evidence(&posterior, &search.unknowns, of_rows);
+    let mut log_evidence = evidence(&posterior, &search.unknowns, of_rows);
+    if several {
+        // The whitening is of these data, and other models have another.
+        log_evidence += log_determinant(&search.state, search.layout, &prepared, &search.whitening);
+    }
     let inflation = search.inflation();
     let inflated = search.s2 * inflation.powi(2);
     let posterior = Posterior::new(&normal, &search.unknowns, inflated)?;
@@ -358,24 +404,16 @@ fn about_base(covariance: &mut DMatrix<f64>, unknowns: &Unknowns, layout: &Layou
     }
 }
 
-/// Log likelihood of squared whitened residuals under Student's t.
-fn likelihood(d2: &[f64], s2: f64, nu: f64) -> f64 {
-    d2.iter()
-        .map(|d| {
-            let shape = if nu > 0.0 {
-                -0.5 * (nu + 3.0) * (d / (s2 * nu)).ln_1p()
-            } else {
-                -0.5 * d / s2
-            };
-            shape - 1.5 * s2.ln()
-        })
-        .sum()
+/// Log likelihood of the rows' whitened residuals under Student's t.
+fn likelihood(rows: &[Squared], s2: f64, nu: f64) -> f64 {
+    let of = |row: &Squared| row.shape(s2, nu) - 0.5 * row.numbers * s2.ln();
+    rows.iter().map(of).sum()
 }
 
 /// The same under normal noise of variance `s2` over each row's weight.
-fn weighted_likelihood(d2: &[f64], weights: &[f64], s2: f64) -> f64 {
-    let row = |(d, w): (&f64, &f64)| 1.5 * (w / s2).ln() - 0.5 * d * w / s2;
-    d2.iter().zip(weights).map(row).sum()
+fn weighted_likelihood(rows: &[Squared], weights: &[f64], s2: f64) -> f64 {
+    let of = |(row, w): (&Squared, &f64)| 0.5 * row.numbers * (w / s2).ln() - 0.5 * row.d2 * w / s2;
+    rows.iter().zip(weights).map(of).sum()
 }
 
 /// Laplace evidence: likelihood of the data, priors and the posterior's volume.

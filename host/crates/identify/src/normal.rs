@@ -11,11 +11,17 @@
 //! part of `H` needs one number per pair of joints, `s_ij = J̃_iᵀ J̃_j`, not three
 //! rows: `H_ij = Σ w s_ij φ_i φ_jᵀ`. Cost and memory are linear in the poses;
 //! nothing is poses by poses.
+//!
+//! The parts of one row (several targets, or position and orientation) share the joint noise. They
+//! are whitened one after the other, each given those before it, and then count as residuals of
+//! their own with the same `φ_j`.
 
 use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector, Dyn, MatrixView, Vector3};
 
 mod groups;
 mod likelihood;
+#[cfg(test)]
+mod parts_tests;
 mod pose_columns;
 mod whitening;
 
@@ -25,10 +31,10 @@ use super::chain::{N, Prepared, State};
 use super::parameters::Layout;
 
 pub(crate) use self::groups::{Group, groups};
-pub(crate) use self::likelihood::{distances, likelihoods, likelihoods_of_tails, whitened_row};
+pub(crate) use self::likelihood::{Row, distances, likelihoods, likelihoods_of_tails, log_determinant, whitened_rows};
 pub(crate) use self::whitening::{Root, Whitening};
 
-/// Poses that are whitened before they are multiplied: fits the cache.
+/// Parts of poses that are whitened before they are multiplied: fits the cache.
 const CHUNK: usize = 96;
 
 /// Information matrix and gradient over all columns of the layout, data only.
@@ -48,6 +54,63 @@ struct Chunk {
     white: Vec<[Vector3<f64>; N]>,
     /// Of one joint, by pose: `Ãᵀ J̃_i`, then `s_ij φ_j` for every later joint j.
     stack: Vec<f64>,
+}
+
+impl Chunk {
+    /// Writes one part of a pose to slot `b`.
+    fn put(&mut self, b: usize, pose: &PoseColumns, layout: &Layout, observation: &Prepared, widths: Widths) {
+        let Widths {
+            basis,
+            own,
+            wide,
+            apart,
+            ..
+        } = widths;
+        let slot = &mut self.own[3 * wide * b..3 * wide * (b + 1)];
+        for (c, v) in pose.own[..own].iter().chain(&pose.joints[..wide - own]).enumerate() {
+            slot[c] = v.x;
+            slot[wide + c] = v.y;
+            slot[2 * wide + c] = v.z;
+        }
+        let phi = self.phi.iter_mut().take(apart);
+        let slots = phi.map(|phi| &mut phi[b * basis..(b + 1) * basis]);
+        pose.bases(layout, observation, slots);
+        self.white[b] = pose.joints;
+    }
+
+    /// Adds the products of the first `count` slots.
+    fn add_to(&mut self, out: &mut Sums, count: usize, widths: Widths) {
+        let Widths {
+            basis,
+            own,
+            wide,
+            apart,
+            n,
+        } = widths;
+        add_product(&mut out.block, &self.own, &self.own, wide, wide, 3 * count);
+        for i in 0..apart {
+            let wide = widths.joint(i);
+            for b in 0..count {
+                let slot = &mut self.stack[b * wide..(b + 1) * wide];
+                let (cross, rest) = slot.split_at_mut(own);
+                let columns = &self.own[3 * own * b..3 * own * (b + 1)];
+                let (x, yz) = columns.split_at(own);
+                let (y, z) = yz.split_at(own);
+                let w = &self.white[b][i];
+                for (((c, x), y), z) in cross.iter_mut().zip(x).zip(y).zip(z) {
+                    *c = x * w.x + y * w.y + z * w.z;
+                }
+                for (j, scaled) in (i..n).zip(rest.chunks_exact_mut(basis)) {
+                    let s = w.dot(&self.white[b][j]);
+                    let phi = &self.phi[j][b * basis..(b + 1) * basis];
+                    for (to, from) in scaled.iter_mut().zip(phi) {
+                        *to = s * from;
+                    }
+                }
+            }
+            add_product(&mut out.joints[i], &self.stack, &self.phi[i], wide, basis, count);
+        }
+    }
 }
 
 /// Adds `c += a bᵀ`, with `a` m x k and `b` n x k, all column-major.
@@ -159,11 +222,7 @@ fn sums(
     widths: Widths,
 ) -> Sums {
     let Widths {
-        basis,
-        own,
-        wide,
-        apart,
-        n,
+        basis, wide, apart, n, ..
     } = widths;
     let mut chunk = Chunk {
         own: vec![0.0; wide * 3 * CHUNK],
@@ -176,46 +235,20 @@ fn sums(
         joints: (0..apart).map(|i| vec![0.0; widths.joint(i) * basis]).collect(),
         gradient: Gradient::new(layout),
     };
-    for members in members.chunks(CHUNK) {
-        let count = members.len();
-        for (b, &index) in members.iter().enumerate() {
-            let pose = PoseColumns::new(state, layout, &prepared[index], whitening, weights[index]);
-            pose.add_gradient(layout, &prepared[index], &mut out.gradient);
-            let slot = &mut chunk.own[3 * wide * b..3 * wide * (b + 1)];
-            for (c, v) in pose.own[..own].iter().chain(&pose.joints[..wide - own]).enumerate() {
-                slot[c] = v.x;
-                slot[wide + c] = v.y;
-                slot[2 * wide + c] = v.z;
+    let mut filled = 0;
+    for &index in members {
+        let observation = &prepared[index];
+        PoseColumns::each(state, layout, observation, whitening, weights[index], |pose| {
+            pose.add_gradient(layout, observation, &mut out.gradient);
+            chunk.put(filled, pose, layout, observation, widths);
+            filled += 1;
+            if filled == CHUNK {
+                chunk.add_to(&mut out, filled, widths);
+                filled = 0;
             }
-            let phi = chunk.phi.iter_mut().take(apart);
-            let slots = phi.map(|phi| &mut phi[b * basis..(b + 1) * basis]);
-            pose.bases(layout, &prepared[index], slots);
-            chunk.white[b] = pose.joints;
-        }
-        add_product(&mut out.block, &chunk.own, &chunk.own, wide, wide, 3 * count);
-        for i in 0..apart {
-            let wide = widths.joint(i);
-            for b in 0..count {
-                let slot = &mut chunk.stack[b * wide..(b + 1) * wide];
-                let (cross, rest) = slot.split_at_mut(own);
-                let columns = &chunk.own[3 * own * b..3 * own * (b + 1)];
-                let (x, yz) = columns.split_at(own);
-                let (y, z) = yz.split_at(own);
-                let w = &chunk.white[b][i];
-                for (((c, x), y), z) in cross.iter_mut().zip(x).zip(y).zip(z) {
-                    *c = x * w.x + y * w.y + z * w.z;
-                }
-                for (j, scaled) in (i..n).zip(rest.chunks_exact_mut(basis)) {
-                    let s = w.dot(&chunk.white[b][j]);
-                    let phi = &chunk.phi[j][b * basis..(b + 1) * basis];
-                    for (to, from) in scaled.iter_mut().zip(phi) {
-                        *to = s * from;
-                    }
-                }
-            }
-            add_product(&mut out.joints[i], &chunk.stack, &chunk.phi[i], wide, basis, count);
-        }
+        });
     }
+    chunk.add_to(&mut out, filled, widths);
     out
 }
 
@@ -253,8 +286,10 @@ pub(crate) fn gradient(
     let sum = |members: &[usize]| {
         let mut sum = Gradient::new(layout);
         for &index in members {
-            let pose = PoseColumns::new(state, layout, &prepared[index], whitening, weights[index]);
-            pose.add_gradient(layout, &prepared[index], &mut sum);
+            let observation = &prepared[index];
+            PoseColumns::each(state, layout, observation, whitening, weights[index], |pose| {
+                pose.add_gradient(layout, observation, &mut sum);
+            });
         }
         sum
     };

@@ -6,7 +6,7 @@ use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 use super::groups::BLOCK;
 use super::*;
-use crate::chain::Nominal;
+use crate::load::Nominal;
 use crate::map::prepare;
 use crate::options::Torque;
 
@@ -42,11 +42,8 @@ fn sums_of_many_rows_are_the_sums_of_their_parts() {
     let prepared = prepare(&experiment, &layout, &nominal, Torque::Model, |_| true).unwrap();
     let state = State::nominal(&experiment.robot, &experiment.tool, &layout);
     let weights: Vec<f64> = (0..rows).map(|k| 0.5 + (k % 7) as f64).collect();
-    let whitening = Whitening {
-        joint: 1e-8,
-        seating: 1e-10,
-        point: 1e-9,
-    };
+    let mut whitening = Whitening::new(&crate::Noise::default());
+    (whitening.joint, whitening.seating, whitening.point) = (1e-8, 1e-10, 1e-9);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {

@@ -59,6 +59,10 @@ pub enum Kind {
     Beta(usize),
     /// TCP in the flange frame.
     Tool(usize),
+    /// Further target in the flange frame: target 2.. from 0, axis.
+    Target(usize, usize),
+    /// Rotation of the measured body about x, y or z of the flange frame.
+    Body(usize),
     /// Bending of the link at a joint about x (0) or y (1) of its frame.
     Bending(usize, usize),
     /// Tilt of the base about x (0) or y (1) of F0.
@@ -158,6 +162,10 @@ pub(crate) struct Layout {
     pub(crate) references: Vec<Reference>,
     /// Ids of the spheres that have columns.
     pub(crate) spheres: Vec<u32>,
+    /// Targets on the tool: the TCP and those that have columns of their own.
+    pub(crate) targets: usize,
+    /// Whether the orientation of the measured body has columns.
+    pub(crate) body: bool,
 }
 
 impl Layout {
@@ -165,7 +173,13 @@ impl Layout {
         let mut references = BTreeSet::new();
         let mut spheres = BTreeSet::new();
         let mut last = None;
+        let (mut targets, mut body) = (1, false);
         for observation in &experiment.observations {
+            match &observation.target {
+                Target::Points(all) => targets = targets.max(all.len()),
+                Target::Frame(_) => body = true,
+                Target::Point(_) | Target::Sphere { .. } => {}
+            }
             let reference = reference_of(&observation.target);
             let sphere = match observation.target {
                 Target::Sphere { sphere, .. } => Some(sphere),
@@ -184,12 +198,24 @@ impl Layout {
             hayati: hayati(&experiment.robot),
             references: references.into_iter().collect(),
             spheres: spheres.into_iter().collect(),
+            targets,
+            body,
         }
     }
 
     /// Columns before the joint blocks.
     pub(crate) fn general(&self) -> usize {
-        3 * self.n + 3 + if self.stiffness { 2 * self.n + 2 } else { 0 }
+        self.target(self.targets.saturating_sub(1)) + if self.body { 3 } else { 0 }
+    }
+
+    /// First column of target `further` (target 2.. from 0).
+    pub(crate) fn target(&self, further: usize) -> usize {
+        3 * self.n + 3 + if self.stiffness { 2 * self.n + 2 } else { 0 } + 3 * further
+    }
+
+    /// First column of the measured body's orientation.
+    pub(crate) fn body(&self) -> Option<usize> {
+        self.body.then(|| self.target(self.targets.saturating_sub(1)))
     }
 
     /// Columns per joint.
@@ -237,6 +263,10 @@ impl Layout {
             kinds.extend((0..self.n).flat_map(|j| [Kind::Bending(j, 0), Kind::Bending(j, 1)]));
             kinds.extend([Kind::Tilt(0), Kind::Tilt(1)]);
         }
+        kinds.extend((1..self.targets).flat_map(|t| (0..3).map(move |k| Kind::Target(t - 1, k))));
+        if self.body {
+            kinds.extend((0..3).map(Kind::Body));
+        }
         for joint in 0..self.n {
             kinds.push(Kind::Theta(joint));
             if self.stiffness {
@@ -272,6 +302,8 @@ pub(crate) fn name_of(kind: Kind, layout: &Layout) -> (String, Unit) {
         Kind::D(i) => (format!("d{}", i + 1), Unit::Metre),
         Kind::Theta(i) => (format!("theta{}", i + 1), Unit::Radian),
         Kind::Tool(k) => (format!("tool_{}", axis(k)), Unit::Metre),
+        Kind::Target(t, k) => (format!("target{}_{}", t + 2, axis(k)), Unit::Metre),
+        Kind::Body(k) => (format!("orientation_r{}", axis(k)), Unit::Radian),
         Kind::Bending(i, k) => (format!("bending{}_{}", i + 1, axis(k)), Unit::RadianPerNewtonMetre),
         Kind::Tilt(k) => (format!("tilt_{}", axis(k)), Unit::RadianPerNewtonMetre),
         Kind::Compliance(i) => (format!("compliance{}", i + 1), Unit::RadianPerNewtonMetre),

@@ -12,6 +12,10 @@ pub const TWIST_SIGMA_RAD: f64 = 0.5e-3;
 pub const OFFSET_SIGMA_RAD: f64 = 1e-3;
 /// Prior of the TCP in the flange frame: a bolted tool, measured by hand, in m.
 pub const TOOL_SIGMA_M: f64 = 1.5e-3;
+/// Prior of targets 2.. about where the first fit puts them: they are not measured by hand, in m.
+pub const TARGET_SIGMA_M: f64 = 0.05;
+/// Prior of the measured body's orientation about the first fit's, in rad.
+pub const BODY_SIGMA_RAD: f64 = 0.1;
 /// Prior of the base's position about its registration: none worth the name, in m.
 pub const BASE_SIGMA_M: f64 = 10.0;
 /// Prior of the base's rotation about its registration, in rad: far wider than
@@ -99,6 +103,18 @@ pub(crate) fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -
             TOOL_SIGMA_M,
             false,
             "a bolted tool measured by hand",
+        ),
+        Kind::Target(..) => (
+            0.0,
+            TARGET_SIGMA_M,
+            false,
+            "wide: only the data say where the target is on the tool",
+        ),
+        Kind::Body(_) => (
+            0.0,
+            BODY_SIGMA_RAD,
+            false,
+            "wide: only the data say how the measured body is turned",
         ),
         Kind::Bending(..) | Kind::Tilt(_) => (0.0, BENDING_SIGMA, false, "zero-mean random effect: a stiff link"),
         Kind::Compliance(_) => (

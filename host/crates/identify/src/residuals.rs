@@ -17,9 +17,10 @@ pub(crate) const OUTLIER_SIGMAS: f64 = 5.0;
 pub struct ResidualRow {
     /// Index of the observation in the experiment.
     pub index: usize,
-    /// TCP minus target, in the target's frame, in mm.
+    /// TCP minus target, in the target's frame, in mm; of several targets the first that was seen.
     pub error_mm: [f64; 3],
-    /// Length of the whitened residual, in units of the estimated noise.
+    /// Length of the whitened residual, in units of the estimated noise. That of several targets is scaled to
+    /// three numbers, so that it compares with that of one.
     pub deviation: f64,
     /// Robust weight relative to a residual of zero.
     pub weight: f64,
@@ -76,11 +77,18 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
         for j in 0..layout.n {
             columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
         }
-        let covariance = fit
-            .whitening
-            .covariance(&columns[..layout.n], observation.sphere.is_some());
+        let floor = fit.whitening.leading(observation);
+        let root = Root::new(&fit.whitening.covariance(&columns[..layout.n], floor));
         let residual = state.residual(observation, &k.tcp);
-        let deviation = Root::new(&covariance).times(&residual).norm() / fit.scale;
+        let white = root.times(&residual);
+        let deviation = if observation.further.is_empty() {
+            white.norm() / fit.scale
+        } else {
+            let blocks = state.further(layout.n, observation, &k);
+            let joints = columns.map(|column| root.times(&column));
+            let (rest, _) = fit.whitening.further_parts(layout.n, joints, white, &blocks);
+            ((white.norm_squared() + rest) * 3.0 / observation.numbers()).sqrt() / fit.scale
+        };
         let rotation = state.bases.get(observation.reference).map(|b| b.rotation);
         let error = rotation.unwrap_or_else(Matrix3::identity) * residual * 1000.0;
         ResidualRow {

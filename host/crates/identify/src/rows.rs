@@ -9,8 +9,9 @@
 use nalgebra::Vector3;
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::chain::{N, Nominal, Prepared, State, trig};
+use super::chain::{N, OWN, Prepared, State, trig};
 use super::error::IdentifyError;
+use super::load::Nominal;
 use super::normal::{Root, Whitening};
 use super::options::Options;
 use super::parameter_table::table;
@@ -81,11 +82,7 @@ impl DesignModel {
             state: State::nominal(robot, tool, &layout),
             nominal,
             layout,
-            whitening: Whitening {
-                joint: options.noise.joint_rad.powi(2),
-                seating: options.noise.seating_m.powi(2),
-                point: options.noise.point_m.powi(2),
-            },
+            whitening: Whitening::new(&options.noise),
             free,
         })
     }
@@ -106,7 +103,7 @@ impl DesignModel {
                 columns[self.layout.sphere(s) + axis] = -e;
             }
         }
-        let root = Root::new(&self.whitening.covariance(&joints, true));
+        let root = Root::new(&self.whitening.covariance(&joints, self.whitening.seating));
         self.picked(|c| root.times(&columns[c]))
     }
 
@@ -143,12 +140,14 @@ impl DesignModel {
             q: padded,
             trig: trig(&padded),
             load: self.nominal.load(q, None),
+            lead: 0,
             target: Vector3::zeros(),
+            further: Box::default(),
             reference: 0,
             sphere: None,
         };
         let k = self.state.at(&observation);
-        let mut general = [Vector3::zeros(); 5 * N + 16];
+        let mut general = [Vector3::zeros(); OWN];
         let mut joints = [Vector3::zeros(); N];
         self.state
             .columns(layout, &k, &observation.load, &mut general, &mut joints);

@@ -94,23 +94,23 @@ impl Search<'_> {
     /// Noise scale and robust weights at the state.
     pub(super) fn reweight(&mut self) -> Result<(), IdentifyError> {
         let nu = self.nu;
-        let d2 = distances(&self.state, self.layout, self.prepared, &self.whitening);
-        if !d2.iter().sum::<f64>().is_finite() {
+        let rows = distances(&self.state, self.layout, self.prepared, &self.whitening);
+        if !rows.iter().map(|row| row.d2).sum::<f64>().is_finite() {
             return Err(IdentifyError::Diverged { rms_mm: f64::INFINITY });
         }
         if let Some(known) = self.known {
-            (self.s2, self.weights) = known.with_model_error(&d2, self.effective);
+            (self.s2, self.weights) = known.with_model_error(&rows, self.effective);
             return Ok(());
         }
         if self.options.noise.estimate {
             let start = if self.effective > 0.0 {
                 self.s2
             } else {
-                median_scale(&d2)
+                median_scale(&rows)
             };
-            self.s2 = scale(&d2, self.effective, nu, start);
+            self.s2 = scale(&rows, self.effective, nu, start);
         }
-        self.weights = weights(&d2, self.s2, nu);
+        self.weights = weights(&rows, self.s2, nu);
         Ok(())
     }
 
@@ -144,11 +144,8 @@ impl Search<'_> {
         if !self.options.noise.estimate || self.known.is_some() {
             return Ok(false);
         }
-        let candidates = SHAPES.map(|factor| Whitening {
-            seating: self.whitening.seating * factor * factor,
-            point: self.whitening.point * factor * factor,
-            ..self.whitening
-        });
+        let first = self.whitening;
+        let candidates = SHAPES.map(|factor| first.with_floor(factor));
         let nu = self.nu;
         let found = likelihoods(&self.state, self.layout, self.prepared, &candidates, nu);
         let best = (0..found.len()).max_by(|a, b| found[*a].total_cmp(&found[*b]));

@@ -1,6 +1,6 @@
 //! Where a target is, and in which frame.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::{Reference, Sphere, Target};
 
@@ -21,7 +21,41 @@ pub(crate) fn frame_of(target: &Target, place: u32, closed_loop: bool) -> Refere
     }
 }
 
-/// Where a target is in its frame, in m.
+/// Where the TCP is in its frame, in m; none where the row has only other targets.
+pub(crate) fn first_target(target: &Target, spheres: &[Sphere]) -> Option<Vector3<f64>> {
+    match target {
+        Target::Points(points) => points.first().copied().flatten().map(Vector3::from),
+        _ => Some(target_of(target, spheres)),
+    }
+}
+
+/// Measured position of the TCP in the frame of the measuring device, in m.
+pub(crate) fn measured_tcp(target: &Target) -> Option<Vector3<f64>> {
+    match target {
+        Target::Sphere { .. } => None,
+        _ => first_target(target, &[]),
+    }
+}
+
+/// Targets besides the TCP that were seen: the number, from 1 for target 2, and the position in m.
+pub(crate) fn further_targets(target: &Target) -> impl Iterator<Item = (usize, Vector3<f64>)> {
+    let points = match target {
+        Target::Points(points) => &**points,
+        _ => &[],
+    };
+    let numbered = points.iter().enumerate().skip(1);
+    numbered.filter_map(|(number, at)| Some((number, Vector3::from((*at)?))))
+}
+
+/// Measured orientation in the frame of the measuring device.
+pub(crate) fn orientation_of(target: &Target) -> Option<Matrix3<f64>> {
+    match target {
+        Target::Frame(pose) => Some(pose.rotation),
+        _ => None,
+    }
+}
+
+/// Where a row's target is in its frame, in m: of several the first that was seen.
 pub(crate) fn target_of(target: &Target, spheres: &[Sphere]) -> Vector3<f64> {
     match target {
         Target::Point(p) => Vector3::from(*p),

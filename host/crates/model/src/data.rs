@@ -1,9 +1,11 @@
 //! What identification works on: an experiment as plain data, SI units.
 
+use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::{Pose, Robot, Tool};
 
+use crate::input::MOST_TARGETS;
 use crate::{CalibrationPlate, DataError, Sphere};
 
 /// What an observation may be used for.
@@ -79,7 +81,21 @@ impl Experiment {
         for (index, observation) in self.observations.iter().enumerate() {
             self.check_row(index + 1, observation, n)?;
         }
-        Ok(())
+        self.check_kinds()
+    }
+
+    /// Rows with several targets or poses do not stand beside contacts with spheres.
+    fn check_kinds(&self) -> Result<(), DataError> {
+        let several = |o: &Observation| matches!(o.target, Target::Points(_) | Target::Frame(_));
+        let contact = |o: &Observation| matches!(o.target, Target::Sphere { .. });
+        match self.observations.iter().position(several) {
+            Some(row) if self.observations.iter().any(contact) => Err(DataError::TargetKind {
+                row: row + 1,
+                kind: "several targets or a pose, and other rows give contacts with spheres",
+                remedy: "give each kind in an experiment of its own",
+            }),
+            _ => Ok(()),
+        }
     }
 
     fn check_row(&self, row: usize, observation: &Observation, n: usize) -> Result<(), DataError> {
@@ -112,30 +128,39 @@ impl Experiment {
             }
         }
         match &observation.target {
-            Target::Point(p) => {
-                for (axis, value) in ["x", "y", "z"].into_iter().zip(*p) {
-                    within(
+            Target::Point(p) => check_point(row, "", p)?,
+            Target::Points(points) => {
+                if points.len() > MOST_TARGETS {
+                    return Err(DataError::TargetKind {
                         row,
-                        || axis.to_owned(),
-                        value,
-                        100.0,
-                        "points lie within 100 m (use x_mm.. for mm)",
-                    )?;
+                        kind: "more targets than are identified together",
+                        remedy: "give at most six per row",
+                    });
+                }
+                if points.iter().all(Option::is_none) {
+                    return Err(DataError::TargetKind {
+                        row,
+                        kind: "no target that was seen",
+                        remedy: "leave the row out",
+                    });
+                }
+                for (k, point) in points.iter().enumerate() {
+                    if let Some(point) = point {
+                        check_point(row, &(k + 1).to_string(), point)?;
+                    }
                 }
             }
-            Target::Points(_) => {
-                return Err(DataError::TargetKind {
-                    row,
-                    kind: "several measured points",
-                    remedy: "give one point per row (x_mm, y_mm, z_mm), each target in a table of its own",
-                });
-            }
-            Target::Frame(_) => {
-                return Err(DataError::TargetKind {
-                    row,
-                    kind: "a measured frame",
-                    remedy: "give its position (x_mm, y_mm, z_mm), and leave the orientation out with --ignore-columns",
-                });
+            Target::Frame(pose) => {
+                check_point(row, "", &pose.position.into())?;
+                let off = (pose.rotation * pose.rotation.transpose() - Matrix3::identity()).amax();
+                let right_handed = pose.rotation.determinant() > 0.0;
+                if !(off < MOST_SKEW && right_handed) {
+                    return Err(DataError::TargetKind {
+                        row,
+                        kind: "an orientation that is no rotation",
+                        remedy: "give a rotation matrix: orthogonal, of determinant 1",
+                    });
+                }
             }
             &Target::Sphere { sphere, .. } => {
                 if !self.spheres.iter().any(|s| s.id == sphere) {
@@ -151,6 +176,23 @@ impl Experiment {
         }
         Ok(())
     }
+}
+
+/// Most by which `R Rᵀ` of a measured orientation may differ from the identity.
+const MOST_SKEW: f64 = 1e-6;
+
+/// Refuses a point (m) that cannot be where a target is; `number` is that of its columns.
+fn check_point(row: usize, number: &str, point: &[f64; 3]) -> Result<(), DataError> {
+    for (axis, value) in ["x", "y", "z"].into_iter().zip(*point) {
+        within(
+            row,
+            || format!("{axis}{number}"),
+            value,
+            100.0,
+            "points lie within 100 m (use x_mm.. for mm)",
+        )?;
+    }
+    Ok(())
 }
 
 /// Refuses what is not finite, or larger than `largest` either way.

@@ -52,8 +52,8 @@ pub enum DataError {
         /// Ids of the plate.
         known: String,
     },
-    /// A row says where the tool was in a way that the estimators do not take yet.
-    #[error("row {row}: gives {kind}, which the identification does not take yet: {remedy}")]
+    /// A row says where the tool was in a way that the estimators do not take.
+    #[error("row {row}: gives {kind}: {remedy}")]
     TargetKind {
         /// Row, from 1.
         row: usize,

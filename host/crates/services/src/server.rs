@@ -10,7 +10,8 @@ use tokio::task::JoinHandle;
 
 use super::guard::listen_address;
 #[cfg(not(feature = "grpc"))]
-use super::listen::{Listener, bound};
+use super::listen::Listener;
+use super::listen::bound;
 use super::live::{Hub, Message, WAITING};
 use super::offer::Offer;
 use super::{Guard, GuardFiles, ServiceError, SharedStore};

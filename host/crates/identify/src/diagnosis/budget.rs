@@ -22,7 +22,7 @@ use serde::Serialize;
 use super::causes::Cause;
 use super::dense::transposed_product;
 use super::discrepancy::Discrepancy;
-use super::linear::{Linear, LinearRow};
+use super::linear::Linear;
 
 /// A source of the expected error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -129,15 +129,18 @@ impl Squares {
 
 /// Of the whitened noise of each row, the part that comes from the joints.
 pub(crate) fn joint_shares(linear: &Linear) -> Vec<Matrix3<f64>> {
-    let share = |row: &LinearRow| {
-        // The whitener carries the root of the robust weight.
-        let scale = linear.joint_variance / row.weight.max(1e-12);
-        row.posture.joints.iter().fold(Matrix3::zeros(), |sum, joint| {
-            let v = row.root.times(joint);
-            sum + v * v.transpose() * scale
-        })
-    };
-    linear.rows.iter().map(share).collect()
+    let joints = linear.rows.first().map_or(0, |row| row.posture.joints.len());
+    let mut shares = vec![Matrix3::zeros(); linear.rows.len()];
+    for joint in 0..joints {
+        let column = linear.column(|row| row.posture.joints[joint]);
+        for ((k, share), row) in shares.iter_mut().enumerate().zip(&linear.rows) {
+            // The whitener carries the root of the robust weight.
+            let scale = linear.joint_variance / row.weight.max(1e-12);
+            let v: Vector3<f64> = column.fixed_rows::<3>(3 * k).into();
+            *share += v * v.transpose() * scale;
+        }
+    }
+    shares
 }
 
 /// Mean over configurations with these joint columns of the squared displacements, summed.

@@ -179,7 +179,7 @@ fn pick(weights: &[f64], mut u: f64, values: &[f64]) -> f64 {
 /// Root mean square displacement of the TCP by the noise of one observation, in m.
 pub(crate) fn noise(linear: &Linear) -> f64 {
     let (mut sum, mut weight) = (0.0, 0.0);
-    for row in &linear.rows {
+    for row in linear.rows.iter().filter(|row| row.leads()) {
         // The whitener carries the root of the robust weight.
         sum += row.root.inverse().norm_squared() * row.weight * row.weight;
         weight += row.weight;
@@ -233,7 +233,7 @@ pub(crate) fn component(
         shape.fill(&row.posture, &moment, &mut columns);
         for (c, column) in columns.iter().enumerate() {
             square += column.norm_squared();
-            let v = row.root.times(column);
+            let v = row.whiten(k, column, |row| block.fixed_view::<3, 1>(3 * row, c).into());
             for axis in 0..3 {
                 block[(3 * k + axis, c)] = v[axis];
             }

@@ -13,10 +13,12 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use crate::chain::{Kinematics, Load};
+use crate::chain::Kinematics;
+use crate::load::Load;
 use crate::map::Fit;
-use crate::normal::{Root, whitened_row};
+use crate::normal::{Root, Row, whitened_rows};
 use crate::parameters::Layout;
+use crate::seen::{Part, Seen};
 
 /// Most observations that a statement about a fit is computed from; of more,
 /// these many evenly spread ones.
@@ -63,7 +65,7 @@ impl Posture {
     }
 }
 
-/// What one observation contributes besides its row of the model.
+/// What one target of an observation contributes besides its rows of the model.
 #[derive(Clone, Debug)]
 pub(crate) struct LinearRow {
     /// Index of the observation in the experiment.
@@ -80,17 +82,43 @@ pub(crate) struct LinearRow {
     pub(crate) target: Vector3<f64>,
     /// Whitener of a vector in F0, robust weight included.
     pub(crate) root: Root,
+    /// Factors on what the earlier targets of the same observation have after whitening; none for the first. The targets
+    /// share the joint noise, so each is whitened given those before it.
+    factors: Vec<Matrix3<f64>>,
     /// Robust weight.
     pub(crate) weight: f64,
 }
 
+impl LinearRow {
+    /// Whether it is the first target of its observation.
+    pub(crate) fn leads(&self) -> bool {
+        self.factors.is_empty()
+    }
+
+    /// The whitened `value` (m, F0) of row `k`; `whitened` gives axis and number of an earlier row after whitening.
+    pub(crate) fn whiten(
+        &self,
+        k: usize,
+        value: &Vector3<f64>,
+        whitened: impl Fn(usize) -> Vector3<f64>,
+    ) -> Vector3<f64> {
+        if self.factors.is_empty() {
+            return self.root.times(value);
+        }
+        let first = k - self.factors.len();
+        let pairs = self.factors.iter().zip(first..);
+        let known: Vector3<f64> = pairs.map(|(factor, row)| factor * whitened(row)).sum();
+        self.root.times(&(value - known))
+    }
+}
+
 /// The linear model of a fit.
 pub(crate) struct Linear {
-    /// `X`, 3n x m.
+    /// `X`, 3n x m; n counts the targets of all observations.
     pub(crate) x: DMatrix<f64>,
     /// `y`, 3n: target minus model at the prior's mean.
     pub(crate) y: DVector<f64>,
-    /// Observations, in the order of the rows.
+    /// Targets of observations, in the order of the rows.
     pub(crate) rows: Vec<LinearRow>,
     /// Sigma that scales each column, in SI units.
     pub(crate) scale: Vec<f64>,
@@ -107,36 +135,56 @@ impl Linear {
     pub(crate) fn new(fit: &Fit, scale: Vec<f64>) -> Self {
         let unknowns = &fit.unknowns;
         let m = unknowns.len();
-        let step = fit.prepared.len().div_ceil(MOST).max(1);
+        let targets = |of: usize| {
+            let parts = fit.prepared[of].parts();
+            parts.filter(|part| *part != Part::Body).count()
+        };
+        let step = (0..fit.prepared.len())
+            .map(targets)
+            .sum::<usize>()
+            .div_ceil(MOST)
+            .max(1);
         let chosen: Vec<usize> = (0..fit.prepared.len()).step_by(step).collect();
-        let mut x = DMatrix::zeros(3 * chosen.len(), m);
-        let mut y = DVector::zeros(3 * chosen.len());
-        let mut rows = Vec::with_capacity(chosen.len());
-        let mut all = vec![Vector3::zeros(); fit.layout.len()];
-        for (k, &of) in chosen.iter().enumerate() {
+        let count: usize = chosen.iter().map(|of| targets(*of)).sum();
+        let mut x = DMatrix::zeros(3 * count, m);
+        let mut y = DVector::zeros(3 * count);
+        let mut rows: Vec<LinearRow> = Vec::with_capacity(count);
+        for &of in &chosen {
             let observation = &fit.prepared[of];
             let weight = fit.weights[of];
-            let row = whitened_row(&fit.state, &fit.layout, observation, &fit.whitening, weight, &mut all);
-            for (c, (&column, sigma)) in unknowns.columns.iter().zip(&scale).enumerate() {
-                for axis in 0..3 {
-                    x[(3 * k + axis, c)] = all[column][axis] * sigma;
+            let leading = fit.state.at(observation);
+            let rotation = fit.state.bases.get(observation.reference).map(|b| b.rotation);
+            let mut further = observation.further.iter();
+            let put = |row: Row, all: &[Vector3<f64>]| {
+                let k = rows.len();
+                for (c, (&column, sigma)) in unknowns.columns.iter().zip(&scale).enumerate() {
+                    for axis in 0..3 {
+                        x[(3 * k + axis, c)] = all[column][axis] * sigma;
+                    }
                 }
-            }
-            for axis in 0..3 {
-                y[3 * k + axis] = -row.residual[axis];
-            }
-            let kinematics = fit.state.at(observation);
-            let base = fit.state.bases.get(observation.reference);
-            rows.push(LinearRow {
-                index: observation.index,
-                reference: observation.reference,
-                sphere: observation.sphere,
-                posture: Posture::new(&fit.layout, &kinematics, &observation.q, &observation.load),
-                rotation: base.map_or_else(Matrix3::identity, |b| b.rotation),
-                target: observation.target,
-                root: row.root,
-                weight,
-            });
+                for axis in 0..3 {
+                    y[3 * k + axis] = -row.residual[axis];
+                }
+                let (kinematics, target) = match (row.factors.is_empty(), further.as_slice().first()) {
+                    (false, Some(&Seen::Target { number, at })) => {
+                        further.next();
+                        (fit.state.moved(&leading, &observation.load, number), at)
+                    }
+                    _ => (leading, observation.target),
+                };
+                rows.push(LinearRow {
+                    index: observation.index,
+                    reference: observation.reference,
+                    sphere: observation.sphere,
+                    posture: Posture::new(&fit.layout, &kinematics, &observation.q, &observation.load),
+                    rotation: rotation.unwrap_or_else(Matrix3::identity),
+                    target,
+                    root: row.root,
+                    factors: row.factors,
+                    weight,
+                });
+            };
+            whitened_rows(&fit.state, &fit.layout, observation, &fit.whitening, weight, put);
         }
         let estimate = DVector::from_fn(m, |i, _| unknowns.deviation[i] / scale[i]);
         y.gemv(1.0, &x, &estimate, 1.0);
@@ -151,11 +199,11 @@ impl Linear {
         }
     }
 
-    /// Whitened column of `value` (m, F0) by observation, 3n.
+    /// Whitened column of `value` (m, F0) by target, 3n.
     pub(crate) fn column(&self, mut value: impl FnMut(&LinearRow) -> Vector3<f64>) -> DVector<f64> {
         let mut out = DVector::zeros(3 * self.rows.len());
         for (k, row) in self.rows.iter().enumerate() {
-            let v = row.root.times(&value(row));
+            let v = row.whiten(k, &value(row), |row| out.fixed_rows::<3>(3 * row).into());
             for axis in 0..3 {
                 out[3 * k + axis] = v[axis];
             }

@@ -94,12 +94,14 @@ pub struct FamilyTest {
 /// that by one standard deviation of it.
 fn displaced(linear: &Linear, columns: &DMatrix<f64>, effect: &DVector<f64>, covariance: &DMatrix<f64>) -> (f64, f64) {
     let (mut square, mut variance) = (0.0, 0.0);
-    for (k, row) in linear.rows.iter().enumerate() {
+    let mut n = 0.0_f64;
+    for (k, row) in linear.rows.iter().enumerate().filter(|(_, row)| row.leads()) {
+        n += 1.0;
         let own = DMatrix::from_iterator(3, 3, row.root.inverse().iter().copied()) * columns.rows(3 * k, 3);
         square += (&own * effect).norm_squared();
         variance += (&own * covariance * own.transpose()).trace();
     }
-    let n = linear.rows.len().max(1) as f64;
+    let n = n.max(1.0);
     ((square / n).sqrt() * 1e3, (variance / n).max(0.0).sqrt() * 1e3)
 }
 
@@ -416,10 +418,12 @@ impl<'a> Selection<'a> {
         };
         let signed = if effect.len() == 1 { effect[0] * 1e3 } else { size };
         let concerned = |k: &usize| trial.columns.rows(3 * k, 3).norm_squared() > 0.0;
-        let rows = (0..linear.rows.len())
+        let mut rows: Vec<usize> = (0..linear.rows.len())
             .filter(concerned)
             .map(|k| linear.rows[k].index)
             .collect();
+        // An observation with several targets counts once.
+        rows.dedup();
         let mut or: Vec<String> = self.alike(index).into_iter().map(|a| short(&a, course)).collect();
         or.dedup();
         Ok(Finding {

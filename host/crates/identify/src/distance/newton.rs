@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::{DistanceProblem, MM};
-use crate::chain::N;
+use crate::chain::{N, OWN};
 use crate::error::IdentifyError;
 use crate::options::Pairs;
 use crate::parameters::Kind;
@@ -28,7 +28,7 @@ impl DistanceProblem {
     pub(super) fn equations(&self, x: &[f64]) -> Equations {
         let state = self.state(x);
         let m = self.columns.len();
-        let mut general = [Vector3::zeros(); 5 * N + 16];
+        let mut general = [Vector3::zeros(); OWN];
         let mut joints = [Vector3::zeros(); N];
         let mut tcps = Vec::with_capacity(self.poses());
         let mut jacobians: Vec<DMatrix<f64>> = Vec::with_capacity(self.poses());

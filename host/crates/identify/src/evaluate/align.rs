@@ -20,8 +20,9 @@ use rayon::prelude::*;
 use spherecal_model::fit_pose;
 use spherecal_shared::robot::Robot;
 
+use super::align_targets::place;
 use crate::flange::Flange;
-use crate::targets::{reference_of, target_of};
+use crate::targets::{first_target, reference_of};
 use crate::{Experiment, Observation, Pose, Reference, Set};
 
 /// How far (m, 1 sigma) a tool may be from what was said; settles the tool
@@ -45,11 +46,17 @@ pub struct NominalFrames {
     pub tcp_m: Vector3<f64>,
     /// F0 seen from each frame.
     pub frames: Vec<(Reference, Pose)>,
+    /// Targets 2.. in the last frame of the table, in m.
+    pub targets_m: Vec<Vector3<f64>>,
+    /// Orientation of the measured body in the last frame of the table.
+    pub body: Option<Matrix3<f64>>,
     /// Distance of each calibration sample from its target, in m: index into
-    /// the experiment's observations, and the distance.
+    /// the experiment's observations, and the distance. Of several targets the largest.
     pub distances_m: Vec<(usize, f64)>,
-    /// Median of those distances, in m.
+    /// Median of the TCP's distances, in m.
     pub median_m: f64,
+    /// Median turn of the measured body against the flange, in rad.
+    pub median_turn_rad: Option<f64>,
 }
 
 impl NominalFrames {
@@ -238,22 +245,24 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Nominal
     let stride = total.div_ceil(ALIGNED).max(1);
     let item = |o: &Observation| {
         let at = flange.at(&o.q);
-        Item {
+        Some(Item {
             frame: numbers.get(&reference_of(&o.target)).copied().unwrap_or_default(),
             rotation: at.rotation,
             flange: at.position,
-            target: target_of(&o.target, &experiment.spheres),
-        }
+            target: first_target(&o.target, &experiment.spheres)?,
+        })
     };
     // Every frame keeps its first row and every `stride`-th after it.
     let mut seen = vec![0_usize; references.len()];
-    let chosen = experiment.observations.iter().filter(calibrating).filter(|o| {
+    let sees = |o: &&Observation| first_target(&o.target, &experiment.spheres).is_some();
+    let chosen = experiment.observations.iter().filter(calibrating).filter(sees);
+    let chosen = chosen.filter(|o| {
         let frame = numbers.get(&reference_of(&o.target)).copied().unwrap_or_default();
         seen[frame] += 1;
         (seen[frame] - 1).is_multiple_of(stride)
     });
     let problem = Problem {
-        items: chosen.map(item).collect(),
+        items: chosen.filter_map(item).collect(),
         references,
         nominal_tool: experiment.tool.tcp(),
         free_tool,
@@ -267,15 +276,20 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Nominal
         frames,
     });
     let all = experiment.observations.par_iter().enumerate();
-    let distances_m: Vec<(usize, f64)> = all
+    let mut distances_m: Vec<(usize, f64)> = all
         .filter(|(_, o)| o.set == Set::Calibrate)
-        .map(|(index, o)| (index, problem.residual(&item(o), &guess).norm()))
+        .filter_map(|(index, o)| Some((index, problem.residual(&item(o)?, &guess).norm())))
         .collect();
     let mut d: Vec<f64> = distances_m.iter().map(|d| d.1).collect();
+    let frames: Vec<(Reference, Pose)> = problem.references.into_iter().zip(guess.frames).collect();
+    let placed = place(experiment, &flange, &frames, &mut distances_m);
     NominalFrames {
         tcp_m: guess.tool,
+        targets_m: placed.targets_m,
+        body: placed.body,
+        median_turn_rad: placed.median_turn_rad,
         median_m: median(&mut d),
-        frames: problem.references.into_iter().zip(guess.frames).collect(),
+        frames,
         distances_m,
     }
 }

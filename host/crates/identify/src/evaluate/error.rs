@@ -35,6 +35,16 @@ pub enum EvaluateError {
         /// What to check.
         remedy: String,
     },
+    /// The measured orientations do not turn with the robot's flange.
+    #[error(
+        "the measured orientation is {median_deg:.0} degrees from the flange's in the median row, also after the best \
+         fit: give the orientation of the tool in the frame of the measuring device (not the inverse), as a \
+         quaternion with w first, or leave it out with --ignore-columns"
+    )]
+    NotThisOrientation {
+        /// Median angle after the best fit, in degrees.
+        median_deg: f64,
+    },
     /// Rows that are to judge the result are rows that it is made from.
     #[error(
         "{copies} of {judges} validation rows are copies of calibration rows (the first: {first}): they judge nothing; \

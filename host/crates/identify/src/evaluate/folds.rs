@@ -5,7 +5,6 @@ use std::collections::HashSet;
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
-use spherecal_shared::robot::Robot;
 
 use super::fit::{Fit, fit};
 use super::groups::{Derived, groups, without_only_contacts};
@@ -14,6 +13,7 @@ use super::thin::thinned;
 use super::{EvaluateError, EvaluateOptions};
 use crate::flange::Flange;
 use crate::judge::{Fold, HeldOut, Judged, Predictor, judge};
+use crate::judge_targets::{Body, ToolPredictor};
 use crate::recordings::Judge;
 use crate::residual_map::{MapInput, ResidualMap};
 use crate::{Options, Pose, Recordings, Reference, Target};
@@ -28,27 +28,56 @@ const MOST_HELD_OUT: usize = 200;
 
 /// The models that are judged: nominal geometry, calibrated, the calibrated
 /// table alone, as a URDF holds it, and the calibrated model with the map of its residuals.
-fn predictors<'a>(nominal: &'a Robot, fit: &'a Fit) -> Vec<Predictor<'a>> {
+fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a Fit) -> Vec<Predictor<'a>> {
     let frames: Vec<(Reference, Pose)> = fit.calibration.frames.iter().map(|f| (f.reference, f.base)).collect();
     let calibration = &fit.calibration;
     let mapped = fit.map.as_ref().map(|map| predictor_with(fit, Some(map)));
     let (given, tcp) = (fit.nominal.tcp_m, calibration.tool.tcp());
-    let (before, after) = (Flange::new(nominal), Flange::new(&calibration.robot));
+    let (before, after) = (flanges.0, flanges.1);
+    let targets = calibration.targets.len().saturating_sub(1);
     let mut all = vec![
         Predictor {
             name: "nominal",
             tcp_m: Box::new(move |q, _| before.at(q).point(&given)),
             frames: fit.nominal.frames.clone(),
+            tool: ToolPredictor {
+                targets: fit.nominal.targets_m.len(),
+                target_m: Some(Box::new(move |number, q, _| {
+                    let place = fit.nominal.targets_m.get(number - 1).copied();
+                    before.at(q).point(&place.unwrap_or_default())
+                })),
+                body: fit
+                    .nominal
+                    .body
+                    .map(|body| -> Body<'a> { Box::new(move |q, _| before.at(q).rotation * body) }),
+            },
         },
         Predictor {
             name: "calibrated",
             tcp_m: Box::new(move |q, tau| calibration.tcp_m(q, tau)),
             frames: frames.clone(),
+            tool: ToolPredictor {
+                targets,
+                target_m: Some(Box::new(move |number, q, tau| calibration.target_m(number + 1, q, tau))),
+                body: calibration
+                    .orientation
+                    .map(|_| -> Body<'a> { Box::new(move |q, tau| calibration.body_rotation(q, tau)) }),
+            },
         },
         Predictor {
             name: "calibrated_table_only",
             tcp_m: Box::new(move |q, _| after.at(q).point(&tcp)),
             frames,
+            tool: ToolPredictor {
+                targets,
+                target_m: Some(Box::new(move |number, q, _| {
+                    let place = calibration.targets.get(number).map(|t| t.place_m);
+                    after.at(q).point(&Vector3::from(place.unwrap_or_default()))
+                })),
+                body: calibration
+                    .orientation
+                    .map(|_| -> Body<'a> { Box::new(move |q, _| after.at(q).rotation * calibration.body_in_flange()) }),
+            },
         },
     ];
     all.extend(mapped);
@@ -64,13 +93,19 @@ pub(super) fn predictor_with<'a>(fit: &'a Fit, map: Option<&'a ResidualMap>) -> 
         name: "calibrated_with_map",
         tcp_m: Box::new(move |q, tau| calibration.tcp_m(q, tau) + shift(q)),
         frames: calibration.frames.iter().map(|f| (f.reference, f.base)).collect(),
+        // The map is of the TCP alone.
+        tool: ToolPredictor::default(),
     }
 }
 
 /// Judges rows by a fit.
 pub(super) fn judged(recordings: &Recordings, fit: &Fit, judges: &[Judge<'_>], by: &str) -> Judged {
+    let (before, after) = (
+        Flange::new(&recordings.experiment.robot),
+        Flange::new(&fit.calibration.robot),
+    );
     judge(
-        &predictors(&recordings.experiment.robot, fit),
+        &predictors((&before, &after), fit),
         judges,
         &recordings.experiment.spheres,
         recordings.closed_loop(),
@@ -115,6 +150,8 @@ fn pool(folds: impl IntoIterator<Item = Judged>, by: &str) -> Judged {
     }
     for model in &mut all.models {
         model.samples.sort_by_key(|s| s.index);
+        model.further.sort_by_key(|f| f.error.index);
+        model.turned.sort_by_key(|t| t.index);
     }
     all
 }

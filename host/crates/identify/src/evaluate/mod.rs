@@ -18,6 +18,7 @@
 //! anything is identified; to *judge* is to predict samples that the fit has not seen.
 
 mod align;
+mod align_targets;
 mod certified;
 mod error;
 mod fit;
@@ -34,7 +35,9 @@ mod tune;
 use nalgebra::Vector3;
 use spherecal_model::chain::Chain;
 
-pub use crate::judge::{Errors, Fold, HeldOut, Judged, JudgedModel, Predictor, SampleError, Tcp, judge};
+pub use crate::errors::{Errors, SampleError};
+pub use crate::judge::{Fold, HeldOut, Judged, JudgedModel, Predictor, Tcp, judge};
+pub use crate::judge_targets::{Body, Further, TargetTcp, ToolPredictor, Turned, Turns};
 pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};
@@ -59,6 +62,8 @@ use thin::thinned;
 const NOTED: usize = 20;
 /// Median distance (m) after alignment beyond which these are not data of this robot.
 const HOPELESS_M: f64 = 0.025;
+/// Median turn (rad) of the measured orientation against the flange beyond which it is not the tool's.
+const HOPELESS_RAD: f64 = 0.2;
 /// Distances of the plate that differ by more than this (m) from the data's explain such data.
 const WRONG_PLATE_M: f64 = 0.010;
 
@@ -370,6 +375,7 @@ fn cross_validation(
         Ok(judged) => Ok(Some(judged)),
         Err(EvaluateError::Identify(
             error @ (IdentifyError::TooFewObservations { .. }
+            | IdentifyError::TooFewOfTarget { .. }
             | IdentifyError::NoVariety
             | IdentifyError::Singular { .. }),
         )) => {
@@ -412,7 +418,12 @@ fn judged_aside(
 /// probably wrong.
 fn plausible(recordings: &Recordings, fit: &Fit) -> Result<(), EvaluateError> {
     if fit.nominal.median_m <= HOPELESS_M {
-        return Ok(());
+        return match fit.nominal.median_turn_rad {
+            Some(turn) if turn > HOPELESS_RAD => Err(EvaluateError::NotThisOrientation {
+                median_deg: turn.to_degrees(),
+            }),
+            _ => Ok(()),
+        };
     }
     let (field, remedy) = match plate::contradiction(&recordings.experiment, WRONG_PLATE_M) {
         Some(words) => ("the plate", words),

@@ -23,7 +23,7 @@ fn key(observation: &Observation, bits: &mut Vec<u64>) {
             put(pose.position.as_slice());
             put(pose.rotation.as_slice());
         }
-        Target::Points(points) => points.iter().flatten().for_each(|point| put(point)),
+        Target::Points(points) => points.iter().for_each(|point| put(&point.unwrap_or([f64::NAN; 3]))),
     }
 }
 

@@ -1,62 +1,78 @@
 //! Whitened residuals and their likelihood.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::groups::{BLOCK, Group, places};
 use super::pose_columns::PoseColumns;
-use super::whitening::{Root, Whitening};
+use super::whitening::{Conditional, Root, Whitening};
 use crate::chain::{N, Prepared, State};
+use crate::noise_scale::{Squared, numbers, scale};
 use crate::parameters::Layout;
+use crate::seen::Part;
 
-/// One observation's whitened residual and what whitened it.
+/// One target's whitened residual and what whitened it.
 pub(crate) struct Row {
     /// Whitener of a vector in F0, robust weight included.
     pub(crate) root: Root,
+    /// Factors on the whitened vectors of the row's earlier targets: see [`Conditional`].
+    pub(crate) factors: Vec<Matrix3<f64>>,
     /// Whitened residual.
     pub(crate) residual: Vector3<f64>,
 }
 
-/// The whitened columns of one observation over the whole layout, into `all`,
-/// and its residual.
-pub(crate) fn whitened_row(
+/// The whitened columns of each target of an observation over the whole layout, and its residual, for
+/// `put`; orientations are left out. Each target is whitened given those before it.
+pub(crate) fn whitened_rows(
     state: &State,
     layout: &Layout,
     observation: &Prepared,
     whitening: &Whitening,
     weight: f64,
-    all: &mut [Vector3<f64>],
-) -> Row {
-    let pose = PoseColumns::new(state, layout, observation, whitening, weight);
-    all.fill(Vector3::zeros());
+    mut put: impl FnMut(Row, &[Vector3<f64>]),
+) {
     let group = Group {
         reference: observation.reference,
         sphere: observation.sphere,
         members: Vec::new(),
     };
-    for (c, column, sign) in places(layout, &group) {
-        all[column] = pose.own[c] * sign;
-    }
-    let mut phi = vec![0.0; layout.n * layout.basis()];
-    pose.bases(layout, observation, phi.chunks_exact_mut(layout.basis()));
-    for (j, phi) in phi.chunks_exact(layout.basis()).enumerate() {
-        for (k, value) in phi.iter().enumerate() {
-            all[layout.joint(j) + k] = pose.joints[j] * *value;
+    let places = places(layout, &group);
+    let mut blocks = state.blocks(layout.n, observation).into_iter();
+    let mut before: Vec<[Vector3<f64>; N]> = Vec::new();
+    let mut all = vec![Vector3::zeros(); layout.len()];
+    PoseColumns::each(state, layout, observation, whitening, weight, |pose| {
+        let Some(block) = blocks.next().filter(|b| b.part != Part::Body) else {
+            return;
+        };
+        all.fill(Vector3::zeros());
+        for &(c, column, sign) in &places {
+            all[column] = pose.own[c] * sign;
         }
-    }
-    let k = state.at(observation);
-    let joints: Vec<_> = (0..layout.n)
-        .map(|j| k.frames[j].z().cross(&(k.tcp - k.frames[j].position)))
-        .collect();
-    let covariance = whitening.covariance(&joints, observation.sphere.is_some());
-    Row {
-        root: Root::new(&covariance).scaled(weight.sqrt()),
-        residual: pose.residual,
-    }
+        let mut phi = vec![0.0; layout.n * layout.basis()];
+        pose.bases(layout, observation, phi.chunks_exact_mut(layout.basis()));
+        for (j, phi) in phi.chunks_exact(layout.basis()).enumerate() {
+            for (k, value) in phi.iter().enumerate() {
+                all[layout.joint(j) + k] = pose.joints[j] * *value;
+            }
+        }
+        let floor = if before.is_empty() {
+            whitening.leading(observation)
+        } else {
+            whitening.own(block.part)
+        };
+        let given = Conditional::new(whitening, floor, &block.joints[..layout.n], before.iter());
+        before.push(pose.joints.map(|joint| joint / weight.sqrt()));
+        let row = Row {
+            root: given.root.scaled(weight.sqrt()),
+            factors: given.factors.iter().map(|factor| factor / weight.sqrt()).collect(),
+            residual: pose.residual,
+        };
+        put(row, &all);
+    });
 }
 
-/// Squared whitened residual of every prepared observation.
-pub(crate) fn distances(state: &State, layout: &Layout, prepared: &[Prepared], whitening: &Whitening) -> Vec<f64> {
+/// Squared whitened residual of every prepared observation, all parts of the row together.
+pub(crate) fn distances(state: &State, layout: &Layout, prepared: &[Prepared], whitening: &Whitening) -> Vec<Squared> {
     let [found] = whitened(state, layout, prepared, &[*whitening]).map(|found| found.0);
     found
 }
@@ -67,25 +83,41 @@ fn whitened<const K: usize>(
     layout: &Layout,
     prepared: &[Prepared],
     candidates: &[Whitening; K],
-) -> [(Vec<f64>, f64); K] {
+) -> [(Vec<Squared>, f64); K] {
     let block = |prepared: &[Prepared]| {
         let mut columns = [Vector3::zeros(); N];
-        let mut found: [(Vec<f64>, f64); K] = core::array::from_fn(|_| (Vec::with_capacity(prepared.len()), 0.0));
+        let mut found: [(Vec<Squared>, f64); K] = core::array::from_fn(|_| (Vec::with_capacity(prepared.len()), 0.0));
         for observation in prepared {
             let k = state.at(observation);
             for j in 0..layout.n {
                 columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
             }
             let residual = state.residual(observation, &k.tcp);
-            for (candidate, (d2, log)) in candidates.iter().zip(&mut found) {
-                let root = Root::new(&candidate.covariance(&columns[..layout.n], observation.sphere.is_some()));
-                d2.push(root.times(&residual).norm_squared());
+            let further = if observation.further.is_empty() {
+                Vec::new()
+            } else {
+                state.further(layout.n, observation, &k)
+            };
+            for (candidate, (rows, log)) in candidates.iter().zip(&mut found) {
+                let root = Root::new(&candidate.covariance(&columns[..layout.n], candidate.leading(observation)));
+                let residual = root.times(&residual);
+                let mut d2 = residual.norm_squared();
                 *log += root.log_determinant();
+                if !further.is_empty() {
+                    let white = columns.map(|column| root.times(&column));
+                    let rest = candidate.further_parts(layout.n, white, residual, &further);
+                    d2 += rest.0;
+                    *log += rest.1;
+                }
+                rows.push(Squared {
+                    d2,
+                    numbers: observation.numbers(),
+                });
             }
         }
         found
     };
-    let add = |mut total: [(Vec<f64>, f64); K], next: [(Vec<f64>, f64); K]| {
+    let add = |mut total: [(Vec<Squared>, f64); K], next: [(Vec<Squared>, f64); K]| {
         for (total, next) in total.iter_mut().zip(next) {
             total.0.extend(next.0);
             total.1 += next.1;
@@ -94,6 +126,12 @@ fn whitened<const K: usize>(
     };
     let blocks: Vec<_> = prepared.par_chunks(BLOCK).map(block).collect();
     blocks.into_iter().reduce(add).unwrap_or_else(|| block(&[]))
+}
+
+/// Sum of `ln |L⁻¹|` over all rows.
+pub(crate) fn log_determinant(state: &State, layout: &Layout, prepared: &[Prepared], whitening: &Whitening) -> f64 {
+    let [(_, log)] = whitened(state, layout, prepared, &[*whitening]);
+    log
 }
 
 /// Log likelihood of the residuals under each candidate whitening, its scale at
@@ -105,7 +143,7 @@ pub(crate) fn likelihoods<const K: usize>(
     candidates: &[Whitening; K],
     nu: f64,
 ) -> [f64; K] {
-    whitened(state, layout, prepared, candidates).map(|(d2, log)| likelihood(&d2, log, nu))
+    whitened(state, layout, prepared, candidates).map(|(rows, log)| likelihood(&rows, log, nu))
 }
 
 /// The same under one whitening for each of several `nus`.
@@ -116,19 +154,12 @@ pub(crate) fn likelihoods_of_tails<const K: usize>(
     whitening: &Whitening,
     nus: [f64; K],
 ) -> [f64; K] {
-    let [(d2, log)] = whitened(state, layout, prepared, &[*whitening]);
-    nus.map(|nu| likelihood(&d2, log, nu))
+    let [(rows, log)] = whitened(state, layout, prepared, &[*whitening]);
+    nus.map(|nu| likelihood(&rows, log, nu))
 }
 
 /// Log likelihood of squared whitened residuals, the scale at its best.
-fn likelihood(d2: &[f64], log: f64, nu: f64) -> f64 {
-    let shape = |d: f64, s2: f64| {
-        if nu > 0.0 {
-            -0.5 * (nu + 3.0) * (d / (s2 * nu)).ln_1p()
-        } else {
-            -0.5 * d / s2
-        }
-    };
-    let s2 = crate::noise_scale::scale(d2, 0.0, nu, 1.0);
-    log + d2.iter().map(|d| shape(*d, s2)).sum::<f64>() - 1.5 * d2.len() as f64 * s2.ln()
+fn likelihood(rows: &[Squared], log: f64, nu: f64) -> f64 {
+    let s2 = scale(rows, 0.0, nu, 1.0);
+    log + rows.iter().map(|row| row.shape(s2, nu)).sum::<f64>() - 0.5 * numbers(rows) * s2.ln()
 }

@@ -3,19 +3,95 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::groups::add_all;
-use super::whitening::{Root, Whitening};
-use crate::chain::{N, Prepared, State};
+use super::whitening::{Conditional, Root, Whitening};
+use crate::chain::{Kinematics, N, OWN, Prepared, State};
 use crate::parameters::Layout;
+use crate::seen::Seen;
 
-/// One pose's whitened columns and residual.
+/// One part of a pose: its whitened columns and residual.
 pub(super) struct PoseColumns {
-    pub(super) own: [Vector3<f64>; 5 * N + 16],
+    pub(super) own: [Vector3<f64>; OWN],
     pub(super) joints: [Vector3<f64>; N],
     pub(super) trig: [(f64, f64); N],
     pub(super) residual: Vector3<f64>,
 }
 
 impl PoseColumns {
+    /// Hands every part of a row to `put`, in order: the leading one, then each of the others given
+    /// those before it.
+    #[inline]
+    pub(super) fn each(
+        state: &State,
+        layout: &Layout,
+        observation: &Prepared,
+        whitening: &Whitening,
+        weight: f64,
+        mut put: impl FnMut(&Self),
+    ) {
+        let leading = Self::new(state, layout, observation, whitening, weight);
+        put(&leading);
+        if observation.further.is_empty() {
+            return;
+        }
+        let k = state.at(observation);
+        let mut before = vec![leading];
+        for seen in &observation.further {
+            let next = Self::given(&before, state, layout, observation, &k, seen, whitening, weight);
+            put(&next);
+            before.push(next);
+        }
+    }
+
+    /// A part of a row given those before it.
+    fn given(
+        before: &[Self],
+        state: &State,
+        layout: &Layout,
+        observation: &Prepared,
+        k: &Kinematics,
+        seen: &Seen,
+        whitening: &Whitening,
+        weight: f64,
+    ) -> Self {
+        let (n, general) = (layout.n, layout.general());
+        let mut own = [Vector3::zeros(); OWN];
+        let mut joints = [Vector3::zeros(); N];
+        let (residual, arm) = state.part_columns(layout, observation, k, seen, &mut own, &mut joints);
+        let rotation = state
+            .bases
+            .get(observation.reference)
+            .map_or_else(Matrix3::identity, |base| base.rotation);
+        for axis in 0..3 {
+            let e = rotation.row(axis).transpose();
+            match seen {
+                Seen::Target { .. } => {
+                    own[general + axis] = e;
+                    own[general + 3 + axis] = e.cross(&arm);
+                }
+                // A shift of the base does not turn it.
+                Seen::Body(_) => own[general + 3 + axis] = e,
+            }
+        }
+        // The earlier columns hold the row's weight; the factor between the parts does not.
+        let root = weight.sqrt();
+        let unweighted: Vec<[Vector3<f64>; N]> = before.iter().map(|b| b.joints.map(|v| v / root)).collect();
+        let floor = whitening.own(seen.part());
+        let given = Conditional::new(whitening, floor, &joints[..n], unweighted.iter());
+        for (c, column) in own[..general + 6].iter_mut().enumerate() {
+            *column = given.times(&(*column * root), before.iter().map(|b| b.own[c]));
+        }
+        for (c, column) in joints[..n].iter_mut().enumerate() {
+            *column = given.times(&(*column * root), before.iter().map(|b| b.joints[c]));
+        }
+        Self {
+            own,
+            joints,
+            trig: k.trig,
+            residual: given.times(&(residual * root), before.iter().map(|b| b.residual)),
+        }
+    }
+
+    /// The leading part of a row.
     #[inline]
     pub(super) fn new(
         state: &State,
@@ -26,10 +102,11 @@ impl PoseColumns {
     ) -> Self {
         let n = layout.n;
         let general = layout.general();
-        let mut own = [Vector3::zeros(); 5 * N + 16];
+        let mut own = [Vector3::zeros(); OWN];
         let mut joints = [Vector3::zeros(); N];
         let kinematics = state.at(observation);
         state.columns(layout, &kinematics, &observation.load, &mut own, &mut joints);
+        layout.lead(observation.lead, &mut own);
         let rotation = state
             .bases
             .get(observation.reference)
@@ -41,7 +118,7 @@ impl PoseColumns {
             own[general + axis] = e;
             own[general + 3 + axis] = e.cross(&arm);
         }
-        let covariance = whitening.covariance(&joints[..n], observation.sphere.is_some());
+        let covariance = whitening.covariance(&joints[..n], whitening.leading(observation));
         let root = Root::new(&covariance).scaled(weight.sqrt());
         for column in &mut own[..general + 6] {
             *column = root.times(column);

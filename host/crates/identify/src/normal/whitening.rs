@@ -1,6 +1,18 @@
 //! Whitening: the covariance of a residual and the inverse of its Cholesky factor.
 
 use nalgebra::{Matrix3, Vector3};
+use spherecal_model::input::MOST_TARGETS;
+
+use crate::chain::{N, Prepared};
+use crate::options::Noise;
+use crate::parts::Block;
+use crate::seen::Part;
+
+/// Most targets besides the TCP.
+const FURTHER: usize = MOST_TARGETS - 1;
+/// Prior standard deviation of a measured orientation about each axis, in rad: a camera's. The data
+/// give the value that is used.
+const BODY_SIGMA_RAD: f64 = 1e-3;
 
 /// Standard deviations that whiten the residuals.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -9,15 +21,58 @@ pub(crate) struct Whitening {
     pub(crate) joint: f64,
     /// Variance of seating on a sphere, in m².
     pub(crate) seating: f64,
-    /// Variance of a measured point, in m².
+    /// Variance of a measured point, in m²: the TCP's.
     pub(crate) point: f64,
+    /// Variance of measured points of targets 2.., in m².
+    pub(crate) further: [f64; FURTHER],
+    /// Variance of a measured orientation, in rad².
+    pub(crate) body: f64,
 }
 
 impl Whitening {
-    /// `C` at a pose, in m².
+    /// As the options say, all targets alike.
+    pub(crate) fn new(noise: &Noise) -> Self {
+        let point = noise.point_m.powi(2);
+        Self {
+            joint: noise.joint_rad.powi(2),
+            seating: noise.seating_m.powi(2),
+            point,
+            further: [point; FURTHER],
+            body: BODY_SIGMA_RAD.powi(2),
+        }
+    }
+
+    /// With another noise of seating and points: a factor on the standard deviation.
+    pub(crate) fn with_floor(mut self, factor: f64) -> Self {
+        self.seating = self.seating * factor * factor;
+        self.point = self.point * factor * factor;
+        self
+    }
+
+    /// Variance of a part's own noise, in m² or rad².
+    pub(crate) fn own(&self, part: Part) -> f64 {
+        match part {
+            Part::Target(number) => match number.checked_sub(1) {
+                None => self.point,
+                Some(k) => self.further.get(k).copied().unwrap_or(self.point),
+            },
+            Part::Body => self.body,
+        }
+    }
+
+    /// The same of the part that leads a row.
     #[inline]
-    pub(crate) fn covariance(&self, joints: &[Vector3<f64>], on_sphere: bool) -> Matrix3<f64> {
-        let floor = if on_sphere { self.seating } else { self.point };
+    pub(crate) fn leading(&self, observation: &Prepared) -> f64 {
+        match (observation.sphere, observation.lead) {
+            (Some(_), _) => self.seating,
+            (None, 0) => self.point,
+            (None, _) => self.own(observation.leading()),
+        }
+    }
+
+    /// `C` at a pose for noise of variance `floor`, in m².
+    #[inline]
+    pub(crate) fn covariance(&self, joints: &[Vector3<f64>], floor: f64) -> Matrix3<f64> {
         let (mut xx, mut yy, mut zz, mut xy, mut xz, mut yz) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         for j in joints {
             xx += j.x * j.x;
@@ -39,6 +94,88 @@ impl Whitening {
             v * yz,
             v * zz + floor,
         )
+    }
+}
+
+/// Whitens a part of a row given the parts before it: one step of the block Cholesky factor of the
+/// row's covariance,
+///
+/// `w_k = L_kk⁻¹ (r_k − Σ_{j<k} L_kj w_j)`, `L_kj = σ_q² J_k J̃_jᵀ`
+///
+/// where `J̃_j` are the whitened columns of the joints: the joint noise is all that the parts of a
+/// row have in common.
+#[derive(Clone, Debug)]
+pub(crate) struct Conditional {
+    /// `L_kk⁻¹`.
+    pub(crate) root: Root,
+    /// `L_kj` by earlier part.
+    pub(crate) factors: Vec<Matrix3<f64>>,
+}
+
+impl Conditional {
+    /// For a part with joint columns `joints` and own noise of variance `floor`; `before` are the
+    /// whitened joint columns of the earlier parts.
+    pub(crate) fn new<'b>(
+        whitening: &Whitening,
+        floor: f64,
+        joints: &[Vector3<f64>],
+        before: impl Iterator<Item = &'b [Vector3<f64>; N]>,
+    ) -> Self {
+        let mut rest = whitening.covariance(joints, floor);
+        let factor = |before: &[Vector3<f64>; N]| {
+            let pairs = joints.iter().zip(before);
+            pairs
+                .map(|(own, earlier)| own * earlier.transpose())
+                .sum::<Matrix3<f64>>()
+                * whitening.joint
+        };
+        let factors: Vec<Matrix3<f64>> = before.map(factor).collect();
+        for factor in &factors {
+            rest -= factor * factor.transpose();
+        }
+        Self {
+            root: Root::new(&rest),
+            factors,
+        }
+    }
+
+    /// `w_k` of a column, from its own three numbers and the whitened ones of the earlier parts.
+    pub(crate) fn times(&self, v: &Vector3<f64>, before: impl Iterator<Item = Vector3<f64>>) -> Vector3<f64> {
+        let known: Vector3<f64> = self.factors.iter().zip(before).map(|(factor, w)| factor * w).sum();
+        self.root.times(&(v - known))
+    }
+
+    /// `ln |L_kk⁻¹|`.
+    pub(crate) fn log_determinant(&self) -> f64 {
+        self.root.log_determinant()
+    }
+}
+
+impl Whitening {
+    /// Squared whitened residual of the further parts of a row, and the sum of their `ln |L⁻¹|`;
+    /// `joints` and `residual` are those of the leading part, whitened.
+    pub(crate) fn further_parts(
+        &self,
+        n: usize,
+        joints: [Vector3<f64>; N],
+        residual: Vector3<f64>,
+        further: &[Block],
+    ) -> (f64, f64) {
+        let mut before = vec![(joints, residual)];
+        let (mut d2, mut log) = (0.0, 0.0);
+        for block in further {
+            let own = self.own(block.part);
+            let given = Conditional::new(self, own, &block.joints[..n], before.iter().map(|b| &b.0));
+            let mut joints = [Vector3::zeros(); N];
+            for (c, column) in joints.iter_mut().enumerate().take(n) {
+                *column = given.times(&block.joints[c], before.iter().map(|b| b.0[c]));
+            }
+            let residual = given.times(&block.residual, before.iter().map(|b| b.1));
+            d2 += residual.norm_squared();
+            log += given.log_determinant();
+            before.push((joints, residual));
+        }
+        (d2, log)
     }
 }
 

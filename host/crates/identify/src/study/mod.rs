@@ -9,6 +9,7 @@
 //! ```
 
 mod anonymous;
+mod checks;
 mod load;
 mod sources;
 mod torques;
@@ -171,5 +172,7 @@ fn evaluate_loaded(
     })
 }
 
+#[cfg(test)]
+mod targets_tests;
 #[cfg(test)]
 mod tests;

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use nalgebra::{DMatrix, DVector, Vector3};
 use spherecal_shared::robot::{Inertia, Robot, Tool};
 
-use crate::chain::Nominal;
+use crate::load::Nominal;
 use crate::{Experiment, Observation, Set};
 
 /// Most rows that are looked at, spread evenly.

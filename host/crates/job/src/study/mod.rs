@@ -4,6 +4,7 @@
 mod certificate;
 mod files;
 mod summary;
+mod targets;
 mod text;
 
 pub use certificate::study_certificate;

@@ -154,6 +154,7 @@ pub fn summary_json(study: &Study, certificate: &Certificate) -> Value {
         let aligned = judged.base_aligned(&judges);
         value["validation"]["models_base_aligned"] = models_json(&aligned, closed_loop);
     }
+    super::targets::into_summary(study, &mut value);
     value["validation"]["cross_validated"] = json!(evaluation.cross_validated);
     if let Some(report) = &evaluation.residual_map {
         value["residual_map"] = json!(report);

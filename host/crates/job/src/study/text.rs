@@ -99,6 +99,7 @@ pub fn summary_text(study: &Study) -> String {
         );
         table(&mut out, judged);
     }
+    out += &super::targets::words(study);
     if let Some(holdout) = &evaluation.holdout {
         let _ = writeln!(
             out,

@@ -1,7 +1,7 @@
 //! What the columns of a table are, and how a caller names them.
 
 /// Most measured points in one row.
-pub const MOST_TARGETS: usize = 9;
+pub const MOST_TARGETS: usize = 6;
 
 /// How a table is to be read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

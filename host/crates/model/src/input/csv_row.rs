@@ -9,6 +9,9 @@ use crate::{Set, excerpt};
 /// Longest name of a place or value of a label, in characters.
 const MOST_LETTERS: usize = 100;
 
+/// Most by which the length of a quaternion may differ from 1: what rounding to three digits leaves.
+const MOST_OFF: f64 = 1e-3;
+
 /// The rows read so far, and what is needed to read the next and to complain about it.
 pub(super) struct RowReader<'a> {
     file: &'a str,
@@ -299,10 +302,10 @@ impl<'a> RowReader<'a> {
         if !matrix {
             let [w, x, y, z, ..] = self.orientation;
             let norm = (w * w + x * x + y * y + z * z).sqrt();
-            if (norm - 1.0).abs() > 1e-2 {
+            if (norm - 1.0).abs() > MOST_OFF {
                 return Err(refuse(
                     format!("of length {norm:.4}"),
-                    "an orientation is a quaternion of length 1 (w first)",
+                    "an orientation is a quaternion of length 1 (w first), written with four digits or more",
                 ));
             }
             return Ok([w, x, y, z].map(|part| part / norm));

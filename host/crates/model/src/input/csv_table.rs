@@ -5,13 +5,13 @@
 //! | `q1..qn` (rad) or `q1_deg..`, or the robot's joint names | joint angles, base to flange |
 //! | `tau1..taun` (N m), optional | measured joint torques |
 //! | `x_mm,y_mm,z_mm` or `x_m..` | a measured point: absolute data |
-//! | `x1_mm,y1_mm,z1_mm,x2_mm,..` | several measured points; an empty one was not seen |
-//! | `qw,qx,qy,qz` or `r11..r33`, with `x_mm..` | a measured frame |
+//! | `x1_mm,y1_mm,z1_mm,x2_mm,..` | up to six targets on the tool, the first the TCP; an empty one was not seen |
+//! | `qw,qx,qy,qz` or `r11..r33`, with `x_mm..` | the pose of a body on the tool |
 //! | `sphere` (integer) | the sphere that the tool sat on: closed-loop data |
 //! | `place` (integer or name), optional | which placement of the plate |
 //! | `set` (`calibrate` or `validate`), optional | what the row may be used for |
 //!
-//! A table may mix both kinds: a row then fills one and leaves the other empty.
+//! A table may mix single points and contacts: a row then fills one and leaves the other empty.
 //!
 //! Read as spreadsheets write it: separated by commas, semicolons or tabs, decimals
 //! with a point or (between semicolons or tabs) a comma, quoted cells, UTF-8 or

@@ -232,7 +232,14 @@ impl Header {
                 "give x_mm, y_mm and z_mm with it",
             );
         }
-        if self.targets == 0 && !self.columns.contains(&Column::Sphere) {
+        let spheres = self.columns.contains(&Column::Sphere);
+        if spheres && (self.numbered || self.orientation) {
+            return refuse(
+                "there is a column sphere beside several targets or a pose",
+                "give contacts with spheres in a table of their own",
+            );
+        }
+        if self.targets == 0 && !spheres {
             return refuse(
                 "nothing says where the TCP was",
                 "give x_mm,y_mm,z_mm (absolute data) or sphere (closed-loop data)",

@@ -149,6 +149,36 @@ fn refusals_name_the_field_its_value_and_the_remedy() {
         ("q1,x_mm,y_mm,z_mm,qw,qx,qy\n", 1, &["four columns"]),
         ("q1,sphere,qw,qx,qy,qz\n", 1, &["one position"]),
         (
+            "q1,x1_mm,y1_mm,z1_mm,x2_mm,z2_mm\n",
+            1,
+            &["y2_mm is missing", "give x2_mm, y2_mm and z2_mm"],
+        ),
+        (
+            "q1,sphere,x1_mm,y1_mm,z1_mm\n",
+            1,
+            &["a column sphere", "a table of their own"],
+        ),
+        (
+            "q1,sphere,x_mm,y_mm,z_mm,qw,qx,qy,qz\n",
+            1,
+            &["a column sphere", "a table of their own"],
+        ),
+        (
+            "q1,x1_mm,y1_mm,z1_mm,x7_mm,y7_mm,z7_mm\n",
+            1,
+            &["\"x7_mm\"", "not known"],
+        ),
+        (
+            "q1,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,900,0,0,0.998,0,0,0\n",
+            1,
+            &["row 1", "length 0.9980", "length 1"],
+        ),
+        (
+            "q1,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,900,0,0,nan,0,0,0\n",
+            1,
+            &["row 1", "qw", "finite"],
+        ),
+        (
             "q1,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,900,0,0,0,0,0,0.5\n",
             1,
             &["row 1", "length 0.5", "length 1"],
