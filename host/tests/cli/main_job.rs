@@ -56,9 +56,10 @@ fn one_seed_gives_one_summary() {
     assert_eq!(printed, a);
     assert_eq!(a["poses"]["recorded"], a["poses"]["chosen"]);
     assert_eq!(a["faults"], Value::Array(Vec::new()));
-    // One of each sphere, or up to five where another branch is worth it, and a second visit to each.
+    // One of each sphere, or up to five where another branch is worth it, and a second visit to each, of which some
+    // are repeated: nests of this arm seat badly now and then.
     let contacts = a["contacts"].as_array().map_or(0, Vec::len);
-    assert!((6..=8).contains(&contacts), "{contacts} contacts");
+    assert!((6..=14).contains(&contacts), "{contacts} contacts");
     assert_eq!(a["validation"]["n"], 125);
     for name in ["nominal", "sphere", "laser"] {
         let mean = a["validation"]["models"][name]["mean_mm"].as_f64();
@@ -254,8 +255,8 @@ fn help_and_configuration_are_usable() {
 // Fails if for one of the seeds 1 to 5 of the default arm the calibrated arm's mean or largest
 // error on the 125 validation points is not under half of the nominal one's (measured: 0.03 to
 // 0.42; the base of the arcs counts), or, with the base fitted, under 0.3 of it (measured: 0.02 to
-// 0.22), if the default plan loses a pose or runs into a fault, touches a sphere more than
-// twice, or takes the robot over 13 minutes.
+// 0.22), if the default plan loses a pose or runs into a fault, has more than
+// 14 contacts (five, three second visits, and those that a bad seat repeats), or takes the robot over 15.5 minutes.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "long: run in release")]
 fn long_five_arms_are_better_than_half_of_nominal() {
@@ -281,9 +282,9 @@ fn long_five_arms_are_better_than_half_of_nominal() {
             );
         }
         let contacts = s["contacts"].as_array().expect("contacts");
-        assert!(contacts.len() <= 9, "seed {seed}: {} contacts", contacts.len());
+        assert!(contacts.len() <= 14, "seed {seed}: {} contacts", contacts.len());
         let robot_s = s["simulated_s"].as_f64().expect("a number");
-        assert!(robot_s < 835.0, "seed {seed}: {robot_s} s");
+        assert!(robot_s < 930.0, "seed {seed}: {robot_s} s");
     }
 }
 

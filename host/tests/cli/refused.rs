@@ -380,7 +380,7 @@ fn a_run_stops_where_a_sphere_has_moved() {
     );
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{}{said}", text(&output.stdout));
-    for word in ["limit 0.15 mm", "begin a new run"] {
+    for word in ["limit 0.2", "begin a new run"] {
         assert!(said.contains(word), "\"{word}\" is not said: {said}");
     }
     let size = said

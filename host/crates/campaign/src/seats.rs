@@ -36,8 +36,9 @@ const MOST: usize = 8;
 const DRIFT_M_S: f64 = 0.4e-3 / 3600.0;
 /// Largest drift, in m, however long it takes.
 const DRIFT_M: f64 = 0.4e-3;
-/// Largest distance of a bad seat, in m: of 720 pairs on `as_measured` the furthest were 0.586 mm apart.
-const BAD_SEAT_M: f64 = 0.000_6;
+/// Largest distance of a bad seat, in m: of 720 pairs on `as_measured` the furthest were 0.586 mm apart, and one of an
+/// FR3 there was 0.64 mm off.
+const BAD_SEAT_M: f64 = 0.001;
 
 /// What a coupling says.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -309,7 +310,7 @@ mod tests {
     // the later ones do not become the place, or if a larger distance passes.
     #[test]
     fn an_unconfirmed_first_coupling_may_be_the_bad_one() {
-        for (x_mm, passes) in [(0.35, true), (0.8, false)] {
+        for (x_mm, passes) in [(0.35, true), (0.8, true), (1.2, false)] {
             let mut seats = seats(false);
             seats.take(&visit(0.1), &at(0.0)).expect("a place");
             for off in [0.0, 0.05] {

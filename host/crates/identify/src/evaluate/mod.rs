@@ -21,6 +21,7 @@ mod align;
 mod align_targets;
 mod certified;
 mod error;
+mod evaluation;
 mod fit;
 mod folds;
 mod groups;
@@ -32,9 +33,6 @@ mod repeats;
 mod thin;
 mod tune;
 
-use nalgebra::Vector3;
-use spherecal_model::chain::Chain;
-
 pub use crate::errors::{Errors, SampleError};
 pub use crate::judge::{Fold, HeldOut, Judged, JudgedModel, Predictor, Tcp, judge};
 pub use crate::judge_targets::{Body, Further, TargetTcp, ToolPredictor, Turned, Turns};
@@ -42,6 +40,7 @@ pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};
 pub use error::EvaluateError;
+pub use evaluation::Evaluation;
 pub use mapped::{MapReport, TriedMap};
 pub use options::{EvaluateOptions, Step};
 pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
@@ -51,10 +50,10 @@ use crate::diagnosis::{Diagnosis, diagnose, workspace};
 use crate::geometry_fit::by_full_model;
 use crate::recordings::Recordings;
 use crate::residual_map::MapInput;
-use crate::validate::ValidationTable;
-use crate::verdict::{Evidence, Verdict, verdict};
+use crate::verdict::{Evidence, verdict};
 
-use crate::{Calibration, ExpectedError, GeometryOnly, IdentifyError, Method, Options};
+use crate::{IdentifyError, Method};
+use evaluation::predicted;
 use fit::{Fit, fit};
 use thin::thinned;
 
@@ -75,83 +74,6 @@ const PROJECTION: &str = "geometry alone: the full model says which rows are out
 /// Most rows whose residuals are searched for causes: the search takes time and memory in
 /// proportion to the rows.
 const DIAGNOSED: usize = 600;
-
-/// A calibration with everything that is known about it.
-#[derive(Clone, Debug)]
-pub struct Evaluation {
-    /// Options that were used, after all choices from the data.
-    pub options: Options,
-    /// Rows that the fit used, in the order of the calibration's observations.
-    pub used: Vec<usize>,
-    /// Rows left out as gross errors, with their distance in mm.
-    pub rejected: Vec<(usize, f64)>,
-    /// Rows that are copies of another: the copy, and what it repeats. They count once.
-    pub repeated: Vec<(usize, usize)>,
-    /// Frames and tool with the nominal geometry.
-    pub nominal: NominalFrames,
-    /// The tool (m, last frame of the table) as it was given, where the data said
-    /// another and it was taken from them.
-    pub given_tcp_m: Option<Vector3<f64>>,
-    /// The result.
-    pub calibration: Calibration,
-    /// What an independent instrument says, where there was one.
-    pub reference: Option<InstrumentView>,
-    /// Errors of rows that the fit has not seen; none where there are no such rows
-    /// and none could be left out.
-    pub judged: Option<Judged>,
-    /// Whether those are a cross-validation of the calibration data.
-    pub cross_validated: bool,
-    /// The hold-out that was asked for.
-    pub holdout: Option<HeldOut>,
-    /// Predicted standard deviation of the TCP (root of the summed variances)
-    /// over the judging rows: mean and largest, in mm.
-    pub predicted_mm: (f64, f64),
-    /// What maps of the residuals gain, and the one that is kept; none where none was asked for.
-    pub residual_map: Option<MapReport>,
-    /// What the residuals tell; none where it could not be computed.
-    pub diagnosis: Option<Diagnosis>,
-    /// Whether the result may be used, and why.
-    pub verdict: Verdict,
-    /// What the user should know.
-    pub notes: Vec<String>,
-    closed_loop: bool,
-}
-
-impl Evaluation {
-    /// The best geometry alone, as a URDF can hold it, and its expected error over the workspace
-    /// where the data tell it.
-    ///
-    /// # Errors
-    /// The geometry does not converge.
-    pub fn geometry_alone(&self) -> Result<(GeometryOnly, Option<ExpectedError>), EvaluateError> {
-        let alone = self.calibration.geometry_only()?;
-        let chain = Chain::unchecked(&alone.robot, &alone.tool);
-        let over = |d: &Diagnosis| d.expected_error_of(|q| chain.pose(q).position);
-        let expected = self.diagnosis.as_ref().map(over).or(alone.expected_error_mm);
-        Ok((alone, expected))
-    }
-
-    /// TCP in F0, in m, at encoder angles `q` (rad) and, where they were used, measured torques (N m): by the
-    /// calibration, and by the map of its residuals where one is kept.
-    pub fn tcp_with_map_m(&self, q: &[f64], tau: Option<&[f64]>) -> Vector3<f64> {
-        let map = self.residual_map.as_ref().and_then(|report| report.map.as_ref());
-        match map {
-            Some(map) => map.corrected_m(&self.calibration, q, tau),
-            None => self.calibration.tcp_m(q, tau),
-        }
-    }
-
-    /// Errors of all models on the independent instrument's points.
-    pub fn table(&self) -> Option<&ValidationTable> {
-        self.reference.as_ref().and_then(|r| r.table.as_ref())
-    }
-
-    /// Predicted standard deviation of the TCP at joint angles `q`, in mm: the root
-    /// of the summed variances; in closed loops that of the robot's own frame.
-    pub fn predicted_sigma_mm(&self, q: &[f64]) -> f64 {
-        sigma_mm(&self.calibration, q, self.closed_loop)
-    }
-}
 
 /// Evaluates the recordings of one robot; `progress` is called before each step.
 ///
@@ -437,39 +359,6 @@ fn plausible(recordings: &Recordings, fit: &Fit) -> Result<(), EvaluateError> {
         median_mm: fit.nominal.median_m * 1e3,
         remedy,
     })
-}
-
-/// Predicted deviation of the TCP over the judging rows: mean and largest, in mm.
-/// Closed loops may leave the plate's turn open (two spheres do): there it is that
-/// of the robot's own frame.
-fn predicted(
-    recordings: &Recordings,
-    calibration: &Calibration,
-    cross_validated: bool,
-    closed_loop: bool,
-) -> (f64, f64) {
-    let tracker = recordings.tracker.as_ref().map_or(&[][..], |t| &t.validation);
-    let rows: Vec<&[f64]> = match recordings.judges(cross_validated).map(|j| &*j.observation.q).collect() {
-        rows if Vec::is_empty(&rows) => tracker.iter().map(|m| &*m.q).collect(),
-        rows => rows,
-    };
-    let step = rows.len().div_ceil(200).max(1);
-    let sigma: Vec<f64> = rows
-        .iter()
-        .step_by(step)
-        .map(|q| sigma_mm(calibration, q, closed_loop))
-        .collect();
-    let e = Errors::of(&sigma);
-    (e.mean_mm, e.max_mm)
-}
-
-fn sigma_mm(calibration: &Calibration, q: &[f64], closed_loop: bool) -> f64 {
-    let covariance = if closed_loop {
-        calibration.tcp_covariance_in_base(q)
-    } else {
-        calibration.tcp_covariance(q)
-    };
-    covariance.trace().max(0.0).sqrt() * 1e3
 }
 
 /// A point in m as mm, for people.
