@@ -131,7 +131,7 @@ fn a_displaced_tool_keeps_a_map() {
 
 // Fails if the same does not hold for 9 of 10 arms.
 #[test]
-#[ignore = "a minute"]
+#[ignore = "slow: a minute"]
 fn slow_most_displaced_tools_keep_a_map() {
     let (kept, [none, without, with]) = displaced(1..11, 1e-4);
     println!(
@@ -152,7 +152,7 @@ fn a_sound_arm_keeps_no_map() {
 
 // Fails if more than one of 20 keeps a map, or if one predicts worse with it by more than 1 %.
 #[test]
-#[ignore = "a minute"]
+#[ignore = "slow: a minute"]
 fn slow_few_sound_arms_keep_a_map() {
     let kept = sound(1..21);
     println!("{kept} of 20 keep a map");

@@ -9,10 +9,12 @@ mod component;
 mod dense;
 mod discrepancy;
 mod expected;
+mod finding;
 pub(crate) mod linear;
 mod patterns;
 mod scan;
 mod scatter;
+mod selection;
 mod tail;
 mod words;
 
@@ -20,7 +22,7 @@ pub use crate::course::Course;
 pub use alternatives::{Alternative, Family};
 pub use budget::{BudgetTerm, ErrorBudget, Source};
 pub use expected::{WORKSPACE, workspace};
-pub use scan::{FamilyTest, Finding};
+pub use finding::{FamilyTest, Finding};
 pub use scatter::ScatteredPlace;
 
 use nalgebra::{DMatrix, DVector, Vector3};

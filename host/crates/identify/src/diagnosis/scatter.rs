@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::linear::Linear;
-use super::scan::FALSE_FINDINGS;
+use super::selection::FALSE_FINDINGS;
 use super::tail::log_tail;
 use crate::course::Course;
 

@@ -32,4 +32,6 @@ pub use plate::{Plate, read_plate, read_plate_file};
 pub use table::{Labels, Row, Table};
 
 #[cfg(test)]
+mod plate_tests;
+#[cfg(test)]
 mod tests;

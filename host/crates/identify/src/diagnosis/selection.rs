@@ -1,0 +1,334 @@
+//! The statistics of alternatives, each given those that were chosen before: see [`scan`](super::scan).
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::alternatives::{Alternative, Family};
+use super::dense::transposed_product;
+use super::discrepancy::Discrepancy;
+use super::finding::{FamilyTest, Finding};
+use super::linear::Linear;
+use super::tail::{log_tail, sigmas};
+use super::words::{next, short, words};
+use crate::course::Course;
+use crate::error::IdentifyError;
+
+/// Chance of a false finding over all alternatives of a sound experiment, scale and load apart.
+pub(crate) const FALSE_FINDINGS: f64 = 1e-3;
+/// Standard deviations beyond which a common scale error of the certificate is
+/// found: one test, weak, because only the priors of the lengths speak to it.
+pub(crate) const SCALE_LIMIT: f64 = 2.6;
+/// An alternative whose effect is less certain than this, in m or rad, is not seen
+/// by the data at all.
+const UNSEEN: f64 = 5e-3;
+/// An alternative that takes up this share of another's effect may be meant instead.
+const ALIKE: f64 = 0.9;
+/// Alternatives at most that compete with the causes of the extended model.
+const CANDIDATES: usize = 12;
+
+/// Root mean square displacement of the TCP over the rows, in mm, by an effect of whitened columns, and
+/// that by one standard deviation of it.
+fn displaced(linear: &Linear, columns: &DMatrix<f64>, effect: &DVector<f64>, covariance: &DMatrix<f64>) -> (f64, f64) {
+    let (mut square, mut variance) = (0.0, 0.0);
+    let mut n = 0.0_f64;
+    for (k, row) in linear.rows.iter().enumerate().filter(|(_, row)| row.leads()) {
+        n += 1.0;
+        let own = DMatrix::from_iterator(3, 3, row.root.inverse().iter().copied()) * columns.rows(3 * k, 3);
+        square += (&own * effect).norm_squared();
+        variance += (&own * covariance * own.transpose()).trace();
+    }
+    let n = n.max(1.0);
+    ((square / n).sqrt() * 1e3, (variance / n).max(0.0).sqrt() * 1e3)
+}
+
+/// One alternative with its columns and what was computed of them.
+pub(super) struct Trial {
+    pub(super) alternative: Alternative,
+    /// Whitened columns.
+    pub(super) columns: DMatrix<f64>,
+    /// `L⁻¹ D Wᵀ A / s`.
+    pub(super) half: DMatrix<f64>,
+    /// `Aᵀ P y`.
+    pub(super) score: DVector<f64>,
+}
+
+/// Scores and half products of all trials with a covariance of noise `s2` and of the
+/// columns of the extended model with sigmas `d`.
+pub(super) fn prepare(
+    linear: &Linear,
+    model: &Discrepancy,
+    d: &DVector<f64>,
+    s2: f64,
+    trials: &mut [Trial],
+) -> Result<(), IdentifyError> {
+    let all = model.w.ncols();
+    let factor = model.factor(d, s2, 0, all)?;
+    let mean = factor.solve_vector(&(d.component_mul(&model.wy) / s2)).component_mul(d);
+    let residual = (&linear.y - &model.w * mean) / s2;
+    let mut scaled = model.w.transpose();
+    for (mut row, d) in scaled.row_iter_mut().zip(d.iter()) {
+        row.scale_mut(*d);
+    }
+    let total: usize = trials.iter().map(|t| t.columns.ncols()).sum();
+    let mut wide = DMatrix::zeros(3 * linear.rows.len(), total);
+    let mut at = 0;
+    for trial in trials.iter() {
+        wide.columns_mut(at, trial.columns.ncols()).copy_from(&trial.columns);
+        at += trial.columns.ncols();
+    }
+    let mut half = &scaled * &wide;
+    factor.half_mut(&mut half);
+    half /= s2;
+    let score = transposed_product(&wide, &DMatrix::from_columns(&[residual]));
+    let mut at = 0;
+    for trial in trials {
+        let k = trial.columns.ncols();
+        trial.half = half.columns(at, k).into_owned();
+        trial.score = score.rows(at, k).column(0).into_owned();
+        at += k;
+    }
+    Ok(())
+}
+
+/// The statistics of trials, given those that were chosen before.
+pub(super) struct Selection<'a> {
+    s2: f64,
+    /// Families that share the chance of a false finding, with their numbers of alternatives.
+    sizes: BTreeMap<Family, usize>,
+    pub(super) chosen: Vec<usize>,
+    pub(super) trials: &'a [Trial],
+}
+
+impl<'a> Selection<'a> {
+    pub(super) fn new(s2: f64, trials: &'a [Trial]) -> Self {
+        let mut sizes = BTreeMap::new();
+        for trial in trials {
+            *sizes.entry(trial.alternative.family()).or_default() += 1;
+        }
+        Self {
+            s2,
+            sizes,
+            chosen: Vec::new(),
+            trials,
+        }
+    }
+
+    /// `Aᵀ P B`.
+    fn information(&self, a: &Trial, b: &Trial) -> DMatrix<f64> {
+        a.columns.tr_mul(&b.columns) / self.s2 - a.half.tr_mul(&b.half)
+    }
+
+    /// Score and information of a trial given those chosen before.
+    fn given(&self, trial: &Trial) -> (DVector<f64>, DMatrix<f64>) {
+        let mut v = self.information(trial, trial);
+        let mut s = trial.score.clone();
+        if self.chosen.is_empty() {
+            return (s, v);
+        }
+        let chosen: Vec<&Trial> = self.chosen.iter().map(|c| &self.trials[*c]).collect();
+        let size: usize = chosen.iter().map(|c| c.score.len()).sum();
+        let mut inner = DMatrix::zeros(size, size);
+        let mut cross = DMatrix::zeros(size, s.len());
+        let mut score = DVector::zeros(size);
+        let mut row = 0;
+        for a in &chosen {
+            let mut column = 0;
+            for b in &chosen {
+                let (r, c) = (a.score.len(), b.score.len());
+                inner.view_mut((row, column), (r, c)).copy_from(&self.information(a, b));
+                column += c;
+            }
+            let k = a.score.len();
+            cross.rows_mut(row, k).copy_from(&self.information(a, trial));
+            score.rows_mut(row, k).copy_from(&a.score);
+            row += k;
+        }
+        if let Ok(inverse) = inner.pseudo_inverse(1e-9) {
+            let solved = inverse * &cross;
+            v -= cross.tr_mul(&solved);
+            s -= solved.tr_mul(&score);
+        }
+        (s, v)
+    }
+
+    /// Effect, its covariance and log tail probability of a trial; `None` where the
+    /// data do not see it.
+    pub(super) fn test(&self, index: usize) -> Option<(DVector<f64>, DMatrix<f64>, f64)> {
+        let trial = &self.trials[index];
+        let (s, v) = self.given(trial);
+        let eigen = v.symmetric_eigen();
+        let mut statistic = 0.0;
+        let mut freedom = 0;
+        let mut inverse = DMatrix::zeros(s.len(), s.len());
+        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            if *value > UNSEEN.powi(-2) {
+                let along = vector.dot(&s);
+                statistic += along * along / value;
+                freedom += 1;
+                inverse.ger(1.0 / value, &vector, &vector, 1.0);
+            }
+        }
+        if freedom == 0 {
+            return None;
+        }
+        Some((&inverse * s, inverse, log_tail(statistic, freedom)))
+    }
+
+    /// `ln` of the tail probability below which an alternative is found.
+    pub(super) fn limit(&self, alternative: &Alternative) -> f64 {
+        match alternative {
+            Alternative::CertificateScale => log_tail(SCALE_LIMIT * SCALE_LIMIT, 1),
+            _ => FALSE_FINDINGS.ln() - self.tests(alternative),
+        }
+    }
+
+    /// `ln` of the number of tests that an alternative's is counted among: each family has the same share of the
+    /// false findings, whatever its size, so that a cause with one test is not lost among those with many. Scale
+    /// and load are one test each, with a chance of their own.
+    fn tests(&self, alternative: &Alternative) -> f64 {
+        match alternative {
+            Alternative::CertificateScale | Alternative::Payload => 0.0,
+            _ => {
+                let own = self.sizes.get(&alternative.family()).copied().unwrap_or(1);
+                ((self.sizes.len() * own) as f64).ln()
+            }
+        }
+    }
+
+    /// The alternatives that deserve a closer look: over their limit, and of those
+    /// that differ only in instant or region the strongest.
+    pub(super) fn shortlist(&self) -> Vec<usize> {
+        let mut over: Vec<(f64, usize)> = (0..self.trials.len())
+            .filter(|k| !self.chosen.contains(k))
+            .filter_map(|k| Some((self.test(k)?.2, k)))
+            .filter(|(log_p, k)| *log_p < self.limit(&self.trials[*k].alternative))
+            .collect();
+        over.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut kept: Vec<usize> = Vec::new();
+        for (_, k) in over {
+            let like = |other: &usize| self.trials[*other].alternative.is_like(&self.trials[k].alternative);
+            if kept.len() < CANDIDATES && !kept.iter().any(like) {
+                kept.push(k);
+            }
+        }
+        kept
+    }
+
+    /// The columns of a trial with a prior that does not hold them.
+    pub(super) fn wide(&self, index: usize) -> Vec<(DVector<f64>, f64)> {
+        let trial = &self.trials[index];
+        let Some((effect, covariance, _)) = self.test(index) else {
+            return Vec::new();
+        };
+        let size = (effect.norm_squared() + covariance.trace()).sqrt();
+        let column = |c: usize| (trial.columns.column(c).into_owned(), 10.0 * size);
+        (0..trial.columns.ncols()).map(column).collect()
+    }
+
+    /// The largest statistic of each family.
+    pub(super) fn families(&self) -> Vec<FamilyTest> {
+        let mut tests: Vec<FamilyTest> = Vec::new();
+        for index in 0..self.trials.len() {
+            let Some((_, _, log_p)) = self.test(index) else {
+                continue;
+            };
+            let alternative = &self.trials[index].alternative;
+            let (family, own) = (alternative.family(), sigmas(log_p));
+            match tests.iter_mut().find(|t| t.family == family) {
+                Some(test) => {
+                    test.tested += 1;
+                    test.sigmas = test.sigmas.max(own);
+                }
+                None => tests.push(FamilyTest {
+                    family,
+                    tested: 1,
+                    sigmas: own,
+                    found: false,
+                    limit: sigmas(self.limit(alternative)),
+                }),
+            }
+        }
+        tests.sort_by_key(|t| t.family);
+        tests
+    }
+
+    /// A finding, its effect from the model `with` it.
+    pub(super) fn finding(
+        &self,
+        index: usize,
+        log_p: f64,
+        with: &Discrepancy,
+        linear: &Linear,
+        course: &Course,
+    ) -> Result<Finding, IdentifyError> {
+        let trial = &self.trials[index];
+        let columns = self.wide(index);
+        let (effect, covariance) = with.named_effect(&columns)?;
+        let shift = effect.rows(0, effect.len().min(3)).into_owned();
+        let size = shift.norm() * 1e3;
+        let along = if shift.norm() > 0.0 {
+            shift.normalize()
+        } else {
+            shift.clone()
+        };
+        let k = shift.len();
+        let sigma = along.dot(&(covariance.view((0, 0), (k, k)) * &along)).max(0.0).sqrt() * 1e3;
+        let rms = displaced(linear, &trial.columns, &effect, &covariance);
+        let (size, sigma) = match trial.alternative {
+            Alternative::Orientation { .. } => rms,
+            _ => (size, sigma),
+        };
+        let signed = if effect.len() == 1 { effect[0] * 1e3 } else { size };
+        let concerned = |k: &usize| trial.columns.rows(3 * k, 3).norm_squared() > 0.0;
+        let mut rows: Vec<usize> = (0..linear.rows.len())
+            .filter(concerned)
+            .map(|k| linear.rows[k].index)
+            .collect();
+        // An observation with several targets counts once.
+        rows.dedup();
+        let mut or: Vec<String> = self.alike(index).into_iter().map(|a| short(&a, course)).collect();
+        or.dedup();
+        Ok(Finding {
+            alternative: trial.alternative,
+            words: words(&trial.alternative, &shift, sigma, rms, course),
+            size: signed,
+            sigma,
+            sigmas: sigmas(log_p),
+            log10_p: (log_p + self.tests(&trial.alternative)).min(0.0) / core::f64::consts::LN_10,
+            harm_mm: 0.0,
+            or,
+            rows,
+            next: next(&trial.alternative),
+            columns,
+            effect,
+        })
+    }
+
+    /// Other alternatives that move the data nearly as this one does, one of each
+    /// kind.
+    fn alike(&self, index: usize) -> Vec<Alternative> {
+        let own = &self.trials[index];
+        let Some((effect, _, _)) = self.test(index) else {
+            return Vec::new();
+        };
+        let mut found: Vec<Alternative> = Vec::new();
+        let (_, v) = self.given(own);
+        let strength = (effect.dot(&(&v * &effect))).max(1e-300);
+        for (k, other) in self.trials.iter().enumerate() {
+            let like = |a: &Alternative| a.is_like(&other.alternative);
+            if k == index || like(&own.alternative) || found.iter().any(like) {
+                continue;
+            }
+            // How much of the best effect the other's columns take up.
+            let cross = self.information(other, own) * &effect;
+            let Ok(inverse) = self.information(other, other).pseudo_inverse(UNSEEN.powi(-2)) else {
+                continue;
+            };
+            if cross.dot(&(inverse * &cross)) > ALIKE * strength {
+                found.push(other.alternative);
+            }
+        }
+        found
+    }
+}
