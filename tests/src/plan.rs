@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
-use spherecal::campaign::{Assignment, CampaignError, Outcome, RunOptions, Silent, run};
+use spherecal::campaign::{Assignment, CampaignError, Observer, Outcome, RunOptions, Silent, run};
 use spherecal::job::{Link, Measurements, Prepared, Site, measure, read};
 use spherecal::link::{Arrival, Device, Drive, LocalDevice, controller_in_process};
 use spherecal::link::{Journal, JournalError};
@@ -171,6 +171,18 @@ pub fn carry_out_with(
     procedure: &Procedure,
     options: RunOptions,
 ) -> (Memory, Outcome, Result<(), CampaignError>) {
+    carry_out_observed(device, plan, done, procedure, options, &mut Silent)
+}
+
+/// Like [`carry_out_with`], before the eyes of `observer`.
+pub fn carry_out_observed(
+    device: &mut dyn Device,
+    plan: &Plan,
+    done: &BTreeSet<(u32, u32)>,
+    procedure: &Procedure,
+    options: RunOptions,
+    observer: &mut dyn Observer,
+) -> (Memory, Outcome, Result<(), CampaignError>) {
     let (robot, tool) = (iiwa7(), iiwa7_tool());
     let assignment = Assignment {
         robot: &robot,
@@ -182,7 +194,7 @@ pub fn carry_out_with(
         options,
     };
     let mut memory = Memory::default();
-    let (outcome, result) = run(&assignment, device, &mut memory, &mut Silent, &AtomicBool::new(false));
+    let (outcome, result) = run(&assignment, device, &mut memory, observer, &AtomicBool::new(false));
     (memory, outcome, result)
 }
 

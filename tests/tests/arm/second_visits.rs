@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 use rayon::prelude::*;
-use spherecal::campaign::{CampaignError, Outcome, RunOptions};
+use spherecal::campaign::{CampaignError, Observer, Outcome, RunOptions};
 use spherecal::link::controller_in_process;
 use spherecal::sim::inject::{FaultPlan, FaultyCell, FaultyDrive, InjectedFault};
 use spherecal::sim::plant::PlantConfig;
@@ -12,7 +12,7 @@ use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::Phase;
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
-use spherecal_tests::plan::{carry_out_with, short_plan};
+use spherecal_tests::plan::{carry_out_observed, short_plan};
 
 use crate::injected::one;
 
@@ -26,6 +26,16 @@ fn direction(k: u32) -> [f64; 3] {
     [r * angle.cos(), r * angle.sin(), z]
 }
 
+/// What a run said.
+#[derive(Default)]
+struct Said(Vec<String>);
+
+impl Observer for Said {
+    fn note(&mut self, text: &str) {
+        self.0.push(text.to_owned());
+    }
+}
+
 /// One sphere with one pose, and a second visit. The sphere moves by `size_m` in direction `k` before
 /// that.
 fn visited_twice(
@@ -33,7 +43,7 @@ fn visited_twice(
     seed: u64,
     (size_m, k): (f64, u32),
     options: RunOptions,
-) -> (Outcome, Result<(), CampaignError>) {
+) -> (Outcome, Said, Result<(), CampaignError>) {
     let config = PlantConfig {
         seed,
         ..PlantConfig::preset(preset).expect("a preset")
@@ -47,7 +57,7 @@ fn visited_twice(
     // Motions: home, then one for each coupling. The last coupling is the second visit.
     let faults = if size_m > 0.0 {
         let couplings = if options.confirm_seats {
-            let (still, _) = visited_twice(preset, seed, (0.0, k), options);
+            let (still, ..) = visited_twice(preset, seed, (0.0, k), options);
             still.contacts.len() as u32
         } else {
             2
@@ -70,9 +80,11 @@ fn visited_twice(
     procedure.couple.hold_s = 1.0;
     procedure.record.samples = 200;
     procedure.approach.tare_s = 0.2;
-    let (memory, outcome, result) = carry_out_with(&mut device, &plan, &BTreeSet::new(), &procedure, options);
+    let mut said = Said::default();
+    let (memory, outcome, result) =
+        carry_out_observed(&mut device, &plan, &BTreeSet::new(), &procedure, options, &mut said);
     assert_eq!(memory.recordings.len(), 1, "{preset}, seed {seed}: {result:?}");
-    (outcome, result)
+    (outcome, said, result)
 }
 
 fn checked(confirm_seats: bool) -> RunOptions {
@@ -83,19 +95,26 @@ fn checked(confirm_seats: bool) -> RunOptions {
     }
 }
 
-/// How many of `runs` moves were noticed, with the sphere's number.
-fn noticed(preset: &str, size_m: f64, options: RunOptions, runs: u32) -> usize {
+/// How many of `runs` moves were noticed, with the sphere's number: by a stop, or, where `named` is asked for, by words
+/// that the sphere may have moved.
+fn noticed(preset: &str, size_m: f64, options: RunOptions, runs: u32, named: bool) -> usize {
     let all: Vec<bool> = (0..runs)
         .into_par_iter()
         .map(|k| {
             let seed = 1 + u64::from(k / 3);
-            let (outcome, result) = visited_twice(preset, seed, (size_m, k % DIRECTIONS), options);
+            let (outcome, said, result) = visited_twice(preset, seed, (size_m, k % DIRECTIONS), options);
             let sphere = format!("sphere {}", k % DIRECTIONS % 3 + 1);
             let told = match &result {
                 Err(
                     error @ (CampaignError::Shifted { .. } | CampaignError::Moved { .. } | CampaignError::Gone { .. }),
                 ) => error.to_string().contains(&sphere),
-                _ => false,
+                _ => {
+                    named
+                        && said
+                            .0
+                            .iter()
+                            .any(|s| s.starts_with(&sphere) && s.contains("or the sphere moved"))
+                }
             };
             if told != (size_m > 0.0) {
                 println!(
@@ -116,9 +135,13 @@ fn noticed(preset: &str, size_m: f64, options: RunOptions, runs: u32) -> usize {
 #[test]
 #[ignore = "slow: 100 runs"]
 fn slow_a_sphere_that_moved_between_two_visits_is_named() {
-    assert_eq!(noticed("typical", 0.0, checked(true), DIRECTIONS), 0, "false alarms");
+    assert_eq!(
+        noticed("typical", 0.0, checked(true), DIRECTIONS, false),
+        0,
+        "false alarms"
+    );
     for size_m in [0.3e-3, 1e-3, 3e-3, 10e-3] {
-        let count = noticed("typical", size_m, checked(true), DIRECTIONS);
+        let count = noticed("typical", size_m, checked(true), DIRECTIONS, false);
         println!("{} mm: noticed {count} of {DIRECTIONS}", size_m * 1e3);
         assert!(count >= 19, "{} mm: noticed {count} of {DIRECTIONS}", size_m * 1e3);
     }
@@ -128,10 +151,10 @@ fn slow_a_sphere_that_moved_between_two_visits_is_named() {
 // one to confirm it and one at the end.
 #[test]
 fn a_sphere_is_confirmed_and_visited_again() {
-    let (outcome, result) = visited_twice("typical", 5, (0.0, 0), checked(true));
+    let (outcome, _, result) = visited_twice("typical", 5, (0.0, 0), checked(true));
     result.expect("nothing moved");
     assert_eq!((outcome.contacts.len(), outcome.faults.len()), (3, 0));
-    let (outcome, result) = visited_twice("typical", 5, (0.3e-3, 0), checked(true));
+    let (outcome, _, result) = visited_twice("typical", 5, (0.3e-3, 0), checked(true));
     let error = result.expect_err("moved");
     assert!(
         matches!(error, CampaignError::Shifted { sphere: 1, by_mm, couplings: 3, .. } if (by_mm - 0.3).abs() < 0.05),
@@ -140,14 +163,29 @@ fn a_sphere_is_confirmed_and_visited_again() {
     assert_eq!(outcome.contacts.len(), 5);
 }
 
+// By default the first coupling is not confirmed: a small move is named and does not stop the run. Fails if one of
+// 0.3, 1, 3 or 10 mm is neither named nor stops it in at least 19 of 20 directions, or if one that stayed is named.
+#[test]
+#[ignore = "slow: 100 runs"]
+fn slow_by_default_a_sphere_that_moved_is_named() {
+    let options = RunOptions::default();
+    assert_eq!(noticed("typical", 0.0, options, DIRECTIONS, true), 0, "false alarms");
+    for size_m in [0.3e-3, 1e-3, 3e-3, 10e-3] {
+        let count = noticed("typical", size_m, options, DIRECTIONS, true);
+        println!("{} mm: named {count} of {DIRECTIONS}", size_m * 1e3);
+        assert!(count >= 19, "{} mm: named {count} of {DIRECTIONS}", size_m * 1e3);
+    }
+}
+
 #[test]
 #[ignore = "study: prints the figures of docs/recovery.md"]
 fn study_of_nests_that_seat_badly() {
     for confirm in [false, true] {
         for (size_m, runs) in [(0.0, 60), (0.3e-3, 20), (1e-3, 20), (3e-3, 20), (10e-3, 20)] {
-            let count = noticed("as_measured", size_m, checked(confirm), runs);
+            let stopped = noticed("as_measured", size_m, checked(confirm), runs, false);
+            let named = noticed("as_measured", size_m, checked(confirm), runs, true);
             println!(
-                "as_measured, confirmed {confirm}: {} mm: {count} of {runs}",
+                "as_measured, confirmed {confirm}: {} mm: stopped {stopped}, named {named} of {runs}",
                 size_m * 1e3
             );
         }
