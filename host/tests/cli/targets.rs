@@ -42,8 +42,9 @@ fn table(poses: bool) -> String {
     table
 }
 
-// Fails if the summary or the terminal does not name each target and the orientation with noise and error, if a noise is
-// off by half, or if a table of single points has them.
+// Fails if summary, report or terminal does not name each target and the orientation with noise and error, if a noise is
+// off by half, if a table of single points has them, or if
+// a measured point is not part of the hash of the recordings.
 #[test]
 fn each_target_is_named_with_noise_and_error() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -65,6 +66,8 @@ fn each_target_is_named_with_noise_and_error() {
         );
         let output = spherecal(folder.path(), &[&arguments[..], &["--out", "words"]].concat());
         let said = text(&output.stdout);
+        let page = std::fs::read_to_string(folder.path().join("words/report.html")).expect("the report");
+        assert!(page.contains("Targets on the tool"));
         if poses {
             let noise = noise(&found["orientation"], "mrad");
             assert!((noise / 0.46).ln().abs() < 0.4, "{noise}");
@@ -77,4 +80,38 @@ fn each_target_is_named_with_noise_and_error() {
             assert!(said.contains("target 2: 60 rows, at ("), "{said}");
         }
     }
+    // The certificate is that of these measurements: the same poses with another point are other recordings.
+    let hash = |name: &str| {
+        let arguments = ["identify", "--robot", "iiwa7", "--data", name, "--json"];
+        let output = spherecal(folder.path(), &arguments);
+        let found: Value = serde_json::from_slice(&output.stdout).expect("one document");
+        found["certificate"]["recordings_sha256"]
+            .as_str()
+            .expect("a hash")
+            .to_owned()
+    };
+    let poses = table(true);
+    let (head, last) = poses.trim_end().rsplit_once('\n').expect("rows");
+    let mut cells: Vec<String> = last.split(',').map(str::to_owned).collect();
+    cells[7] = format!("{:.7}", cells[7].parse::<f64>().expect("x_mm") + 1e-3);
+    std::fs::write(
+        folder.path().join("other.csv"),
+        format!("{head}\n{}\n", cells.join(",")),
+    )
+    .expect("written");
+    assert_ne!(hash("table.csv"), hash("other.csv"));
+    // The positions of the poses alone.
+    let points = [
+        "identify",
+        "--robot",
+        "iiwa7",
+        "--data",
+        "table.csv",
+        "--ignore-columns",
+    ];
+    let output = spherecal(folder.path(), &[&points[..], &["qw,qx,qy,qz", "--json"]].concat());
+    let found: Value = serde_json::from_slice(&output.stdout).expect("one document");
+    assert!(found["targets"].is_null() && found["orientation"].is_null(), "{found}");
+    let page = std::fs::read_to_string(folder.path().join("spherecal-out/report.html")).expect("the report");
+    assert!(!page.contains("Targets on the tool"));
 }

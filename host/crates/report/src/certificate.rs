@@ -34,6 +34,9 @@ pub struct Uncertainty {
     pub k: f64,
     /// Expanded uncertainty.
     pub expanded_mm: f64,
+    /// Whether the data told the noise of seating or instrument from that of the encoders; else the
+    /// options gave their proportion.
+    pub noise_by_data: bool,
 }
 
 /// Position errors that were measured at poses outside of the fit, in mm.
@@ -271,9 +274,12 @@ impl Certificate {
             p.small {
                 "The base is aligned: where the robot stands is not in these figures, nor are temperatures and loads other \
                  than those of the measurement."
-                @if self.uncertainty.is_some() {
-                    " Seating (or instrument) and encoder noise are told apart by the proportion that the options give them; \
-                     the data give their common size."
+                @match &self.uncertainty {
+                    Some(u) if u.noise_by_data => " Instrument and encoder noise are told apart by the data: what was \
+                        measured in one row shares the noise of the encoders.",
+                    Some(_) => " Seating (or instrument) and encoder noise are told apart by the proportion that the options \
+                        give them; the data give their common size.",
+                    None => "",
                 }
             }
         }

@@ -44,6 +44,7 @@ pub(crate) fn certified(evil: &str) -> Certificate {
             standard_mm: 0.1421,
             k: COVERAGE,
             expanded_mm: 0.2842,
+            noise_by_data: false,
         }),
         budget: [
             ("plate", Some(0.0087)),

@@ -6,10 +6,10 @@ use super::calibration::{correlation, group_table, identifiability_words, parame
 use super::certificate::Certificate;
 use super::headline::{Error, compared, error_figures, expected_figures};
 use super::input::{
-    ErrorSeries, ErrorTable, Headline, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
+    ErrorSeries, ErrorTable, Headline, ModelRow, Prediction, ReportInput, ResidualPoint, SimpleTable, WorkspacePoint,
 };
 use spherecal_identify::Target;
-use spherecal_identify::evaluate::{Errors, Judge, Judged, JudgedModel};
+use spherecal_identify::evaluate::{Errors, Judge, Judged, JudgedModel, millimetres};
 use spherecal_identify::study::Study;
 
 fn rows(judged: &Judged) -> Vec<ModelRow> {
@@ -227,12 +227,66 @@ pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> 
         outliers,
         correlation: correlation(calibration),
         prediction: judged.map(|j| prediction(study, j)),
-        fit_tables: vec![group_table(&calibration.groups, place)],
+        fit_tables: [group_table(&calibration.groups, place)]
+            .into_iter()
+            .chain(targets_table(study))
+            .collect(),
         health_tables: Vec::new(),
         notes,
         provenance: provenance(study, created),
         configuration: Vec::new(),
     }
+}
+
+/// Targets of the tool and measured orientations; none where rows have one point each.
+fn targets_table(study: &Study) -> Option<SimpleTable> {
+    let calibration = &study.evaluation.calibration;
+    let judged = study.evaluation.judged.as_ref().and_then(|j| j.model("calibrated"));
+    let stated = |n: usize, text: String| if n > 0 { text } else { "not judged".to_owned() };
+    let mut rows: Vec<Vec<String>> = calibration
+        .targets
+        .iter()
+        .map(|target| {
+            let errors = judged.map_or_else(Errors::default, |model| model.target_errors(target.number));
+            vec![
+                format!("target {}", target.number),
+                target.rows.to_string(),
+                millimetres(&study.model.tcp_in_flange(target.place_m)),
+                format!("{:.3} mm", target.noise_mm),
+                format!("{:.3} mm", target.rms_mm),
+                stated(errors.n, format!("{:.3} mm", errors.mean_mm)),
+            ]
+        })
+        .collect();
+    rows.extend(calibration.orientation.map(|orientation| {
+        let turns = judged.and_then(JudgedModel::turns).unwrap_or_default();
+        vec![
+            "orientation".to_owned(),
+            orientation.rows.to_string(),
+            String::new(),
+            format!("{:.3} mrad", orientation.noise_mrad),
+            format!("{:.3} mrad", orientation.rms_mrad),
+            stated(turns.n, format!("{:.3} mrad", turns.mean_mrad)),
+        ]
+    }));
+    (!rows.is_empty()).then(|| SimpleTable {
+        title: "Targets on the tool".to_owned(),
+        caption:
+            "The noise of each axis is that of the instrument alone, found from the data; the joints' deviation of a \
+                  row is common to all its targets. The mean error is that of rows that the fit has not seen."
+                .to_owned(),
+        columns: [
+            "target",
+            "rows",
+            "place in the flange frame, mm",
+            "noise",
+            "residual, rms",
+            "mean error",
+        ]
+        .map(str::to_owned)
+        .to_vec(),
+        rows,
+    })
 }
 
 /// Errors of both models where the robot stood.

@@ -3,17 +3,29 @@
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
+use spherecal_identify::Target;
 use spherecal_identify::evaluate::{Errors, Judge, Judged};
 use spherecal_identify::study::Study;
 use spherecal_report::Certificate;
 
 use crate::hexadecimal::hexadecimal;
 
-/// Hash over the bits of the recordings in order: joint angles, then torques.
+/// The numbers that an instrument measured, in m; a hidden target is not a number. A contact has none: its recording is
+/// that of a run.
+fn measured(target: &Target) -> Vec<f64> {
+    match target {
+        Target::Point(point) => point.to_vec(),
+        Target::Points(points) => points.iter().flat_map(|point| point.unwrap_or([f64::NAN; 3])).collect(),
+        Target::Frame(pose) => pose.position.iter().chain(pose.rotation.iter()).copied().collect(),
+        Target::Sphere { .. } => Vec::new(),
+    }
+}
+
+/// Hash over the bits of the recordings in order: joint angles, torques, and what an instrument measured.
 pub(super) fn recordings_sha256(study: &Study) -> String {
     let mut hash = Sha256::new();
     for o in &study.recordings.experiment.observations {
-        for value in o.q.iter().chain(o.tau.iter().flatten()) {
+        for value in o.q.iter().chain(o.tau.iter().flatten()).chain(&measured(&o.target)) {
             hash.update(value.to_bits().to_le_bytes());
         }
     }
