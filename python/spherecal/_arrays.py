@@ -32,6 +32,26 @@ def table(field: str, value: ArrayLike, columns: int, unit: str, rows: int | Non
     return array
 
 
+def targets(field: str, value: ArrayLike, rows: int) -> NDArray[np.float64]:
+    """Points of shape (``rows``, 3) or (``rows``, K, 3), in m; as (``rows``, 3 K)."""
+    array = floats(field, value)
+    if array.ndim not in (2, 3) or len(array) != rows or array.shape[-1] != 3 or array.size == 0:
+        raise refuse(
+            field,
+            f"an array of shape {array.shape}",
+            f"give shape ({rows}, 3), or ({rows}, K, 3) for K targets on the tool, in m",
+        )
+    return np.ascontiguousarray(array.reshape(rows, -1))
+
+
+def rotations(field: str, value: ArrayLike, rows: int) -> NDArray[np.float64]:
+    """Rotation matrices of shape (``rows``, 3, 3), as (``rows``, 9)."""
+    array = floats(field, value)
+    if array.shape != (rows, 3, 3):
+        raise refuse(field, f"an array of shape {array.shape}", f"give rotation matrices of shape ({rows}, 3, 3)")
+    return np.ascontiguousarray(array.reshape(rows, 9))
+
+
 def joints(field: str, value: ArrayLike, n: int) -> tuple[NDArray[np.float64], bool]:
     """Joint angles of shape (N, n) or (n,), and whether it was one row."""
     array = floats(field, value)

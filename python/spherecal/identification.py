@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._arrays import joints, labels, table, vector
+from ._arrays import joints, labels, rotations, table, targets, vector
 from .errors import Refused, refuse
 from .robot import Floats, Robot
 
@@ -280,6 +280,7 @@ def _rows(
     robot: Robot,
     q: ArrayLike,
     points: ArrayLike | None,
+    orientations: ArrayLike | None,
     sphere: ArrayLike | None,
     place: Sequence[object] | NDArray[np.generic] | None,
     split: Sequence[str] | NDArray[np.generic] | None,
@@ -294,6 +295,8 @@ def _rows(
             "both missing" if points is None else "both given",
             "give points=(N, 3) in m for measured points, or sphere=(N,) with plate= for contacts",
         )
+    if orientations is not None and points is None:
+        raise refuse("orientations", "given without points", "give points=(N, 3), the position of the measured body")
     if np.mean(np.abs(angles).max(axis=1) > 6.5) > 0.5:
         raise refuse("q", "beyond a full turn in most rows", "give rad: numpy.radians(q) if these are degrees")
     ids = None
@@ -309,7 +312,8 @@ def _rows(
     return {
         "q": angles,
         "tau": None if tau is None else table("tau", tau, robot.joints, "N m", n),
-        "points": None if points is None else table("points", points, 3, "m", n),
+        "points": None if points is None else targets("points", points, n),
+        "orientations": None if orientations is None else rotations("orientations", orientations, n),
         "sphere": ids,
         "place": None if place is None else labels("place", place, n),
         "set": None if split is None else labels("set", split, n),
@@ -346,6 +350,7 @@ def identify(
     *,
     robot: Robot | str | os.PathLike[str],
     points: ArrayLike | None = None,
+    orientations: ArrayLike | None = None,
     sphere: ArrayLike | None = None,
     place: Sequence[object] | NDArray[np.generic] | None = None,
     plate: Mapping[int, ArrayLike] | str | os.PathLike[str] | None = None,
@@ -357,6 +362,7 @@ def identify(
     payload_kg: float | None = None,
     payload_com: ArrayLike | None = None,
     accuracy: float | None = None,
+    residual_map: bool = False,
     method: str | None = None,
     model: str | None = None,
     options: str | None = None,
@@ -371,18 +377,22 @@ def identify(
 
     - ``q``: joint angles as the encoders gave them, (N, joints), rad.
     - ``robot``: a :class:`Robot`, or what :class:`Robot` takes.
-    - ``points``: measured TCP, (N, 3), m, in any tracker frame; or
+    - ``points``: measured TCP, (N, 3), m, in any tracker frame; or several targets on the tool, (N, K, 3),
+      the first of them the TCP, with NaN where one was hidden. With (N, 3), ``orientations`` of the
+      measured body: rotation matrices, (N, 3, 3), in the tracker frame, NaN where there was none; or
     - ``sphere``: id of the plate's sphere that the tool sat on, (N,), with ``plate``: ``"paper"``, the
       path or text of a certificate (TOML), or ``{id: (x, y, z)}`` or ``{id: (x, y, z, sigma)}`` in m.
       ``place``: label of the plate's placement, (N,), if it was moved.
     - ``tool``: nominal TCP in the flange frame, m.
     - ``tau``: measured joint torques, (N, joints), N m.
     - ``set``: ``"calibrate"`` or ``"validate"`` for each row.
-    - ``validate``: rows that judge the result, as a mapping with ``q`` and ``points`` or ``sphere``
-      (and ``place``).
+    - ``validate``: rows that judge the result, as a mapping with ``q`` and ``points`` (and
+      ``orientations``) or ``sphere`` (and ``place``).
     - ``holdout``: ``"place"`` or ``"sphere"``: holds each value out in turn.
     - ``payload_kg``, ``payload_com``: mass at the flange (kg) and its centre of mass (m).
     - ``accuracy``: mean error of the TCP that is asked for, m; a worse result is refused.
+    - ``residual_map``: tries a map of what the model leaves; ``summary["residual_map"]`` says what came of
+      it. The rows must be in the order of measurement.
     - ``method``, ``model``, ``seed``: as the command's options. ``options``: TOML text, as the
       command's ``--config``.
 
@@ -402,7 +412,7 @@ def identify(
     True
     """
     arm = robot if isinstance(robot, Robot) else Robot(robot)
-    data = _rows(arm, q, points, sphere, place, set, tau)
+    data = _rows(arm, q, points, orientations, sphere, place, set, tau)
     file, text = _plate(plate)
     if sphere is not None and file is None and text is None:
         raise refuse(
@@ -413,11 +423,20 @@ def identify(
         )
     judges = None
     if validate is not None:
-        unknown = [key for key in validate if key not in ("q", "points", "sphere", "place", "tau")]
+        unknown = [key for key in validate if key not in ("q", "points", "orientations", "sphere", "place", "tau")]
         if "q" not in validate or unknown:
             raise refuse("validate", f"a mapping with {list(validate)}", "give q, and points or sphere (and place, tau)")
         get = validate.get
-        judges = _rows(arm, validate["q"], get("points"), get("sphere"), get("place"), None, get("tau"))
+        judges = _rows(
+            arm,
+            validate["q"],
+            get("points"),
+            get("orientations"),
+            get("sphere"),
+            get("place"),
+            None,
+            get("tau"),
+        )
     if accuracy is not None and not 1e-6 <= accuracy <= 0.1:
         raise refuse("accuracy", accuracy, "give a length in m from 1e-6 to 0.1")
     if seed is not None and not 0 <= seed < 2**64:
@@ -433,6 +452,7 @@ def identify(
         payload_com_m=None if payload_com is None else vector("payload_com", payload_com, "m (flange frame)"),
         holdout=holdout,
         accuracy_mm=None if accuracy is None else accuracy * 1e3,
+        residual_map=bool(residual_map),
         options_toml=options,
         method=method,
         model=model,

@@ -43,9 +43,12 @@ pub(crate) struct TableArrays<'py> {
     q: PyReadonlyArray2<'py, f64>,
     #[pyo3(item)]
     tau: Option<PyReadonlyArray2<'py, f64>>,
-    /// Measured points, in m.
+    /// Measured points, in m: three numbers for each target of the tool; not a number where one was hidden.
     #[pyo3(item)]
     points: Option<PyReadonlyArray2<'py, f64>>,
+    /// Measured orientations: a rotation matrix row by row; not a number where there was none.
+    #[pyo3(item)]
+    orientations: Option<PyReadonlyArray2<'py, f64>>,
     #[pyo3(item)]
     sphere: Option<Vec<i64>>,
     #[pyo3(item)]
@@ -64,9 +67,17 @@ fn csv(table: &TableArrays<'_>, joints: usize) -> PyResult<String> {
     if tau.is_some() {
         names.extend((1..=joints).map(|k| format!("tau{k}")));
     }
-    if points.is_some() {
-        names.extend(["x_m", "y_m", "z_m"].map(String::from));
+    let orientations = table.orientations.as_ref();
+    let orientations = orientations.map(|a| Rows::of("orientations", a)).transpose()?;
+    match points.as_ref().map_or(0, |rows| rows.width / 3) {
+        0 => {}
+        1 => names.extend(["x_m", "y_m", "z_m"].map(String::from)),
+        targets => names.extend((1..=targets).flat_map(|k| ["x", "y", "z"].map(|axis| format!("{axis}{k}_m")))),
     }
+    if orientations.is_some() {
+        names.extend((1..=3).flat_map(|row| (1..=3).map(move |column| format!("r{row}{column}"))));
+    }
+    let several = points.as_ref().is_some_and(|rows| rows.width > 3);
     for (name, given) in [
         ("sphere", table.sphere.is_some()),
         ("place", table.place.is_some()),
@@ -78,14 +89,17 @@ fn csv(table: &TableArrays<'_>, joints: usize) -> PyResult<String> {
     }
     let mut out = names.join(",") + "\n";
     for (k, row) in q.rows().enumerate() {
-        let more = [&tau, &points]
-            .into_iter()
-            .flatten()
-            .filter_map(|rows| rows.rows().nth(k));
-        let numbers = row.iter().chain(more.flatten());
-        for (i, value) in numbers.enumerate() {
+        let of = |rows: &Option<Rows>| {
+            rows.as_ref()
+                .and_then(|rows| rows.rows().nth(k))
+                .unwrap_or_default()
+                .to_vec()
+        };
+        for (i, value) in row.iter().chain(&of(&tau)).enumerate() {
             let _ = write!(out, "{}{value}", if i > 0 { "," } else { "" });
         }
+        write_seen(&mut out, &of(&points), 3, several);
+        write_seen(&mut out, &of(&orientations), 9, true);
         if let Some(sphere) = table.sphere.as_ref().and_then(|s| s.get(k)) {
             let _ = write!(out, ",{sphere}");
         }
@@ -99,6 +113,20 @@ fn csv(table: &TableArrays<'_>, joints: usize) -> PyResult<String> {
         out.push('\n');
     }
     Ok(out)
+}
+
+/// Writes cells in groups of `width`; where a group `may_be_hidden` and none of it is a number, its cells are empty.
+fn write_seen(out: &mut String, values: &[f64], width: usize, may_be_hidden: bool) {
+    for group in values.chunks(width) {
+        let hidden = may_be_hidden && group.iter().all(|value| value.is_nan());
+        for value in group {
+            if hidden {
+                out.push(',');
+            } else {
+                let _ = write!(out, ",{value}");
+            }
+        }
+    }
 }
 
 impl Rows {
@@ -134,7 +162,7 @@ fn named<T: std::str::FromStr<Err: ToString>>(field: &str, name: &str) -> Result
 /// Identifies a robot from tables in memory: the path of the command `identify`.
 #[pyfunction]
 #[pyo3(signature = (robot, data, *, validate, plate_file, plate_text, tool_m, payload_kg, payload_com_m, holdout,
-    accuracy_mm, options_toml, method, model, seed))]
+    accuracy_mm, residual_map, options_toml, method, model, seed))]
 pub(crate) fn identify(
     py: Python<'_>,
     robot: &NativeRobot,
@@ -147,6 +175,7 @@ pub(crate) fn identify(
     payload_com_m: Option<[f64; 3]>,
     holdout: Option<String>,
     accuracy_mm: Option<f64>,
+    residual_map: bool,
     options_toml: Option<String>,
     method: Option<String>,
     model: Option<String>,
@@ -187,6 +216,7 @@ pub(crate) fn identify(
             payload_com_mm: payload_com_m.map(|com| com.map(|x| x * 1e3)),
             holdout,
             accuracy_mm,
+            residual_map,
             options,
             ..Request::default()
         };

@@ -73,6 +73,36 @@ def test_points_give_the_numbers_of_the_command(command, tmp_path):
     same(found.summary, summary_of(tmp_path))
 
 
+# The same for two targets, of which the second was hidden in some rows, and for poses.
+@pytest.mark.parametrize("poses", [False, True])
+def test_targets_and_poses_give_the_numbers_of_the_command(command, tmp_path, poses):
+    nominal, real, q, points = simulated(60)
+    points = points * 1e3 * 1e-3
+    turned = real.fk(q)[:, :3, :3]
+    header = [f"q{k}" for k in range(1, 7)]
+    if poses:
+        header += ["x_m", "y_m", "z_m", *(f"r{i}{k}" for i in (1, 2, 3) for k in (1, 2, 3))]
+        rows = np.column_stack([q, points, turned.reshape(-1, 9)])
+        given = {"points": points, "orientations": turned}
+    else:
+        second = points + turned @ (-0.1, 0.05, 0.02)
+        second[::7] = np.nan
+        header += [f"{axis}{k}_m" for k in (1, 2) for axis in "xyz"]
+        rows = np.column_stack([q, points, second])
+        given = {"points": np.stack([points, second], axis=1)}
+    cells = [",".join("" if np.isnan(v) else repr(float(v)) for v in row) for row in rows]
+    (tmp_path / "poses.csv").write_text("\n".join([",".join(header), *cells]) + "\n")
+    ran = command(
+        "identify", "--robot", "ur5e", "--tool-mm", "20,0,120", "--data", tmp_path / "poses.csv", "--residual-map",
+        "--out", tmp_path,
+    )  # fmt: skip
+    assert ran.returncode in (0, 3), ran.stderr
+    found = spherecal.identify(q, **given, robot=nominal, residual_map=True)
+    same(found.summary, summary_of(tmp_path))
+    assert len(found.summary["targets"]) == (1 if poses else 2)
+    assert found.summary["residual_map"]["blocks"] == 10
+
+
 # Fails if the calibration does not bring the nominal robot to the true one.
 def test_a_known_error_is_found_and_compensated():
     nominal, real, q, points = simulated(120)
@@ -165,6 +195,10 @@ def test_what_cannot_be_used_is_refused(mukca):
         (_call(mukca, plate="no such file.toml"), "no such file.toml"),
         (_call(mukca, sphere=None), "points and sphere is both missing"),
         (_call(mukca, points=np.zeros((n, 3))), "points and sphere is both given"),
+        (_call(mukca, sphere=None, points=np.zeros((n, 2))), r"points is .*\(180, K, 3\) for K targets"),
+        (_call(mukca, sphere=None, points=np.ones((n, 7, 3))), "at most 6|target"),
+        (_call(mukca, orientations=np.zeros((n, 3, 3))), "orientations is given without points"),
+        (_call(mukca, sphere=None, points=np.ones((n, 3)), orientations=np.zeros((n, 4))), r"orientations is .*\(180, 3, 3\)"),
         (_call(mukca, sphere=mukca["sphere"][:5]), r"sphere is an array of shape \(5,\)"),
         (_call(mukca, sphere=mukca["sphere"] * 1.5), "sphere is .*float64.*integer id"),
         (_call(mukca, place=["a", "b"]), "place is a list of 2: give one value for each of the 180 rows"),
