@@ -54,13 +54,10 @@ const CASES: [(&str, &str, &str); 11] = [
     ),
 ];
 
-// Fails if a run on any of these arms does not finish, loses a pose, or has more
-// than two faults.
-#[test]
-#[ignore = "slow: `scripts/test` runs it"]
-fn slow_hard_arms_finish() {
+/// Fails if a run on one of these arms does not finish, loses a pose, or has more than two faults.
+fn all_finish(cases: &[(&str, &str, &str)]) {
     let folder = tempfile::tempdir().expect("a folder");
-    for (case, (name, seed, plant)) in CASES.iter().enumerate() {
+    for (case, (name, seed, plant)) in cases.iter().enumerate() {
         std::fs::write(folder.path().join("cell.toml"), plant).expect("written");
         let out = case.to_string();
         let arguments = [
@@ -83,6 +80,30 @@ fn slow_hard_arms_finish() {
         assert_eq!(summary["poses"]["recorded"], 30, "{name}: {}", text(&run.stderr));
         assert!(faults <= 2, "{name}: {}", summary["faults"]);
     }
+}
+
+/// One of each kind: everything at once, elasticity, friction, and delay.
+const KINDS: [&str; 4] = [
+    "harsh",
+    "elastic, 7,000 N m/rad",
+    "dry friction to 2 N m",
+    "1.5 ms of delay with 2 ms of jitter, seed 3",
+];
+
+// Fails if a run on one arm of each kind does not finish, loses a pose, or has more than two faults.
+#[test]
+#[ignore = "slow: `scripts/test` runs it"]
+fn slow_hard_arms_finish() {
+    let cases: Vec<_> = CASES.into_iter().filter(|(name, ..)| KINDS.contains(name)).collect();
+    assert_eq!(cases.len(), KINDS.len());
+    all_finish(&cases);
+}
+
+// Fails if a run on any of the arms does.
+#[test]
+#[ignore = "long: `scripts/test --long` runs it"]
+fn long_all_hard_arms_finish() {
+    all_finish(&CASES);
 }
 
 // Fails if a drive whose delay allows no safe gains is not refused with the delay
