@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 
 use common::{config, deviation, hold, robot};
 use spherecal_cyclic::testing::eventually;
-use spherecal_fci::client::{Client, ClientError, EndCause, Limits, Observer};
+use spherecal_fci::client::{Client, ClientError, EndCause, Observer, TorqueLimits};
 use spherecal_fci::robot::READY;
 use spherecal_fci::wire::{CollisionBehavior, Load, RobotError, RobotMode, RobotState, Status, Version};
 
@@ -106,9 +106,9 @@ fn a_torque_jump_is_a_named_reflex_and_recovers() {
     for version in Version::ALL {
         let (side, _arm) = robot(version);
         let mut settings = config(side.address());
-        settings.limits = Limits {
+        settings.limits = TorqueLimits {
             torque_rate: 10_000.0,
-            ..Limits::default()
+            ..TorqueLimits::default()
         };
         let mut client = Client::connect(&settings).expect("a connection");
         client.start_torque_motion().expect("a motion");

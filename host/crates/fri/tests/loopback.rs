@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 
 use common::{cabinet, cabinet_with, commanding, config, deviation, hold, rise, until};
 use spherecal_cyclic::testing::eventually;
-use spherecal_fri::client::{Client, ClientError, EndCause, Limits, Observer, SessionEnd, State, measured_sign};
+use spherecal_fri::client::{Client, ClientError, EndCause, Observer, SessionEnd, State, TorqueLimits, measured_sign};
 use spherecal_fri::robot::{CabinetConfig, START, Tolerance};
 use spherecal_fri::wire::{ClientCommandMode, Quality, SafetyState, SessionState};
 
@@ -167,7 +167,7 @@ fn a_client_that_is_not_enabled_commands_nothing() {
 #[test]
 fn torques_are_checked_before_they_are_sent() {
     let mut settings = config();
-    settings.limits = Limits {
+    settings.limits = TorqueLimits {
         torque: [8.0; 7],
         torque_rate: 1000.0,
     };

@@ -66,10 +66,10 @@ impl FrankaReader {
     /// # Errors
     /// The robot cannot be reached or speaks no known version.
     pub fn connect(host: &str, port: u16) -> Result<Self, LinkError> {
-        let config = fci::Config {
+        let config = fci::ClientConfig {
             port,
             state_timeout: SILENCE,
-            ..fci::Config::new(host)
+            ..fci::ClientConfig::new(host)
         };
         Ok(Self {
             observer: fci::Observer::connect(&config).map_err(LinkError::device)?,
@@ -122,10 +122,10 @@ impl KukaReader {
     /// # Errors
     /// The port cannot be opened.
     pub fn listen(address: std::net::SocketAddr) -> Result<Self, LinkError> {
-        let config = fri::Config {
+        let config = fri::ClientConfig {
             address,
             timeout: SILENCE,
-            ..fri::Config::new(fri::Limits::IIWA_7)
+            ..fri::ClientConfig::new(fri::TorqueLimits::IIWA_7)
         };
         Ok(Self {
             observer: fri::Observer::listen(&config).map_err(LinkError::device)?,

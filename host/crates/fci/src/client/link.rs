@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 use spherecal_cyclic::{Inbox, io_error as io};
 
 use super::tcp::{Answer, Tcp};
-use super::{ClientError, Config};
+use super::{ClientConfig, ClientError};
 use crate::wire::{
     Command, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotState, Status, Version,
 };
 
 /// What went over the wire since the connection was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Statistics {
+pub struct LinkStatistics {
     /// States received in order.
     pub states: u64,
     /// States that never came, by the gaps of `message_id`.
@@ -40,7 +40,7 @@ pub struct Statistics {
 pub(super) struct Link {
     pub(super) tcp: Tcp,
     pub(super) version: Version,
-    pub(super) statistics: Statistics,
+    pub(super) statistics: LinkStatistics,
     pub(super) newest: RobotState,
     inbox: Inbox<{ MAX_STATE_SIZE + 1 }>,
     /// Where the newest state came from: the address that commands go to.
@@ -51,7 +51,7 @@ pub(super) struct Link {
 
 impl Link {
     /// Connects and agrees on a version: the robot's own if the configuration permits it.
-    pub(super) fn connect(config: &Config) -> Result<Self, ClientError> {
+    pub(super) fn connect(config: &ClientConfig) -> Result<Self, ClientError> {
         let host = |source| ClientError::Host {
             host: config.host.clone(),
             source,
@@ -89,7 +89,7 @@ impl Link {
     }
 
     fn agreed(
-        config: &Config,
+        config: &ClientConfig,
         tcp: Tcp,
         inbox: Inbox<{ MAX_STATE_SIZE + 1 }>,
         version: Version,
@@ -97,9 +97,9 @@ impl Link {
         let mut link = Self {
             tcp,
             version,
-            statistics: Statistics {
+            statistics: LinkStatistics {
                 lowest_success_rate: 1.0,
-                ..Statistics::default()
+                ..LinkStatistics::default()
             },
             newest: RobotState::default(),
             inbox,

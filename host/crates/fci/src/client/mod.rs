@@ -15,11 +15,11 @@
 //!
 //! # What the client guarantees before it sends a torque
 //! - it is finite, or the call fails and nothing is sent;
-//! - it stays within the torque limits ([`Limits::torque`]);
-//! - it changes by at most [`Limits::torque_rate`] per millisecond, against the robot's last desired torque and against
+//! - it stays within the torque limits ([`TorqueLimits::torque`]);
+//! - it changes by at most [`TorqueLimits::torque_rate`] per millisecond, against the robot's last desired torque and against
 //!   the last command sent.
 //!
-//! A command that had to be clamped is sent clamped and counted in [`Statistics`].
+//! A command that had to be clamped is sent clamped and counted in [`LinkStatistics`].
 
 mod config;
 mod error;
@@ -29,10 +29,10 @@ mod motion;
 mod observer;
 mod tcp;
 
-pub use config::Config;
+pub use config::ClientConfig;
 pub use error::{ClientError, EndCause, MotionEnd};
-pub use limits::Limits;
-pub use link::Statistics;
+pub use limits::TorqueLimits;
+pub use link::LinkStatistics;
 pub use motion::{Client, Cycle};
 pub use observer::{Observer, Reading};
 

@@ -4,7 +4,7 @@ use std::net::IpAddr;
 use std::time::{Duration, Instant};
 
 use super::link::Link;
-use super::{ClientError, Config, EndCause, Limits, MotionEnd, Statistics};
+use super::{ClientConfig, ClientError, EndCause, LinkStatistics, MotionEnd, TorqueLimits};
 use crate::JOINTS;
 use crate::wire::{
     CollisionBehavior, Load, MoveRequest, Request, RobotCommand, RobotMode, RobotState, Status, Version,
@@ -31,7 +31,7 @@ pub struct Cycle {
 /// A connection that can move the robot.
 pub struct Client {
     link: Link,
-    limits: Limits,
+    limits: TorqueLimits,
     moving: bool,
     /// The newest state may be answered.
     answerable: bool,
@@ -46,7 +46,7 @@ impl Client {
     ///
     /// # Errors
     /// A [`ClientError`] if the robot cannot be reached or speaks no permitted version.
-    pub fn connect(config: &Config) -> Result<Self, ClientError> {
+    pub fn connect(config: &ClientConfig) -> Result<Self, ClientError> {
         Ok(Self {
             link: Link::connect(config)?,
             limits: config.limits,
@@ -69,7 +69,7 @@ impl Client {
     }
 
     /// What went over the wire so far.
-    pub fn statistics(&self) -> Statistics {
+    pub fn statistics(&self) -> LinkStatistics {
         self.link.statistics
     }
 

@@ -1,7 +1,7 @@
 //! Reads states and moves nothing.
 
 use super::link::Link;
-use super::{ClientError, Config, Statistics};
+use super::{ClientConfig, ClientError, LinkStatistics};
 use crate::wire::{ErrorSet, RobotMode, RobotState, Version};
 
 /// A connection that only reads. It never sends a command and never asks for a motion, so a person can guide the arm.
@@ -27,7 +27,7 @@ impl Observer {
     ///
     /// # Errors
     /// A [`ClientError`] if the robot cannot be reached or speaks no permitted version.
-    pub fn connect(config: &Config) -> Result<Self, ClientError> {
+    pub fn connect(config: &ClientConfig) -> Result<Self, ClientError> {
         let link = Link::connect(config)?;
         Ok(Self {
             mode: link.newest.robot_mode,
@@ -42,7 +42,7 @@ impl Observer {
     }
 
     /// What went over the wire so far.
-    pub fn statistics(&self) -> Statistics {
+    pub fn statistics(&self) -> LinkStatistics {
         self.link.statistics
     }
 

@@ -42,7 +42,7 @@ mod supervisor;
 
 pub use arm::{Arm, ArmCommand, ArmState, JointArm, RigidArm};
 pub use config::{READY, RobotConfig, Tolerance};
-pub use limits::JointLimits;
+pub use limits::ArmLimits;
 pub use model::ModelError;
 pub use server::{Controls, RobotSide, RobotStatistics};
 pub use supervisor::{Finished, Supervisor};

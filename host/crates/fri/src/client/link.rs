@@ -4,7 +4,7 @@ use std::net::{IpAddr, SocketAddr, UdpSocket};
 
 use spherecal_cyclic::Inbox;
 
-use super::{ClientError, Config, State, VelocityFilter};
+use super::{ClientConfig, ClientError, State, VelocityFilter};
 use crate::JOINTS;
 use crate::wire::{Checksum, CommandMessage, MAX_MESSAGE_SIZE, MonitoringMessage, SessionState};
 
@@ -14,7 +14,7 @@ const REORDERED: u32 = 100;
 
 /// What went over the wire since the client listens.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
+pub struct LinkStatistics {
     /// Messages received in order.
     pub messages: u64,
     /// Messages that never came, by the gaps of the sequence counter.
@@ -51,7 +51,7 @@ pub(super) struct Received {
 }
 
 pub(super) struct Link {
-    pub(super) statistics: Statistics,
+    pub(super) statistics: LinkStatistics,
     pub(super) state: State,
     inbox: Inbox<{ MAX_MESSAGE_SIZE + 1 }>,
     cabinet: Option<IpAddr>,
@@ -66,12 +66,12 @@ pub(super) struct Link {
 }
 
 impl Link {
-    pub(super) fn open(config: &Config) -> Result<Self, ClientError> {
+    pub(super) fn open(config: &ClientConfig) -> Result<Self, ClientError> {
         let address = config.address;
         let udp = UdpSocket::bind(address).map_err(|source| ClientError::Listen { address, source })?;
         let inbox = Inbox::new(udp, config.timeout, config.spin, config.busy_poll_us)?;
         Ok(Self {
-            statistics: Statistics::default(),
+            statistics: LinkStatistics::default(),
             state: State::default(),
             inbox,
             cabinet: config.cabinet,

@@ -20,8 +20,8 @@
 //! the client, so no torque leaves until [`Client::enable`] is called again.
 //!
 //! # What the client guarantees before it sends a torque
-//! It is finite; it stays within [`Limits::torque`]; it changes by at most [`Limits::torque_rate`] against the last one.
-//! A torque that had to be clamped is sent clamped and counted in [`Statistics`].
+//! It is finite; it stays within [`TorqueLimits::torque`]; it changes by at most [`TorqueLimits::torque_rate`] against the last one.
+//! A torque that had to be clamped is sent clamped and counted in [`LinkStatistics`].
 
 mod config;
 mod error;
@@ -32,9 +32,9 @@ mod sign;
 mod state;
 mod velocity;
 
-pub use config::{Config, Limits};
+pub use config::{ClientConfig, TorqueLimits};
 pub use error::{ClientError, EndCause, SessionEnd};
-pub use link::Statistics;
+pub use link::LinkStatistics;
 pub use observer::Observer;
 pub use overlay::{Client, Cycle};
 pub use sign::{MeasuredSign, measured_sign};

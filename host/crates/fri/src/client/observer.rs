@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 
 use super::link::Link;
-use super::{ClientError, Config, State, Statistics};
+use super::{ClientConfig, ClientError, LinkStatistics, State};
 
 /// A session that only watches. In the monitoring states it mirrors positions back, so that the cabinet rates the
 /// connection. It answers no commanding state, so a motion that waits for the client cannot begin.
@@ -16,7 +16,7 @@ impl Observer {
     ///
     /// # Errors
     /// [`ClientError::Listen`] if the port cannot be opened.
-    pub fn listen(config: &Config) -> Result<Self, ClientError> {
+    pub fn listen(config: &ClientConfig) -> Result<Self, ClientError> {
         Ok(Self {
             link: Link::open(config)?,
         })
@@ -31,7 +31,7 @@ impl Observer {
     }
 
     /// What went over the wire so far.
-    pub fn statistics(&self) -> Statistics {
+    pub fn statistics(&self) -> LinkStatistics {
         self.link.statistics
     }
 

@@ -3,7 +3,7 @@
 use std::net::{IpAddr, SocketAddr};
 
 use super::link::Link;
-use super::{ClientError, Config, EndCause, Limits, SessionEnd, State, Statistics};
+use super::{ClientConfig, ClientError, EndCause, LinkStatistics, SessionEnd, State, TorqueLimits};
 use crate::JOINTS;
 use crate::wire::{ClientCommandMode, DriveState, SafetyState, SessionState};
 
@@ -25,7 +25,7 @@ pub struct Cycle {
 /// A session that can command.
 pub struct Client {
     link: Link,
-    limits: Limits,
+    limits: TorqueLimits,
     enabled: bool,
     /// The session's state while the client was enabled, to tell a fall from a rise.
     before: SessionState,
@@ -39,7 +39,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError::Listen`] if the port cannot be opened.
-    pub fn listen(config: &Config) -> Result<Self, ClientError> {
+    pub fn listen(config: &ClientConfig) -> Result<Self, ClientError> {
         Ok(Self {
             link: Link::open(config)?,
             limits: config.limits,
@@ -64,7 +64,7 @@ impl Client {
     }
 
     /// What went over the wire so far.
-    pub fn statistics(&self) -> Statistics {
+    pub fn statistics(&self) -> LinkStatistics {
         self.link.statistics
     }
 

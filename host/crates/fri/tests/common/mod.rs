@@ -7,16 +7,16 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use spherecal_cyclic::testing::{Faults, LOCAL, Relay, joint_impedance};
-use spherecal_fri::client::{Client, ClientError, Config, Cycle, Limits, State};
+use spherecal_fri::client::{Client, ClientConfig, ClientError, Cycle, State, TorqueLimits};
 use spherecal_fri::robot::{CabinetConfig, CabinetSide, JointArm, START, Tolerance};
 use spherecal_fri::wire::SessionState;
 
 /// Settings of a client on this machine, on any free port. The timeout is long: two cores are shared.
-pub(crate) fn config() -> Config {
-    Config {
+pub(crate) fn config() -> ClientConfig {
+    ClientConfig {
         address: LOCAL,
         timeout: Duration::from_secs(2),
-        ..Config::new(Limits::IIWA_7)
+        ..ClientConfig::new(TorqueLimits::IIWA_7)
     }
 }
 
@@ -59,7 +59,7 @@ pub(crate) fn until(client: &mut Client, session: SessionState, state: &mut Stat
 }
 
 /// A client that commands: the session is in COMMANDING_ACTIVE.
-pub(crate) fn commanding(config: &Config) -> (Client, CabinetSide, Arc<Mutex<JointArm>>) {
+pub(crate) fn commanding(config: &ClientConfig) -> (Client, CabinetSide, Arc<Mutex<JointArm>>) {
     let mut client = Client::listen(config).expect("a client");
     let (side, arm) = cabinet(client.address().expect("an address"));
     rise(&mut client, &side);

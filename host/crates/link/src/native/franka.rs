@@ -3,8 +3,8 @@
 use std::time::{Duration, Instant};
 
 use spherecal_fci::PERIOD_S;
-use spherecal_fci::client::{Client, ClientError, Config};
-use spherecal_fci::robot::{JointLimits as FrankaLimits, ModelError};
+use spherecal_fci::client::{Client, ClientConfig, ClientError};
+use spherecal_fci::robot::{ArmLimits as FrankaLimits, ModelError};
 use spherecal_fci::wire::{CollisionBehavior, Load, RobotMode, RobotState, Status, Version};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
@@ -34,7 +34,7 @@ const LEVER_M: [f64; JOINTS] = [0.9, 0.9, 0.9, 0.9, 0.35, 0.35, 0.35];
 #[derive(Clone, Debug)]
 pub struct FrankaOptions {
     /// The connection.
-    pub config: Config,
+    pub config: ClientConfig,
     /// Mass distribution of the calibration tool in the flange frame.
     pub load: Inertia,
     /// Thresholds of contact and collision, see [`collision_behavior`].

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use spherecal_fri::client::{Client, ClientError, Config, Limits, MeasuredSign, State, measured_sign};
+use spherecal_fri::client::{Client, ClientConfig, ClientError, MeasuredSign, State, TorqueLimits, measured_sign};
 use spherecal_fri::wire::{SafetyState, SessionState};
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::protocol::host::LoopTiming;
@@ -26,7 +26,7 @@ const SIGN_STATES: u32 = 100;
 #[derive(Clone, Debug)]
 pub struct KukaOptions {
     /// The connection. Its limits are replaced by the robot's torques and `torque_rate`.
-    pub config: Config,
+    pub config: ClientConfig,
     /// Largest change of a torque, in N m/s.
     pub torque_rate: f64,
     /// The nominal robot.
@@ -119,8 +119,8 @@ impl KukaDrive {
     fn open(options: &KukaOptions, robot: &Robot, tool: &Tool) -> Result<Self, KukaError> {
         let arm = Arm::<f64, JOINTS>::new(robot, tool)?;
         let torque = std::array::from_fn(|j| robot.joints.get(j).map_or(0.0, |joint| joint.limits.torque_nm));
-        let config = Config {
-            limits: Limits {
+        let config = ClientConfig {
+            limits: TorqueLimits {
                 torque,
                 torque_rate: options.torque_rate,
             },

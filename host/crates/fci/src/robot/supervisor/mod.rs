@@ -12,7 +12,7 @@ mod state;
 
 use super::arm::{ArmCommand, ArmState};
 use super::config::RobotConfig;
-use super::limits::{DEFAULT_THRESHOLDS, JointLimits};
+use super::limits::{ArmLimits, DEFAULT_THRESHOLDS};
 use crate::wire::{
     CollisionBehavior, Command, ErrorSet, Load, MoveRequest, Request, RobotCommand, RobotError, RobotMode, RobotState,
     Status, Version,
@@ -60,7 +60,7 @@ impl Motion {
 /// The state machine of the robot.
 pub struct Supervisor {
     config: RobotConfig,
-    limits: &'static JointLimits,
+    limits: &'static ArmLimits,
     mode: RobotMode,
     errors: ErrorSet,
     reflex_reason: ErrorSet,
@@ -83,7 +83,7 @@ impl Supervisor {
     pub fn new(config: RobotConfig, arm: ArmState) -> Self {
         let identity = RobotState::default().O_T_EE;
         Self {
-            limits: JointLimits::of(config.version),
+            limits: ArmLimits::of(config.version),
             config,
             mode: RobotMode::Idle,
             errors: ErrorSet::NONE,
