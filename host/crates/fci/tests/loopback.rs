@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 
 use common::{config, deviation, hold, robot};
 use spherecal_cyclic::testing::eventually;
-use spherecal_fci::client::{Client, ClientError, EndCause, Observer, TorqueLimits};
+use spherecal_fci::client::{Client, ClientError, EndCause, ReadOnlyClient, TorqueLimits};
 use spherecal_fci::robot::READY;
 use spherecal_fci::wire::{CollisionBehavior, Load, RobotError, RobotMode, RobotState, Status, Version};
 
@@ -279,7 +279,7 @@ fn a_torque_that_is_no_number_is_not_sent() {
 fn the_observer_reads_and_never_commands() {
     for version in Version::ALL {
         let (side, arm) = robot(version);
-        let mut observer = Observer::connect(&config(side.address())).expect("a connection");
+        let mut observer = ReadOnlyClient::connect(&config(side.address())).expect("a connection");
         assert_eq!(observer.version(), version);
         let mut state = RobotState::default();
         side.controls().guiding.store(true, Ordering::Relaxed);
@@ -310,7 +310,7 @@ fn the_observer_reads_and_never_commands() {
 fn a_client_that_left_makes_room_at_once() {
     let (side, _arm) = robot(Version::V5);
     for k in 0..30 {
-        let observer = Observer::connect(&config(side.address()));
+        let observer = ReadOnlyClient::connect(&config(side.address()));
         assert!(observer.is_ok(), "connection {k}: {:?}", observer.err());
     }
 }
@@ -354,7 +354,7 @@ fn busy_polling_is_set_or_its_refusal_is_named() {
     let (side, _arm) = robot(Version::V10);
     let mut settings = config(side.address());
     settings.busy_poll_us = Some(50);
-    match Observer::connect(&settings) {
+    match ReadOnlyClient::connect(&settings) {
         Ok(mut observer) => {
             observer.receive(&mut RobotState::default()).expect("a state");
         }

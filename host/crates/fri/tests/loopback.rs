@@ -6,7 +6,9 @@ use std::sync::atomic::Ordering;
 
 use common::{cabinet, cabinet_with, commanding, config, deviation, hold, rise, until};
 use spherecal_cyclic::testing::eventually;
-use spherecal_fri::client::{Client, ClientError, EndCause, Observer, SessionEnd, State, TorqueLimits, measured_sign};
+use spherecal_fri::client::{
+    Client, ClientError, EndCause, ReadOnlyClient, SessionEnd, State, TorqueLimits, measured_sign,
+};
 use spherecal_fri::robot::{CabinetConfig, START, Tolerance};
 use spherecal_fri::wire::{ClientCommandMode, Quality, SafetyState, SessionState};
 
@@ -228,7 +230,7 @@ fn each_nth_message_is_answered() {
 // Fails if the read-only mode commands, lets a motion begin, or misses a hand-guided motion.
 #[test]
 fn the_observer_watches_and_never_commands() {
-    let mut observer = Observer::listen(&config()).expect("an observer");
+    let mut observer = ReadOnlyClient::listen(&config()).expect("an observer");
     let (side, arm) = cabinet(observer.address().expect("an address"));
     let mut state = State::default();
     side.controls().guiding.store(true, Ordering::Relaxed);
@@ -253,7 +255,7 @@ fn the_observer_watches_and_never_commands() {
 #[test]
 fn the_sign_of_the_measured_torques_is_found_at_rest() {
     for sign in [1.0, -1.0] {
-        let mut observer = Observer::listen(&config()).expect("an observer");
+        let mut observer = ReadOnlyClient::listen(&config()).expect("an observer");
         let client = observer.address().expect("an address");
         let settings = CabinetConfig {
             client,
@@ -280,7 +282,7 @@ fn a_taken_port_is_an_error() {
     assert!(matches!(&error, ClientError::Listen { .. }), "{error}");
     let mut quiet = config();
     quiet.timeout = std::time::Duration::from_millis(20);
-    let mut observer = Observer::listen(&quiet).expect("an observer");
+    let mut observer = ReadOnlyClient::listen(&quiet).expect("an observer");
     let silent = observer.receive(&mut State::default());
     assert!(matches!(silent, Err(ClientError::Silent { .. })));
     assert!(eventually(|| true));

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use common::config;
 use spherecal_cyclic::testing::LOCAL;
-use spherecal_fri::client::{Client, ClientError, EndCause, Observer, State};
+use spherecal_fri::client::{Client, ClientError, EndCause, ReadOnlyClient, State};
 use spherecal_fri::wire::*;
 
 /// A cabinet of one message at a time.
@@ -98,7 +98,7 @@ fn each_session_state_has_its_answer() {
         S::CommandingWait,
         S::CommandingActive,
     ];
-    let mut observer = Observer::listen(&config()).expect("an observer");
+    let mut observer = ReadOnlyClient::listen(&config()).expect("an observer");
     let mut cabinet = Cabinet::before(observer.address().expect("an address"));
     let mut state = State::default();
     for session in all {

@@ -73,7 +73,7 @@ fn cabinet(address: SocketAddr, waiting: &DriveSection) -> fri::ClientConfig {
 /// The port of a link `fri:` cannot be opened.
 pub(super) fn can_listen(link: &Link) -> Result<(), JobError> {
     if let Link::Fri(address) = link {
-        fri::Observer::listen(&cabinet(*address, &DriveSection::default())).map_err(LinkError::device)?;
+        fri::ReadOnlyClient::listen(&cabinet(*address, &DriveSection::default())).map_err(LinkError::device)?;
     }
     Ok(())
 }

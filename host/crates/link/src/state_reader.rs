@@ -55,7 +55,7 @@ pub trait StateReader: Send {
 
 /// Reads a Panda or an FR3.
 pub struct FrankaReader {
-    observer: fci::Observer,
+    observer: fci::ReadOnlyClient,
     state: RobotState,
     first: Option<u64>,
 }
@@ -72,7 +72,7 @@ impl FrankaReader {
             ..fci::ClientConfig::new(host)
         };
         Ok(Self {
-            observer: fci::Observer::connect(&config).map_err(LinkError::device)?,
+            observer: fci::ReadOnlyClient::connect(&config).map_err(LinkError::device)?,
             state: RobotState::default(),
             first: None,
         })
@@ -111,7 +111,7 @@ impl StateReader for FrankaReader {
 
 /// Reads an LBR behind a KUKA cabinet. The sign of its torques depends on the software: a reading has them without it.
 pub struct KukaReader {
-    observer: fri::Observer,
+    observer: fri::ReadOnlyClient,
     state: fri::State,
     first: Option<u32>,
 }
@@ -128,7 +128,7 @@ impl KukaReader {
             ..fri::ClientConfig::new(fri::TorqueLimits::IIWA_7)
         };
         Ok(Self {
-            observer: fri::Observer::listen(&config).map_err(LinkError::device)?,
+            observer: fri::ReadOnlyClient::listen(&config).map_err(LinkError::device)?,
             state: fri::State::default(),
             first: None,
         })

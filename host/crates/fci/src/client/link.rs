@@ -1,4 +1,4 @@
-//! Both channels of a connection: what [`Client`](super::Client) and [`Observer`](super::Observer) share.
+//! Both channels of a connection: what [`Client`](super::Client) and [`ReadOnlyClient`](super::ReadOnlyClient) share.
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};

@@ -1,7 +1,7 @@
 //! The client: drives a real robot, or only watches it.
 //!
 //! - [`Client`] moves the robot: load, thresholds, a torque motion, stop, error recovery.
-//! - [`Observer`] only reads states. It has no method that could move the robot. Use it while a person guides the arm.
+//! - [`ReadOnlyClient`] only reads states. It has no method that could move the robot. Use it while a person guides the arm.
 //!
 //! # Life of a motion
 //! ```text
@@ -26,7 +26,7 @@ mod error;
 mod limits;
 mod link;
 mod motion;
-mod observer;
+mod read_only;
 mod tcp;
 
 pub use config::ClientConfig;
@@ -34,7 +34,7 @@ pub use error::{ClientError, EndCause, MotionEnd};
 pub use limits::TorqueLimits;
 pub use link::LinkStatistics;
 pub use motion::{Client, Cycle};
-pub use observer::{Observer, Reading};
+pub use read_only::{ReadOnlyClient, Reading};
 
 /// How the torques of an interface relate to the arm. What a drive must know before it uses them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

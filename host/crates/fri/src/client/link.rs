@@ -1,4 +1,4 @@
-//! The socket: what [`Client`](super::Client) and [`Observer`](super::Observer) share.
+//! The socket: what [`Client`](super::Client) and [`ReadOnlyClient`](super::ReadOnlyClient) share.
 
 use std::net::{IpAddr, SocketAddr, UdpSocket};
 

@@ -1,7 +1,7 @@
 //! The client: drives a real robot, or only watches it.
 //!
 //! - [`Client`] answers the cabinet and, once [enabled](Client::enable), commands a torque overlay.
-//! - [`Observer`] only watches. It has no method that could command. Use it while a person guides the arm.
+//! - [`ReadOnlyClient`] only watches. It has no method that could command. Use it while a person guides the arm.
 //!
 //! # Life of a session
 //! The cabinet leads; the client only answers.
@@ -26,8 +26,8 @@
 mod config;
 mod error;
 mod link;
-mod observer;
 mod overlay;
+mod read_only;
 mod sign;
 mod state;
 mod velocity;
@@ -35,8 +35,8 @@ mod velocity;
 pub use config::{ClientConfig, TorqueLimits};
 pub use error::{ClientError, EndCause, SessionEnd};
 pub use link::LinkStatistics;
-pub use observer::Observer;
 pub use overlay::{Client, Cycle};
+pub use read_only::ReadOnlyClient;
 pub use sign::{MeasuredSign, measured_sign};
 pub use state::State;
 pub use velocity::VelocityFilter;

@@ -5,7 +5,7 @@ use super::{ClientConfig, ClientError, LinkStatistics};
 use crate::wire::{ErrorSet, RobotMode, RobotState, Version};
 
 /// A connection that only reads. It never sends a command and never asks for a motion, so a person can guide the arm.
-pub struct Observer {
+pub struct ReadOnlyClient {
     link: Link,
     mode: RobotMode,
     errors: ErrorSet,
@@ -22,7 +22,7 @@ pub struct Reading {
     pub new_errors: ErrorSet,
 }
 
-impl Observer {
+impl ReadOnlyClient {
     /// Connects to the robot.
     ///
     /// # Errors
@@ -76,7 +76,7 @@ impl Observer {
     }
 }
 
-impl Drop for Observer {
+impl Drop for ReadOnlyClient {
     fn drop(&mut self) {
         self.link.tcp.shut_down();
     }

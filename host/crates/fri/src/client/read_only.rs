@@ -7,11 +7,11 @@ use super::{ClientConfig, ClientError, LinkStatistics, State};
 
 /// A session that only watches. In the monitoring states it mirrors positions back, so that the cabinet rates the
 /// connection. It answers no commanding state, so a motion that waits for the client cannot begin.
-pub struct Observer {
+pub struct ReadOnlyClient {
     link: Link,
 }
 
-impl Observer {
+impl ReadOnlyClient {
     /// Listens for the cabinet.
     ///
     /// # Errors
