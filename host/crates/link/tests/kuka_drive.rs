@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use spherecal_fri::client::{ClientConfig, EndCause, TorqueLimits};
-use spherecal_fri::robot::{Arm, ArmCommand, ArmState, CabinetConfig, CabinetSide, JointArm, START, Tolerance};
+use spherecal_fri::robot::{ArmCommand, ArmHardware, ArmState, CabinetConfig, CabinetSide, JointArm, START, Tolerance};
 use spherecal_fri::wire::SafetyState;
 use spherecal_link::native::{DriveEvent, KukaDrive, KukaOptions, Undeclared};
 use spherecal_link::{Drive, LinkError};
@@ -44,7 +44,7 @@ impl Iiwa {
     }
 }
 
-impl Arm for Iiwa {
+impl ArmHardware for Iiwa {
     fn state(&self) -> ArmState {
         self.with_gravity(self.joints.state())
     }

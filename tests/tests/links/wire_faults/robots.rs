@@ -73,13 +73,13 @@ impl Touched {
     }
 }
 
-impl fci::Arm for Touched {
+impl fci::ArmHardware for Touched {
     fn state(&self) -> fci::ArmState {
-        self.with_touch(fci::Arm::state(&self.arm))
+        self.with_touch(fci::ArmHardware::state(&self.arm))
     }
 
     fn step(&mut self, command: fci::ArmCommand) -> fci::ArmState {
-        let state = fci::Arm::step(&mut self.arm, command);
+        let state = fci::ArmHardware::step(&mut self.arm, command);
         if !matches!(command, fci::ArmCommand::Torque(_)) {
             self.touched.store(false, Ordering::Relaxed);
         }
@@ -87,7 +87,7 @@ impl fci::Arm for Touched {
     }
 
     fn set_load(&mut self, load: &Load) {
-        fci::Arm::set_load(&mut self.arm, load);
+        fci::ArmHardware::set_load(&mut self.arm, load);
     }
 }
 

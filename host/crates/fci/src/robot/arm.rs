@@ -33,7 +33,7 @@ pub struct ArmState {
 }
 
 /// An arm that the robot side moves.
-pub trait Arm: Send {
+pub trait ArmHardware: Send {
     /// What the sensors measure now, without a step.
     fn state(&self) -> ArmState;
 
@@ -65,7 +65,7 @@ impl RigidArm {
     }
 }
 
-impl Arm for RigidArm {
+impl ArmHardware for RigidArm {
     fn state(&self) -> ArmState {
         self.state
     }
@@ -149,7 +149,7 @@ impl JointArm {
     }
 }
 
-impl Arm for JointArm {
+impl ArmHardware for JointArm {
     fn state(&self) -> ArmState {
         let mut tau = [0.0; JOINTS];
         for (joint, tau) in tau.iter_mut().enumerate() {
@@ -180,7 +180,7 @@ impl Arm for JointArm {
 }
 
 /// An arm that somebody else can push meanwhile.
-impl<A: Arm> Arm for std::sync::Arc<std::sync::Mutex<A>> {
+impl<A: ArmHardware> ArmHardware for std::sync::Arc<std::sync::Mutex<A>> {
     fn state(&self) -> ArmState {
         self.lock().unwrap_or_else(std::sync::PoisonError::into_inner).state()
     }

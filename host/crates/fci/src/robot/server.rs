@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use spherecal_cyclic::{PeriodClock, Published, Side};
 
-use super::arm::Arm;
+use super::arm::ArmHardware;
 use super::config::RobotConfig;
 use super::session::{Incoming, Session};
 use super::supervisor::Supervisor;
@@ -66,7 +66,7 @@ impl RobotSide {
     ///
     /// # Errors
     /// What the system says if the address cannot be used.
-    pub fn start(config: RobotConfig, arm: Box<dyn Arm>) -> std::io::Result<Self> {
+    pub fn start(config: RobotConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<Self> {
         let listener = TcpListener::bind(config.address)?;
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
@@ -119,7 +119,7 @@ struct Server {
     model: String,
     listener: TcpListener,
     udp: UdpSocket,
-    arm: Box<dyn Arm>,
+    arm: Box<dyn ArmHardware>,
     session: Option<Session>,
     state: RobotState,
     message_id: u64,

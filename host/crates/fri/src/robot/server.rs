@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use spherecal_cyclic::{PeriodClock, Published, Side};
 
-use super::arm::Arm;
+use super::arm::ArmHardware;
 use super::cabinet::Cabinet;
 use super::config::CabinetConfig;
 use crate::wire::{CommandMessage, MAX_MESSAGE_SIZE, Quality, SafetyState, SessionState};
@@ -59,7 +59,7 @@ impl CabinetSide {
     ///
     /// # Errors
     /// What the system says if no port can be opened.
-    pub fn start(config: CabinetConfig, arm: Box<dyn Arm>) -> std::io::Result<Self> {
+    pub fn start(config: CabinetConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<Self> {
         let local = if config.client.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
         let udp = UdpSocket::bind(local)?;
         udp.set_nonblocking(true)?;
@@ -100,7 +100,7 @@ struct Server {
     cabinet: Cabinet,
     clock: PeriodClock,
     udp: UdpSocket,
-    arm: Box<dyn Arm>,
+    arm: Box<dyn ArmHardware>,
     /// The session's state in the newest message.
     sent: SessionState,
     count: CabinetStatistics,
