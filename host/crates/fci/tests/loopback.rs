@@ -8,7 +8,7 @@ use common::{config, deviation, hold, robot};
 use spherecal_cyclic::testing::eventually;
 use spherecal_fci::client::{Client, ClientError, EndCause, ReadOnlyClient, TorqueLimits};
 use spherecal_fci::robot::READY;
-use spherecal_fci::wire::{CollisionBehavior, Load, RobotError, RobotMode, RobotState, Status, Version};
+use spherecal_fci::wire::{CollisionBehavior, FlangeLoad, RobotError, RobotMode, RobotState, Status, Version};
 
 fn ended(result: Result<impl std::fmt::Debug, ClientError>) -> spherecal_fci::client::MotionEnd {
     match result {
@@ -44,7 +44,7 @@ fn every_version_holds_the_arm() {
         if let Some(model) = model {
             assert_eq!(model.matches("<position_based_velocity_limits ").count(), 7);
         }
-        let load = Load {
+        let load = FlangeLoad {
             mass: 1.5,
             centre_of_mass: [0.0, 0.0, 0.05],
             inertia: [0.0; 9],

@@ -163,7 +163,7 @@ fn command_has_the_documented_layout() {
 #[test]
 fn requests_have_the_documented_numbers_and_sizes() {
     let thresholds = CollisionBehavior::uniform([1.0; 7], [2.0; 7], [3.0; 6], [4.0; 6]);
-    let load = Load {
+    let load = FlangeLoad {
         mass: 1.5,
         centre_of_mass: [0.1, 0.2, 0.3],
         inertia: [0.0; 9],
@@ -288,7 +288,7 @@ fn arguments_stand_in_the_documented_order() {
     let order: Vec<f64> = starts.iter().map(|at| f64_at(&bytes, *at)).collect();
     assert_eq!(order, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]);
 
-    let load = Load {
+    let load = FlangeLoad {
         mass: 1.5,
         centre_of_mass: [0.1, 0.2, 0.3],
         inertia: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0],
@@ -321,29 +321,40 @@ fn statuses_have_the_documented_numbers() {
         (S::InputErrorAborted, 8, 10),
         (S::Aborted, 9, 11),
     ] {
-        assert_eq!(number(status, Command::Move, Version::V5), v5);
+        assert_eq!(number(status, CommandKind::Move, Version::V5), v5);
         for version in [Version::V7, Version::V8, Version::V10] {
-            assert_eq!(number(status, Command::Move, version), later);
+            assert_eq!(number(status, CommandKind::Move, version), later);
         }
     }
-    assert_eq!(number(S::PreemptedBySafetyFunction, Command::Move, Version::V7), 3);
-    assert_eq!(number(S::PreemptedBySafetyFunction, Command::Move, Version::V5), 2);
-    assert_eq!(number(S::RejectedBySafetyFunction, Command::Move, Version::V10), 4);
-    assert_eq!(number(S::ReflexAborted, Command::StopMove, Version::V5), 3);
-    assert_eq!(number(S::ReflexAborted, Command::StopMove, Version::V10), 4);
+    assert_eq!(number(S::PreemptedBySafetyFunction, CommandKind::Move, Version::V7), 3);
+    assert_eq!(number(S::PreemptedBySafetyFunction, CommandKind::Move, Version::V5), 2);
+    assert_eq!(number(S::RejectedBySafetyFunction, CommandKind::Move, Version::V10), 4);
+    assert_eq!(number(S::ReflexAborted, CommandKind::StopMove, Version::V5), 3);
+    assert_eq!(number(S::ReflexAborted, CommandKind::StopMove, Version::V10), 4);
     assert_eq!(
-        number(S::ManualRecoveryRequired, Command::AutomaticErrorRecovery, Version::V5),
+        number(
+            S::ManualRecoveryRequired,
+            CommandKind::AutomaticErrorRecovery,
+            Version::V5
+        ),
         2
     );
     assert_eq!(
-        number(S::ManualRecoveryRequired, Command::AutomaticErrorRecovery, Version::V10),
+        number(
+            S::ManualRecoveryRequired,
+            CommandKind::AutomaticErrorRecovery,
+            Version::V10
+        ),
         3
     );
-    assert_eq!(number(S::InvalidArgument, Command::SetLoad, Version::V5), 2);
-    assert_eq!(number(S::RejectedBySafetyFunction, Command::SetLoad, Version::V10), 3);
-    assert_eq!(number(S::IncompatibleVersion, Command::Connect, Version::V5), 1);
+    assert_eq!(number(S::InvalidArgument, CommandKind::SetLoad, Version::V5), 2);
+    assert_eq!(
+        number(S::RejectedBySafetyFunction, CommandKind::SetLoad, Version::V10),
+        3
+    );
+    assert_eq!(number(S::IncompatibleVersion, CommandKind::Connect, Version::V5), 1);
     for version in Version::ALL {
-        for command in Command::all(version) {
+        for command in CommandKind::all(version) {
             for (n, status) in Status::all(*command, version).iter().enumerate() {
                 assert_eq!(status.number(*command, version), n as u8);
                 assert_eq!(Status::from_number(n as u8, *command, version), Ok(*status));
@@ -358,7 +369,7 @@ fn statuses_have_the_documented_numbers() {
 fn responses_are_read_as_written() {
     let urdf = "<robot name=\"fr3\"/>";
     let response = Response {
-        command: Command::GetRobotModel,
+        command: CommandKind::GetRobotModel,
         id: 7,
         status: Status::Success,
         body: urdf.as_bytes(),
@@ -369,7 +380,7 @@ fn responses_are_read_as_written() {
         bytes[..13],
         [11, 0, 0, 0, 7, 0, 0, 0, 12 + 1 + urdf.len() as u8, 0, 0, 0, 0]
     );
-    let header = Header::decode(&bytes, MAX_RESPONSE).expect("a header");
+    let header = CommandHeader::decode(&bytes, MAX_RESPONSE).expect("a header");
     let back = Response::decode(Version::V10, header, &bytes[12..]).expect("a response");
     assert_eq!(back, response);
     assert_eq!(back.robot_model(), Ok(urdf));
@@ -396,18 +407,18 @@ fn responses_are_read_as_written() {
 #[test]
 fn absurd_sizes_are_refused() {
     for size in [0, 11, MAX_REQUEST as u32 + 1, u32::MAX] {
-        let bytes = Header {
+        let bytes = CommandHeader {
             command: 0,
             id: 0,
             size,
         }
         .encode();
         assert!(
-            matches!(Header::decode(&bytes, MAX_REQUEST), Err(WireError::Size { .. })),
+            matches!(CommandHeader::decode(&bytes, MAX_REQUEST), Err(WireError::Size { .. })),
             "{size}"
         );
     }
-    assert!(Header::decode(&[0; 11], MAX_REQUEST).is_err());
+    assert!(CommandHeader::decode(&[0; 11], MAX_REQUEST).is_err());
 }
 
 // Fails if a NaN or an infinity of a field that control reads passes, or if one of an unused field is refused.
@@ -587,7 +598,7 @@ proptest! {
         for number in 0..16_u32 {
             for size in [0, 2, 3, 4, 7, 40, 48, 56, 104, 113, 128, 416] {
                 let _ = Request::decode(version, number, &data[..size]);
-                let header = Header { command: number, id: 1, size: size as u32 + 12 };
+                let header = CommandHeader { command: number, id: 1, size: size as u32 + 12 };
                 let _ = Response::decode(version, header, &data[..size]);
             }
         }

@@ -134,7 +134,7 @@ impl fci::ArmHardware for RobotArm {
         fci::ArmHardware::state(self)
     }
 
-    fn set_load(&mut self, load: &spherecal_fci::wire::Load) {
+    fn set_load(&mut self, load: &spherecal_fci::wire::FlangeLoad) {
         let i = &load.inertia;
         let body = Inertia {
             mass_kg: load.mass,
@@ -204,7 +204,7 @@ mod tests {
             if let Some(mass) = declared_kg {
                 let inertia = [0.0; 9];
                 let centre_of_mass = arm.model.tool.body.com_m;
-                let load = spherecal_fci::wire::Load {
+                let load = spherecal_fci::wire::FlangeLoad {
                     mass,
                     centre_of_mass,
                     inertia,

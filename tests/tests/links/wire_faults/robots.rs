@@ -9,7 +9,7 @@ use spherecal::job::{self, Config, Link};
 use spherecal::sim::RobotArm;
 use spherecal_cyclic::testing::{Connected, Faults, LOCAL, Relay};
 use spherecal_fci::robot::{self as fci, RobotConfig, RobotSide};
-use spherecal_fci::wire::{Load, Version};
+use spherecal_fci::wire::{FlangeLoad, Version};
 use spherecal_fri::robot::{self as fri, CabinetConfig, CabinetSide, Tolerance};
 use spherecal_fri::wire::SessionState;
 
@@ -86,7 +86,7 @@ impl fci::ArmHardware for Touched {
         self.with_touch(state)
     }
 
-    fn set_load(&mut self, load: &Load) {
+    fn set_load(&mut self, load: &FlangeLoad) {
         fci::ArmHardware::set_load(&mut self.arm, load);
     }
 }

@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use spherecal_cyclic::{Inbox, io_error as io};
 
-use super::tcp::{Answer, Tcp};
+use super::tcp::{CommandChannel, RawResponse};
 use super::{ClientConfig, ClientError};
 use crate::wire::{
-    Command, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotState, Status, Version,
+    CommandKind, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotState, Status, Version,
 };
 
 /// What went over the wire since the connection was made.
@@ -37,8 +37,8 @@ pub struct LinkStatistics {
     pub lowest_success_rate: f64,
 }
 
-pub(super) struct Link {
-    pub(super) tcp: Tcp,
+pub(super) struct ClientLink {
+    pub(super) tcp: CommandChannel,
     pub(super) version: Version,
     pub(super) statistics: LinkStatistics,
     pub(super) newest: RobotState,
@@ -49,7 +49,7 @@ pub(super) struct Link {
     response_timeout: Duration,
 }
 
-impl Link {
+impl ClientLink {
     /// Connects and agrees on a version: the robot's own if the configuration permits it.
     pub(super) fn connect(config: &ClientConfig) -> Result<Self, ClientError> {
         let host = |source| ClientError::Host {
@@ -70,7 +70,8 @@ impl Link {
         let mut robot = 0;
         while !untried.is_empty() {
             let version = untried.remove(0);
-            let (tcp, payload) = Tcp::connect(address, version, port, config.connect_timeout, config.response_timeout)?;
+            let (tcp, payload) =
+                CommandChannel::connect(address, version, port, config.connect_timeout, config.response_timeout)?;
             let answer = ConnectAnswer::decode(&payload)?;
             if answer.status == Status::Success {
                 return Self::agreed(config, tcp, inbox, version);
@@ -90,7 +91,7 @@ impl Link {
 
     fn agreed(
         config: &ClientConfig,
-        tcp: Tcp,
+        tcp: CommandChannel,
         inbox: Inbox<{ MAX_STATE_SIZE + 1 }>,
         version: Version,
     ) -> Result<Self, ClientError> {
@@ -185,7 +186,7 @@ impl Link {
     }
 
     /// Sends a request and takes any status but success for an error.
-    pub(super) fn request(&mut self, request: &Request) -> Result<Answer, ClientError> {
+    pub(super) fn request(&mut self, request: &Request) -> Result<RawResponse, ClientError> {
         let answer = self.tcp.request(request, self.response_timeout)?;
         match answer.status {
             Status::Success | Status::MotionStarted => Ok(answer),
@@ -199,7 +200,7 @@ impl Link {
 
     /// The robot model in URDF. `None` where the version has no such request.
     pub(super) fn robot_model(&mut self) -> Result<Option<String>, ClientError> {
-        if Command::GetRobotModel.number(self.version).is_err() {
+        if CommandKind::GetRobotModel.number(self.version).is_err() {
             return Ok(None);
         }
         let answer = self.request(&Request::GetRobotModel)?;

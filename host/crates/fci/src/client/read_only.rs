@@ -1,12 +1,12 @@
 //! Reads states and moves nothing.
 
-use super::link::Link;
+use super::link::ClientLink;
 use super::{ClientConfig, ClientError, LinkStatistics};
 use crate::wire::{ErrorSet, RobotMode, RobotState, Version};
 
 /// A connection that only reads. It never sends a command and never asks for a motion, so a person can guide the arm.
 pub struct ReadOnlyClient {
-    link: Link,
+    link: ClientLink,
     mode: RobotMode,
     errors: ErrorSet,
 }
@@ -28,7 +28,7 @@ impl ReadOnlyClient {
     /// # Errors
     /// A [`ClientError`] if the robot cannot be reached or speaks no permitted version.
     pub fn connect(config: &ClientConfig) -> Result<Self, ClientError> {
-        let link = Link::connect(config)?;
+        let link = ClientLink::connect(config)?;
         Ok(Self {
             mode: link.newest.robot_mode,
             errors: link.newest.errors,

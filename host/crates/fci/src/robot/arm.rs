@@ -1,6 +1,6 @@
 //! What the robot side moves: the arm behind a small trait, and two simple arms for tests.
 
-use crate::wire::Load;
+use crate::wire::FlangeLoad;
 use crate::{JOINTS, PERIOD_S};
 
 /// What the robot asks of the arm for one millisecond.
@@ -41,7 +41,7 @@ pub trait ArmHardware: Send {
     fn step(&mut self, command: ArmCommand) -> ArmState;
 
     /// The client declares another load. An arm without a model of gravity may ignore it.
-    fn set_load(&mut self, _load: &Load) {}
+    fn set_load(&mut self, _load: &FlangeLoad) {}
 }
 
 /// An arm that never moves. It measures the torques that would hold it.
@@ -190,7 +190,7 @@ impl<A: ArmHardware> ArmHardware for std::sync::Arc<std::sync::Mutex<A>> {
         arm.step(command)
     }
 
-    fn set_load(&mut self, load: &Load) {
+    fn set_load(&mut self, load: &FlangeLoad) {
         let mut arm = self.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         arm.set_load(load);
     }

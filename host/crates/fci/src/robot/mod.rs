@@ -3,7 +3,7 @@
 //! Three layers:
 //! - [`ArmHardware`]: what moves. One step a millisecond: a command in, a measurement out. [`JointArm`] is a simple one for
 //!   tests; a simulated plant can stand here instead.
-//! - [`Supervisor`]: the robot's rules, without sockets and clock: modes, reflexes, limits, success rate.
+//! - [`RobotSupervisor`]: the robot's rules, without sockets and clock: modes, reflexes, limits, success rate.
 //! - [`RobotSide`]: TCP, UDP and the 1 kHz clock, on a thread of its own.
 //!
 //! # Which rules are kept
@@ -45,7 +45,7 @@ pub use config::{READY, RobotConfig, Tolerance};
 pub use limits::ArmLimits;
 pub use model::ModelError;
 pub use server::{Controls, RobotSide, RobotStatistics};
-pub use supervisor::{Finished, Supervisor};
+pub use supervisor::{Finished, RobotSupervisor};
 
 /// The nominal model of the FR3 in URDF, as the maker publishes it: kinematics, inertias, joint limits, and how the
 /// velocity limits fall near the stops. The answer to `GetRobotModel`. A Panda has no such request.

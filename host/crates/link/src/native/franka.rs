@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use spherecal_fci::PERIOD_S;
 use spherecal_fci::client::{Client, ClientConfig, ClientError};
 use spherecal_fci::robot::{ArmLimits as FrankaLimits, ModelError};
-use spherecal_fci::wire::{CollisionBehavior, Load, RobotMode, RobotState, Status, Version};
+use spherecal_fci::wire::{CollisionBehavior, FlangeLoad, RobotMode, RobotState, Status, Version};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 use spherecal_shared::protocol::host::LoopTiming;
@@ -390,9 +390,9 @@ fn open(options: &FrankaOptions) -> Result<Client, ClientError> {
     Ok(client)
 }
 
-fn load(body: &Inertia) -> Load {
+fn load(body: &Inertia) -> FlangeLoad {
     let [xx, yy, zz, xy, xz, yz] = body.inertia_kg_m2;
-    Load {
+    FlangeLoad {
         mass: body.mass_kg,
         centre_of_mass: body.com_m,
         inertia: [xx, xy, xz, xy, yy, yz, xz, yz, zz],

@@ -1,12 +1,12 @@
 //! The robot's rules, without sockets and clock.
 //!
 //! Each period the caller does three things in this order:
-//! 1. [`Supervisor::decide`]: the answer to the last state in, the command for the arm out;
+//! 1. [`RobotSupervisor::decide`]: the answer to the last state in, the command for the arm out;
 //! 2. the arm's step;
-//! 3. [`Supervisor::observe`]: the arm's measurement in; then [`Supervisor::fill`] makes the next state.
+//! 3. [`RobotSupervisor::observe`]: the arm's measurement in; then [`RobotSupervisor::fill`] makes the next state.
 //!
-//! Requests come in between by [`Supervisor::request`]; responses that come later wait in
-//! [`Supervisor::take_finished`].
+//! Requests come in between by [`RobotSupervisor::request`]; responses that come later wait in
+//! [`RobotSupervisor::take_finished`].
 
 mod state;
 
@@ -14,8 +14,8 @@ use super::arm::{ArmCommand, ArmState};
 use super::config::RobotConfig;
 use super::limits::{ArmLimits, DEFAULT_THRESHOLDS};
 use crate::wire::{
-    CollisionBehavior, Command, ErrorSet, Load, MoveRequest, Request, RobotCommand, RobotError, RobotMode, RobotState,
-    Status, Version,
+    CollisionBehavior, CommandKind, ErrorSet, FlangeLoad, MoveRequest, Request, RobotCommand, RobotError, RobotMode,
+    RobotState, Status, Version,
 };
 use crate::{JOINTS, PERIOD_S};
 
@@ -30,7 +30,7 @@ const WINDOW: usize = 100;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Finished {
     /// The request.
-    pub command: Command,
+    pub command: CommandKind,
     /// Its id.
     pub id: u32,
     /// How it ended.
@@ -39,7 +39,7 @@ pub struct Finished {
 
 /// A motion that runs.
 #[derive(Clone, Debug)]
-struct Motion {
+struct RunningMotion {
     id: u32,
     request: MoveRequest,
     /// Whether a command has come.
@@ -49,7 +49,7 @@ struct Motion {
     answered: [bool; WINDOW],
 }
 
-impl Motion {
+impl RunningMotion {
     fn success_rate(&self) -> f64 {
         let due = (self.periods as usize).min(WINDOW);
         let hits = self.answered.iter().filter(|a| **a).count();
@@ -58,17 +58,17 @@ impl Motion {
 }
 
 /// The state machine of the robot.
-pub struct Supervisor {
+pub struct RobotSupervisor {
     config: RobotConfig,
     limits: &'static ArmLimits,
     mode: RobotMode,
     errors: ErrorSet,
     reflex_reason: ErrorSet,
-    motion: Option<Motion>,
+    motion: Option<RunningMotion>,
     recovery: Option<(u32, u32)>,
     torque: [f64; JOINTS],
     thresholds: CollisionBehavior,
-    load: Load,
+    load: FlangeLoad,
     ee_in_ne: [f64; 16],
     k_in_ee: [f64; 16],
     user_stop: bool,
@@ -78,7 +78,7 @@ pub struct Supervisor {
     finished: Vec<Finished>,
 }
 
-impl Supervisor {
+impl RobotSupervisor {
     /// An idle robot whose arm measures this.
     pub fn new(config: RobotConfig, arm: ArmState) -> Self {
         let identity = RobotState::default().O_T_EE;
@@ -92,7 +92,7 @@ impl Supervisor {
             recovery: None,
             torque: [0.0; JOINTS],
             thresholds: DEFAULT_THRESHOLDS,
-            load: Load {
+            load: FlangeLoad {
                 mass: 0.0,
                 centre_of_mass: [0.0; 3],
                 inertia: [0.0; 9],
@@ -118,7 +118,7 @@ impl Supervisor {
     }
 
     /// The load that the client has set.
-    pub fn load(&self) -> &Load {
+    pub fn load(&self) -> &FlangeLoad {
         &self.load
     }
 
@@ -193,7 +193,7 @@ impl Supervisor {
         self.mode = RobotMode::Move;
         self.reflex_reason = ErrorSet::NONE;
         self.torque = [0.0; JOINTS];
-        self.motion = Some(Motion {
+        self.motion = Some(RunningMotion {
             id,
             request: *request,
             begun: false,
@@ -233,7 +233,7 @@ impl Supervisor {
     fn end(&mut self, status: Status, mode: RobotMode) {
         if let Some(motion) = self.motion.take() {
             self.finished.push(Finished {
-                command: Command::Move,
+                command: CommandKind::Move,
                 id: motion.id,
                 status,
             });
@@ -278,7 +278,7 @@ impl Supervisor {
         }
         if let Some((id, _)) = self.recovery.take() {
             self.finished.push(Finished {
-                command: Command::AutomaticErrorRecovery,
+                command: CommandKind::AutomaticErrorRecovery,
                 id,
                 status: Status::EmergencyAborted,
             });
@@ -294,7 +294,7 @@ impl Supervisor {
                 self.errors = ErrorSet::NONE;
                 self.mode = RobotMode::Idle;
                 self.finished.push(Finished {
-                    command: Command::AutomaticErrorRecovery,
+                    command: CommandKind::AutomaticErrorRecovery,
                     id,
                     status: Status::Success,
                 });
