@@ -112,7 +112,7 @@ impl StateReader for FrankaReader {
 /// Reads an LBR behind a KUKA cabinet. The sign of its torques depends on the software: a reading has them without it.
 pub struct KukaReader {
     observer: fri::ReadOnlyClient,
-    state: fri::State,
+    state: fri::MonitoredState,
     first: Option<u32>,
 }
 
@@ -129,7 +129,7 @@ impl KukaReader {
         };
         Ok(Self {
             observer: fri::ReadOnlyClient::listen(&config).map_err(LinkError::device)?,
-            state: fri::State::default(),
+            state: fri::MonitoredState::default(),
             first: None,
         })
     }

@@ -4,7 +4,7 @@ use std::net::{IpAddr, SocketAddr, UdpSocket};
 
 use spherecal_cyclic::Inbox;
 
-use super::{ClientConfig, ClientError, State, VelocityFilter};
+use super::{ClientConfig, ClientError, MonitoredState, VelocityFilter};
 use crate::JOINTS;
 use crate::wire::{Checksum, CommandMessage, MAX_MESSAGE_SIZE, MonitoringMessage, SessionState};
 
@@ -50,9 +50,9 @@ pub(super) struct Received {
     pub(super) restarted: bool,
 }
 
-pub(super) struct Link {
+pub(super) struct ClientLink {
     pub(super) statistics: LinkStatistics,
-    pub(super) state: State,
+    pub(super) state: MonitoredState,
     inbox: Inbox<{ MAX_MESSAGE_SIZE + 1 }>,
     cabinet: Option<IpAddr>,
     answer_to: Option<SocketAddr>,
@@ -65,14 +65,14 @@ pub(super) struct Link {
     checksum: bool,
 }
 
-impl Link {
+impl ClientLink {
     pub(super) fn open(config: &ClientConfig) -> Result<Self, ClientError> {
         let address = config.address;
         let udp = UdpSocket::bind(address).map_err(|source| ClientError::Listen { address, source })?;
         let inbox = Inbox::new(udp, config.timeout, config.spin, config.busy_poll_us)?;
         Ok(Self {
             statistics: LinkStatistics::default(),
-            state: State::default(),
+            state: MonitoredState::default(),
             inbox,
             cabinet: config.cabinet,
             answer_to: None,
@@ -153,7 +153,7 @@ impl Link {
         let dq = self
             .filter
             .update(&message.measured_position, f64::from(steps) * period);
-        self.state = State::new(&message, dq);
+        self.state = MonitoredState::new(&message, dq);
         self.newest = Some(message);
         Ok(true)
     }

@@ -33,12 +33,12 @@ mod state;
 mod velocity;
 
 pub use config::{ClientConfig, TorqueLimits};
-pub use error::{ClientError, EndCause, SessionEnd};
+pub use error::{ClientError, CommandingEnd, EndCause};
 pub use link::LinkStatistics;
 pub use overlay::{Client, Cycle};
 pub use read_only::ReadOnlyClient;
 pub use sign::{MeasuredSign, measured_sign};
-pub use state::State;
+pub use state::MonitoredState;
 pub use velocity::VelocityFilter;
 
 /// How the torques of an interface relate to the arm. What a drive must know before it uses them.

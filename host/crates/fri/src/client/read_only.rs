@@ -2,13 +2,13 @@
 
 use std::net::SocketAddr;
 
-use super::link::Link;
-use super::{ClientConfig, ClientError, LinkStatistics, State};
+use super::link::ClientLink;
+use super::{ClientConfig, ClientError, LinkStatistics, MonitoredState};
 
 /// A session that only watches. In the monitoring states it mirrors positions back, so that the cabinet rates the
 /// connection. It answers no commanding state, so a motion that waits for the client cannot begin.
 pub struct ReadOnlyClient {
-    link: Link,
+    link: ClientLink,
 }
 
 impl ReadOnlyClient {
@@ -18,7 +18,7 @@ impl ReadOnlyClient {
     /// [`ClientError::Listen`] if the port cannot be opened.
     pub fn listen(config: &ClientConfig) -> Result<Self, ClientError> {
         Ok(Self {
-            link: Link::open(config)?,
+            link: ClientLink::open(config)?,
         })
     }
 
@@ -40,7 +40,7 @@ impl ReadOnlyClient {
     ///
     /// # Errors
     /// [`ClientError::Silent`] if none comes, [`ClientError::Wire`] if it is invalid.
-    pub fn receive(&mut self, state: &mut State) -> Result<u64, ClientError> {
+    pub fn receive(&mut self, state: &mut MonitoredState) -> Result<u64, ClientError> {
         let received = self.link.receive()?;
         state.clone_from(&self.link.state);
         self.link.mirror_monitoring()?;

@@ -64,7 +64,7 @@ impl CabinetSide {
         let udp = UdpSocket::bind(local)?;
         udp.set_nonblocking(true)?;
         let side = Side::start("fri-cabinet", move |shared| {
-            Server {
+            CabinetServer {
                 cabinet: Cabinet::new(config.clone(), arm.state()),
                 clock: PeriodClock::start(Duration::from_millis(config.send_period_ms.max(1).into())),
                 config,
@@ -95,7 +95,7 @@ impl CabinetSide {
     }
 }
 
-struct Server {
+struct CabinetServer {
     config: CabinetConfig,
     cabinet: Cabinet,
     clock: PeriodClock,
@@ -107,7 +107,7 @@ struct Server {
     shared: Arc<Published<Controls, CabinetStatistics>>,
 }
 
-impl Server {
+impl CabinetServer {
     fn run(mut self) {
         self.send();
         while !self.shared.has_ended() {

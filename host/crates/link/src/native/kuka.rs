@@ -2,7 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use spherecal_fri::client::{Client, ClientConfig, ClientError, MeasuredSign, State, TorqueLimits, measured_sign};
+use spherecal_fri::client::{
+    Client, ClientConfig, ClientError, MeasuredSign, MonitoredState, TorqueLimits, measured_sign,
+};
 use spherecal_fri::wire::{SafetyState, SessionState};
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::protocol::host::LoopTiming;
@@ -87,7 +89,7 @@ pub enum KukaError {
 pub struct KukaDrive {
     client: Client,
     hello: DriveHello,
-    state: State,
+    state: MonitoredState,
     tick: u64,
     missed: u32,
     /// The command for this period was carried out.
@@ -317,8 +319,8 @@ impl Drive for KukaDrive {
 }
 
 /// Mirrors until the connection is good enough for commands.
-fn first_state(client: &mut Client) -> Result<State, KukaError> {
-    let mut state = State::default();
+fn first_state(client: &mut Client) -> Result<MonitoredState, KukaError> {
+    let mut state = MonitoredState::default();
     let mut begun = Instant::now();
     let mut heard = false;
     loop {
@@ -345,7 +347,11 @@ fn first_state(client: &mut Client) -> Result<State, KukaError> {
 }
 
 /// Finds the sign of the measured torques from the gravity of the arm at rest.
-fn sign(client: &mut Client, mut state: State, arm: &Arm<f64, JOINTS>) -> Result<(State, TorqueSign), KukaError> {
+fn sign(
+    client: &mut Client,
+    mut state: MonitoredState,
+    arm: &Arm<f64, JOINTS>,
+) -> Result<(MonitoredState, TorqueSign), KukaError> {
     let mut measured = [0.0; JOINTS];
     let mut silent = 0;
     let mut count = 0;
