@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
-use spherecal::campaign::{Assignment, CampaignError, Observer, Outcome, RunOptions, Silent, run};
+use spherecal::campaign::{Assignment, CampaignError, CampaignObserver, Outcome, RunOptions, Silent, run};
 use spherecal::job::{Link, Measurements, Prepared, Site, measure, read};
 use spherecal::link::{Arrival, Device, Drive, LocalDevice, controller_in_process};
 use spherecal::link::{Journal, JournalError};
@@ -181,7 +181,7 @@ pub fn carry_out_observed(
     done: &BTreeSet<(u32, u32)>,
     procedure: &Procedure,
     options: RunOptions,
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
 ) -> (Memory, Outcome, Result<(), CampaignError>) {
     let (robot, tool) = (iiwa7(), iiwa7_tool());
     let assignment = Assignment {

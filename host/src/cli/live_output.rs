@@ -9,7 +9,7 @@ use super::args::RunArgs;
 use super::exit::CliError;
 use super::out::errln;
 use super::reports::stored_reports;
-use spherecal_campaign::{Observer, Progress};
+use spherecal_campaign::{CampaignObserver, Progress};
 use spherecal_job::Prepared;
 use spherecal_job::open_store;
 use spherecal_link::Arrival;
@@ -128,7 +128,7 @@ impl LiveOutput {
     }
 }
 
-impl Observer for LiveOutput {
+impl CampaignObserver for LiveOutput {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
         for (watch, _) in &mut self.watches {
             watch.event(now_us, arrival);

@@ -16,7 +16,7 @@ use super::out::{err, errln, out, outln};
 use super::progress::ProgressView;
 use super::text;
 use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};
-use spherecal_campaign::{Moved, Observer, Progress};
+use spherecal_campaign::{CampaignObserver, Moved, Progress};
 use spherecal_job::open_store;
 use spherecal_job::{self as job, JobError, Link, Measurements, Prepared, Site, Summary, TaughtWaypoints};
 use spherecal_link::qemu::LOG_FILE;
@@ -73,7 +73,7 @@ impl Face {
         }
     }
 
-    fn inner(&mut self) -> &mut dyn Observer {
+    fn inner(&mut self) -> &mut dyn CampaignObserver {
         match self {
             Self::Plain(view) => view,
             #[cfg(feature = "dashboard")]
@@ -88,7 +88,7 @@ struct View {
     live: LiveOutput,
 }
 
-impl Observer for View {
+impl CampaignObserver for View {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
         self.face.inner().event(now_us, arrival);
         self.live.event(now_us, arrival);

@@ -6,7 +6,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use spherecal::campaign::commission::{Attendant, MovingLimits, Step, StepEnd, StepReport, commission_moving};
+use spherecal::campaign::commission::{
+    Attendant, CommissioningStep, MovingLimits, StepEnd, StepReport, commission_moving,
+};
 use spherecal::campaign::{Assignment, CampaignError, Silent};
 use spherecal::job::{Choice, Commissioning, Config, Link, Prepared, commission, commissionings, open_store, prepare};
 use spherecal::link::{Drive, JournalError, LinkError, LocalDevice, controller_in_process};
@@ -93,9 +95,9 @@ fn sound_arms_pass_every_step() {
         let mut person = Person::default();
         let (found, stored) = commissioned(&prepared(robot, preset, seed), &mut person);
         assert!(found.passed(), "{robot} {preset} {seed}: {found:#?}");
-        let steps: Vec<Step> = found.steps.iter().map(|s| s.step).collect();
-        assert_eq!(steps, Step::ALL);
-        assert_eq!(person.asked, 2 * Step::ALL.len());
+        let steps: Vec<CommissioningStep> = found.steps.iter().map(|s| s.step).collect();
+        assert_eq!(steps, CommissioningStep::ALL);
+        assert_eq!(person.asked, 2 * CommissioningStep::ALL.len());
         assert_eq!(stored, [found]);
     }
 }
@@ -253,7 +255,7 @@ fn an_arm_that_goes_ends_at_zero_stiffness() {
         assert_eq!((kept.len(), asked), (1, 1), "{kept:?}");
         assert_eq!(
             (kept[0].step, kept[0].verdict),
-            (Step::ZeroStiffness, StepEnd::Failed),
+            (CommissioningStep::ZeroStiffness, StepEnd::Failed),
             "{kept:?}"
         );
         assert!(!kept[0].remarks.is_empty(), "it says what to do");
@@ -271,7 +273,7 @@ fn a_pressed_arm_fails_the_soft_hold() {
     assert_eq!((kept.len(), asked), (2, 3), "{kept:?}");
     assert_eq!(
         (kept[1].step, kept[1].verdict),
-        (Step::SoftHold, StepEnd::Failed),
+        (CommissioningStep::SoftHold, StepEnd::Failed),
         "{kept:?}"
     );
 }
@@ -282,6 +284,6 @@ fn a_stuck_arm_fails_and_is_kept() {
     let (kept, error, _, _) = moved_in(&[], true, None);
     let last = kept.last().expect("kept");
     assert_eq!(last.verdict, StepEnd::Failed, "{kept:?} {error:?}");
-    assert!(last.step <= Step::FreeMotion, "{kept:?}");
+    assert!(last.step <= CommissioningStep::FreeMotion, "{kept:?}");
     assert!(!last.remarks.is_empty(), "{last:?}");
 }

@@ -8,9 +8,10 @@ use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 use spherecal_campaign::commission::{
-    Attendant, MovingLimits, ReadOnlyLimits, Step, StepEnd, StepReport, commission_moving, commission_read_only,
+    Attendant, CommissioningStep, MovingLimits, ReadOnlyLimits, StepEnd, StepReport, commission_moving,
+    commission_read_only,
 };
-use spherecal_campaign::{Assignment, Observer};
+use spherecal_campaign::{Assignment, CampaignObserver};
 use spherecal_fci::wire::Version;
 use spherecal_link::{Drive, DriveReader, FrankaReader, JournalError, KukaReader, StateReader};
 use spherecal_sim::simulated_arm;
@@ -45,7 +46,7 @@ pub struct Commissioning {
 impl Commissioning {
     /// Whether every step has passed.
     pub fn passed(&self) -> bool {
-        self.steps.len() == Step::ALL.len() && self.steps.iter().all(|s| s.verdict == StepEnd::Passed)
+        self.steps.len() == CommissioningStep::ALL.len() && self.steps.iter().all(|s| s.verdict == StepEnd::Passed)
     }
 }
 
@@ -154,7 +155,7 @@ pub fn commission(
     folder: &Path,
     store: &mut dyn CalibrationStore,
     person: &mut dyn Attendant,
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
     interrupt: &AtomicBool,
 ) -> Result<Commissioning, JobError> {
     let mut keeping = Keeping {

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use spherecal_campaign::{self as campaign, Assignment, Observer, Outcome, Tracker, measure_laser};
+use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, Outcome, Tracker, measure_laser};
 use spherecal_link::Device;
 use spherecal_plan::Plan;
 use spherecal_sim::inject::{self, HostFaultJournal};
@@ -33,7 +33,7 @@ pub struct Site<'a> {
     /// Where it is stored.
     pub store: &'a mut dyn CalibrationStore,
     /// Who watches.
-    pub observer: &'a mut dyn Observer,
+    pub observer: &'a mut dyn CampaignObserver,
     /// Set to stop.
     pub interrupt: &'a AtomicBool,
     /// Faults to inject; none by default.

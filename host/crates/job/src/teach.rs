@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use super::connect::{controller, distant};
 use super::waypoints::{TaughtWaypoint, TaughtWaypoints};
 use super::{JobError, Link, Prepared};
-use spherecal_campaign::{self as campaign, Assignment, Observer, Operator};
+use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, Operator};
 use spherecal_link::{Device, LocalDevice};
 use spherecal_sim::{OperatorCall, hand_guided_arm};
 
@@ -38,7 +38,7 @@ pub fn teach(
     link: &Link,
     folder: &Path,
     person: &mut dyn Operator,
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
     interrupt: &AtomicBool,
 ) -> Result<TaughtWaypoints, JobError> {
     let plan = &prepared.plan;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use spherecal::campaign::{Observer, Progress};
+use spherecal::campaign::{CampaignObserver, Progress};
 use spherecal::job::{self, Choice, Config, JobError, Measured, Prepared, Site, Summary};
 use spherecal::link::Arrival;
 use spherecal::store::{CalibrationStore, SqlStore, StoredRun};
@@ -60,7 +60,7 @@ struct Watch<'a> {
     script: &'a mut dyn FnMut(Now),
 }
 
-impl Observer for Watch<'_> {
+impl CampaignObserver for Watch<'_> {
     fn event(&mut self, _now_us: u64, arrival: &Arrival) {
         if let Event::Recording(recording) = &arrival.body {
             self.acknowledged.push((recording.sphere, recording.pose));

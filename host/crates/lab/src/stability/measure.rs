@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::{Hold, Listener};
-use spherecal_campaign::{self as campaign, Assignment, NoJournal, Observer, Outcome, RunOptions};
+use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, NoJournal, Outcome, RunOptions};
 use spherecal_job::connect::{controller, distant};
 use spherecal_job::{ConfigError, JobError, Link, Prepared};
 use spherecal_link::{Device, LocalDevice};
@@ -21,7 +21,7 @@ pub fn hold(
     link: &Link,
     folder: &Path,
     (places, hold_ticks): (usize, u32),
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
     interrupt: &AtomicBool,
 ) -> Result<(Vec<Hold>, Outcome), JobError> {
     let mut plan = prepared.plan.clone();

@@ -22,7 +22,7 @@ use cdr::{CdrLe, Infinite};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
 use serde::Serialize;
-use spherecal_campaign::telemetry::messages::{JointStates, Stamp, Wrench, Xyz};
+use spherecal_campaign::telemetry::messages::{JointStates, Stamp, StampedWrench, Xyz};
 use spherecal_campaign::telemetry::scene::{FrameTransform, FrameTransforms};
 use spherecal_campaign::telemetry::{Period, TelemetryReader};
 use spherecal_model::NewFile;
@@ -134,8 +134,8 @@ impl<'a> From<&'a JointStates<'static>> for JointState<'a> {
     }
 }
 
-impl<'a> From<&'a Wrench<'static>> for WrenchStamped<'a> {
-    fn from(wrench: &'a Wrench<'static>) -> Self {
+impl<'a> From<&'a StampedWrench<'static>> for WrenchStamped<'a> {
+    fn from(wrench: &'a StampedWrench<'static>) -> Self {
         Self {
             header: Header::new(wrench.timestamp, &wrench.frame_id),
             force: wrench.wrench.force.into(),

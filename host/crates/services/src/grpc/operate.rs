@@ -9,7 +9,7 @@ use spherecal_shared::protocol::host::{ApproachCommand, Event, PoseCommand};
 use super::convert;
 use super::facts::{Newest, RobotFacts};
 use super::proto::{self, Outcome, order::Command};
-use spherecal_campaign::{self as campaign, Answer, CampaignError, Observer};
+use spherecal_campaign::{self as campaign, Answer, CampaignError, CampaignObserver};
 use spherecal_link::{Arrival, Device};
 
 /// A client's reply to the request for its next order.
@@ -27,7 +27,7 @@ struct Watched<'a> {
     newest: &'a Newest,
 }
 
-impl Observer for Watched<'_> {
+impl CampaignObserver for Watched<'_> {
     fn event(&mut self, _now_us: u64, arrival: &Arrival) {
         if let Event::Telemetry(samples) = &arrival.body
             && let Some(sample) = samples.last()

@@ -224,7 +224,7 @@ mod tests {
     use super::*;
     use crate::live::{RealTime, Times, WAITING, Watch};
     use spherecal_campaign::telemetry::ContactTrace;
-    use spherecal_campaign::{Observer as _, Progress};
+    use spherecal_campaign::{CampaignObserver as _, Progress};
     use spherecal_link::native::DriveRecord;
     use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
@@ -346,7 +346,7 @@ mod tests {
     #[test]
     fn messages_go_round() {
         let frame = Frame {
-            stage: spherecal_campaign::Stage::Couple,
+            stage: spherecal_campaign::CampaignStage::Couple,
             phase: spherecal_shared::protocol::host::Phase::HandGuiding,
             sphere: 2,
             done: 3,

@@ -21,7 +21,7 @@ mod watch;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::Phase;
 
-use spherecal_campaign::Stage;
+use spherecal_campaign::CampaignStage;
 use spherecal_campaign::telemetry::ContactTrace;
 
 pub use hub::{Hub, RunId};
@@ -56,7 +56,7 @@ pub enum Message {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
     /// What the campaign is about.
-    pub stage: Stage,
+    pub stage: CampaignStage,
     /// Phase of the controller.
     pub phase: Phase,
     /// Id of the current sphere; 0 for none.

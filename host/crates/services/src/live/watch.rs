@@ -10,7 +10,7 @@ use tokio::sync::mpsc::{self, error::TrySendError};
 
 use super::{End, Frame, LiveContact, Message, RealTime, Scatter, Scene};
 use spherecal_campaign::telemetry::{ContactTrace, ContactTracer};
-use spherecal_campaign::{Observer, Progress};
+use spherecal_campaign::{CampaignObserver, Progress};
 use spherecal_link::Arrival;
 
 /// Time between two frames.
@@ -183,7 +183,7 @@ impl Watch {
     }
 }
 
-impl Observer for Watch {
+impl CampaignObserver for Watch {
     fn event(&mut self, _now_us: u64, arrival: &Arrival) {
         self.clock.observe(&arrival.body);
         match &arrival.body {
