@@ -4,7 +4,7 @@ use std::path::Path;
 
 use clap::Args;
 use spherecal_bag::{BagError, Poses, Wanted, is_bag, read_bag};
-use spherecal_identify::study::Request;
+use spherecal_identify::study::StudyRequest;
 use spherecal_model::input::Progress;
 use spherecal_model::robots::RobotModel;
 
@@ -61,7 +61,7 @@ impl BagTables {
     /// A bag that cannot be used.
     pub(super) fn read(
         args: &BagArgs,
-        request: &mut Request,
+        request: &mut StudyRequest,
         model: &RobotModel,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Self, CliError> {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use spherecal_identify::check::{Checked, check};
-use spherecal_identify::study::{PAPER_PLATE, Request, StudyError, load};
+use spherecal_identify::study::{PAPER_PLATE, StudyError, StudyRequest, load};
 use spherecal_identify::{ExpectedError, Options};
 use spherecal_job::Link;
 use spherecal_model::input::triple;
@@ -152,12 +152,12 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit, CliError> {
         _ => return Err(CliError::input("give --link, or --data and --robot")),
     };
     let tool_mm = args.tool_mm.as_deref().map(|t| triple("--tool-mm", t, 2000.0));
-    let request = Request {
+    let request = StudyRequest {
         robot: robot.clone(),
         data: data.to_owned(),
         plate: Some(args.plate.clone()),
         tool_mm: tool_mm.transpose().map_err(CliError::input)?,
-        ..Request::default()
+        ..StudyRequest::default()
     };
     let refuse = |error: StudyError| {
         if error.is_input() {

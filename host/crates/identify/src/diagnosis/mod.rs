@@ -76,7 +76,7 @@ pub struct Diagnosis {
     /// Root mean square displacement of the TCP by the noise of one pose, in mm.
     pub noise_mm: f64,
     /// The parameter that the data moved furthest from its nominal value.
-    pub moved: Option<Moved>,
+    pub moved: Option<MovedParameter>,
     /// Joint angles of the workspace, in rad, and the estimated TCP at each, in m.
     workspace: Vec<Vec<f64>>,
     tcp_m: Vec<Vector3<f64>>,
@@ -85,7 +85,7 @@ pub struct Diagnosis {
 
 /// A parameter that the data moved away from its nominal value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Moved {
+pub struct MovedParameter {
     /// Its name.
     pub name: String,
     /// How far, in standard deviations of its prior.
@@ -270,7 +270,7 @@ fn com_from_tcp(experiment: &Experiment) -> Vector3<f64> {
 /// The parameter that is furthest from its nominal value, in sigmas of its prior as it was stated: a prior that the
 /// data widened would hide that they are those of another arm.
 /// Effects that have no nominal value and frames that have no prior do not count.
-fn furthest(table: &[Parameter], deviation: &[f64]) -> Option<Moved> {
+fn furthest(table: &[Parameter], deviation: &[f64]) -> Option<MovedParameter> {
     let candidates = table.iter().zip(deviation.iter()).filter_map(|(p, by)| {
         let shape = match p.kind {
             Kind::A(_) | Kind::D(_) | Kind::Alpha(_) | Kind::Beta(_) => true,
@@ -278,7 +278,7 @@ fn furthest(table: &[Parameter], deviation: &[f64]) -> Option<Moved> {
             _ => return None,
         };
         let sigmas = by.abs() / p.stated_sigma;
-        sigmas.is_finite().then(|| Moved {
+        sigmas.is_finite().then(|| MovedParameter {
             name: p.name.clone(),
             sigmas,
             shape,

@@ -13,7 +13,7 @@ use super::thin::thinned;
 use super::{EvaluateError, EvaluateOptions};
 use crate::flange::Flange;
 use crate::judge::{Fold, HeldOut, Judged, Predictor, judge};
-use crate::judge_targets::{Body, ToolPredictor};
+use crate::judge_targets::{BodyOrientation, ToolPredictor};
 use crate::recordings::Judge;
 use crate::residual_map::{MapInput, ResidualMap};
 use crate::{Options, Pose, Recordings, Reference, Target};
@@ -49,7 +49,7 @@ fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a Fit) -> Vec<Predic
                 body: fit
                     .nominal
                     .body
-                    .map(|body| -> Body<'a> { Box::new(move |q, _| before.at(q).rotation * body) }),
+                    .map(|body| -> BodyOrientation<'a> { Box::new(move |q, _| before.at(q).rotation * body) }),
             },
         },
         Predictor {
@@ -61,7 +61,7 @@ fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a Fit) -> Vec<Predic
                 target_m: Some(Box::new(move |number, q, tau| calibration.target_m(number + 1, q, tau))),
                 body: calibration
                     .orientation
-                    .map(|_| -> Body<'a> { Box::new(move |q, tau| calibration.body_rotation(q, tau)) }),
+                    .map(|_| -> BodyOrientation<'a> { Box::new(move |q, tau| calibration.body_rotation(q, tau)) }),
             },
         },
         Predictor {
@@ -74,9 +74,9 @@ fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a Fit) -> Vec<Predic
                     let place = calibration.targets.get(number).map(|t| t.place_m);
                     after.at(q).point(&Vector3::from(place.unwrap_or_default()))
                 })),
-                body: calibration
-                    .orientation
-                    .map(|_| -> Body<'a> { Box::new(move |q, _| after.at(q).rotation * calibration.body_in_flange()) }),
+                body: calibration.orientation.map(|_| -> BodyOrientation<'a> {
+                    Box::new(move |q, _| after.at(q).rotation * calibration.body_in_flange())
+                }),
             },
         },
     ];

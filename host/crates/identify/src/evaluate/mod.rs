@@ -34,15 +34,15 @@ mod thin;
 mod tune;
 
 pub use crate::errors::{Errors, SampleError};
-pub use crate::judge::{Fold, HeldOut, Judged, JudgedModel, Predictor, Tcp, judge};
-pub use crate::judge_targets::{Body, Further, TargetTcp, ToolPredictor, Turned, Turns};
+pub use crate::judge::{Fold, HeldOut, Judged, JudgedModel, Predictor, TcpFunction, judge};
+pub use crate::judge_targets::{AngleStatistics, BodyOrientation, Further, TargetTcp, ToolPredictor, Turned};
 pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};
 pub use error::EvaluateError;
 pub use evaluation::Evaluation;
 pub use mapped::{MapReport, TriedMap};
-pub use options::{EvaluateOptions, Step};
+pub use options::{EvaluateOptions, EvaluationStep};
 pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
 
 use crate::course::Course;
@@ -82,10 +82,10 @@ const DIAGNOSED: usize = 600;
 pub fn evaluate(
     recordings: &Recordings,
     options: &EvaluateOptions,
-    progress: &mut dyn FnMut(Step),
+    progress: &mut dyn FnMut(EvaluationStep),
 ) -> Result<Evaluation, EvaluateError> {
     let (train, repeated) = training_rows(recordings)?;
-    progress(Step::Fitting { rows: train.len() });
+    progress(EvaluationStep::Fitting { rows: train.len() });
     let mut fit = fit(&recordings.experiment, options, &options.identify, &train, true)?;
     if options.align {
         plausible(recordings, &fit)?;
@@ -105,7 +105,7 @@ pub fn evaluate(
         ));
     }
     let residual_map = if options.residual_map {
-        progress(Step::Mapping { rows: fit.used.len() });
+        progress(EvaluationStep::Mapping { rows: fit.used.len() });
         Some(mapped::choose(recordings, options, &fit)?)
     } else {
         None
@@ -129,7 +129,7 @@ pub fn evaluate(
     let cross_validated = judges.is_empty() && table.is_none() && options.cross_validate;
     let mut realigned_mm = None;
     let judged = if cross_validated {
-        progress(Step::Judging {
+        progress(EvaluationStep::Judging {
             fits: folds::FOLDS,
             rows: fit.used.len(),
         });
@@ -137,7 +137,7 @@ pub fn evaluate(
     } else if judges.is_empty() {
         None
     } else {
-        progress(Step::Judging {
+        progress(EvaluationStep::Judging {
             fits: 1,
             rows: judges.len(),
         });

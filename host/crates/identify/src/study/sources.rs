@@ -39,7 +39,7 @@ impl TableSource<'_> {
     }
 }
 
-/// What a caller has in memory in place of the files that a [`Request`](super::Request) names.
+/// What a caller has in memory in place of the files that a [`StudyRequest`](super::StudyRequest) names.
 #[derive(Clone, Debug)]
 pub struct Sources<'a> {
     /// The nominal robot.

@@ -11,7 +11,7 @@ use super::record::{ContactPose, WorldError, paper_poses, record_poses};
 use super::seeds;
 use crate::shards::{self, ShardError, Study};
 use spherecal_identify::Estimator;
-use spherecal_identify::validate::{Alignment, Statistics};
+use spherecal_identify::validate::{Alignment, ErrorStatistics};
 use spherecal_report::export::Table;
 use spherecal_sim::worlds::World;
 
@@ -50,15 +50,15 @@ pub struct Errors {
     /// Seed of the robot.
     pub seed: u64,
     /// V1: base measured by arcs.
-    pub arcs: Statistics,
+    pub arcs: ErrorStatistics,
     /// V2: base fitted to the points.
-    pub best_fit: Statistics,
+    pub best_fit: ErrorStatistics,
     /// V3: the model's own base.
-    pub own: Statistics,
+    pub own: ErrorStatistics,
 }
 
 impl Errors {
-    pub(crate) fn under(&self, alignment: Alignment) -> &Statistics {
+    pub(crate) fn under(&self, alignment: Alignment) -> &ErrorStatistics {
         match alignment {
             Alignment::Arcs => &self.arcs,
             Alignment::BestFit => &self.best_fit,
@@ -81,7 +81,8 @@ pub struct Cell {
 impl Cell {
     /// Medians over the robots of mean and maximum error, in mm.
     pub fn median_mm(&self, alignment: Alignment) -> (f64, f64) {
-        let of = |f: &dyn Fn(&Statistics) -> f64| median(self.robots.iter().map(|r| f(r.under(alignment))).collect());
+        let of =
+            |f: &dyn Fn(&ErrorStatistics) -> f64| median(self.robots.iter().map(|r| f(r.under(alignment))).collect());
         (of(&|s| s.mean_mm), of(&|s| s.max_mm))
     }
 
@@ -142,7 +143,7 @@ impl Comparison {
             ("best_fit", Alignment::BestFit),
             ("own", Alignment::Own),
         ] {
-            let mut column = |what: &str, value: fn(&Statistics) -> f64| {
+            let mut column = |what: &str, value: fn(&ErrorStatistics) -> f64| {
                 let values = rows.iter().map(|(_, errors)| value(errors.under(alignment)));
                 table.real(format!("{name}_{what}_mm"), values);
             };
