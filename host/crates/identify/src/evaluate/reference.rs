@@ -194,7 +194,7 @@ fn model(
         Estimator::PaperNelderMead => identify(&with_tool(contacts), &by(Method::NelderMead)),
         Estimator::GaussNewton => {
             let contacts = with_tool(contacts);
-            let per_sphere = paper::Procedure::default().poses_per_sphere;
+            let per_sphere = paper::PaperProcedure::default().poses_per_sphere;
             let options = Options {
                 subset: Some(paper::subset(&contacts, per_sphere, options.seed)),
                 ..by(Method::GaussNewton)

@@ -20,7 +20,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Tool;
 
-use spherecal_identify::paper::{self, Procedure, Run};
+use spherecal_identify::paper::{self, PaperProcedure, Run};
 use spherecal_identify::validate::ValidationTable;
 use spherecal_identify::{
     Estimator, EvaluateError, EvaluateOptions, Experiment, IdentifyError, Method, Options, Recordings, Verdict,
@@ -135,7 +135,7 @@ pub fn reproduce(
         },
         ..recordings.experiment.clone()
     };
-    let procedure = Procedure::default();
+    let procedure = PaperProcedure::default();
     let simplex_options = Options {
         method: Method::NelderMead,
         ..plain
