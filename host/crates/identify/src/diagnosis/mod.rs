@@ -31,12 +31,12 @@ use serde::Serialize;
 pub(crate) use self::expected::{Rigid, size_sigma, summary};
 pub(crate) use self::tail::log_tail;
 
-use self::component::{Group, GroupOf};
+use self::component::{GroupOf, ParameterGroup};
 use self::dense::{Factor, transposed_product};
 use self::discrepancy::Discrepancy;
 use self::expected::Field;
 use self::linear::{Linear, Posture};
-use self::patterns::Loaded;
+use self::patterns::LoadEffects;
 use self::scan::scan;
 use crate::calibration::finish;
 use crate::error::IdentifyError;
@@ -148,7 +148,7 @@ impl Diagnosis {
 }
 
 /// Groups of parameters whose priors are known alike.
-fn groups(table: &[Parameter]) -> Vec<Group> {
+fn groups(table: &[Parameter]) -> Vec<ParameterGroup> {
     let key = |k: &Kind| match *k {
         Kind::A(_) | Kind::D(_) => 0,
         Kind::Alpha(_) | Kind::Beta(_) => 1,
@@ -171,7 +171,10 @@ fn groups(table: &[Parameter]) -> Vec<Group> {
             1 | 2 | 9 => GroupOf::Geometry,
             _ => GroupOf::Effects,
         };
-        [Group::new(own, key < 9, of), Group::new(given, false, of)]
+        [
+            ParameterGroup::new(own, key < 9, of),
+            ParameterGroup::new(given, false, of),
+        ]
     };
     let found = columns.into_iter().enumerate().flat_map(group);
     found.filter(|g| !g.columns.is_empty()).collect()
@@ -208,7 +211,7 @@ pub fn diagnose(
     let calibration = finish(experiment, options, options.model, fit);
     let first = Discrepancy::find(&linear, course, groups(&table))?;
     // Of a robot without masses the load has no size, and measured torques hold any load.
-    let loaded = Loaded {
+    let loaded = LoadEffects {
         compliance: &calibration.compliance_rad_per_nm,
         com_from_tcp_m: com_from_tcp(experiment),
     };

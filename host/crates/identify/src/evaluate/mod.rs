@@ -54,7 +54,7 @@ use crate::verdict::{Evidence, verdict};
 
 use crate::{IdentifyError, Method};
 use evaluation::predicted;
-use fit::{Fit, fit};
+use fit::{ChosenFit, fit};
 use thin::thinned;
 
 /// Most rows that are left out and have a note each.
@@ -229,7 +229,7 @@ fn training_rows(recordings: &Recordings) -> Result<(Vec<usize>, Vec<(usize, usi
 
 /// What the residuals of the rows that the fit used tell, of at most [`DIAGNOSED`] of
 /// them; none, with a note, where the equations have no solution.
-fn diagnosed(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) -> Option<Diagnosis> {
+fn diagnosed(recordings: &Recordings, fit: &ChosenFit, notes: &mut Vec<String>) -> Option<Diagnosis> {
     let rows = thinned(&recordings.experiment, &fit.used, DIAGNOSED);
     let experiment = fit.experiment(&recordings.experiment, &rows);
     let over = workspace(&experiment.robot, &experiment.tool);
@@ -273,7 +273,7 @@ fn diagnosed(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) -> Opt
 }
 
 /// Names the rows that were left out.
-fn note_rejected(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) {
+fn note_rejected(recordings: &Recordings, fit: &ChosenFit, notes: &mut Vec<String>) {
     for &(i, mm) in fit.rejected.iter().take(NOTED) {
         notes.push(format!(
             "{}: left out, {mm:.1} mm from where any calibration of this robot could bring it",
@@ -289,7 +289,7 @@ fn note_rejected(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) {
 fn cross_validation(
     recordings: &Recordings,
     options: &EvaluateOptions,
-    fit: &Fit,
+    fit: &ChosenFit,
     map: Option<MapInput>,
     notes: &mut Vec<String>,
 ) -> Result<Option<Judged>, EvaluateError> {
@@ -314,7 +314,7 @@ fn cross_validation(
 /// not in the frame that was said; with how far (mm) they were off as a whole then.
 fn judged_aside(
     recordings: &Recordings,
-    fit: &Fit,
+    fit: &ChosenFit,
     judges: &[Judge<'_>],
     notes: &mut Vec<String>,
 ) -> (Judged, Option<f64>) {
@@ -338,7 +338,7 @@ fn judged_aside(
 
 /// Refuses data that no calibration of this robot can explain, with what is
 /// probably wrong.
-fn plausible(recordings: &Recordings, fit: &Fit) -> Result<(), EvaluateError> {
+fn plausible(recordings: &Recordings, fit: &ChosenFit) -> Result<(), EvaluateError> {
     if fit.nominal.median_m <= HOPELESS_M {
         return match fit.nominal.median_turn_rad {
             Some(turn) if turn > HOPELESS_RAD => Err(EvaluateError::NotThisOrientation {
