@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use spherecal::campaign::{CampaignError, Outcome};
-use spherecal::lab::faults::{CampaignOptions, Case, Ended, Finish, MatrixOptions, campaign, matrix};
+use spherecal::lab::faults::{CampaignOptions, Case, Finish, MatrixOptions, TrialEnd, campaign, matrix};
 use spherecal::link::qemu::{Qemu, QemuOptions};
 use spherecal::link::{Controller, LinkError, controller_in_process};
 use spherecal::sim::inject::{Entry, FaultPlan, FaultyCell, FaultyDrive, InjectedFault, Status, When};
@@ -126,7 +126,7 @@ fn a_sphere_moved_while_no_host_is_there_is_noticed() {
         .expect("a run");
     assert_eq!(trial.resumed, 1);
     assert!(
-        matches!(&trial.ended, Ended::Stopped(why) if why.contains("mm from its expected position")),
+        matches!(&trial.ended, TrialEnd::Stopped(why) if why.contains("mm from its expected position")),
         "{:?}",
         trial.ended
     );

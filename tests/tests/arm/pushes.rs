@@ -6,7 +6,7 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spherecal::job::Config;
-use spherecal::lab::faults::{Case, Ended, Finish, PEAK_N, SUSTAINED_N, Trial};
+use spherecal::lab::faults::{Case, FaultTrial, Finish, PEAK_N, SUSTAINED_N, TrialEnd};
 use spherecal::sim::inject::{Entry, FaultPlan, InjectedFault, When};
 use spherecal_shared::protocol::host::Phase;
 
@@ -78,7 +78,7 @@ fn case(seed: u64, preset: &str) -> Case {
     Case::of(config, Finish::Calibrate).unwrap_or_else(|e| panic!("{preset}: {e}"))
 }
 
-fn told(preset: &str, seed: u64, phase: usize, trial: &Trial) -> String {
+fn told(preset: &str, seed: u64, phase: usize, trial: &FaultTrial) -> String {
     let pushes = trial.happened.iter().filter(|h| h.begins).count();
     let worst = trial
         .happened
@@ -134,7 +134,10 @@ fn long_pushes_at_many_poses_do_not_make_the_arm_press() {
         let trial = case.run(&pushes(phase, 1)).expect("a run");
         let told = told("typical", 1, phase, &trial);
         println!("{told}");
-        assert!(matches!(trial.ended, Ended::Finished | Ended::Stopped(_)), "{told}");
+        assert!(
+            matches!(trial.ended, TrialEnd::Finished | TrialEnd::Stopped(_)),
+            "{told}"
+        );
         assert!(
             trial.bad.is_empty() && trial.lost == 0 && trial.duplicates == 0,
             "{told}"

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use super::{Hold, Listener};
+use super::{Hold, SampleKeeper};
 use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, NoJournal, Outcome, RunOptions};
 use spherecal_job::connect::{controller, distant};
 use spherecal_job::{ConfigError, JobError, Link, Prepared};
@@ -62,7 +62,7 @@ pub fn hold(
         let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &plan.home.joints)?;
         Box::new(LocalDevice::new(controller, drive, joints)?)
     };
-    let mut listener = Listener::new(observer, joints);
+    let mut listener = SampleKeeper::new(observer, joints);
     let (outcome, result) = campaign::run(&assignment, device.as_mut(), &mut NoJournal, &mut listener, interrupt);
     let holds = listener.finish();
     result?;

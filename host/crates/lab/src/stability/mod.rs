@@ -51,7 +51,7 @@ pub struct Hold {
 }
 
 /// Keeps the samples of recordings and passes everything on to another observer.
-pub struct Listener<'a> {
+pub struct SampleKeeper<'a> {
     inner: &'a mut dyn CampaignObserver,
     joints: usize,
     clock: SampleClock,
@@ -59,7 +59,7 @@ pub struct Listener<'a> {
     holds: Vec<Hold>,
 }
 
-impl<'a> Listener<'a> {
+impl<'a> SampleKeeper<'a> {
     /// Wraps an observer, for an arm with `joints` joints.
     pub fn new(inner: &'a mut dyn CampaignObserver, joints: usize) -> Self {
         Self {
@@ -82,7 +82,7 @@ impl<'a> Listener<'a> {
     }
 }
 
-impl CampaignObserver for Listener<'_> {
+impl CampaignObserver for SampleKeeper<'_> {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
         self.clock.observe(&arrival.body);
         match &arrival.body {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::estimators::judge;
 use super::record::{ContactPose, WorldError, paper_poses, record_poses};
 use super::seeds;
-use crate::shards::{self, ShardError, Study};
+use crate::shards::{self, ShardError, ShardedStudy};
 use spherecal_identify::Estimator;
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
 use spherecal_report::export::Table;
@@ -46,7 +46,7 @@ impl Default for CompareOptions {
 
 /// Errors of one estimator on one robot, in mm, by alignment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Errors {
+pub struct AlignedErrors {
     /// Seed of the robot.
     pub seed: u64,
     /// V1: base measured by arcs.
@@ -57,7 +57,7 @@ pub struct Errors {
     pub own: ErrorStatistics,
 }
 
-impl Errors {
+impl AlignedErrors {
     pub(crate) fn under(&self, alignment: Alignment) -> &ErrorStatistics {
         match alignment {
             Alignment::Arcs => &self.arcs,
@@ -69,16 +69,16 @@ impl Errors {
 
 /// One estimator in one world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Cell {
+pub struct WorldScore {
     /// The world.
     pub world: World,
     /// The estimator.
     pub estimator: Estimator,
     /// Every robot's errors, by seed.
-    pub robots: Vec<Errors>,
+    pub robots: Vec<AlignedErrors>,
 }
 
-impl Cell {
+impl WorldScore {
     /// Medians over the robots of mean and maximum error, in mm.
     pub fn median_mm(&self, alignment: Alignment) -> (f64, f64) {
         let of =
@@ -114,19 +114,19 @@ pub struct Comparison {
     /// Number of contacts of each robot.
     pub poses: usize,
     /// The cells, world by world.
-    pub cells: Vec<Cell>,
+    pub cells: Vec<WorldScore>,
 }
 
 impl Comparison {
     /// One cell.
-    pub fn cell(&self, world: World, estimator: Estimator) -> Option<&Cell> {
+    pub fn cell(&self, world: World, estimator: Estimator) -> Option<&WorldScore> {
         self.cells.iter().find(|c| c.world == world && c.estimator == estimator)
     }
 
     /// One row for each robot and estimator: world, estimator, seed, and the errors under each
     /// alignment, in mm.
     pub fn rows(&self) -> Table {
-        let rows: Vec<(&Cell, &Errors)> = self
+        let rows: Vec<(&WorldScore, &AlignedErrors)> = self
             .cells
             .iter()
             .flat_map(|c| c.robots.iter().map(move |r| (c, r)))
@@ -216,7 +216,7 @@ pub struct RobotErrors {
     /// Number of contacts.
     contacts: usize,
     /// Errors by estimator. Estimators without a meaning in the world are left out.
-    errors: Vec<(Estimator, Errors)>,
+    errors: Vec<(Estimator, AlignedErrors)>,
 }
 
 /// Draws a robot, simulates its recordings, identifies and judges it.
@@ -229,7 +229,7 @@ pub(super) fn robot(
     let table = judge(&record_poses(world, seed, poses)?, estimators)?;
     let errors = estimators.iter().filter_map(|estimator| {
         let model = table.model(estimator.name())?;
-        let errors = Errors {
+        let errors = AlignedErrors {
             seed,
             arcs: model.arcs,
             best_fit: model.best_fit,
@@ -248,16 +248,16 @@ pub(super) fn cells<'a, I: Iterator<Item = &'a RobotErrors>>(
     worlds: &[World],
     estimators: &[Estimator],
     of_world: impl Fn(usize) -> I,
-) -> Vec<Cell> {
+) -> Vec<WorldScore> {
     let mut cells = Vec::new();
     for (number, world) in worlds.iter().enumerate() {
         for estimator in estimators {
-            let robots: Vec<Errors> = of_world(number)
+            let robots: Vec<AlignedErrors> = of_world(number)
                 .flat_map(|robot| robot.errors.iter().filter(|(e, _)| e == estimator))
                 .map(|(_, errors)| *errors)
                 .collect();
             if !robots.is_empty() {
-                cells.push(Cell {
+                cells.push(WorldScore {
                     world: *world,
                     estimator: *estimator,
                     robots,
@@ -269,7 +269,7 @@ pub(super) fn cells<'a, I: Iterator<Item = &'a RobotErrors>>(
 }
 
 /// Item number `seed * worlds + world` is one robot.
-impl Study for CompareOptions {
+impl ShardedStudy for CompareOptions {
     const NAME: &'static str = "worlds";
     const COMMAND: &'static str = "worlds";
     const ITEMS: &'static str = "robots";
