@@ -10,7 +10,7 @@ use super::exit::CliError;
 use super::out::errln;
 use super::reports::stored_reports;
 use spherecal_campaign::{CampaignObserver, Progress};
-use spherecal_job::Prepared;
+use spherecal_job::PreparedRun;
 use spherecal_job::open_store;
 use spherecal_link::Arrival;
 #[cfg(feature = "services")]
@@ -61,7 +61,7 @@ impl LiveOutput {
         not(feature = "services"),
         allow(clippy::unnecessary_wraps, reason = "only another server's page can fail")
     )]
-    pub(super) fn begin(&mut self, args: &RunArgs, prepared: &Prepared) -> Result<(), CliError> {
+    pub(super) fn begin(&mut self, args: &RunArgs, prepared: &PreparedRun) -> Result<(), CliError> {
         let mut outs = Vec::new();
         if let Some(server) = &mut self.server {
             outs.extend(server.show().map(|out| (out, true)));

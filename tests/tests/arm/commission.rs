@@ -10,7 +10,9 @@ use spherecal::campaign::commission::{
     Attendant, CommissioningStep, MovingLimits, StepEnd, StepReport, commission_moving,
 };
 use spherecal::campaign::{Assignment, CampaignError, Silent};
-use spherecal::job::{Choice, Commissioning, Config, Link, Prepared, commission, commissionings, open_store, prepare};
+use spherecal::job::{
+    Choice, Commissioning, Config, Link, PreparedRun, commission, commissionings, open_store, prepare,
+};
 use spherecal::link::{Drive, JournalError, LinkError, LocalDevice, controller_in_process};
 use spherecal::sim::plant::Disturbance;
 use spherecal::sim::{Disturb, simulated_arm};
@@ -46,7 +48,7 @@ impl Attendant for Person {
     }
 }
 
-fn prepared(robot: &str, preset: &str, seed: u64) -> Prepared {
+fn prepared(robot: &str, preset: &str, seed: u64) -> PreparedRun {
     let mut config = Config {
         seed,
         robot: robot.to_owned(),
@@ -59,7 +61,7 @@ fn prepared(robot: &str, preset: &str, seed: u64) -> Prepared {
 }
 
 /// What a commissioning finds, and what its store then holds.
-fn commissioned(prepared: &Prepared, person: &mut Person) -> (Commissioning, Vec<Commissioning>) {
+fn commissioned(prepared: &PreparedRun, person: &mut Person) -> (Commissioning, Vec<Commissioning>) {
     let folder = tempfile::tempdir().expect("a folder");
     let file = StoreLocation::File(folder.path().join("calibration.db"));
     let mut store = open_store(&file, true).expect("a new store");
@@ -139,7 +141,7 @@ fn a_load_that_was_not_declared_is_found_before_the_arm_moves() {
 }
 
 /// The first step on an arm with another tool than the host believes.
-fn with_real_tool(prepared: &Prepared, tool: spherecal_shared::robot::Tool, person: &mut Person) -> Commissioning {
+fn with_real_tool(prepared: &PreparedRun, tool: spherecal_shared::robot::Tool, person: &mut Person) -> Commissioning {
     use spherecal::campaign::commission::{ReadOnlyLimits, commission_read_only};
     let arm = spherecal::sim::simulated_arm(&prepared.robot, &tool, &prepared.plant, &prepared.plan.home.joints);
     let mut reader = spherecal::link::DriveReader::new(arm.expect("an arm")).expect("this protocol");

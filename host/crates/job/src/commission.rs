@@ -19,7 +19,7 @@ use spherecal_store::{CalibrationStore, RunInfo};
 
 use super::connect::device;
 use super::measure::create_run;
-use super::{JobError, Link, Prepared, store_error};
+use super::{JobError, Link, PreparedRun, store_error};
 
 /// Name of a commissioning among a run's results.
 const COMMISSIONING: &str = "commissioning";
@@ -54,7 +54,7 @@ impl Commissioning {
 struct Keeping<'a> {
     person: &'a mut dyn Attendant,
     store: &'a mut dyn CalibrationStore,
-    prepared: &'a Prepared,
+    prepared: &'a PreparedRun,
     link: &'a Link,
     found: Commissioning,
 }
@@ -110,7 +110,7 @@ impl Attendant for Keeping<'_> {
 }
 
 /// A reader of the robot behind the link, which commands nothing.
-fn reader(prepared: &Prepared, link: &Link) -> Result<Box<dyn StateReader>, JobError> {
+fn reader(prepared: &PreparedRun, link: &Link) -> Result<Box<dyn StateReader>, JobError> {
     Ok(match link {
         Link::Franka { host, port } => {
             let reader = FrankaReader::connect(host, *port)?;
@@ -150,7 +150,7 @@ fn reader(prepared: &Prepared, link: &Link) -> Result<Box<dyn StateReader>, JobE
 /// # Errors
 /// The link, the store or the input fails, or the user interrupts. A step that fails is no error.
 pub fn commission(
-    prepared: &Prepared,
+    prepared: &PreparedRun,
     link: &Link,
     folder: &Path,
     store: &mut dyn CalibrationStore,

@@ -11,7 +11,7 @@ use serde::Serialize;
 use spherecal_shared::protocol::host::Recording;
 
 use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, CampaignStage, Outcome, Progress};
-use spherecal_job::{JobError, Prepared, Site, StoreJournal, create_run, device};
+use spherecal_job::{JobError, PreparedRun, Site, StoreJournal, create_run, device};
 use spherecal_link::Arrival;
 use spherecal_store::SessionEnd;
 use spherecal_store::time::now_utc;
@@ -73,7 +73,7 @@ const DRIFT: f64 = 0.10;
 ///
 /// # Errors
 /// Any error that stops a lap.
-pub fn soak(prepared: &Prepared, site: Site<'_>, hours: f64) -> Result<Soak, JobError> {
+pub fn soak(prepared: &PreparedRun, site: Site<'_>, hours: f64) -> Result<Soak, JobError> {
     let begun = Instant::now();
     let plan = &prepared.plan;
     let mut cell = device(prepared, site.link, site.folder)?;

@@ -13,7 +13,7 @@ use spherecal_campaign::measure_laser;
 use spherecal_campaign::{self as campaign, Assignment, CampaignError, Outcome, Silent};
 use spherecal_identify::validate::{Prediction, validate};
 use spherecal_identify::{EvaluateError, Experiment, Observation, Set, Target, identify};
-use spherecal_job::{Choice, Config, JobError, Prepared, prepare, simulated_tracker};
+use spherecal_job::{Choice, Config, JobError, PreparedRun, prepare, simulated_tracker};
 use spherecal_link::JournalError;
 use spherecal_link::{Device, LinkError, controller_in_process};
 use spherecal_model::LaserShot;
@@ -24,7 +24,7 @@ use spherecal_sim::inject::{FaultPlan, FaultyCell, FaultyDrive, Happened, HostKi
 pub struct Case {
     /// Seed of the arm.
     pub seed: u64,
-    prepared: Prepared,
+    prepared: PreparedRun,
     plan: Plan,
     shots: Vec<LaserShot>,
     /// Control periods of the undisturbed run.
@@ -167,7 +167,7 @@ impl Case {
         }
         case.ticks = (clean.robot_s * 1e3) as u64;
         if finish == Finish::Calibrate {
-            let Prepared { robot, tool, .. } = &case.prepared;
+            let PreparedRun { robot, tool, .. } = &case.prepared;
             let mut tracker = simulated_tracker(&case.prepared)?;
             case.shots = measure_laser(robot, tool, seed, tracker.as_mut()).map_err(JobError::from)?;
             case.shots.retain(|s| s.purpose == LaserShot::VALIDATE);

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use spherecal_shared::protocol::host::{Coupled, Event, Recording};
 
 use super::FaultsError;
-use spherecal_job::{JobError, Link, Prepared, StoreJournal, create_run, file_lock};
+use spherecal_job::{JobError, Link, PreparedRun, StoreJournal, create_run, file_lock};
 use spherecal_link::Arrival;
 use spherecal_link::{Journal, JournalError};
 use spherecal_sim::inject::{HostFaultJournal, HostFaults};
@@ -58,7 +58,7 @@ impl Journal for MemoryJournal {
 
 impl RunJournal {
     /// An empty one: a database where `on_disk`.
-    pub(super) fn new(prepared: &Prepared, on_disk: bool) -> Result<Self, FaultsError> {
+    pub(super) fn new(prepared: &PreparedRun, on_disk: bool) -> Result<Self, FaultsError> {
         if !on_disk {
             return Ok(Self::Memory(MemoryJournal::default()));
         }

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use super::{Hold, SampleKeeper};
 use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, NoJournal, Outcome, RunOptions};
 use spherecal_job::connect::{controller, distant};
-use spherecal_job::{ConfigError, JobError, Link, Prepared};
+use spherecal_job::{ConfigError, JobError, Link, PreparedRun};
 use spherecal_link::{Device, LocalDevice};
 use spherecal_sim::simulated_arm;
 
@@ -17,7 +17,7 @@ use spherecal_sim::simulated_arm;
 /// # Errors
 /// Any error that stops the campaign, and numbers that the procedure refuses.
 pub fn hold(
-    prepared: &Prepared,
+    prepared: &PreparedRun,
     link: &Link,
     folder: &Path,
     (places, hold_ticks): (usize, u32),
