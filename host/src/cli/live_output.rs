@@ -15,7 +15,7 @@ use spherecal_job::open_store;
 use spherecal_link::Arrival;
 #[cfg(feature = "services")]
 use spherecal_services::grpc::Publisher;
-use spherecal_services::live::{End, Scene, Watch};
+use spherecal_services::live::{End, LiveScene, LiveWatch};
 use spherecal_services::web::Page;
 use spherecal_services::{Offer, Server};
 #[cfg(feature = "services")]
@@ -26,7 +26,7 @@ use spherecal_store::time::now_utc;
 #[derive(Default)]
 pub(super) struct LiveOutput {
     /// Each view, and whether its page has the database in which the run is stored.
-    watches: Vec<(Watch, bool)>,
+    watches: Vec<(LiveWatch, bool)>,
     server: Option<Server>,
     #[cfg(feature = "services")]
     publisher: Option<Publisher>,
@@ -73,18 +73,18 @@ impl LiveOutput {
             outs.push((out, stored));
             self.publisher = Some(publisher);
         }
-        let scene = Scene {
+        let scene = LiveScene {
             arm: prepared.config.arm.clone(),
             link: args.link.to_string(),
             begun_utc: now_utc(),
-            ..Scene::new(
+            ..LiveScene::new(
                 &prepared.robot,
                 &prepared.tool,
                 &prepared.plan,
                 prepared.config.procedure.approach.trigger_n,
             )
         };
-        let watch = |out| Watch::new(out, &prepared.robot, &prepared.tool, scene.clone());
+        let watch = |out| LiveWatch::new(out, &prepared.robot, &prepared.tool, scene.clone());
         self.watches = outs.into_iter().map(|(out, stored)| (watch(out), stored)).collect();
         Ok(())
     }

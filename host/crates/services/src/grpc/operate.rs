@@ -13,7 +13,7 @@ use spherecal_campaign::{self as campaign, Answer, CampaignError, CampaignObserv
 use spherecal_link::{Arrival, Device};
 
 /// A client's reply to the request for its next order.
-pub(super) enum Next {
+pub(super) enum NextOrder {
     /// This.
     Order(proto::Order),
     /// Nothing for a millisecond.
@@ -47,7 +47,7 @@ pub(super) fn operate(
     facts: &RobotFacts,
     newest: &Newest,
     interrupt: &AtomicBool,
-    mut next: impl FnMut() -> Next,
+    mut next: impl FnMut() -> NextOrder,
     mut answer: impl FnMut(Outcome) -> bool,
 ) -> Result<(), CampaignError> {
     let mut watched = Watched { newest };
@@ -62,13 +62,13 @@ pub(super) fn operate(
         |port| {
             loop {
                 let order = match next() {
-                    Next::Order(order) => order,
+                    NextOrder::Order(order) => order,
                     // The robot's time continues meanwhile, about as fast as real time.
-                    Next::Nothing => {
+                    NextOrder::Nothing => {
                         port.idle()?;
                         continue;
                     }
-                    Next::Gone => break,
+                    NextOrder::Gone => break,
                 };
                 let outcome = match command(order) {
                     Ok(order) => outcome(port.carry_out(&order)?, joints),
