@@ -12,7 +12,7 @@ use super::seeds;
 use crate::shards::{self, ShardError, ShardedStudy};
 use spherecal_identify::Estimator;
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
-use spherecal_report::export::Table;
+use spherecal_report::export::ExportTable;
 use spherecal_sim::worlds::World;
 
 /// What to compare.
@@ -125,13 +125,13 @@ impl Comparison {
 
     /// One row for each robot and estimator: world, estimator, seed, and the errors under each
     /// alignment, in mm.
-    pub fn rows(&self) -> Table {
+    pub fn rows(&self) -> ExportTable {
         let rows: Vec<(&WorldScore, &AlignedErrors)> = self
             .cells
             .iter()
             .flat_map(|c| c.robots.iter().map(move |r| (c, r)))
             .collect();
-        let mut table = Table::new("worlds");
+        let mut table = ExportTable::new("worlds");
         table.text("world", rows.iter().map(|(cell, _)| cell.world.name().to_owned()));
         table.text(
             "estimator",
