@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spherecal::job::Config;
 use spherecal::lab::faults::{Case, FaultTrial, Finish, PEAK_N, SUSTAINED_N, TrialEnd};
-use spherecal::sim::inject::{Entry, FaultPlan, InjectedFault, When};
+use spherecal::sim::inject::{FaultPlan, InjectedFault, PlannedFault, When};
 use spherecal_shared::protocol::host::Phase;
 
 /// Phases, the longest time after the entry in s, and the chance of a push at an entry, in each of the
@@ -38,7 +38,7 @@ const HOLD_N_M: f64 = 1e4;
 fn pushes(phase: usize, seed: u64) -> FaultPlan {
     let (name, longest_s, probability) = PHASES[phase];
     let mut rng = ChaCha8Rng::seed_from_u64(seed * 100 + phase as u64);
-    let mut entry = |what| Entry {
+    let mut entry = |what| PlannedFault {
         what,
         when: When::Entering {
             name,
@@ -49,7 +49,7 @@ fn pushes(phase: usize, seed: u64) -> FaultPlan {
         for_s: Some(rng.random_range(0.2..2.0)),
     };
     let mut size = ChaCha8Rng::seed_from_u64(seed);
-    let mut faults: Vec<Entry> = DIRECTIONS
+    let mut faults: Vec<PlannedFault> = DIRECTIONS
         .iter()
         .map(|d| {
             let newton = size.random_range(5.0..50.0);

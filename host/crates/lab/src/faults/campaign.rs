@@ -13,7 +13,7 @@ use super::case::{FaultTrial, Finish, TrialEnd};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{Cases, FaultsError};
 use crate::shards::{self, ShardError, ShardedStudy};
-use spherecal_sim::inject::{Entry, FaultPlan, PRESETS, When};
+use spherecal_sim::inject::{FaultPlan, PRESETS, PlannedFault, When};
 
 /// Largest accepted ratio of the error with faults to the undisturbed error.
 const WORSE: f64 = 1.2;
@@ -150,7 +150,7 @@ pub struct Disturbed {
 fn random_plan(seed: u64, ticks: u64) -> FaultPlan {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let count = rng.random_range(1..=MOST);
-    let faults = (0..count).map(|_| Entry {
+    let faults = (0..count).map(|_| PlannedFault {
         what: PRESETS[rng.random_range(0..PRESETS.len())].what,
         when: When::Tick(rng.random_range(500..ticks.max(501))),
         for_s: None,

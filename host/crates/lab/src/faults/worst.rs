@@ -17,7 +17,7 @@ use super::case::{Case, FaultTrial, Finish, TrialEnd};
 use super::judge::{KINETIC_J, PEAK_N, SUSTAINED_N};
 use super::{FaultsError, matrix};
 use crate::shards::bar;
-use spherecal_sim::inject::{Entry, FaultPlan, InjectedFault, Preset, When};
+use spherecal_sim::inject::{FaultPlan, InjectedFault, PlannedFault, Preset, When};
 
 /// Phases that the search covers.
 const PHASES: [Phase; 8] = [
@@ -157,7 +157,7 @@ impl Point {
         FaultPlan {
             seed: 0,
             host_link: None,
-            faults: vec![Entry {
+            faults: vec![PlannedFault {
                 what: if push {
                     InjectedFault::HumanPush { force_n: self.force_n }
                 } else {
