@@ -11,7 +11,7 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, Dr
 use spherecal_shared::protocol::host::LoopTiming;
 use spherecal_shared::robot::{Inertia, JointLimits};
 
-use super::monitor::{Monitor, Recorder};
+use super::monitor::{DriveRecorder, Monitor};
 use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, Undeclared, fill, periods, torques};
 use crate::{Drive, LinkError};
 
@@ -82,7 +82,7 @@ pub struct FrankaDrive {
     /// Since when the robot has been in its reflex, and whether recovery was asked for.
     reflex: Option<(u64, bool)>,
     recoveries_in_row: u32,
-    recorder: Recorder,
+    recorder: DriveRecorder,
 }
 
 impl FrankaDrive {
@@ -93,7 +93,7 @@ impl FrankaDrive {
     /// The robot cannot be reached, speaks another version, or refuses a setting.
     pub fn connect(options: FrankaOptions) -> Result<Self, LinkError> {
         let mut client = open(&options).map_err(LinkError::device)?;
-        let mut recorder = Recorder::new(PERIOD_US);
+        let mut recorder = DriveRecorder::new(PERIOD_US);
         let limits = match own_limits(&mut client).map_err(LinkError::device)? {
             Some(Ok(limits)) => limits,
             Some(Err(error)) => {

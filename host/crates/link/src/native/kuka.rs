@@ -10,7 +10,7 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, Dr
 use spherecal_shared::protocol::host::LoopTiming;
 use spherecal_shared::robot::{Arm, Dynamics as _, Robot, Tool};
 
-use super::monitor::{Monitor, Recorder};
+use super::monitor::{DriveRecorder, Monitor};
 use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, Undeclared, fill, periods, torques};
 use crate::{Drive, LinkError};
 
@@ -99,7 +99,7 @@ pub struct KukaDrive {
     /// Commanding is not permitted before this tick.
     resume_at: u64,
     silent: Duration,
-    recorder: Recorder,
+    recorder: DriveRecorder,
 }
 
 impl KukaDrive {
@@ -156,7 +156,7 @@ impl KukaDrive {
             begun: false,
             resume_at: 0,
             silent: Duration::ZERO,
-            recorder: Recorder::new(period_us),
+            recorder: DriveRecorder::new(period_us),
         })
     }
 
