@@ -5,7 +5,7 @@ use std::path::Path;
 use clap::Args;
 use spherecal_bag::{BagError, Poses, Wanted, is_bag, read_bag};
 use spherecal_identify::study::StudyRequest;
-use spherecal_model::input::Progress;
+use spherecal_model::input::ReadingProgress;
 use spherecal_model::robots::RobotModel;
 
 use super::args::BadValue;
@@ -63,7 +63,7 @@ impl BagTables {
         args: &BagArgs,
         request: &mut StudyRequest,
         model: &RobotModel,
-        progress: &mut dyn FnMut(Progress),
+        progress: &mut dyn FnMut(ReadingProgress),
     ) -> Result<Self, CliError> {
         let bags = [Some(&request.data), request.validate.as_ref()].map(|path| path.is_some_and(|path| is_bag(path)));
         if bags == [false, false] {

@@ -11,7 +11,7 @@ use super::sources::{Sources, TableSource, plate};
 use super::torques::understand_torques;
 use crate::recordings::{Recordings, RowSource, ValidationRows};
 use crate::{Experiment, Observation, Options, Set, Target};
-use spherecal_model::input::{InputError, Labels, Progress, Row, Table, TableFormat};
+use spherecal_model::input::{InputError, Labels, ReadingProgress, Row, Table, TableFormat};
 use spherecal_model::robots::{self, RobotModel};
 
 /// What the user asks for.
@@ -74,7 +74,7 @@ pub fn sources(request: &StudyRequest, model: RobotModel) -> Result<Sources<'_>,
 ///
 /// # Errors
 /// Files that cannot be read or used, with field, value and remedy.
-pub fn load(request: &StudyRequest, progress: &mut dyn FnMut(Progress)) -> Result<Loaded, StudyError> {
+pub fn load(request: &StudyRequest, progress: &mut dyn FnMut(ReadingProgress)) -> Result<Loaded, StudyError> {
     assemble(request, sources(request, robots::load(&request.robot)?)?, progress)
 }
 
@@ -86,7 +86,7 @@ pub fn load(request: &StudyRequest, progress: &mut dyn FnMut(Progress)) -> Resul
 pub fn assemble(
     request: &StudyRequest,
     sources: Sources<'_>,
-    progress: &mut dyn FnMut(Progress),
+    progress: &mut dyn FnMut(ReadingProgress),
 ) -> Result<Loaded, StudyError> {
     let Sources {
         mut model,

@@ -21,7 +21,7 @@ pub use sources::{PAPER_PLATE, Sources, TableSource};
 use std::time::Instant;
 
 use spherecal_model::DataError;
-use spherecal_model::input::{InputError, Progress};
+use spherecal_model::input::{InputError, ReadingProgress};
 use spherecal_model::robots::{RobotFileError, RobotModel};
 
 use crate::evaluate::{self, EvaluateError, EvaluateOptions, Evaluation, evaluate, millimetres};
@@ -91,7 +91,7 @@ impl StudyError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StudyStep {
     /// A table is being read.
-    Reading(Progress),
+    Reading(ReadingProgress),
     /// Its rows are evaluated.
     Evaluating(evaluate::EvaluationStep),
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::paper_plate;
 use spherecal_model::input::{
-    InputError, Labels, Plate, Progress, Table, TableFormat, read_csv, read_csv_file, read_plate_file,
+    InputError, Labels, Plate, ReadingProgress, Table, TableFormat, read_csv, read_csv_file, read_plate_file,
 };
 use spherecal_model::robots::RobotModel;
 
@@ -30,7 +30,7 @@ impl TableSource<'_> {
         self,
         format: &TableFormat,
         places: &mut Labels,
-        progress: &mut dyn FnMut(Progress),
+        progress: &mut dyn FnMut(ReadingProgress),
     ) -> Result<Table, InputError> {
         match self {
             Self::File(path) => read_csv_file(path, format, places, progress),

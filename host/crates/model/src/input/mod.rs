@@ -24,7 +24,7 @@ mod table;
 
 pub use cells::MOST_COLUMNS;
 pub use columns::{MOST_TARGETS, TableFormat};
-pub use csv_table::{MOST_FILE_BYTES, MOST_ROWS, Progress, read_csv, read_csv_file};
+pub use csv_table::{MOST_FILE_BYTES, MOST_ROWS, ReadingProgress, read_csv, read_csv_file};
 pub use error::InputError;
 pub use lines::MOST_LINE_BYTES;
 pub use numbers::triple;

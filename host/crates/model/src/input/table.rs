@@ -55,7 +55,7 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// What a row has besides joints and further points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Fields {
+pub(super) struct RowFields {
     /// Measured point, in m; NaN where there is none.
     pub(super) point: [f64; 3],
     pub(super) sphere: u32,
@@ -82,7 +82,7 @@ pub struct Table {
     pub(super) points: Vec<f64>,
     /// Quaternions w, x, y, z; empty where the table has none, NaN where a row has none.
     pub(super) orientations: Vec<f64>,
-    pub(super) fields: Vec<Fields>,
+    pub(super) fields: Vec<RowFields>,
 }
 
 /// One row of a table, in SI units.

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use spherecal_shared::robot::Pose;
 
 use super::frames::{compose, distance, rot_axis};
-use super::urdf::{Motion, Urdf};
+use super::urdf::{JointMotion, Urdf};
 use super::*;
 
 /// The file's own forward kinematics, joint by joint, independent of the table.
@@ -15,7 +15,7 @@ fn urdf_flange(urdf: &Urdf, path: &[usize], q: &[f64]) -> Pose<f64> {
     path.iter().fold(Pose::identity(), |frame, &i| {
         let joint = &urdf.joints[i];
         let at = compose(&frame, &joint.origin);
-        if joint.motion != Motion::Turns {
+        if joint.motion != JointMotion::Turns {
             return at;
         }
         let turn = Pose {
