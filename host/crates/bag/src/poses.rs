@@ -8,8 +8,8 @@ use spherecal_model::printable;
 
 use super::error::{BadMessage, BagError};
 use super::files::files;
-use super::joints::Reader;
-use super::messages::Refusal;
+use super::joints::JointReader;
+use super::messages::MessageRefusal;
 use super::records::each_message;
 use super::rests::{RestPose, Rests};
 use super::targets::{Where, targets};
@@ -117,7 +117,7 @@ pub fn read_bag(path: &Path, wanted: &Wanted, progress: &mut dyn FnMut(ReadingPr
         })?
     };
     let mut rests = Rests::new(&found.all, wanted.rest_rad);
-    let mut reader = Reader::new(wanted);
+    let mut reader = JointReader::new(wanted);
     let mut number = 0;
     let mut done = total_bytes / 2;
     for path in &files {
@@ -136,7 +136,7 @@ pub fn read_bag(path: &Path, wanted: &Wanted, progress: &mut dyn FnMut(ReadingPr
                     return Ok(());
                 }
                 number += 1;
-                let refused = |(what, remedy): Refusal| {
+                let refused = |(what, remedy): MessageRefusal| {
                     Box::new(BadMessage {
                         path: path.display().to_string(),
                         topic: message.topic.name.clone(),
