@@ -16,7 +16,7 @@ use spherecal::report::{Certificate, render, study_report};
 use spherecal::store::time::now_utc;
 
 use crate::arrays::{Rows, matrix, of_matrix};
-use crate::compensate::Compensator;
+use crate::compensate::StudyCompensator;
 use crate::error::{Failure, guarded};
 use crate::robot::NativeRobot;
 
@@ -305,7 +305,7 @@ impl NativeIdentification {
         let joints = self.study.model.robot.dof();
         let rows = Rows::joints(&q, joints)?;
         let commands = guarded(py, || {
-            let compensator = Compensator::new(&self.study)?;
+            let compensator = StudyCompensator::new(&self.study)?;
             let mut commands = Vec::with_capacity(rows.values.len());
             for (k, q) in rows.rows().enumerate() {
                 commands.extend(compensator.command(k, q)?);
