@@ -11,7 +11,7 @@ use super::sources::{Sources, TableSource, plate};
 use super::torques::understand_torques;
 use crate::recordings::{Recordings, RowSource, ValidationRows};
 use crate::{Experiment, Observation, Options, Set, Target};
-use spherecal_model::input::{InputError, Labels, ReadingProgress, Row, Table, TableFormat};
+use spherecal_model::input::{InputError, Labels, ReadingProgress, Table, TableFormat, TableRow};
 use spherecal_model::robots::{self, RobotModel};
 
 /// What the user asks for.
@@ -232,14 +232,14 @@ fn borrow_masses(model: &mut RobotModel, notes: &mut Vec<String>) {
 /// The rows of a table as observations; rows of a validation file judge only.
 fn rows(table: Table, label: Option<&str>, places: &Labels, labels: &mut Labels, keep_set: bool) -> ValidationRows {
     let label = label.map(str::to_lowercase);
-    let set = |row: &Row<'_>| {
+    let set = |row: &TableRow<'_>| {
         if keep_set {
             row.set.unwrap_or_default()
         } else {
             Set::Validate
         }
     };
-    let mut number = |row: &Row<'_>| match label.as_deref() {
+    let mut number = |row: &TableRow<'_>| match label.as_deref() {
         Some("sphere") => labels.number(&row.sphere.map(|s| s.to_string()).unwrap_or_default()),
         Some("place") => labels.number(places.name(row.place)),
         Some("set") => labels.number(match set(row) {

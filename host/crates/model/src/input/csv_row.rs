@@ -1,6 +1,6 @@
 //! One row of the table of poses: reads its cells, checks them, and keeps them.
 
-use super::cells::{Decimals, NumberError, Seen, SplitError, Splitter};
+use super::cells::{Decimals, NumberError, SeenSign, SplitError, Splitter};
 use super::columns::{ColumnRole, TableFormat, TableHeader};
 use super::error::InputError;
 use super::table::{Labels, NONE, RowFields, Table, rotation};
@@ -94,7 +94,7 @@ impl<'a> RowReader<'a> {
     /// A finite number times `scale`, at most `largest` either way; `limit` says
     /// what a larger one means.
     fn number(&mut self, k: usize, text: &str, scale: f64, largest: f64, limit: &str) -> Result<f64, InputError> {
-        let here = Seen {
+        let here = SeenSign {
             row: self.row,
             column: k,
         };

@@ -29,7 +29,7 @@ pub use error::InputError;
 pub use lines::MOST_LINE_BYTES;
 pub use numbers::triple;
 pub use plate::{Plate, read_plate, read_plate_file};
-pub use table::{Labels, Row, Table};
+pub use table::{Labels, Table, TableRow};
 
 #[cfg(test)]
 mod plate_tests;

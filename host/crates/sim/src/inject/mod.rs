@@ -1,7 +1,7 @@
 //! Fault injection: which faults occur and when, and the device that injects them.
 //!
 //! Vocabulary: an [`InjectedFault`] is one fault. A [`When`] is its start, by tick, by phase or at
-//! random. An [`PlannedFault`] is both with a duration. A [`FaultPlan`] is the list in a TOML file, with the
+//! random. A [`PlannedFault`] is both with a duration. A [`FaultPlan`] is the list in a TOML file, with the
 //! seed of the random draws. [`PRESETS`] has one plan for each fault.
 //!
 //! ```text
