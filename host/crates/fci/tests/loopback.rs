@@ -8,7 +8,7 @@ use common::{config, deviation, hold, robot};
 use spherecal_cyclic::testing::eventually;
 use spherecal_fci::client::{Client, ClientError, EndCause, ReadOnlyClient, TorqueLimits};
 use spherecal_fci::robot::READY;
-use spherecal_fci::wire::{CollisionBehavior, FlangeLoad, RobotError, RobotMode, RobotState, Status, Version};
+use spherecal_fci::wire::{CollisionBehavior, ErrorFlag, FlangeLoad, RobotMode, RobotState, Status, Version};
 
 fn ended(result: Result<impl std::fmt::Debug, ClientError>) -> spherecal_fci::client::MotionEnd {
     match result {
@@ -245,7 +245,7 @@ fn a_joint_at_its_limit_needs_a_person() {
             Err(error) => panic!("{error}"),
         }
     };
-    assert!(end.errors.contains(RobotError::JointPositionLimitsViolation));
+    assert!(end.errors.contains(ErrorFlag::JointPositionLimitsViolation));
     let refused = client.recover();
     let expected = Status::ManualRecoveryRequired;
     assert!(

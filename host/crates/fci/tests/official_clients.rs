@@ -157,8 +157,8 @@ fn pattern(version: Version, listener: &TcpListener) {
     for message_id in 1..30_000_u64 {
         state.message_id = message_id;
         let bit = (message_id / 20 % 41) as usize;
-        state.errors = ErrorSet::of(RobotError::ALL[bit]);
-        state.reflex_reason = ErrorSet::of(RobotError::ALL[40 - bit]);
+        state.errors = ErrorSet::of(ErrorFlag::ALL[bit]);
+        state.reflex_reason = ErrorSet::of(ErrorFlag::ALL[40 - bit]);
         let mut bytes = [0; MAX_STATE_SIZE];
         let size = state.encode(version, &mut bytes);
         let _ = udp.send_to(&bytes[..size], SocketAddr::new(peer.ip(), udp_port));

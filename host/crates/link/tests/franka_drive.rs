@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use spherecal_fci::client::{ClientConfig, EndCause};
 use spherecal_fci::robot::{ArmLimits, FR3_URDF, JointArm, READY, RobotConfig, RobotSide};
-use spherecal_fci::wire::{RobotError, Version};
+use spherecal_fci::wire::{ErrorFlag, Version};
 use spherecal_link::Drive;
 use spherecal_link::native::{DriveEvent, FrankaDrive, FrankaOptions, Undeclared, collision_behavior};
 use spherecal_link::tcp::Threaded;
@@ -151,7 +151,7 @@ fn a_reflex_is_a_named_fault_and_the_robot_recovers() {
     arm.lock().expect("an arm").external[4] = 0.0;
     let named = held.events.iter().any(|event| {
         matches!(event, DriveEvent::FrankaEnded(end)
-            if end.cause == EndCause::Reflex && end.errors.contains(RobotError::JointReflex))
+            if end.cause == EndCause::Reflex && end.errors.contains(ErrorFlag::JointReflex))
     });
     assert!(named, "{:?}", held.events);
     held.until("the next motion", Held::moves);
@@ -337,7 +337,7 @@ fn a_joint_beyond_its_limit_needs_a_person() {
     let needed = |held: &Held| {
         let last = held.events.last();
         matches!(last, Some(DriveEvent::PersonNeeded(errors))
-            if errors.contains(RobotError::JointPositionLimitsViolation))
+            if errors.contains(ErrorFlag::JointPositionLimitsViolation))
     };
     held.until("a person", needed);
     let tick = held.state.tick;

@@ -23,7 +23,7 @@ mod udp;
 mod version;
 
 pub use command::{CommandHeader, CommandKind, HEADER_SIZE, MAX_REQUEST, MAX_RESPONSE};
-pub use errors::{ErrorSet, RobotError};
+pub use errors::{ErrorFlag, ErrorSet};
 pub use modes::{ControllerMode, MotionGeneratorMode, MoveControllerMode, MoveGeneratorMode, RobotMode};
 pub use request::{CollisionBehavior, ConnectAnswer, Deviation, FlangeLoad, MoveRequest, Request};
 pub use status::{Response, Status};

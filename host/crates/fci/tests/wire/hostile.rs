@@ -79,8 +79,8 @@ fn unknown_modes_are_refused() {
 // Fails if two errors share a name or a bit, or if a name has changed.
 #[test]
 fn errors_have_distinct_names() {
-    let mut names: Vec<&str> = RobotError::ALL.iter().map(|e| e.name()).collect();
-    for (bit, error) in RobotError::ALL.iter().enumerate() {
+    let mut names: Vec<&str> = ErrorFlag::ALL.iter().map(|e| e.name()).collect();
+    for (bit, error) in ErrorFlag::ALL.iter().enumerate() {
         assert_eq!(error.bit(), bit);
     }
     for (bit, name) in [
@@ -93,7 +93,7 @@ fn errors_have_distinct_names() {
     names.sort_unstable();
     names.dedup();
     assert_eq!(names.len(), 41);
-    let two = ErrorSet::of(RobotError::JointReflex).with(ErrorSet::of(RobotError::PowerLimitViolation));
+    let two = ErrorSet::of(ErrorFlag::JointReflex).with(ErrorSet::of(ErrorFlag::PowerLimitViolation));
     assert_eq!(two.to_string(), "joint_reflex, power_limit_violation");
     assert_eq!(ErrorSet::NONE.to_string(), "no error");
 }

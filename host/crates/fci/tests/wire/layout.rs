@@ -53,8 +53,8 @@ fn state_with_pattern() -> RobotState {
         message_id: 0x0102_0304_0506_0708,
         motion_generator_mode: MotionGeneratorMode::None,
         controller_mode: ControllerMode::External,
-        errors: ErrorSet::of(RobotError::ControllerTorqueDiscontinuity),
-        reflex_reason: ErrorSet::of(RobotError::BaseAccelerationInvalidReading),
+        errors: ErrorSet::of(ErrorFlag::ControllerTorqueDiscontinuity),
+        reflex_reason: ErrorSet::of(ErrorFlag::BaseAccelerationInvalidReading),
         robot_mode: RobotMode::Reflex,
         control_command_success_rate: 0.75,
         ..RobotState::default()

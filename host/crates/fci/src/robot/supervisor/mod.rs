@@ -14,7 +14,7 @@ use super::arm::{ArmCommand, ArmState};
 use super::config::RobotConfig;
 use super::limits::{ArmLimits, DEFAULT_THRESHOLDS};
 use crate::wire::{
-    CollisionBehavior, CommandKind, ErrorSet, FlangeLoad, MoveRequest, Request, RobotCommand, RobotError, RobotMode,
+    CollisionBehavior, CommandKind, ErrorFlag, ErrorSet, FlangeLoad, MoveRequest, Request, RobotCommand, RobotMode,
     RobotState, Status, Version,
 };
 use crate::{JOINTS, PERIOD_S};
@@ -242,7 +242,7 @@ impl RobotSupervisor {
         self.mode = mode;
     }
 
-    fn reflex(&mut self, error: RobotError) {
+    fn reflex(&mut self, error: ErrorFlag) {
         self.errors.insert(error);
         self.reflex_reason = self.errors;
         self.end(Status::ReflexAborted, RobotMode::Reflex);
@@ -315,7 +315,7 @@ impl RobotSupervisor {
         if !motion.begun && answer.is_none() {
             motion.missing_in_row += 1;
             if motion.missing_in_row >= tolerance.first_command {
-                self.reflex(RobotError::CommunicationConstraintsViolation);
+                self.reflex(ErrorFlag::CommunicationConstraintsViolation);
             }
             return;
         }
@@ -329,7 +329,7 @@ impl RobotSupervisor {
             if motion.missing_in_row >= tolerance.missing_in_row
                 || (covered && motion.success_rate() < tolerance.success_rate)
             {
-                self.reflex(RobotError::CommunicationConstraintsViolation);
+                self.reflex(ErrorFlag::CommunicationConstraintsViolation);
             }
             return;
         };
@@ -337,11 +337,11 @@ impl RobotSupervisor {
         for joint in 0..JOINTS {
             let step = (command.tau_J_d[joint] - self.torque[joint]).abs();
             if step > TORQUE_RATE * PERIOD_S + ROUNDING {
-                self.reflex(RobotError::ControllerTorqueDiscontinuity);
+                self.reflex(ErrorFlag::ControllerTorqueDiscontinuity);
                 return;
             }
             if command.tau_J_d[joint].abs() > self.limits.torque[joint] + ROUNDING {
-                self.reflex(RobotError::TauJRangeViolation);
+                self.reflex(ErrorFlag::TauJRangeViolation);
                 return;
             }
         }
@@ -373,19 +373,19 @@ impl RobotSupervisor {
         let over = |values: &[f64], limits: &[f64]| values.iter().zip(limits).any(|(v, l)| v.abs() > *l);
         for joint in 0..JOINTS {
             if self.beyond_limit(joint) {
-                return self.reflex(RobotError::JointPositionLimitsViolation);
+                return self.reflex(ErrorFlag::JointPositionLimitsViolation);
             }
             let (slowest, fastest) = self.limits.velocity_at(joint, arm.q[joint]);
             // A joint at rest is within every limit, also at a stop.
             let dq = arm.dq[joint];
             if dq.abs() > 1e-3 && !(slowest <= dq && dq <= fastest) {
-                return self.reflex(RobotError::JointVelocityViolation);
+                return self.reflex(ErrorFlag::JointVelocityViolation);
             }
         }
         if over(&arm.tau_external, &self.thresholds.upper_torque_nominal) {
-            self.reflex(RobotError::JointReflex);
+            self.reflex(ErrorFlag::JointReflex);
         } else if over(&arm.wrench_external, &self.thresholds.upper_force_nominal) {
-            self.reflex(RobotError::CartesianReflex);
+            self.reflex(ErrorFlag::CartesianReflex);
         }
     }
 
