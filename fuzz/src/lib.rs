@@ -86,7 +86,7 @@ pub fn frames(data: &[u8]) {
 pub fn fci(data: &[u8]) {
     spherecal_fci::wire::fuzz_decode(data);
     if let Ok(text) = std::str::from_utf8(data) {
-        let _ = spherecal_fci::robot::JointLimits::from_urdf(text);
+        let _ = spherecal_fci::robot::ArmLimits::from_urdf(text);
     }
 }
 

@@ -76,7 +76,7 @@ fn robots_wires() {
         let mut bytes = [0; MAX_COMMAND_SIZE];
         let size = RobotCommand::torque(7, [0.5; 7]).encode(version, &mut bytes);
         write("fci", &name("command"), &chosen(1, &bytes[..size]));
-        let load = fci::Load {
+        let load = fci::FlangeLoad {
             mass: 1.5,
             centre_of_mass: [0.0, 0.0, 0.05],
             inertia: [0.0; 9],
@@ -98,7 +98,7 @@ fn robots_wires() {
         }
         let mut bytes = Vec::new();
         let response = fci::Response {
-            command: fci::Command::Move,
+            command: fci::CommandKind::Move,
             id: 1,
             status: fci::Status::MotionStarted,
             body: &[],

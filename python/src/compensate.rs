@@ -12,13 +12,13 @@ const CLOSE_M: f64 = 1e-9;
 const ROUNDS: usize = 20;
 
 /// The calibrated and the nominal arm of a study.
-pub(crate) struct Compensator<'a> {
+pub(crate) struct StudyCompensator<'a> {
     study: &'a Study,
     nominal: Chain,
     calibrated: Chain,
 }
 
-impl<'a> Compensator<'a> {
+impl<'a> StudyCompensator<'a> {
     /// # Errors
     /// Robots that cannot take an orientation.
     pub(crate) fn new(study: &'a Study) -> Result<Self, Failure> {

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
-use spherecal::identify::study::{PAPER_PLATE, Request, Sources, Study, TableSource, study_of};
+use spherecal::identify::study::{PAPER_PLATE, Sources, Study, StudyRequest, TableSource, study_of};
 use spherecal::identify::{Method, Model, Options, paper_plate};
 use spherecal::job::study::{calibrated, study_certificate, summary_json, summary_text, write_files};
 use spherecal::job::{CalibratedTexts, CertificateSection};
@@ -16,7 +16,7 @@ use spherecal::report::{Certificate, render, study_report};
 use spherecal::store::time::now_utc;
 
 use crate::arrays::{Rows, matrix, of_matrix};
-use crate::compensate::Compensator;
+use crate::compensate::StudyCompensator;
 use crate::error::{Failure, guarded};
 use crate::robot::NativeRobot;
 
@@ -211,14 +211,14 @@ pub(crate) fn identify(
                 nominal.tool.body.mass_kg = 0.0;
             }
         }
-        let request = Request {
+        let request = StudyRequest {
             payload_kg,
             payload_com_mm: payload_com_m.map(|com| com.map(|x| x * 1e3)),
             holdout,
             accuracy_mm,
             residual_map,
             options,
-            ..Request::default()
+            ..StudyRequest::default()
         };
         let sources = Sources {
             model: nominal,
@@ -305,7 +305,7 @@ impl NativeIdentification {
         let joints = self.study.model.robot.dof();
         let rows = Rows::joints(&q, joints)?;
         let commands = guarded(py, || {
-            let compensator = Compensator::new(&self.study)?;
+            let compensator = StudyCompensator::new(&self.study)?;
             let mut commands = Vec::with_capacity(rows.values.len());
             for (k, q) in rows.rows().enumerate() {
                 commands.extend(compensator.command(k, q)?);

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
-use spherecal::campaign::{Assignment, CampaignError, Observer, Outcome, RunOptions, Silent, run};
-use spherecal::job::{Link, Measurements, Prepared, Site, measure, read};
+use spherecal::campaign::{Assignment, CampaignError, CampaignObserver, Outcome, RunOptions, Silent, run};
+use spherecal::job::{Link, Measurements, PreparedRun, Site, measure, read};
 use spherecal::link::{Arrival, Device, Drive, LocalDevice, controller_in_process};
 use spherecal::link::{Journal, JournalError};
 use spherecal::plan::{Plan, PlannedPose, Visit, Waypoint};
@@ -181,7 +181,7 @@ pub fn carry_out_observed(
     done: &BTreeSet<(u32, u32)>,
     procedure: &Procedure,
     options: RunOptions,
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
 ) -> (Memory, Outcome, Result<(), CampaignError>) {
     let (robot, tool) = (iiwa7(), iiwa7_tool());
     let assignment = Assignment {
@@ -202,7 +202,7 @@ pub fn carry_out_observed(
 ///
 /// # Panics
 /// When it does not end well.
-pub fn measured(prepared: &Prepared) -> Measurements {
+pub fn measured(prepared: &PreparedRun) -> Measurements {
     let folder = tempfile::tempdir().expect("a folder");
     let mut store = SqlStore::create_or_open(&folder.path().join("calibration.db")).expect("a database");
     let site = Site {

@@ -7,7 +7,7 @@ use clap::Args;
 use clap::builder::TypedValueParser;
 
 use super::progress::Planning;
-use spherecal_job::{self as job, Config, JobError, Link, Prepared, TaughtWaypoints};
+use spherecal_job::{self as job, Config, JobError, Link, PreparedRun, TaughtWaypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation, UnknownScheme};
 
@@ -173,7 +173,7 @@ impl RunArgs {
     ///
     /// # Errors
     /// Any error in the input.
-    pub fn prepare(&self) -> Result<Prepared, JobError> {
+    pub fn prepare(&self) -> Result<PreparedRun, JobError> {
         self.prepare_from(&self.configuration()?)
     }
 
@@ -182,7 +182,7 @@ impl RunArgs {
     ///
     /// # Errors
     /// Any error in the input.
-    pub fn prepare_from(&self, config: &Config) -> Result<Prepared, JobError> {
+    pub fn prepare_from(&self, config: &Config) -> Result<PreparedRun, JobError> {
         let planning = Planning::show(self.json);
         let mut prepared = job::prepare(config)?;
         drop(planning);

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use clap::Args;
 use spherecal_bag::{BagError, Poses, Wanted, is_bag, read_bag};
-use spherecal_identify::study::Request;
-use spherecal_model::input::Progress;
+use spherecal_identify::study::StudyRequest;
+use spherecal_model::input::ReadingProgress;
 use spherecal_model::robots::RobotModel;
 
 use super::args::BadValue;
@@ -61,9 +61,9 @@ impl BagTables {
     /// A bag that cannot be used.
     pub(super) fn read(
         args: &BagArgs,
-        request: &mut Request,
+        request: &mut StudyRequest,
         model: &RobotModel,
-        progress: &mut dyn FnMut(Progress),
+        progress: &mut dyn FnMut(ReadingProgress),
     ) -> Result<Self, CliError> {
         let bags = [Some(&request.data), request.validate.as_ref()].map(|path| path.is_some_and(|path| is_bag(path)));
         if bags == [false, false] {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use spherecal_identify::check::{Checked, check};
-use spherecal_identify::study::{PAPER_PLATE, Request, StudyError, load};
+use spherecal_identify::study::{PAPER_PLATE, StudyError, StudyRequest, load};
 use spherecal_identify::{ExpectedError, Options};
 use spherecal_job::Link;
 use spherecal_model::input::triple;
@@ -74,13 +74,13 @@ fn limit(text: &str) -> Result<f64, BadValue> {
 
 /// What the contacts say about the limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Answer {
+enum LimitAnswer {
     Holds,
     DoesNotHold,
     CannotTell,
 }
 
-impl Answer {
+impl LimitAnswer {
     fn of(error: &ExpectedError, within_mm: f64) -> Self {
         if error.interval[1] <= within_mm {
             Self::Holds
@@ -152,12 +152,12 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit, CliError> {
         _ => return Err(CliError::input("give --link, or --data and --robot")),
     };
     let tool_mm = args.tool_mm.as_deref().map(|t| triple("--tool-mm", t, 2000.0));
-    let request = Request {
+    let request = StudyRequest {
         robot: robot.clone(),
         data: data.to_owned(),
         plate: Some(args.plate.clone()),
         tool_mm: tool_mm.transpose().map_err(CliError::input)?,
-        ..Request::default()
+        ..StudyRequest::default()
     };
     let refuse = |error: StudyError| {
         if error.is_input() {
@@ -175,7 +175,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     }
     errln!("Fitting the model to the contacts ...");
     let found = check(&loaded.recordings.experiment, &Options::default()).map_err(|error| refuse(error.into()))?;
-    let answer = Answer::of(&found.error_mm, args.within_mm);
+    let answer = LimitAnswer::of(&found.error_mm, args.within_mm);
     if args.json {
         let document = serde_json::json!({
             "command": "check", "robot": robot, "file": data, "within_mm": args.within_mm,
@@ -185,14 +185,14 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     } else {
         outln!("{}", text(&found, answer, &robot, args.within_mm));
     }
-    Ok(if answer == Answer::Holds {
+    Ok(if answer == LimitAnswer::Holds {
         Exit::Done
     } else {
         Exit::NotTrusted
     })
 }
 
-fn text(found: &Checked, answer: Answer, robot: &str, within_mm: f64) -> String {
+fn text(found: &Checked, answer: LimitAnswer, robot: &str, within_mm: f64) -> String {
     let error = |e: &ExpectedError| {
         format!(
             "{:.2} mm in the mean (95 % interval {:.2} to {:.2} mm), {:.2} mm at 95 % of the workspace",

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use spherecal_campaign::collect::{
-    CollectRequest, CollectView, Contact, ContactFile, StillPose, StillRules, Visits, collect,
+    CollectRequest, CollectView, ContactFile, ContactRow, StillPose, StillRules, Visits, collect,
 };
 use spherecal_identify::Options;
 use spherecal_identify::study::PAPER_PLATE;
@@ -124,7 +124,7 @@ struct Terminal {
 
 impl Terminal {
     /// The joint that covers the least part of its range, from 1, and that part.
-    fn least_covered(&self, contacts: &[Contact]) -> Option<(usize, f64)> {
+    fn least_covered(&self, contacts: &[ContactRow]) -> Option<(usize, f64)> {
         coverage(&self.chain, contacts)
             .into_iter()
             .zip(1..)
@@ -134,7 +134,7 @@ impl Terminal {
 }
 
 /// Which part of each joint's range the contacts cover, from 0 to 1.
-fn coverage(chain: &Chain, contacts: &[Contact]) -> Vec<f64> {
+fn coverage(chain: &Chain, contacts: &[ContactRow]) -> Vec<f64> {
     let part = |(j, limit): (usize, &spherecal_shared::robot::JointLimits)| {
         let angles = || contacts.iter().filter_map(|c| c.q.get(j)).copied();
         let (low, high) = (
@@ -147,7 +147,7 @@ fn coverage(chain: &Chain, contacts: &[Contact]) -> Vec<f64> {
 }
 
 impl CollectView for Terminal {
-    fn wants(&mut self, place: u32, sphere: u32, contacts: &[Contact]) {
+    fn wants(&mut self, place: u32, sphere: u32, contacts: &[ContactRow]) {
         if std::mem::replace(&mut self.place, place) != place {
             errln!("Place {place}: put the plate there, and do not move it until the next place.");
         }
@@ -161,7 +161,7 @@ impl CollectView for Terminal {
         );
     }
 
-    fn kept(&mut self, pose: &StillPose, contacts: &[Contact]) {
+    fn kept(&mut self, pose: &StillPose, contacts: &[ContactRow]) {
         self.largest_spread_rad = self.largest_spread_rad.max(pose.spread_rad);
         self.waits = self.key;
         let Some(last) = contacts.last() else { return };

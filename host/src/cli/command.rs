@@ -47,7 +47,7 @@ Exit codes: 0 done; 1 the job failed; 2 wrong usage or input;
 pub struct Cli {
     /// Command; without one, the whole job.
     #[command(subcommand)]
-    pub command: Option<Command>,
+    pub command: Option<CliCommand>,
     /// Arguments of the whole job.
     #[command(flatten)]
     pub run: RunArgs,
@@ -58,7 +58,7 @@ pub struct Cli {
 
 /// The commands.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub enum CliCommand {
     /// Write the files of a first cell: cell.toml, plate.toml and poses.csv.
     Init(Box<InitArgs>),
     /// Run the whole job: plan, measure, identify, validate, report.

@@ -3,8 +3,8 @@
 use std::io::IsTerminal as _;
 
 use clap::Args;
-use spherecal_campaign::Observer;
-use spherecal_campaign::commission::{Attendant, Figure, Judgement, Step, StepReport};
+use spherecal_campaign::CampaignObserver;
+use spherecal_campaign::commission::{Attendant, CommissioningStep, Figure, Judgement, StepReport};
 use spherecal_job::{self as job, Commissioning, JobError, Link};
 use spherecal_link::JournalError;
 
@@ -90,7 +90,7 @@ impl Attendant for Person {
 /// Remarks of the campaign, on stderr.
 struct Remarks;
 
-impl Observer for Remarks {
+impl CampaignObserver for Remarks {
     fn note(&mut self, text: &str) {
         errln!("  {text}");
     }
@@ -98,10 +98,14 @@ impl Observer for Remarks {
 
 /// A report as lines of text.
 fn lines(report: &StepReport) -> Vec<String> {
-    let number = Step::ALL.iter().position(|s| *s == report.step).unwrap_or_default() + 1;
+    let number = CommissioningStep::ALL
+        .iter()
+        .position(|s| *s == report.step)
+        .unwrap_or_default()
+        + 1;
     let mut lines = vec![format!(
         "Step {number} of {}, {}: {}",
-        Step::ALL.len(),
+        CommissioningStep::ALL.len(),
         report.step.name(),
         report.verdict.words()
     )];

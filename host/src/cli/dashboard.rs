@@ -30,7 +30,7 @@ use spherecal_shared::protocol::host::{Event, Sample};
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::progress::{phase_name, remaining, stage_name};
-use spherecal_campaign::{Observer, Progress};
+use spherecal_campaign::{CampaignObserver, Progress};
 use spherecal_link::Arrival;
 use spherecal_services::live::Scatter;
 
@@ -302,7 +302,7 @@ impl Drop for Dashboard {
     }
 }
 
-impl Observer for Dashboard {
+impl CampaignObserver for Dashboard {
     fn event(&mut self, _now_us: u64, arrival: &Arrival) {
         match &arrival.body {
             Event::Telemetry(samples) => self.screen.sample = samples.last().copied().or(self.screen.sample),

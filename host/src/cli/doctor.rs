@@ -10,7 +10,7 @@ use std::process::Command;
 use clap::Args;
 use serde::Serialize;
 
-use super::doctor_realtime::RealTime;
+use super::doctor_realtime::RealTimeCheck;
 use super::exit::{CliError, Exit};
 use super::out::{out, outln};
 use spherecal_link::qemu::find_image;
@@ -39,7 +39,7 @@ pub struct DoctorArgs {
 /// How a check came out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum State {
+enum CheckState {
     Ok,
     Missing,
     Fault,
@@ -47,9 +47,9 @@ enum State {
 
 /// One line of the answer.
 #[derive(Clone, Debug, Serialize)]
-struct Check {
+struct DoctorCheck {
     name: &'static str,
-    state: State,
+    state: CheckState,
     /// What was found.
     found: String,
     /// What it is needed for.
@@ -76,8 +76,8 @@ pub(super) fn run(args: &DoctorArgs) -> Result<Exit, CliError> {
         serial(),
         real_time(),
     ];
-    let realtime = args.realtime.map(RealTime::measure).transpose()?;
-    let healthy = checks.iter().all(|check| check.state != State::Fault);
+    let realtime = args.realtime.map(RealTimeCheck::measure).transpose()?;
+    let healthy = checks.iter().all(|check| check.state != CheckState::Fault);
     if args.json {
         let document = serde_json::json!({
             "program": concat!("spherecal ", env!("CARGO_PKG_VERSION")),
@@ -96,16 +96,16 @@ pub(super) fn run(args: &DoctorArgs) -> Result<Exit, CliError> {
     Ok(if healthy && fit { Exit::Done } else { Exit::Failed })
 }
 
-fn text(checks: &[Check]) -> String {
+fn text(checks: &[DoctorCheck]) -> String {
     let mut out = format!("spherecal {}\n\n", env!("CARGO_PKG_VERSION"));
     for check in checks {
         let mark = match check.state {
-            State::Ok => "ok",
-            State::Missing => "missing",
-            State::Fault => "FAULT",
+            CheckState::Ok => "ok",
+            CheckState::Missing => "missing",
+            CheckState::Fault => "FAULT",
         };
         out.push_str(&format!("{mark:>8}  {}: {}\n", check.name, check.found));
-        if check.state != State::Ok {
+        if check.state != CheckState::Ok {
             out.push_str(&format!(
                 "          needed for {}; to do: {}\n",
                 check.needed_for, check.remedy
@@ -115,10 +115,10 @@ fn text(checks: &[Check]) -> String {
     out
 }
 
-fn check(name: &'static str, needed_for: &'static str, good: bool, found: String, remedy: &str) -> Check {
-    Check {
+fn check(name: &'static str, needed_for: &'static str, good: bool, found: String, remedy: &str) -> DoctorCheck {
+    DoctorCheck {
         name,
-        state: if good { State::Ok } else { State::Missing },
+        state: if good { CheckState::Ok } else { CheckState::Missing },
         found,
         needed_for,
         remedy: if good { String::new() } else { remedy.to_owned() },
@@ -135,7 +135,7 @@ fn first_line(program: &str, arguments: &[&str]) -> Option<String> {
         .then(|| text.lines().next().unwrap_or_default().trim().to_owned())
 }
 
-fn tool(name: &'static str, program: &str, needed_for: &'static str, remedy: &str) -> Check {
+fn tool(name: &'static str, program: &str, needed_for: &'static str, remedy: &str) -> DoctorCheck {
     let found = first_line(program, &["--version"]);
     let good = found.is_some();
     check(
@@ -147,7 +147,7 @@ fn tool(name: &'static str, program: &str, needed_for: &'static str, remedy: &st
     )
 }
 
-fn cross() -> Check {
+fn cross() -> DoctorCheck {
     let library = first_line("rustc", &["--print", "sysroot"])
         .map(|sysroot| Path::new(&sysroot).join("lib/rustlib").join(TARGET).join("lib"));
     let sources = Path::new("/usr/lib/rustlib/src/rust/library/core");
@@ -168,7 +168,7 @@ fn cross() -> Check {
     )
 }
 
-fn qemu() -> Check {
+fn qemu() -> DoctorCheck {
     let machines = Command::new("qemu-system-arm").args(["-machine", "help"]).output();
     let version = first_line("qemu-system-arm", &["--version"]);
     let (good, found) = match (version, machines) {
@@ -187,7 +187,7 @@ fn qemu() -> Check {
     )
 }
 
-fn image() -> Check {
+fn image() -> DoctorCheck {
     let found = find_image(None);
     let good = found.is_ok();
     let found = found.map_or_else(|_| "not built".to_owned(), |path| path.display().to_string());
@@ -216,7 +216,7 @@ fn serial_devices() -> Vec<PathBuf> {
     devices
 }
 
-fn serial() -> Check {
+fn serial() -> DoctorCheck {
     let needed_for = "--link serial:DEVICE, a controller board";
     let devices = serial_devices();
     let names = |devices: &[&PathBuf]| {
@@ -251,7 +251,7 @@ fn serial() -> Check {
     )
 }
 
-fn processors() -> Check {
+fn processors() -> DoctorCheck {
     let count = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     check("processors", "speed alone", true, format!("{count} usable"), "")
 }
@@ -265,7 +265,7 @@ fn existing(path: &Path) -> PathBuf {
         .map_or_else(|| PathBuf::from("."), Path::to_owned)
 }
 
-fn folder(out: &Path) -> Check {
+fn folder(out: &Path) -> DoctorCheck {
     let folder = existing(out);
     let good = folder.is_dir() && may_use(&folder);
     let found = if good {
@@ -275,12 +275,12 @@ fn folder(out: &Path) -> Check {
     };
     let mut answer = check("output folder", "every run", good, found, "choose another with --out");
     if !good {
-        answer.state = State::Fault;
+        answer.state = CheckState::Fault;
     }
     answer
 }
 
-fn room(out: &Path) -> Check {
+fn room(out: &Path) -> DoctorCheck {
     let needed_for = "databases and 1 kHz telemetry";
     match free_bytes(&existing(out)) {
         Some(free) => check(
@@ -319,7 +319,7 @@ fn free_bytes(_path: &Path) -> Option<u64> {
 /// A drive in real time wants the controller's thread on time: a kernel that
 /// can be preempted, and the right to ask for it.
 #[cfg(target_os = "linux")]
-fn real_time() -> Check {
+fn real_time() -> DoctorCheck {
     use rustix::process::{Resource, geteuid, getrlimit};
     let preemptive = std::fs::read_to_string("/sys/kernel/realtime").is_ok_and(|text| text.trim() == "1")
         || std::fs::read_to_string("/proc/version").is_ok_and(|text| text.contains("PREEMPT_RT"));
@@ -353,7 +353,7 @@ fn real_time() -> Check {
 }
 
 #[cfg(not(target_os = "linux"))]
-fn real_time() -> Check {
+fn real_time() -> DoctorCheck {
     check(
         "real-time scheduling",
         "a drive in real time (--link franka:, fri:, or tcp: to a robot's gateway)",

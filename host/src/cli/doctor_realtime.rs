@@ -16,7 +16,7 @@ const WORST_US: u32 = 1000;
 
 /// What was measured.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct RealTime {
+pub(super) struct RealTimeCheck {
     /// Whether this machine can hold 1 kHz.
     pub(super) holds_1_khz: bool,
     /// The measurement's length, in s.
@@ -41,7 +41,7 @@ pub(super) struct RealTime {
     words: String,
 }
 
-impl RealTime {
+impl RealTimeCheck {
     /// Measures for `seconds`.
     pub(super) fn measure(seconds: f64) -> Result<Self, CliError> {
         if !(0.1..=3600.0).contains(&seconds) {

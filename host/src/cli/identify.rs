@@ -12,7 +12,9 @@ use super::exit::{CliError, Exit};
 use super::out::{errln, outln};
 use super::stages;
 use super::study_progress::StudyProgress;
-use spherecal_identify::study::{Request, Sources, Step, StudyError, TableSource, anonymous_csv, sources, study_of};
+use spherecal_identify::study::{
+    Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, sources, study_of,
+};
 use spherecal_identify::{Method, Model, Options};
 use spherecal_job::CertificateSection;
 use spherecal_job::study::{study_certificate, summary_json, summary_text, write_files};
@@ -140,7 +142,7 @@ fn accuracy(text: &str) -> Result<f64, BadValue> {
 ///
 /// # Errors
 /// Numbers or a configuration that cannot be used.
-fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, StudyError> {
+fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<StudyRequest, StudyError> {
     let point = |option: &str, text: &Option<String>| text.as_deref().map(|t| triple(option, t, 2000.0)).transpose();
     let mut options = match &args.config {
         None => Options::default(),
@@ -166,7 +168,7 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, Stu
     if let Some(seed) = args.seed {
         options.seed = seed;
     }
-    Ok(Request {
+    Ok(StudyRequest {
         robot: robot.to_owned(),
         data: data.to_owned(),
         plate: args.plate.clone(),
@@ -187,7 +189,11 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<Request, Stu
 ///
 /// # Errors
 /// A plate that cannot be read.
-fn with_bags<'a>(request: &'a Request, model: RobotModel, tables: &'a BagTables) -> Result<Sources<'a>, StudyError> {
+fn with_bags<'a>(
+    request: &'a StudyRequest,
+    model: RobotModel,
+    tables: &'a BagTables,
+) -> Result<Sources<'a>, StudyError> {
     let table = |path: &'a Path, csv: &'a Option<String>| match csv {
         Some(csv) => TableSource::Text {
             name: path.to_str().unwrap_or("bag"),
@@ -252,7 +258,9 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     let mut view = StudyProgress::new();
     let mut request = request(args, robot, data).map_err(refuse)?;
     let model = robots::load(&request.robot).map_err(|e| refuse(e.into()))?;
-    let tables = BagTables::read(&args.bag, &mut request, &model, &mut |p| view.show(Step::Reading(p)));
+    let tables = BagTables::read(&args.bag, &mut request, &model, &mut |p| {
+        view.show(StudyStep::Reading(p));
+    });
     let tables = tables.inspect_err(|_| view.finish())?;
     let sources = with_bags(&request, model, &tables).map_err(refuse)?;
     let study = study_of(&request, sources, &mut |step| view.show(step));

@@ -9,13 +9,13 @@ use super::args::RunArgs;
 use super::exit::CliError;
 use super::out::errln;
 use super::reports::stored_reports;
-use spherecal_campaign::{Observer, Progress};
-use spherecal_job::Prepared;
+use spherecal_campaign::{CampaignObserver, Progress};
+use spherecal_job::PreparedRun;
 use spherecal_job::open_store;
 use spherecal_link::Arrival;
 #[cfg(feature = "services")]
 use spherecal_services::grpc::Publisher;
-use spherecal_services::live::{End, Scene, Watch};
+use spherecal_services::live::{End, LiveScene, LiveWatch};
 use spherecal_services::web::Page;
 use spherecal_services::{Offer, Server};
 #[cfg(feature = "services")]
@@ -26,7 +26,7 @@ use spherecal_store::time::now_utc;
 #[derive(Default)]
 pub(super) struct LiveOutput {
     /// Each view, and whether its page has the database in which the run is stored.
-    watches: Vec<(Watch, bool)>,
+    watches: Vec<(LiveWatch, bool)>,
     server: Option<Server>,
     #[cfg(feature = "services")]
     publisher: Option<Publisher>,
@@ -61,7 +61,7 @@ impl LiveOutput {
         not(feature = "services"),
         allow(clippy::unnecessary_wraps, reason = "only another server's page can fail")
     )]
-    pub(super) fn begin(&mut self, args: &RunArgs, prepared: &Prepared) -> Result<(), CliError> {
+    pub(super) fn begin(&mut self, args: &RunArgs, prepared: &PreparedRun) -> Result<(), CliError> {
         let mut outs = Vec::new();
         if let Some(server) = &mut self.server {
             outs.extend(server.show().map(|out| (out, true)));
@@ -73,18 +73,18 @@ impl LiveOutput {
             outs.push((out, stored));
             self.publisher = Some(publisher);
         }
-        let scene = Scene {
+        let scene = LiveScene {
             arm: prepared.config.arm.clone(),
             link: args.link.to_string(),
             begun_utc: now_utc(),
-            ..Scene::new(
+            ..LiveScene::new(
                 &prepared.robot,
                 &prepared.tool,
                 &prepared.plan,
                 prepared.config.procedure.approach.trigger_n,
             )
         };
-        let watch = |out| Watch::new(out, &prepared.robot, &prepared.tool, scene.clone());
+        let watch = |out| LiveWatch::new(out, &prepared.robot, &prepared.tool, scene.clone());
         self.watches = outs.into_iter().map(|(out, stored)| (watch(out), stored)).collect();
         Ok(())
     }
@@ -128,7 +128,7 @@ impl LiveOutput {
     }
 }
 
-impl Observer for LiveOutput {
+impl CampaignObserver for LiveOutput {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
         for (watch, _) in &mut self.watches {
             watch.event(now_us, arrival);

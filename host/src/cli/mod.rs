@@ -59,7 +59,7 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
 pub use args::RunArgs;
-pub use command::{Cli, Command};
+pub use command::{Cli, CliCommand};
 pub use exit::{CliError, Exit};
 use out::errln;
 
@@ -102,34 +102,34 @@ fn execute(cli: Cli) -> Exit {
     log_to_stderr(cli.verbose);
     let result = match cli.command {
         None => run::run(&cli.run),
-        Some(Command::Run(args)) => run::run(&args),
-        Some(Command::Init(args)) => init::run(&args),
-        Some(Command::Plan(args)) => plan::run(&args),
-        Some(Command::Measure(args)) => stages::measure(&args),
-        Some(Command::Teach(args)) => teach::run(&args),
-        Some(Command::Check(args)) => check::run(&args),
-        Some(Command::Commission(args)) => commission::run(&args),
-        Some(Command::Collect(args)) => collect::run(&args),
-        Some(Command::Stability(args)) => stability::run(&args),
-        Some(Command::Identify(args)) => identify::run(&args),
-        Some(Command::Validate(args)) => stages::validate(&args),
-        Some(Command::Report(args)) => stages::report(&args),
-        Some(Command::Export(args)) => export::run(&args),
-        Some(Command::Robot(args)) => robot::run(&args),
-        Some(Command::Plant(args)) => servers::plant(&args),
-        Some(Command::Controller(args)) => servers::controller(&args),
-        Some(Command::Serve(args)) => serve::run(&args),
-        Some(Command::History(args)) => history::history(&args),
-        Some(Command::Trend(args)) => history::trend(&args),
-        Some(Command::Reproduce(args)) => studies::reproduce(&args),
-        Some(Command::Worlds(args)) => studies::worlds(&args),
-        Some(Command::Faults(args)) => faults::run(&args),
-        Some(Command::Config(args)) => stages::config(&args),
-        Some(Command::Doctor(args)) => doctor::run(&args),
-        Some(Command::Completions(args)) => shell::completions(&args, Cli::command()),
-        Some(Command::Man(args)) => shell::man(&args, Cli::command()),
-        Some(Command::Store(args)) => store::run(&args),
-        Some(Command::Soak(args)) => soak::run(&args),
+        Some(CliCommand::Run(args)) => run::run(&args),
+        Some(CliCommand::Init(args)) => init::run(&args),
+        Some(CliCommand::Plan(args)) => plan::run(&args),
+        Some(CliCommand::Measure(args)) => stages::measure(&args),
+        Some(CliCommand::Teach(args)) => teach::run(&args),
+        Some(CliCommand::Check(args)) => check::run(&args),
+        Some(CliCommand::Commission(args)) => commission::run(&args),
+        Some(CliCommand::Collect(args)) => collect::run(&args),
+        Some(CliCommand::Stability(args)) => stability::run(&args),
+        Some(CliCommand::Identify(args)) => identify::run(&args),
+        Some(CliCommand::Validate(args)) => stages::validate(&args),
+        Some(CliCommand::Report(args)) => stages::report(&args),
+        Some(CliCommand::Export(args)) => export::run(&args),
+        Some(CliCommand::Robot(args)) => robot::run(&args),
+        Some(CliCommand::Plant(args)) => servers::plant(&args),
+        Some(CliCommand::Controller(args)) => servers::controller(&args),
+        Some(CliCommand::Serve(args)) => serve::run(&args),
+        Some(CliCommand::History(args)) => history::history(&args),
+        Some(CliCommand::Trend(args)) => history::trend(&args),
+        Some(CliCommand::Reproduce(args)) => studies::reproduce(&args),
+        Some(CliCommand::Worlds(args)) => studies::worlds(&args),
+        Some(CliCommand::Faults(args)) => faults::run(&args),
+        Some(CliCommand::Config(args)) => stages::config(&args),
+        Some(CliCommand::Doctor(args)) => doctor::run(&args),
+        Some(CliCommand::Completions(args)) => shell::completions(&args, Cli::command()),
+        Some(CliCommand::Man(args)) => shell::man(&args, Cli::command()),
+        Some(CliCommand::Store(args)) => store::run(&args),
+        Some(CliCommand::Soak(args)) => soak::run(&args),
     };
     match result {
         Ok(_) if out::failure().is_some() => {

@@ -8,7 +8,7 @@ use spherecal_shared::protocol::host::Phase;
 
 use super::out::errln;
 use super::terminal_operator::TerminalOperator;
-use spherecal_campaign::{Moved, Observer, Progress, Stage};
+use spherecal_campaign::{CampaignObserver, CampaignStage, Moved, Progress};
 use spherecal_services::live::eta_s;
 
 /// Interval of the lines if there is no terminal.
@@ -127,18 +127,18 @@ pub(super) fn remaining(p: &Progress, wall_s: f64) -> String {
     format!("ETA {}:{:02}", seconds / 60, seconds % 60)
 }
 
-pub(super) fn stage_name(stage: Stage) -> &'static str {
+pub(super) fn stage_name(stage: CampaignStage) -> &'static str {
     match stage {
-        Stage::Connect => "connect",
-        Stage::Home => "home",
-        Stage::Plate => "plate",
-        Stage::Teach => "teach",
-        Stage::Approach => "approach",
-        Stage::Couple => "couple",
-        Stage::Poses => "record",
-        Stage::Decouple => "decouple",
-        Stage::Recover => "recover",
-        Stage::Done => "done",
+        CampaignStage::Connect => "connect",
+        CampaignStage::Home => "home",
+        CampaignStage::Plate => "plate",
+        CampaignStage::Teach => "teach",
+        CampaignStage::Approach => "approach",
+        CampaignStage::Couple => "couple",
+        CampaignStage::Poses => "record",
+        CampaignStage::Decouple => "decouple",
+        CampaignStage::Recover => "recover",
+        CampaignStage::Done => "done",
     }
 }
 
@@ -159,7 +159,7 @@ pub(super) fn phase_name(phase: Phase) -> &'static str {
     }
 }
 
-impl Observer for ProgressView {
+impl CampaignObserver for ProgressView {
     fn progress(&mut self, p: &Progress) {
         self.device_s = p.device_s;
         let now = Instant::now();

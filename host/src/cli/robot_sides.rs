@@ -152,7 +152,7 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
         )));
     }
     let mut undeclared = Undeclared::default();
-    let arm: Box<dyn spherecal_fci::robot::Arm> = if let Some(path) = &args.guide {
+    let arm: Box<dyn spherecal_fci::robot::ArmHardware> = if let Some(path) = &args.guide {
         Box::new(guided(&config, path)?)
     } else {
         let arm = job::simulated_robot(&config, (0.0, 0.0))?;
@@ -205,7 +205,7 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     // As much damping as stiffness for an inertia of 1 kg m2 and Lehr's damping ratio 0.7.
     let damping = 1.4 * args.stiffness.sqrt();
     let mut undeclared = Undeclared::default();
-    let arm: Box<dyn spherecal_fri::robot::Arm> = if let Some(path) = &args.guide {
+    let arm: Box<dyn spherecal_fri::robot::ArmHardware> = if let Some(path) = &args.guide {
         Box::new(guided(&config, path)?)
     } else {
         let arm = job::simulated_robot(&config, (args.stiffness, damping))?;

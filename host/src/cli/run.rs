@@ -16,9 +16,9 @@ use super::out::{err, errln, out, outln};
 use super::progress::ProgressView;
 use super::text;
 use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};
-use spherecal_campaign::{Moved, Observer, Progress};
+use spherecal_campaign::{CampaignObserver, Moved, Progress};
 use spherecal_job::open_store;
-use spherecal_job::{self as job, JobError, Link, Measurements, Prepared, Site, Summary, TaughtWaypoints};
+use spherecal_job::{self as job, JobError, Link, Measurements, PreparedRun, Site, Summary, TaughtWaypoints};
 use spherecal_link::qemu::LOG_FILE;
 use spherecal_link::{Arrival, Serial};
 use spherecal_model::robots;
@@ -29,7 +29,7 @@ use spherecal_store::history::{self, FINGERPRINT, Fingerprint};
 use spherecal_store::{CalibrationStore, RunInfo, SqlStore, StoreLocation};
 
 /// What a run of the whole job left.
-pub(super) struct Finished {
+pub(super) struct FinishedRun {
     pub(super) summary: Summary,
     pub(super) files: Vec<PathBuf>,
 }
@@ -44,7 +44,7 @@ enum Face {
 }
 
 impl Face {
-    fn new(args: &RunArgs, prepared: &Prepared) -> Result<Self, CliError> {
+    fn new(args: &RunArgs, prepared: &PreparedRun) -> Result<Self, CliError> {
         if args.dashboard {
             Self::whole(prepared)
         } else {
@@ -53,7 +53,7 @@ impl Face {
     }
 
     #[cfg(feature = "dashboard")]
-    fn whole(prepared: &Prepared) -> Result<Self, CliError> {
+    fn whole(prepared: &PreparedRun) -> Result<Self, CliError> {
         let trigger_n = prepared.config.procedure.approach.trigger_n;
         Dashboard::start(&prepared.robot, &prepared.tool, trigger_n)
             .map(|dashboard| Self::Whole(Box::new(dashboard)))
@@ -61,7 +61,7 @@ impl Face {
     }
 
     #[cfg(not(feature = "dashboard"))]
-    fn whole(_prepared: &Prepared) -> Result<Self, CliError> {
+    fn whole(_prepared: &PreparedRun) -> Result<Self, CliError> {
         Err(CliError::feature("--dashboard", "dashboard"))
     }
 
@@ -73,7 +73,7 @@ impl Face {
         }
     }
 
-    fn inner(&mut self) -> &mut dyn Observer {
+    fn inner(&mut self) -> &mut dyn CampaignObserver {
         match self {
             Self::Plain(view) => view,
             #[cfg(feature = "dashboard")]
@@ -88,7 +88,7 @@ struct View {
     live: LiveOutput,
 }
 
-impl Observer for View {
+impl CampaignObserver for View {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
         self.face.inner().event(now_us, arrival);
         self.live.event(now_us, arrival);
@@ -137,7 +137,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
 }
 
 /// Prints a result, as JSON or for people.
-pub(super) fn print(finished: &Finished, json: bool) -> Result<Exit, CliError> {
+pub(super) fn print(finished: &FinishedRun, json: bool) -> Result<Exit, CliError> {
     if json {
         outln!(
             "{}",
@@ -328,7 +328,7 @@ fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<ContactTrace>) 
     Ok(())
 }
 
-fn resumed(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, Prepared, Option<RunInfo>), CliError> {
+fn resumed(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, PreparedRun, Option<RunInfo>), CliError> {
     let mut store = open_store(&args.database(), false)?;
     store.verify()?;
     let info = store.require_run_of(args.arm.as_deref().unwrap_or_default())?;
@@ -351,7 +351,7 @@ pub(super) fn evaluate(
     out: &std::path::Path,
     store: &mut dyn CalibrationStore,
     info: &RunInfo,
-) -> Result<Finished, CliError> {
+) -> Result<FinishedRun, CliError> {
     let measurements: Measurements = job::read(store, info)?;
     let evaluation = job::evaluate(&measurements)?;
     let summary = job::summarise(&measurements, &evaluation, &info.created_utc)?;
@@ -377,5 +377,5 @@ pub(super) fn evaluate(
         files.push(out.join(LOG_FILE));
     }
     files.retain(|file| file.exists());
-    Ok(Finished { summary, files })
+    Ok(FinishedRun { summary, files })
 }

@@ -144,7 +144,7 @@ mod services {
     use std::sync::Arc;
 
     use spherecal_campaign::TrackerError;
-    use spherecal_job::{Choice, Config, JobError, PlanSection, Prepared, device, prepare, simulated_tracker};
+    use spherecal_job::{Choice, Config, JobError, PlanSection, PreparedRun, device, prepare, simulated_tracker};
     use spherecal_link::LinkError;
     use spherecal_services::Offer;
     use spherecal_services::grpc::{DeviceFactory, RobotFacts};
@@ -173,7 +173,7 @@ mod services {
         Ok(())
     }
 
-    fn prepared(args: &ServeArgs) -> Result<Prepared, CliError> {
+    fn prepared(args: &ServeArgs) -> Result<PreparedRun, CliError> {
         let mut config = match &args.config {
             Some(path) => Config::read(path)?,
             None => Config::default(),
@@ -192,7 +192,7 @@ mod services {
         Ok(prepare(&config)?)
     }
 
-    fn robot(args: &ServeArgs, prepared: &Arc<Prepared>) -> (RobotFacts, DeviceFactory) {
+    fn robot(args: &ServeArgs, prepared: &Arc<PreparedRun>) -> (RobotFacts, DeviceFactory) {
         let facts = RobotFacts {
             robot: prepared.robot.clone(),
             tool: prepared.tool,

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::exit::{CliError, Exit};
 use super::out::outln;
-use spherecal_lab::shards::{Shard, ShardError, Study, run_shard};
+use spherecal_lab::shards::{Shard, ShardError, ShardedStudy, run_shard};
 
 /// Arguments of a study that several machines can share.
 #[derive(Args, Clone, Debug)]
@@ -28,7 +28,7 @@ pub struct ShardFolder {
 }
 
 /// Works on one shard, and says what it did.
-pub(super) fn one<S: Study>(study: &S, shard: Shard, folder: &Path, json: bool) -> Result<Exit, CliError> {
+pub(super) fn one<S: ShardedStudy>(study: &S, shard: Shard, folder: &Path, json: bool) -> Result<Exit, CliError> {
     let done = run_shard(study, shard, folder, !json).map_err(CliError::from_shard)?;
     if json {
         outln!("{}", serde_json::to_string_pretty(&done).map_err(CliError::job)?);

@@ -10,7 +10,7 @@ use super::features;
 use super::interrupt::interrupt;
 use super::out::{out, outln};
 use super::progress::ProgressView;
-use spherecal_job::{Files, JobError, Prepared};
+use spherecal_job::{Files, JobError, PreparedRun};
 use spherecal_lab::stability::{Held, Stillness, analyse, hold, holds_report};
 use spherecal_model::chain::Chain;
 use spherecal_model::robots;
@@ -110,7 +110,7 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
 
 /// The model from which the TCP is computed: the one that a run left in `out`, else the nominal
 /// one.
-fn model(prepared: &Prepared, out: &Path) -> Result<(String, Chain), CliError> {
+fn model(prepared: &PreparedRun, out: &Path) -> Result<(String, Chain), CliError> {
     let path = out.join("calibrated.toml");
     if path.exists() {
         let model = robots::load(&path.display().to_string()).map_err(CliError::input)?;

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use spherecal_identify::evaluate;
-use spherecal_identify::study::Step;
+use spherecal_identify::study::StudyStep;
 
 use super::out::errln;
 
@@ -44,21 +44,25 @@ impl StudyProgress {
     }
 
     /// Shows a step.
-    pub(super) fn show(&mut self, step: Step) {
+    pub(super) fn show(&mut self, step: StudyStep) {
         let (words, now) = match step {
-            Step::Reading(p) => {
+            StudyStep::Reading(p) => {
                 let share = match p.total_bytes {
                     0 => String::new(),
                     total => format!(", {:.0} %", 100.0 * p.bytes as f64 / total as f64),
                 };
                 (format!("reading: {} rows{share}", p.rows), false)
             }
-            Step::Evaluating(evaluate::Step::Fitting { rows }) => (format!("fitting {rows} rows"), rows >= MANY),
-            Step::Evaluating(evaluate::Step::Mapping { rows }) => {
+            StudyStep::Evaluating(evaluate::EvaluationStep::Fitting { rows }) => {
+                (format!("fitting {rows} rows"), rows >= MANY)
+            }
+            StudyStep::Evaluating(evaluate::EvaluationStep::Mapping { rows }) => {
                 (format!("trying maps of the residuals on blocks of {rows} rows"), true)
             }
-            Step::Evaluating(evaluate::Step::Comparing { estimator }) => (format!("comparing with {estimator}"), false),
-            Step::Evaluating(evaluate::Step::Judging { fits, rows }) => {
+            StudyStep::Evaluating(evaluate::EvaluationStep::Comparing { estimator }) => {
+                (format!("comparing with {estimator}"), false)
+            }
+            StudyStep::Evaluating(evaluate::EvaluationStep::Judging { fits, rows }) => {
                 let fits = if fits == 1 {
                     "the fit".to_owned()
                 } else {

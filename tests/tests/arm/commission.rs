@@ -6,9 +6,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use spherecal::campaign::commission::{Attendant, MovingLimits, Step, StepEnd, StepReport, commission_moving};
+use spherecal::campaign::commission::{
+    Attendant, CommissioningStep, MovingLimits, StepEnd, StepReport, commission_moving,
+};
 use spherecal::campaign::{Assignment, CampaignError, Silent};
-use spherecal::job::{Choice, Commissioning, Config, Link, Prepared, commission, commissionings, open_store, prepare};
+use spherecal::job::{
+    Choice, Commissioning, Config, Link, PreparedRun, commission, commissionings, open_store, prepare,
+};
 use spherecal::link::{Drive, JournalError, LinkError, LocalDevice, controller_in_process};
 use spherecal::sim::plant::Disturbance;
 use spherecal::sim::{Disturb, simulated_arm};
@@ -44,7 +48,7 @@ impl Attendant for Person {
     }
 }
 
-fn prepared(robot: &str, preset: &str, seed: u64) -> Prepared {
+fn prepared(robot: &str, preset: &str, seed: u64) -> PreparedRun {
     let mut config = Config {
         seed,
         robot: robot.to_owned(),
@@ -57,7 +61,7 @@ fn prepared(robot: &str, preset: &str, seed: u64) -> Prepared {
 }
 
 /// What a commissioning finds, and what its store then holds.
-fn commissioned(prepared: &Prepared, person: &mut Person) -> (Commissioning, Vec<Commissioning>) {
+fn commissioned(prepared: &PreparedRun, person: &mut Person) -> (Commissioning, Vec<Commissioning>) {
     let folder = tempfile::tempdir().expect("a folder");
     let file = StoreLocation::File(folder.path().join("calibration.db"));
     let mut store = open_store(&file, true).expect("a new store");
@@ -93,9 +97,9 @@ fn sound_arms_pass_every_step() {
         let mut person = Person::default();
         let (found, stored) = commissioned(&prepared(robot, preset, seed), &mut person);
         assert!(found.passed(), "{robot} {preset} {seed}: {found:#?}");
-        let steps: Vec<Step> = found.steps.iter().map(|s| s.step).collect();
-        assert_eq!(steps, Step::ALL);
-        assert_eq!(person.asked, 2 * Step::ALL.len());
+        let steps: Vec<CommissioningStep> = found.steps.iter().map(|s| s.step).collect();
+        assert_eq!(steps, CommissioningStep::ALL);
+        assert_eq!(person.asked, 2 * CommissioningStep::ALL.len());
         assert_eq!(stored, [found]);
     }
 }
@@ -137,7 +141,7 @@ fn a_load_that_was_not_declared_is_found_before_the_arm_moves() {
 }
 
 /// The first step on an arm with another tool than the host believes.
-fn with_real_tool(prepared: &Prepared, tool: spherecal_shared::robot::Tool, person: &mut Person) -> Commissioning {
+fn with_real_tool(prepared: &PreparedRun, tool: spherecal_shared::robot::Tool, person: &mut Person) -> Commissioning {
     use spherecal::campaign::commission::{ReadOnlyLimits, commission_read_only};
     let arm = spherecal::sim::simulated_arm(&prepared.robot, &tool, &prepared.plant, &prepared.plan.home.joints);
     let mut reader = spherecal::link::DriveReader::new(arm.expect("an arm")).expect("this protocol");
@@ -253,7 +257,7 @@ fn an_arm_that_goes_ends_at_zero_stiffness() {
         assert_eq!((kept.len(), asked), (1, 1), "{kept:?}");
         assert_eq!(
             (kept[0].step, kept[0].verdict),
-            (Step::ZeroStiffness, StepEnd::Failed),
+            (CommissioningStep::ZeroStiffness, StepEnd::Failed),
             "{kept:?}"
         );
         assert!(!kept[0].remarks.is_empty(), "it says what to do");
@@ -271,7 +275,7 @@ fn a_pressed_arm_fails_the_soft_hold() {
     assert_eq!((kept.len(), asked), (2, 3), "{kept:?}");
     assert_eq!(
         (kept[1].step, kept[1].verdict),
-        (Step::SoftHold, StepEnd::Failed),
+        (CommissioningStep::SoftHold, StepEnd::Failed),
         "{kept:?}"
     );
 }
@@ -282,6 +286,6 @@ fn a_stuck_arm_fails_and_is_kept() {
     let (kept, error, _, _) = moved_in(&[], true, None);
     let last = kept.last().expect("kept");
     assert_eq!(last.verdict, StepEnd::Failed, "{kept:?} {error:?}");
-    assert!(last.step <= Step::FreeMotion, "{kept:?}");
+    assert!(last.step <= CommissioningStep::FreeMotion, "{kept:?}");
     assert!(!last.remarks.is_empty(), "{last:?}");
 }

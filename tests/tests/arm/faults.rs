@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use spherecal::campaign::{CampaignError, Outcome};
-use spherecal::lab::faults::{CampaignOptions, Case, Ended, Finish, MatrixOptions, campaign, matrix};
+use spherecal::lab::faults::{CampaignOptions, Case, Finish, MatrixOptions, TrialEnd, campaign, matrix};
 use spherecal::link::qemu::{Qemu, QemuOptions};
 use spherecal::link::{Controller, LinkError, controller_in_process};
-use spherecal::sim::inject::{Entry, FaultPlan, FaultyCell, FaultyDrive, InjectedFault, Status, When};
+use spherecal::sim::inject::{FaultPlan, FaultyCell, FaultyDrive, InjectedFault, NotReadyStatus, PlannedFault, When};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
@@ -21,7 +21,7 @@ fn during(name: Phase, entry: u32, after_s: f64) -> When {
 }
 
 fn plan(faults: &[(InjectedFault, When, f64)]) -> FaultPlan {
-    let faults = faults.iter().map(|&(what, when, for_s)| Entry {
+    let faults = faults.iter().map(|&(what, when, for_s)| PlannedFault {
         what,
         when,
         for_s: Some(for_s),
@@ -65,7 +65,7 @@ fn a_run_goes_on_at_the_pose_where_it_was() {
     let (clean, _, result) = campaign_with(&FaultPlan::default(), in_process());
     result.expect("the undisturbed run ends well");
     let stop = InjectedFault::DriveStatus {
-        status: Status::EmergencyStop,
+        status: NotReadyStatus::EmergencyStop,
     };
     let push = InjectedFault::HumanPush {
         force_n: [35.0, 35.0, 0.0],
@@ -126,7 +126,7 @@ fn a_sphere_moved_while_no_host_is_there_is_noticed() {
         .expect("a run");
     assert_eq!(trial.resumed, 1);
     assert!(
-        matches!(&trial.ended, Ended::Stopped(why) if why.contains("mm from its expected position")),
+        matches!(&trial.ended, TrialEnd::Stopped(why) if why.contains("mm from its expected position")),
         "{:?}",
         trial.ended
     );

@@ -4,12 +4,12 @@
 use std::collections::BTreeSet;
 
 use spherecal::campaign::CampaignError;
-use spherecal::job::{Config, Prepared, evaluate, prepare, summarise};
+use spherecal::job::{Config, PreparedRun, evaluate, prepare, summarise};
 use spherecal::link::{Device, LinkError, LocalDevice};
 use spherecal_tests::plan::{carry_out, cell, measured, plant};
 
 /// Two placements: the paper's, and one 120 mm to the side, 100 mm higher and turned.
-fn two_places() -> Prepared {
+fn two_places() -> PreparedRun {
     let mut config = Config::default().on_preset("typical");
     config.plan.poses = 60;
     config.plan.range.candidates = 700;

@@ -3,7 +3,7 @@
 
 use super::plant_rig::{Law, at_sphere, down, free, run};
 use nalgebra::Vector3;
-use spherecal::sim::plant::{Obstacle, Plant, PlantConfig, TorqueSensorFault};
+use spherecal::sim::plant::{FlatObstacle, Plant, PlantConfig, TorqueSensorFault};
 use spherecal_shared::robot::{Arm, Dynamics, Pose, iiwa7, iiwa7_tool};
 
 /// Fails if pads, friction or magnet do not hold a seated nest through turns,
@@ -190,7 +190,7 @@ fn injected_faults_act_and_clear() {
     // An obstacle stops the TCP on its surface.
     let (mut blocked, law, seat) = at_sphere(&free(), Vector3::z() * 0.05);
     let surface = seat.position.z + 0.03;
-    blocked.set_obstacle(Some(Obstacle {
+    blocked.set_obstacle(Some(FlatObstacle {
         point_m: [0.0, 0.0, surface],
         normal: [0.0, 0.0, 2.0],
         stiffness_n_m: 1e5,

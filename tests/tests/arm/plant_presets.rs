@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use spherecal::identify::arcs::{Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
-use spherecal::identify::validate::Statistics;
+use spherecal::identify::validate::ErrorStatistics;
 use spherecal::model::TrackerSession;
 use spherecal::plan::laser::{Arc, LaserPlan, plan};
 use spherecal::sim::plant::{Plant, PlantConfig};
@@ -94,7 +94,7 @@ fn fit_geometry(frames: &MeasuredFrames, measured: &[Measured]) -> Robot {
 }
 
 /// Nominal and laser-calibrated geometry's validation errors for one seed.
-fn study(config: &PlantConfig, what: &LaserPlan) -> (Statistics, Statistics) {
+fn study(config: &PlantConfig, what: &LaserPlan) -> (ErrorStatistics, ErrorStatistics) {
     let mut plant = Plant::<7>::new(&iiwa7(), &iiwa7_tool(), config, &[0.0; 7]).expect("a plant");
     let base_arcs = arcs(&mut plant, TrackerSession::BaseArcs, &what.base_arcs);
     let tool_arcs = arcs(&mut plant, TrackerSession::ToolArcs, &what.tool_arcs);
@@ -106,7 +106,7 @@ fn study(config: &PlantConfig, what: &LaserPlan) -> (Statistics, Statistics) {
             .iter()
             .map(|r| r.norm() * 1e3)
             .collect();
-        Statistics::of(&errors)
+        ErrorStatistics::of(&errors)
     };
     (judged(&iiwa7()), judged(&fit_geometry(&frames, &calibration)))
 }
@@ -125,7 +125,7 @@ fn quantiles(config: &PlantConfig, seeds: core::ops::RangeInclusive<u64>) -> [[[
             study(&config, &what)
         })
         .collect();
-    let of = |f: fn(&(Statistics, Statistics)) -> f64| spread(both.iter().map(f).collect());
+    let of = |f: fn(&(ErrorStatistics, ErrorStatistics)) -> f64| spread(both.iter().map(f).collect());
     [
         [of(|s| s.0.mean_mm), of(|s| s.0.std_mm), of(|s| s.0.max_mm)],
         [of(|s| s.1.mean_mm), of(|s| s.1.std_mm), of(|s| s.1.max_mm)],

@@ -1,7 +1,7 @@
 //! The force with which the arm presses is bounded by the controller itself.
 
 use spherecal::job::Config;
-use spherecal::lab::faults::{Case, Ended, Finish, Trial};
+use spherecal::lab::faults::{Case, FaultTrial, Finish, TrialEnd};
 use spherecal::sim::inject::{FaultPlan, InjectedFault};
 use spherecal_shared::protocol::host::{Fault, Phase};
 
@@ -46,7 +46,7 @@ fn sound_runs_do_not_press() {
     for (name, seed, plant) in HARD {
         let trial = case(seed, plant).run(&FaultPlan::default()).expect("a run");
         println!("{name}, seed {seed}: {:?}", trial.faults);
-        assert_eq!(trial.ended, Ended::Finished, "{name}");
+        assert_eq!(trial.ended, TrialEnd::Finished, "{name}");
         assert!(
             trial.faults.iter().all(|f| f.fault != Fault::Pressing),
             "{name}: {:?}",
@@ -56,7 +56,7 @@ fn sound_runs_do_not_press() {
 }
 
 /// What a disturbance in a free motion came to.
-fn disturbed(case: &Case, what: InjectedFault, entry: u32, after_s: f64, for_s: f64) -> Trial {
+fn disturbed(case: &Case, what: InjectedFault, entry: u32, after_s: f64, for_s: f64) -> FaultTrial {
     let trial = case
         .run(&one(what, Phase::Moving, entry, after_s, for_s))
         .expect("a run");
@@ -86,7 +86,7 @@ fn a_push_in_a_free_motion_stops_it_and_the_run_recovers() {
     ] {
         let push = InjectedFault::HumanPush { force_n };
         let trial = disturbed(&case, push, entry, 0.4, 0.6);
-        assert_eq!(trial.ended, Ended::Finished, "{:?}", trial.faults);
+        assert_eq!(trial.ended, TrialEnd::Finished, "{:?}", trial.faults);
         let first = trial.faults.first().map(|f| (f.fault, f.phase));
         assert_eq!(first, Some((Fault::Pressing, Phase::Moving)), "motion {entry}");
     }
@@ -102,7 +102,7 @@ fn an_obstacle_is_not_pressed_on() {
             stiffness_n_m,
         };
         let trial = disturbed(&case, obstacle, entry, 0.5, 2.0);
-        assert_eq!(trial.ended, Ended::Finished, "{:?}", trial.faults);
+        assert_eq!(trial.ended, TrialEnd::Finished, "{:?}", trial.faults);
         let stopped = trial
             .faults
             .iter()

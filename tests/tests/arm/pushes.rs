@@ -6,8 +6,8 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spherecal::job::Config;
-use spherecal::lab::faults::{Case, Ended, Finish, PEAK_N, SUSTAINED_N, Trial};
-use spherecal::sim::inject::{Entry, FaultPlan, InjectedFault, When};
+use spherecal::lab::faults::{Case, FaultTrial, Finish, PEAK_N, SUSTAINED_N, TrialEnd};
+use spherecal::sim::inject::{FaultPlan, InjectedFault, PlannedFault, When};
 use spherecal_shared::protocol::host::Phase;
 
 /// Phases, the longest time after the entry in s, and the chance of a push at an entry, in each of the
@@ -38,7 +38,7 @@ const HOLD_N_M: f64 = 1e4;
 fn pushes(phase: usize, seed: u64) -> FaultPlan {
     let (name, longest_s, probability) = PHASES[phase];
     let mut rng = ChaCha8Rng::seed_from_u64(seed * 100 + phase as u64);
-    let mut entry = |what| Entry {
+    let mut entry = |what| PlannedFault {
         what,
         when: When::Entering {
             name,
@@ -49,7 +49,7 @@ fn pushes(phase: usize, seed: u64) -> FaultPlan {
         for_s: Some(rng.random_range(0.2..2.0)),
     };
     let mut size = ChaCha8Rng::seed_from_u64(seed);
-    let mut faults: Vec<Entry> = DIRECTIONS
+    let mut faults: Vec<PlannedFault> = DIRECTIONS
         .iter()
         .map(|d| {
             let newton = size.random_range(5.0..50.0);
@@ -78,7 +78,7 @@ fn case(seed: u64, preset: &str) -> Case {
     Case::of(config, Finish::Calibrate).unwrap_or_else(|e| panic!("{preset}: {e}"))
 }
 
-fn told(preset: &str, seed: u64, phase: usize, trial: &Trial) -> String {
+fn told(preset: &str, seed: u64, phase: usize, trial: &FaultTrial) -> String {
     let pushes = trial.happened.iter().filter(|h| h.begins).count();
     let worst = trial
         .happened
@@ -134,7 +134,10 @@ fn long_pushes_at_many_poses_do_not_make_the_arm_press() {
         let trial = case.run(&pushes(phase, 1)).expect("a run");
         let told = told("typical", 1, phase, &trial);
         println!("{told}");
-        assert!(matches!(trial.ended, Ended::Finished | Ended::Stopped(_)), "{told}");
+        assert!(
+            matches!(trial.ended, TrialEnd::Finished | TrialEnd::Stopped(_)),
+            "{told}"
+        );
         assert!(
             trial.bad.is_empty() && trial.lost == 0 && trial.duplicates == 0,
             "{told}"

@@ -1,7 +1,7 @@
 //! Recovery that does not push: retreat and return after pushes.
 
 use spherecal::lab::faults::worst::{self, WorstOptions};
-use spherecal::lab::faults::{Case, Ended, Finish, PEAK_N, SUSTAINED_N};
+use spherecal::lab::faults::{Case, Finish, PEAK_N, SUSTAINED_N, TrialEnd};
 use spherecal::sim::inject::InjectedFault;
 use spherecal_shared::protocol::host::Phase;
 
@@ -18,7 +18,7 @@ fn a_push_off_the_sphere_is_recovered_without_pressing() {
             force_n: [50.0 * angle.cos(), 50.0 * angle.sin(), 0.0],
         };
         let trial = case.run(&one(push, Phase::Recording, entry, 0.1, 0.5)).expect("a run");
-        assert_eq!(trial.ended, Ended::Finished, "entry {entry}: {:?}", trial.faults);
+        assert_eq!(trial.ended, TrialEnd::Finished, "entry {entry}: {:?}", trial.faults);
         println!(
             "entry {entry}: {:.1} N for 0.3 s, {:.1} N at most, {:?}",
             trial.sustained_n, trial.pressed_n, trial.bad

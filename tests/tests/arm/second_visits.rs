@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 use rayon::prelude::*;
-use spherecal::campaign::{CampaignError, Observer, Outcome, RunOptions};
+use spherecal::campaign::{CampaignError, CampaignObserver, Outcome, RunOptions};
 use spherecal::link::controller_in_process;
 use spherecal::sim::inject::{FaultPlan, FaultyCell, FaultyDrive, InjectedFault};
 use spherecal::sim::plant::PlantConfig;
@@ -30,7 +30,7 @@ fn direction(k: u32) -> [f64; 3] {
 #[derive(Default)]
 struct Said(Vec<String>);
 
-impl Observer for Said {
+impl CampaignObserver for Said {
     fn note(&mut self, text: &str) {
         self.0.push(text.to_owned());
     }

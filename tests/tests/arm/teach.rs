@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
 use spherecal::campaign::{Assignment, Operator, RunOptions, Silent, run};
-use spherecal::job::{Choice, Config, Link, Prepared, TaughtWaypoints, prepare, teach};
+use spherecal::job::{Choice, Config, Link, PreparedRun, TaughtWaypoints, prepare, teach};
 use spherecal::link::{LocalDevice, controller_in_process};
 use spherecal::model::chain::Chain;
 use spherecal::sim::simulated_arm;
@@ -27,7 +27,7 @@ impl Operator for Nobody {
     fn let_go(&mut self) {}
 }
 
-fn prepared(preset: &str, seed: u64) -> Prepared {
+fn prepared(preset: &str, seed: u64) -> PreparedRun {
     let mut config = Config {
         seed,
         ..Config::default()
@@ -38,7 +38,7 @@ fn prepared(preset: &str, seed: u64) -> Prepared {
     prepare(&config).expect("a plan")
 }
 
-fn taught(prepared: &Prepared) -> TaughtWaypoints {
+fn taught(prepared: &PreparedRun) -> TaughtWaypoints {
     let interrupt = AtomicBool::new(false);
     let result = teach(
         prepared,

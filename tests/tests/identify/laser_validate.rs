@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use spherecal::identify::Pose;
 use spherecal::identify::arcs::{Measured, MeasuredArc, frames_from_arcs, split_arcs};
-use spherecal::identify::validate::{Alignment, Prediction, Statistics, validate};
+use spherecal::identify::validate::{Alignment, ErrorStatistics, Prediction, validate};
 use spherecal::plan::laser::{Arc, Spread, TABLE_3, TABLE_4, plan};
 use spherecal_shared::robot::{Arm, Robot, Tool, iiwa7, iiwa7_tool};
 
@@ -203,7 +203,7 @@ fn validation_agrees_with_the_stored_worlds() {
             .expect("good data");
             let expected: Vec<f64> = serde_json::from_value(world.expected[model]["V"].clone()).expect("numbers");
             for (alignment, v) in Alignment::ALL.into_iter().zip(expected.chunks(4)) {
-                let s: &Statistics = table.model(model).expect("given").statistics(alignment);
+                let s: &ErrorStatistics = table.model(model).expect("given").statistics(alignment);
                 for (ours, theirs) in [s.mean_mm, s.std_mm, s.min_mm, s.max_mm].into_iter().zip(v) {
                     assert!(
                         (ours - theirs).abs() < 1e-8,

@@ -1,8 +1,8 @@
 //! Nelder-Mead against SciPy, and the paper's procedure against the stored world.
 
 use nalgebra::{Matrix3, Vector3};
-use spherecal::identify::paper::{Procedure, mini_batches, problem, scaled, whole};
-use spherecal::identify::simplex::{Ended, Limits, minimise, usual_simplex};
+use spherecal::identify::paper::{PaperProcedure, mini_batches, problem, scaled, whole};
+use spherecal::identify::simplex::{SearchEnd, SearchLimits, minimise, usual_simplex};
 use spherecal::identify::{DistanceProblem, Method, Options, Pairs, Pose};
 use spherecal_tests::worlds::World;
 
@@ -86,17 +86,17 @@ fn function(name: &str) -> fn(&[f64]) -> f64 {
 fn the_simplex_is_scipys_bit_by_bit() {
     let Cases { cases } = spherecal_tests::data("simplex_scipy.json");
     for case in &cases {
-        let limits = Limits {
+        let limits = SearchLimits {
             iterations: case.maxiter,
             evaluations: case.maxfev,
             x_tolerance: case.xatol,
             f_tolerance: case.fatol,
-            ..Limits::default()
+            ..SearchLimits::default()
         };
         let found = minimise(function(&case.function), usual_simplex(&case.start), &limits);
         let name = format!("{} {:?}", case.function, case.start);
         assert_eq!((found.evaluations, found.iterations), (case.nfev, case.nit), "{name}");
-        let ended = [Ended::Converged, Ended::Evaluations, Ended::Iterations][case.status];
+        let ended = [SearchEnd::Converged, SearchEnd::Evaluations, SearchEnd::Iterations][case.status];
         assert_eq!(found.ended, ended, "{name}");
         if case.exact {
             assert_eq!(found.value, case.fun, "{name}");
@@ -123,7 +123,7 @@ fn spheres_of_w1(method: Method, pairs: Pairs) -> (World, DistanceProblem) {
         }),
         ..Options::default()
     };
-    let (problem, _) = problem(&spheres, &options, &Procedure::default()).expect("good data");
+    let (problem, _) = problem(&spheres, &options, &PaperProcedure::default()).expect("good data");
     (world, problem)
 }
 
@@ -132,9 +132,9 @@ fn spheres_of_w1(method: Method, pairs: Pairs) -> (World, DistanceProblem) {
 #[test]
 fn the_papers_simplex_is_reproduced_and_freezes() {
     let (world, spheres) = spheres_of_w1(Method::NelderMead, Pairs::Vector);
-    let short = |evaluations| Limits {
+    let short = |evaluations| SearchLimits {
         evaluations: Some(evaluations),
-        ..Limits::default()
+        ..SearchLimits::default()
     };
     let found = whole(&spheres, &short(120));
     let stored = &world.expected["sphere_NM_vec_120fev"];
@@ -164,7 +164,7 @@ fn the_papers_simplex_is_reproduced_and_freezes() {
         base: Some(world.base()),
         ..Options::default()
     };
-    let (laser, _) = problem(&laser, &options, &Procedure::default()).expect("good data");
+    let (laser, _) = problem(&laser, &options, &PaperProcedure::default()).expect("good data");
     let found = whole(&laser, &short(120));
     assert_eq!(found.searches, [(120, 52)]);
     assert!(
@@ -187,7 +187,7 @@ fn scaled_steps_reach_the_optimum_and_the_usual_do_not() {
         println!("{pairs:?}: {optimum} mm², {ratio} after {evaluations} evaluations");
         assert!(ratio < 1.01, "{pairs:?}: {ratio} after {evaluations} evaluations");
         if pairs == Pairs::Vector {
-            let usual = whole(&problem, &Limits::default()).objective_mm2 / optimum;
+            let usual = whole(&problem, &SearchLimits::default()).objective_mm2 / optimum;
             println!("usual simplex {usual}");
             assert!(usual > 5.0, "{usual}");
         }
@@ -199,7 +199,7 @@ fn scaled_steps_reach_the_optimum_and_the_usual_do_not() {
 #[test]
 fn mini_batches_end_in_the_values_of_table_6() {
     let (_, problem) = spheres_of_w1(Method::NelderMead, Pairs::Vector);
-    let run = mini_batches(&problem, &Procedure::default(), 1);
+    let run = mini_batches(&problem, &PaperProcedure::default(), 1);
     assert!(run.searches.iter().all(|s| s.0 == 120));
     let zeros = run.zeros();
     let near = zeros.iter().filter(|(_, x)| (5.5e-5..6.4e-5).contains(x)).count();

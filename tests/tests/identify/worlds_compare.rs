@@ -77,9 +77,10 @@ fn slow_full_model_over_all_worlds() {
     for world in [World::W0, World::W1] {
         let map = table.cell(world, Estimator::Sphere).expect("compared");
         let laser = table.cell(world, Estimator::Laser).expect("compared");
-        let within = |(a, b): &(&spherecal::lab::worlds::Errors, &spherecal::lab::worlds::Errors)| {
-            a.arcs.max_mm <= b.arcs.max_mm + 0.058
-        };
+        let within = |(a, b): &(
+            &spherecal::lab::worlds::AlignedErrors,
+            &spherecal::lab::worlds::AlignedErrors,
+        )| { a.arcs.max_mm <= b.arcs.max_mm + 0.058 };
         let count = map.robots.iter().zip(&laser.robots).filter(within).count();
         println!("{world}: within 58 um of the laser's maximum for {count} of {ROBOTS} robots");
         let aim = if world == World::W0 { ROBOTS * 10 / 12 } else { ROBOTS };

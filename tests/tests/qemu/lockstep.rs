@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use spherecal::campaign::Outcome;
-use spherecal::link::qemu::{Cost, Qemu, QemuOptions};
+use spherecal::link::qemu::{Qemu, QemuOptions, TickCost};
 use spherecal::link::{Controller, LinkError, LocalDevice, controller_in_process};
 use spherecal::plan::Plan;
 use spherecal::sim::plant::PlantConfig;
@@ -19,7 +19,7 @@ use spherecal_tests::qemu::image;
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Trace {
     ticks: Vec<[u64; 15]>,
-    costs: Vec<Cost>,
+    costs: Vec<TickCost>,
 }
 
 /// Bits of a tick: its number, the joint angles and the torques.
@@ -36,7 +36,7 @@ fn bits(state: &DriveState, command: &DriveCommand) -> [u64; 15] {
 struct Traced<C> {
     inner: C,
     trace: Arc<Mutex<Trace>>,
-    cost: fn(&C) -> Cost,
+    cost: fn(&C) -> TickCost,
 }
 
 impl<C: Controller> Controller for Traced<C> {
@@ -81,7 +81,7 @@ fn traced<C: Controller + 'static>(
     config: &PlantConfig,
     plan: &Plan,
     inner: C,
-    cost: fn(&C) -> Cost,
+    cost: fn(&C) -> TickCost,
 ) -> (Memory, Outcome, Trace) {
     let trace = Arc::new(Mutex::new(Trace::default()));
     let controller = Traced {
@@ -114,7 +114,7 @@ fn a_sphere_of_five_poses_is_the_same_in_every_bit() {
     let config = PlantConfig::typical();
     let plan = short_plan(&config, &[1], &[0.0, 0.15, -0.1, 0.1, -0.15]);
     let in_process = Boxed(controller_in_process(7).expect("a controller"));
-    let (here, outcome, expected) = traced(&config, &plan, in_process, |_| Cost::default());
+    let (here, outcome, expected) = traced(&config, &plan, in_process, |_| TickCost::default());
     assert_eq!((here.recordings.len(), outcome.faults.len()), (5, 0));
     assert_eq!(outcome.contacts.len(), 1);
     assert!(expected.ticks.len() >= 10_000, "only {} ticks", expected.ticks.len());

@@ -3,13 +3,13 @@
 use spherecal_model::excerpt;
 
 use super::error::BagError;
-use super::messages::{JointState, Refusal};
-use super::records::Message;
+use super::messages::{JointStateMessage, MessageRefusal};
+use super::records::BagMessage;
 use super::targets::Targets;
 use super::wanted::Wanted;
 
 /// Takes the robot's joints from joint states.
-pub(crate) struct Reader<'a> {
+pub(crate) struct JointReader<'a> {
     wanted: &'a Wanted,
     /// The bytes of the names that `order` belongs to.
     key: Vec<u8>,
@@ -26,7 +26,7 @@ pub(crate) struct Reader<'a> {
     pub(crate) efforts: bool,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> JointReader<'a> {
     pub(crate) fn new(wanted: &'a Wanted) -> Self {
         Self {
             wanted,
@@ -42,8 +42,8 @@ impl<'a> Reader<'a> {
     }
 
     /// Takes a message; returns its time in ns, if it has all joints of the robot.
-    pub(crate) fn take(&mut self, message: &Message<'_>, by_header: bool) -> Result<Option<i64>, Refusal> {
-        let state = JointState::read(message.data)?;
+    pub(crate) fn take(&mut self, message: &BagMessage<'_>, by_header: bool) -> Result<Option<i64>, MessageRefusal> {
+        let state = JointStateMessage::read(message.data)?;
         if state.names_key != self.key || self.whole + self.partial == 0 {
             self.key.clear();
             self.key.extend_from_slice(state.names_key);

@@ -4,7 +4,7 @@ use spherecal_model::excerpt;
 
 use super::cdr::{Cdr, CdrError, Numbers};
 
-/// `sensor_msgs/msg/JointState`.
+/// `sensor_msgs/msg/JointStateMessage`.
 pub(crate) const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
 
 /// A type of messages that says where the tool was.
@@ -45,7 +45,7 @@ pub(crate) fn target_kind(name: &str) -> Option<TargetKind> {
 
 /// Where the tool was.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Place<'a> {
+pub(crate) enum ToolPlace<'a> {
     /// A point in a frame, in m.
     Point { frame: &'a str, at: [f64; 3] },
     /// At the centre of a sphere; the name of the plate's placement, or nothing.
@@ -53,9 +53,9 @@ pub(crate) enum Place<'a> {
 }
 
 /// Why a message cannot be used: what, and the remedy.
-pub(crate) type Refusal = (String, String);
+pub(crate) type MessageRefusal = (String, String);
 
-fn broken(error: CdrError) -> Refusal {
+fn broken(error: CdrError) -> MessageRefusal {
     (
         error.words(),
         "record the topic again, or convert the bag with `ros2 bag convert`".to_owned(),
@@ -81,7 +81,7 @@ fn sphere_of(frame: &str) -> Option<(u32, &str)> {
 const AT_CENTRE_M: f64 = 1e-6;
 
 /// Reads a target: its header's time in ns, where it has one, and the place.
-pub(crate) fn target(kind: TargetKind, bytes: &[u8]) -> Result<(Option<i64>, Place<'_>), Refusal> {
+pub(crate) fn target(kind: TargetKind, bytes: &[u8]) -> Result<(Option<i64>, ToolPlace<'_>), MessageRefusal> {
     let mut at = Cdr::new(bytes).map_err(broken)?;
     if let TargetKind::Number { bytes, signed } = kind {
         let number = at.whole(bytes, signed).map_err(broken)?;
@@ -91,7 +91,7 @@ pub(crate) fn target(kind: TargetKind, bytes: &[u8]) -> Result<(Option<i64>, Pla
                 "give the id of a sphere of the plate, 0 to 4294967295".to_owned(),
             )
         })?;
-        return Ok((None, Place::Sphere { sphere, place: "" }));
+        return Ok((None, ToolPlace::Sphere { sphere, place: "" }));
     }
     let mut read = || {
         let (time_ns, frame) = header(&mut at)?;
@@ -108,7 +108,7 @@ pub(crate) fn target(kind: TargetKind, bytes: &[u8]) -> Result<(Option<i64>, Pla
         ));
     }
     let Some((sphere, place)) = sphere_of(frame) else {
-        return Ok((time_ns, Place::Point { frame, at: point }));
+        return Ok((time_ns, ToolPlace::Point { frame, at: point }));
     };
     if let Some((axis, value)) = ["x", "y", "z"]
         .iter()
@@ -122,12 +122,12 @@ pub(crate) fn target(kind: TargetKind, bytes: &[u8]) -> Result<(Option<i64>, Pla
                 .to_owned(),
         ));
     }
-    Ok((time_ns, Place::Sphere { sphere, place }))
+    Ok((time_ns, ToolPlace::Sphere { sphere, place }))
 }
 
 /// The parts of a joint state.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct JointState<'a> {
+pub(crate) struct JointStateMessage<'a> {
     /// Time of its header in ns, where it is set.
     pub(crate) time_ns: Option<i64>,
     /// The bytes of its names: equal bytes are equal names.
@@ -137,14 +137,14 @@ pub(crate) struct JointState<'a> {
     pub(crate) effort: Numbers<'a>,
 }
 
-impl<'a> JointState<'a> {
+impl<'a> JointStateMessage<'a> {
     /// The time of its header in ns, where it is set.
-    pub(crate) fn time(bytes: &[u8]) -> Result<Option<i64>, Refusal> {
+    pub(crate) fn time(bytes: &[u8]) -> Result<Option<i64>, MessageRefusal> {
         let mut at = Cdr::new(bytes).map_err(broken)?;
         Ok(header(&mut at).map_err(broken)?.0)
     }
 
-    pub(crate) fn read(bytes: &'a [u8]) -> Result<Self, Refusal> {
+    pub(crate) fn read(bytes: &'a [u8]) -> Result<Self, MessageRefusal> {
         let mut at = Cdr::new(bytes).map_err(broken)?;
         let mut read = || {
             let (time_ns, _) = header(&mut at)?;

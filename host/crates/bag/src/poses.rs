@@ -3,13 +3,13 @@
 use core::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use spherecal_model::input::Progress;
+use spherecal_model::input::ReadingProgress;
 use spherecal_model::printable;
 
 use super::error::{BadMessage, BagError};
 use super::files::files;
-use super::joints::Reader;
-use super::messages::Refusal;
+use super::joints::JointReader;
+use super::messages::MessageRefusal;
 use super::records::each_message;
 use super::rests::{RestPose, Rests};
 use super::targets::{Where, targets};
@@ -95,7 +95,7 @@ impl Poses {
 /// # Errors
 /// Files that are no bag or are damaged; topics that are missing or not clear; joints that are not the robot's; messages
 /// that cannot be used; a bag without a pose.
-pub fn read_bag(path: &Path, wanted: &Wanted, progress: &mut dyn FnMut(Progress)) -> Result<Poses, BagError> {
+pub fn read_bag(path: &Path, wanted: &Wanted, progress: &mut dyn FnMut(ReadingProgress)) -> Result<Poses, BagError> {
     let bag = path.display().to_string();
     let files = files(path)?;
     let size = |file: &PathBuf| std::fs::metadata(file).map_or(0, |m| m.len());
@@ -109,7 +109,7 @@ pub fn read_bag(path: &Path, wanted: &Wanted, progress: &mut dyn FnMut(Progress)
                 before += file;
             }
             file = bytes;
-            progress(Progress {
+            progress(ReadingProgress {
                 rows: 0,
                 bytes: before + bytes,
                 total_bytes,
@@ -117,7 +117,7 @@ pub fn read_bag(path: &Path, wanted: &Wanted, progress: &mut dyn FnMut(Progress)
         })?
     };
     let mut rests = Rests::new(&found.all, wanted.rest_rad);
-    let mut reader = Reader::new(wanted);
+    let mut reader = JointReader::new(wanted);
     let mut number = 0;
     let mut done = total_bytes / 2;
     for path in &files {
@@ -125,7 +125,7 @@ pub fn read_bag(path: &Path, wanted: &Wanted, progress: &mut dyn FnMut(Progress)
         each_message(
             path,
             &mut |bytes| {
-                progress(Progress {
+                progress(ReadingProgress {
                     rows: poses.get(),
                     bytes: done + bytes,
                     total_bytes,
@@ -136,7 +136,7 @@ pub fn read_bag(path: &Path, wanted: &Wanted, progress: &mut dyn FnMut(Progress)
                     return Ok(());
                 }
                 number += 1;
-                let refused = |(what, remedy): Refusal| {
+                let refused = |(what, remedy): MessageRefusal| {
                     Box::new(BadMessage {
                         path: path.display().to_string(),
                         topic: message.topic.name.clone(),

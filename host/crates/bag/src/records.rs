@@ -33,7 +33,7 @@ pub(crate) struct Topic {
 }
 
 /// A message.
-pub(crate) struct Message<'a> {
+pub(crate) struct BagMessage<'a> {
     pub(crate) topic: &'a Rc<Topic>,
     /// When it was recorded, in ns.
     pub(crate) time_ns: i64,
@@ -41,14 +41,14 @@ pub(crate) struct Message<'a> {
 }
 
 /// Why the reading of a file ended early.
-enum Ended {
+enum EarlyEnd {
     Mcap(McapError),
     Name(&'static str),
     System(std::io::Error),
     Caller(BagError),
 }
 
-impl From<McapError> for Ended {
+impl From<McapError> for EarlyEnd {
     fn from(error: McapError) -> Self {
         Self::Mcap(error)
     }
@@ -69,7 +69,7 @@ fn full_name(kind: &str) -> String {
 pub(crate) fn each_message(
     path: &Path,
     progress: &mut dyn FnMut(u64),
-    each: &mut dyn FnMut(&Message<'_>) -> Result<(), BagError>,
+    each: &mut dyn FnMut(&BagMessage<'_>) -> Result<(), BagError>,
 ) -> Result<(), BagError> {
     let (file, _) = open_regular(path, MOST_BAG_BYTES, LARGER)?;
     let source = BufReader::with_capacity(PIECE, file.take(MOST_BAG_BYTES));
@@ -78,25 +78,25 @@ pub(crate) fn each_message(
         what,
     };
     read(source, progress, each).map_err(|ended| match ended {
-        Ended::Caller(error) => error,
-        Ended::System(source) => BagError::File(FileError::Read {
+        EarlyEnd::Caller(error) => error,
+        EarlyEnd::System(source) => BagError::File(FileError::Read {
             path: path.display().to_string(),
             source,
         }),
-        Ended::Name(what) => damaged(what.to_owned()),
-        Ended::Mcap(McapError::UnexpectedEof) => damaged("it ends early".to_owned()),
-        Ended::Mcap(McapError::RecordTooLarge { opcode, len }) => damaged(format!(
+        EarlyEnd::Name(what) => damaged(what.to_owned()),
+        EarlyEnd::Mcap(McapError::UnexpectedEof) => damaged("it ends early".to_owned()),
+        EarlyEnd::Mcap(McapError::RecordTooLarge { opcode, len }) => damaged(format!(
             "a record of kind {opcode} has {len} bytes, and at most {MOST_RECORD_BYTES} are read"
         )),
-        Ended::Mcap(error) => damaged(spherecal_model::printable(&error.to_string()).into_owned()),
+        EarlyEnd::Mcap(error) => damaged(spherecal_model::printable(&error.to_string()).into_owned()),
     })
 }
 
 fn read(
     mut source: impl Read,
     progress: &mut dyn FnMut(u64),
-    each: &mut dyn FnMut(&Message<'_>) -> Result<(), BagError>,
-) -> Result<(), Ended> {
+    each: &mut dyn FnMut(&BagMessage<'_>) -> Result<(), BagError>,
+) -> Result<(), EarlyEnd> {
     let options = LinearReaderOptions::default()
         .with_record_length_limit(MOST_RECORD_BYTES)
         .with_validate_chunk_crcs(true);
@@ -107,7 +107,8 @@ fn read(
     while let Some(event) = records.next_event() {
         let (opcode, data) = match event? {
             LinearReadEvent::ReadRequest(wanted) => {
-                let count = some(&mut source, records.insert(wanted.min(MOST_RECORD_BYTES))).map_err(Ended::System)?;
+                let count =
+                    some(&mut source, records.insert(wanted.min(MOST_RECORD_BYTES))).map_err(EarlyEnd::System)?;
                 records.notify_read(count);
                 bytes += count as u64;
                 if bytes - reported >= REPORTED {
@@ -140,13 +141,13 @@ fn read(
             Record::Message { header, data } => {
                 let topic = topics
                     .get(&header.channel_id)
-                    .ok_or(Ended::Name("a message is of a topic that the file does not name"))?;
-                each(&Message {
+                    .ok_or(EarlyEnd::Name("a message is of a topic that the file does not name"))?;
+                each(&BagMessage {
                     topic,
                     time_ns: i64::try_from(header.log_time).unwrap_or(i64::MAX),
                     data: &data,
                 })
-                .map_err(Ended::Caller)?;
+                .map_err(EarlyEnd::Caller)?;
             }
             _ => {}
         }
@@ -159,9 +160,9 @@ fn parse(opcode: u8, data: &[u8]) -> McapResult<Record<'_>> {
     mcap::parse_record(opcode, data)
 }
 
-fn named(name: &str) -> Result<(), Ended> {
+fn named(name: &str) -> Result<(), EarlyEnd> {
     if name.len() > MOST_NAME_BYTES {
-        return Err(Ended::Name(
+        return Err(EarlyEnd::Name(
             "the name of a topic or of its type has more than 1024 bytes",
         ));
     }

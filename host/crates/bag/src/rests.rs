@@ -15,7 +15,7 @@ const NEAR_NS: i64 = (NEAR_S * 1e9) as i64;
 
 /// What a rest has measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Measured {
+pub(crate) struct RestMeasurement {
     pub(crate) at: Where,
     /// Targets that it is the mean of.
     pub(crate) count: usize,
@@ -33,7 +33,7 @@ pub(crate) struct RestPose {
     pub(crate) q: Vec<f64>,
     /// Mean efforts, where every joint state has them.
     pub(crate) effort: Option<Vec<f64>>,
-    pub(crate) measured: Measured,
+    pub(crate) measured: RestMeasurement,
 }
 
 /// Why the targets of a rest are not one target.
@@ -250,12 +250,12 @@ impl<'a> Rests<'a> {
 }
 
 /// The targets of a rest as one; else one that differs from the first.
-fn mean(first: Where, rest: &[TargetAt]) -> Result<Measured, Where> {
+fn mean(first: Where, rest: &[TargetAt]) -> Result<RestMeasurement, Where> {
     let count = 1 + rest.len();
     let Where::Point(origin) = first else {
         return match rest.iter().find(|target| target.at != first) {
             Some(other) => Err(other.at),
-            None => Ok(Measured {
+            None => Ok(RestMeasurement {
                 at: first,
                 count,
                 spread_m: 0.0,
@@ -277,7 +277,7 @@ fn mean(first: Where, rest: &[TargetAt]) -> Result<Measured, Where> {
         Where::Point(at) => most.max(distance(at)),
         Where::Sphere { .. } => most,
     });
-    Ok(Measured {
+    Ok(RestMeasurement {
         at: Where::Point(mean),
         count,
         spread_m,

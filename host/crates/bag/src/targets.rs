@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use spherecal_model::excerpt;
 
 use super::error::{BadMessage, BagError};
-use super::messages::{JOINT_STATE, JointState, Place, Refusal, target};
+use super::messages::{JOINT_STATE, JointStateMessage, MessageRefusal, ToolPlace, target};
 
-use super::records::{Message, each_message};
-use super::topics::{Chosen, Topics, taken};
+use super::records::{BagMessage, each_message};
+use super::topics::{ChosenTopics, Topics, taken};
 use super::wanted::Wanted;
 
 /// Most measured points and contacts of a bag.
@@ -35,7 +35,7 @@ pub(crate) struct TargetAt {
 /// What the first reading found.
 #[derive(Debug)]
 pub(crate) struct Targets {
-    pub(crate) chosen: Chosen,
+    pub(crate) chosen: ChosenTopics,
     /// In the order of their times.
     pub(crate) all: Vec<TargetAt>,
     /// Names of the placements; the empty one where a contact names none.
@@ -60,7 +60,7 @@ struct Scan<'a> {
 }
 
 impl Scan<'_> {
-    fn place(&mut self, name: &str) -> Result<usize, Refusal> {
+    fn place(&mut self, name: &str) -> Result<usize, MessageRefusal> {
         if let Some(k) = self.places.iter().position(|known| known == name) {
             return Ok(k);
         }
@@ -74,7 +74,7 @@ impl Scan<'_> {
         Ok(self.places.len() - 1)
     }
 
-    fn take(&mut self, message: &Message<'_>) -> Result<(), Refusal> {
+    fn take(&mut self, message: &BagMessage<'_>) -> Result<(), MessageRefusal> {
         let topic = message.topic;
         // Other encodings are refused as a topic.
         if topic.encoding != "cdr" {
@@ -82,7 +82,7 @@ impl Scan<'_> {
         }
         if topic.kind == JOINT_STATE {
             if self.named.is_empty() || self.named.contains(&topic.name) {
-                self.joint_headers &= JointState::time(message.data)?.is_some();
+                self.joint_headers &= JointStateMessage::time(message.data)?.is_some();
             }
             return Ok(());
         }
@@ -97,11 +97,11 @@ impl Scan<'_> {
         }
         let (time_ns, place) = target(kind, message.data)?;
         let at = match place {
-            Place::Sphere { sphere, place } => Where::Sphere {
+            ToolPlace::Sphere { sphere, place } => Where::Sphere {
                 sphere,
                 place: self.place(place)?,
             },
-            Place::Point { frame, at } => {
+            ToolPlace::Point { frame, at } => {
                 let known = self.frame.get_or_insert_with(|| frame.to_owned());
                 if known != frame {
                     return Err((

@@ -7,9 +7,9 @@ use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
 
 /// A message in CDR, little endian.
-pub(crate) struct Cdr(Vec<u8>);
+pub(crate) struct CdrMessage(Vec<u8>);
 
-impl Cdr {
+impl CdrMessage {
     pub(crate) fn new() -> Self {
         Self(vec![0, 1, 0, 0])
     }
@@ -56,25 +56,25 @@ impl Cdr {
 }
 
 pub(crate) fn joint_state(time_ns: u64, names: &[&str], position: &[f64], effort: &[f64]) -> Vec<u8> {
-    let named = Cdr::new().header(time_ns, "").u32(names.len() as u32);
+    let named = CdrMessage::new().header(time_ns, "").u32(names.len() as u32);
     let named = names.iter().fold(named, |own, name| own.text(name));
     named.f64s(position).f64s(&[]).f64s(effort).bytes()
 }
 
 pub(crate) fn point(time_ns: u64, frame: &str, at: [f64; 3]) -> Vec<u8> {
     at.iter()
-        .fold(Cdr::new().header(time_ns, frame), |own, x| own.f64(*x))
+        .fold(CdrMessage::new().header(time_ns, frame), |own, x| own.f64(*x))
         .bytes()
 }
 
 /// A bag while it is written.
-pub(crate) struct Bag {
+pub(crate) struct TestBag {
     writer: Writer<std::io::BufWriter<std::fs::File>>,
     channels: BTreeMap<String, u16>,
     path: PathBuf,
 }
 
-impl Bag {
+impl TestBag {
     pub(crate) fn new(folder: &Path) -> Self {
         Self::compressed(folder, Some(Compression::Lz4))
     }

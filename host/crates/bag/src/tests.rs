@@ -4,7 +4,7 @@ use std::path::Path;
 
 use mcap::Compression;
 
-use super::test_bag::{Bag, Cdr, joint_state, point};
+use super::test_bag::{CdrMessage, TestBag, joint_state, point};
 use super::{Poses, Wanted, read_bag};
 
 const START_NS: u64 = 1_790_000_000_000_000_000;
@@ -29,7 +29,7 @@ fn refused(path: &Path, wanted: &Wanted, words: &[&str]) {
 
 /// Writes the joint states of a number of rests of 1 s, with 0.5 s of motion between, at 100 Hz. The elbow is named first,
 /// and a gripper is there too. Calls `each` with the time in the middle of each rest.
-fn joints(bag: &mut Bag, rests: usize, mut each: impl FnMut(&mut Bag, usize, u64)) {
+fn joints(bag: &mut TestBag, rests: usize, mut each: impl FnMut(&mut TestBag, usize, u64)) {
     for k in 0..150 * rests {
         let time = START_NS + 10_000_000 * k as u64;
         let (rest, step) = (k / 150, k % 150);
@@ -49,7 +49,7 @@ fn joints(bag: &mut Bag, rests: usize, mut each: impl FnMut(&mut Bag, usize, u64
 
 /// A bag with a measured point per rest.
 fn points(folder: &Path, frame: &str, compression: Option<Compression>) -> std::path::PathBuf {
-    let mut bag = Bag::compressed(folder, compression);
+    let mut bag = TestBag::compressed(folder, compression);
     joints(&mut bag, 4, |bag, rest, time| {
         let at = [rest as f64, 0.25, -0.5];
         bag.put("/tracker/point", POINT, "cdr", time, &point(time, frame, at));
@@ -83,11 +83,11 @@ fn a_rest_with_a_point_is_a_row() {
 #[test]
 fn contacts_by_frame_and_by_number() {
     let folder = tempfile::tempdir().unwrap();
-    let mut bag = Bag::new(folder.path());
+    let mut bag = TestBag::new(folder.path());
     joints(&mut bag, 4, |bag, rest, time| {
         let frame = format!("plate_{}/sphere_{}", rest / 2, rest % 2 + 1);
         bag.put("/contact", POINT, "cdr", time, &point(time, &frame, [0.0; 3]));
-        let number = Cdr::new().u32(rest as u32 + 7).bytes();
+        let number = CdrMessage::new().u32(rest as u32 + 7).bytes();
         bag.put("/sphere", "std_msgs/msg/Int32", "cdr", time, &number);
     });
     let path = bag.finish();
@@ -145,7 +145,7 @@ fn topics_that_are_missing_or_not_clear_are_refused() {
         &["left_shoulder", "elbow, finger, shoulder", "--joint-columns"],
     );
 
-    let mut bag = Bag::new(folder.path());
+    let mut bag = TestBag::new(folder.path());
     joints(&mut bag, 2, |bag, _, time| {
         bag.put("/a", POINT, "cdr", time, &point(time, "t", [0.0; 3]));
         bag.put("/b", POINT, "cdr", time, &point(time, "t", [0.0; 3]));
@@ -156,7 +156,7 @@ fn topics_that_are_missing_or_not_clear_are_refused() {
         &["several topics with measured points", "/a", "/b", "--topics"],
     );
 
-    let mut bag = Bag::new(folder.path());
+    let mut bag = TestBag::new(folder.path());
     bag.put("/joint_states", "sensor_msgs/JointState", "json", START_NS, b"{}");
     bag.put("/p", POINT, "cdr", START_NS, &point(START_NS, "t", [0.0; 3]));
     refused(
@@ -166,7 +166,7 @@ fn topics_that_are_missing_or_not_clear_are_refused() {
     );
 
     refused(
-        &Bag::new(folder.path()).finish(),
+        &TestBag::new(folder.path()).finish(),
         &wanted(),
         &["it has no messages", JOINT_STATE],
     );
@@ -177,7 +177,7 @@ fn topics_that_are_missing_or_not_clear_are_refused() {
 fn messages_that_cannot_be_used_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let with = |each: &dyn Fn(usize, u64) -> Vec<u8>| {
-        let mut bag = Bag::new(folder.path());
+        let mut bag = TestBag::new(folder.path());
         joints(&mut bag, 3, |bag, rest, time| {
             bag.put("/point", POINT, "cdr", time, &each(rest, time));
         });
@@ -205,7 +205,7 @@ fn messages_that_cannot_be_used_are_refused() {
     let path = with(&|_, time| point(time + 800_000_000, "t", [0.0; 3]));
     refused(&path, &wanted(), &["none of the 3 messages of /point"]);
 
-    let mut bag = Bag::new(folder.path());
+    let mut bag = TestBag::new(folder.path());
     joints(&mut bag, 3, |bag, _, time| {
         bag.put("/point", POINT, "cdr", time, &point(time, "t", [0.0; 3]));
         bag.put("/point", POINT, "cdr", time, &point(time, "t", [0.02, 0.0, 0.0]));
@@ -216,7 +216,7 @@ fn messages_that_cannot_be_used_are_refused() {
         &["/point", "10.0 mm from their mean", "at most 2 mm"],
     );
 
-    let mut bag = Bag::new(folder.path());
+    let mut bag = TestBag::new(folder.path());
     bag.put("/point", POINT, "cdr", START_NS, &point(START_NS, "t", [0.0; 3]));
     bag.put(
         "/joint_states",
@@ -231,7 +231,7 @@ fn messages_that_cannot_be_used_are_refused() {
         &["/joint_states", "message 1", "\"shoulder\"", "1 positions"],
     );
 
-    let mut bag = Bag::new(folder.path());
+    let mut bag = TestBag::new(folder.path());
     for k in 0..500_u64 {
         let time = START_NS + k * 10_000_000;
         let q = k as f64 * 1e-3;
@@ -293,7 +293,7 @@ fn a_split_bag_is_read_in_its_order() {
     std::fs::create_dir(&parts).unwrap();
     std::fs::create_dir(&bag).unwrap();
     for part in 0..11_u64 {
-        let mut one = Bag::new(&parts);
+        let mut one = TestBag::new(&parts);
         for k in 0..100_u64 {
             let time = START_NS + (part * 100 + k) * 10_000_000;
             let q = part as f64 * 0.1;
@@ -356,7 +356,7 @@ proptest::proptest! {
         if data.len() > 4 && data[0] & 1 == 0 {
             data[..4].copy_from_slice(&[0, 1, 0, 0]);
         }
-        let _ = super::messages::JointState::read(&data).map(|state| (state.names(), state.effort.get(3)));
+        let _ = super::messages::JointStateMessage::read(&data).map(|state| (state.names(), state.effort.get(3)));
         for (_, kind) in super::messages::TARGETS {
             let _ = super::messages::target(kind, &data);
         }

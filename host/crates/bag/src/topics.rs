@@ -28,7 +28,7 @@ pub(crate) struct Topics {
 
 /// What is taken from a bag.
 #[derive(Clone, Debug)]
-pub(crate) struct Chosen {
+pub(crate) struct ChosenTopics {
     pub(crate) joints: Rc<Topic>,
     pub(crate) targets: Rc<Topic>,
 }
@@ -67,7 +67,7 @@ impl Topics {
     ///
     /// # Errors
     /// None or several that could be meant, and names that are not in the bag.
-    pub(crate) fn choose(&self, bag: &str, named: &[String]) -> Result<Chosen, BagError> {
+    pub(crate) fn choose(&self, bag: &str, named: &[String]) -> Result<ChosenTopics, BagError> {
         let refuse = |what: String, remedy: String| BagError::Topics {
             path: bag.to_owned(),
             what,
@@ -107,7 +107,7 @@ impl Topics {
         );
         let targets = self.only(targets, "measured points or contacts", &or_named, &refuse)?;
         cdr(&targets)?;
-        Ok(Chosen { joints, targets })
+        Ok(ChosenTopics { joints, targets })
     }
 
     /// The only topic that is wanted.

@@ -3,7 +3,7 @@
 use spherecal_model::excerpt;
 
 use super::error::BagError;
-use super::joints::Reader;
+use super::joints::JointReader;
 use super::rests::{GAP_S, Mixed, NEAR_S, REST_S, Rests};
 use super::targets::{Targets, Where};
 use super::wanted::Wanted;
@@ -123,7 +123,7 @@ pub(crate) fn judge(bag: &str, wanted: &Wanted, found: &Targets, rests: &Rests<'
 }
 
 /// How the poses were formed, in words.
-pub(crate) fn notes(wanted: &Wanted, found: &Targets, rests: &Rests<'_>, reader: &Reader<'_>) -> Vec<String> {
+pub(crate) fn notes(wanted: &Wanted, found: &Targets, rests: &Rests<'_>, reader: &JointReader<'_>) -> Vec<String> {
     let (joints, targets) = (&found.chosen.joints, &found.chosen.targets);
     let frame = match rests.poses.first().map(|pose| pose.measured.at) {
         Some(Where::Point(_)) => format!(", frame \"{}\"", excerpt(&found.frame)),

@@ -51,7 +51,7 @@ use spherecal_shared::protocol::host::Coupled;
 use spherecal_shared::robot::{Robot, Tool};
 
 pub use error::{CampaignError, remedy};
-pub use observe::{Moved, Observer, Progress, Silent, Stage, TelemetrySummary};
+pub use observe::{CampaignObserver, CampaignStage, Moved, Progress, Silent, TelemetrySummary};
 pub use operate::{Answer, ManualControl, Order, operate};
 pub use outcome::{Outcome, Rejected};
 pub use plausible::{Implausible, plausible};

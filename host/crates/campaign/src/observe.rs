@@ -10,7 +10,7 @@ use spherecal_link::native::DriveRecord;
 /// What the campaign is about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Stage {
+pub enum CampaignStage {
     /// Handshake and configuring.
     #[default]
     Connect,
@@ -38,7 +38,7 @@ pub enum Stage {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Progress {
     /// What it is about.
-    pub stage: Stage,
+    pub stage: CampaignStage,
     /// Phase of the controller.
     pub phase: Phase,
     /// Id of the current sphere; 0 for none.
@@ -74,7 +74,7 @@ pub enum Moved {
 }
 
 /// An observer of a campaign. Every method does nothing unless it is overridden.
-pub trait Observer {
+pub trait CampaignObserver {
     /// The run that is measured, once it is in the store and before its first event.
     fn run(&mut self, _run: &RunKey) {}
 
@@ -98,7 +98,7 @@ pub trait Observer {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;
 
-impl Observer for Silent {}
+impl CampaignObserver for Silent {}
 
 /// What telemetry amounted to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -8,7 +8,7 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Phase, PoseCommand, Sample};
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::observe::Observer;
+use super::observe::CampaignObserver;
 use super::procedure::Campaign;
 use super::session::{Session, Waited};
 use super::{Assignment, CampaignError, RunOptions};
@@ -80,7 +80,7 @@ pub fn operate(
     robot: &Robot,
     tool: &Tool,
     procedure: &Procedure,
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
     interrupt: &AtomicBool,
     work: impl FnOnce(&mut ManualControl<'_>) -> Result<(), CampaignError>,
 ) -> Result<(), CampaignError> {

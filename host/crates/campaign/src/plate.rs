@@ -1,7 +1,7 @@
 //! What concerns the plate as a whole: its placement.
 
 use super::CampaignError;
-use super::observe::Stage;
+use super::observe::CampaignStage;
 use super::procedure::Campaign;
 use super::session::Session;
 
@@ -18,9 +18,9 @@ impl Campaign<'_> {
             return Ok(false);
         }
         let plan = self.assignment.plan;
-        session.stage(Stage::Home, 0, plan);
+        session.stage(CampaignStage::Home, 0, plan);
         self.travel(session, "reach the home frame", &plan.home.joints)?;
-        session.stage(Stage::Plate, 0, plan);
+        session.stage(CampaignStage::Plate, 0, plan);
         session.plate(place)?;
         self.place = place;
         *stands = Some(place);

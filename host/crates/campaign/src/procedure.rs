@@ -6,12 +6,12 @@ use std::sync::atomic::AtomicBool;
 use spherecal_shared::Joints;
 use spherecal_shared::protocol::host::{Command, Fault, FaultReport, Phase, PoseCommand, Refusal};
 
-use super::observe::{Observer, Stage};
+use super::observe::{CampaignObserver, CampaignStage};
 use super::outcome::{Outcome, Rejected};
 use super::places::Places;
 use super::recovery::policy;
 use super::retry::{DescentEnd, Waypoints};
-use super::revisit::Coupling;
+use super::revisit::CouplingEnd;
 use super::seats::Seats;
 use super::session::{Session, Waited};
 use super::{Assignment, CampaignError};
@@ -34,7 +34,7 @@ pub fn run(
     assignment: &Assignment<'_>,
     cell: &mut dyn Device,
     journal: &mut dyn Journal,
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
     interrupt: &AtomicBool,
 ) -> (Outcome, Result<(), CampaignError>) {
     let lead_us = u64::from(assignment.options.lead_ms) * 1000;
@@ -102,7 +102,7 @@ impl<'a> Campaign<'a> {
 
     /// Performs the handshake and sends the controller robot, tool and procedure.
     pub(super) fn begin(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
-        session.stage(Stage::Connect, 0, self.assignment.plan);
+        session.stage(CampaignStage::Connect, 0, self.assignment.plan);
         session.handshake(self.assignment.robot.dof())?;
         session.clear_fault()?;
         self.take_over(session)?;
@@ -175,7 +175,7 @@ impl<'a> Campaign<'a> {
             let faults = session.faults.len();
             let lost = self.with_reconnect(session, Some(visit), |campaign, session, again| {
                 if again || !straight {
-                    session.stage(Stage::Home, 0, plan);
+                    session.stage(CampaignStage::Home, 0, plan);
                     campaign.travel(session, "reach the home frame", &plan.home.joints)?;
                 }
                 if campaign.pending(visit).is_empty() {
@@ -191,12 +191,12 @@ impl<'a> Campaign<'a> {
         }
         if away {
             self.with_reconnect(session, None, |campaign, session, _| {
-                session.stage(Stage::Home, 0, plan);
+                session.stage(CampaignStage::Home, 0, plan);
                 campaign.travel(session, "reach the home frame", &plan.home.joints)
             })?;
         }
         session.drain(20)?;
-        session.stage(Stage::Done, 0, plan);
+        session.stage(CampaignStage::Done, 0, plan);
         Ok(())
     }
 
@@ -230,7 +230,7 @@ impl<'a> Campaign<'a> {
         // Descents in a row that did not find the seat.
         let mut missed = 0;
         loop {
-            session.stage(Stage::Approach, visit.sphere_id, plan);
+            session.stage(CampaignStage::Approach, visit.sphere_id, plan);
             self.travel(session, "reach the approach frame", &approach)?;
             let before = self.recorded;
             let contacts = session.contacts.len();
@@ -263,7 +263,7 @@ impl<'a> Campaign<'a> {
                     in_vain = 0;
                 }
             }
-            session.stage(Stage::Recover, visit.sphere_id, plan);
+            session.stage(CampaignStage::Recover, visit.sphere_id, plan);
             self.let_go(session, visit, report)?;
             self.touching = false;
             if in_vain >= self.assignment.options.attempts {
@@ -297,11 +297,11 @@ impl<'a> Campaign<'a> {
         let plan = self.assignment.plan;
         let p = self.assignment.procedure;
         match self.couple(session, visit)? {
-            Coupling::Seated => {}
-            Coupling::Again => return Ok(AtSphere::Again),
-            Coupling::Fault(report) => return Ok(AtSphere::Fault(report, None)),
+            CouplingEnd::Seated => {}
+            CouplingEnd::Again => return Ok(AtSphere::Again),
+            CouplingEnd::Fault(report) => return Ok(AtSphere::Fault(report, None)),
         }
-        session.stage(Stage::Poses, visit.sphere_id, plan);
+        session.stage(CampaignStage::Poses, visit.sphere_id, plan);
         let pending = self.pending(visit);
         let limit = 30.0 + p.turn.settle_s + 2e-3 * f64::from(p.record.samples);
         for pose in pending {
@@ -342,7 +342,7 @@ impl<'a> Campaign<'a> {
             }
         }
 
-        session.stage(Stage::Decouple, visit.sphere_id, plan);
+        session.stage(CampaignStage::Decouple, visit.sphere_id, plan);
         if let Some(report) = self.leave(session)? {
             self.let_go(session, visit, report)?;
         }

@@ -4,7 +4,7 @@
 use spherecal_shared::protocol::host::{Command, FaultReport, Refusal};
 
 use super::CampaignError;
-use super::observe::Stage;
+use super::observe::CampaignStage;
 use super::procedure::{Campaign, joints};
 use super::recovery::policy;
 use super::session::Session;
@@ -149,7 +149,11 @@ impl Campaign<'_> {
     /// was reset, and needs the same steps.
     fn reconnect(&mut self, session: &mut Session<'_>, visit: Option<&Visit>) -> Result<(), CampaignError> {
         session.note("the controller was reset or silent: repeating the handshake");
-        session.stage(Stage::Recover, visit.map_or(0, |s| s.sphere_id), self.assignment.plan);
+        session.stage(
+            CampaignStage::Recover,
+            visit.map_or(0, |s| s.sphere_id),
+            self.assignment.plan,
+        );
         session.repeat_handshake(self.assignment.robot.dof())?;
         session.clear_fault()?;
         self.take_over(session)?;

@@ -14,15 +14,15 @@ use std::collections::BTreeSet;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultReport, Phase};
 
 use super::CampaignError;
-use super::observe::Stage;
+use super::observe::CampaignStage;
 use super::procedure::Campaign;
 use super::retry::{DescentEnd, Waypoints};
-use super::seats::Seating;
+use super::seats::SeatVerdict;
 use super::session::{Session, Waited};
 use spherecal_plan::Visit;
 
 /// How a coupling ended.
-pub(super) enum Coupling {
+pub(super) enum CouplingEnd {
     /// The nest is seated, at its place.
     Seated,
     /// The nest is off the sphere: another coupling must confirm it or decide.
@@ -51,15 +51,15 @@ impl Campaign<'_> {
     ///
     /// # Errors
     /// The sphere moved, or its couplings scatter; the nest is off the sphere then.
-    pub(super) fn couple(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<Coupling, CampaignError> {
-        session.stage(Stage::Couple, visit.sphere_id, self.assignment.plan);
+    pub(super) fn couple(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<CouplingEnd, CampaignError> {
+        session.stage(CampaignStage::Couple, visit.sphere_id, self.assignment.plan);
         session.coupled = None;
         let approach = ApproachCommand {
             sphere: visit.sphere_id,
             direction: visit.approach_direction,
         };
         if let Some(report) = session.carry_out("approach", Command::Approach(approach))? {
-            return Ok(Coupling::Fault(report));
+            return Ok(CouplingEnd::Fault(report));
         }
         self.touching = true;
         let seated = |s: &Session<'_>| {
@@ -68,7 +68,7 @@ impl Campaign<'_> {
         };
         let coupled = match session.wait("touch and couple", self.couple_limit(), seated)? {
             Waited::Got(coupled) => coupled,
-            Waited::Fault(report) => return Ok(Coupling::Fault(report)),
+            Waited::Fault(report) => return Ok(CouplingEnd::Fault(report)),
         };
         let found = self.places.check(visit, &coupled.centre_m);
         let seating = found.and_then(|()| {
@@ -76,27 +76,27 @@ impl Campaign<'_> {
             self.seats.take(visit, &coupled)
         });
         match &seating {
-            Ok(Seating::Sound) => return Ok(Coupling::Seated),
-            Ok(Seating::Replaced(by_m)) => {
+            Ok(SeatVerdict::Sound) => return Ok(CouplingEnd::Seated),
+            Ok(SeatVerdict::Replaced(by_m)) => {
                 session.note(&format!(
                     "sphere {}: its couplings are now {:.2} mm from its first one: the first had seated badly, or the sphere \
                      moved; see what the report says of its recordings",
                     visit.sphere_id,
                     by_m * 1e3
                 ));
-                return Ok(Coupling::Seated);
+                return Ok(CouplingEnd::Seated);
             }
-            Ok(Seating::Drifted(by_m)) => {
+            Ok(SeatVerdict::Drifted(by_m)) => {
                 session.note(&format!(
                     "sphere {}: {:.2} mm from its place before, as an arm and a plate that warm up may drift; let them warm \
                      up before a run",
                     visit.sphere_id,
                     by_m * 1e3
                 ));
-                return Ok(Coupling::Seated);
+                return Ok(CouplingEnd::Seated);
             }
-            Ok(Seating::Unconfirmed) => {}
-            Ok(Seating::Off(by_m)) => session.note(&format!(
+            Ok(SeatVerdict::Unconfirmed) => {}
+            Ok(SeatVerdict::Off(by_m)) => session.note(&format!(
                 "sphere {}: {:.2} mm from the couplings before; coupling again",
                 visit.sphere_id,
                 by_m * 1e3
@@ -112,10 +112,10 @@ impl Campaign<'_> {
             return Err(error);
         }
         if let Some(report) = fault {
-            return Ok(Coupling::Fault(report));
+            return Ok(CouplingEnd::Fault(report));
         }
         self.touching = false;
-        Ok(Coupling::Again)
+        Ok(CouplingEnd::Again)
     }
 
     /// Couples every sphere of the present placement once more whose place is known. Returns whether
@@ -142,25 +142,25 @@ impl Campaign<'_> {
         let attempts = self.assignment.options.attempts.max(1);
         let mut approach = visit.approach.joints.clone();
         if !self.is_straight(session, &approach) {
-            session.stage(Stage::Home, 0, plan);
+            session.stage(CampaignStage::Home, 0, plan);
             self.travel(session, "reach the home frame", &plan.home.joints)?;
         }
         let mut failed = 0;
         loop {
-            session.stage(Stage::Approach, visit.sphere_id, plan);
+            session.stage(CampaignStage::Approach, visit.sphere_id, plan);
             self.travel(session, "reach the approach frame", &approach)?;
             let contacts = session.contacts.len();
             let report = match self.couple(session, visit)? {
-                Coupling::Seated => {
-                    session.stage(Stage::Decouple, visit.sphere_id, plan);
+                CouplingEnd::Seated => {
+                    session.stage(CampaignStage::Decouple, visit.sphere_id, plan);
                     if let Some(report) = self.leave(session)? {
                         self.let_go(session, visit, report)?;
                     }
                     self.touching = false;
                     return Ok(());
                 }
-                Coupling::Again => continue,
-                Coupling::Fault(report) => report,
+                CouplingEnd::Again => continue,
+                CouplingEnd::Fault(report) => report,
             };
             failed += 1;
             if Waypoints::helps(report.fault) {
@@ -172,7 +172,7 @@ impl Campaign<'_> {
                 "sphere {}: {:?} while {:?} at its second visit; recovering",
                 visit.sphere_id, report.fault, report.phase
             ));
-            session.stage(Stage::Recover, visit.sphere_id, plan);
+            session.stage(CampaignStage::Recover, visit.sphere_id, plan);
             self.let_go(session, visit, report)?;
             self.touching = false;
             if failed >= attempts {

@@ -42,7 +42,7 @@ const BAD_SEAT_M: f64 = 0.001;
 
 /// What a coupling says.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Seating {
+pub(super) enum SeatVerdict {
     /// The nest is where it should be.
     Sound,
     /// The first coupling of a visit: another one must confirm it.
@@ -161,7 +161,7 @@ impl Seats {
     ///
     /// # Errors
     /// The sphere has moved, or its couplings scatter too much.
-    pub(super) fn take(&mut self, visit: &Visit, coupled: &Coupled) -> Result<Seating, CampaignError> {
+    pub(super) fn take(&mut self, visit: &Visit, coupled: &Coupled) -> Result<SeatVerdict, CampaignError> {
         let centre = Vector3::from(coupled.centre_m);
         let elsewhere = self
             .seats
@@ -182,7 +182,7 @@ impl Seats {
                 seat.time_us = coupled.time_us;
             }
             seat.off.clear();
-            return Ok(Seating::Sound);
+            return Ok(SeatVerdict::Sound);
         }
         seat.off.push(centre);
         let (count, closest) = (seat.off.len(), nearest(&seat.off));
@@ -194,8 +194,8 @@ impl Seats {
                     apart_mm: apart_m * 1e3,
                     limit_mm: AGREE_M * 1e3,
                 }),
-                Some((_, apart_m)) => Ok(Seating::Off(apart_m)),
-                None => Ok(Seating::Unconfirmed),
+                Some((_, apart_m)) => Ok(SeatVerdict::Off(apart_m)),
+                None => Ok(SeatVerdict::Unconfirmed),
             };
         };
         match closest {
@@ -204,9 +204,9 @@ impl Seats {
                 let limit_m = STAYED_M + drift_m(seat.time_us, coupled.time_us);
                 let agree = apart_m <= AGREE_M;
                 let seating = if agree && by_m <= limit_m {
-                    Seating::Drifted(by_m)
+                    SeatVerdict::Drifted(by_m)
                 } else if !seat.confirmed && by_m <= BAD_SEAT_M {
-                    Seating::Replaced(by_m)
+                    SeatVerdict::Replaced(by_m)
                 } else {
                     return Err(CampaignError::Shifted {
                         sphere: visit.sphere_id,
@@ -221,7 +221,7 @@ impl Seats {
                 seat.off.clear();
                 Ok(seating)
             }
-            _ => Ok(Seating::Off((centre - place).norm())),
+            _ => Ok(SeatVerdict::Off((centre - place).norm())),
         }
     }
 }
@@ -269,12 +269,12 @@ mod tests {
     #[test]
     fn three_couplings_elsewhere_are_a_moved_sphere() {
         let mut seats = seats(false);
-        assert_eq!(seats.take(&visit(0.1), &at(0.0)).expect("a place"), Seating::Sound);
-        assert_eq!(seats.take(&visit(0.1), &at(0.1)).expect("noise"), Seating::Sound);
+        assert_eq!(seats.take(&visit(0.1), &at(0.0)).expect("a place"), SeatVerdict::Sound);
+        assert_eq!(seats.take(&visit(0.1), &at(0.1)).expect("noise"), SeatVerdict::Sound);
         for x_mm in [0.26, 0.32] {
             let said = seats.take(&visit(0.1), &at(x_mm)).expect("undecided");
             assert!(
-                matches!(said, Seating::Off(m) if (m - x_mm * 1e-3).abs() < 1e-9),
+                matches!(said, SeatVerdict::Off(m) if (m - x_mm * 1e-3).abs() < 1e-9),
                 "{said:?}"
             );
         }
@@ -284,7 +284,7 @@ mod tests {
             "{error}"
         );
         // Another visit has other errors of the model.
-        assert_eq!(seats.take(&visit(0.2), &at(3.0)).expect("a place"), Seating::Sound);
+        assert_eq!(seats.take(&visit(0.2), &at(3.0)).expect("a place"), SeatVerdict::Sound);
     }
 
     // Fails if a bad seat, or two that disagree, counts as a moved sphere although a later coupling is
@@ -294,11 +294,11 @@ mod tests {
         let mut seats = seats(false);
         seats.take(&visit(0.1), &at(0.0)).expect("a place");
         for x_mm in [0.5, -0.4, 0.9, -0.8] {
-            assert!(matches!(seats.take(&visit(0.1), &at(x_mm)), Ok(Seating::Off(_))));
+            assert!(matches!(seats.take(&visit(0.1), &at(x_mm)), Ok(SeatVerdict::Off(_))));
         }
-        assert_eq!(seats.take(&visit(0.1), &at(0.03)).expect("there"), Seating::Sound);
+        assert_eq!(seats.take(&visit(0.1), &at(0.03)).expect("there"), SeatVerdict::Sound);
         for x_mm in [0.5, -0.4, 0.9, -0.8, 1.3, -1.2, 1.7] {
-            assert!(matches!(seats.take(&visit(0.1), &at(x_mm)), Ok(Seating::Off(_))));
+            assert!(matches!(seats.take(&visit(0.1), &at(x_mm)), Ok(SeatVerdict::Off(_))));
         }
         assert!(matches!(
             seats.take(&visit(0.1), &at(-1.6)),
@@ -314,13 +314,19 @@ mod tests {
             let mut seats = seats(false);
             seats.take(&visit(0.1), &at(0.0)).expect("a place");
             for off in [0.0, 0.05] {
-                assert!(matches!(seats.take(&visit(0.1), &at(x_mm + off)), Ok(Seating::Off(_))));
+                assert!(matches!(
+                    seats.take(&visit(0.1), &at(x_mm + off)),
+                    Ok(SeatVerdict::Off(_))
+                ));
             }
             let third = seats.take(&visit(0.1), &at(x_mm + 0.02));
-            assert_eq!(matches!(third, Ok(Seating::Replaced(_))), passes, "{third:?}");
+            assert_eq!(matches!(third, Ok(SeatVerdict::Replaced(_))), passes, "{third:?}");
             if passes {
-                assert_eq!(seats.take(&visit(0.1), &at(x_mm)).expect("the place"), Seating::Sound);
-                assert!(matches!(seats.take(&visit(0.1), &at(0.0)), Ok(Seating::Off(_))));
+                assert_eq!(
+                    seats.take(&visit(0.1), &at(x_mm)).expect("the place"),
+                    SeatVerdict::Sound
+                );
+                assert!(matches!(seats.take(&visit(0.1), &at(0.0)), Ok(SeatVerdict::Off(_))));
             }
         }
     }
@@ -330,17 +336,20 @@ mod tests {
     #[test]
     fn a_place_needs_two_couplings_that_agree() {
         let mut seats = seats(true);
-        assert_eq!(seats.take(&visit(0.1), &at(0.6)).expect("first"), Seating::Unconfirmed);
-        assert!(matches!(seats.take(&visit(0.1), &at(0.0)), Ok(Seating::Off(_))));
+        assert_eq!(
+            seats.take(&visit(0.1), &at(0.6)).expect("first"),
+            SeatVerdict::Unconfirmed
+        );
+        assert!(matches!(seats.take(&visit(0.1), &at(0.0)), Ok(SeatVerdict::Off(_))));
         assert!(!seats.knows(&visit(0.1)));
-        assert_eq!(seats.take(&visit(0.1), &at(0.05)).expect("second"), Seating::Sound);
+        assert_eq!(seats.take(&visit(0.1), &at(0.05)).expect("second"), SeatVerdict::Sound);
         assert!(seats.knows(&visit(0.1)));
         // The next visit of the sphere has one.
-        assert_eq!(seats.take(&visit(0.2), &at(2.0)).expect("a place"), Seating::Sound);
+        assert_eq!(seats.take(&visit(0.2), &at(2.0)).expect("a place"), SeatVerdict::Sound);
         for x_mm in [0.6, 0.4] {
-            assert!(matches!(seats.take(&visit(0.1), &at(x_mm)), Ok(Seating::Off(_))));
+            assert!(matches!(seats.take(&visit(0.1), &at(x_mm)), Ok(SeatVerdict::Off(_))));
         }
-        assert_eq!(seats.take(&visit(0.1), &at(0.01)).expect("there"), Seating::Sound);
+        assert_eq!(seats.take(&visit(0.1), &at(0.01)).expect("there"), SeatVerdict::Sound);
     }
 
     // Fails if an arm that warms up counts as a sphere that moved, if a move that no drift explains passes
@@ -355,21 +364,21 @@ mod tests {
             let now_s = 3600.0 + 60.0 * minutes;
             for x_mm in [x_mm, x_mm + 0.01] {
                 let said = seats.take(&visit(0.1), &at_s(x_mm, now_s)).expect("undecided");
-                assert!(matches!(said, Seating::Off(_)), "{said:?}");
+                assert!(matches!(said, SeatVerdict::Off(_)), "{said:?}");
             }
             let said = seats.take(&visit(0.1), &at_s(x_mm, now_s));
             if said.is_ok() {
                 // From now on the place is there.
                 let next = seats.take(&visit(0.1), &at_s(x_mm + 0.1, now_s)).expect("the place");
-                assert_eq!(next, Seating::Sound);
+                assert_eq!(next, SeatVerdict::Sound);
             }
             said
         };
-        assert!(matches!(after(0.24, 10.0), Ok(Seating::Drifted(_))));
+        assert!(matches!(after(0.24, 10.0), Ok(SeatVerdict::Drifted(_))));
         assert!(matches!(after(0.30, 10.0), Err(CampaignError::Shifted { limit_mm, .. }) if limit_mm < 0.27));
-        assert!(matches!(after(0.45, 55.0), Ok(Seating::Drifted(_))));
+        assert!(matches!(after(0.45, 55.0), Ok(SeatVerdict::Drifted(_))));
         assert!(matches!(after(0.65, 600.0), Err(CampaignError::Shifted { .. })));
-        assert!(matches!(after(0.50, -30.0), Ok(Seating::Drifted(_))));
+        assert!(matches!(after(0.50, -30.0), Ok(SeatVerdict::Drifted(_))));
         assert!(matches!(after(0.65, -30.0), Err(CampaignError::Shifted { .. })));
     }
 
@@ -395,8 +404,8 @@ mod tests {
         };
         let mut seats = Seats::recall(&plan, &[at(0.7), at(0.0), at(0.02), at(2.0)], true);
         assert!(seats.knows(&visit(0.1)) && !seats.knows(&visit(0.2)));
-        assert_eq!(seats.take(&visit(0.1), &at(0.1)).expect("there"), Seating::Sound);
-        assert!(matches!(seats.take(&visit(0.1), &at(0.7)), Ok(Seating::Off(_))));
+        assert_eq!(seats.take(&visit(0.1), &at(0.1)).expect("there"), SeatVerdict::Sound);
+        assert!(matches!(seats.take(&visit(0.1), &at(0.7)), Ok(SeatVerdict::Off(_))));
         assert!(!Seats::recall(&plan, &[at(0.7)], true).knows(&visit(0.1)));
         assert!(Seats::recall(&plan, &[at(0.7)], false).knows(&visit(0.1)));
     }

@@ -18,7 +18,7 @@ use spherecal_shared::protocol::host::{
     Banner, Contact, Coupled, Event, FaultReport, Phase, Refusal, Sample, Statistics,
 };
 
-use super::observe::{Moved, Observer, Progress, Stage, TelemetrySummary, force};
+use super::observe::{CampaignObserver, CampaignStage, Moved, Progress, TelemetrySummary, force};
 use super::{CampaignError, plausible};
 use spherecal_link::Journal;
 use spherecal_link::native::{DriveRecord, Monitor};
@@ -37,7 +37,7 @@ pub struct Session<'a> {
     cell: &'a mut dyn Device,
     endpoint: HostEndpoint,
     journal: &'a mut dyn Journal,
-    observer: &'a mut dyn Observer,
+    observer: &'a mut dyn CampaignObserver,
     interrupt: &'a AtomicBool,
     /// What a robot behind its own interface reports.
     monitor: Option<Monitor>,
@@ -83,7 +83,7 @@ impl<'a> Session<'a> {
     pub fn new(
         cell: &'a mut dyn Device,
         journal: &'a mut dyn Journal,
-        observer: &'a mut dyn Observer,
+        observer: &'a mut dyn CampaignObserver,
         interrupt: &'a AtomicBool,
         lead_us: u64,
     ) -> Self {
@@ -146,7 +146,7 @@ impl<'a> Session<'a> {
         self.observer.note(text);
     }
 
-    pub(super) fn stage(&mut self, stage: Stage, sphere: u32, plan: &Plan) {
+    pub(super) fn stage(&mut self, stage: CampaignStage, sphere: u32, plan: &Plan) {
         self.progress.stage = stage;
         self.progress.sphere = sphere;
         self.progress.spheres = plan.spheres.len();

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 
 use spherecal_shared::protocol::host::{Command, Phase};
 
-use super::observe::{Observer, Stage};
+use super::observe::{CampaignObserver, CampaignStage};
 use super::procedure::Campaign;
 use super::session::{Session, Waited};
 use super::{Assignment, CampaignError};
@@ -66,7 +66,7 @@ pub fn teach(
     assignment: &Assignment<'_>,
     device: &mut dyn Device,
     operator: &mut dyn Operator,
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
     interrupt: &AtomicBool,
 ) -> Result<Vec<Taught>, CampaignError> {
     let plan = assignment.plan;
@@ -75,7 +75,7 @@ pub fn teach(
     let mut session = Session::new(device, &mut nowhere, observer, interrupt, lead_us);
     let mut campaign = Campaign::new(assignment);
     campaign.begin(&mut session)?;
-    session.stage(Stage::Home, 0, plan);
+    session.stage(CampaignStage::Home, 0, plan);
     campaign.travel(&mut session, "reach the home frame", &plan.home.joints)?;
     let mut taught: Vec<Taught> = Vec::new();
     let mut stands = (!plan.several_places()).then_some(0);
@@ -87,7 +87,7 @@ pub fn teach(
             continue;
         }
         campaign.have_plate(&mut session, &mut stands, visit.place)?;
-        session.stage(Stage::Teach, visit.sphere_id, plan);
+        session.stage(CampaignStage::Teach, visit.sphere_id, plan);
         let joints = lead(assignment, &mut session, operator, visit.sphere_id)?;
         taught.push(Taught {
             sphere: visit.sphere_id,
@@ -95,9 +95,9 @@ pub fn teach(
             joints,
         });
     }
-    session.stage(Stage::Home, 0, plan);
+    session.stage(CampaignStage::Home, 0, plan);
     campaign.travel(&mut session, "reach the home frame", &plan.home.joints)?;
-    session.stage(Stage::Done, 0, plan);
+    session.stage(CampaignStage::Done, 0, plan);
     Ok(taught)
 }
 

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{config, hold, robot};
-use spherecal_fci::client::{Client, Observer};
+use spherecal_fci::client::{Client, ReadOnlyClient};
 use spherecal_fci::robot::READY;
 use spherecal_fci::wire::{RobotState, Version};
 
@@ -34,7 +34,7 @@ fn ten_thousand_exchanges_allocate_nothing() {
 #[test]
 fn reading_allocates_nothing() {
     let (side, _arm) = robot(Version::V10);
-    let mut observer = Observer::connect(&config(side.address())).expect("a connection");
+    let mut observer = ReadOnlyClient::connect(&config(side.address())).expect("a connection");
     let mut state = RobotState::default();
     let count = allocation_counter::measure(|| {
         for _ in 0..500 {

@@ -6,9 +6,9 @@ use std::sync::atomic::Ordering;
 
 use common::{config, deviation, hold, robot};
 use spherecal_cyclic::testing::eventually;
-use spherecal_fci::client::{Client, ClientError, EndCause, Limits, Observer};
+use spherecal_fci::client::{Client, ClientError, EndCause, ReadOnlyClient, TorqueLimits};
 use spherecal_fci::robot::READY;
-use spherecal_fci::wire::{CollisionBehavior, Load, RobotError, RobotMode, RobotState, Status, Version};
+use spherecal_fci::wire::{CollisionBehavior, ErrorFlag, FlangeLoad, RobotMode, RobotState, Status, Version};
 
 fn ended(result: Result<impl std::fmt::Debug, ClientError>) -> spherecal_fci::client::MotionEnd {
     match result {
@@ -44,7 +44,7 @@ fn every_version_holds_the_arm() {
         if let Some(model) = model {
             assert_eq!(model.matches("<position_based_velocity_limits ").count(), 7);
         }
-        let load = Load {
+        let load = FlangeLoad {
             mass: 1.5,
             centre_of_mass: [0.0, 0.0, 0.05],
             inertia: [0.0; 9],
@@ -106,9 +106,9 @@ fn a_torque_jump_is_a_named_reflex_and_recovers() {
     for version in Version::ALL {
         let (side, _arm) = robot(version);
         let mut settings = config(side.address());
-        settings.limits = Limits {
+        settings.limits = TorqueLimits {
             torque_rate: 10_000.0,
-            ..Limits::default()
+            ..TorqueLimits::default()
         };
         let mut client = Client::connect(&settings).expect("a connection");
         client.start_torque_motion().expect("a motion");
@@ -245,7 +245,7 @@ fn a_joint_at_its_limit_needs_a_person() {
             Err(error) => panic!("{error}"),
         }
     };
-    assert!(end.errors.contains(RobotError::JointPositionLimitsViolation));
+    assert!(end.errors.contains(ErrorFlag::JointPositionLimitsViolation));
     let refused = client.recover();
     let expected = Status::ManualRecoveryRequired;
     assert!(
@@ -279,7 +279,7 @@ fn a_torque_that_is_no_number_is_not_sent() {
 fn the_observer_reads_and_never_commands() {
     for version in Version::ALL {
         let (side, arm) = robot(version);
-        let mut observer = Observer::connect(&config(side.address())).expect("a connection");
+        let mut observer = ReadOnlyClient::connect(&config(side.address())).expect("a connection");
         assert_eq!(observer.version(), version);
         let mut state = RobotState::default();
         side.controls().guiding.store(true, Ordering::Relaxed);
@@ -310,7 +310,7 @@ fn the_observer_reads_and_never_commands() {
 fn a_client_that_left_makes_room_at_once() {
     let (side, _arm) = robot(Version::V5);
     for k in 0..30 {
-        let observer = Observer::connect(&config(side.address()));
+        let observer = ReadOnlyClient::connect(&config(side.address()));
         assert!(observer.is_ok(), "connection {k}: {:?}", observer.err());
     }
 }
@@ -354,7 +354,7 @@ fn busy_polling_is_set_or_its_refusal_is_named() {
     let (side, _arm) = robot(Version::V10);
     let mut settings = config(side.address());
     settings.busy_poll_us = Some(50);
-    match Observer::connect(&settings) {
+    match ReadOnlyClient::connect(&settings) {
         Ok(mut observer) => {
             observer.receive(&mut RobotState::default()).expect("a state");
         }

@@ -107,7 +107,7 @@ fn pattern(version: Version, listener: &TcpListener) {
     let read = |stream: &mut TcpStream| {
         let mut head = [0; HEADER_SIZE];
         stream.read_exact(&mut head).ok()?;
-        let header = Header::decode(&head, MAX_REQUEST).expect("a header");
+        let header = CommandHeader::decode(&head, MAX_REQUEST).expect("a header");
         let mut payload = vec![0; header.payload()];
         stream.read_exact(&mut payload).ok()?;
         Some((
@@ -135,7 +135,13 @@ fn pattern(version: Version, listener: &TcpListener) {
         panic!("{request:?}")
     };
     assert_eq!(theirs, version.number());
-    respond(&mut tcp, Command::Connect, header.id, &version.number().to_le_bytes()).expect("a client");
+    respond(
+        &mut tcp,
+        CommandKind::Connect,
+        header.id,
+        &version.number().to_le_bytes(),
+    )
+    .expect("a client");
     tcp.set_read_timeout(Some(Duration::from_millis(1))).expect("a stream");
     let udp = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
     let mut state = RobotState {
@@ -151,8 +157,8 @@ fn pattern(version: Version, listener: &TcpListener) {
     for message_id in 1..30_000_u64 {
         state.message_id = message_id;
         let bit = (message_id / 20 % 41) as usize;
-        state.errors = ErrorSet::of(RobotError::ALL[bit]);
-        state.reflex_reason = ErrorSet::of(RobotError::ALL[40 - bit]);
+        state.errors = ErrorSet::of(ErrorFlag::ALL[bit]);
+        state.reflex_reason = ErrorSet::of(ErrorFlag::ALL[40 - bit]);
         let mut bytes = [0; MAX_STATE_SIZE];
         let size = state.encode(version, &mut bytes);
         let _ = udp.send_to(&bytes[..size], SocketAddr::new(peer.ip(), udp_port));

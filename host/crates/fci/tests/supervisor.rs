@@ -6,7 +6,7 @@ use spherecal_fci::wire::*;
 
 /// A strict robot with the simple arm, advanced by hand.
 struct Rig {
-    supervisor: Supervisor,
+    supervisor: RobotSupervisor,
     arm: JointArm,
     state: RobotState,
     id: u64,
@@ -20,7 +20,7 @@ impl Rig {
             ..RobotConfig::new(version)
         };
         Self {
-            supervisor: Supervisor::new(config, arm.state()),
+            supervisor: RobotSupervisor::new(config, arm.state()),
             arm,
             state: RobotState::default(),
             id: 0,
@@ -175,7 +175,7 @@ fn a_reflex_lasts_until_the_recovery() {
     assert_eq!((state.robot_mode, state.errors), (RobotMode::Idle, ErrorSet::NONE));
     assert_eq!(rig.reason(), "controller_torque_discontinuity");
     let finished = Finished {
-        command: Command::AutomaticErrorRecovery,
+        command: CommandKind::AutomaticErrorRecovery,
         id: 4,
         status: Status::Success,
     };
@@ -211,7 +211,7 @@ fn impossible_requests_are_refused() {
         rig.supervisor.request(1, &Request::Move(position)),
         Some(Status::InvalidArgument)
     );
-    let load = Load {
+    let load = FlangeLoad {
         mass: -1.0,
         centre_of_mass: [0.0; 3],
         inertia: [0.0; 9],
@@ -226,7 +226,7 @@ fn impossible_requests_are_refused() {
         Some(Status::InvalidArgument)
     );
     let mut rig = Rig::moving(Version::V10);
-    let load = Load { mass: 1.0, ..load };
+    let load = FlangeLoad { mass: 1.0, ..load };
     assert_eq!(
         rig.supervisor.request(4, &Request::SetLoad(load)),
         Some(Status::NotPossible)

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{commanding, config, hold};
-use spherecal_fri::client::State;
+use spherecal_fri::client::MonitoredState;
 use spherecal_fri::robot::START;
 
 // Fails if one of 10,000 exchanges allocates: in a real-time thread an allocation may wait for a lock.
@@ -13,7 +13,7 @@ fn ten_thousand_exchanges_allocate_nothing() {
     settings.spin = std::time::Duration::from_micros(50);
     settings.checksum = true;
     let (mut client, _side, _arm) = commanding(&settings);
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     let law = hold(START);
     let mut commanded = 0;
     let count = allocation_counter::measure(|| {

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use common::{Network, cabinet, cabinet_with, commanding, config, deviation, hold, rise};
 use spherecal_cyclic::testing::eventually;
-use spherecal_fri::client::{Client, ClientError, EndCause, State};
+use spherecal_fri::client::{Client, ClientError, EndCause, MonitoredState};
 use spherecal_fri::robot::{CabinetConfig, CabinetSide, START};
 use spherecal_fri::wire::SessionState;
 
@@ -28,7 +28,7 @@ fn lost_datagrams_are_counted_and_stop_nothing() {
     for (loss, seed) in [(100, 1), (500, 2)] {
         let (mut client, side, network) = through_a_network(seed);
         network.faults.loss.store(loss, Ordering::Relaxed);
-        let mut state = State::default();
+        let mut state = MonitoredState::default();
         let law = hold(START);
         for _ in 0..1000 {
             client.exchange(&mut state, &law).expect("a cycle");
@@ -56,7 +56,7 @@ fn jitter_is_held_or_named() {
     let (side, _arm) = cabinet(network.address);
     rise(&mut client, &side);
     network.faults.jitter_us.store(2000, Ordering::Relaxed);
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     let law = hold(START);
     for _ in 0..1000 {
         client.exchange(&mut state, &law).expect("a cycle");
@@ -92,7 +92,7 @@ fn jitter_is_held_or_named() {
 #[test]
 fn a_cable_that_is_out_ends_the_motion_and_is_reported() {
     let (mut client, side, network) = through_a_network(5);
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     let law = hold(START);
     for _ in 0..100 {
         client.exchange(&mut state, &law).expect("a cycle");
@@ -134,7 +134,7 @@ fn a_cable_that_is_out_ends_the_motion_and_is_reported() {
 fn a_restarted_cabinet_is_a_named_end() {
     let (mut client, side, _arm) = commanding(&config());
     let address = client.address().expect("an address");
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     let law = hold(START);
     for _ in 0..300 {
         client.exchange(&mut state, &law).expect("a cycle");

@@ -6,11 +6,13 @@ use std::sync::atomic::Ordering;
 
 use common::{cabinet, cabinet_with, commanding, config, deviation, hold, rise, until};
 use spherecal_cyclic::testing::eventually;
-use spherecal_fri::client::{Client, ClientError, EndCause, Limits, Observer, SessionEnd, State, measured_sign};
+use spherecal_fri::client::{
+    Client, ClientError, CommandingEnd, EndCause, MonitoredState, ReadOnlyClient, TorqueLimits, measured_sign,
+};
 use spherecal_fri::robot::{CabinetConfig, START, Tolerance};
 use spherecal_fri::wire::{ClientCommandMode, Quality, SafetyState, SessionState};
 
-fn ended(result: Result<impl std::fmt::Debug, ClientError>) -> SessionEnd {
+fn ended(result: Result<impl std::fmt::Debug, ClientError>) -> CommandingEnd {
     match result {
         Err(ClientError::Ended(end)) => end,
         other => panic!("commanding should have ended: {other:?}"),
@@ -18,7 +20,7 @@ fn ended(result: Result<impl std::fmt::Debug, ClientError>) -> SessionEnd {
 }
 
 /// Exchanges until commanding ends; fails after many messages.
-fn until_the_end(client: &mut Client, state: &mut State) -> SessionEnd {
+fn until_the_end(client: &mut Client, state: &mut MonitoredState) -> CommandingEnd {
     let law = hold(START);
     for _ in 0..20_000 {
         let result = client.exchange(state, &law);
@@ -36,7 +38,7 @@ fn until_the_end(client: &mut Client, state: &mut State) -> SessionEnd {
 fn the_session_rises_and_the_overlay_holds_the_arm() {
     let mut client = Client::listen(&config()).expect("a client");
     let (side, _arm) = cabinet(client.address().expect("an address"));
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     let mut seen: Vec<SessionState> = Vec::new();
     let law = hold(START);
     let mut called_outside = false;
@@ -94,7 +96,7 @@ fn the_session_rises_and_the_overlay_holds_the_arm() {
 #[test]
 fn velocities_are_differentiated() {
     let (mut client, _side, arm) = commanding(&config());
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     let mut worst: f64 = 0.0;
     let mut fastest: f64 = 0.0;
     arm.lock().expect("the arm").external[0] = 5.0;
@@ -120,7 +122,7 @@ fn velocities_are_differentiated() {
 #[test]
 fn every_end_has_its_cause() {
     let (mut client, side, _arm) = commanding(&config());
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     side.controls().safety.store(2, Ordering::Relaxed);
     let end = until_the_end(&mut client, &mut state);
     assert_eq!(end.cause, EndCause::SafetyStop(SafetyState::StopLevel1));
@@ -153,7 +155,7 @@ fn every_end_has_its_cause() {
 fn a_client_that_is_not_enabled_commands_nothing() {
     let mut client = Client::listen(&config()).expect("a client");
     let (side, _arm) = cabinet(client.address().expect("an address"));
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     until(&mut client, SessionState::MonitoringReady, &mut state).expect("a good connection");
     side.controls().command.store(true, Ordering::Relaxed);
     until(&mut client, SessionState::CommandingWait, &mut state).expect("the application's motion");
@@ -167,12 +169,12 @@ fn a_client_that_is_not_enabled_commands_nothing() {
 #[test]
 fn torques_are_checked_before_they_are_sent() {
     let mut settings = config();
-    settings.limits = Limits {
+    settings.limits = TorqueLimits {
         torque: [8.0; 7],
         torque_rate: 1000.0,
     };
     let (mut client, side, _arm) = commanding(&settings);
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     let mut torque = [0.0; 7];
     torque[2] = f64::INFINITY;
     let refused = client.exchange(&mut state, |_| torque);
@@ -209,7 +211,7 @@ fn each_nth_message_is_answered() {
     };
     let (side, _arm) = cabinet_with(settings);
     rise(&mut client, &side);
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     let before = client.statistics();
     for _ in 0..500 {
         client.exchange(&mut state, hold(START)).expect("a cycle");
@@ -228,9 +230,9 @@ fn each_nth_message_is_answered() {
 // Fails if the read-only mode commands, lets a motion begin, or misses a hand-guided motion.
 #[test]
 fn the_observer_watches_and_never_commands() {
-    let mut observer = Observer::listen(&config()).expect("an observer");
+    let mut observer = ReadOnlyClient::listen(&config()).expect("an observer");
     let (side, arm) = cabinet(observer.address().expect("an address"));
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     side.controls().guiding.store(true, Ordering::Relaxed);
     arm.lock().expect("the arm").external[1] = 1.0;
     let moved = (0..5000).any(|_| {
@@ -253,7 +255,7 @@ fn the_observer_watches_and_never_commands() {
 #[test]
 fn the_sign_of_the_measured_torques_is_found_at_rest() {
     for sign in [1.0, -1.0] {
-        let mut observer = Observer::listen(&config()).expect("an observer");
+        let mut observer = ReadOnlyClient::listen(&config()).expect("an observer");
         let client = observer.address().expect("an address");
         let settings = CabinetConfig {
             client,
@@ -261,7 +263,7 @@ fn the_sign_of_the_measured_torques_is_found_at_rest() {
             ..CabinetConfig::new()
         };
         let (_side, arm) = cabinet_with(settings);
-        let mut state = State::default();
+        let mut state = MonitoredState::default();
         observer.receive(&mut state).expect("a message");
         let gravity = arm.lock().expect("the arm").gravity;
         let gravity = std::array::from_fn(|j| gravity[j] * state.q[j].sin());
@@ -280,8 +282,8 @@ fn a_taken_port_is_an_error() {
     assert!(matches!(&error, ClientError::Listen { .. }), "{error}");
     let mut quiet = config();
     quiet.timeout = std::time::Duration::from_millis(20);
-    let mut observer = Observer::listen(&quiet).expect("an observer");
-    let silent = observer.receive(&mut State::default());
+    let mut observer = ReadOnlyClient::listen(&quiet).expect("an observer");
+    let silent = observer.receive(&mut MonitoredState::default());
     assert!(matches!(silent, Err(ClientError::Silent { .. })));
     assert!(eventually(|| true));
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use common::config;
 use spherecal_cyclic::testing::LOCAL;
-use spherecal_fri::client::{Client, ClientError, EndCause, Observer, State};
+use spherecal_fri::client::{Client, ClientError, EndCause, MonitoredState, ReadOnlyClient};
 use spherecal_fri::wire::*;
 
 /// A cabinet of one message at a time.
@@ -98,9 +98,9 @@ fn each_session_state_has_its_answer() {
         S::CommandingWait,
         S::CommandingActive,
     ];
-    let mut observer = Observer::listen(&config()).expect("an observer");
+    let mut observer = ReadOnlyClient::listen(&config()).expect("an observer");
     let mut cabinet = Cabinet::before(observer.address().expect("an address"));
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     for session in all {
         cabinet.session(session);
         cabinet.send();
@@ -114,7 +114,7 @@ fn each_session_state_has_its_answer() {
         }
     }
 
-    let law = |_: &State| [0.5; 7];
+    let law = |_: &MonitoredState| [0.5; 7];
     let (mut client, mut cabinet) = self::client();
     for session in all {
         cabinet.session(session);
@@ -156,7 +156,7 @@ fn each_session_state_has_its_answer() {
 #[test]
 fn gaps_and_repetitions_are_told_apart() {
     let (mut client, mut cabinet) = client();
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     let speed = 0.3;
     for k in 0..300_u32 {
         // Every seventh step jumps over four messages.
@@ -194,7 +194,7 @@ fn gaps_and_repetitions_are_told_apart() {
 #[test]
 fn lost_commands_are_counted_by_the_reflected_counter() {
     let (mut client, mut cabinet) = client();
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     let mut reflected = Vec::new();
     for k in 0..20 {
         cabinet.send();
@@ -229,7 +229,7 @@ fn what_forbids_commanding_is_named() {
     ];
     for (change, cause) in cases {
         let (mut client, mut cabinet) = client();
-        let mut state = State::default();
+        let mut state = MonitoredState::default();
         cabinet.send();
         client.exchange(&mut state, |_| [0.0; 7]).expect("a message");
         client.enable().expect("a robot that may move");
@@ -248,7 +248,9 @@ fn what_forbids_commanding_is_named() {
     let (mut client, mut cabinet) = client();
     cabinet.message.robot.safety = None;
     cabinet.send();
-    client.exchange(&mut State::default(), |_| [0.0; 7]).expect("a message");
+    client
+        .exchange(&mut MonitoredState::default(), |_| [0.0; 7])
+        .expect("a message");
     assert!(matches!(
         client.enable(),
         Err(ClientError::NotReady(EndCause::SafetyUnknown))
@@ -264,12 +266,12 @@ fn other_datagrams_do_not_reach_the_law() {
     let mut client = Client::listen(&settings).expect("a client");
     let mut cabinet = Cabinet::before(client.address().expect("an address"));
     cabinet.send();
-    let silent = client.exchange(&mut State::default(), |_| [0.0; 7]);
+    let silent = client.exchange(&mut MonitoredState::default(), |_| [0.0; 7]);
     assert!(matches!(silent, Err(ClientError::Silent { .. })), "{silent:?}");
     assert_eq!(client.statistics().foreign, 1);
 
     let (mut client, cabinet) = self::client();
     cabinet.udp.send(&[1, 2, 3]).expect("a client");
-    let wire = client.exchange(&mut State::default(), |_| [0.0; 7]);
+    let wire = client.exchange(&mut MonitoredState::default(), |_| [0.0; 7]);
     assert!(matches!(wire, Err(ClientError::Wire(_))), "{wire:?}");
 }

@@ -3,23 +3,23 @@
 //! `cargo run -p spherecal-identify --example calibrate_csv -- ROBOT DATA.csv [PLATE.toml]`;
 //! without arguments, an iiwa 14 from contacts with two sockets.
 
-use spherecal_identify::study::{Request, study};
+use spherecal_identify::study::{StudyRequest, study};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let here = env!("CARGO_MANIFEST_DIR");
     let mut arguments = std::env::args().skip(1);
     let request = match (arguments.next(), arguments.next()) {
-        (Some(robot), Some(data)) => Request {
+        (Some(robot), Some(data)) => StudyRequest {
             robot,
             data: data.into(),
             plate: arguments.next().map(Into::into),
-            ..Request::default()
+            ..StudyRequest::default()
         },
-        _ => Request {
+        _ => StudyRequest {
             robot: format!("{here}/../../../tests/data/iiwa14.urdf"),
             data: format!("{here}/../../../tests/data/mukca_iiwa14.csv").into(),
             plate: Some(format!("{here}/examples/sockets.toml").into()),
-            ..Request::default()
+            ..StudyRequest::default()
         },
     };
     let found = study(&request, &mut |_| {})?.evaluation;

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, OWN, State};
-use super::load::Load;
+use super::load::HoldingMoments;
 use super::parameters::{Kind, Layout, Unit, hayati, name_of};
 
 /// Relative tolerance of the rank, on columns of unit length.
@@ -107,7 +107,7 @@ pub fn position_jacobian(robot: &Robot, tool: &Tool, q: &[Vec<f64>], columns: Co
         for (slot, angle) in angles.iter_mut().zip(q) {
             *slot = *angle;
         }
-        let load = Load::default();
+        let load = HoldingMoments::default();
         let k = state.evaluate(&angles, &load);
         state.columns(&layout, &k, &load, &mut general, &mut joints);
         for (c, kind) in kinds.iter().enumerate() {

@@ -11,9 +11,9 @@ use spherecal_shared::robot::kinematics::{next_frame_turned, parameter_columns};
 use spherecal_shared::robot::{LinkTransform, MdhRow, Pose, Robot, Tool};
 use spherecal_shared::scalar::Real;
 
-use super::load::Load;
+use super::load::HoldingMoments;
 use super::parameters::{Kind, Layout};
-use super::seen::{Part, Seen};
+use super::seen::{RowPart, Seen};
 
 /// Largest number of joints, as a length of arrays.
 pub(crate) const N: usize = MAX_JOINTS;
@@ -61,7 +61,7 @@ pub(crate) struct Prepared {
     pub(crate) q: [f64; N],
     /// Cosine and sine of `q`, stored because an observation is evaluated many times.
     pub(crate) trig: Trig,
-    pub(crate) load: Load,
+    pub(crate) load: HoldingMoments,
     /// The leading target's number, from 0: the first that was seen.
     pub(crate) lead: usize,
     /// The leading target in its reference frame, in m (a sphere's certified centre).
@@ -81,12 +81,12 @@ impl Prepared {
     }
 
     /// The part that leads the row.
-    pub(crate) fn leading(&self) -> Part {
-        Part::Target(self.lead)
+    pub(crate) fn leading(&self) -> RowPart {
+        RowPart::Target(self.lead)
     }
 
     /// All parts of the row, in order.
-    pub(crate) fn parts(&self) -> impl Iterator<Item = Part> {
+    pub(crate) fn parts(&self) -> impl Iterator<Item = RowPart> {
         std::iter::once(self.leading()).chain(self.further.iter().map(Seen::part))
     }
 }
@@ -247,7 +247,7 @@ impl State {
 
     /// Corrections of the encoder angles by compliance and harmonics, in rad.
     #[inline]
-    fn deviations(&self, trig: &Trig, load: &Load) -> [f64; N] {
+    fn deviations(&self, trig: &Trig, load: &HoldingMoments) -> [f64; N] {
         let mut deviations = [0.0; N];
         for ((slot, compliance), moment) in deviations.iter_mut().zip(&self.compliance).zip(&load.joint) {
             *slot = -compliance * moment[2];
@@ -264,7 +264,7 @@ impl State {
     }
 
     /// Frames and TCP at encoder angles `q` (at least n) under `load`.
-    pub(crate) fn evaluate(&self, q: &[f64; N], load: &Load) -> Kinematics {
+    pub(crate) fn evaluate(&self, q: &[f64; N], load: &HoldingMoments) -> Kinematics {
         self.turned(&trig(q), load, &self.tcp)
     }
 
@@ -275,7 +275,7 @@ impl State {
     }
 
     #[inline]
-    fn turned(&self, trig: &Trig, load: &Load, tool: &Vector3<f64>) -> Kinematics {
+    fn turned(&self, trig: &Trig, load: &HoldingMoments, tool: &Vector3<f64>) -> Kinematics {
         let mut frames = [Pose::identity(); N];
         let mut frame = Pose::identity();
         let deviations = self.deviations(trig, load);
@@ -297,7 +297,7 @@ impl State {
         &self,
         frames: &[Pose<f64>; N],
         flange: &Pose<f64>,
-        load: &Load,
+        load: &HoldingMoments,
         tool: &Vector3<f64>,
     ) -> Vector3<f64> {
         let mut tcp = flange.point(tool);
@@ -320,7 +320,7 @@ impl State {
         &self,
         layout: &Layout,
         k: &Kinematics,
-        load: &Load,
+        load: &HoldingMoments,
         general: &mut [Vector3<f64>],
         joints: &mut [Vector3<f64>],
     ) {

@@ -16,7 +16,7 @@ use super::noise_scale::Squared;
 use super::normal::Whitening;
 use super::parts::Block;
 use super::search::Search;
-use super::seen::Part;
+use super::seen::RowPart;
 
 /// Most rows that the variances are estimated from, spread evenly: more hardly change them.
 const ROWS: usize = 400;
@@ -30,21 +30,21 @@ const JOINT: usize = 0;
 const BODY: usize = 1 + MOST_TARGETS;
 type Variances = [f64; 2 + MOST_TARGETS];
 
-fn slot(part: Part) -> usize {
+fn slot(part: RowPart) -> usize {
     match part {
-        Part::Target(number) => 1 + number.min(MOST_TARGETS - 1),
-        Part::Body => BODY,
+        RowPart::Target(number) => 1 + number.min(MOST_TARGETS - 1),
+        RowPart::Body => BODY,
     }
 }
 
 /// A row's joint columns (3K x joints), its residual, and its parts.
-struct Row {
+struct StackedRow {
     joints: DMatrix<f64>,
     residual: DVector<f64>,
     slots: Vec<usize>,
 }
 
-impl Row {
+impl StackedRow {
     fn new(n: usize, blocks: &[Block]) -> Self {
         let rows = 3 * blocks.len();
         Self {
@@ -97,7 +97,7 @@ impl Search<'_> {
         let step = self.prepared.len().div_ceil(ROWS).max(1);
         let n = self.layout.n;
         let rows = self.prepared.par_iter().step_by(step);
-        let rows: Vec<Row> = rows.map(|p| Row::new(n, &self.state.blocks(n, p))).collect();
+        let rows: Vec<StackedRow> = rows.map(|p| StackedRow::new(n, &self.state.blocks(n, p))).collect();
         let mut variances = variances_of(&self.whitening).map(|v| v * self.s2);
         for _ in 0..STEPS.0 {
             let (mut found, mut expected) = (Variances::default(), Variances::default());
@@ -140,6 +140,6 @@ fn variances_of(whitening: &Whitening) -> Variances {
     std::array::from_fn(|k| match k {
         JOINT => whitening.joint,
         BODY => whitening.body,
-        k => whitening.own(Part::Target(k - 1)),
+        k => whitening.own(RowPart::Target(k - 1)),
     })
 }

@@ -16,7 +16,7 @@ use spherecal_shared::robot::Tool;
 use super::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use super::calibration::{Calibration, finish};
 use super::chain::{Prepared, State};
-use super::effects::Choice;
+use super::effects::EffectPriors;
 use super::error::IdentifyError;
 use super::identifiability::analyse;
 use super::load::Nominal;
@@ -323,7 +323,7 @@ impl DistanceProblem {
             effective: m as f64,
             covariance,
             log_evidence: f64::NAN,
-            choice: Choice::default(),
+            choice: EffectPriors::default(),
             heavy_tails: 0.0,
             inflation: 1.0,
             identifiability,

@@ -49,7 +49,7 @@ fn normaliser(nu: f64, numbers: f64) -> f64 {
 
 /// Priors of the effects that the evidence chose, as factors on the table's priors.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Choice {
+pub(crate) struct EffectPriors {
     /// Factor on compliance, bending and tilt.
     pub(crate) stiffness: f64,
     /// Factor on the harmonics.
@@ -58,7 +58,7 @@ pub(crate) struct Choice {
     pub(crate) orders: usize,
 }
 
-impl Default for Choice {
+impl Default for EffectPriors {
     fn default() -> Self {
         let (harmonics, orders) = HARMONICS[0];
         Self {
@@ -71,7 +71,7 @@ impl Default for Choice {
 
 impl Search<'_> {
     /// The unknowns under other priors of the effects.
-    fn under(&self, choice: Choice) -> Unknowns {
+    fn under(&self, choice: EffectPriors) -> Unknowns {
         let mut unknowns = self.unknowns.clone();
         for (precision, &column) in unknowns.precision.iter_mut().zip(&self.unknowns.columns) {
             let parameter = &self.table[column];
@@ -91,14 +91,14 @@ impl Search<'_> {
 
     /// Chooses the priors with the best evidence at inflated noise: first the stiffness, then the
     /// harmonics.
-    pub(super) fn choose_priors(&mut self, normal: &Normal, inflation: f64) -> Result<Choice, IdentifyError> {
+    pub(super) fn choose_priors(&mut self, normal: &Normal, inflation: f64) -> Result<EffectPriors, IdentifyError> {
         let s2 = self.s2 * inflation.powi(2);
-        let first = Choice::default();
+        let first = EffectPriors::default();
         let softer = STIFFNESS.map(|stiffness| (Some(stiffness), HARMONICS[0]));
         let rougher = HARMONICS[1..].iter().map(|h| (None, *h));
         let mut best = (first, f64::NEG_INFINITY);
         for (stiffness, (harmonics, orders)) in softer.into_iter().chain(rougher) {
-            let candidate = Choice {
+            let candidate = EffectPriors {
                 stiffness: stiffness.unwrap_or(best.0.stiffness),
                 harmonics,
                 orders,

@@ -62,7 +62,7 @@ fn geometry_only(calibration: &Calibration) -> Result<GeometryOnly, IdentifyErro
         spheres: Vec::new(),
         observations: observations.collect(),
     };
-    let bare = Table::of(&calibration.robot, &calibration.tool, calibration, fitted);
+    let bare = TableDeviation::of(&calibration.robot, &calibration.tool, calibration, fitted);
     let options = Options {
         method: Method::Geometry,
         student_t: 0.0,
@@ -79,8 +79,8 @@ fn geometry_only(calibration: &Calibration) -> Result<GeometryOnly, IdentifyErro
         ..Options::default()
     };
     let found = crate::identify(&experiment, &options)?;
-    let best = Table::of(&found.robot, &found.tool, calibration, judging);
-    let bare = Table::of(&calibration.robot, &calibration.tool, calibration, judging);
+    let best = TableDeviation::of(&found.robot, &found.tool, calibration, judging);
+    let bare = TableDeviation::of(&calibration.robot, &calibration.tool, calibration, judging);
     // Where the effects leave nothing to take up, the table stays as it is.
     let (robot, tool, table) = if best.mean_mm() < bare.mean_mm() {
         (found.robot, found.tool, best)
@@ -96,12 +96,12 @@ fn geometry_only(calibration: &Calibration) -> Result<GeometryOnly, IdentifyErro
 }
 
 /// A table of links and a tool against the full model.
-struct Table {
+struct TableDeviation {
     /// From the full model's TCP to the table's at each configuration, the base aligned (m).
     off: Vec<Vector3<f64>>,
 }
 
-impl Table {
+impl TableDeviation {
     fn of(robot: &Robot, tool: &Tool, full: &Calibration, configurations: &[Vec<f64>]) -> Self {
         let flange = Flange::new(robot);
         let tcp = tool.tcp();

@@ -37,7 +37,7 @@ pub enum Split {
 
 /// What was found on one left-out part.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Part {
+pub struct LeftOutPart {
     /// Its name.
     pub name: String,
     /// Observations left out.
@@ -58,7 +58,7 @@ pub struct Holdout {
     /// Model that was fitted.
     pub model: Model,
     /// Part by part.
-    pub parts: Vec<Part>,
+    pub parts: Vec<LeftOutPart>,
     /// Mean over all observations left out, in mm.
     pub error_mm: Option<f64>,
     /// Mean over all observations left out, in mm.
@@ -204,7 +204,7 @@ fn held_out(
         let fitted = fit(experiment, options, model, &of, part)?;
         let mut own = Sums::default();
         predict(experiment, options, &fitted, |i| of.get(i) == Some(&part), &mut own)?;
-        found.push(Part {
+        found.push(LeftOutPart {
             name: names.get(part).cloned().unwrap_or_default(),
             count: own.count,
             error_mm: mean(&own.errors),

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::errors::{Errors, SampleError, error};
-use super::judge_targets::{Further, ToolPredictor, Turned, Turns, align_further, further_errors};
+use super::judge_targets::{AngleStatistics, Further, ToolPredictor, Turned, align_further, further_errors};
 use super::targets::{first_target, frame_of, measured_tcp};
 use spherecal_model::fit_pose;
 
@@ -21,14 +21,14 @@ use crate::recordings::Judge;
 use crate::{Pose, Reference, Sphere, Target};
 
 /// Tells the TCP in F0 (m) at joint angles and, where measured, torques.
-pub type Tcp<'a> = Box<dyn Fn(&[f64], Option<&[f64]>) -> Vector3<f64> + Sync + 'a>;
+pub type TcpFunction<'a> = Box<dyn Fn(&[f64], Option<&[f64]>) -> Vector3<f64> + Sync + 'a>;
 
 /// A model that predicts: the TCP in F0, and where F0 is in each frame.
 pub struct Predictor<'a> {
     /// Name, such as `nominal`.
     pub name: &'static str,
     /// The TCP in F0.
-    pub tcp_m: Tcp<'a>,
+    pub tcp_m: TcpFunction<'a>,
     /// F0 in each frame.
     pub frames: Vec<(Reference, Pose)>,
     /// Targets 2.. and the measured body, where the data have them.
@@ -72,10 +72,10 @@ impl JudgedModel {
     }
 
     /// Statistics of the orientations; none where no row has one.
-    pub fn turns(&self) -> Option<Turns> {
+    pub fn turns(&self) -> Option<AngleStatistics> {
         let angles: Vec<f64> = self.turned.iter().map(|t| t.angle_rad * 1e3).collect();
         let e = Errors::of(&angles);
-        (e.n > 0).then_some(Turns {
+        (e.n > 0).then_some(AngleStatistics {
             n: e.n,
             mean_mrad: e.mean_mm,
             rms_mrad: e.rms_mm,

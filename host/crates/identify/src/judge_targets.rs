@@ -12,7 +12,7 @@ use crate::recordings::Judge;
 /// Tells where target `number` (from 1: target 2) is in F0, in m, at joint angles and torques.
 pub type TargetTcp<'a> = Box<dyn Fn(usize, &[f64], Option<&[f64]>) -> Vector3<f64> + Sync + 'a>;
 /// Tells the orientation of the measured body in F0.
-pub type Body<'a> = Box<dyn Fn(&[f64], Option<&[f64]>) -> Matrix3<f64> + Sync + 'a>;
+pub type BodyOrientation<'a> = Box<dyn Fn(&[f64], Option<&[f64]>) -> Matrix3<f64> + Sync + 'a>;
 
 /// What a model predicts of the tool besides the TCP.
 #[derive(Default)]
@@ -22,7 +22,7 @@ pub struct ToolPredictor<'a> {
     /// Where they are in F0.
     pub target_m: Option<TargetTcp<'a>>,
     /// How the measured body is turned in F0.
-    pub body: Option<Body<'a>>,
+    pub body: Option<BodyOrientation<'a>>,
 }
 
 /// The error of one further target of a row.
@@ -47,7 +47,7 @@ pub struct Turned {
 
 /// Statistics of angles, in mrad.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Turns {
+pub struct AngleStatistics {
     /// Samples.
     pub n: usize,
     /// Mean angle.

@@ -8,7 +8,7 @@ use spherecal_shared::MAX_JOINTS as N;
 
 /// Moments that hold the robot against gravity, computed with the nominal model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Load {
+pub(crate) struct HoldingMoments {
     /// At the origin of each joint's frame, in the frame's axes, in N m; the z
     /// component is the joint torque.
     pub(crate) joint: [[f64; 3]; N],
@@ -66,8 +66,8 @@ impl Nominal {
     }
 
     /// Loads at joint angles `q`; measured torques replace the joints' own.
-    pub(crate) fn load(&self, q: &[f64], measured: Option<&[f64]>) -> Load {
-        let mut load = Load::default();
+    pub(crate) fn load(&self, q: &[f64], measured: Option<&[f64]>) -> HoldingMoments {
+        let mut load = HoldingMoments::default();
         let mut frames = [Pose::identity(); N];
         let n = self.links.len().min(q.len()).min(N);
         let mut frame = Pose::identity();

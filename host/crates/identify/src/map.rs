@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
 use super::chain::{Prepared, State, trig};
-use super::effects::Choice;
+use super::effects::EffectPriors;
 use super::error::IdentifyError;
 use super::geometry_fit::RowNoise;
 use super::identifiability::{Identifiability, analyse};
@@ -24,7 +24,7 @@ use super::options::{Model, Options, Torque};
 use super::parameter_table::table;
 use super::parameters::{Kind, Layout, Parameter};
 use super::search::{SETTLED, Search, joined};
-use super::seen::{Part, Seen};
+use super::seen::{RowPart, Seen};
 use super::solve::{Posterior, Unknowns};
 use super::targets::{reference_of, target_of};
 use spherecal_model::{Experiment, Pose, Set, Target, fit_pose};
@@ -64,7 +64,7 @@ pub(crate) struct Fit {
     /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
     pub(crate) log_evidence: f64,
     /// Priors of the effects that the evidence chose.
-    pub(crate) choice: Choice,
+    pub(crate) choice: EffectPriors,
     /// Log likelihood of heavy tails of the residuals over light ones; 0 where none was compared.
     pub(crate) heavy_tails: f64,
     /// Factor on the noise that was used: see [`Noise::inflation`](super::options::Noise).
@@ -152,9 +152,9 @@ fn check_targets(layout: &Layout, prepared: &[Prepared]) -> Result<(), IdentifyE
     if layout.targets == 1 && !layout.body {
         return Ok(());
     }
-    let count = |part: Part| prepared.iter().filter(|p| p.parts().any(|own| own == part)).count();
-    let targets = (0..layout.targets).map(|number| (Part::Target(number), format!("target {}", number + 1)));
-    let body = layout.body.then(|| (Part::Body, "the orientation".to_owned()));
+    let count = |part: RowPart| prepared.iter().filter(|p| p.parts().any(|own| own == part)).count();
+    let targets = (0..layout.targets).map(|number| (RowPart::Target(number), format!("target {}", number + 1)));
+    let body = layout.body.then(|| (RowPart::Body, "the orientation".to_owned()));
     for (part, what) in targets.chain(body) {
         let found = count(part);
         if found < FEWEST {
@@ -294,7 +294,7 @@ pub(crate) fn fit_knowing(
     search.unknowns = joined(&full_table, &plain_table, &search.unknowns);
     search.layout = &layout;
     search.table = &full_table;
-    let (mut choice, mut heavy_tails) = (Choice::default(), 0.0);
+    let (mut choice, mut heavy_tails) = (EffectPriors::default(), 0.0);
     if richer {
         if noise.estimate {
             search.s2 = search.s2.min(1.0);

@@ -31,7 +31,9 @@ use super::chain::{N, Prepared, State};
 use super::parameters::Layout;
 
 pub(crate) use self::groups::{Group, groups};
-pub(crate) use self::likelihood::{Row, distances, likelihoods, likelihoods_of_tails, log_determinant, whitened_rows};
+pub(crate) use self::likelihood::{
+    WhitenedTarget, distances, likelihoods, likelihoods_of_tails, log_determinant, whitened_rows,
+};
 pub(crate) use self::whitening::{Root, Whitening};
 
 /// Parts of poses that are whitened before they are multiplied: fits the cache.

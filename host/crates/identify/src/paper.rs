@@ -9,7 +9,7 @@
 //! The paper does not say how long each mini-batch runs, but its Table 6 shows it. Eleven of the
 //! twelve parameters with nominal value zero moved by the same 6.1e-5, in mm and in rad alike. That
 //! is a quarter of the simplex's first step for zeros, after some 50 iterations.
-//! [`Procedure::default`] stops there; [`Procedure::to_the_end`] uses the stopping rules of
+//! [`PaperProcedure::default`] stops there; [`PaperProcedure::to_the_end`] uses the stopping rules of
 //! `fminsearch` instead.
 //!
 //! [`scaled`] is the same simplex with first steps of prior size. It reaches the optimum, so the
@@ -24,7 +24,7 @@ use super::calibration::Calibration;
 use super::distance::DistanceProblem;
 use super::error::IdentifyError;
 use super::options::{Method, Options, Pairs};
-use super::simplex::{Limits, Minimum, Stopping, minimise, stepped_simplex, usual_simplex};
+use super::simplex::{Minimum, SearchLimits, Stopping, minimise, stepped_simplex, usual_simplex};
 use spherecal_model::{Experiment, Set, Target};
 
 /// The value in Table 6 of parameters that were never identified (mm or rad), and the tolerance
@@ -33,7 +33,7 @@ pub const FROZEN: (f64, f64) = (6.1e-5, 0.3e-5);
 
 /// How the paper's procedure runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Procedure {
+pub struct PaperProcedure {
     /// Poses drawn at random on each sphere.
     pub poses_per_sphere: usize,
     /// Pairs of a mini-batch.
@@ -41,35 +41,35 @@ pub struct Procedure {
     /// Mini-batches, one after the other.
     pub batches: usize,
     /// When the search in one mini-batch ends.
-    pub limits: Limits,
+    pub limits: SearchLimits,
     /// Stopping rule of the search over all laser configurations.
-    pub laser: Limits,
+    pub laser: SearchLimits,
 }
 
-impl Default for Procedure {
+impl Default for PaperProcedure {
     fn default() -> Self {
         Self {
             poses_per_sphere: 100,
             batch: 32,
             batches: 5,
-            limits: Limits {
+            limits: SearchLimits {
                 evaluations: Some(120),
-                ..Limits::default()
+                ..SearchLimits::default()
             },
-            laser: Limits {
+            laser: SearchLimits {
                 evaluations: Some(120),
-                ..Limits::default()
+                ..SearchLimits::default()
             },
         }
     }
 }
 
-impl Procedure {
+impl PaperProcedure {
     /// The same with `fminsearch`'s own stopping rules, and `batches` of them.
     pub fn to_the_end(batches: usize) -> Self {
-        let limits = Limits {
+        let limits = SearchLimits {
             stopping: Stopping::Fminsearch,
-            ..Limits::default()
+            ..SearchLimits::default()
         };
         Self {
             batches,
@@ -131,13 +131,13 @@ pub fn subset(experiment: &Experiment, per_sphere: usize, seed: u64) -> Vec<usiz
 }
 
 /// One search over the whole objective with the usual first simplex.
-pub fn whole(problem: &DistanceProblem, limits: &Limits) -> Run {
+pub fn whole(problem: &DistanceProblem, limits: &SearchLimits) -> Run {
     let found = minimise(|x| problem.objective_mm2(x), usual_simplex(&problem.nominal()), limits);
     run(problem, &found.x, vec![(found.evaluations, found.iterations)])
 }
 
 /// Mini-batches of pairs in random order, each started at the end of the previous one.
-pub fn mini_batches(problem: &DistanceProblem, procedure: &Procedure, seed: u64) -> Run {
+pub fn mini_batches(problem: &DistanceProblem, procedure: &PaperProcedure, seed: u64) -> Run {
     let n = problem.poses();
     let mut pairs: Vec<(usize, usize)> = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))).collect();
     pairs.shuffle(&mut ChaCha8Rng::seed_from_u64(seed ^ 0x0062_6174_6368_6573));
@@ -157,11 +157,11 @@ pub fn mini_batches(problem: &DistanceProblem, procedure: &Procedure, seed: u64)
 pub fn scaled(problem: &DistanceProblem) -> Run {
     let steps = problem.prior_sigmas();
     // A search ends by its number of evaluations, or when neither changes any more.
-    let limits = Limits {
+    let limits = SearchLimits {
         evaluations: Some(200 * steps.len()),
         x_tolerance: 1e-9,
         f_tolerance: 1e-9,
-        ..Limits::default()
+        ..SearchLimits::default()
     };
     let mut x = problem.nominal();
     let mut value = f64::INFINITY;
@@ -201,7 +201,7 @@ fn run(problem: &DistanceProblem, x: &[f64], searches: Vec<(usize, usize)>) -> R
 pub fn problem(
     experiment: &Experiment,
     options: &Options,
-    procedure: &Procedure,
+    procedure: &PaperProcedure,
 ) -> Result<(DistanceProblem, Options), IdentifyError> {
     let mut options = options.clone();
     if options.method == Method::NelderMead {
@@ -219,7 +219,7 @@ pub fn problem(
 
 /// `nelder-mead` and `nelder-mead-scaled`.
 pub(crate) fn identify(experiment: &Experiment, options: &Options) -> Result<Calibration, IdentifyError> {
-    let procedure = Procedure::default();
+    let procedure = PaperProcedure::default();
     let (problem, options) = problem(experiment, options, &procedure)?;
     let contacts = options.subset.is_some()
         && experiment

@@ -8,14 +8,14 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::chain::{Kinematics, N, Prepared, State, bend};
-use super::load::Load;
+use super::load::HoldingMoments;
 use super::parameters::Layout;
-use super::seen::{Part, Seen};
+use super::seen::{RowPart, Seen};
 
 /// One part of a row at a state: how the joints move it, and its residual, in the axes of F0.
 #[derive(Clone, Debug)]
 pub(crate) struct Block {
-    pub(crate) part: Part,
+    pub(crate) part: RowPart,
     /// Columns of the joint angles.
     pub(crate) joints: [Vector3<f64>; N],
     /// Model minus measurement.
@@ -47,13 +47,13 @@ impl State {
     }
 
     /// Position of target `number` in F0, in m.
-    pub(crate) fn target_at(&self, q: &[f64; N], load: &Load, number: usize) -> Vector3<f64> {
+    pub(crate) fn target_at(&self, q: &[f64; N], load: &HoldingMoments, number: usize) -> Vector3<f64> {
         let k = self.evaluate(q, load);
         self.moved(&k, load, number).tcp
     }
 
     /// The same kinematics with the position of another target.
-    pub(crate) fn moved(&self, k: &Kinematics, load: &Load, number: usize) -> Kinematics {
+    pub(crate) fn moved(&self, k: &Kinematics, load: &HoldingMoments, number: usize) -> Kinematics {
         let flange = self.rows.len().checked_sub(1).and_then(|last| k.frames.get(last));
         let flange = flange.copied().unwrap_or_default();
         Kinematics {
@@ -63,7 +63,7 @@ impl State {
     }
 
     /// Orientation of the measured body in F0, with bending and tilt.
-    pub(crate) fn body_at(&self, k: &Kinematics, load: &Load) -> Matrix3<f64> {
+    pub(crate) fn body_at(&self, k: &Kinematics, load: &HoldingMoments) -> Matrix3<f64> {
         let flange = self.rows.len().checked_sub(1).and_then(|last| k.frames.get(last));
         let mut turn = Vector3::new(-self.tilt[0] * load.base[0], -self.tilt[1] * load.base[1], 0.0);
         for (j, [x, y]) in self.bending.iter().enumerate().take(N) {
@@ -120,7 +120,7 @@ impl State {
         &self,
         layout: &Layout,
         k: &Kinematics,
-        load: &Load,
+        load: &HoldingMoments,
         general: &mut [Vector3<f64>],
         joints: &mut [Vector3<f64>],
     ) {

@@ -10,7 +10,7 @@ use crate::course::Course;
 
 /// Where one row of the data came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sample {
+pub struct RowSource {
     /// Line of the file, from 1.
     pub line: u64,
     /// Placement of the plate: also for points given in the plate's frame.
@@ -32,18 +32,18 @@ pub struct Judge<'a> {
 
 /// The rows of a table of validation points.
 #[derive(Clone, Debug, Default)]
-pub struct Rows {
+pub struct ValidationRows {
     /// File, for messages.
     pub file: String,
     /// Joint angles and targets.
     pub observations: Vec<Observation>,
     /// Where each came from.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<RowSource>,
 }
 
 /// What an independent instrument, such as a laser tracker, measured on the same robot.
 #[derive(Clone, Debug, Default)]
-pub struct Tracker {
+pub struct TrackerRecordings {
     /// Points for a calibration from the tracker alone.
     pub calibration: Vec<Measured>,
     /// Arcs of joints 1 and 2.
@@ -58,7 +58,7 @@ pub struct Tracker {
     pub validation: Vec<Measured>,
 }
 
-impl Tracker {
+impl TrackerRecordings {
     /// Base and tool as the instrument measured them.
     ///
     /// # Errors
@@ -112,9 +112,9 @@ pub struct Recordings {
     /// The file of the rows, for messages; empty where there was none.
     pub file: String,
     /// Where each observation came from, in the same order.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<RowSource>,
     /// Further rows that only judge the result.
-    pub validation: Rows,
+    pub validation: ValidationRows,
     /// Names of the placements.
     pub places: Labels,
     /// Values of the hold-out column.
@@ -122,7 +122,7 @@ pub struct Recordings {
     /// Name of the hold-out column; none where nothing is held out.
     pub holdout: Option<String>,
     /// The independent instrument's measurements, where there was one.
-    pub tracker: Option<Tracker>,
+    pub tracker: Option<TrackerRecordings>,
     /// What the campaign noted, where there was one.
     pub campaign: Option<CampaignRecord>,
     /// When and in which coupling each observation was made; without it, rows on one
@@ -137,9 +137,9 @@ impl Recordings {
             Target::Sphere { place, .. } => place,
             _ => 0,
         };
-        let samples: Vec<Sample> = (1..)
+        let samples: Vec<RowSource> = (1..)
             .zip(&experiment.observations)
-            .map(|(line, o)| Sample {
+            .map(|(line, o)| RowSource {
                 line,
                 place: place(o),
                 label: 0,
@@ -162,7 +162,7 @@ impl Recordings {
             experiment,
             file: String::new(),
             samples,
-            validation: Rows::default(),
+            validation: ValidationRows::default(),
             places,
             labels: Labels::default(),
             holdout: None,

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 /// What three numbers of a row measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Part {
+pub(crate) enum RowPart {
     /// Position of a target on the tool, numbered from 0: the TCP.
     Target(usize),
     /// Orientation of the measured body.
@@ -26,10 +26,10 @@ pub(crate) enum Seen {
 }
 
 impl Seen {
-    pub(crate) fn part(&self) -> Part {
+    pub(crate) fn part(&self) -> RowPart {
         match *self {
-            Self::Target { number, .. } => Part::Target(number),
-            Self::Body(_) => Part::Body,
+            Self::Target { number, .. } => RowPart::Target(number),
+            Self::Body(_) => RowPart::Body,
         }
     }
 }

@@ -32,10 +32,10 @@ pub enum Stopping {
 
 /// When the search ends.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Limits {
-    /// Most iterations; `None`: see [`Limits::resolved`].
+pub struct SearchLimits {
+    /// Most iterations; `None`: see [`SearchLimits::resolved`].
     pub iterations: Option<usize>,
-    /// Most evaluations; `None`: see [`Limits::resolved`].
+    /// Most evaluations; `None`: see [`SearchLimits::resolved`].
     pub evaluations: Option<usize>,
     /// Converged when no vertex is farther than this from the best in any
     /// parameter (unit of the parameters), and ...
@@ -46,7 +46,7 @@ pub struct Limits {
     pub stopping: Stopping,
 }
 
-impl Default for Limits {
+impl Default for SearchLimits {
     fn default() -> Self {
         Self {
             iterations: None,
@@ -58,7 +58,7 @@ impl Default for Limits {
     }
 }
 
-impl Limits {
+impl SearchLimits {
     /// Most iterations and evaluations for `n` parameters. SciPy: 200 n of each if neither is
     /// given; no limit on one if only the other is given. `fminsearch`: 200 n for each that is not
     /// given.
@@ -80,7 +80,7 @@ impl Limits {
 /// Why the search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Ended {
+pub enum SearchEnd {
     /// Both tolerances were met.
     Converged,
     /// At the limit of evaluations: the result is the last state.
@@ -101,7 +101,7 @@ pub struct Minimum {
     /// Evaluations of the function.
     pub evaluations: usize,
     /// Why it ended.
-    pub ended: Ended,
+    pub ended: SearchEnd,
     /// The last simplex, best vertex first.
     pub simplex: Vec<Vec<f64>>,
 }
@@ -135,7 +135,7 @@ pub fn stepped_simplex(start: &[f64], steps: &[f64]) -> Vec<Vec<f64>> {
 }
 
 /// The state of a search.
-struct Search<F> {
+struct SimplexSearch<F> {
     function: F,
     vertices: Vec<Vec<f64>>,
     values: Vec<f64>,
@@ -145,7 +145,7 @@ struct Search<F> {
     interrupt: bool,
 }
 
-impl<F: FnMut(&[f64]) -> f64> Search<F> {
+impl<F: FnMut(&[f64]) -> f64> SimplexSearch<F> {
     /// The function's value; `None` at the evaluation limit.
     fn value(&mut self, x: &[f64]) -> Option<f64> {
         if self.interrupt && self.calls >= self.most_calls {
@@ -239,7 +239,7 @@ impl<F: FnMut(&[f64]) -> f64> Search<F> {
     }
 
     /// Whether both tolerances are met.
-    fn settled(&self, limits: &Limits) -> bool {
+    fn settled(&self, limits: &SearchLimits) -> bool {
         let best = &self.vertices[0];
         let apart = self.vertices[1..]
             .iter()
@@ -272,7 +272,7 @@ fn spacing(x: f64) -> f64 {
 
 /// Minimises `function` from a first simplex of n + 1 vertices of n parameters (see
 /// [`usual_simplex`]). A simplex of another shape is returned unchanged, without an evaluation.
-pub fn minimise(function: impl FnMut(&[f64]) -> f64, simplex: Vec<Vec<f64>>, limits: &Limits) -> Minimum {
+pub fn minimise(function: impl FnMut(&[f64]) -> f64, simplex: Vec<Vec<f64>>, limits: &SearchLimits) -> Minimum {
     let n = simplex.len().saturating_sub(1);
     if n == 0 || simplex.iter().any(|v| v.len() != n) {
         return Minimum {
@@ -280,12 +280,12 @@ pub fn minimise(function: impl FnMut(&[f64]) -> f64, simplex: Vec<Vec<f64>>, lim
             value: f64::NAN,
             iterations: 0,
             evaluations: 0,
-            ended: Ended::Evaluations,
+            ended: SearchEnd::Evaluations,
             simplex,
         };
     }
     let (most_iterations, most_calls) = limits.resolved(n);
-    let mut search = Search {
+    let mut search = SimplexSearch {
         function,
         values: vec![f64::INFINITY; n + 1],
         vertices: simplex,
@@ -312,11 +312,11 @@ pub fn minimise(function: impl FnMut(&[f64]) -> f64, simplex: Vec<Vec<f64>>, lim
         search.sort();
     }
     let ended = if converged {
-        Ended::Converged
+        SearchEnd::Converged
     } else if search.calls >= most_calls {
-        Ended::Evaluations
+        SearchEnd::Evaluations
     } else {
-        Ended::Iterations
+        SearchEnd::Iterations
     };
     Minimum {
         x: search.vertices[0].clone(),
@@ -339,8 +339,8 @@ mod tests {
     // Fails if a converged search is not at the minimum.
     #[test]
     fn a_bowl_is_found() {
-        let found = minimise(bowl, usual_simplex(&[3.0, 0.0, -1.0]), &Limits::default());
-        assert_eq!(found.ended, Ended::Converged);
+        let found = minimise(bowl, usual_simplex(&[3.0, 0.0, -1.0]), &SearchLimits::default());
+        assert_eq!(found.ended, SearchEnd::Converged);
         for (i, x) in found.x.iter().enumerate() {
             assert!((x - i as f64).abs() < 1e-3);
         }
@@ -349,22 +349,22 @@ mod tests {
     // Fails if SciPy's limit is exceeded, or if fminsearch's limit interrupts an iteration.
     #[test]
     fn limits_are_those_of_their_makers() {
-        let limits = |stopping| Limits {
+        let limits = |stopping| SearchLimits {
             evaluations: Some(17),
             stopping,
-            ..Limits::default()
+            ..SearchLimits::default()
         };
         let start = usual_simplex(&[3.0, 0.0, -1.0]);
         let scipy = minimise(bowl, start.clone(), &limits(Stopping::Scipy));
-        assert_eq!((scipy.evaluations, scipy.ended), (17, Ended::Evaluations));
+        assert_eq!((scipy.evaluations, scipy.ended), (17, SearchEnd::Evaluations));
         let matlab = minimise(bowl, start, &limits(Stopping::Fminsearch));
         assert!((17..=17 + 4).contains(&matlab.evaluations));
     }
 
     #[test]
     fn a_simplex_of_the_wrong_shape_is_left_alone() {
-        let found = minimise(bowl, vec![vec![1.0, 2.0]], &Limits::default());
+        let found = minimise(bowl, vec![vec![1.0, 2.0]], &SearchLimits::default());
         assert_eq!((found.evaluations, found.x), (0, vec![1.0, 2.0]));
-        assert!(minimise(bowl, vec![], &Limits::default()).x.is_empty());
+        assert!(minimise(bowl, vec![], &SearchLimits::default()).x.is_empty());
     }
 }

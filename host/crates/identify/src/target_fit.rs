@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::map::Fit;
-use super::seen::Part;
+use super::seen::RowPart;
 
 /// One target's place, noise and residual.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -41,8 +41,8 @@ pub(super) fn target_fits(fit: &Fit) -> (Vec<TargetFit>, Option<OrientationFit>)
     for observation in &fit.prepared {
         for block in fit.state.blocks(layout.n, observation) {
             let slot = match block.part {
-                Part::Target(number) => number,
-                Part::Body => layout.targets,
+                RowPart::Target(number) => number,
+                RowPart::Body => layout.targets,
             };
             sums[slot].0 += 1;
             sums[slot].1 += block.residual.norm_squared();
@@ -54,13 +54,13 @@ pub(super) fn target_fits(fit: &Fit) -> (Vec<TargetFit>, Option<OrientationFit>)
         number: number + 1,
         rows: sums[number].0,
         place_m: fit.state.place(number).into(),
-        noise_mm: noise(Part::Target(number)),
+        noise_mm: noise(RowPart::Target(number)),
         rms_mm: rms(sums[number]),
     });
     let body = sums[layout.targets];
     let orientation = layout.body.then(|| OrientationFit {
         rows: body.0,
-        noise_mrad: noise(Part::Body),
+        noise_mrad: noise(RowPart::Body),
         rms_mrad: rms(body),
     });
     (targets.collect(), orientation)

@@ -19,7 +19,7 @@ pub(crate) fn sha256(text: &str) -> String {
 }
 
 /// What a certificate says that is neither in the user's block nor in the evaluation.
-pub(crate) struct About<'a> {
+pub(crate) struct CertificateSubject<'a> {
     /// Robot.
     pub(crate) robot: &'a str,
     /// Name of this very arm; empty if none was given.
@@ -39,7 +39,7 @@ pub(crate) struct About<'a> {
 /// The certificate of an evaluation.
 pub(crate) fn certificate(
     section: &CertificateSection,
-    about: About<'_>,
+    about: CertificateSubject<'_>,
     recordings: &Recordings,
     evaluation: &Evaluation,
 ) -> Certificate {
@@ -228,7 +228,7 @@ pub(crate) fn run_certificate(
     created: &str,
     recordings_sha256: &str,
 ) -> Result<Certificate, JobError> {
-    let about = About {
+    let about = CertificateSubject {
         robot: m.robot.name.as_str(),
         arm: &m.config.arm,
         measured: Some(created),

@@ -8,9 +8,10 @@ use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 use spherecal_campaign::commission::{
-    Attendant, MovingLimits, ReadOnlyLimits, Step, StepEnd, StepReport, commission_moving, commission_read_only,
+    Attendant, CommissioningStep, MovingLimits, ReadOnlyLimits, StepEnd, StepReport, commission_moving,
+    commission_read_only,
 };
-use spherecal_campaign::{Assignment, Observer};
+use spherecal_campaign::{Assignment, CampaignObserver};
 use spherecal_fci::wire::Version;
 use spherecal_link::{Drive, DriveReader, FrankaReader, JournalError, KukaReader, StateReader};
 use spherecal_sim::simulated_arm;
@@ -18,7 +19,7 @@ use spherecal_store::{CalibrationStore, RunInfo};
 
 use super::connect::device;
 use super::measure::create_run;
-use super::{JobError, Link, Prepared, store_error};
+use super::{JobError, Link, PreparedRun, store_error};
 
 /// Name of a commissioning among a run's results.
 const COMMISSIONING: &str = "commissioning";
@@ -45,7 +46,7 @@ pub struct Commissioning {
 impl Commissioning {
     /// Whether every step has passed.
     pub fn passed(&self) -> bool {
-        self.steps.len() == Step::ALL.len() && self.steps.iter().all(|s| s.verdict == StepEnd::Passed)
+        self.steps.len() == CommissioningStep::ALL.len() && self.steps.iter().all(|s| s.verdict == StepEnd::Passed)
     }
 }
 
@@ -53,7 +54,7 @@ impl Commissioning {
 struct Keeping<'a> {
     person: &'a mut dyn Attendant,
     store: &'a mut dyn CalibrationStore,
-    prepared: &'a Prepared,
+    prepared: &'a PreparedRun,
     link: &'a Link,
     found: Commissioning,
 }
@@ -109,7 +110,7 @@ impl Attendant for Keeping<'_> {
 }
 
 /// A reader of the robot behind the link, which commands nothing.
-fn reader(prepared: &Prepared, link: &Link) -> Result<Box<dyn StateReader>, JobError> {
+fn reader(prepared: &PreparedRun, link: &Link) -> Result<Box<dyn StateReader>, JobError> {
     Ok(match link {
         Link::Franka { host, port } => {
             let reader = FrankaReader::connect(host, *port)?;
@@ -149,12 +150,12 @@ fn reader(prepared: &Prepared, link: &Link) -> Result<Box<dyn StateReader>, JobE
 /// # Errors
 /// The link, the store or the input fails, or the user interrupts. A step that fails is no error.
 pub fn commission(
-    prepared: &Prepared,
+    prepared: &PreparedRun,
     link: &Link,
     folder: &Path,
     store: &mut dyn CalibrationStore,
     person: &mut dyn Attendant,
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
     interrupt: &AtomicBool,
 ) -> Result<Commissioning, JobError> {
     let mut keeping = Keeping {

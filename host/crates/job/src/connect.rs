@@ -12,10 +12,10 @@ use spherecal_sim::{Injected, InjectedCounter, LossyDevice, simulated_arm};
 use spherecal_store::Peer;
 
 use super::link::Link;
-use super::{Config, JobError, Prepared, loaded_model, native};
+use super::{Config, JobError, PreparedRun, loaded_model, native};
 
 /// The connected device, with handles to the injected faults.
-pub(super) struct Connected {
+pub(super) struct ConnectedDevice {
     pub(super) device: Box<dyn Device>,
     /// Faults of this computer, if faults are injected.
     pub(super) host_faults: Option<HostFaults>,
@@ -23,7 +23,7 @@ pub(super) struct Connected {
     counters: Vec<InjectedCounter>,
 }
 
-impl Connected {
+impl ConnectedDevice {
     /// A device to which nothing is done.
     fn plain(device: Box<dyn Device>) -> Self {
         Self {
@@ -46,7 +46,7 @@ impl Connected {
 ///
 /// # Errors
 /// The link cannot be used, nothing answers there, or another robot does.
-pub fn device(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
+pub fn device(prepared: &PreparedRun, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
     Ok(connect(prepared, link, folder, None, None)?.device)
 }
 
@@ -69,14 +69,14 @@ pub fn connect_early(config: &Config, link: &Link) -> Result<Option<Box<dyn Devi
 
 /// As [`device`], with what is to go wrong. `early` is the device that [`connect_early`] gave, if it gave one.
 pub(super) fn connect(
-    prepared: &Prepared,
+    prepared: &PreparedRun,
     link: &Link,
     folder: &Path,
     inject: Option<&inject::FaultPlan>,
     early: Option<Box<dyn Device>>,
-) -> Result<Connected, JobError> {
+) -> Result<ConnectedDevice, JobError> {
     let mut connected = match early {
-        Some(device) => Connected::plain(device),
+        Some(device) => ConnectedDevice::plain(device),
         None => reliable(prepared, link, folder, inject)?,
     };
     let lossy = inject
@@ -92,15 +92,15 @@ pub(super) fn connect(
 
 /// Like [`connect`], over a host link without losses.
 fn reliable(
-    prepared: &Prepared,
+    prepared: &PreparedRun,
     link: &Link,
     folder: &Path,
     inject: Option<&inject::FaultPlan>,
-) -> Result<Connected, JobError> {
+) -> Result<ConnectedDevice, JobError> {
     let joints = prepared.robot.dof();
     let Some(plan) = inject else {
         if let Some(device) = distant(&prepared.model, &prepared.config, link)? {
-            return Ok(Connected::plain(device));
+            return Ok(ConnectedDevice::plain(device));
         }
         let controller = controller(prepared, link, folder)?;
         let drive = simulated_arm(
@@ -109,7 +109,9 @@ fn reliable(
             &prepared.plant,
             &prepared.plan.home.joints,
         )?;
-        return Ok(Connected::plain(Box::new(LocalDevice::new(controller, drive, joints)?)));
+        return Ok(ConnectedDevice::plain(Box::new(LocalDevice::new(
+            controller, drive, joints,
+        )?)));
     };
     let drive = match link {
         Link::Tcp(address) => FaultyDrive::Other(Box::new(lock_step_drive(prepared, link, address)?)),
@@ -130,7 +132,7 @@ fn reliable(
         _ => controller_in_process(joints),
     });
     let device = FaultyCell::new(first, drive, joints, plan, restart)?.ending_process();
-    Ok(Connected {
+    Ok(ConnectedDevice {
         host_faults: Some(device.host_faults()),
         counters: vec![device.injected()],
         device: Box::new(device),
@@ -138,7 +140,7 @@ fn reliable(
 }
 
 /// A drive in lock-step, as fault injection needs it.
-fn lock_step_drive(prepared: &Prepared, link: &Link, address: &str) -> Result<TcpDrive, JobError> {
+fn lock_step_drive(prepared: &PreparedRun, link: &Link, address: &str) -> Result<TcpDrive, JobError> {
     let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
     check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
     if drive.hello().lock_step {
@@ -193,7 +195,7 @@ pub fn distant(model: &RobotModel, config: &Config, link: &Link) -> Result<Optio
 ///
 /// # Errors
 /// QEMU or its image is missing, or no controller exists for that number of joints.
-pub fn controller(prepared: &Prepared, link: &Link, folder: &Path) -> Result<Box<dyn Controller>, JobError> {
+pub fn controller(prepared: &PreparedRun, link: &Link, folder: &Path) -> Result<Box<dyn Controller>, JobError> {
     match link {
         Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(folder))?)),
         _ => Ok(controller_in_process(prepared.robot.dof())?),

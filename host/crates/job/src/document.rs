@@ -50,7 +50,7 @@ impl Config {
             "# Configuration of spherecal. A field that is left out has the value that\n\
              # `spherecal config --print` shows. SI units unless the name says otherwise.\n\n",
         );
-        let root = Node {
+        let root = SchemaNode {
             schema: &schema,
             root: &schema,
         };
@@ -61,12 +61,12 @@ impl Config {
 
 /// A part of the schema: one type or one field.
 #[derive(Clone, Copy)]
-struct Node<'a> {
+struct SchemaNode<'a> {
     schema: &'a Value,
     root: &'a Value,
 }
 
-impl<'a> Node<'a> {
+impl<'a> SchemaNode<'a> {
     fn with(self, schema: &'a Value) -> Self {
         Self { schema, ..self }
     }
@@ -138,7 +138,7 @@ impl<'a> Node<'a> {
 }
 
 /// Writes `text` with a description above each line. `table` is the same as `text`, parsed.
-fn describe(out: &mut String, text: &str, table: &Table, root: Node<'_>) {
+fn describe(out: &mut String, text: &str, table: &Table, root: SchemaNode<'_>) {
     let mut section = Some(root);
     let mut present = Some(table);
     for line in text.lines() {
@@ -153,12 +153,12 @@ fn describe(out: &mut String, text: &str, table: &Table, root: Node<'_>) {
                 _ => None,
             });
             out.push('\n');
-            comment(out, &section.map(Node::words).unwrap_or_default());
+            comment(out, &section.map(SchemaNode::words).unwrap_or_default());
             out.push_str(line);
             out.push('\n');
         } else if let Some((name, _)) = line.split_once(" = ") {
             let field = section.and_then(|s| s.field(name.trim_matches('"')));
-            comment(out, &field.map(Node::words).unwrap_or_default());
+            comment(out, &field.map(SchemaNode::words).unwrap_or_default());
             out.push_str(line);
             out.push('\n');
         }
@@ -182,7 +182,7 @@ fn header(line: &str) -> Vec<String> {
 }
 
 /// Writes the fields of a section that have no value, as comments.
-fn left_out(out: &mut String, section: Option<Node<'_>>, present: Option<&Table>) {
+fn left_out(out: &mut String, section: Option<SchemaNode<'_>>, present: Option<&Table>) {
     let Some(section) = section else { return };
     for name in section.names() {
         let absent = present.is_none_or(|table| !table.contains_key(name));

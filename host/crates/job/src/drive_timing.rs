@@ -26,15 +26,15 @@ pub struct DriveTiming {
     /// Connections that were made again.
     pub reconnects: u64,
     /// From a state's arrival to its answer.
-    pub turnaround: Spread,
+    pub turnaround: TimeHistogram,
     /// How far the time between two states differs from the control period.
-    pub jitter: Spread,
+    pub jitter: TimeHistogram,
 }
 
 /// A histogram of times.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct Spread {
+pub struct TimeHistogram {
     /// The largest time, in µs.
     pub max_us: u32,
     /// Bins that are not empty, in order.
@@ -52,7 +52,7 @@ pub struct Bin {
     pub count: u64,
 }
 
-impl From<&Histogram> for Spread {
+impl From<&Histogram> for TimeHistogram {
     fn from(histogram: &Histogram) -> Self {
         let bin = |(from_us, to_us, count): (u32, u32, u32)| Bin {
             from_us,
@@ -66,7 +66,7 @@ impl From<&Histogram> for Spread {
     }
 }
 
-impl Spread {
+impl TimeHistogram {
     /// Times that were counted.
     pub fn count(&self) -> u64 {
         self.bins.iter().map(|bin| bin.count).sum()
@@ -168,7 +168,7 @@ mod tests {
         let mut sum = DriveTiming::from(&first);
         sum.add(&DriveTiming::from(&second));
         assert_eq!((sum.cycles, sum.longest_gap, sum.missed), (1000, 9, 11));
-        assert_eq!(sum.turnaround, Spread::from(&whole));
+        assert_eq!(sum.turnaround, TimeHistogram::from(&whole));
         for share in [0.5, 0.99, 0.999] {
             assert_eq!(sum.turnaround.percentile_us(share), whole.percentile_us(share));
         }

@@ -12,7 +12,7 @@ use super::{Config, JobError, Link};
 use spherecal_identify::arcs::{Measured, MeasuredArc};
 use spherecal_identify::{
     CampaignRecord, Estimator, EvaluateOptions, Evaluation, Experiment, Observation, Options, Recordings, Set, Sphere,
-    Target, Tracker,
+    Target, TrackerRecordings,
 };
 use spherecal_model::LaserShot;
 use spherecal_plan::Plan;
@@ -90,7 +90,7 @@ impl Measurements {
     pub fn to_recordings(&self) -> Recordings {
         let worst = self.couplings.iter().max_by(|a, b| a.test_m.total_cmp(&b.test_m));
         Recordings {
-            tracker: (!self.laser.is_empty()).then(|| Tracker {
+            tracker: (!self.laser.is_empty()).then(|| TrackerRecordings {
                 calibration: self.shots(LaserShot::CALIBRATE),
                 base_arcs: self.arcs(LaserShot::BASE),
                 tool_arcs: self.arcs(LaserShot::TOOL),

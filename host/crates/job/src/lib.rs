@@ -47,7 +47,7 @@ pub use config::{
     PlanSection, ToolSection,
 };
 pub use connect::{connect_early, device};
-pub use drive_timing::{Bin, DriveTiming, Spread};
+pub use drive_timing::{Bin, DriveTiming, TimeHistogram};
 pub use error::JobError;
 pub use evaluate::{Measurements, evaluate};
 pub use host_faults::file_lock;
@@ -55,9 +55,9 @@ pub use journal::{StoreJournal, store_error};
 pub use known_laws::known_laws_options;
 pub use link::{Link, UnknownLink};
 pub use link_record::LinkRecord;
-pub use measure::{Measured, Site, check_tracker, create_run, measure, read};
+pub use measure::{MeasuredRun, Site, check_tracker, create_run, measure, read};
 pub use open::open_store;
-pub use prepare::{Prepared, check_reach, loaded_model, prepare, simulated_drive, simulated_robot};
+pub use prepare::{PreparedRun, check_reach, loaded_model, prepare, simulated_drive, simulated_robot};
 pub use run_report::run_report;
 pub use spherecal_identify::{Evaluation, Verdict};
 pub use stored::{StoredReport, contact_traces, put_contact_traces, stored_report};

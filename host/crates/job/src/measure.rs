@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use spherecal_campaign::{self as campaign, Assignment, Observer, Outcome, Tracker, measure_laser};
+use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, Outcome, Tracker, measure_laser};
 use spherecal_link::Device;
 use spherecal_plan::Plan;
 use spherecal_sim::inject::{self, HostFaultJournal};
@@ -20,7 +20,7 @@ use super::link::Link;
 use super::link_record::LinkRecord;
 use super::telemetry::run_key;
 use super::tracker::simulated_tracker;
-use super::{Config, JobError, Measurements, Prepared};
+use super::{Config, JobError, Measurements, PreparedRun};
 
 /// Where and with whom a campaign is run.
 pub struct Site<'a> {
@@ -33,7 +33,7 @@ pub struct Site<'a> {
     /// Where it is stored.
     pub store: &'a mut dyn CalibrationStore,
     /// Who watches.
-    pub observer: &'a mut dyn Observer,
+    pub observer: &'a mut dyn CampaignObserver,
     /// Set to stop.
     pub interrupt: &'a AtomicBool,
     /// Faults to inject; none by default.
@@ -43,7 +43,7 @@ pub struct Site<'a> {
 }
 /// What was measured.
 #[derive(Clone, Debug)]
-pub struct Measured {
+pub struct MeasuredRun {
     /// Number of the run in the store.
     pub run: i64,
     /// What this session came to.
@@ -56,7 +56,7 @@ pub struct Measured {
 ///
 /// # Errors
 /// Any error that stops the campaign. The recordings made until then are in the store.
-pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) -> Result<Measured, JobError> {
+pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>) -> Result<MeasuredRun, JobError> {
     let begun = Instant::now();
     if let Some(plan) = site.inject.filter(|_| !site.store.is_file()) {
         plan.check_without_file()?;
@@ -167,7 +167,7 @@ pub fn measure(prepared: &Prepared, site: Site<'_>, resume: Option<&RunInfo>) ->
         }
     }
     site.store.set_state(run, "measured")?;
-    Ok(Measured { run, outcome })
+    Ok(MeasuredRun { run, outcome })
 }
 
 /// Checks that a laser tracker answers at `peer`: it is needed only when the campaign has ended.
@@ -195,7 +195,7 @@ fn remote_tracker(_peer: &Peer) -> Result<Box<dyn Tracker>, JobError> {
 ///
 /// # Errors
 /// When the store fails.
-pub fn create_run(prepared: &Prepared, link: &Link, store: &mut dyn CalibrationStore) -> Result<i64, JobError> {
+pub fn create_run(prepared: &PreparedRun, link: &Link, store: &mut dyn CalibrationStore) -> Result<i64, JobError> {
     let poses = prepared
         .plan
         .spheres

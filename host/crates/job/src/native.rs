@@ -47,23 +47,23 @@ impl Link {
 /// state, and the robot's own clock says how many periods were missed.
 const SILENCE: Duration = Duration::from_millis(500);
 
-fn franka(host: &str, port: u16, waiting: &DriveSection) -> fci::Config {
-    fci::Config {
+fn franka(host: &str, port: u16, waiting: &DriveSection) -> fci::ClientConfig {
+    fci::ClientConfig {
         port,
         state_timeout: SILENCE,
         busy_poll_us: busy_poll(waiting),
         spin: Duration::from_micros(waiting.spin_us.into()),
-        ..fci::Config::new(host)
+        ..fci::ClientConfig::new(host)
     }
 }
 
-fn cabinet(address: SocketAddr, waiting: &DriveSection) -> fri::Config {
-    fri::Config {
+fn cabinet(address: SocketAddr, waiting: &DriveSection) -> fri::ClientConfig {
+    fri::ClientConfig {
         address,
         timeout: SILENCE,
         busy_poll_us: busy_poll(waiting),
         spin: Duration::from_micros(waiting.spin_us.into()),
-        ..fri::Config::new(fri::Limits::IIWA_7)
+        ..fri::ClientConfig::new(fri::TorqueLimits::IIWA_7)
     }
 }
 
@@ -73,7 +73,7 @@ fn cabinet(address: SocketAddr, waiting: &DriveSection) -> fri::Config {
 /// The port of a link `fri:` cannot be opened.
 pub(super) fn can_listen(link: &Link) -> Result<(), JobError> {
     if let Link::Fri(address) = link {
-        fri::Observer::listen(&cabinet(*address, &DriveSection::default())).map_err(LinkError::device)?;
+        fri::ReadOnlyClient::listen(&cabinet(*address, &DriveSection::default())).map_err(LinkError::device)?;
     }
     Ok(())
 }

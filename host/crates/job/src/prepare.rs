@@ -19,7 +19,7 @@ use spherecal_sim::{RobotArm, simulated_arm};
 
 /// All data that are known before the first motion.
 #[derive(Clone, Debug)]
-pub struct Prepared {
+pub struct PreparedRun {
     /// Configuration.
     pub config: Config,
     /// Robot as the host holds it.
@@ -43,7 +43,7 @@ pub struct Prepared {
 ///
 /// # Errors
 /// Any error in the input.
-pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
+pub fn prepare(config: &Config) -> Result<PreparedRun, JobError> {
     let Known {
         model,
         tool,
@@ -68,7 +68,7 @@ pub fn prepare(config: &Config) -> Result<Prepared, JobError> {
         };
         waypoints.apply(&model.robot, &tool, &mut plan)?;
     }
-    Ok(Prepared {
+    Ok(PreparedRun {
         config: config.clone(),
         robot: model.robot.clone(),
         model,
@@ -117,7 +117,7 @@ fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobErr
     }
 }
 
-impl Prepared {
+impl PreparedRun {
     /// The same for the arm that is there. The simulated error of teaching is for simulated arms alone: the waypoints of
     /// any other arm, or of one of which nobody has said what it is, stay where they were planned.
     pub(super) fn for_arm(&self, simulated: Option<bool>) -> Cow<'_, Self> {
@@ -259,7 +259,7 @@ mod tests {
         let with = prepare(&config).expect("a plan");
         config.campaign.taught_error_m = 0.0;
         let without = prepare(&config).expect("a plan");
-        let waypoints = |prepared: &Prepared| -> Vec<[f64; 3]> {
+        let waypoints = |prepared: &PreparedRun| -> Vec<[f64; 3]> {
             prepared
                 .plan
                 .spheres

@@ -7,7 +7,8 @@ use spherecal_model::LaserShot;
 use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
 use spherecal_report::headline::{Error, compared, error_figures, expected_figures};
 use spherecal_report::{
-    ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, Prediction, ReportInput, ResidualPoint, WorkspacePoint,
+    ErrorSeries, ErrorTable, Headline, HistogramChart, ModelRow, PredictedAccuracy, ReportInput, ResidualPoint,
+    WorkspacePoint,
 };
 
 mod tables;
@@ -224,7 +225,7 @@ fn workspace(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> Vec<W
 }
 
 /// Predicted errors against those found with the base aligned.
-fn prediction(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> Prediction {
+fn prediction(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> PredictedAccuracy {
     let found = table
         .models
         .iter()
@@ -240,7 +241,7 @@ fn prediction(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> Pred
         })
         .collect();
     let n = pairs_mm.len().max(1) as f64;
-    Prediction {
+    PredictedAccuracy {
         mean_mm: pairs_mm.iter().map(|p| p.0).sum::<f64>() / n,
         max_mm: pairs_mm.iter().map(|p| p.0).fold(0.0, f64::max),
         pairs_mm,
@@ -265,13 +266,13 @@ fn residuals(m: &Measurements, e: &Evaluation) -> Vec<ResidualPoint> {
 }
 
 /// Latency and overshoot of the trigger; empty for a run without contact.
-fn triggers(m: &Measurements) -> Vec<Histogram> {
+fn triggers(m: &Measurements) -> Vec<HistogramChart> {
     if m.contacts.is_empty() {
         return Vec::new();
     }
     let approach = &m.config.procedure.approach;
     let dwell_ms = approach.dwell_s * 1e3;
-    let histogram = |what: &str, step: f64, caption: String, values: Vec<f64>| Histogram {
+    let histogram = |what: &str, step: f64, caption: String, values: Vec<f64>| HistogramChart {
         what: what.to_owned(),
         of: "contacts".to_owned(),
         caption,

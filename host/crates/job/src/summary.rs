@@ -12,7 +12,7 @@ use spherecal_shared::protocol::host::{FaultReport, Recording};
 use super::certificate::run_certificate;
 use super::hexadecimal::hexadecimal;
 use super::{DriveTiming, Evaluation, JobError, LinkRecord, Measurements};
-use spherecal_identify::validate::{Alignment, Statistics};
+use spherecal_identify::validate::{Alignment, ErrorStatistics};
 use spherecal_identify::{ExpectedError, ParameterEstimate, Verdict};
 use spherecal_report::Certificate;
 use spherecal_sim::Injected;
@@ -101,11 +101,11 @@ pub struct ResidualSummary {
 pub struct ModelSummary {
     /// Base measured by arcs, as in the paper.
     #[serde(flatten)]
-    pub arcs: Statistics,
+    pub arcs: ErrorStatistics,
     /// Base fitted to the points: the arm's shape alone.
-    pub best_fit: Statistics,
+    pub best_fit: ErrorStatistics,
     /// The model's own base.
-    pub own: Statistics,
+    pub own: ErrorStatistics,
 }
 
 /// Table 5.

@@ -5,15 +5,15 @@ use std::sync::atomic::AtomicBool;
 
 use super::connect::{controller, distant};
 use super::waypoints::{TaughtWaypoint, TaughtWaypoints};
-use super::{JobError, Link, Prepared};
-use spherecal_campaign::{self as campaign, Assignment, Observer, Operator};
+use super::{JobError, Link, PreparedRun};
+use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, Operator};
 use spherecal_link::{Device, LocalDevice};
 use spherecal_sim::{OperatorCall, hand_guided_arm};
 
 /// The operator beside the simulated arm.
-struct Simulated(OperatorCall);
+struct SimulatedOperator(OperatorCall);
 
-impl Operator for Simulated {
+impl Operator for SimulatedOperator {
     fn lead(&mut self, sphere: u32) {
         // Ids count from 1, the plate's spheres from 0.
         self.0.lead_to(sphere.saturating_sub(1) as usize);
@@ -34,11 +34,11 @@ impl Operator for Simulated {
 /// # Errors
 /// Any error that stops teaching.
 pub fn teach(
-    prepared: &Prepared,
+    prepared: &PreparedRun,
     link: &Link,
     folder: &Path,
     person: &mut dyn Operator,
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
     interrupt: &AtomicBool,
 ) -> Result<TaughtWaypoints, JobError> {
     let plan = &prepared.plan;
@@ -61,7 +61,7 @@ pub fn teach(
             let height_m = prepared.config.plan.approach_height_m;
             let (robot, tool) = (&prepared.robot, &prepared.tool);
             let (drive, call) = hand_guided_arm(robot, tool, &prepared.plant, &plan.home.joints, height_m)?;
-            simulated = Simulated(call);
+            simulated = SimulatedOperator(call);
             (
                 Box::new(LocalDevice::new(controller, drive, robot.dof())?),
                 &mut simulated,

@@ -4,7 +4,7 @@ use spherecal_campaign::{Tracker, TrackerError};
 use spherecal_model::TrackerSession;
 use spherecal_sim::SimulatedTracker;
 
-use crate::{JobError, Prepared};
+use crate::{JobError, PreparedRun};
 
 /// The plant's tracker.
 struct Simulated(SimulatedTracker);
@@ -19,7 +19,7 @@ impl Tracker for Simulated {
 ///
 /// # Errors
 /// The plant cannot be created.
-pub fn simulated_tracker(prepared: &Prepared) -> Result<Box<dyn Tracker + Send>, JobError> {
+pub fn simulated_tracker(prepared: &PreparedRun) -> Result<Box<dyn Tracker + Send>, JobError> {
     let tracker = SimulatedTracker::new(&prepared.robot, &prepared.tool, &prepared.plant)?;
     Ok(Box::new(Simulated(tracker)))
 }

@@ -10,8 +10,8 @@ use std::time::Instant;
 use serde::Serialize;
 use spherecal_shared::protocol::host::Recording;
 
-use spherecal_campaign::{self as campaign, Assignment, Observer, Outcome, Progress, Stage};
-use spherecal_job::{JobError, Prepared, Site, StoreJournal, create_run, device};
+use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, CampaignStage, Outcome, Progress};
+use spherecal_job::{JobError, PreparedRun, Site, StoreJournal, create_run, device};
 use spherecal_link::Arrival;
 use spherecal_store::SessionEnd;
 use spherecal_store::time::now_utc;
@@ -73,7 +73,7 @@ const DRIFT: f64 = 0.10;
 ///
 /// # Errors
 /// Any error that stops a lap.
-pub fn soak(prepared: &Prepared, site: Site<'_>, hours: f64) -> Result<Soak, JobError> {
+pub fn soak(prepared: &PreparedRun, site: Site<'_>, hours: f64) -> Result<Soak, JobError> {
     let begun = Instant::now();
     let plan = &prepared.plan;
     let mut cell = device(prepared, site.link, site.folder)?;
@@ -190,11 +190,11 @@ impl Lap {
 
 /// Shows a lap's progress as the soak's.
 struct Laps<'a> {
-    inner: &'a mut dyn Observer,
+    inner: &'a mut dyn CampaignObserver,
     hours: f64,
 }
 
-impl Observer for Laps<'_> {
+impl CampaignObserver for Laps<'_> {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
         self.inner.event(now_us, arrival);
     }
@@ -202,8 +202,8 @@ impl Observer for Laps<'_> {
     fn progress(&mut self, progress: &Progress) {
         // In minutes of robot time, as poses are shown.
         self.inner.progress(&Progress {
-            stage: if progress.stage == Stage::Done {
-                Stage::Home
+            stage: if progress.stage == CampaignStage::Done {
+                CampaignStage::Home
             } else {
                 progress.stage
             },

@@ -53,7 +53,7 @@ pub struct Arrival {
     pub body: Event,
 }
 
-struct Pending {
+struct PendingCommand {
     message: Downlink,
     sent_us: u64,
     since_us: u64,
@@ -81,7 +81,7 @@ pub struct HostEndpoint {
     frames_sent: u32,
     last_command: u32,
     queue: VecDeque<Downlink>,
-    pending: Option<Pending>,
+    pending: Option<PendingCommand>,
     acknowledgements: VecDeque<u32>,
     /// Number of the next event; unknown until the banner has stated it.
     next_event: Option<u32>,
@@ -187,7 +187,7 @@ impl HostEndpoint {
             }
         } else if let Some(message) = self.queue.pop_front() {
             self.frame(&message, now_us, out)?;
-            self.pending = Some(Pending {
+            self.pending = Some(PendingCommand {
                 message,
                 sent_us: now_us,
                 since_us: now_us,

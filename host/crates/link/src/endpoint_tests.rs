@@ -9,7 +9,7 @@ use std::convert::Infallible;
 /// The other end, as simple as the protocol allows. It numbers its events, sends each until it is
 /// acknowledged, answers every command and carries out each command once.
 #[derive(Default)]
-struct Peer {
+struct TestPeer {
     accumulator: Accumulator,
     frames: u32,
     session: SessionId,
@@ -19,7 +19,7 @@ struct Peer {
     produced: u32,
 }
 
-impl Peer {
+impl TestPeer {
     fn exchange(&mut self, now_us: u64, down: &[u8], events: u32, up: &mut Vec<Vec<u8>>) {
         let mut heard = Vec::new();
         for &byte in down {
@@ -133,7 +133,7 @@ proptest! {
     fn a_bad_link_loses_nothing_and_repeats_nothing(seed: u64, bad in 0.0f64..0.25) {
         let (events, commands) = (60, 20);
         let mut endpoint = HostEndpoint::new(Timing::default());
-        let mut peer = Peer::default();
+        let mut peer = TestPeer::default();
         let channel = |k| Channel { rng: ChaCha8Rng::seed_from_u64(seed ^ k), bad, late: Vec::new() };
         let (mut to_peer, mut to_host) = (channel(1), channel(2));
         let (mut stored, mut handed_on, mut replies) = (Vec::new(), Vec::new(), Vec::new());
@@ -177,7 +177,7 @@ proptest! {
 #[test]
 fn nothing_is_acknowledged_that_was_not_stored() {
     let mut endpoint = HostEndpoint::new(Timing::default());
-    let mut peer = Peer::default();
+    let mut peer = TestPeer::default();
     let mut up = Vec::new();
     let mut down = Vec::new();
     endpoint.send(Command::Hello);

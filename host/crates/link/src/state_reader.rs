@@ -55,7 +55,7 @@ pub trait StateReader: Send {
 
 /// Reads a Panda or an FR3.
 pub struct FrankaReader {
-    observer: fci::Observer,
+    observer: fci::ReadOnlyClient,
     state: RobotState,
     first: Option<u64>,
 }
@@ -66,13 +66,13 @@ impl FrankaReader {
     /// # Errors
     /// The robot cannot be reached or speaks no known version.
     pub fn connect(host: &str, port: u16) -> Result<Self, LinkError> {
-        let config = fci::Config {
+        let config = fci::ClientConfig {
             port,
             state_timeout: SILENCE,
-            ..fci::Config::new(host)
+            ..fci::ClientConfig::new(host)
         };
         Ok(Self {
-            observer: fci::Observer::connect(&config).map_err(LinkError::device)?,
+            observer: fci::ReadOnlyClient::connect(&config).map_err(LinkError::device)?,
             state: RobotState::default(),
             first: None,
         })
@@ -111,8 +111,8 @@ impl StateReader for FrankaReader {
 
 /// Reads an LBR behind a KUKA cabinet. The sign of its torques depends on the software: a reading has them without it.
 pub struct KukaReader {
-    observer: fri::Observer,
-    state: fri::State,
+    observer: fri::ReadOnlyClient,
+    state: fri::MonitoredState,
     first: Option<u32>,
 }
 
@@ -122,14 +122,14 @@ impl KukaReader {
     /// # Errors
     /// The port cannot be opened.
     pub fn listen(address: std::net::SocketAddr) -> Result<Self, LinkError> {
-        let config = fri::Config {
+        let config = fri::ClientConfig {
             address,
             timeout: SILENCE,
-            ..fri::Config::new(fri::Limits::IIWA_7)
+            ..fri::ClientConfig::new(fri::TorqueLimits::IIWA_7)
         };
         Ok(Self {
-            observer: fri::Observer::listen(&config).map_err(LinkError::device)?,
-            state: fri::State::default(),
+            observer: fri::ReadOnlyClient::listen(&config).map_err(LinkError::device)?,
+            state: fri::MonitoredState::default(),
             first: None,
         })
     }

@@ -4,9 +4,9 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use spherecal_fci::client::{Config, EndCause};
-use spherecal_fci::robot::{FR3_URDF, JointArm, JointLimits, READY, RobotConfig, RobotSide};
-use spherecal_fci::wire::{RobotError, Version};
+use spherecal_fci::client::{ClientConfig, EndCause};
+use spherecal_fci::robot::{ArmLimits, FR3_URDF, JointArm, READY, RobotConfig, RobotSide};
+use spherecal_fci::wire::{ErrorFlag, Version};
 use spherecal_link::Drive;
 use spherecal_link::native::{DriveEvent, FrankaDrive, FrankaOptions, Undeclared, collision_behavior};
 use spherecal_link::tcp::Threaded;
@@ -20,12 +20,12 @@ const PATIENCE: Duration = Duration::from_secs(30);
 
 fn options(port: u16) -> FrankaOptions {
     FrankaOptions {
-        config: Config {
+        config: ClientConfig {
             port,
             connect_timeout: Duration::from_secs(1),
             // A loaded test machine may not run the robot's thread for a while.
             state_timeout: Duration::from_millis(500),
-            ..Config::new("127.0.0.1")
+            ..ClientConfig::new("127.0.0.1")
         },
         load: Inertia {
             mass_kg: 0.7,
@@ -151,7 +151,7 @@ fn a_reflex_is_a_named_fault_and_the_robot_recovers() {
     arm.lock().expect("an arm").external[4] = 0.0;
     let named = held.events.iter().any(|event| {
         matches!(event, DriveEvent::FrankaEnded(end)
-            if end.cause == EndCause::Reflex && end.errors.contains(RobotError::JointReflex))
+            if end.cause == EndCause::Reflex && end.errors.contains(ErrorFlag::JointReflex))
     });
     assert!(named, "{:?}", held.events);
     held.until("the next motion", Held::moves);
@@ -294,7 +294,7 @@ fn the_robots_own_model_states_the_limits() {
 // the tightest plans do, would be faster than the FR3 permits there: its limit falls near the stops.
 #[test]
 fn planned_motions_are_slower_than_the_fr3_permits_near_its_stops() {
-    let (procedure, limits) = (Procedure::default(), &JointLimits::FR3);
+    let (procedure, limits) = (Procedure::default(), &ArmLimits::FR3);
     let (speed, acceleration) = (procedure.motion.speed_rad_s, procedure.motion.acceleration_rad_s2);
     let room = 2_f64.to_radians() + procedure.limits.position_margin_rad;
     let mut most = 0.0_f64;
@@ -337,7 +337,7 @@ fn a_joint_beyond_its_limit_needs_a_person() {
     let needed = |held: &Held| {
         let last = held.events.last();
         matches!(last, Some(DriveEvent::PersonNeeded(errors))
-            if errors.contains(RobotError::JointPositionLimitsViolation))
+            if errors.contains(ErrorFlag::JointPositionLimitsViolation))
     };
     held.until("a person", needed);
     let tick = held.state.tick;

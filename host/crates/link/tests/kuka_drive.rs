@@ -4,8 +4,8 @@ use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use spherecal_fri::client::{Config, EndCause, Limits};
-use spherecal_fri::robot::{Arm, ArmCommand, ArmState, CabinetConfig, CabinetSide, JointArm, START, Tolerance};
+use spherecal_fri::client::{ClientConfig, EndCause, TorqueLimits};
+use spherecal_fri::robot::{ArmCommand, ArmHardware, ArmState, CabinetConfig, CabinetSide, JointArm, START, Tolerance};
 use spherecal_fri::wire::SafetyState;
 use spherecal_link::native::{DriveEvent, KukaDrive, KukaOptions, Undeclared};
 use spherecal_link::{Drive, LinkError};
@@ -44,7 +44,7 @@ impl Iiwa {
     }
 }
 
-impl Arm for Iiwa {
+impl ArmHardware for Iiwa {
     fn state(&self) -> ArmState {
         self.with_gravity(self.joints.state())
     }
@@ -73,10 +73,10 @@ fn cabinet(sign: f64, share: f64) -> (CabinetSide, SocketAddr) {
 }
 
 fn listen(address: SocketAddr) -> Result<KukaDrive, LinkError> {
-    let config = Config {
+    let config = ClientConfig {
         address,
         timeout: Duration::from_millis(500),
-        ..Config::new(Limits::IIWA_7)
+        ..ClientConfig::new(TorqueLimits::IIWA_7)
     };
     KukaDrive::listen(&KukaOptions {
         config,

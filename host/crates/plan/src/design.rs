@@ -9,7 +9,7 @@ use super::cell::Cell;
 use super::design_problem::{DesignProblem, model_of, predictions};
 use super::design_request::DesignRequest;
 use super::error::PlanError;
-use super::optimal::{Design, Problem};
+use super::optimal::{Design, SelectionProblem};
 use super::travel::Travel;
 use super::types::{Accuracy, Plan};
 use spherecal_identify::Options;
@@ -223,7 +223,7 @@ pub fn predicted_accuracy(cell: &Cell, plan: &Plan, options: &Options) -> Result
             recorded.map(|p| model.observation(&p.joints, visit.sphere_id, visit.place as usize))
         })
         .collect();
-    let problem = Problem::new(model.columns(), &rows, &predictions(&model, &chain));
+    let problem = SelectionProblem::new(model.columns(), &rows, &predictions(&model, &chain));
     let all = Design::with_all(&problem);
     let predicted = all.predicted(1.0 / options.noise.inflation);
     Ok(Accuracy {

@@ -11,7 +11,7 @@ use super::cell::Cell;
 use super::design_request::DesignRequest;
 use super::error::PlanError;
 use super::grid::GridPose;
-use super::optimal::{Design, Problem};
+use super::optimal::{Design, SelectionProblem};
 use super::start::home;
 use super::travel::{Travel, tour};
 use super::types::{Plan, Visit, Waypoint};
@@ -28,7 +28,7 @@ pub(super) struct DesignProblem {
     pub(super) home: Waypoint,
     pub(super) visits: Vec<CandidateVisit>,
     pub(super) candidates: Vec<Candidate>,
-    pub(super) problem: Problem,
+    pub(super) problem: SelectionProblem,
     /// Number of candidates before any were removed.
     pub(super) considered: usize,
 }
@@ -45,7 +45,7 @@ impl DesignProblem {
             home,
             visits,
             candidates: Vec::new(),
-            problem: Problem::new(0, &[], &[]),
+            problem: SelectionProblem::new(0, &[], &[]),
             considered: 0,
         })
     }
@@ -70,7 +70,7 @@ impl DesignProblem {
             chain: self.chain.clone(),
             home: self.home.clone(),
             visits: self.visits.clone(),
-            problem: Problem::new(model.columns(), &rows, &predictions(&model, &self.chain)),
+            problem: SelectionProblem::new(model.columns(), &rows, &predictions(&model, &self.chain)),
             considered: candidates.len(),
             candidates,
         })

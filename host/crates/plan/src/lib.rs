@@ -55,7 +55,7 @@ pub use design_request::{CONTACTS, DesignRequest};
 pub use error::PlanError;
 pub use grid::{Grid, GridPose};
 pub use order::{move_size, order};
-pub use path::{Obstacle, Part, Rules};
+pub use path::{CollisionObject, Obstacle, Rules};
 pub use place::suggest;
 pub use scene::Scene;
 pub use start::home;

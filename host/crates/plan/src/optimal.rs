@@ -19,7 +19,7 @@ use super::travel::Travel;
 const MEAN_OF_RMS: f64 = 0.9213;
 
 /// The predictions, and the possible measurements.
-pub(super) struct Problem {
+pub(super) struct SelectionProblem {
     /// Rows of candidate c are the columns 3c, 3c+1, 3c+2; m x 3N.
     rows: DMatrix<f64>,
     /// `W`, m x m.
@@ -39,7 +39,7 @@ pub(super) struct Predicted {
     pub(super) worst: f64,
 }
 
-impl Problem {
+impl SelectionProblem {
     /// From the candidates' rows (3 x m each, row by row) and from rows, place
     /// and noise of the predictions ([`spherecal_identify::DesignModel`]).
     pub(super) fn new(m: usize, candidates: &[Vec<f64>], predictions: &[(Vec<f64>, Vector3<f64>, f64)]) -> Self {
@@ -138,7 +138,7 @@ fn align(blocks: &mut [DMatrix<f64>], points: &[Vector3<f64>]) {
 /// A growing and changing choice of candidates.
 #[derive(Clone)]
 pub(super) struct Design<'a> {
-    problem: &'a Problem,
+    problem: &'a SelectionProblem,
     sigma: DMatrix<f64>,
     s: Vec<Matrix3<f64>>,
     t: Vec<Matrix3<f64>>,
@@ -154,7 +154,7 @@ pub(super) struct Design<'a> {
 
 impl<'a> Design<'a> {
     /// Nothing chosen, every candidate allowed.
-    pub(super) fn new(problem: &'a Problem) -> Self {
+    pub(super) fn new(problem: &'a SelectionProblem) -> Self {
         let m = problem.weight.nrows();
         let n = problem.count();
         let mut design = Self {
@@ -182,7 +182,7 @@ impl<'a> Design<'a> {
     }
 
     /// These candidates chosen, in this order.
-    pub(super) fn of(problem: &'a Problem, chosen: Vec<usize>) -> Self {
+    pub(super) fn of(problem: &'a SelectionProblem, chosen: Vec<usize>) -> Self {
         let mut design = Self::new(problem);
         for c in &chosen {
             design.taken[*c] = true;
@@ -223,7 +223,7 @@ impl<'a> Design<'a> {
     }
 
     /// Every candidate chosen.
-    pub(super) fn with_all(problem: &'a Problem) -> Self {
+    pub(super) fn with_all(problem: &'a SelectionProblem) -> Self {
         Self::of(problem, (0..problem.count()).collect())
     }
 

@@ -1,7 +1,7 @@
 use super::*;
 use spherecal_model::halton::halton;
 
-fn problem(n: usize, m: usize) -> Problem {
+fn problem(n: usize, m: usize) -> SelectionProblem {
     let number = |i: usize, k: usize| 4.0 * halton(i * 31 + k * 7 + 1, (i + k) % 11) - 2.0;
     let candidates: Vec<Vec<f64>> = (0..n).map(|c| (0..3 * m).map(|k| number(c, k)).collect()).collect();
     let predictions = (0..9)
@@ -11,11 +11,11 @@ fn problem(n: usize, m: usize) -> Problem {
             (rows, p, 0.1)
         })
         .collect::<Vec<_>>();
-    Problem::new(m, &candidates, &predictions)
+    SelectionProblem::new(m, &candidates, &predictions)
 }
 
 // The criterion computed directly, by inverting the information matrix.
-fn direct(problem: &Problem, chosen: &[usize]) -> f64 {
+fn direct(problem: &SelectionProblem, chosen: &[usize]) -> f64 {
     let m = problem.weight.nrows();
     let mut information = DMatrix::<f64>::identity(m, m);
     for c in chosen {

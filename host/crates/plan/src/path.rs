@@ -48,7 +48,7 @@ pub enum Obstacle {
     #[error("{part} would be {by_mm:.0} mm too near")]
     TooNear {
         /// To what.
-        part: Part,
+        part: CollisionObject,
         /// How far within the margin, in mm.
         by_mm: f64,
     },
@@ -60,7 +60,7 @@ pub enum Obstacle {
 /// What an arm can come too near to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Part {
+pub enum CollisionObject {
     /// A sphere or its post.
     Sphere(u32),
     /// The plate.
@@ -69,7 +69,7 @@ pub enum Part {
     Arm,
 }
 
-impl fmt::Display for Part {
+impl fmt::Display for CollisionObject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Sphere(id) => write!(f, "sphere {id} or its post"),

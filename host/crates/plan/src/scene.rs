@@ -13,7 +13,7 @@ use spherecal_shared::procedure::Limits;
 use spherecal_shared::robot::Pose;
 
 use super::cell::{Cell, Obstacles, PlatePose};
-use super::path::{Obstacle, Part};
+use super::path::{CollisionObject, Obstacle};
 use super::types::Plan;
 use spherecal_identify::Sphere;
 use spherecal_model::chain::Chain;
@@ -150,11 +150,13 @@ impl Scene {
     /// The part that is nearest, and how far it is within its margin.
     pub(super) fn standing(&self, q: &[f64], seated: Option<u32>) -> Result<(), Obstacle> {
         let clearances = self.clearances(q);
-        let balls = self.balls.iter().map(|ball| Part::Sphere(ball.sphere));
-        let parts = balls.chain(self.surface.iter().map(|_| Part::Plate)).chain([Part::Arm]);
+        let balls = self.balls.iter().map(|ball| CollisionObject::Sphere(ball.sphere));
+        let parts = balls
+            .chain(self.surface.iter().map(|_| CollisionObject::Plate))
+            .chain([CollisionObject::Arm]);
         let nearest = parts
             .zip(&clearances)
-            .filter(|(part, _)| seated.is_none_or(|id| *part != Part::Sphere(id)))
+            .filter(|(part, _)| seated.is_none_or(|id| *part != CollisionObject::Sphere(id)))
             .min_by(|a, b| a.1.total_cmp(b.1));
         match nearest {
             Some((part, clearance)) if *clearance < 0.0 => Err(Obstacle::TooNear {

@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::input::{ErrorSeries, Prediction, ResidualPoint};
+use super::input::{ErrorSeries, PredictedAccuracy, ResidualPoint};
 use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::evaluate::model_title;
 
@@ -360,7 +360,7 @@ pub(super) fn residuals(points: &[ResidualPoint]) -> Result<String, ChartError> 
 }
 
 /// Predicted errors against errors found, with the lines of one and two sigma.
-pub(super) fn prediction(p: &Prediction) -> Result<String, ChartError> {
+pub(super) fn prediction(p: &PredictedAccuracy) -> Result<String, ChartError> {
     draw(
         (760, 320),
         "Predicted and actual error of every validation sample",

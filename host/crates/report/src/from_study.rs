@@ -6,7 +6,8 @@ use super::calibration::{correlation, group_table, identifiability_words, parame
 use super::certificate::Certificate;
 use super::headline::{Error, compared, error_figures, expected_figures};
 use super::input::{
-    ErrorSeries, ErrorTable, Headline, ModelRow, Prediction, ReportInput, ResidualPoint, SimpleTable, WorkspacePoint,
+    ErrorSeries, ErrorTable, Headline, ModelRow, PredictedAccuracy, ReportInput, ResidualPoint, SimpleTable,
+    WorkspacePoint,
 };
 use spherecal_identify::Target;
 use spherecal_identify::evaluate::{Errors, Judge, Judged, JudgedModel, millimetres};
@@ -305,7 +306,7 @@ fn workspace(judged: &Judged) -> Vec<WorkspacePoint> {
         .collect()
 }
 
-fn prediction(study: &Study, judged: &Judged) -> Prediction {
+fn prediction(study: &Study, judged: &Judged) -> PredictedAccuracy {
     let evaluation = &study.evaluation;
     let found = judged
         .model("calibrated")
@@ -320,7 +321,7 @@ fn prediction(study: &Study, judged: &Judged) -> Prediction {
             sigma.is_finite().then_some((sigma, s.distance_mm))
         })
         .collect();
-    Prediction {
+    PredictedAccuracy {
         mean_mm: evaluation.predicted_mm.0,
         max_mm: evaluation.predicted_mm.1,
         pairs_mm,

@@ -4,7 +4,7 @@ use spherecal_identify::ExpectedError;
 use spherecal_identify::evaluate::Evaluation;
 
 /// A figure of a headline: name, value, and what it is.
-pub type Figure = (String, String, String);
+pub type HeadlineFigure = (String, String, String);
 
 /// Mean and largest error of a model, in mm.
 #[derive(Clone, Copy, Debug)]
@@ -38,7 +38,7 @@ pub fn compared(subject: &str, robot: &str, nominal: Error, calibrated: Error) -
 }
 
 /// Mean and largest error as figures. `by` follows their names: how they were found, or nothing.
-pub fn error_figures(by: &str, nominal: Error, calibrated: Error) -> [Figure; 2] {
+pub fn error_figures(by: &str, nominal: Error, calibrated: Error) -> [HeadlineFigure; 2] {
     [
         ("Mean error", nominal.mean_mm, calibrated.mean_mm),
         ("Largest error", nominal.max_mm, calibrated.max_mm),
@@ -54,7 +54,7 @@ pub fn error_figures(by: &str, nominal: Error, calibrated: Error) -> [Figure; 2]
 
 /// The expected error over the workspace as figures: that of the full model, which a compensator
 /// carries out, and that of the geometry alone, which the files hold.
-pub fn expected_figures(evaluation: &Evaluation) -> Vec<Figure> {
+pub fn expected_figures(evaluation: &Evaluation) -> Vec<HeadlineFigure> {
     let Some(full) = &evaluation.verdict.expected_error_mm else {
         return Vec::new();
     };

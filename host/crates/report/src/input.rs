@@ -67,7 +67,7 @@ pub struct WorkspacePoint {
 
 /// A histogram of one quantity, such as the latency of the trigger.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Histogram {
+pub struct HistogramChart {
     /// What is counted, for the axis, with its unit.
     pub what: String,
     /// What it is counted over, for the other axis.
@@ -136,7 +136,7 @@ pub struct Correlation {
 
 /// The accuracy that the fit predicts of itself.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Prediction {
+pub struct PredictedAccuracy {
     /// Mean over the workspace (1 sigma), in mm.
     pub mean_mm: f64,
     /// Largest in the workspace (1 sigma), in mm.
@@ -188,7 +188,7 @@ pub struct ReportInput {
     /// Force that declares contact, in N.
     pub contact_threshold_n: f64,
     /// Latency and overshoot of the trigger over all contacts.
-    pub triggers: Vec<Histogram>,
+    pub triggers: Vec<HistogramChart>,
     /// How still the arm held.
     pub stillness: Vec<Curves>,
     /// Tables to that.
@@ -204,7 +204,7 @@ pub struct ReportInput {
     /// Correlations.
     pub correlation: Option<Correlation>,
     /// Predicted accuracy.
-    pub prediction: Option<Prediction>,
+    pub prediction: Option<PredictedAccuracy>,
     /// Goodness of fit, contacts, seating, triggers.
     pub fit_tables: Vec<SimpleTable>,
     /// Faults and link.

@@ -25,8 +25,8 @@ pub use certificate::{BudgetLine, COVERAGE, Certificate, PositionError, Uncertai
 pub use charts::ChartError;
 pub use from_study::study_report;
 pub use input::{
-    Correlation, Curves, ErrorSeries, ErrorTable, Headline, Histogram, ModelRow, ParameterRow, Prediction, ReportInput,
-    ResidualPoint, SimpleTable, WorkspacePoint,
+    Correlation, Curves, ErrorSeries, ErrorTable, Headline, HistogramChart, ModelRow, ParameterRow, PredictedAccuracy,
+    ReportInput, ResidualPoint, SimpleTable, WorkspacePoint,
 };
 pub use page::render;
 

@@ -66,7 +66,7 @@ pub(crate) fn full() -> ReportInput {
             trigger_s: 0.65,
         }],
         contact_threshold_n: 7.5,
-        triggers: vec![Histogram {
+        triggers: vec![HistogramChart {
             what: evil.to_owned(),
             of: evil.to_owned(),
             caption: evil.to_owned(),
@@ -110,7 +110,7 @@ pub(crate) fn full() -> ReportInput {
                 .map(|i| (0..20).map(|j| if i == j { 1.0 } else { wave(i * j, 1.3) }).collect())
                 .collect(),
         }),
-        prediction: Some(Prediction {
+        prediction: Some(PredictedAccuracy {
             mean_mm: 0.1,
             max_mm: 0.2,
             pairs_mm: (0..100)
@@ -254,12 +254,12 @@ fn the_dot_stands_where_the_force_passes_the_threshold() {
 // drawn.
 #[test]
 fn one_bar_is_said_in_words() {
-    let mut histogram = Histogram {
+    let mut histogram = HistogramChart {
         what: "latency (control periods)".to_owned(),
         of: "contacts".to_owned(),
         values: vec![20.0; 7],
         step: 1.0,
-        ..Histogram::default()
+        ..HistogramChart::default()
     };
     let words = time_charts::single_value(&histogram);
     assert_eq!(
@@ -334,13 +334,13 @@ fn an_empty_report_is_a_page() {
     odd.workspace[0].at_m = odd.workspace[1].at_m;
     odd.contacts[0].samples = Vec::new();
     odd.triggers[0].values = vec![7.0];
-    odd.triggers.push(Histogram::default());
+    odd.triggers.push(HistogramChart::default());
     odd.stillness[0].curves[0].1 = vec![(0.0, f64::NAN)];
     odd.stillness.push(Curves::default());
     odd.residuals.truncate(1);
-    odd.prediction = Some(Prediction {
+    odd.prediction = Some(PredictedAccuracy {
         pairs_mm: vec![(0.0, 0.0); 5],
-        ..Prediction::default()
+        ..PredictedAccuracy::default()
     });
     render(&odd).unwrap();
 }

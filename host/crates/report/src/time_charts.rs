@@ -3,10 +3,10 @@
 use plotters::prelude::*;
 
 use super::charts::{ChartError, FAINT, INK, PAPER, SERIES, SOFT, axes, draw, legend, round_step, short};
-use super::input::{Curves, Histogram};
+use super::input::{Curves, HistogramChart};
 
 /// The finite values of a histogram with their smallest and largest.
-fn range(histogram: &Histogram) -> (Vec<f64>, f64, f64) {
+fn range(histogram: &HistogramChart) -> (Vec<f64>, f64, f64) {
     let values: Vec<f64> = histogram.values.iter().copied().filter(|v| v.is_finite()).collect();
     let (low, high) = values
         .iter()
@@ -16,7 +16,7 @@ fn range(histogram: &Histogram) -> (Vec<f64>, f64, f64) {
 }
 
 /// What a histogram would say with a single bar: all values within one step are the same.
-pub(super) fn single_value(histogram: &Histogram) -> Option<String> {
+pub(super) fn single_value(histogram: &HistogramChart) -> Option<String> {
     let (values, low, high) = range(histogram);
     let step = histogram.step.max(1e-3 * high.abs());
     (!values.is_empty() && high - low < step).then(|| {
@@ -33,7 +33,7 @@ pub(super) fn single_value(histogram: &Histogram) -> Option<String> {
 }
 
 /// Histogram of one quantity.
-pub(super) fn histogram(histogram: &Histogram) -> Result<String, ChartError> {
+pub(super) fn histogram(histogram: &HistogramChart) -> Result<String, ChartError> {
     let (values, low, high) = range(histogram);
     let parts = (2.0 * (values.len() as f64).cbrt() * 2.0).clamp(8.0, 30.0);
     let step = round_step((high - low).max(1e-3 * high.abs().max(1.0)), parts).max(histogram.step);

@@ -37,7 +37,7 @@ const WAITING: u32 = 4096;
 const AFTER_FAILURE: Duration = Duration::from_millis(50);
 
 /// What is known of an open connection.
-struct Entry {
+struct OpenConnection {
     peer: IpAddr,
     opened: Instant,
     /// Last byte in either direction, in ms after `opened`.
@@ -48,7 +48,7 @@ struct Entry {
     close: Mutex<Option<oneshot::Sender<()>>>,
 }
 
-impl Entry {
+impl OpenConnection {
     fn touch(&self) {
         let ms = u64::try_from(self.opened.elapsed().as_millis()).unwrap_or(u64::MAX);
         self.last_ms.store(ms, Ordering::Relaxed);
@@ -74,14 +74,14 @@ impl Entry {
 
 /// All open connections.
 #[derive(Default)]
-struct Open(Mutex<Vec<Arc<Entry>>>);
+struct Open(Mutex<Vec<Arc<OpenConnection>>>);
 
 impl Open {
     /// Registers a connection. If there are too many, closes the least useful one.
-    fn admit(&self, entry: &Arc<Entry>) {
+    fn admit(&self, entry: &Arc<OpenConnection>) {
         let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         open.retain(|e| e.is_open());
-        let own = |e: &Entry| e.peer == entry.peer;
+        let own = |e: &OpenConnection| e.peer == entry.peer;
         let of_peer = open.iter().filter(|e| own(e)).count();
         let crowded = !entry.peer.is_loopback() && of_peer >= MOST_OF_ONE_ADDRESS;
         if crowded || open.len() >= MOST {
@@ -169,7 +169,7 @@ impl Listener {
 
     fn bounded(&self, stream: TcpStream, peer: SocketAddr) -> Connection {
         let (close, closed) = oneshot::channel();
-        let entry = Arc::new(Entry {
+        let entry = Arc::new(OpenConnection {
             peer: peer.ip().to_canonical(),
             opened: Instant::now(),
             last_ms: AtomicU64::new(0),
@@ -222,14 +222,14 @@ impl axum::serve::Listener for Listener {
 
 /// Marks the connection of a request as one that sends requests.
 #[derive(Clone)]
-pub(crate) struct Proof(Arc<Entry>);
+pub(crate) struct Proof(Arc<OpenConnection>);
 
 /// A connection that can be closed from outside, with the time of its last byte.
 pub(crate) struct Connection {
     stream: TcpStream,
     /// Ends when the connection is to be closed.
     closed: oneshot::Receiver<()>,
-    entry: Arc<Entry>,
+    entry: Arc<OpenConnection>,
 }
 
 impl Connection {

@@ -12,7 +12,7 @@ use super::guard::listen_address;
 #[cfg(not(feature = "grpc"))]
 use super::listen::Listener;
 use super::listen::bound;
-use super::live::{Hub, Message, WAITING};
+use super::live::{Hub, ViewerMessage, WAITING};
 use super::offer::Offer;
 use super::{Guard, GuardFiles, ServiceError, SharedStore};
 
@@ -84,7 +84,7 @@ impl Server {
 
     /// Shows a run of this program on the page; its messages go into the returned channel. `None`
     /// without a page.
-    pub fn show(&mut self) -> Option<mpsc::Sender<Message>> {
+    pub fn show(&mut self) -> Option<mpsc::Sender<ViewerMessage>> {
         let (out, messages) = mpsc::channel(WAITING);
         let hub = Arc::clone(self.hub.as_ref()?);
         self.shows.push(self.runtime.as_ref()?.spawn(hub.show(messages)));

@@ -80,7 +80,7 @@ impl GuidedArm {
     }
 }
 
-impl fci::Arm for GuidedArm {
+impl fci::ArmHardware for GuidedArm {
     fn state(&self) -> fci::ArmState {
         fci::ArmState {
             q: self.q,
@@ -93,11 +93,11 @@ impl fci::Arm for GuidedArm {
 
     fn step(&mut self, _: fci::ArmCommand) -> fci::ArmState {
         self.advance(1e-3);
-        fci::Arm::state(self)
+        fci::ArmHardware::state(self)
     }
 }
 
-impl fri::Arm for GuidedArm {
+impl fri::ArmHardware for GuidedArm {
     fn state(&self) -> fri::ArmState {
         fri::ArmState {
             q: self.q,
@@ -108,6 +108,6 @@ impl fri::Arm for GuidedArm {
 
     fn step(&mut self, _: fri::ArmCommand, step_s: f64) -> fri::ArmState {
         self.advance(step_s);
-        fri::Arm::state(self)
+        fri::ArmHardware::state(self)
     }
 }

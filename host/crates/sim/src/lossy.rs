@@ -132,7 +132,7 @@ fn draws(config: Lossy, stream: u64) -> ChaCha8Rng {
 
 /// One direction.
 #[derive(Clone, Debug)]
-struct Channel {
+struct LossyDirection {
     config: Lossy,
     rng: ChaCha8Rng,
     fragment: Vec<u8>,
@@ -140,7 +140,7 @@ struct Channel {
     injected: Injected,
 }
 
-impl Channel {
+impl LossyDirection {
     fn new(config: Lossy, stream: u64) -> Self {
         Self {
             config,
@@ -207,16 +207,16 @@ impl Channel {
 /// Both directions of a bad host link.
 #[derive(Clone, Debug)]
 pub struct LossyLink {
-    down: Channel,
-    up: Channel,
+    down: LossyDirection,
+    up: LossyDirection,
 }
 
 impl LossyLink {
     /// A link that is as bad as `config` says.
     pub fn new(config: Lossy) -> Self {
         Self {
-            down: Channel::new(config, 1),
-            up: Channel::new(config, 2),
+            down: LossyDirection::new(config, 1),
+            up: LossyDirection::new(config, 2),
         }
     }
 

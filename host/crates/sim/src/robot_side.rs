@@ -113,7 +113,7 @@ impl RobotArm {
     }
 }
 
-impl fci::Arm for RobotArm {
+impl fci::ArmHardware for RobotArm {
     fn state(&self) -> fci::ArmState {
         let sensed = self.plant.sensed();
         fci::ArmState {
@@ -131,10 +131,10 @@ impl fci::Arm for RobotArm {
             fci::ArmCommand::Guide => self.follow(&[0.0; JOINTS]),
             fci::ArmCommand::Hold | fci::ArmCommand::Brake => self.brake(),
         }
-        fci::Arm::state(self)
+        fci::ArmHardware::state(self)
     }
 
-    fn set_load(&mut self, load: &spherecal_fci::wire::Load) {
+    fn set_load(&mut self, load: &spherecal_fci::wire::FlangeLoad) {
         let i = &load.inertia;
         let body = Inertia {
             mass_kg: load.mass,
@@ -152,7 +152,7 @@ impl fci::Arm for RobotArm {
     }
 }
 
-impl fri::Arm for RobotArm {
+impl fri::ArmHardware for RobotArm {
     fn state(&self) -> fri::ArmState {
         let sensed = self.plant.sensed();
         fri::ArmState {
@@ -178,7 +178,7 @@ impl fri::Arm for RobotArm {
                 }
             }
         }
-        fri::Arm::state(self)
+        fri::ArmHardware::state(self)
     }
 }
 
@@ -200,21 +200,21 @@ mod tests {
     fn the_robot_compensates_gravity_with_the_declared_load() {
         let moved = |declared_kg: Option<f64>| {
             let mut arm = arm("panda");
-            let start = fci::Arm::state(&arm).q;
+            let start = fci::ArmHardware::state(&arm).q;
             if let Some(mass) = declared_kg {
                 let inertia = [0.0; 9];
                 let centre_of_mass = arm.model.tool.body.com_m;
-                let load = spherecal_fci::wire::Load {
+                let load = spherecal_fci::wire::FlangeLoad {
                     mass,
                     centre_of_mass,
                     inertia,
                 };
-                fci::Arm::set_load(&mut arm, &load);
+                fci::ArmHardware::set_load(&mut arm, &load);
             }
             for _ in 0..300 {
-                fci::Arm::step(&mut arm, fci::ArmCommand::Torque([0.0; JOINTS]));
+                fci::ArmHardware::step(&mut arm, fci::ArmCommand::Torque([0.0; JOINTS]));
             }
-            let end = fci::Arm::state(&arm).q;
+            let end = fci::ArmHardware::state(&arm).q;
             (0..JOINTS).fold(0.0_f64, |most, j| most.max((end[j] - start[j]).abs()))
         };
         let own = moved(None);
@@ -230,10 +230,10 @@ mod tests {
     fn brakes_hold_and_periods_count() {
         let mut arm = arm("iiwa7");
         let before = arm.plant.sensed().tick;
-        fri::Arm::step(&mut arm, fri::ArmCommand::Brake, 5e-3);
+        fri::ArmHardware::step(&mut arm, fri::ArmCommand::Brake, 5e-3);
         assert_eq!(arm.plant.sensed().tick, before + 5);
         assert_eq!(arm.dq(), [0.0; JOINTS]);
-        let state = fri::Arm::state(&arm);
+        let state = fri::ArmHardware::state(&arm);
         assert_eq!(state.tau_external, [0.0; JOINTS]);
     }
 }

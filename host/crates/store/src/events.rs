@@ -26,7 +26,7 @@ pub struct Placed<'a> {
 
 /// How an event that is stored already is treated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Known {
+enum KnownEvent {
     /// It stays as it is.
     Stays,
     /// It is replaced.
@@ -49,16 +49,16 @@ impl SqlStore {
     /// returns. Phase changes alone survive a kill of the program; they reach the disk with the
     /// next such commit and are not waited for.
     pub(super) fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
-        self.write_events(run, events, Known::Stays)
+        self.write_events(run, events, KnownEvent::Stays)
     }
 
     /// Like [`append`](Self::append), but stored events with the same numbers are replaced, except
     /// recordings. For a run that is repeated from its start.
     pub(super) fn rewrite(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
-        self.write_events(run, events, Known::IsReplaced)
+        self.write_events(run, events, KnownEvent::IsReplaced)
     }
 
-    fn write_events(&mut self, run: i64, events: &[Placed<'_>], known: Known) -> Result<(), StoreError> {
+    fn write_events(&mut self, run: i64, events: &[Placed<'_>], known: KnownEvent) -> Result<(), StoreError> {
         let measured = events.iter().any(|placed| {
             matches!(
                 placed.body,
@@ -70,7 +70,7 @@ impl SqlStore {
             for placed in events {
                 let session = placed.session;
                 let key = (run, session, placed.event);
-                if known == Known::IsReplaced {
+                if known == KnownEvent::IsReplaced {
                     forget(t, key).await?;
                 }
                 match placed.body {

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::history::{FINGERPRINT, HEADLINE, StoredPast};
-use super::seal::{RESULTS, Value, of_row};
+use super::seal::{RESULTS, SealedValue, of_row};
 use super::{SqlStore, StoreError};
 
 /// Calibrations. The statements for one arm and for all differ, so that each uses its own index.
@@ -40,9 +40,13 @@ impl SqlStore {
             let stored: Option<i64> = self.get(row, "digest")?;
             let headline = name == HEADLINE;
             debug_assert!(headline || name == FINGERPRINT);
-            let values = [Value::Whole(run), Value::Text(name), Value::Text(json)];
+            let values = [
+                SealedValue::Whole(run),
+                SealedValue::Text(name),
+                SealedValue::Text(json),
+            ];
             let digest = of_row(RESULTS.name, &values);
-            let [_, Value::Text(name), Value::Text(json)] = values else {
+            let [_, SealedValue::Text(name), SealedValue::Text(json)] = values else {
                 continue;
             };
             if stored != Some(digest) {

@@ -5,7 +5,7 @@ use sqlx::{AssertSqlSafe, Row as _};
 
 use super::fleet::statements;
 use super::history::{self, FINGERPRINT, Fingerprint, HEADLINE};
-use super::seal::{Value, of_row};
+use super::seal::{SealedValue, of_row};
 use super::statement::rows;
 use super::tests::new_run;
 use super::{RunInfo, SqlStore, StoreError};
@@ -52,9 +52,9 @@ fn repeat(store: &mut SqlStore, texts: &[(&str, &str)]) {
         .flat_map(|run| texts.iter().map(move |(name, json)| (run, *name, *json)))
         .map(|(run, name, json)| {
             let values = [
-                Value::Whole(run),
-                Value::Text(name.to_owned()),
-                Value::Text(json.to_owned()),
+                SealedValue::Whole(run),
+                SealedValue::Text(name.to_owned()),
+                SealedValue::Text(json.to_owned()),
             ];
             (run, format!("results {name}"), of_row("results", &values))
         })

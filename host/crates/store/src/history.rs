@@ -95,7 +95,7 @@ impl Fingerprint {
 
 /// What a list of past calibrations shows of a summary, which itself is a hundred times as long.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Headline {
+struct SummaryExtract {
     trusted: Option<bool>,
     recorded: Option<u64>,
     residual_rms_mm: Option<f64>,
@@ -103,7 +103,7 @@ struct Headline {
     calibrated_mm: Option<f64>,
 }
 
-impl Headline {
+impl SummaryExtract {
     /// Of a summary as JSON; empty if it is none.
     fn of(summary: &str) -> Self {
         let summary: serde_json::Value = serde_json::from_str(summary).unwrap_or_default();
@@ -126,7 +126,7 @@ impl Headline {
 /// # Errors
 /// When the store fails.
 pub fn put_summary(store: &mut dyn CalibrationStore, run: i64, json: &str) -> Result<(), StoreError> {
-    let headline = serde_json::to_string(&Headline::of(json)).map_err(|source| StoreError::Decode {
+    let headline = serde_json::to_string(&SummaryExtract::of(json)).map_err(|source| StoreError::Decode {
         path: store.path().to_owned(),
         field: "summary",
         source,
@@ -205,14 +205,14 @@ pub fn read(store: &mut dyn CalibrationStore, arm: &str) -> Result<Vec<Past>, St
     let stored = store.past(arm)?;
     let mut past = Vec::with_capacity(stored.len());
     for run in stored {
-        let headline: Headline = match run.headline {
+        let headline: SummaryExtract = match run.headline {
             Some(json) => serde_json::from_str(&json).unwrap_or_default(),
             // It has no result yet.
-            None if run.state == "running" => Headline::default(),
+            None if run.state == "running" => SummaryExtract::default(),
             // An earlier version wrote it.
             None => store
                 .result(run.run, SUMMARY)?
-                .map(|json| Headline::of(&json))
+                .map(|json| SummaryExtract::of(&json))
                 .unwrap_or_default(),
         };
         past.push(Past {
@@ -243,7 +243,7 @@ pub fn by_arm(past: Vec<Past>) -> Vec<Vec<Past>> {
 
 /// One point of a trend.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Step {
+pub struct TrendPoint {
     /// Number of the run.
     pub run: i64,
     /// Days since the first run of the trend.
@@ -264,7 +264,7 @@ pub struct Trend {
     /// Which one.
     pub arm: String,
     /// Trusted runs in the order of time. The others are compared with the first.
-    pub steps: Vec<Step>,
+    pub steps: Vec<TrendPoint>,
     /// Whether the arm has moved by more than the calibrations' own uncertainty.
     pub drifting: bool,
     /// Whether the calibrations could have shown a move by the limit: there are two at least, and
@@ -290,7 +290,7 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
         .filter_map(|p| Some((p, p.fingerprint.as_ref()?, days(&p.created_utc)?)))
         .collect();
     let (first, first_print, begun) = *useful.first()?;
-    let mut steps: Vec<Step> = Vec::new();
+    let mut steps: Vec<TrendPoint> = Vec::new();
     let mut before = first_print;
     for (run, print, day) in &useful {
         let sigma_mm = if run.run == first.run {
@@ -298,7 +298,7 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
         } else {
             print.sigma_mm.hypot(first_print.sigma_mm)
         };
-        steps.push(Step {
+        steps.push(TrendPoint {
             run: run.run,
             days: day - begun,
             moved_mm: print.moved_mm(first_print)?,

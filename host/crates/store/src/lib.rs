@@ -62,7 +62,7 @@ use spherecal_model::Sphere;
 
 /// Which database a store is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum DatabaseKind {
     Sqlite,
     #[cfg_attr(not(feature = "postgres"), allow(dead_code, reason = "constructed with the feature"))]
     Postgres,
@@ -73,7 +73,7 @@ pub struct SqlStore {
     runtime: Runtime,
     /// Always there until the store is dropped.
     connection: Option<AnyConnection>,
-    kind: Kind,
+    kind: DatabaseKind,
     /// The file, or the URL without its password.
     path: PathBuf,
     /// Whether commits wait for the disk.

@@ -16,7 +16,7 @@ use tokio::runtime::Runtime;
 #[cfg(feature = "postgres")]
 use super::StoreLocation;
 use super::lock::identity;
-use super::{Kind, SqlStore, StoreError};
+use super::{DatabaseKind, SqlStore, StoreError};
 
 /// Version of the schema that this program writes. It also reads older versions.
 pub const SCHEMA_VERSION: i64 = 5;
@@ -141,7 +141,7 @@ impl SqlStore {
         let mut store = Self {
             runtime,
             connection: Some(connection),
-            kind: Kind::Postgres,
+            kind: DatabaseKind::Postgres,
             path,
             durable: true,
             identity: None,
@@ -224,7 +224,7 @@ impl SqlStore {
         let mut store = Self {
             runtime,
             connection: Some(connection),
-            kind: Kind::Sqlite,
+            kind: DatabaseKind::Sqlite,
             path: path.to_owned(),
             durable: true,
             identity: identity(path),

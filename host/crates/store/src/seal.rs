@@ -49,14 +49,14 @@ pub(super) const SEALED: [Sealed; 13] = [
 
 /// A stored value.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Value {
+pub(super) enum SealedValue {
     Nothing,
     Whole(i64),
     Real(f64),
     Text(String),
 }
 
-impl std::fmt::Display for Value {
+impl std::fmt::Display for SealedValue {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Nothing => f.write_str("-"),
@@ -68,31 +68,31 @@ impl std::fmt::Display for Value {
 }
 
 /// Digest of a row: the table's name and all values, in the order of the columns.
-pub(super) fn of_row(table: &str, values: &[Value]) -> i64 {
+pub(super) fn of_row(table: &str, values: &[SealedValue]) -> i64 {
     let mut digest = Digest::new().text(table);
     for value in values {
         digest = match value {
-            Value::Nothing => digest.whole(0),
-            Value::Whole(value) => digest.whole(1).whole(*value as u64),
-            Value::Real(value) => digest.whole(2).numbers([value]),
-            Value::Text(value) => digest.whole(3).text(value),
+            SealedValue::Nothing => digest.whole(0),
+            SealedValue::Whole(value) => digest.whole(1).whole(*value as u64),
+            SealedValue::Real(value) => digest.whole(2).numbers([value]),
+            SealedValue::Text(value) => digest.whole(3).text(value),
         };
     }
     digest.end()
 }
 
 /// All values of a row, in the order of the columns.
-fn values(row: &AnyRow) -> Result<Vec<Value>, sqlx::Error> {
+fn values(row: &AnyRow) -> Result<Vec<SealedValue>, sqlx::Error> {
     (0..row.columns().len())
         .map(|column| {
             let raw = row.try_get_raw(column)?;
             if raw.is_null() {
-                return Ok(Value::Nothing);
+                return Ok(SealedValue::Nothing);
             }
             Ok(match raw.type_info().kind() {
-                AnyTypeInfoKind::Real | AnyTypeInfoKind::Double => Value::Real(row.try_get_unchecked(column)?),
-                AnyTypeInfoKind::Text => Value::Text(row.try_get_unchecked(column)?),
-                _ => Value::Whole(row.try_get_unchecked(column)?),
+                AnyTypeInfoKind::Real | AnyTypeInfoKind::Double => SealedValue::Real(row.try_get_unchecked(column)?),
+                AnyTypeInfoKind::Text => SealedValue::Text(row.try_get_unchecked(column)?),
+                _ => SealedValue::Whole(row.try_get_unchecked(column)?),
             })
         })
         .collect()
@@ -104,7 +104,7 @@ fn seal_of(table: &Sealed, row: &AnyRow) -> Result<(String, i64), sqlx::Error> {
     let mut subject = table.name.to_owned();
     for key in table.key {
         let at = row.columns().iter().position(|c| sqlx::Column::name(c) == *key);
-        let value = at.and_then(|at| values.get(at)).unwrap_or(&Value::Nothing);
+        let value = at.and_then(|at| values.get(at)).unwrap_or(&SealedValue::Nothing);
         subject.push_str(&format!(" {value}"));
     }
     Ok((subject, of_row(table.name, &values)))

@@ -8,7 +8,7 @@ use super::history::{self, StoredPast};
 use super::seal::{
     CONTACTS, COUPLINGS, FAULTS, GREETINGS, LASER, PHASES, POSES, RECORDINGS, SESSIONS, SPHERES, Sealed,
 };
-use super::{CalibrationStore, Kind, NewRun, Placed, RunInfo, SessionEnd, SqlStore, StoreError, StoredRun};
+use super::{CalibrationStore, DatabaseKind, NewRun, Placed, RunInfo, SessionEnd, SqlStore, StoreError, StoredRun};
 
 /// What was measured in a run.
 const MEASURED: [Sealed; 10] = [
@@ -21,7 +21,7 @@ impl CalibrationStore for SqlStore {
     }
 
     fn is_file(&self) -> bool {
-        self.kind == Kind::Sqlite
+        self.kind == DatabaseKind::Sqlite
     }
 
     fn chosen_run(&self) -> Option<i64> {
@@ -53,8 +53,8 @@ impl CalibrationStore for SqlStore {
     fn past(&mut self, arm: &str) -> Result<Vec<StoredPast>, StoreError> {
         match self.kind {
             // A file vouches for nothing: every row of every run is compared with its digest.
-            Kind::Sqlite => history::one_by_one(self, arm),
-            Kind::Postgres => self.snapshot(|store| store.past_at_once(arm)),
+            DatabaseKind::Sqlite => history::one_by_one(self, arm),
+            DatabaseKind::Postgres => self.snapshot(|store| store.past_at_once(arm)),
         }
     }
 
@@ -129,8 +129,8 @@ impl SqlStore {
             return read(self);
         }
         self.execute(match self.kind {
-            Kind::Sqlite => "BEGIN",
-            Kind::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY",
+            DatabaseKind::Sqlite => "BEGIN",
+            DatabaseKind::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY",
         })?;
         self.reading = true;
         let found = read(self);

@@ -10,7 +10,7 @@ use spherecal_model::LaserShot;
 
 use super::lock::identity;
 use super::open::PATIENCE;
-use super::{Kind, NewRun, SqlStore, StoreError};
+use super::{DatabaseKind, NewRun, SqlStore, StoreError};
 
 /// What is known of a session at its end, or so far.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -56,10 +56,10 @@ impl SqlStore {
         let run = self.block(async |connection| {
             // Several robots may begin at once, so the number is assigned under a lock.
             let mut t = match kind {
-                Kind::Sqlite => connection.begin_with("BEGIN IMMEDIATE").await?,
-                Kind::Postgres => connection.begin().await?,
+                DatabaseKind::Sqlite => connection.begin_with("BEGIN IMMEDIATE").await?,
+                DatabaseKind::Postgres => connection.begin().await?,
             };
-            if kind == Kind::Postgres {
+            if kind == DatabaseKind::Postgres {
                 sqlx::query("LOCK TABLE runs IN SHARE ROW EXCLUSIVE MODE")
                     .execute(&mut *t)
                     .await?;
@@ -212,10 +212,10 @@ impl SqlStore {
     pub(super) fn set_durable(&mut self, durable: bool) -> Result<(), StoreError> {
         if self.durable != durable {
             let statement = match (self.kind, durable) {
-                (Kind::Sqlite, true) => "PRAGMA synchronous = FULL",
-                (Kind::Sqlite, false) => "PRAGMA synchronous = NORMAL",
-                (Kind::Postgres, true) => "SET synchronous_commit TO on",
-                (Kind::Postgres, false) => "SET synchronous_commit TO off",
+                (DatabaseKind::Sqlite, true) => "PRAGMA synchronous = FULL",
+                (DatabaseKind::Sqlite, false) => "PRAGMA synchronous = NORMAL",
+                (DatabaseKind::Postgres, true) => "SET synchronous_commit TO on",
+                (DatabaseKind::Postgres, false) => "SET synchronous_commit TO off",
             };
             self.block(async |connection| sqlx::query(statement).execute(connection).await.map(|_| ()))?;
             self.durable = durable;
@@ -301,8 +301,8 @@ impl SqlStore {
     /// The error of this store.
     pub(super) fn failed(&self, source: sqlx::Error) -> StoreError {
         match self.kind {
-            Kind::Sqlite => StoreError::of(&self.path, source),
-            Kind::Postgres => StoreError::Server {
+            DatabaseKind::Sqlite => StoreError::of(&self.path, source),
+            DatabaseKind::Postgres => StoreError::Server {
                 url: self.path.display().to_string(),
                 source,
             },
@@ -331,7 +331,7 @@ impl SqlStore {
     /// While another program reads, the log keeps the commit, which is on the disk there; a later
     /// call empties it.
     pub(super) fn settle(&mut self) -> Result<(), StoreError> {
-        if self.kind != Kind::Sqlite {
+        if self.kind != DatabaseKind::Sqlite {
             return Ok(());
         }
         let emptied = self.block(async |connection| {

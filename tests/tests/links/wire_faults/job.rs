@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use spherecal::campaign::{Observer, Progress};
-use spherecal::job::{self, Choice, Config, JobError, Measured, Prepared, Site, Summary};
+use spherecal::campaign::{CampaignObserver, Progress};
+use spherecal::job::{self, Choice, Config, JobError, MeasuredRun, PreparedRun, Site, Summary};
 use spherecal::link::Arrival;
 use spherecal::store::{CalibrationStore, SqlStore, StoredRun};
 use spherecal_shared::protocol::host::{Event, Fault, FaultReport, Phase};
@@ -30,7 +30,7 @@ pub(super) fn short(robot: &str, poses: usize) -> Config {
 
 /// A job with its database.
 pub(super) struct Job {
-    prepared: Prepared,
+    prepared: PreparedRun,
     folder: tempfile::TempDir,
     link: job::Link,
 }
@@ -38,7 +38,7 @@ pub(super) struct Job {
 /// What one session of a job came to.
 pub(super) struct Session {
     /// How it ended.
-    pub(super) result: Result<Measured, JobError>,
+    pub(super) result: Result<MeasuredRun, JobError>,
     /// Recordings that the host acknowledged: sphere, pose.
     pub(super) acknowledged: Vec<(u32, u32)>,
     /// What a person was told.
@@ -60,7 +60,7 @@ struct Watch<'a> {
     script: &'a mut dyn FnMut(Now),
 }
 
-impl Observer for Watch<'_> {
+impl CampaignObserver for Watch<'_> {
     fn event(&mut self, _now_us: u64, arrival: &Arrival) {
         if let Event::Recording(recording) = &arrival.body {
             self.acknowledged.push((recording.sphere, recording.pose));
@@ -203,7 +203,7 @@ impl Session {
     }
 
     /// The session ended well.
-    pub(super) fn well(&self) -> &Measured {
+    pub(super) fn well(&self) -> &MeasuredRun {
         match &self.result {
             Ok(measured) => measured,
             Err(error) => panic!("{error}\n{:#?}", self.notes),

@@ -9,7 +9,7 @@ use spherecal::job::{self, Config, Link};
 use spherecal::sim::RobotArm;
 use spherecal_cyclic::testing::{Connected, Faults, LOCAL, Relay};
 use spherecal_fci::robot::{self as fci, RobotConfig, RobotSide};
-use spherecal_fci::wire::{Load, Version};
+use spherecal_fci::wire::{FlangeLoad, Version};
 use spherecal_fri::robot::{self as fri, CabinetConfig, CabinetSide, Tolerance};
 use spherecal_fri::wire::SessionState;
 
@@ -73,21 +73,21 @@ impl Touched {
     }
 }
 
-impl fci::Arm for Touched {
+impl fci::ArmHardware for Touched {
     fn state(&self) -> fci::ArmState {
-        self.with_touch(fci::Arm::state(&self.arm))
+        self.with_touch(fci::ArmHardware::state(&self.arm))
     }
 
     fn step(&mut self, command: fci::ArmCommand) -> fci::ArmState {
-        let state = fci::Arm::step(&mut self.arm, command);
+        let state = fci::ArmHardware::step(&mut self.arm, command);
         if !matches!(command, fci::ArmCommand::Torque(_)) {
             self.touched.store(false, Ordering::Relaxed);
         }
         self.with_touch(state)
     }
 
-    fn set_load(&mut self, load: &Load) {
-        fci::Arm::set_load(&mut self.arm, load);
+    fn set_load(&mut self, load: &FlangeLoad) {
+        fci::ArmHardware::set_load(&mut self.arm, load);
     }
 }
 

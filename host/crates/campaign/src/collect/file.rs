@@ -9,7 +9,7 @@ use super::StillPose;
 
 /// A row of the table.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Contact {
+pub struct ContactRow {
     /// Placement of the plate, from 1.
     pub place: u32,
     /// Id of the sphere.
@@ -55,7 +55,7 @@ pub struct ContactFile {
     path: PathBuf,
     file: File,
     torques: bool,
-    contacts: Vec<Contact>,
+    contacts: Vec<ContactRow>,
 }
 
 impl ContactFile {
@@ -120,7 +120,7 @@ impl ContactFile {
     }
 
     /// The contacts in the table.
-    pub fn contacts(&self) -> &[Contact] {
+    pub fn contacts(&self) -> &[ContactRow] {
         &self.contacts
     }
 
@@ -139,7 +139,7 @@ impl ContactFile {
             let _ = write!(row, ",{tau:.5}");
         }
         self.write(&row)?;
-        self.contacts.push(Contact {
+        self.contacts.push(ContactRow {
             place,
             sphere,
             q: pose.q.clone(),
@@ -168,7 +168,7 @@ fn header(joints: usize, torques: bool) -> String {
     header
 }
 
-fn parse(row: &str, joints: usize) -> Option<Contact> {
+fn parse(row: &str, joints: usize) -> Option<ContactRow> {
     let mut cells = row.split(',');
     let place = cells.next()?.parse().ok()?;
     let sphere = cells.next()?.parse().ok()?;
@@ -177,7 +177,7 @@ fn parse(row: &str, joints: usize) -> Option<Contact> {
         .take(joints)
         .map_while(|cell| cell.parse().ok())
         .collect();
-    (q.len() == joints).then_some(Contact { place, sphere, q })
+    (q.len() == joints).then_some(ContactRow { place, sphere, q })
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ use nalgebra::Vector3;
 use spherecal_link::{JointReading, LinkError, StateReader};
 use spherecal_model::chain::Chain;
 
-pub use file::{Contact, ContactFile, ContactFileError};
+pub use file::{ContactFile, ContactFileError, ContactRow};
 pub use still::{StillPose, StillRules, StillWatch};
 
 /// A TCP that is farther than this from the others on the same sphere is on another one, or in the air, in m. An arm
@@ -39,7 +39,7 @@ pub struct Visits {
 
 impl Visits {
     /// The sphere that lacks poses, as placement (from 1) and id. `None`: all are there. Poses are spread evenly.
-    pub fn next(&self, contacts: &[Contact]) -> Option<(u32, u32)> {
+    pub fn next(&self, contacts: &[ContactRow]) -> Option<(u32, u32)> {
         let visits = (1..=self.places).flat_map(|place| self.spheres.iter().map(move |sphere| (place, *sphere)));
         let count = u64::from(self.places) * self.spheres.len() as u64;
         let share = |k: u64| u64::from(self.poses) * k / count.max(1);
@@ -114,10 +114,10 @@ pub enum CollectError {
 /// What a person sees and says while contacts are collected.
 pub trait CollectView {
     /// The next pose is wanted on this sphere, in this placement (from 1).
-    fn wants(&mut self, place: u32, sphere: u32, contacts: &[Contact]);
+    fn wants(&mut self, place: u32, sphere: u32, contacts: &[ContactRow]);
 
     /// A pose was stored as the last of `contacts`.
-    fn kept(&mut self, pose: &StillPose, contacts: &[Contact]);
+    fn kept(&mut self, pose: &StillPose, contacts: &[ContactRow]);
 
     /// A still pose was not stored: its TCP is this far from the others on the sphere, in m.
     fn refused(&mut self, place: u32, sphere: u32, distance_m: f64);
@@ -216,7 +216,7 @@ fn check(reading: &JointReading, chain: &Chain) -> Result<(), CollectError> {
 }
 
 /// How far the TCP is from the mean of the others on the same sphere, in m, if it is not on that sphere.
-fn off_sphere(chain: &Chain, contacts: &[Contact], place: u32, sphere: u32, q: &[f64]) -> Option<f64> {
+fn off_sphere(chain: &Chain, contacts: &[ContactRow], place: u32, sphere: u32, q: &[f64]) -> Option<f64> {
     let others: Vec<Vector3<f64>> = contacts
         .iter()
         .filter(|c| (c.place, c.sphere) == (place, sphere))

@@ -49,11 +49,11 @@ struct Notes {
 }
 
 impl CollectView for Notes {
-    fn wants(&mut self, place: u32, sphere: u32, _: &[Contact]) {
+    fn wants(&mut self, place: u32, sphere: u32, _: &[ContactRow]) {
         self.wanted.push((place, sphere));
     }
 
-    fn kept(&mut self, _: &StillPose, _: &[Contact]) {}
+    fn kept(&mut self, _: &StillPose, _: &[ContactRow]) {}
 
     fn refused(&mut self, _: u32, _: u32, distance_m: f64) {
         assert!(distance_m > ON_SPHERE_M);

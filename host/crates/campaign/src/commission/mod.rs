@@ -28,7 +28,7 @@ pub use read_only::{ReadOnlyLimits, commission_read_only};
 /// A step of the procedure, in its order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Step {
+pub enum CommissioningStep {
     /// States are read; nothing is commanded.
     ReadOnly,
     /// The arm is held with zero stiffness: gravity compensation and damping alone.
@@ -41,7 +41,7 @@ pub enum Step {
     Contact,
 }
 
-impl Step {
+impl CommissioningStep {
     /// All steps, in order.
     pub const ALL: [Self; 5] = [
         Self::ReadOnly,
@@ -88,7 +88,7 @@ impl Step {
     }
 }
 
-impl Step {
+impl CommissioningStep {
     /// What to do if something that it measured is beyond its limit.
     pub fn remedy(self) -> &'static str {
         match self {
@@ -146,7 +146,7 @@ impl StepEnd {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StepReport {
     /// Which step.
-    pub step: Step,
+    pub step: CommissioningStep,
     /// How it ended.
     pub verdict: StepEnd,
     /// What was measured.
@@ -160,7 +160,7 @@ pub struct StepReport {
 
 impl StepReport {
     /// A report of what was measured: passed if every figure could be measured and none is beyond its limit.
-    pub(crate) fn of(step: Step, figures: Vec<Figure>, mut remarks: Vec<String>) -> Self {
+    pub(crate) fn of(step: CommissioningStep, figures: Vec<Figure>, mut remarks: Vec<String>) -> Self {
         let has = |judgement| figures.iter().any(|f| f.judgement() == judgement);
         let verdict = if has(Judgement::Beyond) {
             remarks.push(step.remedy().to_owned());
@@ -187,7 +187,7 @@ impl StepReport {
     }
 
     /// A step that the person did not want.
-    pub(crate) fn declined(step: Step) -> Self {
+    pub(crate) fn declined(step: CommissioningStep) -> Self {
         Self {
             step,
             verdict: StepEnd::Declined,

@@ -8,9 +8,9 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, FaultReport, Phase};
 use spherecal_shared::robot::JointLimits;
 
-use super::watch::{CALM, SLOW, SOFT, Watch, aside, gentle};
-use super::{Attendant, Figure, Step, StepEnd, StepReport};
-use crate::observe::{Observer, Stage};
+use super::watch::{CALM, SLOW, SOFT, WatchedSamples, aside, gentle};
+use super::{Attendant, CommissioningStep, Figure, StepEnd, StepReport};
+use crate::observe::{CampaignObserver, CampaignStage};
 use crate::procedure::{Campaign, joints};
 use crate::session::{Session, Waited};
 use crate::teach::NoJournal;
@@ -52,7 +52,7 @@ const TURN_S: f64 = 60.0;
 const OVERSHOOT: f64 = 1.5;
 
 /// A procedure in progress.
-struct Commissioning<'a, 's> {
+struct CommissioningInProgress<'a, 's> {
     assignment: &'a Assignment<'a>,
     session: Session<'s>,
     attendant: &'a mut dyn Attendant,
@@ -70,12 +70,12 @@ pub fn commission_moving(
     device: &mut dyn Device,
     limits: &MovingLimits,
     attendant: &mut dyn Attendant,
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
     interrupt: &AtomicBool,
 ) -> Result<Vec<StepReport>, CampaignError> {
     let mut nowhere = NoJournal;
     let lead_us = u64::from(assignment.options.lead_ms) * 1000;
-    let mut commissioning = Commissioning {
+    let mut commissioning = CommissioningInProgress {
         assignment,
         session: Session::new(device, &mut nowhere, observer, interrupt, lead_us),
         attendant,
@@ -88,9 +88,9 @@ pub fn commission_moving(
     result.and(stopped).map(|()| reports)
 }
 
-impl Commissioning<'_, '_> {
+impl CommissioningInProgress<'_, '_> {
     fn all(&mut self, reports: &mut Vec<StepReport>) -> Result<(), CampaignError> {
-        for step in Step::ALL.into_iter().skip(1) {
+        for step in CommissioningStep::ALL.into_iter().skip(1) {
             let ended = self.step(step);
             if self.session.statistics.simulated {
                 self.attendant.simulated();
@@ -119,19 +119,19 @@ impl Commissioning<'_, '_> {
         Ok(())
     }
 
-    fn step(&mut self, step: Step) -> Result<StepReport, CampaignError> {
+    fn step(&mut self, step: CommissioningStep) -> Result<StepReport, CampaignError> {
         self.attendant.tell(step.expectation());
-        let begun = step != Step::ZeroStiffness;
+        let begun = step != CommissioningStep::ZeroStiffness;
         match self.agrees("Begin?", begun)? {
             Waited::Got(true) => {}
             Waited::Got(false) => return Ok(StepReport::declined(step)),
             Waited::Fault(fault) => return Ok(faulted(step, Vec::new(), &fault)),
         }
         let done = match step {
-            Step::ReadOnly | Step::ZeroStiffness => self.zero_stiffness()?,
-            Step::SoftHold => self.soft_hold()?,
-            Step::FreeMotion => self.free_motion()?,
-            Step::Contact => self.contact()?,
+            CommissioningStep::ReadOnly | CommissioningStep::ZeroStiffness => self.zero_stiffness()?,
+            CommissioningStep::SoftHold => self.soft_hold()?,
+            CommissioningStep::FreeMotion => self.free_motion()?,
+            CommissioningStep::Contact => self.contact()?,
         };
         let report = match done {
             Waited::Got(figures) => StepReport::of(step, figures, Vec::new()),
@@ -169,8 +169,8 @@ impl Commissioning<'_, '_> {
     }
 
     /// Watches the arm for a while, or until a joint has moved by more than `moved_rad` or moves too fast.
-    fn watch(&mut self, moved_rad: f64) -> Result<Waited<Watch>, CampaignError> {
-        let (mut watch, limits) = (Watch::default(), &self.joints);
+    fn watch(&mut self, moved_rad: f64) -> Result<Waited<WatchedSamples>, CampaignError> {
+        let (mut watch, limits) = (WatchedSamples::default(), &self.joints);
         let most_rad_s = self.limits.hold_rad_s;
         let (begun, time_us) = (self.session.now_us(), (self.limits.hold_s * 1e6) as u64);
         self.session.wait("be watched", 10.0 * self.limits.hold_s, |s| {
@@ -216,7 +216,7 @@ impl Commissioning<'_, '_> {
     }
 
     fn soft_hold(&mut self) -> Result<Waited<Vec<Figure>>, CampaignError> {
-        self.session.stage(Stage::Home, 0, self.assignment.plan);
+        self.session.stage(CampaignStage::Home, 0, self.assignment.plan);
         Ok(match self.watch(self.limits.soft_rad)? {
             Waited::Got(watch) => Waited::Got(watch.held(&self.limits, self.limits.soft_rad)),
             Waited::Fault(fault) => Waited::Fault(fault),
@@ -239,7 +239,7 @@ impl Commissioning<'_, '_> {
             ..*self.assignment
         };
         let scene = Campaign::new(&assignment).scene();
-        let mut watch = Watch::default();
+        let mut watch = WatchedSamples::default();
         let mut missed_rad = 0.0f64;
         for (j, limit) in self.joints.clone().into_iter().enumerate() {
             let margin = self.assignment.procedure.limits.position_margin_rad;
@@ -280,7 +280,12 @@ impl Commissioning<'_, '_> {
     }
 
     /// One motion of joint `j` (from 0) to `target`. Returns the fault, if one came.
-    fn turn(&mut self, j: usize, target: &[f64], watch: &mut Watch) -> Result<Option<FaultReport>, CampaignError> {
+    fn turn(
+        &mut self,
+        j: usize,
+        target: &[f64],
+        watch: &mut WatchedSamples,
+    ) -> Result<Option<FaultReport>, CampaignError> {
         let what = format!("turn joint {}", j + 1);
         let command = Command::Move { target: joints(target) };
         if let Some(fault) = self.session.carry_out(&what, command)? {
@@ -314,7 +319,7 @@ impl Commissioning<'_, '_> {
                 what: "sphere 1: the plan visits no sphere".to_owned(),
             });
         };
-        session.stage(Stage::Home, 0, plan);
+        session.stage(CampaignStage::Home, 0, plan);
         for (what, target) in [
             ("reach the home frame", &plan.home.joints),
             ("reach the approach frame", &visit.approach.joints),
@@ -323,7 +328,7 @@ impl Commissioning<'_, '_> {
                 return Ok(Waited::Fault(fault));
             }
         }
-        session.stage(Stage::Couple, visit.sphere_id, plan);
+        session.stage(CampaignStage::Couple, visit.sphere_id, plan);
         session.coupled = None;
         let contacts = session.contacts.len();
         let approach = ApproachCommand {
@@ -381,7 +386,7 @@ impl Commissioning<'_, '_> {
 }
 
 /// The report of a step that a fault ended.
-fn faulted(step: Step, figures: Vec<Figure>, fault: &FaultReport) -> StepReport {
+fn faulted(step: CommissioningStep, figures: Vec<Figure>, fault: &FaultReport) -> StepReport {
     StepReport::of(step, figures, Vec::new()).failed(format!(
         "the controller stopped with {}: {}. The arm holds, or its brakes are closed",
         describe(fault),

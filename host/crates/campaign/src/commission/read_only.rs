@@ -7,7 +7,7 @@ use spherecal_link::{JointReading, StateReader};
 use spherecal_shared::robot::{Inertia, Robot, Tool};
 
 use super::gravity::gravity_nm;
-use super::{Attendant, Figure, Step, StepReport};
+use super::{Attendant, CommissioningStep, Figure, StepReport};
 use crate::CampaignError;
 
 /// What is accepted while nothing is commanded.
@@ -102,7 +102,7 @@ fn extra_load_kg(residual: &[f64], per_kg: &[f64], most: &[f64]) -> Option<f64> 
 
 /// Means of what was read.
 #[derive(Clone, Debug, Default)]
-struct Reading {
+struct MeanReading {
     q: Vec<f64>,
     tau: Vec<f64>,
     /// Whether the sign of `tau` is declared by the robot's interface.
@@ -120,9 +120,9 @@ fn read(
     reader: &mut dyn StateReader,
     limits: &ReadOnlyLimits,
     interrupt: &AtomicBool,
-) -> Result<Reading, CampaignError> {
+) -> Result<MeanReading, CampaignError> {
     let mut reading = JointReading::default();
-    let mut mean = Reading::default();
+    let mut mean = MeanReading::default();
     let (mut first, mut last): (Option<f64>, f64) = (None, 0.0);
     let (mut low, mut high) = (Vec::new(), Vec::new());
     loop {
@@ -169,7 +169,7 @@ fn read(
 }
 
 /// Reads the robot and judges what it says.
-fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits) -> StepReport {
+fn judge(reading: &MeanReading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits) -> StepReport {
     // The robot numbers its states, one each period.
     let lost = 1.0 - (reading.count as f64 - 1.0) * reading.period_s / reading.time_s;
     let mut figures = vec![
@@ -220,7 +220,7 @@ fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits)
                 reading.tau.len()
             )
         });
-        return StepReport::of(Step::ReadOnly, figures, remarks);
+        return StepReport::of(CommissioningStep::ReadOnly, figures, remarks);
     }
     let turn = if found == Sign::OfLink { -1.0 } else { 1.0 };
     let residual = residual(&reading.tau, &gravity, turn);
@@ -230,7 +230,7 @@ fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits)
     }
     if found == Sign::Neither {
         figures.push(Figure::unknown("load beyond the declared one", "kg"));
-        return StepReport::of(Step::ReadOnly, figures, remarks).failed(
+        return StepReport::of(CommissioningStep::ReadOnly, figures, remarks).failed(
             "the torques agree with the arm's gravity under neither sign: the configuration describes another robot or base, \
              the joints are in another order, or the torque sensors do not work"
                 .to_owned(),
@@ -267,7 +267,7 @@ fn judge(reading: &Reading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits)
         figures.push(Figure::unknown("load beyond the declared one", "kg"));
         remarks.push("no load can be told in this pose: stretch the arm forwards, and begin again".to_owned());
     }
-    let report = StepReport::of(Step::ReadOnly, figures, remarks);
+    let report = StepReport::of(CommissioningStep::ReadOnly, figures, remarks);
     match (reading.declared, found) {
         (true, Sign::OfLink) => report.failed(
             "the torques have the opposite sign of the one that the drive declares: correct torque_sign in its \
@@ -302,10 +302,10 @@ pub fn commission_read_only(
     attendant: &mut dyn Attendant,
     interrupt: &AtomicBool,
 ) -> Result<StepReport, CampaignError> {
-    attendant.tell(Step::ReadOnly.expectation());
+    attendant.tell(CommissioningStep::ReadOnly.expectation());
     attendant.ask("Begin?");
     if !answer(reader, attendant, interrupt)? {
-        return finished(StepReport::declined(Step::ReadOnly), attendant);
+        return finished(StepReport::declined(CommissioningStep::ReadOnly), attendant);
     }
     let found = read(reader, limits, interrupt)?;
     if found.q.len() != robot.joints.len() {

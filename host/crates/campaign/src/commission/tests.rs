@@ -234,7 +234,7 @@ fn lost_states_are_counted() {
 // Fails if a figure beyond its limit comes without a word on what to do.
 #[test]
 fn what_fails_says_what_to_do() {
-    for step in Step::ALL {
+    for step in CommissioningStep::ALL {
         let beyond = vec![Figure::judged("x", 2.0, "N", 1.0)];
         let report = StepReport::of(step, beyond, Vec::new());
         assert_eq!(report.verdict, StepEnd::Failed);

@@ -30,7 +30,7 @@ pub(super) fn gentle(procedure: &Procedure, speed: f64, natural: f64) -> Procedu
 
 /// What the samples of a while amount to.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Watch {
+pub(super) struct WatchedSamples {
     tick: u64,
     pub(super) first: Option<Sample>,
     pub(super) last: Sample,
@@ -41,7 +41,7 @@ pub(super) struct Watch {
     pub(super) saturated: u64,
 }
 
-impl Watch {
+impl WatchedSamples {
     /// Adds a sample that was not seen before.
     pub(super) fn add(&mut self, sample: &Sample, limits: &[JointLimits]) {
         if self.first.is_some() && sample.tick == self.tick {

@@ -25,7 +25,7 @@ pub struct ContactTrace {
 }
 
 /// One sample of an approach.
-struct Kept {
+struct KeptSample {
     /// Device time, in µs.
     time_us: u64,
     /// Estimated force at the TCP, F0, in N.
@@ -44,7 +44,7 @@ struct Kept {
 pub struct ContactTracer {
     before_us: u64,
     after_us: u64,
-    recent: VecDeque<Kept>,
+    recent: VecDeque<KeptSample>,
     open: Option<(u32, u64)>,
 }
 
@@ -73,7 +73,7 @@ impl ContactTracer {
                 while self.recent.front().is_some_and(|k| k.time_us + APPROACH_US <= time_us) {
                     self.recent.pop_front();
                 }
-                self.recent.push_back(Kept {
+                self.recent.push_back(KeptSample {
                     time_us,
                     force_n: sample.force_n,
                     setpoint_m: sample.setpoint_m,

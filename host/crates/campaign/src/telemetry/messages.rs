@@ -5,7 +5,7 @@
 //! | topic | type | message |
 //! |---|---|---|
 //! | `/joint_states` | [`JointStates`] | names, position (rad), velocity (rad/s), effort (measured, N m), command (N m) |
-//! | `/wrench` | [`Wrench`] | estimated force (N) and torque (N m) of the environment at the TCP, axes of F0 |
+//! | `/wrench` | [`StampedWrench`] | estimated force (N) and torque (N m) of the environment at the TCP, axes of F0 |
 //! | `/tcp` | [`Tcp`] | computed TCP with its orientation, and commanded position, in F0 (m) |
 //! | `/phase` | [`PhaseState`] | phase of the procedure, by name and number, flags, and device time |
 //!
@@ -143,7 +143,7 @@ impl TelemetryMessage for JointStates<'_> {
 
 /// Estimated force and torque of the environment on the arm at the TCP.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Wrench<'a> {
+pub struct StampedWrench<'a> {
     /// Time, UTC.
     pub timestamp: Stamp,
     /// Name of the frame whose axes are used.
@@ -164,7 +164,7 @@ pub struct ForceTorque {
     pub torque: Xyz,
 }
 
-impl<'a> Wrench<'a> {
+impl<'a> StampedWrench<'a> {
     /// From a sample; `f0` is the name of F0.
     pub(super) fn new(timestamp: Stamp, f0: &'a str, sample: &Sample) -> Self {
         Self {
@@ -179,7 +179,7 @@ impl<'a> Wrench<'a> {
     }
 }
 
-impl TelemetryMessage for Wrench<'_> {
+impl TelemetryMessage for StampedWrench<'_> {
     const TOPIC: &'static str = "/wrench";
     const SCHEMA: &'static str = "geometry_msgs/WrenchStamped";
     fn properties() -> Value {

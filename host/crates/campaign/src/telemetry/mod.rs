@@ -6,7 +6,7 @@
 //!                               └─▶ ContactTracer ─▶ ContactTrace
 //! ```
 //!
-//! The recorder is an [`Observer`](crate::Observer) of the campaign: events pass
+//! The recorder is a [`CampaignObserver`](crate::CampaignObserver) of the campaign: events pass
 //! through it, and nothing goes back to the controller. A file that cannot be
 //! written never stops a measurement. Writer and reader share the types in [`messages`], [`scene`]
 //! and [`log`]. [`files_of_run`] finds the files of a run.

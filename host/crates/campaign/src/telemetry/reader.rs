@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::log::EventMessage;
-use super::messages::{JointStates, PhaseState, Tcp, TelemetryMessage as _, Wrench};
+use super::messages::{JointStates, PhaseState, StampedWrench, Tcp, TelemetryMessage as _};
 use super::scene::FrameTransforms;
 use super::writer::TelemetryError;
 
@@ -21,7 +21,7 @@ pub struct Period {
     /// Joints.
     pub joint_states: Option<JointStates<'static>>,
     /// Force and torque.
-    pub wrench: Option<Wrench<'static>>,
+    pub wrench: Option<StampedWrench<'static>>,
     /// TCP.
     pub tcp: Option<Tcp<'static>>,
     /// Phase and flags.
@@ -85,7 +85,7 @@ pub struct TelemetryReader<'a> {
 }
 
 /// A message with the topic of its channel.
-struct Message {
+struct TopicMessage {
     topic: String,
     time_ns: u64,
     data: Vec<u8>,
@@ -121,7 +121,7 @@ impl<'a> TelemetryReader<'a> {
     }
 
     /// The next message of the file; `None` at its end.
-    fn message(&mut self) -> Result<Option<Message>, McapError> {
+    fn message(&mut self) -> Result<Option<TopicMessage>, McapError> {
         while let Some(event) = self.records.next_event() {
             let (opcode, data) = match event? {
                 LinearReadEvent::ReadRequest(wanted) => {
@@ -143,7 +143,7 @@ impl<'a> TelemetryReader<'a> {
                 Record::Channel(channel) => self.channels.add_channel(channel)?,
                 Record::Message { header, data } => {
                     let unknown = McapError::UnknownChannel(header.sequence, header.channel_id);
-                    return Ok(Some(Message {
+                    return Ok(Some(TopicMessage {
                         topic: self.channels.get(header.channel_id).ok_or(unknown)?.topic.clone(),
                         time_ns: header.log_time,
                         data: data.into_owned(),
@@ -156,7 +156,7 @@ impl<'a> TelemetryReader<'a> {
     }
 
     /// Takes one message. Returns the period before it, if it begins the next.
-    fn take(&mut self, message: &Message) -> Result<Option<Period>, TelemetryError> {
+    fn take(&mut self, message: &TopicMessage) -> Result<Option<Period>, TelemetryError> {
         let topic = message.topic.as_str();
         let mut next = Period {
             utc_ns: message.time_ns,
@@ -170,7 +170,7 @@ impl<'a> TelemetryReader<'a> {
         };
         match topic {
             JointStates::TOPIC => target.joint_states = Some(decode(topic, &message.data)?),
-            Wrench::TOPIC => target.wrench = Some(decode(topic, &message.data)?),
+            StampedWrench::TOPIC => target.wrench = Some(decode(topic, &message.data)?),
             Tcp::TOPIC => target.tcp = Some(decode(topic, &message.data)?),
             PhaseState::TOPIC => target.phase = Some(decode(topic, &message.data)?),
             FrameTransforms::TOPIC => target.frames = Some(decode(topic, &message.data)?),

@@ -14,7 +14,7 @@ use super::files::{RunKey, free_name};
 use super::scene::DrawnArm;
 use super::utc::{UtcClock, now_ns};
 use super::writer::{TelemetryError, TelemetryWriter};
-use crate::{Moved, Observer, Progress};
+use crate::{CampaignObserver, Moved, Progress};
 use spherecal_link::Arrival;
 
 /// Device time that is kept of a contact before its trigger and after it, in µs.
@@ -22,7 +22,7 @@ const KEPT_US: u64 = 1_500_000;
 
 /// An observer around another one. It writes telemetry to a file and hands every
 /// event on.
-pub struct TelemetryRecorder<O: Observer> {
+pub struct TelemetryRecorder<O: CampaignObserver> {
     inner: O,
     writer: Option<TelemetryWriter<BufWriter<File>>>,
     directory: PathBuf,
@@ -39,7 +39,7 @@ pub struct TelemetryRecorder<O: Observer> {
     traces: Vec<ContactTrace>,
 }
 
-impl<O: Observer> TelemetryRecorder<O> {
+impl<O: CampaignObserver> TelemetryRecorder<O> {
     /// Watches for `inner`. The file is made in `directory` when the campaign says which run it
     /// measures; `about` and the run are kept as its metadata.
     pub fn new(inner: O, directory: &Path, arm: DrawnArm, about: &BTreeMap<String, String>) -> Self {
@@ -115,7 +115,7 @@ impl<O: Observer> TelemetryRecorder<O> {
     }
 }
 
-impl<O: Observer> Observer for TelemetryRecorder<O> {
+impl<O: CampaignObserver> CampaignObserver for TelemetryRecorder<O> {
     fn run(&mut self, run: &RunKey) {
         self.open(run);
         self.inner.run(run);

@@ -50,7 +50,7 @@ impl DrawnArm {
 
     /// All transforms at joint angles `q` (rad).
     pub(super) fn transforms<'a>(&'a self, timestamp: Stamp, q: &'a [f64]) -> FrameTransforms<'a> {
-        let one = |frame: spherecal_model::robots::FrameTransform<'a>| FrameTransform {
+        let one = |frame: spherecal_model::robots::FrameInParent<'a>| FrameTransform {
             timestamp,
             parent_frame_id: frame.parent.into(),
             child_frame_id: frame.child.into(),

@@ -10,7 +10,7 @@ use mcap::{Compression, McapError, WriteOptions, Writer};
 use spherecal_shared::protocol::host::{Event, Sample};
 
 use super::log::{EventMessage, FaultMessage, Level, LogMessage};
-use super::messages::{JointStates, PhaseState, Stamp, Tcp, TelemetryMessage, Wrench};
+use super::messages::{JointStates, PhaseState, Stamp, StampedWrench, Tcp, TelemetryMessage};
 use super::scene::{DrawnArm, FrameTransforms, RobotDescription};
 use super::utc::Moment;
 
@@ -84,7 +84,7 @@ impl<W: Write + Seek> TelemetryWriter<W> {
             .create(file)?;
         let channels = Channels {
             joint_states: add_channel::<JointStates<'_>>(&mut writer)?,
-            wrench: add_channel::<Wrench<'_>>(&mut writer)?,
+            wrench: add_channel::<StampedWrench<'_>>(&mut writer)?,
             tcp: add_channel::<Tcp<'_>>(&mut writer)?,
             phase: add_channel::<PhaseState>(&mut writer)?,
             tf: add_channel::<FrameTransforms<'_>>(&mut writer)?,
@@ -129,7 +129,7 @@ impl<W: Write + Seek> TelemetryWriter<W> {
         let q = self.arm.angles(sample);
         let f0 = self.arm.frames.f0();
         let joint_states = serde_json::to_vec(&JointStates::new(stamp, self.arm.frames.joint_names(), sample))?;
-        let wrench = serde_json::to_vec(&Wrench::new(stamp, f0, sample))?;
+        let wrench = serde_json::to_vec(&StampedWrench::new(stamp, f0, sample))?;
         let orientation = self.arm.tcp_orientation(&q);
         let tcp = serde_json::to_vec(&Tcp::new(stamp, f0, sample, orientation))?;
         let device_time = Stamp::from_ns(at.device_us.saturating_mul(1000));

@@ -3,13 +3,13 @@
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;
 
-use super::Limits;
+use super::TorqueLimits;
 use crate::TCP_PORT;
 use crate::wire::Version;
 
 /// Settings of a connection.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Config {
+pub struct ClientConfig {
     /// Address or host name of the robot's control unit.
     pub host: String,
     /// TCP port. A real robot has 1337.
@@ -30,10 +30,10 @@ pub struct Config {
     /// wake-up.
     pub spin: Duration,
     /// Limits of the torques that the client sends.
-    pub limits: Limits,
+    pub limits: TorqueLimits,
 }
 
-impl Config {
+impl ClientConfig {
     /// The defaults for a robot at `host`: port 1337, all versions, newest first.
     pub fn new(host: impl Into<String>) -> Self {
         Self {
@@ -46,7 +46,7 @@ impl Config {
             state_timeout: Duration::from_millis(100),
             busy_poll_us: None,
             spin: Duration::ZERO,
-            limits: Limits::default(),
+            limits: TorqueLimits::default(),
         }
     }
 }

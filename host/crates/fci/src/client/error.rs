@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use spherecal_cyclic::SocketError;
 
-use crate::wire::{Command, ErrorSet, RobotMode, Status, WireError};
+use crate::wire::{CommandKind, ErrorSet, RobotMode, Status, WireError};
 
 /// Why the client failed.
 #[derive(Debug, thiserror::Error)]
@@ -52,7 +52,7 @@ pub enum ClientError {
     #[error("the robot did not answer {command} within {after:?}")]
     NoResponse {
         /// The request.
-        command: Command,
+        command: CommandKind,
         /// How long the client waited.
         after: Duration,
     },
@@ -63,7 +63,7 @@ pub enum ClientError {
     #[error("the robot refused {command}: {status} (mode {mode})")]
     Refused {
         /// The request.
-        command: Command,
+        command: CommandKind,
         /// The robot's answer.
         status: Status,
         /// The robot's mode in the newest state.

@@ -4,14 +4,14 @@ use crate::{JOINTS, PERIOD_S};
 
 /// Limits of the torques that the client sends.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct TorqueLimits {
     /// Largest torque of each joint, N m.
     pub torque: [f64; JOINTS],
     /// Largest change of a joint's torque, N m/s. The robot stops at 1,000.
     pub torque_rate: f64,
 }
 
-impl Default for Limits {
+impl Default for TorqueLimits {
     /// The robot's limits: 87 N m for the joints 1 to 4 and 12 N m for 5 to 7. The rate keeps a margin of 1 N m/s to
     /// the robot's 1,000 N m/s, because version 10 reports the desired torque rounded to 32 bits.
     fn default() -> Self {
@@ -31,7 +31,7 @@ pub(super) struct Clamped {
     pub(super) rate: bool,
 }
 
-impl Limits {
+impl TorqueLimits {
     /// Brings `wanted` within the limits. All torques must be finite.
     ///
     /// `desired` is the robot's last desired torque (`tau_J_d` of the newest state), `sent` the client's last command.
@@ -64,7 +64,7 @@ mod tests {
 
     fn clamp(wanted: f64, desired: f64, sent: f64) -> (f64, Clamped) {
         let first = |value| [value, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let (out, clamped) = Limits::default().clamp(&first(wanted), &first(desired), &first(sent));
+        let (out, clamped) = TorqueLimits::default().clamp(&first(wanted), &first(desired), &first(sent));
         (out[0], clamped)
     }
 

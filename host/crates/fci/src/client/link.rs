@@ -1,4 +1,4 @@
-//! Both channels of a connection: what [`Client`](super::Client) and [`Observer`](super::Observer) share.
+//! Both channels of a connection: what [`Client`](super::Client) and [`ReadOnlyClient`](super::ReadOnlyClient) share.
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
@@ -6,15 +6,15 @@ use std::time::{Duration, Instant};
 
 use spherecal_cyclic::{Inbox, io_error as io};
 
-use super::tcp::{Answer, Tcp};
-use super::{ClientError, Config};
+use super::tcp::{CommandChannel, RawResponse};
+use super::{ClientConfig, ClientError};
 use crate::wire::{
-    Command, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotState, Status, Version,
+    CommandKind, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotState, Status, Version,
 };
 
 /// What went over the wire since the connection was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Statistics {
+pub struct LinkStatistics {
     /// States received in order.
     pub states: u64,
     /// States that never came, by the gaps of `message_id`.
@@ -37,10 +37,10 @@ pub struct Statistics {
     pub lowest_success_rate: f64,
 }
 
-pub(super) struct Link {
-    pub(super) tcp: Tcp,
+pub(super) struct ClientLink {
+    pub(super) tcp: CommandChannel,
     pub(super) version: Version,
-    pub(super) statistics: Statistics,
+    pub(super) statistics: LinkStatistics,
     pub(super) newest: RobotState,
     inbox: Inbox<{ MAX_STATE_SIZE + 1 }>,
     /// Where the newest state came from: the address that commands go to.
@@ -49,9 +49,9 @@ pub(super) struct Link {
     response_timeout: Duration,
 }
 
-impl Link {
+impl ClientLink {
     /// Connects and agrees on a version: the robot's own if the configuration permits it.
-    pub(super) fn connect(config: &Config) -> Result<Self, ClientError> {
+    pub(super) fn connect(config: &ClientConfig) -> Result<Self, ClientError> {
         let host = |source| ClientError::Host {
             host: config.host.clone(),
             source,
@@ -70,7 +70,8 @@ impl Link {
         let mut robot = 0;
         while !untried.is_empty() {
             let version = untried.remove(0);
-            let (tcp, payload) = Tcp::connect(address, version, port, config.connect_timeout, config.response_timeout)?;
+            let (tcp, payload) =
+                CommandChannel::connect(address, version, port, config.connect_timeout, config.response_timeout)?;
             let answer = ConnectAnswer::decode(&payload)?;
             if answer.status == Status::Success {
                 return Self::agreed(config, tcp, inbox, version);
@@ -89,17 +90,17 @@ impl Link {
     }
 
     fn agreed(
-        config: &Config,
-        tcp: Tcp,
+        config: &ClientConfig,
+        tcp: CommandChannel,
         inbox: Inbox<{ MAX_STATE_SIZE + 1 }>,
         version: Version,
     ) -> Result<Self, ClientError> {
         let mut link = Self {
             tcp,
             version,
-            statistics: Statistics {
+            statistics: LinkStatistics {
                 lowest_success_rate: 1.0,
-                ..Statistics::default()
+                ..LinkStatistics::default()
             },
             newest: RobotState::default(),
             inbox,
@@ -185,7 +186,7 @@ impl Link {
     }
 
     /// Sends a request and takes any status but success for an error.
-    pub(super) fn request(&mut self, request: &Request) -> Result<Answer, ClientError> {
+    pub(super) fn request(&mut self, request: &Request) -> Result<RawResponse, ClientError> {
         let answer = self.tcp.request(request, self.response_timeout)?;
         match answer.status {
             Status::Success | Status::MotionStarted => Ok(answer),
@@ -199,7 +200,7 @@ impl Link {
 
     /// The robot model in URDF. `None` where the version has no such request.
     pub(super) fn robot_model(&mut self) -> Result<Option<String>, ClientError> {
-        if Command::GetRobotModel.number(self.version).is_err() {
+        if CommandKind::GetRobotModel.number(self.version).is_err() {
             return Ok(None);
         }
         let answer = self.request(&Request::GetRobotModel)?;

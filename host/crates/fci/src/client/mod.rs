@@ -1,7 +1,7 @@
 //! The client: drives a real robot, or only watches it.
 //!
 //! - [`Client`] moves the robot: load, thresholds, a torque motion, stop, error recovery.
-//! - [`Observer`] only reads states. It has no method that could move the robot. Use it while a person guides the arm.
+//! - [`ReadOnlyClient`] only reads states. It has no method that could move the robot. Use it while a person guides the arm.
 //!
 //! # Life of a motion
 //! ```text
@@ -15,26 +15,26 @@
 //!
 //! # What the client guarantees before it sends a torque
 //! - it is finite, or the call fails and nothing is sent;
-//! - it stays within the torque limits ([`Limits::torque`]);
-//! - it changes by at most [`Limits::torque_rate`] per millisecond, against the robot's last desired torque and against
+//! - it stays within the torque limits ([`TorqueLimits::torque`]);
+//! - it changes by at most [`TorqueLimits::torque_rate`] per millisecond, against the robot's last desired torque and against
 //!   the last command sent.
 //!
-//! A command that had to be clamped is sent clamped and counted in [`Statistics`].
+//! A command that had to be clamped is sent clamped and counted in [`LinkStatistics`].
 
 mod config;
 mod error;
 mod limits;
 mod link;
 mod motion;
-mod observer;
+mod read_only;
 mod tcp;
 
-pub use config::Config;
+pub use config::ClientConfig;
 pub use error::{ClientError, EndCause, MotionEnd};
-pub use limits::Limits;
-pub use link::Statistics;
+pub use limits::TorqueLimits;
+pub use link::LinkStatistics;
 pub use motion::{Client, Cycle};
-pub use observer::{Observer, Reading};
+pub use read_only::{ReadOnlyClient, Reading};
 
 /// How the torques of an interface relate to the arm. What a drive must know before it uses them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

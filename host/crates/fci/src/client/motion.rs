@@ -3,11 +3,11 @@
 use std::net::IpAddr;
 use std::time::{Duration, Instant};
 
-use super::link::Link;
-use super::{ClientError, Config, EndCause, Limits, MotionEnd, Statistics};
+use super::link::ClientLink;
+use super::{ClientConfig, ClientError, EndCause, LinkStatistics, MotionEnd, TorqueLimits};
 use crate::JOINTS;
 use crate::wire::{
-    CollisionBehavior, Load, MoveRequest, Request, RobotCommand, RobotMode, RobotState, Status, Version,
+    CollisionBehavior, FlangeLoad, MoveRequest, Request, RobotCommand, RobotMode, RobotState, Status, Version,
 };
 
 /// How long the robot may take to show a motion's begin or end.
@@ -30,8 +30,8 @@ pub struct Cycle {
 
 /// A connection that can move the robot.
 pub struct Client {
-    link: Link,
-    limits: Limits,
+    link: ClientLink,
+    limits: TorqueLimits,
     moving: bool,
     /// The newest state may be answered.
     answerable: bool,
@@ -46,9 +46,9 @@ impl Client {
     ///
     /// # Errors
     /// A [`ClientError`] if the robot cannot be reached or speaks no permitted version.
-    pub fn connect(config: &Config) -> Result<Self, ClientError> {
+    pub fn connect(config: &ClientConfig) -> Result<Self, ClientError> {
         Ok(Self {
-            link: Link::connect(config)?,
+            link: ClientLink::connect(config)?,
             limits: config.limits,
             moving: false,
             answerable: false,
@@ -69,7 +69,7 @@ impl Client {
     }
 
     /// What went over the wire so far.
-    pub fn statistics(&self) -> Statistics {
+    pub fn statistics(&self) -> LinkStatistics {
         self.link.statistics
     }
 
@@ -98,7 +98,7 @@ impl Client {
     ///
     /// # Errors
     /// A [`ClientError`] if the robot does not answer or refuses.
-    pub fn set_load(&mut self, load: &Load) -> Result<(), ClientError> {
+    pub fn set_load(&mut self, load: &FlangeLoad) -> Result<(), ClientError> {
         self.link.request(&Request::SetLoad(*load)).map(|_| ())
     }
 
@@ -287,7 +287,7 @@ impl Client {
                 self.moving = false;
                 self.link.tcp.post(&Request::StopMove)?;
                 return Err(ClientError::NoResponse {
-                    command: crate::wire::Command::Move,
+                    command: crate::wire::CommandKind::Move,
                     after: TRANSITION,
                 });
             }

@@ -7,16 +7,16 @@ use std::time::{Duration, Instant};
 use spherecal_cyclic::io_error as io;
 
 use super::ClientError;
-use crate::wire::{Command, HEADER_SIZE, Header, MAX_RESPONSE, Request, Response, Status, Version};
+use crate::wire::{CommandHeader, CommandKind, HEADER_SIZE, MAX_RESPONSE, Request, Response, Status, Version};
 
 /// A response with its body, copied out of the receive buffer.
-pub(super) struct Answer {
+pub(super) struct RawResponse {
     pub(super) status: Status,
     pub(super) body: Vec<u8>,
 }
 
 /// The TCP connection after the version is agreed.
-pub(super) struct Tcp {
+pub(super) struct CommandChannel {
     stream: TcpStream,
     peer: IpAddr,
     version: Version,
@@ -27,10 +27,10 @@ pub(super) struct Tcp {
     /// How the last motion ended, as soon as the robot said so.
     move_end: Option<Status>,
     /// The request that was posted last, until its response comes.
-    posted: Option<(Command, u32)>,
+    posted: Option<(CommandKind, u32)>,
 }
 
-impl Tcp {
+impl CommandChannel {
     /// Opens the connection and sends Connect. Returns the robot's payload: status and version.
     pub(super) fn connect(
         address: SocketAddr,
@@ -61,7 +61,7 @@ impl Tcp {
         loop {
             let Some((header, payload)) = tcp.frame(deadline)? else {
                 return Err(ClientError::NoResponse {
-                    command: Command::Connect,
+                    command: CommandKind::Connect,
                     after: response_timeout,
                 });
             };
@@ -90,7 +90,7 @@ impl Tcp {
     }
 
     /// Sends a request and waits for its response.
-    pub(super) fn request(&mut self, request: &Request, timeout: Duration) -> Result<Answer, ClientError> {
+    pub(super) fn request(&mut self, request: &Request, timeout: Duration) -> Result<RawResponse, ClientError> {
         if matches!(request, Request::Move(_)) {
             self.move_end = None;
         }
@@ -102,10 +102,10 @@ impl Tcp {
         while let Some((header, payload)) = self.frame(deadline)? {
             let response = Response::decode(self.version, header, &payload)?;
             if response.id == id && response.command == request.command() {
-                if response.command == Command::Move && response.status != Status::MotionStarted {
+                if response.command == CommandKind::Move && response.status != Status::MotionStarted {
                     self.move_id = None;
                 }
-                return Ok(Answer {
+                return Ok(RawResponse {
                     status: response.status,
                     body: response.body.to_vec(),
                 });
@@ -155,7 +155,7 @@ impl Tcp {
     }
 
     fn keep_move_end(&mut self, response: &Response<'_>) {
-        let ours = response.command == Command::Move && Some(response.id) == self.move_id;
+        let ours = response.command == CommandKind::Move && Some(response.id) == self.move_id;
         if ours && response.status != Status::MotionStarted {
             self.move_id = None;
             self.move_end = Some(response.status);
@@ -176,10 +176,10 @@ impl Tcp {
     }
 
     /// The next message: header and payload. `None` at the deadline.
-    fn frame(&mut self, deadline: Instant) -> Result<Option<(Header, Vec<u8>)>, ClientError> {
+    fn frame(&mut self, deadline: Instant) -> Result<Option<(CommandHeader, Vec<u8>)>, ClientError> {
         loop {
             if self.received.len() >= HEADER_SIZE {
-                let header = Header::decode(&self.received, MAX_RESPONSE)?;
+                let header = CommandHeader::decode(&self.received, MAX_RESPONSE)?;
                 let size = header.size as usize;
                 if self.received.len() >= size {
                     let payload = self.received[HEADER_SIZE..size].to_vec();

@@ -1,6 +1,6 @@
 //! What the robot side moves: the arm behind a small trait, and two simple arms for tests.
 
-use crate::wire::Load;
+use crate::wire::FlangeLoad;
 use crate::{JOINTS, PERIOD_S};
 
 /// What the robot asks of the arm for one millisecond.
@@ -33,7 +33,7 @@ pub struct ArmState {
 }
 
 /// An arm that the robot side moves.
-pub trait Arm: Send {
+pub trait ArmHardware: Send {
     /// What the sensors measure now, without a step.
     fn state(&self) -> ArmState;
 
@@ -41,7 +41,7 @@ pub trait Arm: Send {
     fn step(&mut self, command: ArmCommand) -> ArmState;
 
     /// The client declares another load. An arm without a model of gravity may ignore it.
-    fn set_load(&mut self, _load: &Load) {}
+    fn set_load(&mut self, _load: &FlangeLoad) {}
 }
 
 /// An arm that never moves. It measures the torques that would hold it.
@@ -65,7 +65,7 @@ impl RigidArm {
     }
 }
 
-impl Arm for RigidArm {
+impl ArmHardware for RigidArm {
     fn state(&self) -> ArmState {
         self.state
     }
@@ -149,7 +149,7 @@ impl JointArm {
     }
 }
 
-impl Arm for JointArm {
+impl ArmHardware for JointArm {
     fn state(&self) -> ArmState {
         let mut tau = [0.0; JOINTS];
         for (joint, tau) in tau.iter_mut().enumerate() {
@@ -180,7 +180,7 @@ impl Arm for JointArm {
 }
 
 /// An arm that somebody else can push meanwhile.
-impl<A: Arm> Arm for std::sync::Arc<std::sync::Mutex<A>> {
+impl<A: ArmHardware> ArmHardware for std::sync::Arc<std::sync::Mutex<A>> {
     fn state(&self) -> ArmState {
         self.lock().unwrap_or_else(std::sync::PoisonError::into_inner).state()
     }
@@ -190,7 +190,7 @@ impl<A: Arm> Arm for std::sync::Arc<std::sync::Mutex<A>> {
         arm.step(command)
     }
 
-    fn set_load(&mut self, load: &Load) {
+    fn set_load(&mut self, load: &FlangeLoad) {
         let mut arm = self.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         arm.set_load(load);
     }

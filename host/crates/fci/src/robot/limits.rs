@@ -5,7 +5,7 @@ use crate::wire::{CollisionBehavior, Version};
 
 /// Joint limits of an arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct JointLimits {
+pub struct ArmLimits {
     /// Lower position limits, rad.
     pub lower: [f64; JOINTS],
     /// Upper position limits, rad.
@@ -31,7 +31,7 @@ pub struct NearStops {
     pub upper_stop: [f64; JOINTS],
 }
 
-impl JointLimits {
+impl ArmLimits {
     /// Panda.
     pub const PANDA: Self = Self {
         lower: [-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973],
@@ -89,7 +89,7 @@ mod tests {
     // Fails if the velocity limit does not fall to 0 at the stop, rises above its maximum, or is asymmetric.
     #[test]
     fn the_velocity_limit_of_the_fr3_falls_near_the_stops() {
-        let limits = &JointLimits::FR3;
+        let limits = &ArmLimits::FR3;
         for joint in 0..JOINTS {
             let middle = 0.5 * (limits.lower[joint] + limits.upper[joint]);
             let (lower, upper) = limits.velocity_at(joint, middle);
@@ -101,13 +101,13 @@ mod tests {
         // The maker's formula for joint 1: min(2.62, sqrt(12 (2.7501 - q)) - 0.3).
         let expected = (12.0_f64 * (2.7501 - 2.6)).sqrt() - 0.3;
         assert!((limits.velocity_at(0, 2.6).1 - expected).abs() < 1e-12);
-        assert_eq!(JointLimits::PANDA.velocity_at(0, 2.8), (-2.175, 2.175));
+        assert_eq!(ArmLimits::PANDA.velocity_at(0, 2.8), (-2.175, 2.175));
     }
 
     // Fails if the robot keeps other limits than its model says.
     #[test]
     fn the_model_states_the_limits_that_are_kept() {
-        let near = JointLimits::FR3.near_stops.as_ref().expect("the FR3 has them");
+        let near = ArmLimits::FR3.near_stops.as_ref().expect("the FR3 has them");
         for joint in 0..JOINTS {
             let start = super::super::FR3_URDF
                 .split(&format!("name=\"fr3_joint{}\"", joint + 1))
@@ -120,10 +120,10 @@ mod tests {
                     .and_then(|t| t.split('"').next());
                 value.and_then(|v| v.parse().ok()).expect("a number")
             };
-            assert_eq!(number("lower"), JointLimits::FR3.lower[joint]);
-            assert_eq!(number("upper"), JointLimits::FR3.upper[joint]);
-            assert_eq!(number("velocity"), JointLimits::FR3.velocity[joint]);
-            assert_eq!(number("effort"), JointLimits::FR3.torque[joint]);
+            assert_eq!(number("lower"), ArmLimits::FR3.lower[joint]);
+            assert_eq!(number("upper"), ArmLimits::FR3.upper[joint]);
+            assert_eq!(number("velocity"), ArmLimits::FR3.velocity[joint]);
+            assert_eq!(number("effort"), ArmLimits::FR3.torque[joint]);
             assert_eq!(number("velocity_offset"), near.velocity_offset[joint]);
             assert_eq!(number("deceleration_limit"), near.deceleration[joint]);
         }

@@ -1,9 +1,9 @@
 //! The robot side: speaks the protocol as a Panda (version 5) or an FR3 (versions 7, 8 and 10).
 //!
 //! Three layers:
-//! - [`Arm`]: what moves. One step a millisecond: a command in, a measurement out. [`JointArm`] is a simple one for
+//! - [`ArmHardware`]: what moves. One step a millisecond: a command in, a measurement out. [`JointArm`] is a simple one for
 //!   tests; a simulated plant can stand here instead.
-//! - [`Supervisor`]: the robot's rules, without sockets and clock: modes, reflexes, limits, success rate.
+//! - [`RobotSupervisor`]: the robot's rules, without sockets and clock: modes, reflexes, limits, success rate.
 //! - [`RobotSide`]: TCP, UDP and the 1 kHz clock, on a thread of its own.
 //!
 //! # Which rules are kept
@@ -18,7 +18,7 @@
 //! | 20 commands missing in a row, or too low a success rate | `communication_constraints_violation` |
 //!
 //! Not simulated: Cartesian limits, power limit, self-collision, elbow rules, the robot's own motion generators and
-//! controllers, its filters, the thresholds for an accelerating arm, and gravity through the load (the [`Arm`] decides that).
+//! controllers, its filters, the thresholds for an accelerating arm, and gravity through the load (the [`ArmHardware`] decides that).
 //!
 //! # What is our choice, because the maker does not state it
 //! The success rate that ends a motion (0.8), the default collision thresholds, the torque beyond the limit as
@@ -40,12 +40,12 @@ mod server;
 mod session;
 mod supervisor;
 
-pub use arm::{Arm, ArmCommand, ArmState, JointArm, RigidArm};
+pub use arm::{ArmCommand, ArmHardware, ArmState, JointArm, RigidArm};
 pub use config::{READY, RobotConfig, Tolerance};
-pub use limits::JointLimits;
+pub use limits::ArmLimits;
 pub use model::ModelError;
 pub use server::{Controls, RobotSide, RobotStatistics};
-pub use supervisor::{Finished, Supervisor};
+pub use supervisor::{Finished, RobotSupervisor};
 
 /// The nominal model of the FR3 in URDF, as the maker publishes it: kinematics, inertias, joint limits, and how the
 /// velocity limits fall near the stops. The answer to `GetRobotModel`. A Panda has no such request.

@@ -2,7 +2,7 @@
 
 use roxmltree::{Document, Node};
 
-use super::JointLimits;
+use super::ArmLimits;
 use super::limits::NearStops;
 use crate::JOINTS;
 
@@ -31,7 +31,7 @@ pub enum ModelError {
     },
 }
 
-impl JointLimits {
+impl ArmLimits {
     /// The limits in a robot's model. Its revolute joints stand in the order of the arm.
     ///
     /// Where the model says how the velocity limits fall near the stops, the stops are taken to be the position limits:
@@ -95,7 +95,7 @@ mod tests {
     // Fails if a limit of the FR3's own model is read otherwise than the maker's table states it.
     #[test]
     fn the_fr3s_model_states_its_limits() {
-        let (read, table) = (JointLimits::from_urdf(FR3_URDF).expect("a model"), JointLimits::FR3);
+        let (read, table) = (ArmLimits::from_urdf(FR3_URDF).expect("a model"), ArmLimits::FR3);
         assert_eq!((read.lower, read.upper), (table.lower, table.upper));
         assert_eq!((read.velocity, read.torque), (table.velocity, table.torque));
         let (read, table) = (read.near_stops.expect("stated"), table.near_stops.expect("stated"));
@@ -117,7 +117,7 @@ mod tests {
         ] {
             let text = FR3_URDF.replacen(from, to, 1);
             assert_ne!(text, FR3_URDF, "{from}");
-            let error = JointLimits::from_urdf(&text).expect_err(from).to_string();
+            let error = ArmLimits::from_urdf(&text).expect_err(from).to_string();
             assert!(error.contains(words), "{error}");
         }
     }

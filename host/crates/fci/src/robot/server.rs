@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use spherecal_cyclic::{PeriodClock, Published, Side};
 
-use super::arm::Arm;
+use super::arm::ArmHardware;
 use super::config::RobotConfig;
-use super::session::{Incoming, Session};
-use super::supervisor::Supervisor;
+use super::session::{ClientSession, Incoming};
+use super::supervisor::RobotSupervisor;
 use crate::wire::{
-    Command, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotMode, RobotState, Status,
+    CommandKind, ConnectAnswer, MAX_COMMAND_SIZE, MAX_STATE_SIZE, Request, RobotCommand, RobotMode, RobotState, Status,
     WireError,
 };
 
@@ -66,14 +66,14 @@ impl RobotSide {
     ///
     /// # Errors
     /// What the system says if the address cannot be used.
-    pub fn start(config: RobotConfig, arm: Box<dyn Arm>) -> std::io::Result<Self> {
+    pub fn start(config: RobotConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<Self> {
         let listener = TcpListener::bind(config.address)?;
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
         let udp = UdpSocket::bind((address.ip(), 0))?;
         let side = Side::start("fci-robot", move |shared| {
-            Server {
-                supervisor: Supervisor::new(config.clone(), arm.state()),
+            RobotServer {
+                supervisor: RobotSupervisor::new(config.clone(), arm.state()),
                 model: config.model.clone().unwrap_or_else(|| super::FR3_URDF.to_owned()),
                 config,
                 listener,
@@ -113,14 +113,14 @@ impl RobotSide {
     }
 }
 
-struct Server {
+struct RobotServer {
     config: RobotConfig,
-    supervisor: Supervisor,
+    supervisor: RobotSupervisor,
     model: String,
     listener: TcpListener,
     udp: UdpSocket,
-    arm: Box<dyn Arm>,
-    session: Option<Session>,
+    arm: Box<dyn ArmHardware>,
+    session: Option<ClientSession>,
     state: RobotState,
     message_id: u64,
     /// The first state that showed the end of the last motion.
@@ -130,7 +130,7 @@ struct Server {
     shared: Arc<Published<Controls, RobotStatistics>>,
 }
 
-impl Server {
+impl RobotServer {
     fn run(mut self) {
         while !self.shared.has_ended() {
             self.period();
@@ -259,7 +259,7 @@ impl Server {
             match &self.session {
                 // One client at a time: a second one is turned away.
                 Some(_) => drop(stream),
-                None => self.session = Session::new(stream, peer, self.config.version).ok(),
+                None => self.session = ClientSession::new(stream, peer, self.config.version).ok(),
             }
         }
         let Some(mut session) = self.session.take() else { return };
@@ -285,7 +285,7 @@ impl Server {
         }
     }
 
-    fn answer_request(&mut self, session: &mut Session, id: u32, request: &Request) {
+    fn answer_request(&mut self, session: &mut ClientSession, id: u32, request: &Request) {
         if let Request::Connect { version, udp_port } = request {
             let ours = self.config.version.number();
             let accepted = *version == ours;
@@ -295,7 +295,7 @@ impl Server {
                 Status::IncompatibleVersion
             };
             let answer = ConnectAnswer { status, version: ours };
-            session.respond(Command::Connect, id, status, &answer.body());
+            session.respond(CommandKind::Connect, id, status, &answer.body());
             if accepted {
                 session.states_to = Some(SocketAddr::new(session.peer(), *udp_port));
             } else {

@@ -3,7 +3,9 @@
 use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{IpAddr, SocketAddr, TcpStream};
 
-use crate::wire::{Command, HEADER_SIZE, Header, MAX_REQUEST, Request, Response, Status, Version, WireError};
+use crate::wire::{
+    CommandHeader, CommandKind, HEADER_SIZE, MAX_REQUEST, Request, Response, Status, Version, WireError,
+};
 
 /// What came from a client.
 #[allow(clippy::large_enum_variant, reason = "as Request itself")]
@@ -11,10 +13,10 @@ pub(super) enum Incoming {
     /// A request with its id.
     Request(u32, Request),
     /// A request whose arguments are invalid, with its id.
-    Invalid(u32, Command),
+    Invalid(u32, CommandKind),
 }
 
-pub(super) struct Session {
+pub(super) struct ClientSession {
     stream: TcpStream,
     peer: IpAddr,
     version: Version,
@@ -25,7 +27,7 @@ pub(super) struct Session {
     closing: bool,
 }
 
-impl Session {
+impl ClientSession {
     pub(super) fn new(stream: TcpStream, peer: SocketAddr, version: Version) -> std::io::Result<Self> {
         stream.set_nonblocking(true)?;
         stream.set_nodelay(true)?;
@@ -75,7 +77,7 @@ impl Session {
         if self.closing || self.inbox.len() < HEADER_SIZE {
             return Ok(None);
         }
-        let header = Header::decode(&self.inbox, MAX_REQUEST)?;
+        let header = CommandHeader::decode(&self.inbox, MAX_REQUEST)?;
         let size = header.size as usize;
         if self.inbox.len() < size {
             return Ok(None);
@@ -85,7 +87,7 @@ impl Session {
         match request {
             Ok(request) => Ok(Some(Incoming::Request(header.id, request))),
             Err(WireError::NotFinite { .. } | WireError::UnknownValue { .. }) => {
-                let command = Command::from_number(header.command, self.version)?;
+                let command = CommandKind::from_number(header.command, self.version)?;
                 Ok(Some(Incoming::Invalid(header.id, command)))
             }
             Err(error) => Err(error),
@@ -93,7 +95,7 @@ impl Session {
     }
 
     /// Queues a response; [`poll`](Self::poll) sends it.
-    pub(super) fn respond(&mut self, command: Command, id: u32, status: Status, body: &[u8]) {
+    pub(super) fn respond(&mut self, command: CommandKind, id: u32, status: Status, body: &[u8]) {
         let response = Response {
             command,
             id,

@@ -3,13 +3,13 @@
 use super::WireError;
 
 /// Reads fields one after the other.
-pub(super) struct Reader<'a> {
+pub(super) struct FieldReader<'a> {
     message: &'static str,
     bytes: &'a [u8],
     at: usize,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> FieldReader<'a> {
     pub(super) fn new(message: &'static str, bytes: &'a [u8]) -> Self {
         Self { message, bytes, at: 0 }
     }
@@ -92,12 +92,12 @@ impl<'a> Reader<'a> {
 }
 
 /// Writes fields one after the other into a buffer of fixed size. The callers' buffers have room by construction.
-pub(super) struct Writer<'a> {
+pub(super) struct FieldWriter<'a> {
     bytes: &'a mut [u8],
     at: usize,
 }
 
-impl<'a> Writer<'a> {
+impl<'a> FieldWriter<'a> {
     pub(super) fn new(bytes: &'a mut [u8]) -> Self {
         Self { bytes, at: 0 }
     }

@@ -11,7 +11,7 @@ pub const MAX_RESPONSE: usize = 16 << 20;
 
 /// A command of the TCP channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Command {
+pub enum CommandKind {
     /// Opens the session and names the client's UDP port.
     Connect,
     /// Starts a motion.
@@ -44,10 +44,10 @@ pub enum Command {
     GetRobotModel,
 }
 
-use Command as C;
+use CommandKind as C;
 
 /// The commands of a version in the order of their numbers.
-const V5: &[Command] = &[
+const V5: &[CommandKind] = &[
     C::Connect,
     C::Move,
     C::StopMove,
@@ -63,7 +63,7 @@ const V5: &[Command] = &[
     C::AutomaticErrorRecovery,
     C::LoadModelLibrary,
 ];
-const V8: &[Command] = &[
+const V8: &[CommandKind] = &[
     C::Connect,
     C::Move,
     C::StopMove,
@@ -78,7 +78,7 @@ const V8: &[Command] = &[
     C::LoadModelLibrary,
     C::GetRobotModel,
 ];
-const V10: &[Command] = &[
+const V10: &[CommandKind] = &[
     C::Connect,
     C::Move,
     C::StopMove,
@@ -93,7 +93,7 @@ const V10: &[Command] = &[
     C::GetRobotModel,
 ];
 
-impl Command {
+impl CommandKind {
     /// The commands of this version, in the order of their numbers.
     pub fn all(version: Version) -> &'static [Self] {
         match version {
@@ -148,7 +148,7 @@ impl Command {
     }
 }
 
-impl std::fmt::Display for Command {
+impl std::fmt::Display for CommandKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name())
     }
@@ -156,7 +156,7 @@ impl std::fmt::Display for Command {
 
 /// The head of every request and response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Header {
+pub struct CommandHeader {
     /// The command's number; what it means depends on the version.
     pub command: u32,
     /// Chosen by the client; the response repeats it.
@@ -165,13 +165,13 @@ pub struct Header {
     pub size: u32,
 }
 
-impl Header {
+impl CommandHeader {
     /// Decodes a header. `most` is the largest message that the receiver takes, bytes.
     ///
     /// # Errors
     /// [`WireError::Short`] for fewer than 12 bytes, [`WireError::Size`] for an impossible size.
     pub fn decode(bytes: &[u8], most: usize) -> Result<Self, WireError> {
-        let mut read = super::bytes::Reader::new("header", bytes);
+        let mut read = super::bytes::FieldReader::new("header", bytes);
         let header = Self {
             command: read.u32("command")?,
             id: read.u32("command_id")?,
@@ -190,7 +190,7 @@ impl Header {
     /// The 12 bytes.
     pub fn encode(&self) -> [u8; HEADER_SIZE] {
         let mut out = [0; HEADER_SIZE];
-        let mut write = super::bytes::Writer::new(&mut out);
+        let mut write = super::bytes::FieldWriter::new(&mut out);
         for number in [self.command, self.id, self.size] {
             write.put(&number.to_le_bytes());
         }

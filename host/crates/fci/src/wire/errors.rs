@@ -7,9 +7,9 @@ macro_rules! errors {
     ($($number:literal $variant:ident $name:literal $doc:literal;)+) => {
         /// One error flag. Its [`name`](Self::name) is the one in libfranka's `Errors`.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-        pub enum RobotError { $(#[doc = $doc] $variant = $number,)+ }
+        pub enum ErrorFlag { $(#[doc = $doc] $variant = $number,)+ }
 
-        impl RobotError {
+        impl ErrorFlag {
             /// All errors, in the order of their bits.
             pub const ALL: [Self; 41] = [$(Self::$variant),+];
 
@@ -70,7 +70,7 @@ errors! {
     40 BaseAccelerationInvalidReading "base_acceleration_invalid_reading" "The base's acceleration reads wrong.";
 }
 
-impl RobotError {
+impl ErrorFlag {
     /// The number of the error's flag in a state.
     pub const fn bit(self) -> usize {
         self as usize
@@ -82,7 +82,7 @@ impl RobotError {
     }
 }
 
-impl std::fmt::Display for RobotError {
+impl std::fmt::Display for ErrorFlag {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name())
     }
@@ -99,7 +99,7 @@ impl ErrorSet {
     pub const NONE: Self = Self(0);
 
     /// The set with this one error.
-    pub const fn of(error: RobotError) -> Self {
+    pub const fn of(error: ErrorFlag) -> Self {
         Self(1 << error.bit())
     }
 
@@ -109,7 +109,7 @@ impl ErrorSet {
     }
 
     /// Whether this error is in the set.
-    pub const fn contains(self, error: RobotError) -> bool {
+    pub const fn contains(self, error: ErrorFlag) -> bool {
         self.0 & Self::of(error).0 != 0
     }
 
@@ -119,12 +119,12 @@ impl ErrorSet {
     }
 
     /// The errors of the set, in the order of their bits.
-    pub fn iter(self) -> impl Iterator<Item = RobotError> {
-        RobotError::ALL.into_iter().filter(move |e| self.contains(*e))
+    pub fn iter(self) -> impl Iterator<Item = ErrorFlag> {
+        ErrorFlag::ALL.into_iter().filter(move |e| self.contains(*e))
     }
 
     /// Sets the error.
-    pub const fn insert(&mut self, error: RobotError) {
+    pub const fn insert(&mut self, error: ErrorFlag) {
         self.0 |= Self::of(error).0;
     }
 
@@ -138,7 +138,7 @@ impl ErrorSet {
             });
         }
         let mut set = Self::NONE;
-        for (byte, error) in bytes.iter().zip(RobotError::ALL) {
+        for (byte, error) in bytes.iter().zip(ErrorFlag::ALL) {
             if *byte != 0 {
                 set.insert(error);
             }

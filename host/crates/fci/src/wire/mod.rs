@@ -1,7 +1,7 @@
 //! The messages of the interface, byte by byte.
 //!
 //! Two channels carry them:
-//! - **TCP**, port 1337: requests and responses. Each begins with a [`Header`] of 12 bytes.
+//! - **TCP**, port 1337: requests and responses. Each begins with a [`CommandHeader`] of 12 bytes.
 //! - **UDP**, 1 kHz: the robot sends a [`RobotState`]; the client answers with a [`RobotCommand`].
 //!
 //! All numbers are little-endian, without padding. Four [`Version`]s differ in the numbers of the commands, in the
@@ -22,10 +22,10 @@ mod status;
 mod udp;
 mod version;
 
-pub use command::{Command, HEADER_SIZE, Header, MAX_REQUEST, MAX_RESPONSE};
-pub use errors::{ErrorSet, RobotError};
+pub use command::{CommandHeader, CommandKind, HEADER_SIZE, MAX_REQUEST, MAX_RESPONSE};
+pub use errors::{ErrorFlag, ErrorSet};
 pub use modes::{ControllerMode, MotionGeneratorMode, MoveControllerMode, MoveGeneratorMode, RobotMode};
-pub use request::{CollisionBehavior, ConnectAnswer, Deviation, Load, MoveRequest, Request};
+pub use request::{CollisionBehavior, ConnectAnswer, Deviation, FlangeLoad, MoveRequest, Request};
 pub use status::{Response, Status};
 pub use udp::{MAX_COMMAND_SIZE, MAX_STATE_SIZE, RobotCommand, RobotState, StateField};
 pub use version::Version;
@@ -130,7 +130,7 @@ pub fn fuzz_decode(data: &[u8]) {
             }
         }
         2 => {
-            let Ok(header) = Header::decode(body, MAX_REQUEST) else {
+            let Ok(header) = CommandHeader::decode(body, MAX_REQUEST) else {
                 return;
             };
             let payload = &body[HEADER_SIZE..];
@@ -145,7 +145,7 @@ pub fn fuzz_decode(data: &[u8]) {
             }
         }
         _ => {
-            let Ok(header) = Header::decode(body, MAX_RESPONSE) else {
+            let Ok(header) = CommandHeader::decode(body, MAX_RESPONSE) else {
                 return;
             };
             let payload = &body[HEADER_SIZE..];

@@ -1,7 +1,7 @@
 //! The requests of the TCP channel with their arguments.
 
-use super::bytes::Reader;
-use super::command::{Command, HEADER_SIZE, Header};
+use super::bytes::FieldReader;
+use super::command::{CommandHeader, CommandKind, HEADER_SIZE};
 use super::{MoveControllerMode, MoveGeneratorMode, Status, Version, WireError};
 use crate::JOINTS;
 
@@ -98,7 +98,7 @@ impl CollisionBehavior {
 
 /// The load at the flange: what the robot's gravity compensation adds to the arm and the end effector.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Load {
+pub struct FlangeLoad {
     /// Mass, kg.
     pub mass: f64,
     /// Centre of mass in the flange frame, m.
@@ -148,7 +148,7 @@ pub enum Request {
     /// Sets the end effector in the nominal end effector's frame.
     SetNeToEe([f64; 16]),
     /// Sets the load.
-    SetLoad(Load),
+    SetLoad(FlangeLoad),
     /// Sets the cut-off frequencies of the robot's filters, Hz.
     SetFilters([f64; 5]),
     /// Clears the errors of a reflex.
@@ -170,23 +170,23 @@ const MOVE_SIZE: usize = 56;
 
 impl Request {
     /// Which command this is.
-    pub const fn command(&self) -> Command {
+    pub const fn command(&self) -> CommandKind {
         match self {
-            Self::Connect { .. } => Command::Connect,
-            Self::Move(_) => Command::Move,
-            Self::StopMove => Command::StopMove,
-            Self::GetCartesianLimit { .. } => Command::GetCartesianLimit,
-            Self::SetCollisionBehavior(_) => Command::SetCollisionBehavior,
-            Self::SetJointImpedance(_) => Command::SetJointImpedance,
-            Self::SetCartesianImpedance(_) => Command::SetCartesianImpedance,
-            Self::SetGuidingMode { .. } => Command::SetGuidingMode,
-            Self::SetEeToK(_) => Command::SetEeToK,
-            Self::SetNeToEe(_) => Command::SetNeToEe,
-            Self::SetLoad(_) => Command::SetLoad,
-            Self::SetFilters(_) => Command::SetFilters,
-            Self::AutomaticErrorRecovery => Command::AutomaticErrorRecovery,
-            Self::LoadModelLibrary { .. } => Command::LoadModelLibrary,
-            Self::GetRobotModel => Command::GetRobotModel,
+            Self::Connect { .. } => CommandKind::Connect,
+            Self::Move(_) => CommandKind::Move,
+            Self::StopMove => CommandKind::StopMove,
+            Self::GetCartesianLimit { .. } => CommandKind::GetCartesianLimit,
+            Self::SetCollisionBehavior(_) => CommandKind::SetCollisionBehavior,
+            Self::SetJointImpedance(_) => CommandKind::SetJointImpedance,
+            Self::SetCartesianImpedance(_) => CommandKind::SetCartesianImpedance,
+            Self::SetGuidingMode { .. } => CommandKind::SetGuidingMode,
+            Self::SetEeToK(_) => CommandKind::SetEeToK,
+            Self::SetNeToEe(_) => CommandKind::SetNeToEe,
+            Self::SetLoad(_) => CommandKind::SetLoad,
+            Self::SetFilters(_) => CommandKind::SetFilters,
+            Self::AutomaticErrorRecovery => CommandKind::AutomaticErrorRecovery,
+            Self::LoadModelLibrary { .. } => CommandKind::LoadModelLibrary,
+            Self::GetRobotModel => CommandKind::GetRobotModel,
         }
     }
 
@@ -196,15 +196,15 @@ impl Request {
     /// A [`WireError`] if the number has no meaning in this version, the size is wrong, a number is not finite or a
     /// mode has no meaning.
     pub fn decode(version: Version, command: u32, payload: &[u8]) -> Result<Self, WireError> {
-        let command = Command::from_number(command, version)?;
-        let mut read = Reader::new(command.name(), payload);
+        let command = CommandKind::from_number(command, version)?;
+        let mut read = FieldReader::new(command.name(), payload);
         let r = &mut read;
         let request = match command {
-            Command::Connect => Self::Connect {
+            CommandKind::Connect => Self::Connect {
                 version: r.u16("version")?,
                 udp_port: r.u16("udp_port")?,
             },
-            Command::Move => {
+            CommandKind::Move => {
                 let request = MoveRequest {
                     controller: MoveControllerMode::from_number(r.u32("controller_mode")?)?,
                     generator: MoveGeneratorMode::from_number(r.u32("motion_generator_mode")?)?,
@@ -217,11 +217,11 @@ impl Request {
                 }
                 Self::Move(request)
             }
-            Command::StopMove => Self::StopMove,
-            Command::GetCartesianLimit => Self::GetCartesianLimit {
+            CommandKind::StopMove => Self::StopMove,
+            CommandKind::GetCartesianLimit => Self::GetCartesianLimit {
                 id: i32::from_le_bytes(r.u32("id")?.to_le_bytes()),
             },
-            Command::SetCollisionBehavior => Self::SetCollisionBehavior(CollisionBehavior {
+            CommandKind::SetCollisionBehavior => Self::SetCollisionBehavior(CollisionBehavior {
                 lower_torque_acceleration: r.finite("lower_torque_thresholds_acceleration")?,
                 upper_torque_acceleration: r.finite("upper_torque_thresholds_acceleration")?,
                 lower_torque_nominal: r.finite("lower_torque_thresholds_nominal")?,
@@ -231,9 +231,9 @@ impl Request {
                 lower_force_nominal: r.finite("lower_force_thresholds_nominal")?,
                 upper_force_nominal: r.finite("upper_force_thresholds_nominal")?,
             }),
-            Command::SetJointImpedance => Self::SetJointImpedance(r.finite("K_theta")?),
-            Command::SetCartesianImpedance => Self::SetCartesianImpedance(r.finite("K_x")?),
-            Command::SetGuidingMode => {
+            CommandKind::SetJointImpedance => Self::SetJointImpedance(r.finite("K_theta")?),
+            CommandKind::SetCartesianImpedance => Self::SetCartesianImpedance(r.finite("K_x")?),
+            CommandKind::SetGuidingMode => {
                 let mut axes = [false; 6];
                 for axis in &mut axes {
                     *axis = r.bool("guiding_mode")?;
@@ -241,20 +241,20 @@ impl Request {
                 let nullspace = r.bool("nullspace")?;
                 Self::SetGuidingMode { axes, nullspace }
             }
-            Command::SetEeToK => Self::SetEeToK(r.finite("EE_T_K")?),
-            Command::SetNeToEe => Self::SetNeToEe(r.finite("NE_T_EE")?),
-            Command::SetLoad => Self::SetLoad(Load {
+            CommandKind::SetEeToK => Self::SetEeToK(r.finite("EE_T_K")?),
+            CommandKind::SetNeToEe => Self::SetNeToEe(r.finite("NE_T_EE")?),
+            CommandKind::SetLoad => Self::SetLoad(FlangeLoad {
                 mass: r.finite::<1>("m_load")?[0],
                 centre_of_mass: r.finite("F_x_Cload")?,
                 inertia: r.finite("I_load")?,
             }),
-            Command::SetFilters => Self::SetFilters(r.finite("filter_frequencies")?),
-            Command::AutomaticErrorRecovery => Self::AutomaticErrorRecovery,
-            Command::LoadModelLibrary => Self::LoadModelLibrary {
+            CommandKind::SetFilters => Self::SetFilters(r.finite("filter_frequencies")?),
+            CommandKind::AutomaticErrorRecovery => Self::AutomaticErrorRecovery,
+            CommandKind::LoadModelLibrary => Self::LoadModelLibrary {
                 architecture: r.u8("architecture")?,
                 system: r.u8("system")?,
             },
-            Command::GetRobotModel => Self::GetRobotModel,
+            CommandKind::GetRobotModel => Self::GetRobotModel,
         };
         read.end()?;
         Ok(request)
@@ -270,7 +270,7 @@ impl Request {
         out.extend_from_slice(&[0; HEADER_SIZE]);
         self.payload(version, out);
         let size = (out.len() - start) as u32;
-        out[start..start + HEADER_SIZE].copy_from_slice(&Header { command, id, size }.encode());
+        out[start..start + HEADER_SIZE].copy_from_slice(&CommandHeader { command, id, size }.encode());
         Ok(())
     }
 
@@ -320,7 +320,7 @@ impl Request {
     }
 }
 
-fn deviation(read: &mut Reader<'_>, field: &'static str) -> Result<Deviation, WireError> {
+fn deviation(read: &mut FieldReader<'_>, field: &'static str) -> Result<Deviation, WireError> {
     let [translation, rotation, elbow] = read.finite(field)?;
     Ok(Deviation {
         translation,
@@ -350,9 +350,9 @@ impl ConnectAnswer {
     /// # Errors
     /// A [`WireError`] for another length or a status without meaning.
     pub fn decode(payload: &[u8]) -> Result<Self, WireError> {
-        let mut read = Reader::new("Connect response", payload);
+        let mut read = FieldReader::new("Connect response", payload);
         // The statuses of Connect are the same in every version.
-        let status = Status::from_number(read.u8("status")?, Command::Connect, Version::V10)?;
+        let status = Status::from_number(read.u8("status")?, CommandKind::Connect, Version::V10)?;
         let version = read.u16("version")?;
         read.end()?;
         Ok(Self { status, version })

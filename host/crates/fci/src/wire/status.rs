@@ -1,6 +1,6 @@
 //! What a response says: its status. The numbers depend on command and version.
 
-use super::command::{Command, HEADER_SIZE, Header};
+use super::command::{CommandHeader, CommandKind, HEADER_SIZE};
 use super::{Version, WireError};
 
 /// The status of a response.
@@ -42,11 +42,11 @@ use Status as S;
 
 impl Status {
     /// The statuses that a response to this command can have, in the order of their numbers.
-    pub fn all(command: Command, version: Version) -> &'static [Self] {
+    pub fn all(command: CommandKind, version: Version) -> &'static [Self] {
         let panda = version.is_panda();
         match command {
-            Command::Connect => &[S::Success, S::IncompatibleVersion],
-            Command::Move if panda => &[
+            CommandKind::Connect => &[S::Success, S::IncompatibleVersion],
+            CommandKind::Move if panda => &[
                 S::Success,
                 S::MotionStarted,
                 S::Preempted,
@@ -58,7 +58,7 @@ impl Status {
                 S::InputErrorAborted,
                 S::Aborted,
             ],
-            Command::Move => &[
+            CommandKind::Move => &[
                 S::Success,
                 S::MotionStarted,
                 S::Preempted,
@@ -72,14 +72,14 @@ impl Status {
                 S::InputErrorAborted,
                 S::Aborted,
             ],
-            Command::StopMove if panda => &[
+            CommandKind::StopMove if panda => &[
                 S::Success,
                 S::NotPossible,
                 S::EmergencyAborted,
                 S::ReflexAborted,
                 S::Aborted,
             ],
-            Command::StopMove => &[
+            CommandKind::StopMove => &[
                 S::Success,
                 S::NotPossible,
                 S::RejectedBySafetyFunction,
@@ -87,7 +87,7 @@ impl Status {
                 S::ReflexAborted,
                 S::Aborted,
             ],
-            Command::AutomaticErrorRecovery if panda => &[
+            CommandKind::AutomaticErrorRecovery if panda => &[
                 S::Success,
                 S::NotPossible,
                 S::ManualRecoveryRequired,
@@ -95,7 +95,7 @@ impl Status {
                 S::EmergencyAborted,
                 S::Aborted,
             ],
-            Command::AutomaticErrorRecovery => &[
+            CommandKind::AutomaticErrorRecovery => &[
                 S::Success,
                 S::NotPossible,
                 S::RejectedBySafetyFunction,
@@ -104,8 +104,8 @@ impl Status {
                 S::EmergencyAborted,
                 S::Aborted,
             ],
-            Command::LoadModelLibrary => &[S::Success, S::Failed],
-            Command::GetRobotModel => &[S::Success, S::NotPossible, S::RejectedBySafetyFunction],
+            CommandKind::LoadModelLibrary => &[S::Success, S::Failed],
+            CommandKind::GetRobotModel => &[S::Success, S::NotPossible, S::RejectedBySafetyFunction],
             _ if panda => &[S::Success, S::NotPossible, S::InvalidArgument],
             _ => &[
                 S::Success,
@@ -120,7 +120,7 @@ impl Status {
     ///
     /// # Errors
     /// [`WireError::UnknownValue`] for a number without meaning.
-    pub fn from_number(number: u8, command: Command, version: Version) -> Result<Self, WireError> {
+    pub fn from_number(number: u8, command: CommandKind, version: Version) -> Result<Self, WireError> {
         let status = Self::all(command, version).get(usize::from(number));
         status.copied().ok_or(WireError::UnknownValue {
             field: "status",
@@ -130,7 +130,7 @@ impl Status {
 
     /// The number of this status in a response to `command`. A status that the command does not have in this version
     /// becomes the next more general one.
-    pub fn number(self, command: Command, version: Version) -> u8 {
+    pub fn number(self, command: CommandKind, version: Version) -> u8 {
         let all = Self::all(command, version);
         let place = |status| all.iter().position(|s| *s == status);
         let general = match self {
@@ -172,7 +172,7 @@ impl std::fmt::Display for Status {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Response<'a> {
     /// The command that it answers.
-    pub command: Command,
+    pub command: CommandKind,
     /// The id of the request.
     pub id: u32,
     /// What became of the request.
@@ -186,7 +186,7 @@ impl<'a> Response<'a> {
     ///
     /// # Errors
     /// A [`WireError`] if the payload has not the announced size, or command or status have no meaning.
-    pub fn decode(version: Version, header: Header, payload: &'a [u8]) -> Result<Self, WireError> {
+    pub fn decode(version: Version, header: CommandHeader, payload: &'a [u8]) -> Result<Self, WireError> {
         if payload.len() != header.payload() {
             return Err(WireError::Length {
                 message: "response",
@@ -194,7 +194,7 @@ impl<'a> Response<'a> {
                 got: payload.len() + HEADER_SIZE,
             });
         }
-        let command = Command::from_number(header.command, version)?;
+        let command = CommandKind::from_number(header.command, version)?;
         let (status, body) = payload.split_first().ok_or(WireError::Short {
             message: "response",
             field: "status",
@@ -213,7 +213,7 @@ impl<'a> Response<'a> {
     /// # Errors
     /// [`WireError::NotInVersion`] if the version does not have the command.
     pub fn encode(&self, version: Version, out: &mut Vec<u8>) -> Result<(), WireError> {
-        let header = Header {
+        let header = CommandHeader {
             command: self.command.number(version)?,
             id: self.id,
             size: (HEADER_SIZE + 1 + self.body.len()) as u32,

@@ -1,6 +1,6 @@
 //! The two messages of the 1 kHz channel: the robot's state and the client's command.
 
-use super::bytes::{Reader, Writer};
+use super::bytes::{FieldReader, FieldWriter};
 use super::{ControllerMode, ErrorSet, MotionGeneratorMode, RobotMode, Version, WireError};
 use crate::JOINTS;
 
@@ -12,12 +12,12 @@ pub const MAX_COMMAND_SIZE: usize = 371;
 const UNNAMED_V10: usize = 144;
 
 /// A field of numbers as a slice, whether it is one number or several.
-trait Numbers {
+trait NumberField {
     fn numbers(&self) -> &[f64];
     fn numbers_mut(&mut self) -> &mut [f64];
 }
 
-impl Numbers for f64 {
+impl NumberField for f64 {
     fn numbers(&self) -> &[f64] {
         std::slice::from_ref(self)
     }
@@ -26,7 +26,7 @@ impl Numbers for f64 {
     }
 }
 
-impl<const N: usize> Numbers for [f64; N] {
+impl<const N: usize> NumberField for [f64; N] {
     fn numbers(&self) -> &[f64] {
         self
     }
@@ -210,7 +210,7 @@ impl RobotState {
             });
         }
         let single = version.single_precision();
-        let mut read = Reader::new("robot state", bytes);
+        let mut read = FieldReader::new("robot state", bytes);
         let mut state = Self {
             message_id: read.u64("message_id")?,
             ..Self::default()
@@ -255,9 +255,9 @@ impl RobotState {
     /// Version 10 rounds every number to 32 bits.
     pub fn encode(&self, version: Version, out: &mut [u8; MAX_STATE_SIZE]) -> usize {
         let single = version.single_precision();
-        let mut write = Writer::new(out);
+        let mut write = FieldWriter::new(out);
         write.put(&self.message_id.to_le_bytes());
-        let put = |write: &mut Writer<'_>, numbers: &[f64]| {
+        let put = |write: &mut FieldWriter<'_>, numbers: &[f64]| {
             if single {
                 write.f32s(numbers);
             } else {
@@ -366,7 +366,7 @@ impl RobotCommand {
                 got: bytes.len(),
             });
         }
-        let mut read = Reader::new("robot command", bytes);
+        let mut read = FieldReader::new("robot command", bytes);
         let command = Self {
             message_id: read.u64("message_id")?,
             q_c: read.finite("q_c")?,
@@ -385,7 +385,7 @@ impl RobotCommand {
 
     /// Encodes the command for this version; returns its size in bytes.
     pub fn encode(&self, version: Version, out: &mut [u8; MAX_COMMAND_SIZE]) -> usize {
-        let mut write = Writer::new(out);
+        let mut write = FieldWriter::new(out);
         write.put(&self.message_id.to_le_bytes());
         write.f64s(&self.q_c);
         write.f64s(&self.dq_c);

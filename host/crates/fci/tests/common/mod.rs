@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use spherecal_cyclic::testing::{Connected, joint_impedance};
-use spherecal_fci::client::Config;
+use spherecal_fci::client::ClientConfig;
 use spherecal_fci::robot::{JointArm, READY, RobotConfig, RobotSide};
 use spherecal_fci::wire::{RobotState, Version};
 
@@ -22,11 +22,11 @@ pub(crate) fn robot_with(config: RobotConfig) -> (RobotSide, Arc<Mutex<JointArm>
 }
 
 /// Settings for a robot on this machine. The timeout is long: two cores are shared.
-pub(crate) fn config(address: SocketAddr) -> Config {
-    Config {
+pub(crate) fn config(address: SocketAddr) -> ClientConfig {
+    ClientConfig {
         port: address.port(),
         state_timeout: Duration::from_secs(2),
-        ..Config::new("127.0.0.1")
+        ..ClientConfig::new("127.0.0.1")
     }
 }
 

@@ -7,14 +7,14 @@ use crate::{JOINTS, UDP_PORT};
 
 /// Limits of the torques that the client sends.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct TorqueLimits {
     /// Largest overlay of each joint, N m.
     pub torque: [f64; JOINTS],
     /// Largest change of a joint's overlay, N m/s. The maker states no limit; the default is that of other arms.
     pub torque_rate: f64,
 }
 
-impl Limits {
+impl TorqueLimits {
     /// LBR iiwa 7 R800: the joints' torque limits.
     pub const IIWA_7: Self = Self {
         torque: [176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0],
@@ -29,7 +29,7 @@ impl Limits {
 
 /// Settings of a session.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Config {
+pub struct ClientConfig {
     /// Where the client listens: the network card of the cabinet and the port that the application names.
     pub address: SocketAddr,
     /// The cabinet's address. `None` takes the first sender; datagrams from others are then ignored.
@@ -39,7 +39,7 @@ pub struct Config {
     /// Cut-off frequency of the velocity filter, Hz. See [`VelocityFilter`](super::VelocityFilter).
     pub velocity_cutoff_hz: f64,
     /// Limits of the torques that the client sends.
-    pub limits: Limits,
+    pub limits: TorqueLimits,
     /// Appends length and checksum to each command. Off: the public facts do not say which bytes they cover, and a
     /// cabinet's message without them was accepted by the maker's client.
     pub checksum: bool,
@@ -50,9 +50,9 @@ pub struct Config {
     pub spin: Duration,
 }
 
-impl Config {
+impl ClientConfig {
     /// The defaults for an arm with these limits: port 30200 on every network card.
-    pub const fn new(limits: Limits) -> Self {
+    pub const fn new(limits: TorqueLimits) -> Self {
         Self {
             address: SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), UDP_PORT),
             cabinet: None,

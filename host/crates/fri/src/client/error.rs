@@ -44,7 +44,7 @@ pub enum ClientError {
     NotReady(EndCause),
     /// Commanding ended without the client's wish. The client is disabled.
     #[error("{0}")]
-    Ended(#[from] SessionEnd),
+    Ended(#[from] CommandingEnd),
 }
 
 /// Why commanding ended or cannot begin.
@@ -78,7 +78,7 @@ pub enum EndCause {
 /// How commanding ended without the client's wish.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("commanding ended: {cause} (quality {quality})")]
-pub struct SessionEnd {
+pub struct CommandingEnd {
     /// Why.
     pub cause: EndCause,
     /// The session's state now.

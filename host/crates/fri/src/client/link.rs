@@ -1,10 +1,10 @@
-//! The socket: what [`Client`](super::Client) and [`Observer`](super::Observer) share.
+//! The socket: what [`Client`](super::Client) and [`ReadOnlyClient`](super::ReadOnlyClient) share.
 
 use std::net::{IpAddr, SocketAddr, UdpSocket};
 
 use spherecal_cyclic::Inbox;
 
-use super::{ClientError, Config, State, VelocityFilter};
+use super::{ClientConfig, ClientError, MonitoredState, VelocityFilter};
 use crate::JOINTS;
 use crate::wire::{Checksum, CommandMessage, MAX_MESSAGE_SIZE, MonitoringMessage, SessionState};
 
@@ -14,7 +14,7 @@ const REORDERED: u32 = 100;
 
 /// What went over the wire since the client listens.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
+pub struct LinkStatistics {
     /// Messages received in order.
     pub messages: u64,
     /// Messages that never came, by the gaps of the sequence counter.
@@ -50,9 +50,9 @@ pub(super) struct Received {
     pub(super) restarted: bool,
 }
 
-pub(super) struct Link {
-    pub(super) statistics: Statistics,
-    pub(super) state: State,
+pub(super) struct ClientLink {
+    pub(super) statistics: LinkStatistics,
+    pub(super) state: MonitoredState,
     inbox: Inbox<{ MAX_MESSAGE_SIZE + 1 }>,
     cabinet: Option<IpAddr>,
     answer_to: Option<SocketAddr>,
@@ -65,14 +65,14 @@ pub(super) struct Link {
     checksum: bool,
 }
 
-impl Link {
-    pub(super) fn open(config: &Config) -> Result<Self, ClientError> {
+impl ClientLink {
+    pub(super) fn open(config: &ClientConfig) -> Result<Self, ClientError> {
         let address = config.address;
         let udp = UdpSocket::bind(address).map_err(|source| ClientError::Listen { address, source })?;
         let inbox = Inbox::new(udp, config.timeout, config.spin, config.busy_poll_us)?;
         Ok(Self {
-            statistics: Statistics::default(),
-            state: State::default(),
+            statistics: LinkStatistics::default(),
+            state: MonitoredState::default(),
             inbox,
             cabinet: config.cabinet,
             answer_to: None,
@@ -153,7 +153,7 @@ impl Link {
         let dq = self
             .filter
             .update(&message.measured_position, f64::from(steps) * period);
-        self.state = State::new(&message, dq);
+        self.state = MonitoredState::new(&message, dq);
         self.newest = Some(message);
         Ok(true)
     }

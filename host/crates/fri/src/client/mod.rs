@@ -1,7 +1,7 @@
 //! The client: drives a real robot, or only watches it.
 //!
 //! - [`Client`] answers the cabinet and, once [enabled](Client::enable), commands a torque overlay.
-//! - [`Observer`] only watches. It has no method that could command. Use it while a person guides the arm.
+//! - [`ReadOnlyClient`] only watches. It has no method that could command. Use it while a person guides the arm.
 //!
 //! # Life of a session
 //! The cabinet leads; the client only answers.
@@ -20,25 +20,25 @@
 //! the client, so no torque leaves until [`Client::enable`] is called again.
 //!
 //! # What the client guarantees before it sends a torque
-//! It is finite; it stays within [`Limits::torque`]; it changes by at most [`Limits::torque_rate`] against the last one.
-//! A torque that had to be clamped is sent clamped and counted in [`Statistics`].
+//! It is finite; it stays within [`TorqueLimits::torque`]; it changes by at most [`TorqueLimits::torque_rate`] against the last one.
+//! A torque that had to be clamped is sent clamped and counted in [`LinkStatistics`].
 
 mod config;
 mod error;
 mod link;
-mod observer;
 mod overlay;
+mod read_only;
 mod sign;
 mod state;
 mod velocity;
 
-pub use config::{Config, Limits};
-pub use error::{ClientError, EndCause, SessionEnd};
-pub use link::Statistics;
-pub use observer::Observer;
+pub use config::{ClientConfig, TorqueLimits};
+pub use error::{ClientError, CommandingEnd, EndCause};
+pub use link::LinkStatistics;
 pub use overlay::{Client, Cycle};
+pub use read_only::ReadOnlyClient;
 pub use sign::{MeasuredSign, measured_sign};
-pub use state::State;
+pub use state::MonitoredState;
 pub use velocity::VelocityFilter;
 
 /// How the torques of an interface relate to the arm. What a drive must know before it uses them.

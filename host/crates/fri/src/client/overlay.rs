@@ -2,8 +2,8 @@
 
 use std::net::{IpAddr, SocketAddr};
 
-use super::link::Link;
-use super::{ClientError, Config, EndCause, Limits, SessionEnd, State, Statistics};
+use super::link::ClientLink;
+use super::{ClientConfig, ClientError, CommandingEnd, EndCause, LinkStatistics, MonitoredState, TorqueLimits};
 use crate::JOINTS;
 use crate::wire::{ClientCommandMode, DriveState, SafetyState, SessionState};
 
@@ -24,8 +24,8 @@ pub struct Cycle {
 
 /// A session that can command.
 pub struct Client {
-    link: Link,
-    limits: Limits,
+    link: ClientLink,
+    limits: TorqueLimits,
     enabled: bool,
     /// The session's state while the client was enabled, to tell a fall from a rise.
     before: SessionState,
@@ -39,9 +39,9 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError::Listen`] if the port cannot be opened.
-    pub fn listen(config: &Config) -> Result<Self, ClientError> {
+    pub fn listen(config: &ClientConfig) -> Result<Self, ClientError> {
         Ok(Self {
-            link: Link::open(config)?,
+            link: ClientLink::open(config)?,
             limits: config.limits,
             enabled: false,
             before: SessionState::Idle,
@@ -64,7 +64,7 @@ impl Client {
     }
 
     /// What went over the wire so far.
-    pub fn statistics(&self) -> Statistics {
+    pub fn statistics(&self) -> LinkStatistics {
         self.link.statistics
     }
 
@@ -104,7 +104,7 @@ impl Client {
     /// - [`ClientError::Ended`] if the client was enabled and the robot may not be commanded any more;
     /// - [`ClientError::Silent`] if no message comes; the client stays enabled, and the next message decides;
     /// - [`ClientError::Wire`] if the cabinet sends an invalid message.
-    pub fn receive(&mut self, state: &mut State) -> Result<Cycle, ClientError> {
+    pub fn receive(&mut self, state: &mut MonitoredState) -> Result<Cycle, ClientError> {
         self.answerable = false;
         let received = self.link.receive()?;
         state.clone_from(&self.link.state);
@@ -118,7 +118,7 @@ impl Client {
             self.disable();
             // The connection goes on: the monitoring states are answered as ever.
             self.link.mirror_monitoring()?;
-            return Err(SessionEnd {
+            return Err(CommandingEnd {
                 cause,
                 session: state.session,
                 quality: state.quality,
@@ -178,8 +178,8 @@ impl Client {
     /// Those of [`receive`](Self::receive) and [`command`](Self::command).
     pub fn exchange(
         &mut self,
-        state: &mut State,
-        law: impl FnOnce(&State) -> [f64; JOINTS],
+        state: &mut MonitoredState,
+        law: impl FnOnce(&MonitoredState) -> [f64; JOINTS],
     ) -> Result<Cycle, ClientError> {
         let cycle = self.receive(state)?;
         if !self.answerable {
@@ -246,6 +246,6 @@ impl Client {
 }
 
 /// The position to answer with. The interpolated position must be mirrored, or the session falls back.
-fn mirrored(state: &State) -> [f64; JOINTS] {
+fn mirrored(state: &MonitoredState) -> [f64; JOINTS] {
     state.interpolated_position.unwrap_or(state.q)
 }

@@ -8,7 +8,7 @@ use crate::wire::{
 
 /// The robot after one monitoring message. What the cabinet did not send is `None`: unknown.
 #[derive(Clone, Debug, PartialEq)]
-pub struct State {
+pub struct MonitoredState {
     /// The cabinet's sequence counter.
     pub sequence: u32,
     /// The cabinet's clock.
@@ -52,7 +52,7 @@ pub struct State {
     pub receive_multiplier: Option<u32>,
 }
 
-impl Default for State {
+impl Default for MonitoredState {
     fn default() -> Self {
         Self::new(
             &MonitoringMessage {
@@ -79,7 +79,7 @@ impl Default for State {
     }
 }
 
-impl State {
+impl MonitoredState {
     pub(super) fn new(message: &MonitoringMessage, dq: [f64; JOINTS]) -> Self {
         let ipo = message.ipo.unwrap_or_default();
         Self {

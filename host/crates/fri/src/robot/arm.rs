@@ -33,7 +33,7 @@ pub struct ArmState {
 }
 
 /// An arm that the cabinet moves.
-pub trait Arm: Send {
+pub trait ArmHardware: Send {
     /// What the sensors measure now, without a step.
     fn state(&self) -> ArmState;
 
@@ -42,7 +42,7 @@ pub trait Arm: Send {
 }
 
 /// An arm that somebody else can push meanwhile.
-impl<A: Arm> Arm for std::sync::Arc<std::sync::Mutex<A>> {
+impl<A: ArmHardware> ArmHardware for std::sync::Arc<std::sync::Mutex<A>> {
     fn state(&self) -> ArmState {
         self.lock().unwrap_or_else(std::sync::PoisonError::into_inner).state()
     }
@@ -128,7 +128,7 @@ impl JointArm {
     }
 }
 
-impl Arm for JointArm {
+impl ArmHardware for JointArm {
     fn state(&self) -> ArmState {
         ArmState {
             q: self.q,

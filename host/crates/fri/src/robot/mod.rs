@@ -1,7 +1,7 @@
 //! The cabinet's side: sends monitoring messages, rates the answers, and lets an arm follow the overlay.
 //!
 //! Three layers:
-//! - [`Arm`]: what moves. [`JointArm`] is a simple one for tests; a simulated plant can stand here instead.
+//! - [`ArmHardware`]: what moves. [`JointArm`] is a simple one for tests; a simulated plant can stand here instead.
 //! - [`Cabinet`]: the rules, without socket and clock: session states, quality, safety, the application's motion.
 //! - [`CabinetSide`]: UDP and the clock, on a thread of its own.
 //!
@@ -32,7 +32,7 @@ mod cabinet;
 mod config;
 mod server;
 
-pub use arm::{Arm, ArmCommand, ArmState, JointArm};
+pub use arm::{ArmCommand, ArmHardware, ArmState, JointArm};
 pub use cabinet::Cabinet;
 pub use config::{CabinetConfig, START, Tolerance};
 pub use server::{CabinetSide, CabinetStatistics, Controls};

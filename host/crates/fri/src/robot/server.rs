@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use spherecal_cyclic::{PeriodClock, Published, Side};
 
-use super::arm::Arm;
+use super::arm::ArmHardware;
 use super::cabinet::Cabinet;
 use super::config::CabinetConfig;
 use crate::wire::{CommandMessage, MAX_MESSAGE_SIZE, Quality, SafetyState, SessionState};
@@ -59,12 +59,12 @@ impl CabinetSide {
     ///
     /// # Errors
     /// What the system says if no port can be opened.
-    pub fn start(config: CabinetConfig, arm: Box<dyn Arm>) -> std::io::Result<Self> {
+    pub fn start(config: CabinetConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<Self> {
         let local = if config.client.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
         let udp = UdpSocket::bind(local)?;
         udp.set_nonblocking(true)?;
         let side = Side::start("fri-cabinet", move |shared| {
-            Server {
+            CabinetServer {
                 cabinet: Cabinet::new(config.clone(), arm.state()),
                 clock: PeriodClock::start(Duration::from_millis(config.send_period_ms.max(1).into())),
                 config,
@@ -95,19 +95,19 @@ impl CabinetSide {
     }
 }
 
-struct Server {
+struct CabinetServer {
     config: CabinetConfig,
     cabinet: Cabinet,
     clock: PeriodClock,
     udp: UdpSocket,
-    arm: Box<dyn Arm>,
+    arm: Box<dyn ArmHardware>,
     /// The session's state in the newest message.
     sent: SessionState,
     count: CabinetStatistics,
     shared: Arc<Published<Controls, CabinetStatistics>>,
 }
 
-impl Server {
+impl CabinetServer {
     fn run(mut self) {
         self.send();
         while !self.shared.has_ended() {

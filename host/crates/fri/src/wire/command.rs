@@ -1,7 +1,7 @@
 //! The client's answer to a monitoring message.
 
 use super::end::{self, EndOfMessage};
-use super::protobuf::{Reader, Writer};
+use super::protobuf::{FieldReader, FieldWriter};
 use super::{MAX_MESSAGE_SIZE, WireError};
 use crate::JOINTS;
 
@@ -35,14 +35,14 @@ impl CommandMessage {
         }
         let mut message = Self::default();
         let mut header = None;
-        let mut read = Reader::new("FRICommandMessage", bytes);
+        let mut read = FieldReader::new("FRICommandMessage", bytes);
         loop {
             let before = read.at();
             let Some((field, value)) = read.next()? else { break };
             match field {
-                1 => header = Some(Header::decode(value.bytes("header")?, IDENTIFIER)?),
+                1 => header = Some(MessageHeader::decode(value.bytes("header")?, IDENTIFIER)?),
                 2 => {
-                    let mut data = Reader::new("commandData", value.bytes("commandData")?);
+                    let mut data = FieldReader::new("commandData", value.bytes("commandData")?);
                     while let Some((field, value)) = data.next()? {
                         match field {
                             1 => message.joint_position = Some(value.doubles("jointPosition")?),
@@ -69,8 +69,8 @@ impl CommandMessage {
     /// # Errors
     /// [`WireError::TooLong`] never happens with the fields of this message; the type demands it.
     pub fn encode(&self, out: &mut [u8; MAX_MESSAGE_SIZE], checksum: bool) -> Result<usize, WireError> {
-        let mut write = Writer::new(out);
-        Header {
+        let mut write = FieldWriter::new(out);
+        MessageHeader {
             sequence: self.sequence,
             reflected: self.reflected_sequence,
         }
@@ -94,15 +94,15 @@ impl CommandMessage {
 }
 
 /// The header of both messages.
-pub(super) struct Header {
+pub(super) struct MessageHeader {
     pub(super) sequence: u32,
     pub(super) reflected: u32,
 }
 
-impl Header {
+impl MessageHeader {
     pub(super) fn decode(bytes: &[u8], expected: u32) -> Result<Self, WireError> {
         let (mut identifier, mut sequence, mut reflected) = (None, None, None);
-        let mut read = Reader::new("header", bytes);
+        let mut read = FieldReader::new("header", bytes);
         while let Some((field, value)) = read.next()? {
             match field {
                 1 => identifier = Some(value.u32("messageIdentifier")?),
@@ -122,7 +122,7 @@ impl Header {
         })
     }
 
-    pub(super) fn write(&self, out: &mut Writer<'_>, identifier: u32) {
+    pub(super) fn write(&self, out: &mut FieldWriter<'_>, identifier: u32) {
         out.message(1, |w| {
             w.number(1, identifier.into());
             w.number(2, self.sequence.into());

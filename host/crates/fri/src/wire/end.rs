@@ -5,7 +5,7 @@
 //! has a checksum of its own, and refusing would stop a robot whose convention is another.
 
 use super::WireError;
-use super::protobuf::{Reader, Writer};
+use super::protobuf::{FieldReader, FieldWriter};
 
 /// The field's number in both messages.
 pub(super) const FIELD: u32 = 15;
@@ -40,12 +40,12 @@ impl EndOfMessage {
             crc32: None,
             checksum: Checksum::Absent,
         };
-        let mut read = Reader::new("endOfMessageData", content);
+        let mut read = FieldReader::new("endOfMessageData", content);
         while let Some((field, value)) = read.next()? {
             match field {
                 1 => end.length = Some(value.u32("messageLength")? as i32),
                 2 => {
-                    let mut inner = Reader::new("messageChecksum", value.bytes("messageChecksum")?);
+                    let mut inner = FieldReader::new("messageChecksum", value.bytes("messageChecksum")?);
                     while let Some((field, value)) = inner.next()? {
                         if field == 1 {
                             end.crc32 = Some(value.u32("crc32")?);
@@ -63,7 +63,7 @@ impl EndOfMessage {
     }
 
     /// Appends the field with length and checksum of what has been written.
-    pub(super) fn write(out: &mut Writer<'_>) {
+    pub(super) fn write(out: &mut FieldWriter<'_>) {
         let (length, crc32) = (out.written().len() as i32, crc32fast::hash(out.written()));
         out.message(FIELD, |w| {
             w.int32(1, length);

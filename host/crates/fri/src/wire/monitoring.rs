@@ -1,8 +1,8 @@
 //! What the cabinet sends each period.
 
-use super::command::Header;
+use super::command::MessageHeader;
 use super::end::{self, EndOfMessage};
-use super::protobuf::{Reader, Value, Writer};
+use super::protobuf::{FieldReader, FieldValue, FieldWriter};
 use super::{
     ClientCommandMode, ControlMode, DriveState, MAX_MESSAGE_SIZE, OperationMode, OverlayType, Quality, SafetyState,
     SessionState, WireError,
@@ -102,12 +102,12 @@ impl MonitoringMessage {
         }
         let (mut header, mut robot, mut connection) = (None, RobotInfo::default(), None);
         let (mut data, mut ipo, mut end) = (MonitorData::default(), None, None);
-        let mut read = Reader::new("FRIMonitoringMessage", bytes);
+        let mut read = FieldReader::new("FRIMonitoringMessage", bytes);
         loop {
             let before = read.at();
             let Some((field, value)) = read.next()? else { break };
             match field {
-                1 => header = Some(Header::decode(value.bytes("header")?, IDENTIFIER)?),
+                1 => header = Some(MessageHeader::decode(value.bytes("header")?, IDENTIFIER)?),
                 2 => robot = robot_info(value.bytes("robotInfo")?)?,
                 3 => data = MonitorData::decode(value.bytes("monitorData")?)?,
                 4 => connection = Some(connection_info(value.bytes("connectionInfo")?)?),
@@ -142,8 +142,8 @@ impl MonitoringMessage {
     /// # Errors
     /// [`WireError::TooLong`] never happens with the fields of this message; the type demands it.
     pub fn encode(&self, out: &mut [u8; MAX_MESSAGE_SIZE], checksum: bool) -> Result<usize, WireError> {
-        let mut write = Writer::new(out);
-        Header {
+        let mut write = FieldWriter::new(out);
+        MessageHeader {
             sequence: self.sequence,
             reflected: self.reflected_sequence,
         }
@@ -201,7 +201,7 @@ impl MonitoringMessage {
     }
 }
 
-fn optional(out: &mut Writer<'_>, field: u32, value: Option<u64>) {
+fn optional(out: &mut FieldWriter<'_>, field: u32, value: Option<u64>) {
     if let Some(value) = value {
         out.number(field, value);
     }
@@ -220,7 +220,7 @@ struct MonitorData {
 impl MonitorData {
     fn decode(bytes: &[u8]) -> Result<Self, WireError> {
         let mut data = Self::default();
-        let mut read = Reader::new("monitorData", bytes);
+        let mut read = FieldReader::new("monitorData", bytes);
         while let Some((field, value)) = read.next()? {
             match field {
                 1 => data.measured_position = Some(value.doubles("measuredJointPosition")?),
@@ -230,7 +230,7 @@ impl MonitorData {
                 5 => data.external_torque = Some(value.doubles("externalTorque")?),
                 15 => {
                     let mut time = Timestamp::default();
-                    let mut inner = Reader::new("timestamp", value.bytes("timestamp")?);
+                    let mut inner = FieldReader::new("timestamp", value.bytes("timestamp")?);
                     while let Some((field, value)) = inner.next()? {
                         match field {
                             1 => time.sec = value.u32("sec")?,
@@ -261,14 +261,14 @@ fn robot_info(bytes: &[u8]) -> Result<RobotInfo, WireError> {
         count += 1;
         Ok(())
     };
-    let mut read = Reader::new("robotInfo", bytes);
+    let mut read = FieldReader::new("robotInfo", bytes);
     while let Some((field, value)) = read.next()? {
         match field {
             1 => info.number_of_joints = Some(value.u32("numberOfJoints")?),
             2 => info.safety = Some(SafetyState::from_number(value.u64("safetyState")?)?),
             5 => match value {
                 // Packed: one byte each, because all numbers are below 128.
-                Value::Bytes(packed) => packed.iter().try_for_each(|d| drive(u64::from(*d)))?,
+                FieldValue::Bytes(packed) => packed.iter().try_for_each(|d| drive(u64::from(*d)))?,
                 value => drive(value.u64("driveState")?)?,
             },
             6 => info.operation = Some(OperationMode::from_number(value.u64("operationMode")?)?),
@@ -292,7 +292,7 @@ fn robot_info(bytes: &[u8]) -> Result<RobotInfo, WireError> {
 
 fn connection_info(bytes: &[u8]) -> Result<ConnectionInfo, WireError> {
     let (mut session, mut quality, mut send_period_ms, mut receive_multiplier) = (None, None, None, None);
-    let mut read = Reader::new("connectionInfo", bytes);
+    let mut read = FieldReader::new("connectionInfo", bytes);
     while let Some((field, value)) = read.next()? {
         match field {
             1 => session = Some(SessionState::from_number(value.u64("sessionState")?)?),
@@ -312,7 +312,7 @@ fn connection_info(bytes: &[u8]) -> Result<ConnectionInfo, WireError> {
 
 fn ipo_data(bytes: &[u8]) -> Result<IpoData, WireError> {
     let mut ipo = IpoData::default();
-    let mut read = Reader::new("ipoData", bytes);
+    let mut read = FieldReader::new("ipoData", bytes);
     while let Some((field, value)) = read.next()? {
         match field {
             1 => ipo.joint_position = Some(value.doubles("ipoData.jointPosition")?),

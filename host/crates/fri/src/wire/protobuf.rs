@@ -4,7 +4,7 @@ use super::WireError;
 
 /// The value of a field as it stands on the wire.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Value<'a> {
+pub(super) enum FieldValue<'a> {
     Varint(u64),
     Double(f64),
     Bytes(&'a [u8]),
@@ -13,13 +13,13 @@ pub(super) enum Value<'a> {
 }
 
 /// Reads the fields of one message.
-pub(super) struct Reader<'a> {
+pub(super) struct FieldReader<'a> {
     message: &'static str,
     bytes: &'a [u8],
     at: usize,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> FieldReader<'a> {
     pub(super) fn new(message: &'static str, bytes: &'a [u8]) -> Self {
         Self { message, bytes, at: 0 }
     }
@@ -67,7 +67,7 @@ impl<'a> Reader<'a> {
     }
 
     /// The next field: its number and value. `None` at the end.
-    pub(super) fn next(&mut self) -> Result<Option<(u32, Value<'a>)>, WireError> {
+    pub(super) fn next(&mut self) -> Result<Option<(u32, FieldValue<'a>)>, WireError> {
         if self.at == self.bytes.len() {
             return Ok(None);
         }
@@ -77,15 +77,15 @@ impl<'a> Reader<'a> {
             return Err(self.malformed());
         }
         let value = match key & 7 {
-            0 => Value::Varint(self.varint()?),
-            1 => Value::Double(f64::from_le_bytes(self.array()?)),
+            0 => FieldValue::Varint(self.varint()?),
+            1 => FieldValue::Double(f64::from_le_bytes(self.array()?)),
             2 => {
                 let size = usize::try_from(self.varint()?).map_err(|_| self.malformed())?;
-                Value::Bytes(self.take(size)?)
+                FieldValue::Bytes(self.take(size)?)
             }
             5 => {
                 self.array::<4>()?;
-                Value::Fixed32
+                FieldValue::Fixed32
             }
             _ => return Err(self.malformed()),
         };
@@ -93,7 +93,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl<'a> Value<'a> {
+impl<'a> FieldValue<'a> {
     pub(super) fn u64(self, field: &'static str) -> Result<u64, WireError> {
         match self {
             Self::Varint(value) => Ok(value),
@@ -123,7 +123,7 @@ impl<'a> Value<'a> {
 
     /// A message with the one field `1 repeated double`, which must have exactly `N` finite values.
     pub(super) fn doubles<const N: usize>(self, field: &'static str) -> Result<[f64; N], WireError> {
-        let mut read = Reader::new(field, self.bytes(field)?);
+        let mut read = FieldReader::new(field, self.bytes(field)?);
         let mut out = [0.0; N];
         let mut count = 0;
         let mut add = |value: f64| {
@@ -141,8 +141,8 @@ impl<'a> Value<'a> {
         };
         while let Some((number, value)) = read.next()? {
             match (number, value) {
-                (1, Value::Double(value)) => add(value)?,
-                (1, Value::Bytes(packed)) => {
+                (1, FieldValue::Double(value)) => add(value)?,
+                (1, FieldValue::Bytes(packed)) => {
                     let (values, rest) = packed.as_chunks::<8>();
                     if !rest.is_empty() {
                         return Err(WireError::Kind { field });
@@ -168,12 +168,12 @@ impl<'a> Value<'a> {
 }
 
 /// Writes a message into a buffer. What does not fit is counted and reported by [`finish`](Self::finish).
-pub(super) struct Writer<'a> {
+pub(super) struct FieldWriter<'a> {
     bytes: &'a mut [u8],
     at: usize,
 }
 
-impl<'a> Writer<'a> {
+impl<'a> FieldWriter<'a> {
     pub(super) fn new(bytes: &'a mut [u8]) -> Self {
         Self { bytes, at: 0 }
     }
@@ -221,7 +221,7 @@ impl<'a> Writer<'a> {
         let size = self.at - start;
         // The length stands before the body and is known only now: the body moves up by the length's bytes.
         let mut length = [0; 10];
-        let mut head = Writer::new(&mut length);
+        let mut head = FieldWriter::new(&mut length);
         head.varint(size as u64);
         let shift = head.at;
         if let Some(room) = self.bytes.get_mut(start..start + size + shift) {

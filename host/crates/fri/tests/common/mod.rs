@@ -7,16 +7,16 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use spherecal_cyclic::testing::{Faults, LOCAL, Relay, joint_impedance};
-use spherecal_fri::client::{Client, ClientError, Config, Cycle, Limits, State};
+use spherecal_fri::client::{Client, ClientConfig, ClientError, Cycle, MonitoredState, TorqueLimits};
 use spherecal_fri::robot::{CabinetConfig, CabinetSide, JointArm, START, Tolerance};
 use spherecal_fri::wire::SessionState;
 
 /// Settings of a client on this machine, on any free port. The timeout is long: two cores are shared.
-pub(crate) fn config() -> Config {
-    Config {
+pub(crate) fn config() -> ClientConfig {
+    ClientConfig {
         address: LOCAL,
         timeout: Duration::from_secs(2),
-        ..Config::new(Limits::IIWA_7)
+        ..ClientConfig::new(TorqueLimits::IIWA_7)
     }
 }
 
@@ -36,18 +36,22 @@ pub(crate) fn cabinet_with(config: CabinetConfig) -> (CabinetSide, Arc<Mutex<Joi
 }
 
 /// A joint impedance that holds `at`, rad.
-pub(crate) fn hold(at: [f64; 7]) -> impl Fn(&State) -> [f64; 7] {
+pub(crate) fn hold(at: [f64; 7]) -> impl Fn(&MonitoredState) -> [f64; 7] {
     let law = joint_impedance(at);
     move |state| law(&state.q, &state.dq)
 }
 
 /// The largest distance of a joint from `at`, rad.
-pub(crate) fn deviation(state: &State, at: &[f64; 7]) -> f64 {
+pub(crate) fn deviation(state: &MonitoredState, at: &[f64; 7]) -> f64 {
     spherecal_cyclic::testing::deviation(&state.q, at)
 }
 
 /// Exchanges until the session has this state; fails after many messages.
-pub(crate) fn until(client: &mut Client, session: SessionState, state: &mut State) -> Result<Cycle, ClientError> {
+pub(crate) fn until(
+    client: &mut Client,
+    session: SessionState,
+    state: &mut MonitoredState,
+) -> Result<Cycle, ClientError> {
     let law = hold(START);
     for _ in 0..20_000 {
         let cycle = client.exchange(state, &law)?;
@@ -59,7 +63,7 @@ pub(crate) fn until(client: &mut Client, session: SessionState, state: &mut Stat
 }
 
 /// A client that commands: the session is in COMMANDING_ACTIVE.
-pub(crate) fn commanding(config: &Config) -> (Client, CabinetSide, Arc<Mutex<JointArm>>) {
+pub(crate) fn commanding(config: &ClientConfig) -> (Client, CabinetSide, Arc<Mutex<JointArm>>) {
     let mut client = Client::listen(config).expect("a client");
     let (side, arm) = cabinet(client.address().expect("an address"));
     rise(&mut client, &side);
@@ -68,7 +72,7 @@ pub(crate) fn commanding(config: &Config) -> (Client, CabinetSide, Arc<Mutex<Joi
 
 /// Lets the session rise to COMMANDING_ACTIVE.
 pub(crate) fn rise(client: &mut Client, side: &CabinetSide) {
-    let mut state = State::default();
+    let mut state = MonitoredState::default();
     // The cabinet sees every control within two messages.
     for _ in 0..3 {
         client.exchange(&mut state, |_| [0.0; 7]).expect("a message");

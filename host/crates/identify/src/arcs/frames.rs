@@ -87,7 +87,7 @@ pub enum LaserError {
 
 /// A joint axis: a line with the sense of positive rotation.
 #[derive(Clone, Copy, Debug)]
-struct Axis {
+struct FittedAxis {
     point: Vector3<f64>,
     direction: Vector3<f64>,
 }
@@ -105,8 +105,8 @@ struct Fitted {
 }
 
 impl Fitted {
-    fn axis(&self) -> Axis {
-        Axis {
+    fn axis(&self) -> FittedAxis {
+        FittedAxis {
             point: self.circle.centre_m,
             direction: self.circle.normal * self.sense,
         }
@@ -315,7 +315,7 @@ fn triad(z: &Vector3<f64>, other: &Vector3<f64>) -> Option<Matrix3<f64>> {
 }
 
 /// The point of `on` nearest to `to`.
-fn foot(on: &Axis, to: &Axis) -> Vector3<f64> {
+fn foot(on: &FittedAxis, to: &FittedAxis) -> Vector3<f64> {
     let w = to.point - on.point;
     let c = on.direction.dot(&to.direction);
     let along = (w.dot(&on.direction) - c * w.dot(&to.direction)) / (1.0 - c * c);
@@ -323,7 +323,7 @@ fn foot(on: &Axis, to: &Axis) -> Vector3<f64> {
 }
 
 /// The point nearest to several lines, in least squares.
-fn meeting(axes: &[Axis]) -> Option<Vector3<f64>> {
+fn meeting(axes: &[FittedAxis]) -> Option<Vector3<f64>> {
     let mut matrix = Matrix3::zeros();
     let mut right = Vector3::zeros();
     for axis in axes {
@@ -338,7 +338,7 @@ fn meeting(axes: &[Axis]) -> Option<Vector3<f64>> {
 fn base_from(chain: &Chain, first: &Fitted, second: &Fitted) -> Result<Pose, LaserError> {
     let parallel = LaserError::Parallel { first: 1, second: 2 };
     let frames = chain.frames(&second.rest);
-    let nominal = |i: usize| Axis {
+    let nominal = |i: usize| FittedAxis {
         point: frames[i].position,
         direction: frames[i].z(),
     };
@@ -364,7 +364,7 @@ fn tool_from(
     let frames = chain.frames(&before.rest);
     // Nominal axes in Fn at the angle of joint n that the arc of joint n-1 had.
     let flange = frames[n - 1];
-    let nominal = |i: usize| Axis {
+    let nominal = |i: usize| FittedAxis {
         point: flange.rotation.transpose() * (frames[i].position - flange.position),
         direction: flange.rotation.transpose() * frames[i].z(),
     };

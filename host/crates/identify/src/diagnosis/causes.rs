@@ -16,14 +16,14 @@ use super::linear::Posture;
 /// When an observation was made, and in which coupling. Predictions are made for
 /// the end of the measurement and in no coupling.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Moment {
+pub(crate) struct Occasion {
     /// Share of the whole time, 0 to 1.
     pub(crate) time: f64,
     /// Number of the coupling; none for a prediction.
     pub(crate) coupling: Option<usize>,
 }
 
-impl Moment {
+impl Occasion {
     /// The moment of predictions.
     pub(crate) const NOW: Self = Self {
         time: 1.0,
@@ -168,7 +168,7 @@ impl Shape {
 
     /// Displacement of the TCP in F0, in m, by one unit of each column. `out` has
     /// [`Self::width`] items.
-    pub(crate) fn fill(&self, p: &Posture, m: &Moment, out: &mut [Vector3<f64>]) {
+    pub(crate) fn fill(&self, p: &Posture, m: &Occasion, out: &mut [Vector3<f64>]) {
         out.fill(Vector3::zeros());
         match self.cause {
             Cause::Deflection(j) => {

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::causes::{Cause, Moment, Shape};
+use super::causes::{Cause, Occasion, Shape};
 use super::dense::transposed_product;
 use super::linear::{Linear, LinearRow, Posture};
 use crate::course::Course;
@@ -63,7 +63,7 @@ pub(crate) enum GroupOf {
 
 /// A group of the model's own parameters that share how well their prior is known.
 #[derive(Clone, Debug)]
-pub(crate) struct Group {
+pub(crate) struct ParameterGroup {
     pub(crate) columns: Vec<usize>,
     /// Whether the factor may differ from 1.
     pub(crate) open: bool,
@@ -117,7 +117,7 @@ pub(crate) fn block_posterior<const N: usize>(
 
 impl Component {
     /// Displacements (m, F0) by one unit of each turned column, 3 x width.
-    pub(crate) fn columns(&self, posture: &Posture, moment: &Moment) -> DMatrix<f64> {
+    pub(crate) fn columns(&self, posture: &Posture, moment: &Occasion) -> DMatrix<f64> {
         let mut columns = vec![Vector3::zeros(); self.shape.width()];
         self.shape.fill(posture, moment, &mut columns);
         let raw = DMatrix::from_fn(3, columns.len(), |axis, c| columns[c][axis]);
@@ -138,7 +138,7 @@ impl Component {
     }
 }
 
-impl Group {
+impl ParameterGroup {
     /// A group of columns; a closed one keeps its prior.
     pub(crate) fn new(columns: Vec<usize>, open: bool, of: GroupOf) -> Self {
         Self {
@@ -226,7 +226,7 @@ pub(crate) fn component(
     let mut columns = vec![Vector3::zeros(); width];
     let mut square = 0.0;
     for (k, row) in linear.rows.iter().enumerate() {
-        let moment = Moment {
+        let moment = Occasion {
             time: course.time.get(row.index).copied().unwrap_or_default(),
             coupling: Some(course.coupling.get(row.index).copied().unwrap_or_default()),
         };

@@ -16,9 +16,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::causes::{Cause, Moment, shapes};
+use super::causes::{Cause, Occasion, shapes};
 use super::component::{
-    Component, FACTORS, GRID, Group, block_posterior, component, half_cauchy, noise, pose_variance,
+    Component, FACTORS, GRID, ParameterGroup, block_posterior, component, half_cauchy, noise, pose_variance,
 };
 use super::dense::{Factor, transposed_product};
 use super::linear::{Linear, Posture};
@@ -32,7 +32,7 @@ const SWEEPS: (usize, usize) = (6, 3);
 #[derive(Debug)]
 pub(crate) struct Discrepancy {
     pub(crate) components: Vec<Component>,
-    pub(crate) groups: Vec<Group>,
+    pub(crate) groups: Vec<ParameterGroup>,
     /// `[X Z]`, 3n x (m + k).
     pub(crate) w: DMatrix<f64>,
     /// `Wᵀ W` and `Wᵀ y`.
@@ -58,7 +58,7 @@ impl Discrepancy {
     ///
     /// # Errors
     /// Equations that have no solution.
-    pub(crate) fn find(linear: &Linear, course: &Course, groups: Vec<Group>) -> Result<Self, IdentifyError> {
+    pub(crate) fn find(linear: &Linear, course: &Course, groups: Vec<ParameterGroup>) -> Result<Self, IdentifyError> {
         let n = linear.rows.len();
         let joints = linear.rows.first().map_or(0, |p| p.posture.q.len());
         let torques: Vec<f64> = (0..joints)
@@ -373,7 +373,7 @@ impl Discrepancy {
         let mut z = DMatrix::zeros(3, self.w.ncols() - self.m);
         let mut rest = Vec::with_capacity(self.components.len());
         for component in &self.components {
-            let all = component.columns(posture, &Moment::NOW);
+            let all = component.columns(posture, &Occasion::NOW);
             z.columns_mut(component.at - self.m, component.kept)
                 .copy_from(&all.columns(0, component.kept));
             rest.push(all.columns(component.kept, all.ncols() - component.kept).into_owned());

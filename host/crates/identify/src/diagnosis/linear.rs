@@ -14,11 +14,11 @@
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use crate::chain::Kinematics;
-use crate::load::Load;
+use crate::load::HoldingMoments;
 use crate::map::Fit;
-use crate::normal::{Root, Row, whitened_rows};
+use crate::normal::{Root, WhitenedTarget, whitened_rows};
 use crate::parameters::Layout;
-use crate::seen::{Part, Seen};
+use crate::seen::{RowPart, Seen};
 
 /// Most observations that a statement about a fit is computed from; of more,
 /// these many evenly spread ones.
@@ -42,7 +42,7 @@ pub(crate) struct Posture {
 }
 
 impl Posture {
-    pub(crate) fn new(layout: &Layout, k: &Kinematics, q: &[f64], load: &Load) -> Self {
+    pub(crate) fn new(layout: &Layout, k: &Kinematics, q: &[f64], load: &HoldingMoments) -> Self {
         let n = layout.n;
         let mut lengths = Vec::with_capacity(2 * n);
         let mut x = Vector3::x();
@@ -137,7 +137,7 @@ impl Linear {
         let m = unknowns.len();
         let targets = |of: usize| {
             let parts = fit.prepared[of].parts();
-            parts.filter(|part| *part != Part::Body).count()
+            parts.filter(|part| *part != RowPart::Body).count()
         };
         let step = (0..fit.prepared.len())
             .map(targets)
@@ -155,7 +155,7 @@ impl Linear {
             let leading = fit.state.at(observation);
             let rotation = fit.state.bases.get(observation.reference).map(|b| b.rotation);
             let mut further = observation.further.iter();
-            let put = |row: Row, all: &[Vector3<f64>]| {
+            let put = |row: WhitenedTarget, all: &[Vector3<f64>]| {
                 let k = rows.len();
                 for (c, (&column, sigma)) in unknowns.columns.iter().zip(&scale).enumerate() {
                     for axis in 0..3 {

@@ -31,12 +31,12 @@ use serde::Serialize;
 pub(crate) use self::expected::{Rigid, size_sigma, summary};
 pub(crate) use self::tail::log_tail;
 
-use self::component::{Group, GroupOf};
+use self::component::{GroupOf, ParameterGroup};
 use self::dense::{Factor, transposed_product};
 use self::discrepancy::Discrepancy;
 use self::expected::Field;
 use self::linear::{Linear, Posture};
-use self::patterns::Loaded;
+use self::patterns::LoadEffects;
 use self::scan::scan;
 use crate::calibration::finish;
 use crate::error::IdentifyError;
@@ -76,7 +76,7 @@ pub struct Diagnosis {
     /// Root mean square displacement of the TCP by the noise of one pose, in mm.
     pub noise_mm: f64,
     /// The parameter that the data moved furthest from its nominal value.
-    pub moved: Option<Moved>,
+    pub moved: Option<MovedParameter>,
     /// Joint angles of the workspace, in rad, and the estimated TCP at each, in m.
     workspace: Vec<Vec<f64>>,
     tcp_m: Vec<Vector3<f64>>,
@@ -85,7 +85,7 @@ pub struct Diagnosis {
 
 /// A parameter that the data moved away from its nominal value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Moved {
+pub struct MovedParameter {
     /// Its name.
     pub name: String,
     /// How far, in standard deviations of its prior.
@@ -148,7 +148,7 @@ impl Diagnosis {
 }
 
 /// Groups of parameters whose priors are known alike.
-fn groups(table: &[Parameter]) -> Vec<Group> {
+fn groups(table: &[Parameter]) -> Vec<ParameterGroup> {
     let key = |k: &Kind| match *k {
         Kind::A(_) | Kind::D(_) => 0,
         Kind::Alpha(_) | Kind::Beta(_) => 1,
@@ -171,7 +171,10 @@ fn groups(table: &[Parameter]) -> Vec<Group> {
             1 | 2 | 9 => GroupOf::Geometry,
             _ => GroupOf::Effects,
         };
-        [Group::new(own, key < 9, of), Group::new(given, false, of)]
+        [
+            ParameterGroup::new(own, key < 9, of),
+            ParameterGroup::new(given, false, of),
+        ]
     };
     let found = columns.into_iter().enumerate().flat_map(group);
     found.filter(|g| !g.columns.is_empty()).collect()
@@ -208,7 +211,7 @@ pub fn diagnose(
     let calibration = finish(experiment, options, options.model, fit);
     let first = Discrepancy::find(&linear, course, groups(&table))?;
     // Of a robot without masses the load has no size, and measured torques hold any load.
-    let loaded = Loaded {
+    let loaded = LoadEffects {
         compliance: &calibration.compliance_rad_per_nm,
         com_from_tcp_m: com_from_tcp(experiment),
     };
@@ -270,7 +273,7 @@ fn com_from_tcp(experiment: &Experiment) -> Vector3<f64> {
 /// The parameter that is furthest from its nominal value, in sigmas of its prior as it was stated: a prior that the
 /// data widened would hide that they are those of another arm.
 /// Effects that have no nominal value and frames that have no prior do not count.
-fn furthest(table: &[Parameter], deviation: &[f64]) -> Option<Moved> {
+fn furthest(table: &[Parameter], deviation: &[f64]) -> Option<MovedParameter> {
     let candidates = table.iter().zip(deviation.iter()).filter_map(|(p, by)| {
         let shape = match p.kind {
             Kind::A(_) | Kind::D(_) | Kind::Alpha(_) | Kind::Beta(_) => true,
@@ -278,7 +281,7 @@ fn furthest(table: &[Parameter], deviation: &[f64]) -> Option<Moved> {
             _ => return None,
         };
         let sigmas = by.abs() / p.stated_sigma;
-        sigmas.is_finite().then(|| Moved {
+        sigmas.is_finite().then(|| MovedParameter {
             name: p.name.clone(),
             sigmas,
             shape,

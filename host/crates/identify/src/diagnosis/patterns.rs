@@ -24,7 +24,7 @@ const MOVES_PER_UNKNOWN: usize = 3;
 const WHERE: usize = 6;
 
 /// What the load at the flange does, where the masses are known.
-pub(crate) struct Loaded<'a> {
+pub(crate) struct LoadEffects<'a> {
     /// Compliance of each joint, in rad/(N m).
     pub(crate) compliance: &'a [f64],
     /// Centre of mass of the tool in the last frame, in m, seen from the TCP.
@@ -36,7 +36,7 @@ pub(crate) fn patterns(
     linear: &Linear,
     layout: &Layout,
     course: &Course,
-    loaded: Option<&Loaded<'_>>,
+    loaded: Option<&LoadEffects<'_>>,
 ) -> Vec<(Alternative, DMatrix<f64>)> {
     let mut list = Vec::new();
     last_move(linear, layout, course, &mut list);
@@ -151,7 +151,7 @@ fn places(linear: &Linear, layout: &Layout, course: &Course, list: &mut Vec<(Alt
     }
 }
 
-impl Loaded<'_> {
+impl LoadEffects<'_> {
     /// Displacement of the TCP (F0, m) by 1 kg more at the tool's centre of mass.
     fn displacement(&self, p: &Posture) -> Vector3<f64> {
         let com = p.flange * self.com_from_tcp_m;

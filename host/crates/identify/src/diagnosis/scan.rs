@@ -18,8 +18,8 @@ use super::component::GroupOf;
 use super::discrepancy::Discrepancy;
 use super::finding::{FamilyTest, Finding};
 use super::linear::Linear;
-use super::patterns::{Loaded, patterns};
-use super::selection::{Selection, Trial, prepare};
+use super::patterns::{LoadEffects, patterns};
+use super::selection::{Selection, TriedAlternative, prepare};
 use super::tail::log_tail;
 use crate::course::Course;
 use crate::error::IdentifyError;
@@ -42,15 +42,15 @@ pub(crate) fn scan(
     linear: &Linear,
     layout: &Layout,
     course: &Course,
-    loaded: Option<&Loaded<'_>>,
+    loaded: Option<&LoadEffects<'_>>,
     mut model: Discrepancy,
 ) -> Result<(Vec<Finding>, Vec<FamilyTest>, Discrepancy), IdentifyError> {
     let mut list = alternatives(linear, layout, course);
     list.extend(patterns(linear, layout, course, loaded));
     list.retain(|(_, columns)| columns.norm_squared() > 0.0);
-    let mut trials: Vec<Trial> = list
+    let mut trials: Vec<TriedAlternative> = list
         .into_iter()
-        .map(|(alternative, columns)| Trial {
+        .map(|(alternative, columns)| TriedAlternative {
             alternative,
             columns,
             half: DMatrix::zeros(0, 0),

@@ -43,7 +43,7 @@ fn displaced(linear: &Linear, columns: &DMatrix<f64>, effect: &DVector<f64>, cov
 }
 
 /// One alternative with its columns and what was computed of them.
-pub(super) struct Trial {
+pub(super) struct TriedAlternative {
     pub(super) alternative: Alternative,
     /// Whitened columns.
     pub(super) columns: DMatrix<f64>,
@@ -60,7 +60,7 @@ pub(super) fn prepare(
     model: &Discrepancy,
     d: &DVector<f64>,
     s2: f64,
-    trials: &mut [Trial],
+    trials: &mut [TriedAlternative],
 ) -> Result<(), IdentifyError> {
     let all = model.w.ncols();
     let factor = model.factor(d, s2, 0, all)?;
@@ -97,11 +97,11 @@ pub(super) struct Selection<'a> {
     /// Families that share the chance of a false finding, with their numbers of alternatives.
     sizes: BTreeMap<Family, usize>,
     pub(super) chosen: Vec<usize>,
-    pub(super) trials: &'a [Trial],
+    pub(super) trials: &'a [TriedAlternative],
 }
 
 impl<'a> Selection<'a> {
-    pub(super) fn new(s2: f64, trials: &'a [Trial]) -> Self {
+    pub(super) fn new(s2: f64, trials: &'a [TriedAlternative]) -> Self {
         let mut sizes = BTreeMap::new();
         for trial in trials {
             *sizes.entry(trial.alternative.family()).or_default() += 1;
@@ -115,18 +115,18 @@ impl<'a> Selection<'a> {
     }
 
     /// `Aᵀ P B`.
-    fn information(&self, a: &Trial, b: &Trial) -> DMatrix<f64> {
+    fn information(&self, a: &TriedAlternative, b: &TriedAlternative) -> DMatrix<f64> {
         a.columns.tr_mul(&b.columns) / self.s2 - a.half.tr_mul(&b.half)
     }
 
     /// Score and information of a trial given those chosen before.
-    fn given(&self, trial: &Trial) -> (DVector<f64>, DMatrix<f64>) {
+    fn given(&self, trial: &TriedAlternative) -> (DVector<f64>, DMatrix<f64>) {
         let mut v = self.information(trial, trial);
         let mut s = trial.score.clone();
         if self.chosen.is_empty() {
             return (s, v);
         }
-        let chosen: Vec<&Trial> = self.chosen.iter().map(|c| &self.trials[*c]).collect();
+        let chosen: Vec<&TriedAlternative> = self.chosen.iter().map(|c| &self.trials[*c]).collect();
         let size: usize = chosen.iter().map(|c| c.score.len()).sum();
         let mut inner = DMatrix::zeros(size, size);
         let mut cross = DMatrix::zeros(size, s.len());

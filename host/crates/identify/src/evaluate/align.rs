@@ -80,7 +80,7 @@ struct Item {
     target: Vector3<f64>,
 }
 
-struct Problem {
+struct AlignmentProblem {
     items: Vec<Item>,
     references: Vec<Reference>,
     nominal_tool: Vector3<f64>,
@@ -93,7 +93,7 @@ struct Guess {
     frames: Vec<Pose>,
 }
 
-impl Problem {
+impl AlignmentProblem {
     fn residual(&self, item: &Item, guess: &Guess) -> Vector3<f64> {
         guess.frames[item.frame].point(&(item.flange + item.rotation * guess.tool)) - item.target
     }
@@ -261,7 +261,7 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Nominal
         seen[frame] += 1;
         (seen[frame] - 1).is_multiple_of(stride)
     });
-    let problem = Problem {
+    let problem = AlignmentProblem {
         items: chosen.filter_map(item).collect(),
         references,
         nominal_tool: experiment.tool.tcp(),

@@ -18,7 +18,7 @@ const PLACED: usize = 2000;
 
 /// Further targets and the measured body on the tool.
 #[derive(Default)]
-pub(super) struct Placed {
+pub(super) struct TargetsOnTool {
     /// Targets 2.. in the last frame of the table, in m.
     pub(super) targets_m: Vec<Vector3<f64>>,
     /// Orientation of the measured body in the last frame of the table.
@@ -34,7 +34,7 @@ pub(super) fn place(
     flange: &Flange,
     frames: &[(Reference, Pose)],
     distances_m: &mut Vec<(usize, f64)>,
-) -> Placed {
+) -> TargetsOnTool {
     let frame = |target: &Target| {
         let reference = reference_of(target);
         frames.iter().find(|(r, _)| *r == reference).map(|(_, pose)| pose)
@@ -62,7 +62,7 @@ pub(super) fn place(
         }
     }
     if places.is_empty() && bodies.is_empty() {
-        return Placed::default();
+        return TargetsOnTool::default();
     }
     let targets_m: Vec<Vector3<f64>> = places.iter().map(|own| median_point(own)).collect();
     let body = (!bodies.is_empty()).then(|| median_rotation(&bodies));
@@ -87,7 +87,7 @@ pub(super) fn place(
         }
     }
     distances_m.extend(all);
-    Placed {
+    TargetsOnTool {
         targets_m,
         body,
         median_turn_rad,

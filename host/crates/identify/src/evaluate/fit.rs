@@ -22,7 +22,7 @@ const BASE_SIGMA: f64 = 0.05;
 const CHOOSING: usize = 20_000;
 
 /// A fit of some of the rows.
-pub(super) struct Fit {
+pub(super) struct ChosenFit {
     /// Options with all that was chosen from the data.
     pub(super) options: Options,
     /// What was chosen from the data, in words.
@@ -41,7 +41,7 @@ pub(super) struct Fit {
     pub(super) map: Option<ResidualMap>,
 }
 
-impl Fit {
+impl ChosenFit {
     /// The experiment that the calibration was identified from, with some of its rows.
     pub(super) fn experiment<'a>(&self, experiment: &'a Experiment, rows: &[usize]) -> Cow<'a, Experiment> {
         let mut own = only(experiment, rows);
@@ -61,7 +61,7 @@ pub(super) fn fit(
     options: &Options,
     train: &[usize],
     choose: bool,
-) -> Result<Fit, EvaluateError> {
+) -> Result<ChosenFit, EvaluateError> {
     let mut used = train.to_vec();
     let mut own = only(experiment, &used);
     own.check().map_err(crate::IdentifyError::from)?;
@@ -108,7 +108,7 @@ pub(super) fn fit(
         }
     }
     let calibration = identify(&own, &options)?;
-    Ok(Fit {
+    Ok(ChosenFit {
         options,
         chosen,
         used,

@@ -6,14 +6,14 @@ use std::collections::HashSet;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::fit::{Fit, fit};
+use super::fit::{ChosenFit, fit};
 use super::groups::{Derived, groups, without_only_contacts};
 use super::mapped::of_fit;
 use super::thin::thinned;
 use super::{EvaluateError, EvaluateOptions};
 use crate::flange::Flange;
 use crate::judge::{Fold, HeldOut, Judged, Predictor, judge};
-use crate::judge_targets::{Body, ToolPredictor};
+use crate::judge_targets::{BodyOrientation, ToolPredictor};
 use crate::recordings::Judge;
 use crate::residual_map::{MapInput, ResidualMap};
 use crate::{Options, Pose, Recordings, Reference, Target};
@@ -28,7 +28,7 @@ const MOST_HELD_OUT: usize = 200;
 
 /// The models that are judged: nominal geometry, calibrated, the calibrated
 /// table alone, as a URDF holds it, and the calibrated model with the map of its residuals.
-fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a Fit) -> Vec<Predictor<'a>> {
+fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a ChosenFit) -> Vec<Predictor<'a>> {
     let frames: Vec<(Reference, Pose)> = fit.calibration.frames.iter().map(|f| (f.reference, f.base)).collect();
     let calibration = &fit.calibration;
     let mapped = fit.map.as_ref().map(|map| predictor_with(fit, Some(map)));
@@ -49,7 +49,7 @@ fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a Fit) -> Vec<Predic
                 body: fit
                     .nominal
                     .body
-                    .map(|body| -> Body<'a> { Box::new(move |q, _| before.at(q).rotation * body) }),
+                    .map(|body| -> BodyOrientation<'a> { Box::new(move |q, _| before.at(q).rotation * body) }),
             },
         },
         Predictor {
@@ -61,7 +61,7 @@ fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a Fit) -> Vec<Predic
                 target_m: Some(Box::new(move |number, q, tau| calibration.target_m(number + 1, q, tau))),
                 body: calibration
                     .orientation
-                    .map(|_| -> Body<'a> { Box::new(move |q, tau| calibration.body_rotation(q, tau)) }),
+                    .map(|_| -> BodyOrientation<'a> { Box::new(move |q, tau| calibration.body_rotation(q, tau)) }),
             },
         },
         Predictor {
@@ -74,9 +74,9 @@ fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a Fit) -> Vec<Predic
                     let place = calibration.targets.get(number).map(|t| t.place_m);
                     after.at(q).point(&Vector3::from(place.unwrap_or_default()))
                 })),
-                body: calibration
-                    .orientation
-                    .map(|_| -> Body<'a> { Box::new(move |q, _| after.at(q).rotation * calibration.body_in_flange()) }),
+                body: calibration.orientation.map(|_| -> BodyOrientation<'a> {
+                    Box::new(move |q, _| after.at(q).rotation * calibration.body_in_flange())
+                }),
             },
         },
     ];
@@ -85,7 +85,7 @@ fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a Fit) -> Vec<Predic
 }
 
 /// A fit's calibration with a map of its residuals, or without.
-pub(super) fn predictor_with<'a>(fit: &'a Fit, map: Option<&'a ResidualMap>) -> Predictor<'a> {
+pub(super) fn predictor_with<'a>(fit: &'a ChosenFit, map: Option<&'a ResidualMap>) -> Predictor<'a> {
     let calibration = &fit.calibration;
     let flange = Flange::new(&calibration.robot);
     let shift = move |q: &[f64]| map.map_or_else(Vector3::zeros, |map| map.shift(&flange.at(q).rotation, q));
@@ -99,7 +99,7 @@ pub(super) fn predictor_with<'a>(fit: &'a Fit, map: Option<&'a ResidualMap>) -> 
 }
 
 /// Judges rows by a fit.
-pub(super) fn judged(recordings: &Recordings, fit: &Fit, judges: &[Judge<'_>], by: &str) -> Judged {
+pub(super) fn judged(recordings: &Recordings, fit: &ChosenFit, judges: &[Judge<'_>], by: &str) -> Judged {
     let (before, after) = (
         Flange::new(&recordings.experiment.robot),
         Flange::new(&fit.calibration.robot),

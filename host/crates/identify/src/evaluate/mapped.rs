@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::fit::{Fit, fit};
+use super::fit::{ChosenFit, fit};
 use super::folds::{FOLD_ROWS, predictor_with};
 use super::thin::thinned;
 use super::{EvaluateError, EvaluateOptions};
@@ -107,10 +107,14 @@ impl MapReport {
 }
 
 /// Mean errors of one block, in mm: without a map, and with each; none where no map was learnt.
-type Block = (f64, [Option<f64>; MapInput::ALL.len()]);
+type BlockErrors = (f64, [Option<f64>; MapInput::ALL.len()]);
 
 /// Tries the maps and keeps the best that wins.
-pub(super) fn choose(recordings: &Recordings, asked: &EvaluateOptions, all: &Fit) -> Result<MapReport, EvaluateError> {
+pub(super) fn choose(
+    recordings: &Recordings,
+    asked: &EvaluateOptions,
+    all: &ChosenFit,
+) -> Result<MapReport, EvaluateError> {
     let rows = thinned(&recordings.experiment, &all.used, FOLD_ROWS);
     if rows.len() < FEWEST {
         return Ok(MapReport::without(
@@ -121,7 +125,7 @@ pub(super) fn choose(recordings: &Recordings, asked: &EvaluateOptions, all: &Fit
     let bounds: Vec<(usize, usize)> = (0..BLOCKS)
         .map(|b| (b * rows.len() / BLOCKS, (b + 1) * rows.len() / BLOCKS))
         .collect();
-    let blocks: Result<Vec<Block>, EvaluateError> = bounds
+    let blocks: Result<Vec<BlockErrors>, EvaluateError> = bounds
         .par_iter()
         .map(|&(first, end)| block(recordings, asked, all, &rows, first, end))
         .collect();
@@ -176,7 +180,7 @@ pub(super) fn choose(recordings: &Recordings, asked: &EvaluateOptions, all: &Fit
 }
 
 /// The map of a fit's own rows over an input.
-pub(super) fn of_fit(recordings: &Recordings, fit: &Fit, input: MapInput) -> Option<ResidualMap> {
+pub(super) fn of_fit(recordings: &Recordings, fit: &ChosenFit, input: MapInput) -> Option<ResidualMap> {
     let own = fit.experiment(&recordings.experiment, &fit.used);
     learn(input, &Samples::of(&fit.calibration, &own))
 }
@@ -185,11 +189,11 @@ pub(super) fn of_fit(recordings: &Recordings, fit: &Fit, input: MapInput) -> Opt
 fn block(
     recordings: &Recordings,
     asked: &EvaluateOptions,
-    all: &Fit,
+    all: &ChosenFit,
     rows: &[usize],
     first: usize,
     end: usize,
-) -> Result<Block, EvaluateError> {
+) -> Result<BlockErrors, EvaluateError> {
     let rest: Vec<usize> = rows[..first].iter().chain(&rows[end..]).copied().collect();
     let fit = fit(&recordings.experiment, asked, &all.options, &rest, false)?;
     let own = fit.experiment(&recordings.experiment, &fit.used);

@@ -34,15 +34,15 @@ mod thin;
 mod tune;
 
 pub use crate::errors::{Errors, SampleError};
-pub use crate::judge::{Fold, HeldOut, Judged, JudgedModel, Predictor, Tcp, judge};
-pub use crate::judge_targets::{Body, Further, TargetTcp, ToolPredictor, Turned, Turns};
+pub use crate::judge::{Fold, HeldOut, Judged, JudgedModel, Predictor, TcpFunction, judge};
+pub use crate::judge_targets::{AngleStatistics, BodyOrientation, Further, TargetTcp, ToolPredictor, Turned};
 pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};
 pub use error::EvaluateError;
 pub use evaluation::Evaluation;
 pub use mapped::{MapReport, TriedMap};
-pub use options::{EvaluateOptions, Step};
+pub use options::{EvaluateOptions, EvaluationStep};
 pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
 
 use crate::course::Course;
@@ -54,7 +54,7 @@ use crate::verdict::{Evidence, verdict};
 
 use crate::{IdentifyError, Method};
 use evaluation::predicted;
-use fit::{Fit, fit};
+use fit::{ChosenFit, fit};
 use thin::thinned;
 
 /// Most rows that are left out and have a note each.
@@ -82,10 +82,10 @@ const DIAGNOSED: usize = 600;
 pub fn evaluate(
     recordings: &Recordings,
     options: &EvaluateOptions,
-    progress: &mut dyn FnMut(Step),
+    progress: &mut dyn FnMut(EvaluationStep),
 ) -> Result<Evaluation, EvaluateError> {
     let (train, repeated) = training_rows(recordings)?;
-    progress(Step::Fitting { rows: train.len() });
+    progress(EvaluationStep::Fitting { rows: train.len() });
     let mut fit = fit(&recordings.experiment, options, &options.identify, &train, true)?;
     if options.align {
         plausible(recordings, &fit)?;
@@ -105,7 +105,7 @@ pub fn evaluate(
         ));
     }
     let residual_map = if options.residual_map {
-        progress(Step::Mapping { rows: fit.used.len() });
+        progress(EvaluationStep::Mapping { rows: fit.used.len() });
         Some(mapped::choose(recordings, options, &fit)?)
     } else {
         None
@@ -129,7 +129,7 @@ pub fn evaluate(
     let cross_validated = judges.is_empty() && table.is_none() && options.cross_validate;
     let mut realigned_mm = None;
     let judged = if cross_validated {
-        progress(Step::Judging {
+        progress(EvaluationStep::Judging {
             fits: folds::FOLDS,
             rows: fit.used.len(),
         });
@@ -137,7 +137,7 @@ pub fn evaluate(
     } else if judges.is_empty() {
         None
     } else {
-        progress(Step::Judging {
+        progress(EvaluationStep::Judging {
             fits: 1,
             rows: judges.len(),
         });
@@ -229,7 +229,7 @@ fn training_rows(recordings: &Recordings) -> Result<(Vec<usize>, Vec<(usize, usi
 
 /// What the residuals of the rows that the fit used tell, of at most [`DIAGNOSED`] of
 /// them; none, with a note, where the equations have no solution.
-fn diagnosed(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) -> Option<Diagnosis> {
+fn diagnosed(recordings: &Recordings, fit: &ChosenFit, notes: &mut Vec<String>) -> Option<Diagnosis> {
     let rows = thinned(&recordings.experiment, &fit.used, DIAGNOSED);
     let experiment = fit.experiment(&recordings.experiment, &rows);
     let over = workspace(&experiment.robot, &experiment.tool);
@@ -273,7 +273,7 @@ fn diagnosed(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) -> Opt
 }
 
 /// Names the rows that were left out.
-fn note_rejected(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) {
+fn note_rejected(recordings: &Recordings, fit: &ChosenFit, notes: &mut Vec<String>) {
     for &(i, mm) in fit.rejected.iter().take(NOTED) {
         notes.push(format!(
             "{}: left out, {mm:.1} mm from where any calibration of this robot could bring it",
@@ -289,7 +289,7 @@ fn note_rejected(recordings: &Recordings, fit: &Fit, notes: &mut Vec<String>) {
 fn cross_validation(
     recordings: &Recordings,
     options: &EvaluateOptions,
-    fit: &Fit,
+    fit: &ChosenFit,
     map: Option<MapInput>,
     notes: &mut Vec<String>,
 ) -> Result<Option<Judged>, EvaluateError> {
@@ -314,7 +314,7 @@ fn cross_validation(
 /// not in the frame that was said; with how far (mm) they were off as a whole then.
 fn judged_aside(
     recordings: &Recordings,
-    fit: &Fit,
+    fit: &ChosenFit,
     judges: &[Judge<'_>],
     notes: &mut Vec<String>,
 ) -> (Judged, Option<f64>) {
@@ -338,7 +338,7 @@ fn judged_aside(
 
 /// Refuses data that no calibration of this robot can explain, with what is
 /// probably wrong.
-fn plausible(recordings: &Recordings, fit: &Fit) -> Result<(), EvaluateError> {
+fn plausible(recordings: &Recordings, fit: &ChosenFit) -> Result<(), EvaluateError> {
     if fit.nominal.median_m <= HOPELESS_M {
         return match fit.nominal.median_turn_rad {
             Some(turn) if turn > HOPELESS_RAD => Err(EvaluateError::NotThisOrientation {

@@ -50,7 +50,7 @@ impl Default for EvaluateOptions {
 
 /// How far an evaluation has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum EvaluationStep {
     /// The frames are aligned, priors and model chosen and the model fitted.
     Fitting {
         /// Rows of the calibration set.

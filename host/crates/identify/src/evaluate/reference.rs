@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 use spherecal_model::chain::Chain;
 use spherecal_shared::robot::Tool;
 
-use super::{EvaluateError, Step};
+use super::{EvaluateError, EvaluationStep};
 use crate::arcs::MeasuredFrames;
-use crate::recordings::{Recordings, Tracker};
+use crate::recordings::{Recordings, TrackerRecordings};
 use crate::validate::{Prediction, ValidationTable, validate};
 use crate::{Calibration, Experiment, IdentifyError, Method, Options, Override, Pose, identify, paper};
 
@@ -133,12 +133,12 @@ impl InstrumentView {
 /// `options` are those of the calibration after all choices from the data.
 pub(super) fn reference(
     recordings: &Recordings,
-    tracker: &Tracker,
+    tracker: &TrackerRecordings,
     asked: &super::EvaluateOptions,
     options: &Options,
     calibration: &Calibration,
     notes: &mut Vec<String>,
-    progress: &mut dyn FnMut(Step),
+    progress: &mut dyn FnMut(EvaluationStep),
 ) -> Result<InstrumentView, EvaluateError> {
     let frames = tracker.measured_frames(&recordings.experiment)?;
     let mut models = Vec::new();
@@ -148,7 +148,7 @@ pub(super) fn reference(
         {
             continue;
         }
-        progress(Step::Comparing { estimator });
+        progress(EvaluationStep::Comparing { estimator });
         match model(recordings, tracker, &frames, asked, options, estimator) {
             Ok(calibration) => models.push(ReferenceModel { estimator, calibration }),
             // The paper's method asks for contacts with several spheres.
@@ -168,7 +168,7 @@ pub(super) fn reference(
 /// Identifies by one of the other estimators.
 fn model(
     recordings: &Recordings,
-    tracker: &Tracker,
+    tracker: &TrackerRecordings,
     frames: &MeasuredFrames,
     asked: &super::EvaluateOptions,
     options: &Options,
@@ -194,7 +194,7 @@ fn model(
         Estimator::PaperNelderMead => identify(&with_tool(contacts), &by(Method::NelderMead)),
         Estimator::GaussNewton => {
             let contacts = with_tool(contacts);
-            let per_sphere = paper::Procedure::default().poses_per_sphere;
+            let per_sphere = paper::PaperProcedure::default().poses_per_sphere;
             let options = Options {
                 subset: Some(paper::subset(&contacts, per_sphere, options.seed)),
                 ..by(Method::GaussNewton)
@@ -234,7 +234,7 @@ fn model(
 /// arcs, as in the paper; the full models have their own tool.
 fn table(
     recordings: &Recordings,
-    tracker: &Tracker,
+    tracker: &TrackerRecordings,
     frames: &MeasuredFrames,
     calibration: &Calibration,
     models: &[ReferenceModel],
@@ -270,7 +270,7 @@ fn table(
 }
 
 fn prediction(
-    tracker: &Tracker,
+    tracker: &TrackerRecordings,
     estimator: Estimator,
     own_base: Option<Pose>,
     tcp: impl Fn(&[f64]) -> Vector3<f64>,

@@ -24,7 +24,7 @@ const CHANGES: usize = 6;
 const ROWS: usize = 600;
 
 /// Priors that are widened together.
-struct Group {
+struct PriorGroup {
     /// In words.
     name: &'static str,
     /// Names of the parameters.
@@ -38,22 +38,22 @@ struct Group {
     unit: &'static str,
 }
 
-const GROUPS: [Group; 3] = [
-    Group {
+const GROUPS: [PriorGroup; 3] = [
+    PriorGroup {
         name: "lengths",
         members: &["a", "d"],
         sigma: priors::LENGTH_SIGMA_M,
         uncalibrated: priors::UNCALIBRATED[0].1,
         unit: "mm",
     },
-    Group {
+    PriorGroup {
         name: "twists",
         members: &["alpha", "beta"],
         sigma: priors::TWIST_SIGMA_RAD,
         uncalibrated: priors::UNCALIBRATED[2].1,
         unit: "mrad",
     },
-    Group {
+    PriorGroup {
         name: "offsets",
         members: &["theta"],
         sigma: priors::OFFSET_SIGMA_RAD,
@@ -63,11 +63,11 @@ const GROUPS: [Group; 3] = [
 ];
 
 /// The factor of each group.
-type Widths = [f64; GROUPS.len()];
+type PriorWidths = [f64; GROUPS.len()];
 
-const DEFAULT: Widths = [1.0; GROUPS.len()];
+const DEFAULT: PriorWidths = [1.0; GROUPS.len()];
 
-impl Group {
+impl PriorGroup {
     /// Whether the user set a prior, a value or a freedom of this group, or of a parameter in it.
     fn is_set(&self, options: &Options) -> bool {
         let of = |key: &String, member: &&str| {
@@ -83,7 +83,7 @@ impl Group {
 }
 
 /// The options with priors of these widths.
-fn widened(options: &Options, parallel_axes: bool, widths: &Widths) -> Options {
+fn widened(options: &Options, parallel_axes: bool, widths: &PriorWidths) -> Options {
     let mut wide = options.clone();
     for (group, factor) in GROUPS.iter().zip(widths).filter(|(_, factor)| **factor > 1.0) {
         for member in group.members.iter().filter(|m| parallel_axes || **m != "beta") {
@@ -108,14 +108,14 @@ pub(super) fn choose(experiment: &Experiment, options: &Options) -> (Options, Op
     let rows: Vec<usize> = (0..experiment.observations.len()).collect();
     let some = only(experiment, &thinned(experiment, &rows, ROWS));
     let parallel_axes = identify(&some, options).is_ok_and(|c| c.parameters.iter().any(|p| p.name.starts_with("beta")));
-    let evidence = |widths: &Widths| {
+    let evidence = |widths: &PriorWidths| {
         let found = identify(&some, &widened(options, parallel_axes, widths)).ok();
         found.map(|c| c.log_evidence).filter(|e| e.is_finite())
     };
     let first = evidence(&DEFAULT);
     let (mut chosen, mut best) = (DEFAULT, first.unwrap_or(f64::NEG_INFINITY));
     for _ in 0..CHANGES {
-        let candidates: Vec<Widths> = open
+        let candidates: Vec<PriorWidths> = open
             .iter()
             .flat_map(|g| FACTORS.map(|factor| (*g, factor)))
             .filter(|(g, factor)| chosen[*g] != *factor)

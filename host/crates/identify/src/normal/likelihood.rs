@@ -9,10 +9,10 @@ use super::whitening::{Conditional, Root, Whitening};
 use crate::chain::{N, Prepared, State};
 use crate::noise_scale::{Squared, numbers, scale};
 use crate::parameters::Layout;
-use crate::seen::Part;
+use crate::seen::RowPart;
 
 /// One target's whitened residual and what whitened it.
-pub(crate) struct Row {
+pub(crate) struct WhitenedTarget {
     /// Whitener of a vector in F0, robust weight included.
     pub(crate) root: Root,
     /// Factors on the whitened vectors of the row's earlier targets: see [`Conditional`].
@@ -29,7 +29,7 @@ pub(crate) fn whitened_rows(
     observation: &Prepared,
     whitening: &Whitening,
     weight: f64,
-    mut put: impl FnMut(Row, &[Vector3<f64>]),
+    mut put: impl FnMut(WhitenedTarget, &[Vector3<f64>]),
 ) {
     let group = Group {
         reference: observation.reference,
@@ -41,7 +41,7 @@ pub(crate) fn whitened_rows(
     let mut before: Vec<[Vector3<f64>; N]> = Vec::new();
     let mut all = vec![Vector3::zeros(); layout.len()];
     PoseColumns::each(state, layout, observation, whitening, weight, |pose| {
-        let Some(block) = blocks.next().filter(|b| b.part != Part::Body) else {
+        let Some(block) = blocks.next().filter(|b| b.part != RowPart::Body) else {
             return;
         };
         all.fill(Vector3::zeros());
@@ -62,7 +62,7 @@ pub(crate) fn whitened_rows(
         };
         let given = Conditional::new(whitening, floor, &block.joints[..layout.n], before.iter());
         before.push(pose.joints.map(|joint| joint / weight.sqrt()));
-        let row = Row {
+        let row = WhitenedTarget {
             root: given.root.scaled(weight.sqrt()),
             factors: given.factors.iter().map(|factor| factor / weight.sqrt()).collect(),
             residual: pose.residual,

@@ -6,7 +6,7 @@ use spherecal_model::input::MOST_TARGETS;
 use crate::chain::{N, Prepared};
 use crate::options::Noise;
 use crate::parts::Block;
-use crate::seen::Part;
+use crate::seen::RowPart;
 
 /// Most targets besides the TCP.
 const FURTHER: usize = MOST_TARGETS - 1;
@@ -50,13 +50,13 @@ impl Whitening {
     }
 
     /// Variance of a part's own noise, in m² or rad².
-    pub(crate) fn own(&self, part: Part) -> f64 {
+    pub(crate) fn own(&self, part: RowPart) -> f64 {
         match part {
-            Part::Target(number) => match number.checked_sub(1) {
+            RowPart::Target(number) => match number.checked_sub(1) {
                 None => self.point,
                 Some(k) => self.further.get(k).copied().unwrap_or(self.point),
             },
-            Part::Body => self.body,
+            RowPart::Body => self.body,
         }
     }
 

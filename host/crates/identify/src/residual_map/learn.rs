@@ -29,7 +29,7 @@ const GAIN: f64 = 6.0;
 pub(super) const BOUND: f64 = 3.0;
 
 /// One residual of a calibration.
-pub(super) struct Sample {
+pub(super) struct MapSample {
     /// Last frame of the calibrated table in F0.
     pub(super) rotation: Matrix3<f64>,
     /// Joint angles, in rad.
@@ -41,7 +41,7 @@ pub(super) struct Sample {
 }
 
 /// Residuals of a calibration's own rows, without its outliers and at most [`CENTRES`].
-pub(crate) struct Samples(pub(super) Vec<Sample>);
+pub(crate) struct Samples(pub(super) Vec<MapSample>);
 
 impl Samples {
     /// Of a calibration of this experiment.
@@ -54,7 +54,7 @@ impl Samples {
             let observation = experiment.observations.get(row.index)?;
             let reference = reference_of(&observation.target);
             let frame = calibration.frames.iter().find(|f| f.reference == reference)?;
-            Some(Sample {
+            Some(MapSample {
                 rotation: flange.at(&observation.q).rotation,
                 q: observation.q.clone(),
                 residual: frame.base.rotation.tr_mul(&Vector3::from(row.error_mm)) * 1e-3,

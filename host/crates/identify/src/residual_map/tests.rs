@@ -4,7 +4,7 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
 
-use super::learn::{CENTRES, Sample};
+use super::learn::{CENTRES, MapSample};
 use super::*;
 use crate::{Experiment, Observation, Options, Set, Target, halton_configurations, identify};
 use spherecal_model::chain::Chain;
@@ -32,7 +32,7 @@ fn sagging(seed: u64, count: usize, spread: f64, noise_m: f64) -> Samples {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let sample = |_| {
         let rotation = turn(&mut random, spread);
-        Sample {
+        MapSample {
             rotation,
             q: vector(&mut random, 1.0).as_slice().to_vec(),
             residual: vector(&mut random, noise_m) - rotation * sag(&rotation),

@@ -7,7 +7,7 @@ use spherecal_model::input::{InputError, Table};
 
 use super::StudyError;
 use crate::flange::Flange;
-use crate::recordings::Rows;
+use crate::recordings::ValidationRows;
 use crate::targets::measured_tcp;
 use crate::{Experiment, Target};
 
@@ -51,15 +51,15 @@ pub(super) fn check_label(table: &Table, label: Option<&str>) -> Result<(), Stud
 }
 
 /// The rows that judge have no targets or orientations that the others leave unknown.
-pub(super) fn check_judges(data: &Rows, judges: &Rows) -> Result<(), StudyError> {
-    let targets = |rows: &Rows| {
+pub(super) fn check_judges(data: &ValidationRows, judges: &ValidationRows) -> Result<(), StudyError> {
+    let targets = |rows: &ValidationRows| {
         let most = rows.observations.iter().map(|o| match &o.target {
             Target::Points(all) => all.len(),
             _ => 1,
         });
         most.max().unwrap_or(1)
     };
-    let posed = |rows: &Rows| rows.observations.iter().any(|o| matches!(o.target, Target::Frame(_)));
+    let posed = |rows: &ValidationRows| rows.observations.iter().any(|o| matches!(o.target, Target::Frame(_)));
     let (known, asked) = (targets(data), targets(judges));
     let (what, remedy) = if asked > known {
         (
@@ -83,7 +83,7 @@ pub(super) fn check_judges(data: &Rows, judges: &Rows) -> Result<(), StudyError>
 }
 
 /// The rows do not touch more spheres, in more places, than can be identified together.
-pub(super) fn check_places(data: &Rows) -> Result<(), StudyError> {
+pub(super) fn check_places(data: &ValidationRows) -> Result<(), StudyError> {
     let (mut spheres, mut places) = (HashSet::new(), HashSet::new());
     for o in &data.observations {
         if let Target::Sphere { sphere, place } = o.target {

@@ -9,14 +9,14 @@ use super::StudyError;
 use super::checks::{check_judges, check_label, check_places, check_unit, no_plate};
 use super::sources::{Sources, TableSource, plate};
 use super::torques::understand_torques;
-use crate::recordings::{Recordings, Rows, Sample};
+use crate::recordings::{Recordings, RowSource, ValidationRows};
 use crate::{Experiment, Observation, Options, Set, Target};
-use spherecal_model::input::{InputError, Labels, Progress, Row, Table, TableFormat};
+use spherecal_model::input::{InputError, Labels, ReadingProgress, Table, TableFormat, TableRow};
 use spherecal_model::robots::{self, RobotModel};
 
 /// What the user asks for.
 #[derive(Clone, Debug, Default)]
-pub struct Request {
+pub struct StudyRequest {
     /// Built-in name, `FILE.toml` or `FILE.urdf`.
     pub robot: String,
     /// Table of poses.
@@ -60,7 +60,7 @@ pub struct Loaded {
 ///
 /// # Errors
 /// A plate that cannot be read.
-pub fn sources(request: &Request, model: RobotModel) -> Result<Sources<'_>, StudyError> {
+pub fn sources(request: &StudyRequest, model: RobotModel) -> Result<Sources<'_>, StudyError> {
     Ok(Sources {
         model,
         plate: request.plate.as_deref().map(plate).transpose()?,
@@ -74,7 +74,7 @@ pub fn sources(request: &Request, model: RobotModel) -> Result<Sources<'_>, Stud
 ///
 /// # Errors
 /// Files that cannot be read or used, with field, value and remedy.
-pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loaded, StudyError> {
+pub fn load(request: &StudyRequest, progress: &mut dyn FnMut(ReadingProgress)) -> Result<Loaded, StudyError> {
     assemble(request, sources(request, robots::load(&request.robot)?)?, progress)
 }
 
@@ -84,9 +84,9 @@ pub fn load(request: &Request, progress: &mut dyn FnMut(Progress)) -> Result<Loa
 /// # Errors
 /// As [`load`].
 pub fn assemble(
-    request: &Request,
+    request: &StudyRequest,
     sources: Sources<'_>,
-    progress: &mut dyn FnMut(Progress),
+    progress: &mut dyn FnMut(ReadingProgress),
 ) -> Result<Loaded, StudyError> {
     let Sources {
         mut model,
@@ -121,7 +121,7 @@ pub fn assemble(
     if closed_loop && !certified {
         return Err(no_plate());
     }
-    let mut validation = Rows::default();
+    let mut validation = ValidationRows::default();
     if let Some(source) = validate {
         format.label = None;
         let table = source.read(&format, &mut places, progress)?;
@@ -160,7 +160,7 @@ pub fn assemble(
 }
 
 /// The tool and payload of the request into the model.
-fn set_tool(model: &mut RobotModel, request: &Request) -> Result<(), StudyError> {
+fn set_tool(model: &mut RobotModel, request: &StudyRequest) -> Result<(), StudyError> {
     if let Some(mm) = request.tool_mm {
         model.tool.tcp_m = mm.map(|x| x / 1e3);
     }
@@ -230,16 +230,16 @@ fn borrow_masses(model: &mut RobotModel, notes: &mut Vec<String>) {
 }
 
 /// The rows of a table as observations; rows of a validation file judge only.
-fn rows(table: Table, label: Option<&str>, places: &Labels, labels: &mut Labels, keep_set: bool) -> Rows {
+fn rows(table: Table, label: Option<&str>, places: &Labels, labels: &mut Labels, keep_set: bool) -> ValidationRows {
     let label = label.map(str::to_lowercase);
-    let set = |row: &Row<'_>| {
+    let set = |row: &TableRow<'_>| {
         if keep_set {
             row.set.unwrap_or_default()
         } else {
             Set::Validate
         }
     };
-    let mut number = |row: &Row<'_>| match label.as_deref() {
+    let mut number = |row: &TableRow<'_>| match label.as_deref() {
         Some("sphere") => labels.number(&row.sphere.map(|s| s.to_string()).unwrap_or_default()),
         Some("place") => labels.number(places.name(row.place)),
         Some("set") => labels.number(match set(row) {
@@ -249,7 +249,7 @@ fn rows(table: Table, label: Option<&str>, places: &Labels, labels: &mut Labels,
         Some(_) => labels.number(row.label.map_or("", |label| table.labels.name(label))),
         None => 0,
     };
-    let samples = table.rows().map(|row| Sample {
+    let samples = table.rows().map(|row| RowSource {
         line: row.line,
         place: row.place,
         label: number(&row),
@@ -261,7 +261,7 @@ fn rows(table: Table, label: Option<&str>, places: &Labels, labels: &mut Labels,
         target: row.target(),
         set: set(&row),
     });
-    Rows {
+    ValidationRows {
         observations: observations.collect(),
         samples,
         file: table.file,

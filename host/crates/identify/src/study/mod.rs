@@ -15,13 +15,13 @@ mod sources;
 mod torques;
 
 pub use anonymous::anonymous_csv;
-pub use load::{Loaded, Request, assemble, load, sources};
+pub use load::{Loaded, StudyRequest, assemble, load, sources};
 pub use sources::{PAPER_PLATE, Sources, TableSource};
 
 use std::time::Instant;
 
 use spherecal_model::DataError;
-use spherecal_model::input::{InputError, Progress};
+use spherecal_model::input::{InputError, ReadingProgress};
 use spherecal_model::robots::{RobotFileError, RobotModel};
 
 use crate::evaluate::{self, EvaluateError, EvaluateOptions, Evaluation, evaluate, millimetres};
@@ -89,11 +89,11 @@ impl StudyError {
 
 /// How far a study has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum StudyStep {
     /// A table is being read.
-    Reading(Progress),
+    Reading(ReadingProgress),
     /// Its rows are evaluated.
-    Evaluating(evaluate::Step),
+    Evaluating(evaluate::EvaluationStep),
 }
 
 /// A calibration from files with everything that is known about it.
@@ -115,9 +115,9 @@ pub struct Study {
 ///
 /// # Errors
 /// Input that cannot be used, or no convergence.
-pub fn study(request: &Request, progress: &mut dyn FnMut(Step)) -> Result<Study, StudyError> {
+pub fn study(request: &StudyRequest, progress: &mut dyn FnMut(StudyStep)) -> Result<Study, StudyError> {
     let start = Instant::now();
-    let loaded = load(request, &mut |read| progress(Step::Reading(read)))?;
+    let loaded = load(request, &mut |read| progress(StudyStep::Reading(read)))?;
     evaluate_loaded(request, loaded, start, progress)
 }
 
@@ -125,17 +125,21 @@ pub fn study(request: &Request, progress: &mut dyn FnMut(Step)) -> Result<Study,
 ///
 /// # Errors
 /// As [`study`].
-pub fn study_of(request: &Request, sources: Sources<'_>, progress: &mut dyn FnMut(Step)) -> Result<Study, StudyError> {
+pub fn study_of(
+    request: &StudyRequest,
+    sources: Sources<'_>,
+    progress: &mut dyn FnMut(StudyStep),
+) -> Result<Study, StudyError> {
     let start = Instant::now();
-    let loaded = assemble(request, sources, &mut |read| progress(Step::Reading(read)))?;
+    let loaded = assemble(request, sources, &mut |read| progress(StudyStep::Reading(read)))?;
     evaluate_loaded(request, loaded, start, progress)
 }
 
 fn evaluate_loaded(
-    request: &Request,
+    request: &StudyRequest,
     loaded: Loaded,
     start: Instant,
-    progress: &mut dyn FnMut(Step),
+    progress: &mut dyn FnMut(StudyStep),
 ) -> Result<Study, StudyError> {
     let Loaded {
         model,
@@ -150,7 +154,7 @@ fn evaluate_loaded(
         residual_map: request.residual_map,
         ..EvaluateOptions::default()
     };
-    let evaluation = evaluate(&recordings, &options, &mut |step| progress(Step::Evaluating(step)))
+    let evaluation = evaluate(&recordings, &options, &mut |step| progress(StudyStep::Evaluating(step)))
         .map_err(|error| StudyError::of(error, &recordings.file))?;
     if let Some(given) = evaluation.given_tcp_m {
         let found = model.tcp_in_flange(evaluation.nominal.tcp_m.into());

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::paper_plate;
 use spherecal_model::input::{
-    InputError, Labels, Plate, Progress, Table, TableFormat, read_csv, read_csv_file, read_plate_file,
+    InputError, Labels, Plate, ReadingProgress, Table, TableFormat, read_csv, read_csv_file, read_plate_file,
 };
 use spherecal_model::robots::RobotModel;
 
@@ -30,7 +30,7 @@ impl TableSource<'_> {
         self,
         format: &TableFormat,
         places: &mut Labels,
-        progress: &mut dyn FnMut(Progress),
+        progress: &mut dyn FnMut(ReadingProgress),
     ) -> Result<Table, InputError> {
         match self {
             Self::File(path) => read_csv_file(path, format, places, progress),
@@ -39,7 +39,7 @@ impl TableSource<'_> {
     }
 }
 
-/// What a caller has in memory in place of the files that a [`Request`](super::Request) names.
+/// What a caller has in memory in place of the files that a [`StudyRequest`](super::StudyRequest) names.
 #[derive(Clone, Debug)]
 pub struct Sources<'a> {
     /// The nominal robot.

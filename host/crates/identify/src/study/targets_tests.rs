@@ -45,19 +45,19 @@ fn table(seed: u64, rows: usize, poses: bool) -> String {
     text
 }
 
-fn request(folder: &std::path::Path, data: &str, validate: Option<&str>) -> Request {
+fn request(folder: &std::path::Path, data: &str, validate: Option<&str>) -> StudyRequest {
     let path = folder.join("data.csv");
     std::fs::write(&path, data).unwrap();
     let check = folder.join("check.csv");
     if let Some(text) = validate {
         std::fs::write(&check, text).unwrap();
     }
-    Request {
+    StudyRequest {
         robot: "iiwa7".to_owned(),
         data: path,
         validate: validate.map(|_| check),
         ignore_columns: vec!["operator".to_owned()],
-        ..Request::default()
+        ..StudyRequest::default()
     }
 }
 

@@ -24,13 +24,13 @@ fn real_closed_loop_data_of_an_iiwa_14_place_by_place() {
     std::fs::write(&plate, SOCKETS).unwrap();
     for tool_mm in [None, Some([0.0, 0.0, 0.0])] {
         let study = study(
-            &Request {
+            &StudyRequest {
                 robot: data("iiwa14.urdf").display().to_string(),
                 data: data("mukca_iiwa14.csv"),
                 plate: Some(plate.clone()),
                 tool_mm,
                 holdout: Some("place".to_owned()),
-                ..Request::default()
+                ..StudyRequest::default()
             },
             &mut |_| {},
         )
@@ -56,10 +56,10 @@ fn real_closed_loop_data_of_an_iiwa_14_place_by_place() {
 // Fails if contacts without a plate are identified: nothing gives them a scale.
 #[test]
 fn a_missing_plate_is_refused() {
-    let request = Request {
+    let request = StudyRequest {
         robot: data("iiwa14.urdf").display().to_string(),
         data: data("mukca_iiwa14.csv"),
-        ..Request::default()
+        ..StudyRequest::default()
     };
     let error = study(&request, &mut |_| {}).unwrap_err();
     assert!(error.is_input());
@@ -69,7 +69,7 @@ fn a_missing_plate_is_refused() {
         "{words}"
     );
     // Table 1 of the paper is another plate than this one, and is said to be.
-    let request = Request {
+    let request = StudyRequest {
         plate: Some("paper".into()),
         ..request
     };
@@ -84,12 +84,12 @@ fn a_hold_out_by_sphere_is_refused_where_two_spheres_hold_the_plate() {
     let directory = tempfile::tempdir().unwrap();
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS).unwrap();
-    let request = Request {
+    let request = StudyRequest {
         robot: data("iiwa14.urdf").display().to_string(),
         data: data("mukca_iiwa14.csv"),
         plate: Some(plate),
         holdout: Some("sphere".to_owned()),
-        ..Request::default()
+        ..StudyRequest::default()
     };
     let error = study(&request, &mut |_| {}).unwrap_err();
     assert!(
@@ -110,12 +110,12 @@ fn a_validation_file_of_calibration_rows_is_refused() {
     let other = tracker_table(160, &[]);
     let apart: Vec<&str> = other.lines().skip(121).collect();
     std::fs::write(&check, format!("{}\n{}\n{}\n", lines[0], apart.join("\n"), lines[7])).unwrap();
-    let request = Request {
+    let request = StudyRequest {
         robot: "iiwa7".to_owned(),
         data: path.clone(),
         validate: Some(check.clone()),
         ignore_columns: vec!["shift".to_owned()],
-        ..Request::default()
+        ..StudyRequest::default()
     };
     let error = study(&request, &mut |_| {}).unwrap_err();
     assert!(error.is_input());
@@ -136,11 +136,11 @@ fn copied_rows_count_once_and_are_named() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("t.csv");
     let text = tracker_table(80, &[]);
-    let request = Request {
+    let request = StudyRequest {
         robot: "iiwa7".to_owned(),
         data: path.clone(),
         ignore_columns: vec!["shift".to_owned()],
-        ..Request::default()
+        ..StudyRequest::default()
     };
     std::fs::write(&path, &text).unwrap();
     let once = study(&request, &mut |_| {}).unwrap().evaluation;
@@ -164,11 +164,11 @@ fn a_wrong_plate_is_refused() {
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS.replace("50", "500")).unwrap();
     let error = study(
-        &Request {
+        &StudyRequest {
             robot: data("iiwa14.urdf").display().to_string(),
             data: data("mukca_iiwa14.csv"),
             plate: Some(plate),
-            ..Request::default()
+            ..StudyRequest::default()
         },
         &mut |_| {},
     )
@@ -216,7 +216,7 @@ fn gross_errors_among_many_rows_are_all_left_out() {
     let wrong = [0, 1, 7, 12_345, 20_001, 24_999];
     std::fs::write(&path, tracker_table(25_000, &wrong)).unwrap();
     let mut rows = 0;
-    let request = Request {
+    let request = StudyRequest {
         robot: "iiwa7".to_owned(),
         data: path,
         ignore_columns: vec!["shift".to_owned()],
@@ -224,10 +224,10 @@ fn gross_errors_among_many_rows_are_all_left_out() {
             method: crate::Method::Geometry,
             ..crate::Options::default()
         },
-        ..Request::default()
+        ..StudyRequest::default()
     };
     let study = study(&request, &mut |step| {
-        if let Step::Reading(p) = step {
+        if let StudyStep::Reading(p) = step {
             rows = p.rows;
         }
     })
@@ -252,11 +252,11 @@ fn a_hold_out_takes_a_column_of_few_values() {
     let path = directory.path().join("t.csv");
     let text = tracker_table(300, &[]);
     std::fs::write(&path, &text).unwrap();
-    let mut request = Request {
+    let mut request = StudyRequest {
         robot: "iiwa7".to_owned(),
         data: path.clone(),
         holdout: Some("Shift".to_owned()),
-        ..Request::default()
+        ..StudyRequest::default()
     };
     let found = study(&request, &mut |_| {}).unwrap().evaluation.holdout.unwrap();
     let names: Vec<_> = found.folds.iter().map(|f| f.value.as_str()).collect();
@@ -284,12 +284,12 @@ fn couplings_and_regions_are_held_out_without_a_column() {
     let directory = tempfile::tempdir().unwrap();
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS).unwrap();
-    let request = |column: &str| Request {
+    let request = |column: &str| StudyRequest {
         robot: data("iiwa14.urdf").display().to_string(),
         data: data("mukca_iiwa14.csv"),
         plate: Some(plate.clone()),
         holdout: Some(column.to_owned()),
-        ..Request::default()
+        ..StudyRequest::default()
     };
     let found = study(&request("region"), &mut |_| {}).unwrap().evaluation;
     let held = found.holdout.unwrap();
@@ -309,7 +309,7 @@ fn couplings_and_regions_are_held_out_without_a_column() {
     let twice: Vec<&str> = even.into_iter().chain(odd).map(|(_, l)| *l).collect();
     let path = directory.path().join("twice.csv");
     std::fs::write(&path, format!("{header}\n{}\n", twice.join("\n"))).unwrap();
-    let asked = Request {
+    let asked = StudyRequest {
         data: path,
         ..request("coupling")
     };
@@ -328,11 +328,11 @@ fn an_anonymous_table_gives_the_same_robot() {
     let directory = tempfile::tempdir().unwrap();
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS).unwrap();
-    let contacts = Request {
+    let contacts = StudyRequest {
         robot: data("iiwa14.urdf").display().to_string(),
         data: data("mukca_iiwa14.csv"),
         plate: Some(plate),
-        ..Request::default()
+        ..StudyRequest::default()
     };
     // The same arm before a tracker that stands far away and is turned.
     let found = study(&contacts, &mut |_| {}).unwrap();
@@ -350,7 +350,7 @@ fn an_anonymous_table_gives_the_same_robot() {
     }
     let path = directory.path().join("tracker_of_line_4.csv");
     std::fs::write(&path, table).unwrap();
-    let points = Request {
+    let points = StudyRequest {
         data: path,
         plate: None,
         ignore_columns: vec!["operator".to_owned()],
@@ -363,7 +363,7 @@ fn an_anonymous_table_gives_the_same_robot() {
         let path = directory.path().join("anonymous.csv");
         std::fs::write(&path, &text).unwrap();
         let again = study(
-            &Request {
+            &StudyRequest {
                 data: path,
                 ignore_columns: Vec::new(),
                 ..request

@@ -29,12 +29,12 @@ struct Torques {
     /// Offset of each joint against the model's gravity, in N m, after the sign.
     offsets_nm: Vec<f64>,
     /// The load at the flange that explains them; none where they do not tell.
-    load: Option<Load>,
+    load: Option<EstimatedLoad>,
 }
 
 /// A load at the flange.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Load {
+struct EstimatedLoad {
     mass_kg: f64,
     /// Standard deviation of the mass by the scatter of the torques alone.
     sigma_kg: f64,
@@ -43,7 +43,7 @@ struct Load {
 }
 
 /// Measured torques of a row.
-struct Row<'a> {
+struct TorqueRow<'a> {
     q: &'a [f64],
     tau: &'a [f64],
 }
@@ -70,16 +70,16 @@ fn torques(robot: &Robot, tool: &Tool, observations: &[Observation]) -> Option<T
     let n = robot.dof();
     // A row that is copied tells nothing more.
     let mut seen = HashSet::new();
-    let all: Vec<Row<'_>> = observations
+    let all: Vec<TorqueRow<'_>> = observations
         .iter()
         .filter(|o| o.set == Set::Calibrate)
         .filter_map(|o| {
             let (q, tau) = (&*o.q, o.tau.as_deref()?);
-            (q.len() == n && tau.len() == n).then_some(Row { q, tau })
+            (q.len() == n && tau.len() == n).then_some(TorqueRow { q, tau })
         })
         .filter(|row| seen.insert(row.q.iter().chain(row.tau).map(|x| x.to_bits()).collect::<Vec<u64>>()))
         .collect();
-    let rows: Vec<&Row<'_>> = all.iter().step_by(all.len().div_ceil(MOST_ROWS).max(1)).collect();
+    let rows: Vec<&TorqueRow<'_>> = all.iter().step_by(all.len().div_ceil(MOST_ROWS).max(1)).collect();
     if rows.len() < n + 4 {
         return None;
     }
@@ -88,7 +88,7 @@ fn torques(robot: &Robot, tool: &Tool, observations: &[Observation]) -> Option<T
     let sign = sign(&rows, &stated);
     let direction = sign.unwrap_or(1.0);
     let mean_off = |j: usize| {
-        let off = |row: &&Row<'_>| direction * row.tau[j] - holding(&stated, row.q)[j];
+        let off = |row: &&TorqueRow<'_>| direction * row.tau[j] - holding(&stated, row.q)[j];
         rows.iter().map(off).sum::<f64>() / rows.len() as f64
     };
     let mut found = Torques {
@@ -108,7 +108,7 @@ fn torques(robot: &Robot, tool: &Tool, observations: &[Observation]) -> Option<T
 }
 
 /// The sign of the torques by their correlation with gravity, all joints together.
-fn sign(rows: &[&Row<'_>], nominal: &Nominal) -> Option<f64> {
+fn sign(rows: &[&TorqueRow<'_>], nominal: &Nominal) -> Option<f64> {
     let n = rows.first()?.q.len();
     let count = rows.len() as f64;
     let gravity: Vec<Vec<f64>> = rows.iter().map(|row| holding(nominal, row.q)).collect();
@@ -128,7 +128,13 @@ fn sign(rows: &[&Row<'_>], nominal: &Nominal) -> Option<f64> {
 }
 
 /// The load at the flange and the joints' offsets by least squares; each joint has a scatter of its own.
-fn load(robot: &Robot, tool: &Tool, rows: &[&Row<'_>], empty: &Nominal, direction: f64) -> Option<(Load, Vec<f64>)> {
+fn load(
+    robot: &Robot,
+    tool: &Tool,
+    rows: &[&TorqueRow<'_>],
+    empty: &Nominal,
+    direction: f64,
+) -> Option<(EstimatedLoad, Vec<f64>)> {
     let n = robot.dof();
     let at = |com: [f64; 3]| Nominal::new(robot, &tool_with(tool, 1.0, com));
     let units = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(at);
@@ -178,7 +184,7 @@ fn load(robot: &Robot, tool: &Tool, rows: &[&Row<'_>], empty: &Nominal, directio
         Vector3::zeros()
     };
     let possible = sigma_kg <= LOAD_SURE_KG && mass_kg > -LOAD_SURE_KG && com_m.norm() <= LOAD_REACH_M;
-    let load = Load {
+    let load = EstimatedLoad {
         mass_kg: mass_kg.max(0.0),
         sigma_kg,
         com_m,
@@ -214,7 +220,7 @@ impl Torques {
     }
 }
 
-impl Load {
+impl EstimatedLoad {
     /// Whether it differs from a stated mass (kg) by more than can be chance.
     fn differs(&self, stated_kg: f64) -> bool {
         let off = (self.mass_kg - stated_kg).abs();
@@ -238,7 +244,7 @@ pub(super) fn understand_torques(
         found.turn(validation);
         told = found.load;
     }
-    let words = |load: &Load| {
+    let words = |load: &EstimatedLoad| {
         format!(
             "{:.2} kg (± {:.2} kg by the scatter of the torques)",
             load.mass_kg, load.sigma_kg

@@ -126,7 +126,7 @@ fn torques_of_either_sign_give_one_result() {
     let found = |name: &str, direction: Option<f64>, payload_kg: Option<f64>| {
         let data = folder.path().join(name);
         std::fs::write(&data, table(direction)).unwrap();
-        let request = crate::study::Request {
+        let request = crate::study::StudyRequest {
             robot: "iiwa7".to_owned(),
             data,
             tool_mm: Some([50.0, 0.0, 100.0]),

@@ -13,4 +13,4 @@
 
 mod table;
 
-pub use table::{Alignment, ModelErrors, Prediction, Statistics, ValidateError, ValidationTable, validate};
+pub use table::{Alignment, ErrorStatistics, ModelErrors, Prediction, ValidateError, ValidationTable, validate};

@@ -36,7 +36,7 @@ impl Alignment {
 
 /// Mean, standard deviation (over n), minimum and maximum of errors, in mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Statistics {
+pub struct ErrorStatistics {
     /// Mean, in mm.
     pub mean_mm: f64,
     /// Standard deviation over n, in mm.
@@ -47,7 +47,7 @@ pub struct Statistics {
     pub max_mm: f64,
 }
 
-impl Statistics {
+impl ErrorStatistics {
     /// Of errors in mm; all zero for no errors at all.
     pub fn of(errors_mm: &[f64]) -> Self {
         if errors_mm.is_empty() {
@@ -82,18 +82,18 @@ pub struct ModelErrors {
     /// Name of the model.
     pub name: String,
     /// V1: base measured by arcs.
-    pub arcs: Statistics,
+    pub arcs: ErrorStatistics,
     /// V2: base fitted to the points.
-    pub best_fit: Statistics,
+    pub best_fit: ErrorStatistics,
     /// V3: the model's own base.
-    pub own: Statistics,
+    pub own: ErrorStatistics,
     /// Errors of V1, V2 and V3 for each measurement, in mm (Figures 11 and 12).
     pub errors_mm: [Vec<f64>; 3],
 }
 
 impl ModelErrors {
     /// Statistics under one alignment.
-    pub fn statistics(&self, alignment: Alignment) -> &Statistics {
+    pub fn statistics(&self, alignment: Alignment) -> &ErrorStatistics {
         match alignment {
             Alignment::Arcs => &self.arcs,
             Alignment::BestFit => &self.best_fit,
@@ -167,9 +167,9 @@ pub fn validate(
         let errors_mm = bases.map(|base| errors_mm(base, &model.points_m, measured_m));
         Ok(ModelErrors {
             name: model.name.clone(),
-            arcs: Statistics::of(&errors_mm[0]),
-            best_fit: Statistics::of(&errors_mm[1]),
-            own: Statistics::of(&errors_mm[2]),
+            arcs: ErrorStatistics::of(&errors_mm[0]),
+            best_fit: ErrorStatistics::of(&errors_mm[1]),
+            own: ErrorStatistics::of(&errors_mm[2]),
             errors_mm,
         })
     });

@@ -19,7 +19,7 @@ use spherecal_shared::robot::iiwa7_tool;
 
 use super::{Config, JobError, check_reach};
 
-use plate::Plate;
+use plate::CertifiedPlate;
 pub use plate::StatedPlate;
 
 /// Largest part of a tool or of a plate, in mm.
@@ -148,7 +148,7 @@ struct Decided<'a> {
     /// The robot, as the configuration names it.
     robot: String,
     model: RobotModel,
-    plate: Plate,
+    plate: CertifiedPlate,
     tool_mm: [f64; 3],
     com_mm: [f64; 3],
     placement: Placement,

@@ -27,7 +27,7 @@ pub enum StatedPlate {
 
 /// A plate as its certificate states it.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Plate {
+pub(super) struct CertifiedPlate {
     /// What the certificate calls it; may be empty.
     pub(super) name: String,
     /// Centres in the plate's frame, in mm; sphere 1 comes first.
@@ -81,9 +81,9 @@ fn three(text: &str) -> Option<[f64; 3]> {
 
 impl StatedPlate {
     /// The centres, checked against spheres of a diameter (mm).
-    pub(super) fn spheres(&self, diameter_mm: f64) -> Result<Plate, NewCellError> {
+    pub(super) fn spheres(&self, diameter_mm: f64) -> Result<CertifiedPlate, NewCellError> {
         let default = CalibrationPlate::default();
-        let mut plate = Plate {
+        let mut plate = CertifiedPlate {
             name: String::new(),
             spheres_mm: Vec::new(),
             sigma_mm: default.certificate_sigma_m * 1e3,

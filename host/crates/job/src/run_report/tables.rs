@@ -3,7 +3,7 @@
 use spherecal_link::qemu::LOG_FILE;
 use spherecal_report::SimpleTable;
 
-use crate::{Config, DriveTiming, Link, Measurements, Spread, Summary};
+use crate::{Config, DriveTiming, Link, Measurements, Summary, TimeHistogram};
 
 pub(super) fn strings(words: &[&str]) -> Vec<String> {
     words.iter().map(|w| (*w).to_owned()).collect()
@@ -142,7 +142,7 @@ pub(super) fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
 /// The histograms of the real-time loop, with bins of an octave.
 fn real_time(drive: &DriveTiming) -> SimpleTable {
     let octave = |us: u32| 32 - us.leading_zeros();
-    let count = |spread: &Spread, k: u32| -> u64 {
+    let count = |spread: &TimeHistogram, k: u32| -> u64 {
         let bins = spread.bins.iter().filter(|bin| octave(bin.from_us) == k);
         bins.map(|bin| bin.count).sum()
     };

@@ -9,11 +9,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::case::{Ended, Finish, Trial};
+use super::case::{FaultTrial, Finish, TrialEnd};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{Cases, FaultsError};
-use crate::shards::{self, ShardError, Study};
-use spherecal_sim::inject::{Entry, FaultPlan, PRESETS, When};
+use crate::shards::{self, ShardError, ShardedStudy};
+use spherecal_sim::inject::{FaultPlan, PRESETS, PlannedFault, When};
 
 /// Largest accepted ratio of the error with faults to the undisturbed error.
 const WORSE: f64 = 1.2;
@@ -89,15 +89,15 @@ impl CampaignTable {
         self.kinetic_j = self.kinetic_j.max(disturbed.kinetic_j);
         self.contact_n = self.contact_n.max(disturbed.contact_n);
         match &disturbed.ended {
-            Ended::Finished => {
+            TrialEnd::Finished => {
                 self.calibrated += 1;
                 self.rejected += disturbed.rejected;
             }
-            Ended::Stopped(why) => {
+            TrialEnd::Stopped(why) => {
                 let short = why.split([',', ':', '(']).next().unwrap_or(why);
                 *self.stopped.entry(short.trim().to_owned()).or_default() += 1;
             }
-            Ended::Unexplained(why) | Ended::Panicked(why) => self.broken.push(format!("{label}: {why}")),
+            TrialEnd::Unexplained(why) | TrialEnd::Panicked(why) => self.broken.push(format!("{label}: {why}")),
         }
         for why in &disturbed.bad {
             self.broken.push(format!("{label}: {why}"));
@@ -130,7 +130,7 @@ pub struct Disturbed {
     injected: usize,
     /// Faults that the controller reported.
     told: usize,
-    ended: Ended,
+    ended: TrialEnd,
     resumed: usize,
     rejected: usize,
     bad: Vec<String>,
@@ -150,7 +150,7 @@ pub struct Disturbed {
 fn random_plan(seed: u64, ticks: u64) -> FaultPlan {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let count = rng.random_range(1..=MOST);
-    let faults = (0..count).map(|_| Entry {
+    let faults = (0..count).map(|_| PlannedFault {
         what: PRESETS[rng.random_range(0..PRESETS.len())].what,
         when: When::Tick(rng.random_range(500..ticks.max(501))),
         for_s: None,
@@ -163,7 +163,7 @@ fn random_plan(seed: u64, ticks: u64) -> FaultPlan {
 }
 
 /// Item number is number of the run.
-impl Study for CampaignOptions {
+impl ShardedStudy for CampaignOptions {
     const NAME: &'static str = "campaign";
     const COMMAND: &'static str = "faults --campaign 1000";
     const ITEMS: &'static str = "runs";
@@ -186,9 +186,9 @@ impl Study for CampaignOptions {
         let number = self.number_of(item);
         let case = cases.get(self.seed_of(number))?;
         let plan = random_plan(number, case.ticks);
-        let trial: Trial = case.run(&plan)?;
+        let trial: FaultTrial = case.run(&plan)?;
         let ratio = match trial.ended {
-            Ended::Finished => Some(match case.judge(&trial) {
+            TrialEnd::Finished => Some(match case.judge(&trial) {
                 Ok(error_mm) if (error_mm / case.error_mm).is_finite() => Ok(error_mm / case.error_mm),
                 Ok(_) => Err("the error after calibration is not a number".to_owned()),
                 Err(error) => Err(error.to_string()),

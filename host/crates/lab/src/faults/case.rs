@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
 use super::FaultsError;
-use super::judge::{Judged, look};
+use super::judge::{JudgedArm, look};
 use super::run_journal::RunJournal;
 use spherecal_campaign::measure_laser;
 use spherecal_campaign::{self as campaign, Assignment, CampaignError, Outcome, Silent};
 use spherecal_identify::validate::{Prediction, validate};
 use spherecal_identify::{EvaluateError, Experiment, Observation, Set, Target, identify};
-use spherecal_job::{Choice, Config, JobError, Prepared, prepare, simulated_tracker};
+use spherecal_job::{Choice, Config, JobError, PreparedRun, prepare, simulated_tracker};
 use spherecal_link::JournalError;
 use spherecal_link::{Device, LinkError, controller_in_process};
 use spherecal_model::LaserShot;
@@ -24,7 +24,7 @@ use spherecal_sim::inject::{FaultPlan, FaultyCell, FaultyDrive, Happened, HostKi
 pub struct Case {
     /// Seed of the arm.
     pub seed: u64,
-    prepared: Prepared,
+    prepared: PreparedRun,
     plan: Plan,
     shots: Vec<LaserShot>,
     /// Control periods of the undisturbed run.
@@ -36,7 +36,7 @@ pub struct Case {
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Ended {
+pub enum TrialEnd {
     /// All poses recorded or given up.
     Finished,
     /// A typed stop with a remedy.
@@ -49,9 +49,9 @@ pub enum Ended {
 
 /// What a run came to.
 #[derive(Clone, Debug)]
-pub struct Trial {
+pub struct FaultTrial {
     /// How it ended.
-    pub ended: Ended,
+    pub ended: TrialEnd,
     /// Its faults.
     pub faults: Vec<FaultReport>,
     /// The injected faults that began and ended.
@@ -153,7 +153,7 @@ impl Case {
         };
         let clean = case.run(&FaultPlan::default())?;
         let faultless =
-            clean.ended == Ended::Finished && clean.bad.is_empty() && clean.recordings.len() == case.plan.recorded();
+            clean.ended == TrialEnd::Finished && clean.bad.is_empty() && clean.recordings.len() == case.plan.recorded();
         if !faultless {
             return Err(FaultsError::Clean {
                 seed,
@@ -167,7 +167,7 @@ impl Case {
         }
         case.ticks = (clean.robot_s * 1e3) as u64;
         if finish == Finish::Calibrate {
-            let Prepared { robot, tool, .. } = &case.prepared;
+            let PreparedRun { robot, tool, .. } = &case.prepared;
             let mut tracker = simulated_tracker(&case.prepared)?;
             case.shots = measure_laser(robot, tool, seed, tracker.as_mut()).map_err(JobError::from)?;
             case.shots.retain(|s| s.purpose == LaserShot::VALIDATE);
@@ -180,14 +180,14 @@ impl Case {
     ///
     /// # Errors
     /// A plant, a controller or a plan that cannot be created.
-    pub fn run(&self, plan: &FaultPlan) -> Result<Trial, FaultsError> {
+    pub fn run(&self, plan: &FaultPlan) -> Result<FaultTrial, FaultsError> {
         match self.prepared.robot.dof() {
             6 => self.run_with::<6>(plan),
             _ => self.run_with::<7>(plan),
         }
     }
 
-    fn run_with<const N: usize>(&self, plan: &FaultPlan) -> Result<Trial, FaultsError> {
+    fn run_with<const N: usize>(&self, plan: &FaultPlan) -> Result<FaultTrial, FaultsError> {
         let (robot, tool) = (&self.prepared.robot, &self.prepared.tool);
         let home: &[f64; N] = self.plan.home.joints.as_slice().try_into().map_err(|_| {
             JobError::from(LinkError::OtherRobot {
@@ -195,7 +195,7 @@ impl Case {
                 robot: self.plan.home.joints.len(),
             })
         })?;
-        let (drive, judgement) = Judged::new(robot, tool, &self.prepared.plant, home).map_err(JobError::from)?;
+        let (drive, judgement) = JudgedArm::new(robot, tool, &self.prepared.plant, home).map_err(JobError::from)?;
         let drive = FaultyDrive::Simulated(Box::new(drive));
         let controller = controller_in_process(N).map_err(JobError::from)?;
         let restart = Box::new(|| controller_in_process(N));
@@ -234,12 +234,12 @@ impl Case {
                 Err(panic) => {
                     let why = panic.downcast_ref::<String>().cloned();
                     let why = why.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()));
-                    break Ended::Panicked(why.unwrap_or_default());
+                    break TrialEnd::Panicked(why.unwrap_or_default());
                 }
             };
             drop(journal);
             match result {
-                Ok(()) => break Ended::Finished,
+                Ok(()) => break TrialEnd::Finished,
                 Err(CampaignError::Link(error)) if resumed < HOSTS && HostKilled::is_cause_of(&error) => {}
                 Err(CampaignError::Journal(JournalError::Store(_))) if resumed < HOSTS => {
                     // The arm waits until an operator has freed space.
@@ -256,7 +256,7 @@ impl Case {
         };
         let judgement = look(&judgement);
         let recordings = records.recordings()?;
-        Ok(Trial {
+        Ok(FaultTrial {
             bad: recordings.iter().filter_map(|r| judgement.of(r)).collect(),
             lost: outcome.recorded.saturating_sub(recordings.len()),
             recordings,
@@ -283,7 +283,7 @@ impl Case {
     ///
     /// # Errors
     /// Recordings from which nothing can be identified.
-    pub fn judge(&self, trial: &Trial) -> Result<f64, FaultsError> {
+    pub fn judge(&self, trial: &FaultTrial) -> Result<f64, FaultsError> {
         let observations = trial.recordings.iter().map(|recording| Observation {
             q: recording.q.iter().map(|s| s.mean).collect(),
             tau: Some(recording.tau.iter().map(|s| s.mean).collect()),
@@ -328,7 +328,7 @@ fn add(sum: &mut Outcome, more: Outcome) {
 }
 
 /// Whether a stop states a remedy.
-fn stop(error: &CampaignError) -> Ended {
+fn stop(error: &CampaignError) -> TrialEnd {
     let text = error.to_string();
     match error {
         CampaignError::NoContact { .. }
@@ -340,7 +340,7 @@ fn stop(error: &CampaignError) -> Ended {
         | CampaignError::Moved { .. }
         | CampaignError::Shifted { .. }
         | CampaignError::Scattered { .. }
-        | CampaignError::Gone { .. } => Ended::Stopped(text),
-        _ => Ended::Unexplained(text),
+        | CampaignError::Gone { .. } => TrialEnd::Stopped(text),
+        _ => TrialEnd::Unexplained(text),
     }
 }

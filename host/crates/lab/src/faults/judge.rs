@@ -44,15 +44,15 @@ const MOVED_M: f64 = 1e-4;
 
 /// What a tick truly was.
 #[derive(Clone, Copy, Debug)]
-struct Tick {
+struct TrueTick {
     seated: Option<u8>,
     tcp: Vector3<f32>,
 }
 
 /// What the judge has seen.
 #[derive(Clone, Debug, Default)]
-pub struct Judgement {
-    ticks: Vec<Tick>,
+pub struct JudgeRecord {
+    ticks: Vec<TrueTick>,
     /// The control period, from 1, in which the controller first moved the motors.
     pub ready_tick: Option<u64>,
     forces: [f64; LASTING],
@@ -82,7 +82,7 @@ pub struct Judgement {
     pub pressed_tick: usize,
 }
 
-impl Judgement {
+impl JudgeRecord {
     /// Why a recording should have been rejected; `None` for a good one.
     pub fn of(&self, recording: &Recording) -> Option<String> {
         // Device time and ticks differ by one period at most.
@@ -146,7 +146,7 @@ impl Judgement {
         self.forces[slot] = force;
         let lasting = self.forces.iter().copied().fold(f64::INFINITY, f64::min);
         self.contact_n = self.contact_n.max(lasting);
-        self.ticks.push(Tick {
+        self.ticks.push(TrueTick {
             // Spheres count from 1 on the wire.
             seated: truth.seated.and_then(|s| u8::try_from(s + 1).ok()),
             tcp: truth.tcp.position.map(|x| x as f32),
@@ -155,12 +155,12 @@ impl Judgement {
 }
 
 /// The simulated arm with a judge beside it.
-pub struct Judged<const N: usize> {
+pub struct JudgedArm<const N: usize> {
     arm: SimulatedArm<N>,
-    judgement: Arc<Mutex<Judgement>>,
+    judgement: Arc<Mutex<JudgeRecord>>,
 }
 
-impl<const N: usize> Judged<N> {
+impl<const N: usize> JudgedArm<N> {
     /// An arm at rest at `q` (rad), and a handle to the observations.
     ///
     /// # Errors
@@ -170,8 +170,8 @@ impl<const N: usize> Judged<N> {
         tool: &Tool,
         config: &PlantConfig,
         q: &[f64; N],
-    ) -> Result<(Self, Arc<Mutex<Judgement>>), PlantError> {
-        let judgement = Arc::new(Mutex::new(Judgement::default()));
+    ) -> Result<(Self, Arc<Mutex<JudgeRecord>>), PlantError> {
+        let judgement = Arc::new(Mutex::new(JudgeRecord::default()));
         let arm = SimulatedArm::new(Plant::new(robot, tool, config, q)?, robot);
         Ok((
             Self {
@@ -188,7 +188,7 @@ pub(super) fn look<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl<const N: usize> Drive for Judged<N> {
+impl<const N: usize> Drive for JudgedArm<N> {
     fn hello(&self) -> &DriveHello {
         self.arm.hello()
     }
@@ -208,7 +208,7 @@ impl<const N: usize> Drive for Judged<N> {
     }
 }
 
-impl<const N: usize> Disturb for Judged<N> {
+impl<const N: usize> Disturb for JudgedArm<N> {
     fn disturb(&mut self, what: &Disturbance) {
         if let Disturbance::Push(force_n) = what {
             look(&self.judgement).pushed = force_n.iter().any(|f| *f != 0.0);

@@ -9,10 +9,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::case::{Ended, Finish, Trial};
+use super::case::{FaultTrial, Finish, TrialEnd};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{Cases, FaultsError};
-use crate::shards::{self, ShardError, Study};
+use crate::shards::{self, ShardError, ShardedStudy};
 use spherecal_sim::inject::{FaultPlan, PRESETS, Preset, When};
 
 /// Ticks at the beginning and at the end of a run that are left out: handshake and shutdown.
@@ -45,7 +45,7 @@ impl Default for MatrixOptions {
 
 /// What became of one fault.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Row {
+pub struct FaultRow {
     /// The fault that was injected.
     pub fault: String,
     /// Runs.
@@ -90,7 +90,7 @@ pub struct MatrixTable {
     /// Arms.
     pub seeds: u64,
     /// One row a fault.
-    pub rows: Vec<Row>,
+    pub rows: Vec<FaultRow>,
 }
 
 impl MatrixTable {
@@ -101,7 +101,7 @@ impl MatrixTable {
 }
 
 /// The deviations of a trial, in words; empty if it ended as documented.
-fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
+fn broken(preset: &Preset, trial: &FaultTrial) -> (Vec<String>, Option<u64>) {
     let mut broken = Vec::new();
     let began = trial.happened.iter().find(|h| h.begins).map(|h| h.tick);
     // A controller without a robot yet keeps the brakes closed and reports nothing.
@@ -123,9 +123,9 @@ fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
         _ => {}
     }
     match &trial.ended {
-        Ended::Unexplained(why) => broken.push(format!("stopped: {why}")),
-        Ended::Panicked(why) => broken.push(format!("panicked: {why}")),
-        Ended::Finished | Ended::Stopped(_) => {}
+        TrialEnd::Unexplained(why) => broken.push(format!("stopped: {why}")),
+        TrialEnd::Panicked(why) => broken.push(format!("panicked: {why}")),
+        TrialEnd::Finished | TrialEnd::Stopped(_) => {}
     }
     broken.extend(trial.bad.iter().cloned());
     if trial.lost + trial.duplicates > 0 {
@@ -145,12 +145,12 @@ fn broken(preset: &Preset, trial: &Trial) -> (Vec<String>, Option<u64>) {
 
 /// What became of one injected fault.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Injected {
+pub struct InjectionOutcome {
     /// Arm, instant and phase.
     label: String,
     /// Names of the reported faults.
     told: Vec<String>,
-    ended: Ended,
+    ended: TrialEnd,
     /// Time from the injected fault to its first report, in ms.
     after_ms: Option<u64>,
     resumed: usize,
@@ -163,8 +163,8 @@ pub struct Injected {
     broken: Vec<String>,
 }
 
-impl Injected {
-    fn of(preset: &Preset, label: String, trial: &Trial) -> Self {
+impl InjectionOutcome {
+    fn of(preset: &Preset, label: String, trial: &FaultTrial) -> Self {
         let (broken, after_ms) = broken(preset, trial);
         Self {
             label,
@@ -186,8 +186,8 @@ impl Injected {
     }
 }
 
-impl Row {
-    fn add(&mut self, injected: &Injected) {
+impl FaultRow {
+    fn add(&mut self, injected: &InjectionOutcome) {
         self.runs += 1;
         self.borne += usize::from(injected.told.is_empty());
         self.documented += usize::from(injected.broken.is_empty());
@@ -196,10 +196,10 @@ impl Row {
         }
         self.slowest_ms = self.slowest_ms.max(injected.after_ms.unwrap_or(0));
         match &injected.ended {
-            Ended::Finished => self.finished += 1,
-            Ended::Stopped(_) => self.stopped += 1,
-            Ended::Unexplained(_) => self.unexplained += 1,
-            Ended::Panicked(_) => self.panics += 1,
+            TrialEnd::Finished => self.finished += 1,
+            TrialEnd::Stopped(_) => self.stopped += 1,
+            TrialEnd::Unexplained(_) => self.unexplained += 1,
+            TrialEnd::Panicked(_) => self.panics += 1,
         }
         self.resumed += injected.resumed;
         self.bad += injected.bad;
@@ -227,13 +227,13 @@ pub fn presets(only: &[String]) -> Result<Vec<&'static Preset>, FaultsError> {
 }
 
 /// Item number `(arm * faults + fault) * instants + instant` is one run.
-impl Study for MatrixOptions {
+impl ShardedStudy for MatrixOptions {
     const NAME: &'static str = "faults";
     const COMMAND: &'static str = "faults";
     const ITEMS: &'static str = "runs";
     /// The arms, and the instants by arm and number of the fault.
     type Context = (Cases, BTreeMap<(u64, usize), Vec<u64>>);
-    type Outcome = Injected;
+    type Outcome = InjectionOutcome;
     type Error = FaultsError;
 
     fn items(&self) -> u64 {
@@ -258,7 +258,7 @@ impl Study for MatrixOptions {
         Ok((cases, ticks))
     }
 
-    fn run(&self, (cases, ticks): &Self::Context, item: u64) -> Result<Injected, FaultsError> {
+    fn run(&self, (cases, ticks): &Self::Context, item: u64) -> Result<InjectionOutcome, FaultsError> {
         let presets = presets(&self.only)?;
         let (nth, instants) = (item / u64::from(self.instants), u64::from(self.instants));
         let (seed, number) = (1 + nth / presets.len() as u64, nth as usize % presets.len());
@@ -274,18 +274,18 @@ impl Study for MatrixOptions {
         let trial = case.run(&plan)?;
         let phase = trial.happened.first().map(|h| format!(" ({:?})", h.phase));
         let label = format!("seed {seed}, tick {tick}{}", phase.unwrap_or_default());
-        Ok(Injected::of(preset, label, &trial))
+        Ok(InjectionOutcome::of(preset, label, &trial))
     }
 }
 
 /// The matrix that the runs give, in the order of the items.
-fn table(options: &MatrixOptions, runs: &[Injected]) -> Result<MatrixTable, FaultsError> {
+fn table(options: &MatrixOptions, runs: &[InjectionOutcome]) -> Result<MatrixTable, FaultsError> {
     let presets = presets(&options.only)?;
-    let mut rows: Vec<Row> = presets
+    let mut rows: Vec<FaultRow> = presets
         .iter()
-        .map(|preset| Row {
+        .map(|preset| FaultRow {
             fault: preset.name.to_owned(),
-            ..Row::default()
+            ..FaultRow::default()
         })
         .collect();
     for (item, run) in runs.iter().enumerate() {

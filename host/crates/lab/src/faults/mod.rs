@@ -26,9 +26,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use rayon::prelude::*;
 
 pub use campaign::{CampaignOptions, CampaignTable};
-pub use case::{Case, Ended, Finish, Trial};
-pub use judge::{CONTACT_N, HELD_N, HELD_S, Judgement, KINETIC_J, PEAK_N, SUSTAINED_N};
-pub use matrix::{MatrixOptions, MatrixTable, Row};
+pub use case::{Case, FaultTrial, Finish, TrialEnd};
+pub use judge::{CONTACT_N, HELD_N, HELD_S, JudgeRecord, KINETIC_J, PEAK_N, SUSTAINED_N};
+pub use matrix::{FaultRow, MatrixOptions, MatrixTable};
 pub use worst::{WorstCase, WorstOptions, WorstRow, WorstTable};
 
 /// Why an experiment could not be made at all.

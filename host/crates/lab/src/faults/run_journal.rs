@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use spherecal_shared::protocol::host::{Coupled, Event, Recording};
 
 use super::FaultsError;
-use spherecal_job::{JobError, Link, Prepared, StoreJournal, create_run, file_lock};
+use spherecal_job::{JobError, Link, PreparedRun, StoreJournal, create_run, file_lock};
 use spherecal_link::Arrival;
 use spherecal_link::{Journal, JournalError};
 use spherecal_sim::inject::{HostFaultJournal, HostFaults};
@@ -16,7 +16,7 @@ use spherecal_store::{CalibrationStore as _, SqlStore};
 /// The recordings of a run. They outlive the hosts that make them.
 pub(super) enum RunJournal {
     /// Memory that counts recordings stored twice.
-    Memory(Memory),
+    Memory(MemoryJournal),
     /// A database in a folder of its own.
     File {
         folder: tempfile::TempDir,
@@ -27,14 +27,14 @@ pub(super) enum RunJournal {
 
 /// A journal in memory.
 #[derive(Default)]
-pub(super) struct Memory {
+pub(super) struct MemoryJournal {
     recordings: Vec<Recording>,
     couplings: Vec<Coupled>,
     rejected: BTreeSet<(u32, u32)>,
     duplicates: usize,
 }
 
-impl Journal for Memory {
+impl Journal for MemoryJournal {
     fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
         for arrival in events {
             match &arrival.body {
@@ -58,9 +58,9 @@ impl Journal for Memory {
 
 impl RunJournal {
     /// An empty one: a database where `on_disk`.
-    pub(super) fn new(prepared: &Prepared, on_disk: bool) -> Result<Self, FaultsError> {
+    pub(super) fn new(prepared: &PreparedRun, on_disk: bool) -> Result<Self, FaultsError> {
         if !on_disk {
-            return Ok(Self::Memory(Memory::default()));
+            return Ok(Self::Memory(MemoryJournal::default()));
         }
         let folder = tempfile::tempdir().map_err(FaultsError::Folder)?;
         let mut store = SqlStore::create_or_open(&folder.path().join("run.db")).map_err(JobError::from)?;

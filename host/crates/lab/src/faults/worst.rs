@@ -13,11 +13,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 use spherecal_shared::protocol::host::Phase;
 
-use super::case::{Case, Ended, Finish, Trial};
+use super::case::{Case, FaultTrial, Finish, TrialEnd};
 use super::judge::{KINETIC_J, PEAK_N, SUSTAINED_N};
 use super::{FaultsError, matrix};
 use crate::shards::bar;
-use spherecal_sim::inject::{Entry, FaultPlan, InjectedFault, Preset, When};
+use spherecal_sim::inject::{FaultPlan, InjectedFault, PlannedFault, Preset, When};
 
 /// Phases that the search covers.
 const PHASES: [Phase; 8] = [
@@ -70,7 +70,7 @@ pub struct WorstCase {
     /// Time from the injected fault to the controller's report, in ms; `None` if none came.
     pub reported_ms: Option<u64>,
     /// How the run ended.
-    pub ended: Ended,
+    pub ended: TrialEnd,
     /// Harm: the largest ratio to a limit.
     pub harm: f64,
 }
@@ -157,7 +157,7 @@ impl Point {
         FaultPlan {
             seed: 0,
             host_link: None,
-            faults: vec![Entry {
+            faults: vec![PlannedFault {
                 what: if push {
                     InjectedFault::HumanPush { force_n: self.force_n }
                 } else {
@@ -174,7 +174,7 @@ impl Point {
     }
 }
 
-fn judged(case: &Case, plan: &FaultPlan, trial: Trial) -> WorstCase {
+fn judged(case: &Case, plan: &FaultPlan, trial: FaultTrial) -> WorstCase {
     let began = trial.happened.iter().find(|h| h.begins).map(|h| h.tick);
     let reported = began.and_then(|tick| {
         let after = trial.faults.iter().find(|f| f.tick + 1 >= tick)?;
@@ -230,7 +230,7 @@ pub fn run(options: &WorstOptions) -> Result<WorstTable, FaultsError> {
             runs: found.len(),
             unexplained: found
                 .iter()
-                .filter(|(_, c)| matches!(c.ended, Ended::Unexplained(_) | Ended::Panicked(_)))
+                .filter(|(_, c)| matches!(c.ended, TrialEnd::Unexplained(_) | TrialEnd::Panicked(_)))
                 .count(),
             worst: found.into_iter().map(|(_, case)| case).take(KEPT).collect(),
         });
@@ -258,7 +258,7 @@ fn carry_out(
         })
         .collect::<Result<Vec<_>, FaultsError>>()?;
     found.extend(new);
-    let bad = |case: &WorstCase| matches!(case.ended, Ended::Unexplained(_) | Ended::Panicked(_));
+    let bad = |case: &WorstCase| matches!(case.ended, TrialEnd::Unexplained(_) | TrialEnd::Panicked(_));
     found.sort_by(|a, b| bad(&b.1).cmp(&bad(&a.1)).then(b.1.harm.total_cmp(&a.1.harm)));
     Ok(())
 }

@@ -7,8 +7,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::{ReproduceError, Reproduction, reproduce};
-use crate::shards::{self, ShardError, Study};
-use crate::worlds::{Errors, World, record};
+use crate::shards::{self, ShardError, ShardedStudy};
+use crate::worlds::{AlignedErrors, World, record};
 use spherecal_identify::Estimator;
 use spherecal_identify::Recordings;
 use spherecal_identify::validate::Alignment;
@@ -30,7 +30,7 @@ pub struct ManyOptions {
 /// Why a robot's study could not be made.
 #[derive(Debug, thiserror::Error)]
 #[error("{world} seed {seed}: {reason}")]
-pub struct RobotError {
+pub struct RobotStudyError {
     world: World,
     seed: u64,
     reason: String,
@@ -40,7 +40,7 @@ pub struct RobotError {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RobotStudy {
     /// Errors of each model, by name, in mm.
-    models: Vec<(String, Errors)>,
+    models: Vec<(String, AlignedErrors)>,
     /// Parameters that start at zero and end at Table 6's frozen value.
     frozen: usize,
     /// The fitness at the simplex's end, divided by the optimum.
@@ -52,7 +52,7 @@ pub struct RobotStudy {
 impl RobotStudy {
     fn of(seed: u64, done: &Reproduction) -> Self {
         let models = done.validation.models.iter().map(|model| {
-            let errors = Errors {
+            let errors = AlignedErrors {
                 seed,
                 arcs: model.arcs,
                 best_fit: model.best_fit,
@@ -75,25 +75,25 @@ impl RobotStudy {
 }
 
 /// Item number k is the robot with the seed `first_seed + k`.
-impl Study for ManyOptions {
+impl ShardedStudy for ManyOptions {
     const NAME: &'static str = "reproduce";
     const COMMAND: &'static str = "reproduce --world W1 --robots 1000";
     const ITEMS: &'static str = "robots";
     type Context = ();
     type Outcome = RobotStudy;
-    type Error = RobotError;
+    type Error = RobotStudyError;
 
     fn items(&self) -> u64 {
         self.robots
     }
 
-    fn prepare(&self, _: Range<u64>) -> Result<(), RobotError> {
+    fn prepare(&self, _: Range<u64>) -> Result<(), RobotStudyError> {
         Ok(())
     }
 
-    fn run(&self, (): &(), item: u64) -> Result<RobotStudy, RobotError> {
+    fn run(&self, (): &(), item: u64) -> Result<RobotStudy, RobotStudyError> {
         let seed = self.first_seed.wrapping_add(item);
-        let failed = |reason: String| RobotError {
+        let failed = |reason: String| RobotStudyError {
             world: self.world,
             seed,
             reason,
@@ -107,7 +107,7 @@ impl Study for ManyOptions {
 
 /// A number of every robot: the median, and the range that holds nine of ten robots.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Spread {
+pub struct RobotSpread {
     /// Half of the robots are below.
     pub median: f64,
     /// One in twenty is below.
@@ -116,7 +116,7 @@ pub struct Spread {
     pub p95: f64,
 }
 
-impl Spread {
+impl RobotSpread {
     /// `None` without a number.
     fn of(mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
@@ -141,9 +141,9 @@ pub struct ModelSpread {
     /// Name of the model.
     pub name: String,
     /// Mean error, in mm, base measured by arcs, as in the paper.
-    pub arcs_mm: Spread,
+    pub arcs_mm: RobotSpread,
     /// Mean error, in mm, base fitted to the points: the arm's shape alone.
-    pub best_fit_mm: Spread,
+    pub best_fit_mm: RobotSpread,
 }
 
 /// The study on many robots.
@@ -164,7 +164,7 @@ pub struct ManyStudies {
     /// Robots of which at least one parameter ends at Table 6's frozen value.
     pub with_frozen: usize,
     /// The fitness at the simplex's end, divided by the optimum.
-    pub simplex_over_optimum: Option<Spread>,
+    pub simplex_over_optimum: Option<RobotSpread>,
     /// Robots whose sphere calibration may be used.
     pub may_be_used: usize,
 }
@@ -174,7 +174,8 @@ fn table(options: &ManyOptions, robots: &[RobotStudy]) -> ManyStudies {
         .first()
         .map(|r| r.models.iter().map(|(name, _)| name).collect())
         .unwrap_or_default();
-    let spread = |name: &str, alignment| Spread::of(robots.iter().filter_map(|r| r.mean_mm(name, alignment)).collect());
+    let spread =
+        |name: &str, alignment| RobotSpread::of(robots.iter().filter_map(|r| r.mean_mm(name, alignment)).collect());
     let models = names.iter().filter_map(|name| {
         Some(ModelSpread {
             name: (*name).clone(),
@@ -197,7 +198,7 @@ fn table(options: &ManyOptions, robots: &[RobotStudy]) -> ManyStudies {
         simplex_better_than_nominal: better(Estimator::PaperNelderMead, Estimator::Nominal),
         sphere_better_than_paper_laser: better(Estimator::Sphere, Estimator::LaserNelderMead),
         with_frozen: robots.iter().filter(|r| r.frozen > 0).count(),
-        simplex_over_optimum: Spread::of(robots.iter().map(|r| r.simplex_over_optimum).collect()),
+        simplex_over_optimum: RobotSpread::of(robots.iter().map(|r| r.simplex_over_optimum).collect()),
         may_be_used: robots.iter().filter(|r| r.may_be_used).count(),
     }
 }
@@ -206,7 +207,7 @@ fn table(options: &ManyOptions, robots: &[RobotStudy]) -> ManyStudies {
 ///
 /// # Errors
 /// The first robot whose study fails.
-pub fn reproduce_many(options: &ManyOptions) -> Result<ManyStudies, RobotError> {
+pub fn reproduce_many(options: &ManyOptions) -> Result<ManyStudies, RobotStudyError> {
     Ok(table(options, &shards::whole(options, options.progress)?))
 }
 
@@ -231,7 +232,7 @@ impl fmt::Display for ManyStudies {
             "{:18}  {:^28}  {:^28}",
             "mean error (mm)", "base by arcs, as in the paper", "base fitted to the points"
         )?;
-        let range = |s: &Spread| format!("{:.3} ({:.3} to {:.3})", s.median, s.p5, s.p95);
+        let range = |s: &RobotSpread| format!("{:.3} ({:.3} to {:.3})", s.median, s.p5, s.p95);
         for model in &self.models {
             writeln!(
                 f,

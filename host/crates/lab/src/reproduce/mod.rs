@@ -20,7 +20,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Tool;
 
-use spherecal_identify::paper::{self, Procedure, Run};
+use spherecal_identify::paper::{self, PaperProcedure, Run};
 use spherecal_identify::validate::ValidationTable;
 use spherecal_identify::{
     Estimator, EvaluateError, EvaluateOptions, Experiment, IdentifyError, Method, Options, Recordings, Verdict,
@@ -28,8 +28,10 @@ use spherecal_identify::{
 };
 use spherecal_model::write_file;
 
-pub use many::{ManyOptions, ManyStudies, ModelSpread, RobotError, RobotStudy, Spread, merge_many, reproduce_many};
-pub use tables::{Redundancy, Side, Table};
+pub use many::{
+    ManyOptions, ManyStudies, ModelSpread, RobotSpread, RobotStudy, RobotStudyError, merge_many, reproduce_many,
+};
+pub use tables::{ComparedNumber, PaperTable, Redundancy};
 
 /// The models of the study besides nominal and sphere.
 const MODELS: [Estimator; 5] = [
@@ -46,11 +48,11 @@ pub struct Reproduction {
     /// Contacts, laser points and validation points.
     pub counts: [usize; 3],
     /// Tables 1, 2, 3, 4 and 6, published beside ours.
-    pub tables: Vec<Table>,
+    pub tables: Vec<PaperTable>,
     /// Table 5 with all models.
     pub validation: ValidationTable,
     /// The published models of Table 5 beside ours.
-    pub table_5: Table,
+    pub table_5: PaperTable,
     /// The redundancy analysis.
     pub redundancy: Redundancy,
     /// The paper's run on the spheres.
@@ -135,7 +137,7 @@ pub fn reproduce(
         },
         ..recordings.experiment.clone()
     };
-    let procedure = Procedure::default();
+    let procedure = PaperProcedure::default();
     let simplex_options = Options {
         method: Method::NelderMead,
         ..plain

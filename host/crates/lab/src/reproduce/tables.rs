@@ -15,7 +15,7 @@ use spherecal_plan::laser::Spread;
 
 /// One number, published and ours.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Side {
+pub struct ComparedNumber {
     /// The published value; `None` if the paper has none.
     pub published: Option<f64>,
     /// From these recordings.
@@ -24,7 +24,7 @@ pub struct Side {
 
 /// A table of the paper.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Table {
+pub struct PaperTable {
     /// Its number in the paper.
     pub number: u32,
     /// What it shows.
@@ -32,14 +32,14 @@ pub struct Table {
     /// Headings of the columns.
     pub columns: Vec<String>,
     /// Rows: a name, and a number for each column.
-    pub rows: Vec<(String, Vec<Side>)>,
+    pub rows: Vec<(String, Vec<ComparedNumber>)>,
     /// Decimals to print.
     pub decimals: usize,
     /// What to know when reading it.
     pub note: String,
 }
 
-impl fmt::Display for Table {
+impl fmt::Display for PaperTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let decimals = self.decimals;
         writeln!(f, "Table {}. {} (published | ours)", self.number, self.title)?;
@@ -140,7 +140,7 @@ pub(super) fn redundancy(experiment: &Experiment) -> Redundancy {
 }
 
 /// Table 1: the certificate, and the sphere centres by the calibrated robot.
-pub(super) fn spheres(experiment: &Experiment, calibration: &Calibration) -> Table {
+pub(super) fn spheres(experiment: &Experiment, calibration: &Calibration) -> PaperTable {
     let rows = experiment.spheres.iter().zip(TABLE_1_MM).map(|(sphere, published)| {
         let here = |at: &Target| matches!(at, Target::Sphere { sphere: id, place: 0 } if *id == sphere.id);
         let own = experiment.observations.iter().filter(|o| here(&o.target));
@@ -150,13 +150,13 @@ pub(super) fn spheres(experiment: &Experiment, calibration: &Calibration) -> Tab
             count += 1.0;
         }
         let mean = sum * (1e3 / f64::max(count, 1.0));
-        let sides = (0..3).map(|k| Side {
+        let sides = (0..3).map(|k| ComparedNumber {
             published: Some(published[k]),
             ours: mean[k],
         });
         (format!("sphere {}", sphere.id), sides.collect())
     });
-    Table {
+    PaperTable {
         number: 1,
         title: "Centres of the spheres in the world frame, mm".to_owned(),
         columns: ["X", "Y", "Z"].map(str::to_owned).to_vec(),
@@ -167,7 +167,7 @@ pub(super) fn spheres(experiment: &Experiment, calibration: &Calibration) -> Tab
 }
 
 /// Table 2: which parameters are considered.
-pub(super) fn parameters(redundancy: &Redundancy) -> Table {
+pub(super) fn parameters(redundancy: &Redundancy) -> PaperTable {
     let mut removed = redundancy.removed_on_axis.clone();
     removed.sort();
     let mut published = TABLE_2_REDUNDANT.map(str::to_owned).to_vec();
@@ -177,7 +177,7 @@ pub(super) fn parameters(redundancy: &Redundancy) -> Table {
     } else {
         "not the same"
     };
-    Table {
+    PaperTable {
         number: 2,
         title: format!("Considered parameters: {} of 28", redundancy.kept.len()),
         columns: Vec::new(),
@@ -193,7 +193,7 @@ pub(super) fn parameters(redundancy: &Redundancy) -> Table {
 }
 
 /// Tables 3 and 4: statistics of TCP coordinates (m, F0).
-pub(super) fn spread(number: u32, points: &[Vector3<f64>]) -> Table {
+pub(super) fn spread(number: u32, points: &[Vector3<f64>]) -> PaperTable {
     let (published, use_of) = if number == 3 {
         (TABLE_3_MM, "calibration")
     } else {
@@ -202,13 +202,13 @@ pub(super) fn spread(number: u32, points: &[Vector3<f64>]) -> Table {
     let s = Spread::of(points);
     let rows = ["x", "y", "z"].into_iter().enumerate().map(|(k, axis)| {
         let ours = [s.mean_m[k], s.std_m[k], s.min_m[k], s.max_m[k]];
-        let sides = ours.iter().zip(published[k]).map(|(ours, published)| Side {
+        let sides = ours.iter().zip(published[k]).map(|(ours, published)| ComparedNumber {
             published: Some(published),
             ours: ours * 1e3,
         });
         (axis.to_owned(), sides.collect())
     });
-    Table {
+    PaperTable {
         number,
         title: format!(
             "Statistics of the {} configurations used for laser {use_of}, mm",
@@ -222,7 +222,7 @@ pub(super) fn spread(number: u32, points: &[Vector3<f64>]) -> Table {
 }
 
 /// Table 5: validation with the arc-measured base.
-pub(super) fn table_5(validation: &ValidationTable) -> Table {
+pub(super) fn table_5(validation: &ValidationTable) -> PaperTable {
     let shown = [
         Estimator::LaserNelderMead,
         Estimator::PaperNelderMead,
@@ -236,13 +236,13 @@ pub(super) fn table_5(validation: &ValidationTable) -> Table {
         let s = validation.model(name.name())?.statistics(Alignment::Arcs);
         let published = TABLE_5_MM.iter().find(|(n, _)| *n == name).map(|(_, v)| *v);
         let ours = [s.mean_mm, s.std_mm, s.min_mm, s.max_mm];
-        let sides = ours.into_iter().enumerate().map(|(k, ours)| Side {
+        let sides = ours.into_iter().enumerate().map(|(k, ours)| ComparedNumber {
             published: published.map(|p| p[k]),
             ours,
         });
         Some((name.name().to_owned(), sides.collect()))
     });
-    Table {
+    PaperTable {
         number: 5,
         title: "Validation errors, base measured by arcs, mm".to_owned(),
         columns: ["mean", "std", "min", "max"].map(str::to_owned).to_vec(),
@@ -255,7 +255,7 @@ pub(super) fn table_5(validation: &ValidationTable) -> Table {
 }
 
 /// Table 6: the calibrated table by the paper's simplex, and by the better estimator.
-pub(super) fn calibrated(simplex: &Calibration, full: &Calibration) -> Table {
+pub(super) fn calibrated(simplex: &Calibration, full: &Calibration) -> PaperTable {
     let row = |calibration: &Calibration, i: usize| {
         calibration
             .robot
@@ -266,8 +266,8 @@ pub(super) fn calibrated(simplex: &Calibration, full: &Calibration) -> Table {
     let mut rows = Vec::new();
     for i in 0..simplex.robot.dof() {
         let published = TABLE_6.get(i).copied();
-        let side = |ours: [f64; 4], published: Option<[f64; 4]>| -> Vec<Side> {
-            let sides = ours.into_iter().enumerate().map(|(k, ours)| Side {
+        let side = |ours: [f64; 4], published: Option<[f64; 4]>| -> Vec<ComparedNumber> {
+            let sides = ours.into_iter().enumerate().map(|(k, ours)| ComparedNumber {
                 published: published.map(|p| p[k]),
                 ours,
             });
@@ -276,7 +276,7 @@ pub(super) fn calibrated(simplex: &Calibration, full: &Calibration) -> Table {
         rows.push((format!("{i} simplex"), side(row(simplex, i), published)));
         rows.push((format!("{i} full"), side(row(full, i), None)));
     }
-    Table {
+    PaperTable {
         number: 6,
         title: "Calibrated table: alpha and theta in rad, a and d in mm".to_owned(),
         columns: ["alpha", "a", "theta", "d"].map(str::to_owned).to_vec(),

@@ -10,11 +10,11 @@ use std::sync::{Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Shard, ShardError, Study};
+use super::{Shard, ShardError, ShardedStudy};
 
 /// First line of a file.
 #[derive(Serialize, Deserialize)]
-struct Header<S> {
+struct ShardHeader<S> {
     study: String,
     /// Program and version: other versions may give other numbers.
     program: String,
@@ -29,9 +29,9 @@ struct Header<S> {
     shard: u64,
 }
 
-impl<S: Study> Header<&S> {
-    fn of(study: &S, shard: Shard) -> Header<&S> {
-        Header {
+impl<S: ShardedStudy> ShardHeader<&S> {
+    fn of(study: &S, shard: Shard) -> ShardHeader<&S> {
+        ShardHeader {
             study: S::NAME.to_owned(),
             program: concat!("spherecal ", env!("CARGO_PKG_VERSION")).to_owned(),
             machine: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
@@ -45,7 +45,7 @@ impl<S: Study> Header<&S> {
 
 /// Any other line of a file.
 #[derive(Serialize, Deserialize)]
-struct Line<T> {
+struct OutcomeLine<T> {
     item: u64,
     /// Of the number and the outcome's text.
     crc32: u32,
@@ -60,8 +60,8 @@ fn encoded<T: Serialize>(item: u64, outcome: &T) -> Option<(String, u32)> {
 }
 
 /// Reads a line. `None` if it is not as it was written.
-fn decoded<S: Study>(line: &[u8]) -> Option<(u64, S::Outcome)> {
-    let line: Line<S::Outcome> = serde_json::from_slice(line).ok()?;
+fn decoded<S: ShardedStudy>(line: &[u8]) -> Option<(u64, S::Outcome)> {
+    let line: OutcomeLine<S::Outcome> = serde_json::from_slice(line).ok()?;
     let (_, crc) = encoded(line.item, &line.outcome)?;
     (crc == line.crc32).then_some((line.item, line.outcome))
 }
@@ -72,13 +72,13 @@ pub struct ShardFile {
     file: Mutex<File>,
 }
 
-fn name_of<S: Study>(shard: Shard) -> String {
+fn name_of<S: ShardedStudy>(shard: Shard) -> String {
     let (number, of) = shard.numbers();
     format!("{}-shard-{number}-of-{of}.jsonl", S::NAME)
 }
 
 /// The shard whose file has this name.
-fn shard_of<S: Study>(name: &str) -> Option<Shard> {
+fn shard_of<S: ShardedStudy>(name: &str) -> Option<Shard> {
     let numbers = name
         .strip_prefix(S::NAME)?
         .strip_prefix("-shard-")?
@@ -93,7 +93,11 @@ impl ShardFile {
     ///
     /// # Errors
     /// See [`ShardError`].
-    pub(super) fn open<S: Study>(study: &S, shard: Shard, folder: &Path) -> Result<(Self, BTreeSet<u64>), ShardError> {
+    pub(super) fn open<S: ShardedStudy>(
+        study: &S,
+        shard: Shard,
+        folder: &Path,
+    ) -> Result<(Self, BTreeSet<u64>), ShardError> {
         std::fs::create_dir_all(folder).map_err(|e| failed(folder, &e))?;
         let path = folder.join(name_of::<S>(shard));
         let mut file = OpenOptions::new()
@@ -108,7 +112,7 @@ impl ShardFile {
             Err(TryLockError::WouldBlock) => return Err(ShardError::Busy { path }),
             Err(TryLockError::Error(error)) => return Err(failed(&path, &error)),
         }
-        let wanted = serde_json::to_value(Header::of(study, shard)).map_err(|e| failed(&path, &e))?;
+        let wanted = serde_json::to_value(ShardHeader::of(study, shard)).map_err(|e| failed(&path, &e))?;
         let read = read::<S>(&path, &file)?;
         let mut done = BTreeSet::new();
         if let Some(header) = &read.header {
@@ -132,7 +136,7 @@ impl ShardFile {
     }
 
     /// Appends an outcome. A process that ends after this call does not lose it.
-    pub(super) fn append<S: Study>(&self, item: u64, outcome: &S::Outcome) -> Result<(), ShardError> {
+    pub(super) fn append<S: ShardedStudy>(&self, item: u64, outcome: &S::Outcome) -> Result<(), ShardError> {
         let not_finite = ShardError::NotFinite { study: S::NAME, item };
         let Some((text, crc32)) = encoded(item, outcome) else {
             return Err(not_finite);
@@ -163,7 +167,7 @@ struct Contents<T> {
     whole: u64,
 }
 
-fn read<S: Study>(path: &Path, file: &File) -> Result<Contents<S::Outcome>, ShardError> {
+fn read<S: ShardedStudy>(path: &Path, file: &File) -> Result<Contents<S::Outcome>, ShardError> {
     let mut contents = Contents {
         header: None,
         outcomes: Vec::new(),
@@ -244,7 +248,7 @@ fn compare(path: &Path, theirs: &Value, ours: &Value, may_differ: &[&str]) -> Re
 }
 
 /// See [`merged`](super::merged).
-pub(super) fn read_all<S: Study>(folder: &Path) -> Result<(S, Vec<S::Outcome>), ShardError> {
+pub(super) fn read_all<S: ShardedStudy>(folder: &Path) -> Result<(S, Vec<S::Outcome>), ShardError> {
     let mut paths: Vec<(PathBuf, Shard)> = std::fs::read_dir(folder)
         .map_err(|e| failed(folder, &e))?
         .filter_map(|entry| Some(entry.ok()?.path()))
@@ -281,7 +285,7 @@ pub(super) fn read_all<S: Study>(folder: &Path) -> Result<(S, Vec<S::Outcome>), 
             study: S::COMMAND,
         });
     };
-    let header: Header<S> = serde_json::from_value(header).map_err(|e| failed(folder, &e))?;
+    let header: ShardHeader<S> = serde_json::from_value(header).map_err(|e| failed(folder, &e))?;
     complete::<S>(&header, &mut outcomes)?;
     Ok((
         header.options,
@@ -290,7 +294,7 @@ pub(super) fn read_all<S: Study>(folder: &Path) -> Result<(S, Vec<S::Outcome>), 
 }
 
 /// Sorts the outcomes by item. Fails at the first shard that has not all of its own.
-fn complete<S: Study>(header: &Header<S>, outcomes: &mut [(u64, S::Outcome)]) -> Result<(), ShardError> {
+fn complete<S: ShardedStudy>(header: &ShardHeader<S>, outcomes: &mut [(u64, S::Outcome)]) -> Result<(), ShardError> {
     outcomes.sort_by_key(|(item, _)| *item);
     for shard in (1..=header.shards).filter_map(|number| Shard::new(number, header.shards)) {
         let own = shard.range(header.items);

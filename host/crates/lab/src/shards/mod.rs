@@ -1,7 +1,7 @@
 //! Studies that are too large for one machine: each machine works on one *shard*, and a merge of all
 //! shards gives the bits of one run.
 //!
-//! A [`Study`] is a list of *items* (robots, runs with faults) that do not depend on each other.
+//! A [`ShardedStudy`] is a list of *items* (robots, runs with faults) that do not depend on each other.
 //! Shard I of N is the I-th of N contiguous parts of that list. Its outcomes go into a file, one line
 //! each ([`ShardFile`]). A shard that is stopped continues from its file.
 //!
@@ -25,7 +25,7 @@ pub use file::ShardFile;
 
 /// A study whose items do not depend on each other. Its serialized form is all of its options: two
 /// shards belong together only if these are the same.
-pub trait Study: Serialize + DeserializeOwned + Sync {
+pub trait ShardedStudy: Serialize + DeserializeOwned + Sync {
     /// Name in messages and in the names of files.
     const NAME: &'static str;
     /// The command with its options that make this study.
@@ -217,7 +217,7 @@ pub struct ShardDone {
 ///
 /// # Errors
 /// The first item that fails.
-pub(crate) fn whole<S: Study>(study: &S, progress: bool) -> Result<Vec<S::Outcome>, S::Error> {
+pub(crate) fn whole<S: ShardedStudy>(study: &S, progress: bool) -> Result<Vec<S::Outcome>, S::Error> {
     let items = 0..study.items();
     let context = study.prepare(items.clone())?;
     let bar = bar(items.end, S::ITEMS, progress);
@@ -238,7 +238,12 @@ pub(crate) fn whole<S: Study>(study: &S, progress: bool) -> Result<Vec<S::Outcom
 ///
 /// # Errors
 /// An item that fails, a file that cannot be written, or one that belongs to another study.
-pub fn run_shard<S: Study>(study: &S, shard: Shard, folder: &Path, progress: bool) -> Result<ShardDone, ShardError> {
+pub fn run_shard<S: ShardedStudy>(
+    study: &S,
+    shard: Shard,
+    folder: &Path,
+    progress: bool,
+) -> Result<ShardDone, ShardError> {
     let items = shard.range(study.items());
     let (file, done) = ShardFile::open(study, shard, folder)?;
     let left: Vec<u64> = items.clone().filter(|item| !done.contains(item)).collect();
@@ -268,7 +273,7 @@ pub fn run_shard<S: Study>(study: &S, shard: Shard, folder: &Path, progress: boo
 ///
 /// # Errors
 /// A shard that is missing, not finished, damaged or of another study.
-pub(crate) fn merged<S: Study>(folder: &Path) -> Result<(S, Vec<S::Outcome>), ShardError> {
+pub(crate) fn merged<S: ShardedStudy>(folder: &Path) -> Result<(S, Vec<S::Outcome>), ShardError> {
     file::read_all(folder)
 }
 

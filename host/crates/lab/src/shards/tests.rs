@@ -18,7 +18,7 @@ struct Sines {
 #[error("item {0} fails")]
 struct Fails(u64);
 
-impl Study for Sines {
+impl ShardedStudy for Sines {
     const NAME: &'static str = "sines";
     const COMMAND: &'static str = "sines";
     const ITEMS: &'static str = "values";

@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use super::{Hold, Listener};
-use spherecal_campaign::{self as campaign, Assignment, NoJournal, Observer, Outcome, RunOptions};
+use super::{Hold, SampleKeeper};
+use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, NoJournal, Outcome, RunOptions};
 use spherecal_job::connect::{controller, distant};
-use spherecal_job::{ConfigError, JobError, Link, Prepared};
+use spherecal_job::{ConfigError, JobError, Link, PreparedRun};
 use spherecal_link::{Device, LocalDevice};
 use spherecal_sim::simulated_arm;
 
@@ -17,11 +17,11 @@ use spherecal_sim::simulated_arm;
 /// # Errors
 /// Any error that stops the campaign, and numbers that the procedure refuses.
 pub fn hold(
-    prepared: &Prepared,
+    prepared: &PreparedRun,
     link: &Link,
     folder: &Path,
     (places, hold_ticks): (usize, u32),
-    observer: &mut dyn Observer,
+    observer: &mut dyn CampaignObserver,
     interrupt: &AtomicBool,
 ) -> Result<(Vec<Hold>, Outcome), JobError> {
     let mut plan = prepared.plan.clone();
@@ -62,7 +62,7 @@ pub fn hold(
         let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &plan.home.joints)?;
         Box::new(LocalDevice::new(controller, drive, joints)?)
     };
-    let mut listener = Listener::new(observer, joints);
+    let mut listener = SampleKeeper::new(observer, joints);
     let (outcome, result) = campaign::run(&assignment, device.as_mut(), &mut NoJournal, &mut listener, interrupt);
     let holds = listener.finish();
     result?;

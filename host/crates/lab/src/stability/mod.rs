@@ -18,7 +18,7 @@ use serde::Serialize;
 use spherecal_shared::protocol::host::{Event, Phase};
 use spherecal_shared::timing::SampleClock;
 
-use spherecal_campaign::{Observer, Progress};
+use spherecal_campaign::{CampaignObserver, Progress};
 use spherecal_link::Arrival;
 use spherecal_model::chain::Chain;
 
@@ -51,17 +51,17 @@ pub struct Hold {
 }
 
 /// Keeps the samples of recordings and passes everything on to another observer.
-pub struct Listener<'a> {
-    inner: &'a mut dyn Observer,
+pub struct SampleKeeper<'a> {
+    inner: &'a mut dyn CampaignObserver,
     joints: usize,
     clock: SampleClock,
     open: Option<Hold>,
     holds: Vec<Hold>,
 }
 
-impl<'a> Listener<'a> {
+impl<'a> SampleKeeper<'a> {
     /// Wraps an observer, for an arm with `joints` joints.
-    pub fn new(inner: &'a mut dyn Observer, joints: usize) -> Self {
+    pub fn new(inner: &'a mut dyn CampaignObserver, joints: usize) -> Self {
         Self {
             inner,
             joints,
@@ -82,7 +82,7 @@ impl<'a> Listener<'a> {
     }
 }
 
-impl Observer for Listener<'_> {
+impl CampaignObserver for SampleKeeper<'_> {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
         self.clock.observe(&arrival.body);
         match &arrival.body {

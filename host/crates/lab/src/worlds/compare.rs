@@ -9,10 +9,10 @@ use serde::{Deserialize, Serialize};
 use super::estimators::judge;
 use super::record::{ContactPose, WorldError, paper_poses, record_poses};
 use super::seeds;
-use crate::shards::{self, ShardError, Study};
+use crate::shards::{self, ShardError, ShardedStudy};
 use spherecal_identify::Estimator;
-use spherecal_identify::validate::{Alignment, Statistics};
-use spherecal_report::export::Table;
+use spherecal_identify::validate::{Alignment, ErrorStatistics};
+use spherecal_report::export::ExportTable;
 use spherecal_sim::worlds::World;
 
 /// What to compare.
@@ -46,19 +46,19 @@ impl Default for CompareOptions {
 
 /// Errors of one estimator on one robot, in mm, by alignment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Errors {
+pub struct AlignedErrors {
     /// Seed of the robot.
     pub seed: u64,
     /// V1: base measured by arcs.
-    pub arcs: Statistics,
+    pub arcs: ErrorStatistics,
     /// V2: base fitted to the points.
-    pub best_fit: Statistics,
+    pub best_fit: ErrorStatistics,
     /// V3: the model's own base.
-    pub own: Statistics,
+    pub own: ErrorStatistics,
 }
 
-impl Errors {
-    pub(crate) fn under(&self, alignment: Alignment) -> &Statistics {
+impl AlignedErrors {
+    pub(crate) fn under(&self, alignment: Alignment) -> &ErrorStatistics {
         match alignment {
             Alignment::Arcs => &self.arcs,
             Alignment::BestFit => &self.best_fit,
@@ -69,19 +69,20 @@ impl Errors {
 
 /// One estimator in one world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Cell {
+pub struct WorldScore {
     /// The world.
     pub world: World,
     /// The estimator.
     pub estimator: Estimator,
     /// Every robot's errors, by seed.
-    pub robots: Vec<Errors>,
+    pub robots: Vec<AlignedErrors>,
 }
 
-impl Cell {
+impl WorldScore {
     /// Medians over the robots of mean and maximum error, in mm.
     pub fn median_mm(&self, alignment: Alignment) -> (f64, f64) {
-        let of = |f: &dyn Fn(&Statistics) -> f64| median(self.robots.iter().map(|r| f(r.under(alignment))).collect());
+        let of =
+            |f: &dyn Fn(&ErrorStatistics) -> f64| median(self.robots.iter().map(|r| f(r.under(alignment))).collect());
         (of(&|s| s.mean_mm), of(&|s| s.max_mm))
     }
 
@@ -113,24 +114,24 @@ pub struct Comparison {
     /// Number of contacts of each robot.
     pub poses: usize,
     /// The cells, world by world.
-    pub cells: Vec<Cell>,
+    pub cells: Vec<WorldScore>,
 }
 
 impl Comparison {
     /// One cell.
-    pub fn cell(&self, world: World, estimator: Estimator) -> Option<&Cell> {
+    pub fn cell(&self, world: World, estimator: Estimator) -> Option<&WorldScore> {
         self.cells.iter().find(|c| c.world == world && c.estimator == estimator)
     }
 
     /// One row for each robot and estimator: world, estimator, seed, and the errors under each
     /// alignment, in mm.
-    pub fn rows(&self) -> Table {
-        let rows: Vec<(&Cell, &Errors)> = self
+    pub fn rows(&self) -> ExportTable {
+        let rows: Vec<(&WorldScore, &AlignedErrors)> = self
             .cells
             .iter()
             .flat_map(|c| c.robots.iter().map(move |r| (c, r)))
             .collect();
-        let mut table = Table::new("worlds");
+        let mut table = ExportTable::new("worlds");
         table.text("world", rows.iter().map(|(cell, _)| cell.world.name().to_owned()));
         table.text(
             "estimator",
@@ -142,7 +143,7 @@ impl Comparison {
             ("best_fit", Alignment::BestFit),
             ("own", Alignment::Own),
         ] {
-            let mut column = |what: &str, value: fn(&Statistics) -> f64| {
+            let mut column = |what: &str, value: fn(&ErrorStatistics) -> f64| {
                 let values = rows.iter().map(|(_, errors)| value(errors.under(alignment)));
                 table.real(format!("{name}_{what}_mm"), values);
             };
@@ -215,7 +216,7 @@ pub struct RobotErrors {
     /// Number of contacts.
     contacts: usize,
     /// Errors by estimator. Estimators without a meaning in the world are left out.
-    errors: Vec<(Estimator, Errors)>,
+    errors: Vec<(Estimator, AlignedErrors)>,
 }
 
 /// Draws a robot, simulates its recordings, identifies and judges it.
@@ -228,7 +229,7 @@ pub(super) fn robot(
     let table = judge(&record_poses(world, seed, poses)?, estimators)?;
     let errors = estimators.iter().filter_map(|estimator| {
         let model = table.model(estimator.name())?;
-        let errors = Errors {
+        let errors = AlignedErrors {
             seed,
             arcs: model.arcs,
             best_fit: model.best_fit,
@@ -247,16 +248,16 @@ pub(super) fn cells<'a, I: Iterator<Item = &'a RobotErrors>>(
     worlds: &[World],
     estimators: &[Estimator],
     of_world: impl Fn(usize) -> I,
-) -> Vec<Cell> {
+) -> Vec<WorldScore> {
     let mut cells = Vec::new();
     for (number, world) in worlds.iter().enumerate() {
         for estimator in estimators {
-            let robots: Vec<Errors> = of_world(number)
+            let robots: Vec<AlignedErrors> = of_world(number)
                 .flat_map(|robot| robot.errors.iter().filter(|(e, _)| e == estimator))
                 .map(|(_, errors)| *errors)
                 .collect();
             if !robots.is_empty() {
-                cells.push(Cell {
+                cells.push(WorldScore {
                     world: *world,
                     estimator: *estimator,
                     robots,
@@ -268,7 +269,7 @@ pub(super) fn cells<'a, I: Iterator<Item = &'a RobotErrors>>(
 }
 
 /// Item number `seed * worlds + world` is one robot.
-impl Study for CompareOptions {
+impl ShardedStudy for CompareOptions {
     const NAME: &'static str = "worlds";
     const COMMAND: &'static str = "worlds";
     const ITEMS: &'static str = "robots";

@@ -5,7 +5,7 @@ use spherecal_shared::robot::iiwa7;
 use super::record::{Trial, WorldError};
 use spherecal_identify::arcs::Measured;
 use spherecal_identify::validate::ValidationTable;
-use spherecal_identify::{Estimator, EvaluateOptions, Options, Recordings, Target, Tracker, evaluate};
+use spherecal_identify::{Estimator, EvaluateOptions, Options, Recordings, Target, TrackerRecordings, evaluate};
 use spherecal_sim::worlds::World;
 
 /// Options of the estimator that knows the laws: the model, priors and noise that the trial's
@@ -32,7 +32,7 @@ impl From<&Trial> for Recordings {
             _ => None,
         });
         Self {
-            tracker: Some(Tracker {
+            tracker: Some(TrackerRecordings {
                 calibration: calibration.collect(),
                 base_arcs: trial.base_arcs.clone(),
                 tool_arcs: trial.tool_arcs.clone(),

@@ -20,7 +20,7 @@ mod plans;
 mod record;
 mod seeds;
 
-pub use compare::{Cell, CompareOptions, Comparison, Errors, RobotErrors, compare, merge_comparison};
+pub use compare::{AlignedErrors, CompareOptions, Comparison, RobotErrors, WorldScore, compare, merge_comparison};
 pub use estimators::judge;
 pub use plans::{Chosen, PlanOptions, PlanRow, PlanTable, PlannedRobot, compare_plans, merge_plans};
 pub use record::{

@@ -10,10 +10,10 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::compare::{Cell, RobotErrors, cells, robot};
+use super::compare::{RobotErrors, WorldScore, cells, robot};
 use super::record::{ContactPose, WorldError, planned_poses};
 use super::seeds;
-use crate::shards::{self, ShardError, Study};
+use crate::shards::{self, ShardError, ShardedStudy};
 use spherecal_identify::Estimator;
 use spherecal_identify::validate::Alignment;
 use spherecal_plan::{self as plan, DesignRequest, Plan, PlanError};
@@ -101,7 +101,7 @@ pub struct PlanRow {
     /// Robot time that the plan predicts, in s.
     pub robot_s: f64,
     /// Errors of the default estimator, world by world.
-    pub cells: Vec<Cell>,
+    pub cells: Vec<WorldScore>,
 }
 
 impl PlanRow {
@@ -176,7 +176,7 @@ pub struct PlannedRobot {
 }
 
 /// Item number `(seed * plans + plan) * worlds + world` is one robot.
-impl Study for PlanOptions {
+impl ShardedStudy for PlanOptions {
     const NAME: &'static str = "plans";
     const COMMAND: &'static str = "worlds --plan";
     const ITEMS: &'static str = "robots";

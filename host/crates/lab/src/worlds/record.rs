@@ -142,9 +142,9 @@ pub fn record(world: World, seed: u64) -> Result<Trial, WorldError> {
 }
 
 /// Noise of one stream of measurements, independent of the other streams.
-struct Noise(ChaCha8Rng);
+struct NoiseStream(ChaCha8Rng);
 
-impl Noise {
+impl NoiseStream {
     fn new(seed: u64, stream: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x7472_6961_6c73);
         rng.set_stream(stream);
@@ -188,7 +188,7 @@ pub fn record_plant(world: World, plant: PlantConfig, poses: &[ContactPose]) -> 
     let tracker = tracker_frame(&plant);
     let mut arm = StillArm::new(&truth, &plant);
     arm.wait(plant.tracker.after_s);
-    let mut see = Noise::new(seed, 2);
+    let mut see = NoiseStream::new(seed, 2);
     let mut measure = |q: &Vec<f64>| {
         let rest = arm.go_to(&joints(q));
         arm.wait(plant.tracker.shot_s);
@@ -211,7 +211,7 @@ pub fn record_plant(world: World, plant: PlantConfig, poses: &[ContactPose]) -> 
     };
     let (base_arcs, tool_arcs) = (arcs(&planned.base_arcs), arcs(&planned.tool_arcs));
     let mut frames = frames_from_arcs(&iiwa7(), &base_arcs, &tool_arcs)?;
-    let mut off = Noise::new(seed, 3);
+    let mut off = NoiseStream::new(seed, 3);
     let sideways = off.0.random_range(0.0..std::f64::consts::TAU);
     frames.tool_m[0] += plant.tracker.remount_m * sideways.cos();
     frames.tool_m[1] += plant.tracker.remount_m * sideways.sin();
@@ -294,7 +294,7 @@ fn contacts(
     let spheres = paper_plate();
     let mut arm = StillArm::new(truth, plant);
     // Apart, so that W4's other contacts are the same with and without bad ones.
-    let mut chance = Noise::new(seed, 4);
+    let mut chance = NoiseStream::new(seed, 4);
     let mut bad = Vec::new();
     let mut observations = Vec::with_capacity(poses.len());
     let mut coupling = None;

@@ -21,7 +21,7 @@ pub enum DriveEvent {
         errors: spherecal_fci::wire::ErrorSet,
     },
     /// A KUKA cabinet ended commanding.
-    KukaEnded(spherecal_fri::client::SessionEnd),
+    KukaEnded(spherecal_fri::client::CommandingEnd),
     /// The client waits for the application on the cabinet to start its motion.
     KukaWaits(spherecal_fri::wire::SessionState),
     /// The robot does not permit commands yet.

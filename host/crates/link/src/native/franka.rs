@@ -3,15 +3,15 @@
 use std::time::{Duration, Instant};
 
 use spherecal_fci::PERIOD_S;
-use spherecal_fci::client::{Client, ClientError, Config};
-use spherecal_fci::robot::{JointLimits as FrankaLimits, ModelError};
-use spherecal_fci::wire::{CollisionBehavior, Load, RobotMode, RobotState, Status, Version};
+use spherecal_fci::client::{Client, ClientConfig, ClientError};
+use spherecal_fci::robot::{ArmLimits as FrankaLimits, ModelError};
+use spherecal_fci::wire::{CollisionBehavior, FlangeLoad, RobotMode, RobotState, Status, Version};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 use spherecal_shared::protocol::host::LoopTiming;
 use spherecal_shared::robot::{Inertia, JointLimits};
 
-use super::monitor::{Monitor, Recorder};
+use super::monitor::{DriveRecorder, Monitor};
 use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, Undeclared, fill, periods, torques};
 use crate::{Drive, LinkError};
 
@@ -34,7 +34,7 @@ const LEVER_M: [f64; JOINTS] = [0.9, 0.9, 0.9, 0.9, 0.35, 0.35, 0.35];
 #[derive(Clone, Debug)]
 pub struct FrankaOptions {
     /// The connection.
-    pub config: Config,
+    pub config: ClientConfig,
     /// Mass distribution of the calibration tool in the flange frame.
     pub load: Inertia,
     /// Thresholds of contact and collision, see [`collision_behavior`].
@@ -82,7 +82,7 @@ pub struct FrankaDrive {
     /// Since when the robot has been in its reflex, and whether recovery was asked for.
     reflex: Option<(u64, bool)>,
     recoveries_in_row: u32,
-    recorder: Recorder,
+    recorder: DriveRecorder,
 }
 
 impl FrankaDrive {
@@ -93,7 +93,7 @@ impl FrankaDrive {
     /// The robot cannot be reached, speaks another version, or refuses a setting.
     pub fn connect(options: FrankaOptions) -> Result<Self, LinkError> {
         let mut client = open(&options).map_err(LinkError::device)?;
-        let mut recorder = Recorder::new(PERIOD_US);
+        let mut recorder = DriveRecorder::new(PERIOD_US);
         let limits = match own_limits(&mut client).map_err(LinkError::device)? {
             Some(Ok(limits)) => limits,
             Some(Err(error)) => {
@@ -390,9 +390,9 @@ fn open(options: &FrankaOptions) -> Result<Client, ClientError> {
     Ok(client)
 }
 
-fn load(body: &Inertia) -> Load {
+fn load(body: &Inertia) -> FlangeLoad {
     let [xx, yy, zz, xy, xz, yz] = body.inertia_kg_m2;
-    Load {
+    FlangeLoad {
         mass: body.mass_kg,
         centre_of_mass: body.com_m,
         inertia: [xx, xy, xz, xy, yy, yz, xz, yz, zz],

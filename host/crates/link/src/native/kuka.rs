@@ -2,13 +2,15 @@
 
 use std::time::{Duration, Instant};
 
-use spherecal_fri::client::{Client, ClientError, Config, Limits, MeasuredSign, State, measured_sign};
+use spherecal_fri::client::{
+    Client, ClientConfig, ClientError, MeasuredSign, MonitoredState, TorqueLimits, measured_sign,
+};
 use spherecal_fri::wire::{SafetyState, SessionState};
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
 use spherecal_shared::protocol::host::LoopTiming;
 use spherecal_shared::robot::{Arm, Dynamics as _, Robot, Tool};
 
-use super::monitor::{Monitor, Recorder};
+use super::monitor::{DriveRecorder, Monitor};
 use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, Undeclared, fill, periods, torques};
 use crate::{Drive, LinkError};
 
@@ -26,7 +28,7 @@ const SIGN_STATES: u32 = 100;
 #[derive(Clone, Debug)]
 pub struct KukaOptions {
     /// The connection. Its limits are replaced by the robot's torques and `torque_rate`.
-    pub config: Config,
+    pub config: ClientConfig,
     /// Largest change of a torque, in N m/s.
     pub torque_rate: f64,
     /// The nominal robot.
@@ -87,7 +89,7 @@ pub enum KukaError {
 pub struct KukaDrive {
     client: Client,
     hello: DriveHello,
-    state: State,
+    state: MonitoredState,
     tick: u64,
     missed: u32,
     /// The command for this period was carried out.
@@ -97,7 +99,7 @@ pub struct KukaDrive {
     /// Commanding is not permitted before this tick.
     resume_at: u64,
     silent: Duration,
-    recorder: Recorder,
+    recorder: DriveRecorder,
 }
 
 impl KukaDrive {
@@ -119,8 +121,8 @@ impl KukaDrive {
     fn open(options: &KukaOptions, robot: &Robot, tool: &Tool) -> Result<Self, KukaError> {
         let arm = Arm::<f64, JOINTS>::new(robot, tool)?;
         let torque = std::array::from_fn(|j| robot.joints.get(j).map_or(0.0, |joint| joint.limits.torque_nm));
-        let config = Config {
-            limits: Limits {
+        let config = ClientConfig {
+            limits: TorqueLimits {
                 torque,
                 torque_rate: options.torque_rate,
             },
@@ -154,7 +156,7 @@ impl KukaDrive {
             begun: false,
             resume_at: 0,
             silent: Duration::ZERO,
-            recorder: Recorder::new(period_us),
+            recorder: DriveRecorder::new(period_us),
         })
     }
 
@@ -317,8 +319,8 @@ impl Drive for KukaDrive {
 }
 
 /// Mirrors until the connection is good enough for commands.
-fn first_state(client: &mut Client) -> Result<State, KukaError> {
-    let mut state = State::default();
+fn first_state(client: &mut Client) -> Result<MonitoredState, KukaError> {
+    let mut state = MonitoredState::default();
     let mut begun = Instant::now();
     let mut heard = false;
     loop {
@@ -345,7 +347,11 @@ fn first_state(client: &mut Client) -> Result<State, KukaError> {
 }
 
 /// Finds the sign of the measured torques from the gravity of the arm at rest.
-fn sign(client: &mut Client, mut state: State, arm: &Arm<f64, JOINTS>) -> Result<(State, TorqueSign), KukaError> {
+fn sign(
+    client: &mut Client,
+    mut state: MonitoredState,
+    arm: &Arm<f64, JOINTS>,
+) -> Result<(MonitoredState, TorqueSign), KukaError> {
     let mut measured = [0.0; JOINTS];
     let mut silent = 0;
     let mut count = 0;

@@ -77,14 +77,14 @@ impl From<&LoopTiming> for DriveRecord {
 const ANSWER_US: u32 = 300;
 
 #[derive(Debug, Default)]
-struct Shared {
+struct SharedRecord {
     record: DriveRecord,
     events: VecDeque<DriveEvent>,
 }
 
 /// Reads what a drive measures, from any thread.
 #[derive(Clone, Debug, Default)]
-pub struct Monitor(Arc<Mutex<Shared>>);
+pub struct Monitor(Arc<Mutex<SharedRecord>>);
 
 impl Monitor {
     /// The drive's counts, at most 64 cycles old.
@@ -107,7 +107,7 @@ impl Monitor {
 /// The drive's side of a [`Monitor`]. Its methods never wait for a reader, and allocate nothing but for the first
 /// events.
 #[derive(Debug)]
-pub(super) struct Recorder {
+pub(super) struct DriveRecorder {
     monitor: Monitor,
     pub(super) record: DriveRecord,
     /// Events that no reader could take yet.
@@ -117,7 +117,7 @@ pub(super) struct Recorder {
     period_us: u32,
 }
 
-impl Recorder {
+impl DriveRecorder {
     pub(super) fn new(period_us: u32) -> Self {
         let monitor = Monitor::default();
         if let Ok(mut shared) = monitor.0.lock() {
@@ -197,7 +197,7 @@ impl Recorder {
     }
 }
 
-impl Drop for Recorder {
+impl Drop for DriveRecorder {
     /// The last counts reach the readers.
     fn drop(&mut self) {
         let mut shared = self.monitor.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -212,7 +212,7 @@ mod tests {
     // Fails if an event is lost, repeated or out of order while a reader holds the lock now and then.
     #[test]
     fn events_arrive_once_and_in_order() {
-        let mut recorder = Recorder::new(1000);
+        let mut recorder = DriveRecorder::new(1000);
         let monitor = recorder.monitor();
         {
             let _reader = monitor.0.lock().expect("a lock");
@@ -229,7 +229,7 @@ mod tests {
     // Fails if periods are counted as missed while no torque is due, or a missed period is not.
     #[test]
     fn only_due_periods_can_be_missed() {
-        let mut recorder = Recorder::new(1000);
+        let mut recorder = DriveRecorder::new(1000);
         recorder.state(false, 5);
         recorder.state(true, 2);
         recorder.answered(true, false);

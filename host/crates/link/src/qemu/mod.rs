@@ -97,7 +97,7 @@ impl Machine {
 
 /// What a tick cost, in instructions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Cost {
+pub struct TickCost {
     /// The host's commands, the control law and the phases.
     pub tick: u32,
     /// Frames of both links, parsed and built, below the control task.
@@ -150,7 +150,7 @@ pub struct Qemu {
     sequence: u32,
     turn: Vec<u8>,
     body: Vec<u8>,
-    cost: Cost,
+    cost: TickCost,
     record: Option<BufWriter<File>>,
     finished: bool,
 }
@@ -205,14 +205,14 @@ impl Qemu {
             sequence: 0,
             turn: Vec::new(),
             body: Vec::new(),
-            cost: Cost::default(),
+            cost: TickCost::default(),
             record,
             finished: false,
         })
     }
 
     /// What the last tick cost.
-    pub fn cost(&self) -> Cost {
+    pub fn cost(&self) -> TickCost {
         self.cost
     }
 
@@ -330,7 +330,7 @@ impl Controller for Qemu {
         };
         // 25 MHz: 40 ns a count, 2^shift ns an instruction.
         let instructions = |counts: u32| ((u64::from(counts) * 40) >> self.shift) as u32;
-        self.cost = Cost {
+        self.cost = TickCost {
             tick: instructions(header.tick),
             link: instructions(header.link),
         };

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 
 use super::TcpError;
-use super::progress::{NO_FRAME, Watch};
+use super::progress::{FrameWatch, NO_FRAME};
 use super::turns::Turns;
 use crate::{Device, LinkError, LocalDevice};
 
@@ -179,7 +179,7 @@ struct TurnHost {
     peer: String,
     silent: Option<Duration>,
     turns: Turns,
-    watch: Watch,
+    watch: FrameWatch,
     /// When the last turn was complete, or else the last byte came.
     heard: Instant,
     /// Since when a turn has been incomplete.
@@ -213,7 +213,7 @@ impl TurnHost {
             peer: format!("the host at {address}"),
             silent,
             turns: Turns::default(),
-            watch: Watch::default(),
+            watch: FrameWatch::default(),
             heard: Instant::now(),
             begun: None,
             spoke: false,
@@ -320,7 +320,7 @@ struct Host {
     peer: String,
     silent: Option<Duration>,
     backlog: Vec<u8>,
-    watch: Watch,
+    watch: FrameWatch,
     heard: Instant,
     /// Since when the backlog has not become shorter.
     stuck: Option<Instant>,
@@ -345,7 +345,7 @@ impl Host {
             backlog: Vec::with_capacity(BACKLOG + UP + 1),
             peer: format!("the host at {address}"),
             silent,
-            watch: Watch::default(),
+            watch: FrameWatch::default(),
             heard: Instant::now(),
             stuck: None,
             spoke: false,

@@ -36,7 +36,7 @@ const LOOK: Duration = Duration::from_micros(40);
 pub struct TcpDrive {
     wire: Wire,
     hello: DriveHello,
-    schedule: Option<Schedule>,
+    schedule: Option<RealTimeSchedule>,
     /// The command of this period was sent.
     answered: bool,
     /// What a drive in real time has sent, from its first state on.
@@ -47,13 +47,13 @@ pub struct TcpDrive {
 }
 
 /// The clock of the controller of a real-time drive.
-struct Schedule {
+struct RealTimeSchedule {
     start: std::time::Instant,
     period_us: u64,
     watch: PeriodWatch,
 }
 
-impl Schedule {
+impl RealTimeSchedule {
     fn new(period_us: u32) -> Self {
         let period_us = u64::from(period_us);
         Self {
@@ -102,7 +102,7 @@ impl TcpDrive {
             wire.patience(Some(ANSWER))?;
             None
         } else {
-            Some(Schedule::new(hello.period_us))
+            Some(RealTimeSchedule::new(hello.period_us))
         };
         Ok(Self {
             wire,
@@ -125,7 +125,7 @@ impl TcpDrive {
             *state = self.wire.wait_for("a drive state", FIRST_STATE)?;
             self.wire.never_wait()?;
             // The ticks begin with the first state.
-            self.schedule = Some(Schedule::new(self.hello.period_us));
+            self.schedule = Some(RealTimeSchedule::new(self.hello.period_us));
             self.rate = Some(Rate::new(Duration::from_micros(u64::from(self.hello.period_us))));
             return Ok(());
         };

@@ -34,7 +34,7 @@ use std::net::{SocketAddr, TcpListener};
 pub use drive::{TcpDrive, check_limits};
 pub use error::TcpError;
 pub use remote::{Remote, Threaded};
-pub use server::{DriveServer, Service};
+pub use server::{ConnectionCounts, DriveServer};
 
 /// Opens a listener at `HOST:PORT`, or at `PORT` on this machine only.
 ///

@@ -15,13 +15,13 @@ const PILED_UP: u64 = 2_000;
 
 /// Bytes and time since the last valid frame.
 #[derive(Debug, Default)]
-pub(super) struct Progress {
+pub(super) struct FrameGap {
     since: Option<Instant>,
     bytes: usize,
     damaged: u32,
 }
 
-impl Progress {
+impl FrameGap {
     /// A valid frame came.
     pub(super) fn valid(&mut self) {
         *self = Self::default();
@@ -61,12 +61,12 @@ impl Progress {
 
 /// Looks for valid frames in bytes that somebody else decodes.
 #[derive(Default)]
-pub(super) struct Watch {
+pub(super) struct FrameWatch {
     accumulator: Accumulator,
-    pub(super) progress: Progress,
+    pub(super) progress: FrameGap,
 }
 
-impl Watch {
+impl FrameWatch {
     /// Looks at bytes; whether a valid frame came. Zero bytes alone (end marks) are neither progress
     /// nor its lack.
     pub(super) fn look(&mut self, bytes: &[u8]) -> bool {
@@ -134,7 +134,7 @@ mod tests {
     // does not end the count.
     #[test]
     fn only_valid_frames_are_progress() {
-        let mut watch = Watch::default();
+        let mut watch = FrameWatch::default();
         watch.look(&[0; 64]);
         assert!(watch.progress.left().is_none(), "end marks are no noise");
         let noise = vec![7; NO_FRAME_BYTES / 2];

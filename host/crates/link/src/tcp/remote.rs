@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use spherecal_shared::protocol::drive::DriveHello;
 
 use super::controller_server::serve_own_host;
-use super::progress::{NO_FRAME, Watch};
+use super::progress::{FrameWatch, NO_FRAME};
 use super::turns::Turns;
 use super::wire::Wire;
 use super::{TcpError, listen};
@@ -30,7 +30,7 @@ pub struct Remote {
     peer: String,
     hello: DriveHello,
     turns: Turns,
-    watch: Watch,
+    watch: FrameWatch,
     buffer: Vec<u8>,
     out: Vec<u8>,
     ticks: u64,
@@ -59,7 +59,7 @@ impl Remote {
             peer,
             hello,
             turns,
-            watch: Watch::default(),
+            watch: FrameWatch::default(),
             buffer: vec![0; 1 << 14],
             out: Vec::new(),
             ticks: 0,

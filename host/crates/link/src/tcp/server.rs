@@ -21,7 +21,7 @@ const LATE: u64 = 1000;
 
 /// Counts of one controller's connection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Service {
+pub struct ConnectionCounts {
     /// Commands carried out.
     pub commands: u64,
     /// Periods for which no command came (real time).
@@ -50,12 +50,12 @@ impl DriveServer {
     /// # Errors
     /// The drive fails, or the controller sends bytes that are not a command. A controller that
     /// disconnects is not an error.
-    pub fn serve(&mut self, listener: &TcpListener) -> Result<Service, LinkError> {
+    pub fn serve(&mut self, listener: &TcpListener) -> Result<ConnectionCounts, LinkError> {
         let (stream, peer) = listener.accept().map_err(|e| TcpError::of("a controller", e))?;
         let mut wire = Wire::new(stream, format!("the controller at {peer}"))?;
         let mut hello = self.drive.hello().clone();
         hello.lock_step = !self.real_time;
-        let mut service = Service::default();
+        let mut service = ConnectionCounts::default();
         let result = wire.send(&hello, 0).map_err(LinkError::from).and_then(|()| {
             if self.real_time {
                 self.in_real_time(&mut wire, &hello, &mut service)
@@ -71,7 +71,12 @@ impl DriveServer {
         }
     }
 
-    fn in_lock_step(&mut self, wire: &mut Wire, hello: &DriveHello, service: &mut Service) -> Result<(), LinkError> {
+    fn in_lock_step(
+        &mut self,
+        wire: &mut Wire,
+        hello: &DriveHello,
+        service: &mut ConnectionCounts,
+    ) -> Result<(), LinkError> {
         // Lock-step: a controller may take any time, because simulated time stands still.
         wire.patience(None)?;
         let mut state = DriveState::default();
@@ -104,7 +109,12 @@ impl DriveServer {
         }
     }
 
-    fn in_real_time(&mut self, wire: &mut Wire, hello: &DriveHello, service: &mut Service) -> Result<(), LinkError> {
+    fn in_real_time(
+        &mut self,
+        wire: &mut Wire,
+        hello: &DriveHello,
+        service: &mut ConnectionCounts,
+    ) -> Result<(), LinkError> {
         wire.never_wait()?;
         let period = Duration::from_micros(u64::from(hello.period_us));
         let start = Instant::now();

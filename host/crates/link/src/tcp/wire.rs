@@ -9,7 +9,7 @@ use spherecal_shared::protocol::frame::{
 };
 
 use super::TcpError;
-use super::progress::Progress;
+use super::progress::FrameGap;
 
 /// How long it may take to connect.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -35,7 +35,7 @@ pub(super) struct Wire {
     at: usize,
     filled: usize,
     sent: u32,
-    progress: Progress,
+    progress: FrameGap,
     /// How long a read waits; `None` waits for ever, or not at all where nothing waits.
     patience: Option<Duration>,
     /// The time limit of reads that the system has.
@@ -78,7 +78,7 @@ impl Wire {
             at: 0,
             filled: 0,
             sent: 0,
-            progress: Progress::default(),
+            progress: FrameGap::default(),
             patience: None,
             limit: None,
             waits: true,

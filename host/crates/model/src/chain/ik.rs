@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::linalg::Cholesky;
 
-use super::{Chain, JointVector, Posture, TcpPose, rotation_vector, wrapped};
+use super::{Chain, ChainFrames, JointVector, TcpPose, rotation_vector, wrapped};
 use crate::halton::halton;
 
 /// A pose counts as solved if its errors in position (m), rotation (rad) and elbow angle (rad) are
@@ -227,7 +227,7 @@ impl Chain {
 
     /// Task error: position, rotation vector of the difference, elbow angle. `None` if the elbow
     /// angle is requested but not defined.
-    fn error(&self, pose: &TcpPose, posture: &Posture, with_elbow: bool) -> Option<SVector<f64, 7>> {
+    fn error(&self, pose: &TcpPose, posture: &ChainFrames, with_elbow: bool) -> Option<SVector<f64, 7>> {
         let difference = pose.rotation * Rotation3::from_matrix_unchecked(posture.rotation).inverse();
         let turn = rotation_vector(&difference);
         let shift = pose.position - posture.tcp;

@@ -35,7 +35,7 @@ pub struct TcpPose {
 
 /// Frames and TCP at one configuration.
 #[derive(Clone, Debug)]
-struct Posture {
+struct ChainFrames {
     /// F1..Fn in F0; the rest is unused.
     frames: [Pose<f64>; MAX_JOINTS],
     /// Rotation of the flange and of FT.
@@ -143,10 +143,10 @@ impl Chain {
     }
 
     /// Frames and TCP at `q`.
-    fn posture(&self, q: &[f64]) -> Posture {
+    fn posture(&self, q: &[f64]) -> ChainFrames {
         let mut frames = [Pose::identity(); MAX_JOINTS];
         let flange = frames_into(&self.links, q, &mut frames);
-        Posture {
+        ChainFrames {
             rotation: flange.rotation,
             tcp: flange.point(&self.tcp),
             frames,
@@ -154,7 +154,7 @@ impl Chain {
     }
 
     /// Elbow angle in rad, for an arm of seven joints away from its degenerate places.
-    fn elbow_at(&self, posture: &Posture) -> Option<f64> {
+    fn elbow_at(&self, posture: &ChainFrames) -> Option<f64> {
         if !self.has_elbow() {
             return None;
         }
@@ -163,7 +163,7 @@ impl Chain {
 
     /// Task Jacobian at a posture: per rad/s of each joint the TCP's velocity,
     /// the angular velocity and, with `with_elbow`, the elbow's rate.
-    fn jacobian(&self, posture: &Posture, with_elbow: bool) -> TaskJacobian {
+    fn jacobian(&self, posture: &ChainFrames, with_elbow: bool) -> TaskJacobian {
         let mut jacobian = TaskJacobian::zeros();
         for (i, frame) in posture.frames.iter().enumerate().take(self.dof()) {
             let z = frame.z();
@@ -185,7 +185,7 @@ impl Chain {
     ///
     /// With S, E, W the origins of F2, F4, F6 and n the unit vector S→W, the
     /// angle is atan2(s, c), s = n·(z × (E−S)), c = (E−S)_z − n_z n·(E−S).
-    fn elbow_gradient(&self, posture: &Posture) -> Option<[f64; 7]> {
+    fn elbow_gradient(&self, posture: &ChainFrames) -> Option<[f64; 7]> {
         if !self.has_elbow() {
             return None;
         }

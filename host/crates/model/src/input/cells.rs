@@ -94,7 +94,7 @@ pub(super) fn separator(header: &str) -> u8 {
 
 /// Where a decimal sign was first seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Seen {
+pub(super) struct SeenSign {
     /// Row of data, from 1.
     pub(super) row: usize,
     /// Column, from 0.
@@ -107,8 +107,8 @@ pub(super) struct Seen {
 /// the next.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Decimals {
-    point: Option<Seen>,
-    comma: Option<Seen>,
+    point: Option<SeenSign>,
+    comma: Option<SeenSign>,
 }
 
 /// Why a cell is not a number.
@@ -121,7 +121,7 @@ pub(super) enum NumberError {
     /// A spreadsheet's mark for a formula that failed.
     Spreadsheet,
     /// Both decimal points and decimal commas; where the other one was seen.
-    Mixed(Seen),
+    Mixed(SeenSign),
     /// A comma in a table that commas separate, or several in one number.
     Thousands,
     /// Anything else.
@@ -130,7 +130,7 @@ pub(super) enum NumberError {
 
 impl Decimals {
     /// A finite number from a cell at `here`; `separator` is the table's.
-    pub(super) fn number(&mut self, text: &str, separator: u8, here: Seen) -> Result<f64, NumberError> {
+    pub(super) fn number(&mut self, text: &str, separator: u8, here: SeenSign) -> Result<f64, NumberError> {
         let point = memchr::memchr(b'.', text.as_bytes()).is_some();
         if let Ok(value) = text.parse::<f64>() {
             if !value.is_finite() {
@@ -181,7 +181,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const HERE: Seen = Seen { row: 1, column: 0 };
+    const HERE: SeenSign = SeenSign { row: 1, column: 0 };
 
     fn cells(line: &str, separator: u8) -> Vec<String> {
         let mut splitter = Splitter::new(separator);

@@ -32,7 +32,7 @@ impl TableFormat {
 
 /// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Column {
+pub(super) enum ColumnRole {
     /// Angle of a joint (from 0), times `scale` in rad.
     Angle {
         joint: usize,
@@ -65,10 +65,10 @@ pub(super) enum Column {
 
 /// The columns of a table and what they are together.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Header {
+pub(super) struct TableHeader {
     /// Names as written.
     pub(super) names: Vec<String>,
-    pub(super) columns: Vec<Column>,
+    pub(super) columns: Vec<ColumnRole>,
     /// Points in a row: 0, 1, or more where they are numbered.
     pub(super) targets: usize,
     /// Whether the points are numbered.

@@ -1,9 +1,9 @@
 //! One row of the table of poses: reads its cells, checks them, and keeps them.
 
-use super::cells::{Decimals, NumberError, Seen, SplitError, Splitter};
-use super::columns::{Column, Header, TableFormat};
+use super::cells::{Decimals, NumberError, SeenSign, SplitError, Splitter};
+use super::columns::{ColumnRole, TableFormat, TableHeader};
 use super::error::InputError;
-use super::table::{Fields, Labels, NONE, Table, rotation};
+use super::table::{Labels, NONE, RowFields, Table, rotation};
 use crate::{Set, excerpt};
 
 /// Longest name of a place or value of a label, in characters.
@@ -15,7 +15,7 @@ const MOST_OFF: f64 = 1e-3;
 /// The rows read so far, and what is needed to read the next and to complain about it.
 pub(super) struct RowReader<'a> {
     file: &'a str,
-    header: &'a Header,
+    header: &'a TableHeader,
     separator: u8,
     format: &'a TableFormat,
     decimals: Decimals,
@@ -32,7 +32,7 @@ pub(super) struct RowReader<'a> {
 
 impl<'a> RowReader<'a> {
     /// No row read yet.
-    pub(super) fn new(file: &'a str, header: &'a Header, separator: u8, format: &'a TableFormat) -> Self {
+    pub(super) fn new(file: &'a str, header: &'a TableHeader, separator: u8, format: &'a TableFormat) -> Self {
         Self {
             file,
             header,
@@ -94,7 +94,7 @@ impl<'a> RowReader<'a> {
     /// A finite number times `scale`, at most `largest` either way; `limit` says
     /// what a larger one means.
     fn number(&mut self, k: usize, text: &str, scale: f64, largest: f64, limit: &str) -> Result<f64, InputError> {
-        let here = Seen {
+        let here = SeenSign {
             row: self.row,
             column: k,
         };
@@ -148,7 +148,7 @@ impl<'a> RowReader<'a> {
         self.tau.fill(f64::NAN);
         self.numbers.fill(f64::NAN);
         self.orientation.fill(f64::NAN);
-        let mut fields = Fields {
+        let mut fields = RowFields {
             point: [f64::NAN; 3],
             sphere: NONE,
             place: NONE,
@@ -159,7 +159,7 @@ impl<'a> RowReader<'a> {
         for (k, column) in header.columns.iter().enumerate() {
             let text = cells.cell(k);
             match *column {
-                Column::Angle { joint, scale } => {
+                ColumnRole::Angle { joint, scale } => {
                     let limit = if scale == 1.0 {
                         "more than four turns: name the column with _deg if it is in degrees"
                     } else {
@@ -167,35 +167,35 @@ impl<'a> RowReader<'a> {
                     };
                     self.q[joint] = self.number(k, text, scale, 25.2, limit)?;
                 }
-                Column::Ignored => {}
-                Column::Blank if text.is_empty() => {}
-                Column::Blank => {
+                ColumnRole::Ignored => {}
+                ColumnRole::Blank if text.is_empty() => {}
+                ColumnRole::Blank => {
                     return Err(self.refuse(k, text, "give the column a name, or remove the cell"));
                 }
                 _ if text.is_empty() => {}
-                Column::Torque { joint } => {
+                ColumnRole::Torque { joint } => {
                     self.tau[joint] = self.number(k, text, 1.0, 1e5, "more than 100,000: torques are in N m")?;
                 }
-                Column::Coordinate { target, axis, scale } => {
+                ColumnRole::Coordinate { target, axis, scale } => {
                     let limit = "more than 100 m: check the unit in the column's name (x_mm or x_m)";
                     let slot = 3 * target.saturating_sub(1) + axis;
                     self.numbers[slot] = self.number(k, text, scale, 100.0, limit)?;
                 }
-                Column::Quaternion(part) => {
+                ColumnRole::Quaternion(part) => {
                     self.orientation[part] =
                         self.number(k, text, 1.0, 1.01, "parts of a unit quaternion are at most 1")?;
                 }
-                Column::Rotation(part) => {
+                ColumnRole::Rotation(part) => {
                     self.orientation[part] =
                         self.number(k, text, 1.0, 1.001, "elements of a rotation matrix are at most 1")?;
                 }
-                Column::Sphere => fields.sphere = self.sphere(k, text)?,
-                Column::Place => fields.place = places.number(self.name(k, text)?),
-                Column::Label => {
+                ColumnRole::Sphere => fields.sphere = self.sphere(k, text)?,
+                ColumnRole::Place => fields.place = places.number(self.name(k, text)?),
+                ColumnRole::Label => {
                     self.name(k, text)?;
                     fields.label = self.table.labels.number(text);
                 }
-                Column::Set => {
+                ColumnRole::Set => {
                     fields.set = Some(match text {
                         _ if text.eq_ignore_ascii_case("calibrate") => Set::Calibrate,
                         _ if text.eq_ignore_ascii_case("validate") => Set::Validate,
@@ -230,7 +230,7 @@ impl<'a> RowReader<'a> {
     }
 
     /// Puts a row whose cells have been read into the table.
-    fn keep(&mut self, mut fields: Fields) -> Result<(), InputError> {
+    fn keep(&mut self, mut fields: RowFields) -> Result<(), InputError> {
         let header = self.header;
         if self.tau.iter().any(|t| !t.is_nan()) && self.tau.iter().any(|t| t.is_nan()) {
             return Err(self.incomplete("tau", "give the torques of all joints or of none"));
@@ -254,7 +254,7 @@ impl<'a> RowReader<'a> {
         if points == 0 && fields.sphere == NONE {
             let remedy = if header.targets == 0 {
                 "say which sphere the tool sat on"
-            } else if header.columns.contains(&Column::Sphere) {
+            } else if header.columns.contains(&ColumnRole::Sphere) {
                 "say where the TCP was: a sphere, or x, y and z"
             } else {
                 "say where the TCP was: x, y and z"
@@ -283,7 +283,7 @@ impl<'a> RowReader<'a> {
     /// The unit quaternion of the row's orientation; NaN where it has none.
     fn quaternion(&self, positioned: bool) -> Result<[f64; 4], InputError> {
         let given = self.orientation.iter().filter(|v| !v.is_nan()).count();
-        let matrix = self.header.columns.iter().any(|c| matches!(c, Column::Rotation(_)));
+        let matrix = self.header.columns.iter().any(|c| matches!(c, ColumnRole::Rotation(_)));
         let (columns, needed) = if matrix { ("r11..r33", 9) } else { ("qw, qx, qy, qz", 4) };
         if given == 0 {
             return Ok([f64::NAN; 4]);

@@ -25,7 +25,7 @@ use std::io::Read;
 use std::path::Path;
 
 use super::cells::{Splitter, separator};
-use super::columns::{Header, TableFormat};
+use super::columns::{TableFormat, TableHeader};
 use super::csv_row::{RowReader, refuse_line, split_error};
 use super::error::InputError;
 use super::header::header;
@@ -43,7 +43,7 @@ const REPORTED: usize = 8192;
 
 /// How far the reading has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
+pub struct ReadingProgress {
     /// Rows so far.
     pub rows: usize,
     /// Bytes so far.
@@ -61,7 +61,7 @@ pub fn read_csv_file(
     path: &Path,
     format: &TableFormat,
     places: &mut Labels,
-    progress: &mut dyn FnMut(Progress),
+    progress: &mut dyn FnMut(ReadingProgress),
 ) -> Result<Table, InputError> {
     let (file, total) = open_regular(path, MOST_FILE_BYTES, "split the table into several files")?;
     let name = path.display().to_string();
@@ -83,7 +83,7 @@ fn read(
     total_bytes: u64,
     format: &TableFormat,
     places: &mut Labels,
-    progress: &mut dyn FnMut(Progress),
+    progress: &mut dyn FnMut(ReadingProgress),
 ) -> Result<Table, InputError> {
     let failed = |error: LineError| match error {
         LineError::System(source) => FileError::system(file, source).into(),
@@ -120,7 +120,7 @@ fn read(
         }
         reader.push(&splitter, cells, places)?;
         if row.is_multiple_of(REPORTED) {
-            progress(Progress {
+            progress(ReadingProgress {
                 rows: row,
                 bytes: lines.bytes(),
                 total_bytes,
@@ -135,7 +135,7 @@ fn read(
             remedy: "give a header line and one row per pose".to_owned(),
         });
     }
-    progress(Progress {
+    progress(ReadingProgress {
         rows: table.len(),
         bytes: lines.bytes(),
         total_bytes,
@@ -164,7 +164,7 @@ fn begin<R: Read>(
     lines: &mut Lines<R>,
     format: &TableFormat,
     failed: impl Fn(LineError) -> InputError,
-) -> Result<(Splitter, Header, u8), InputError> {
+) -> Result<(Splitter, TableHeader, u8), InputError> {
     let mut said = None;
     loop {
         let Some((text, line)) = lines.next().map_err(&failed)? else {

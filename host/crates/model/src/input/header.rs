@@ -6,7 +6,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::columns::{Column, Header, MOST_TARGETS, TableFormat};
+use super::columns::{ColumnRole, MOST_TARGETS, TableFormat, TableHeader};
 use super::error::InputError;
 use super::header_names::{DEGREE, angle_unit, fixed, hint, key, known, plain};
 use crate::excerpt;
@@ -40,7 +40,7 @@ fn check_joint_columns(format: &TableFormat) -> Result<(), InputError> {
 ///
 /// # Errors
 /// Columns that are not known, stand twice, or are incomplete together.
-pub(super) fn header(file: &str, names: Vec<String>, format: &TableFormat) -> Result<Header, InputError> {
+pub(super) fn header(file: &str, names: Vec<String>, format: &TableFormat) -> Result<TableHeader, InputError> {
     let refuse = |what: String, remedy: String| InputError::Columns {
         file: file.to_owned(),
         what,
@@ -64,19 +64,19 @@ pub(super) fn header(file: &str, names: Vec<String>, format: &TableFormat) -> Re
             let (stem, scale) = angle_unit(&name);
             exact.or_else(|| map.get(stem).map(|joint| (*joint, scale)))
         };
-        let as_angle = |(joint, scale): (usize, f64)| Column::Angle { joint, scale };
+        let as_angle = |(joint, scale): (usize, f64)| ColumnRole::Angle { joint, scale };
         let column = if ignore.contains_key(&name) {
-            Some(Column::Ignored)
+            Some(ColumnRole::Ignored)
         } else if let Some(found) = named(&own) {
             // `--joint-columns a_deg`: the name itself says the unit.
             let scale = if name.ends_with("_deg") { DEGREE } else { found.1 };
-            Some(Column::Angle { joint: found.0, scale })
+            Some(ColumnRole::Angle { joint: found.0, scale })
         } else {
             match fixed(&name) {
-                Some(Column::Angle { .. }) if !own.is_empty() => None,
+                Some(ColumnRole::Angle { .. }) if !own.is_empty() => None,
                 Some(column) => Some(column),
                 None if own.is_empty() && named(&robots).is_some() => named(&robots).map(as_angle),
-                None if label.as_ref() == Some(&name) => Some(Column::Label),
+                None if label.as_ref() == Some(&name) => Some(ColumnRole::Label),
                 None => None,
             }
         };
@@ -84,7 +84,7 @@ pub(super) fn header(file: &str, names: Vec<String>, format: &TableFormat) -> Re
             first_hint = first_hint.or_else(|| hint(&name, format));
             unknown.push(name);
         }
-        columns.push(column.unwrap_or(Column::Ignored));
+        columns.push(column.unwrap_or(ColumnRole::Ignored));
     }
     if !unknown.is_empty() {
         let numbers = |n: &String| n.replace(',', ".").parse::<f64>().is_ok();
@@ -111,7 +111,7 @@ pub(super) fn header(file: &str, names: Vec<String>, format: &TableFormat) -> Re
             ));
         }
     }
-    let mut header = Header {
+    let mut header = TableHeader {
         names,
         columns,
         targets: 0,
@@ -124,21 +124,21 @@ pub(super) fn header(file: &str, names: Vec<String>, format: &TableFormat) -> Re
     Ok(header)
 }
 
-impl Header {
-    fn has(&self, wanted: impl Fn(&Column) -> bool) -> bool {
+impl TableHeader {
+    fn has(&self, wanted: impl Fn(&ColumnRole) -> bool) -> bool {
         self.columns.iter().any(wanted)
     }
 
     /// Every joint has its angle, and every one or none its torque.
     fn joints(&mut self, format: &TableFormat) -> Result<(), (String, String)> {
         let n = format.joints;
-        let angle = |k: usize| move |c: &Column| matches!(c, Column::Angle { joint, .. } if *joint == k);
-        let torque = |k: usize| move |c: &Column| *c == Column::Torque { joint: k };
-        self.torques = self.has(|c| matches!(c, Column::Torque { .. }));
+        let angle = |k: usize| move |c: &ColumnRole| matches!(c, ColumnRole::Angle { joint, .. } if *joint == k);
+        let torque = |k: usize| move |c: &ColumnRole| *c == ColumnRole::Torque { joint: k };
+        self.torques = self.has(|c| matches!(c, ColumnRole::Torque { .. }));
         for column in &self.columns {
             let (what, joint) = match column {
-                Column::Angle { joint, .. } => ("q", *joint),
-                Column::Torque { joint } => ("tau", *joint),
+                ColumnRole::Angle { joint, .. } => ("q", *joint),
+                ColumnRole::Torque { joint } => ("tau", *joint),
                 _ => continue,
             };
             if joint >= n {
@@ -177,7 +177,7 @@ impl Header {
     /// The columns that say where the tool was are complete.
     fn targets(&mut self) -> Result<(), (String, String)> {
         let has = |t: usize, a: usize| {
-            self.has(|c| matches!(c, Column::Coordinate { target, axis, .. } if (*target, *axis) == (t, a)))
+            self.has(|c| matches!(c, ColumnRole::Coordinate { target, axis, .. } if (*target, *axis) == (t, a)))
         };
         let whole: Vec<usize> = (0..=MOST_TARGETS).filter(|&t| (0..3).any(|a| has(t, a))).collect();
         for &target in &whole {
@@ -206,8 +206,10 @@ impl Header {
                 ));
             }
         }
-        let quaternion = (0..4).filter(|k| self.has(|c| *c == Column::Quaternion(*k))).count();
-        let rotation = (0..9).filter(|k| self.has(|c| *c == Column::Rotation(*k))).count();
+        let quaternion = (0..4)
+            .filter(|k| self.has(|c| *c == ColumnRole::Quaternion(*k)))
+            .count();
+        let rotation = (0..9).filter(|k| self.has(|c| *c == ColumnRole::Rotation(*k))).count();
         self.orientation = quaternion + rotation > 0;
         let refuse = |what: &str, remedy: &str| Err((what.to_owned(), remedy.to_owned()));
         match (quaternion, rotation) {
@@ -232,7 +234,7 @@ impl Header {
                 "give x_mm, y_mm and z_mm with it",
             );
         }
-        let spheres = self.columns.contains(&Column::Sphere);
+        let spheres = self.columns.contains(&ColumnRole::Sphere);
         if spheres && (self.numbered || self.orientation) {
             return refuse(
                 "there is a column sphere beside several targets or a pose",

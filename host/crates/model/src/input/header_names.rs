@@ -1,6 +1,6 @@
 //! The names of columns: spelling, units, and which name a wrong one is near to.
 
-use super::columns::{Column, MOST_TARGETS, TableFormat};
+use super::columns::{ColumnRole, MOST_TARGETS, TableFormat};
 use crate::excerpt;
 
 /// One degree, in rad.
@@ -38,30 +38,30 @@ pub(super) fn number(text: &str, most: usize) -> Option<usize> {
 }
 
 /// A column as every table may name it.
-pub(super) fn fixed(name: &str) -> Option<Column> {
+pub(super) fn fixed(name: &str) -> Option<ColumnRole> {
     match name {
-        "" => return Some(Column::Blank),
-        "sphere" => return Some(Column::Sphere),
-        "place" => return Some(Column::Place),
-        "set" => return Some(Column::Set),
-        "qw" => return Some(Column::Quaternion(0)),
-        "qx" => return Some(Column::Quaternion(1)),
-        "qy" => return Some(Column::Quaternion(2)),
-        "qz" => return Some(Column::Quaternion(3)),
+        "" => return Some(ColumnRole::Blank),
+        "sphere" => return Some(ColumnRole::Sphere),
+        "place" => return Some(ColumnRole::Place),
+        "set" => return Some(ColumnRole::Set),
+        "qw" => return Some(ColumnRole::Quaternion(0)),
+        "qx" => return Some(ColumnRole::Quaternion(1)),
+        "qy" => return Some(ColumnRole::Quaternion(2)),
+        "qz" => return Some(ColumnRole::Quaternion(3)),
         _ => {}
     }
     if let Some(rest) = name.strip_prefix("tau") {
         let joint = number(rest.strip_suffix("_nm").unwrap_or(rest), 99)?;
-        return Some(Column::Torque { joint: joint - 1 });
+        return Some(ColumnRole::Torque { joint: joint - 1 });
     }
     if let [b'r', row @ b'1'..=b'3', column @ b'1'..=b'3'] = name.as_bytes() {
-        return Some(Column::Rotation(
+        return Some(ColumnRole::Rotation(
             usize::from(row - b'1') * 3 + usize::from(column - b'1'),
         ));
     }
     let (stem, scale) = angle_unit(name);
     if let Some(joint) = stem.strip_prefix('q').and_then(|rest| number(rest, 99)) {
-        return Some(Column::Angle {
+        return Some(ColumnRole::Angle {
             joint: joint - 1,
             scale,
         });
@@ -82,22 +82,22 @@ pub(super) fn fixed(name: &str) -> Option<Column> {
         "" => 0,
         rest => number(rest, MOST_TARGETS)?,
     };
-    Some(Column::Coordinate { target, axis, scale })
+    Some(ColumnRole::Coordinate { target, axis, scale })
 }
 
 /// Two columns with the same key would fill the same cell.
-pub(super) fn key(column: Column) -> Option<(u8, usize, usize)> {
+pub(super) fn key(column: ColumnRole) -> Option<(u8, usize, usize)> {
     Some(match column {
-        Column::Angle { joint, .. } => (0, joint, 0),
-        Column::Torque { joint } => (1, joint, 0),
-        Column::Coordinate { target, axis, .. } => (2, target, axis),
-        Column::Quaternion(k) => (3, k, 0),
-        Column::Rotation(k) => (4, k, 0),
-        Column::Sphere => (5, 0, 0),
-        Column::Place => (6, 0, 0),
-        Column::Set => (7, 0, 0),
-        Column::Label => (8, 0, 0),
-        Column::Ignored | Column::Blank => return None,
+        ColumnRole::Angle { joint, .. } => (0, joint, 0),
+        ColumnRole::Torque { joint } => (1, joint, 0),
+        ColumnRole::Coordinate { target, axis, .. } => (2, target, axis),
+        ColumnRole::Quaternion(k) => (3, k, 0),
+        ColumnRole::Rotation(k) => (4, k, 0),
+        ColumnRole::Sphere => (5, 0, 0),
+        ColumnRole::Place => (6, 0, 0),
+        ColumnRole::Set => (7, 0, 0),
+        ColumnRole::Label => (8, 0, 0),
+        ColumnRole::Ignored | ColumnRole::Blank => return None,
     })
 }
 

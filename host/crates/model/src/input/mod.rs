@@ -24,12 +24,12 @@ mod table;
 
 pub use cells::MOST_COLUMNS;
 pub use columns::{MOST_TARGETS, TableFormat};
-pub use csv_table::{MOST_FILE_BYTES, MOST_ROWS, Progress, read_csv, read_csv_file};
+pub use csv_table::{MOST_FILE_BYTES, MOST_ROWS, ReadingProgress, read_csv, read_csv_file};
 pub use error::InputError;
 pub use lines::MOST_LINE_BYTES;
 pub use numbers::triple;
 pub use plate::{Plate, read_plate, read_plate_file};
-pub use table::{Labels, Row, Table};
+pub use table::{Labels, Table, TableRow};
 
 #[cfg(test)]
 mod plate_tests;

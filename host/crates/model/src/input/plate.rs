@@ -48,7 +48,7 @@ pub struct Plate {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+struct PlateFile {
     #[serde(default)]
     sphere: Vec<SphereTable>,
     #[serde(default)]
@@ -79,12 +79,12 @@ pub fn read_plate_file(path: &Path) -> Result<Plate, InputError> {
 }
 
 /// Where a refusal stands.
-struct Place<'a> {
+struct RefusalPlace<'a> {
     file: &'a str,
     sphere: u32,
 }
 
-impl Place<'_> {
+impl RefusalPlace<'_> {
     fn refuse(&self, field: &str, value: impl std::fmt::Display, remedy: &str) -> InputError {
         InputError::Field {
             file: self.file.to_owned(),
@@ -143,7 +143,7 @@ impl Place<'_> {
 /// Text that is not TOML, unknown fields, no or too many spheres, doubled ids,
 /// numbers that are not finite or not possible, spheres in the same place.
 pub fn read_plate(file: &str, text: &str) -> Result<Plate, InputError> {
-    let parsed: File = read_toml(text).map_err(|source| InputError::Toml {
+    let parsed: PlateFile = read_toml(text).map_err(|source| InputError::Toml {
         file: file.to_owned(),
         source,
         expected: "a plate lists [[sphere]] tables with id, x_mm, y_mm, z_mm and sigma_mm",
@@ -160,7 +160,7 @@ pub fn read_plate(file: &str, text: &str) -> Result<Plate, InputError> {
     }
     let mut spheres: Vec<Sphere> = Vec::with_capacity(count);
     for s in &parsed.sphere {
-        let place = Place { file, sphere: s.id };
+        let place = RefusalPlace { file, sphere: s.id };
         if spheres.iter().any(|other| other.id == s.id) {
             return Err(InputError::Field {
                 file: file.to_owned(),

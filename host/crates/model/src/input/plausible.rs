@@ -4,7 +4,7 @@
 //! whole: radians in a column of degrees are all small, degrees in a column of
 //! radians are mostly beyond a turn. The error names the first such row.
 
-use super::columns::{Column, Header};
+use super::columns::{ColumnRole, TableHeader};
 use super::error::InputError;
 use super::table::Table;
 
@@ -17,19 +17,19 @@ const TURN_RAD: f64 = 6.5;
 ///
 /// # Errors
 /// Angles or points whose numbers fit another unit only.
-pub(super) fn check(table: &Table, header: &Header) -> Result<(), InputError> {
+pub(super) fn check(table: &Table, header: &TableHeader) -> Result<(), InputError> {
     if table.len() < FEWEST {
         return Ok(());
     }
-    let rad = |c: &Column| matches!(c, Column::Angle { scale, .. } if *scale == 1.0);
-    let deg = |c: &Column| matches!(c, Column::Angle { scale, .. } if *scale != 1.0);
+    let rad = |c: &ColumnRole| matches!(c, ColumnRole::Angle { scale, .. } if *scale == 1.0);
+    let deg = |c: &ColumnRole| matches!(c, ColumnRole::Angle { scale, .. } if *scale != 1.0);
     if header.columns.iter().any(rad) {
         degrees_as_radians(table, header)?;
     }
     if header
         .columns
         .iter()
-        .filter(|c| matches!(c, Column::Angle { .. }))
+        .filter(|c| matches!(c, ColumnRole::Angle { .. }))
         .all(deg)
     {
         radians_as_degrees(table, header)?;
@@ -38,7 +38,7 @@ pub(super) fn check(table: &Table, header: &Header) -> Result<(), InputError> {
 }
 
 /// The refusal of a value in row `k` (from 0).
-fn refuse(table: &Table, header: &Header, k: usize, column: usize, value: f64, remedy: String) -> InputError {
+fn refuse(table: &Table, header: &TableHeader, k: usize, column: usize, value: f64, remedy: String) -> InputError {
     InputError::Cell {
         file: table.file.clone(),
         row: k + 1,
@@ -50,14 +50,17 @@ fn refuse(table: &Table, header: &Header, k: usize, column: usize, value: f64, r
 }
 
 /// The column of joint `joint`.
-fn column_of(header: &Header, joint: usize) -> usize {
-    let found = |c: &Column| matches!(c, Column::Angle { joint: j, .. } if *j == joint);
+fn column_of(header: &TableHeader, joint: usize) -> usize {
+    let found = |c: &ColumnRole| matches!(c, ColumnRole::Angle { joint: j, .. } if *j == joint);
     header.columns.iter().position(found).unwrap_or_default()
 }
 
 /// Most rows lie beyond a turn: these are degrees.
-fn degrees_as_radians(table: &Table, header: &Header) -> Result<(), InputError> {
-    let rad = |joint: usize| matches!(header.columns.get(column_of(header, joint)), Some(Column::Angle { scale, .. }) if *scale == 1.0);
+fn degrees_as_radians(table: &Table, header: &TableHeader) -> Result<(), InputError> {
+    let rad = |joint: usize| {
+        let role = header.columns.get(column_of(header, joint));
+        matches!(role, Some(ColumnRole::Angle { scale, .. }) if *scale == 1.0)
+    };
     let mut beyond = 0;
     let mut first = None;
     for (k, row) in table.rows().enumerate() {
@@ -83,7 +86,7 @@ fn degrees_as_radians(table: &Table, header: &Header) -> Result<(), InputError> 
 }
 
 /// All angles lie within a turn's worth of radians: these are radians.
-fn radians_as_degrees(table: &Table, header: &Header) -> Result<(), InputError> {
+fn radians_as_degrees(table: &Table, header: &TableHeader) -> Result<(), InputError> {
     let largest = table.q.iter().fold(0.0_f64, |most, q| most.max(q.abs())).to_degrees();
     let at = table
         .q
@@ -108,8 +111,8 @@ fn radians_as_degrees(table: &Table, header: &Header) -> Result<(), InputError> 
 }
 
 /// All points lie within 10 mm of the origin, in columns of mm: these are metres.
-fn metres_as_millimetres(table: &Table, header: &Header) -> Result<(), InputError> {
-    let mm = |c: &Column| matches!(c, Column::Coordinate { scale, .. } if *scale == 1e-3);
+fn metres_as_millimetres(table: &Table, header: &TableHeader) -> Result<(), InputError> {
+    let mm = |c: &ColumnRole| matches!(c, ColumnRole::Coordinate { scale, .. } if *scale == 1e-3);
     let Some(column) = header.columns.iter().position(mm) else {
         return Ok(());
     };

@@ -55,7 +55,7 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// What a row has besides joints and further points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Fields {
+pub(super) struct RowFields {
     /// Measured point, in m; NaN where there is none.
     pub(super) point: [f64; 3],
     pub(super) sphere: u32,
@@ -82,12 +82,12 @@ pub struct Table {
     pub(super) points: Vec<f64>,
     /// Quaternions w, x, y, z; empty where the table has none, NaN where a row has none.
     pub(super) orientations: Vec<f64>,
-    pub(super) fields: Vec<Fields>,
+    pub(super) fields: Vec<RowFields>,
 }
 
 /// One row of a table, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row<'a> {
+pub struct TableRow<'a> {
     /// Line of the file, from 1.
     pub line: u64,
     /// Joint angles, in rad.
@@ -124,7 +124,7 @@ pub(super) fn rotation(w: f64, x: f64, y: f64, z: f64) -> Matrix3<f64> {
     unit.to_rotation_matrix().into_inner()
 }
 
-impl Row<'_> {
+impl TableRow<'_> {
     /// Where the tool was: the frame, the points or the point where the row has one,
     /// else the sphere.
     pub fn target(&self) -> Target {
@@ -157,13 +157,13 @@ impl Table {
     }
 
     /// The rows in the file's order.
-    pub fn rows(&self) -> impl ExactSizeIterator<Item = Row<'_>> {
+    pub fn rows(&self) -> impl ExactSizeIterator<Item = TableRow<'_>> {
         fn part(all: &[f64], k: usize, width: usize) -> &[f64] {
             all.get(k * width..(k + 1) * width).unwrap_or_default()
         }
         let whole = |values: &&[f64]| !values.is_empty() && !values.iter().any(|v| v.is_nan());
         let number = |number: u32| (number != NONE).then_some(number);
-        self.fields.iter().enumerate().map(move |(k, fields)| Row {
+        self.fields.iter().enumerate().map(move |(k, fields)| TableRow {
             line: u64::from(fields.line),
             q: part(&self.q, k, self.joints),
             tau: Some(part(&self.tau, k, self.joints)).filter(whole),

@@ -18,7 +18,7 @@ fn refusal(text: &str, joints: usize) -> String {
     read(text, joints).map(|t| t.len()).unwrap_err().to_string()
 }
 
-fn row(table: &Table, k: usize) -> Row<'_> {
+fn row(table: &Table, k: usize) -> TableRow<'_> {
     table.rows().nth(k).unwrap()
 }
 

@@ -9,32 +9,32 @@ use super::error::RobotFileError;
 use crate::read_toml;
 
 #[derive(Deserialize)]
-struct File {
-    calibration: Option<Table>,
+struct CompensatorFile {
+    calibration: Option<CalibrationTable>,
 }
 
 /// The numbers that are needed; the others of `[calibration]` say what the result is.
 #[derive(Deserialize)]
-struct Table {
+struct CalibrationTable {
     #[serde(flatten)]
-    rows: Rows,
+    rows: MdhColumns,
     compliance_rad_per_nm: Vec<f64>,
     bending_rad_per_nm: Vec<[f64; 2]>,
     tilt_rad_per_nm: [f64; 2],
     harmonics_rad: Vec<Vec<[f64; 2]>>,
-    nominal: Option<Nominal>,
+    nominal: Option<NominalTable>,
 }
 
 #[derive(Deserialize)]
-struct Nominal {
+struct NominalTable {
     #[serde(flatten)]
-    rows: Rows,
+    rows: MdhColumns,
     mass_kg: Vec<f64>,
     com_m: Vec<[f64; 3]>,
 }
 
 #[derive(Deserialize)]
-struct Rows {
+struct MdhColumns {
     alpha_rad: Vec<f64>,
     a_m: Vec<f64>,
     theta_rad: Vec<f64>,
@@ -43,7 +43,7 @@ struct Rows {
     tcp_m: [f64; 3],
 }
 
-impl Rows {
+impl MdhColumns {
     fn row(&self, j: usize) -> Option<MdhRow<f64>> {
         Some(MdhRow {
             alpha: *self.alpha_rad.get(j)?,
@@ -60,7 +60,7 @@ impl Rows {
 /// # Errors
 /// A file that no calibration wrote, or one in which a number is missing.
 pub fn read_compensator(path: &str, text: &str) -> Result<Compensator, RobotFileError> {
-    let file: File = read_toml(text).map_err(|source| RobotFileError::Toml {
+    let file: CompensatorFile = read_toml(text).map_err(|source| RobotFileError::Toml {
         path: path.to_owned(),
         source,
     })?;

@@ -14,7 +14,7 @@ use spherecal_shared::robot::{Pose, Tool};
 
 use super::frames::{compose, distance, inverse, rot_axis, row_transform};
 use super::model::{Origin, RobotModel};
-use super::urdf::Motion;
+use super::urdf::JointMotion;
 use super::urdf_out::SAME;
 
 /// Name of the frame F0 where it is not the root frame.
@@ -35,7 +35,7 @@ struct Edge {
 
 /// A frame in its parent's frame at one configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrameTransform<'a> {
+pub struct FrameInParent<'a> {
     /// Name of the parent frame.
     pub parent: &'a str,
     /// Name of the frame.
@@ -63,7 +63,7 @@ impl RobotModel {
                     .path
                     .iter()
                     .copied()
-                    .filter(|&i| urdf.joints[i].motion == Motion::Turns)
+                    .filter(|&i| urdf.joints[i].motion == JointMotion::Turns)
                     .collect();
                 let edge = |(i, joint): (usize, &super::urdf::UrdfJoint)| Edge {
                     parent: joint.parent.clone(),
@@ -145,10 +145,10 @@ impl FrameTree {
 
     /// Every frame in its parent's frame at joint angles `q` (rad, base to flange). A joint without
     /// an angle is at zero.
-    pub fn transforms<'a>(&'a self, q: &'a [f64]) -> impl Iterator<Item = FrameTransform<'a>> {
+    pub fn transforms<'a>(&'a self, q: &'a [f64]) -> impl Iterator<Item = FrameInParent<'a>> {
         self.edges.iter().map(|edge| {
             let turn = edge.axis.and_then(|(n, axis)| Some((*q.get(n)?, axis)));
-            FrameTransform {
+            FrameInParent {
                 parent: &edge.parent,
                 child: &edge.child,
                 pose: turn.map_or(edge.origin, |(angle, axis)| Pose {

@@ -309,7 +309,7 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
 }
 
 /// One scalar of a file with the keys that lead to it.
-struct Entry {
+struct ScalarEntry {
     keys: Vec<String>,
     value: String,
     /// The value is tagged `!degrees`.
@@ -317,7 +317,7 @@ struct Entry {
     line: usize,
 }
 
-impl Entry {
+impl ScalarEntry {
     fn number(&self) -> Option<f64> {
         let value: f64 = self.value.parse().ok()?;
         Some(if self.degrees { value.to_radians() } else { value })
@@ -325,12 +325,12 @@ impl Entry {
 }
 
 /// All scalars of a file of nested mappings.
-fn entries(path: &str, text: &str) -> Result<Vec<Entry>, RobotFileError> {
+fn entries(path: &str, text: &str) -> Result<Vec<ScalarEntry>, RobotFileError> {
     let syntax = |line: usize, what: &str| RobotFileError::Syntax {
         path: path.to_owned(),
         message: format!("line {line}: {what}"),
     };
-    let mut out: Vec<Entry> = Vec::new();
+    let mut out: Vec<ScalarEntry> = Vec::new();
     // The keys of the mappings that are open; `None` where a key comes next.
     let mut open: Vec<Option<String>> = Vec::new();
     for event in Parser::new_from_str(text) {
@@ -363,7 +363,7 @@ fn entries(path: &str, text: &str) -> Result<Vec<Entry>, RobotFileError> {
                 match open.last_mut() {
                     Some(key @ None) => *key = Some(value.into_owned()),
                     Some(Some(_)) if out.len() < MOST_JOINTS * (NUMBERS.len() + AXIS.len()) + 1 => {
-                        out.push(Entry {
+                        out.push(ScalarEntry {
                             keys: open.iter().flatten().cloned().collect(),
                             value: value.into_owned(),
                             degrees,

@@ -53,7 +53,7 @@ pub fn from_axes(axes: &[Axis], flange: &Pose<f64>) -> MdhChain {
     let base = axes.first().map_or_else(Pose::identity, base_frame);
     let mut rows = Vec::with_capacity(axes.len());
     // The last frame with its joint at zero, before its own theta and d are known.
-    let mut pending: Option<Pending> = None;
+    let mut pending: Option<PendingRow> = None;
     let mut parent = base;
     for (i, axis) in axes.iter().enumerate() {
         let link = if i == 0 {
@@ -69,7 +69,7 @@ pub fn from_axes(axes: &[Axis], flange: &Pose<f64>) -> MdhChain {
             link
         };
         let bare = row_transform(&link, 0.0);
-        pending = Some(Pending {
+        pending = Some(PendingRow {
             link,
             frame: compose(&parent, &bare),
         });
@@ -88,12 +88,12 @@ pub fn from_axes(axes: &[Axis], flange: &Pose<f64>) -> MdhChain {
 }
 
 /// A row whose theta and d are still zero, and its frame then.
-struct Pending {
+struct PendingRow {
     link: MdhRow<f64>,
     frame: Pose<f64>,
 }
 
-impl Pending {
+impl PendingRow {
     fn row(&self, theta: f64, d: f64) -> MdhRow<f64> {
         MdhRow {
             alpha: tidy_angle(self.link.alpha),

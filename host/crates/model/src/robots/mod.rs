@@ -33,7 +33,7 @@ use crate::read_text;
 
 pub use compensator::read_compensator;
 pub use error::RobotFileError;
-pub use frame_tree::{FrameTransform, FrameTree};
+pub use frame_tree::{FrameInParent, FrameTree};
 pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
 pub use model::{Origin, RobotModel, Tolerances, moved, near, table_frames};
 pub use urdf_in::load as load_urdf_text;

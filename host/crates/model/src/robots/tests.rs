@@ -1,12 +1,14 @@
 //! What must hold of every robot file: the table's forward kinematics are the
 //! file's own, whatever its axes.
 #![allow(clippy::approx_constant)] // URDF files write 1.5708.
+mod origins;
+mod refused;
 
 use proptest::prelude::*;
 use spherecal_shared::robot::Pose;
 
 use super::frames::{compose, distance, rot_axis};
-use super::urdf::{Motion, Urdf};
+use super::urdf::{JointMotion, Urdf};
 use super::*;
 
 /// The file's own forward kinematics, joint by joint, independent of the table.
@@ -15,7 +17,7 @@ fn urdf_flange(urdf: &Urdf, path: &[usize], q: &[f64]) -> Pose<f64> {
     path.iter().fold(Pose::identity(), |frame, &i| {
         let joint = &urdf.joints[i];
         let at = compose(&frame, &joint.origin);
-        if joint.motion != Motion::Turns {
+        if joint.motion != JointMotion::Turns {
             return at;
         }
         let turn = Pose {
@@ -242,242 +244,6 @@ fn a_made_urdf_moves_as_the_table() {
     }
 }
 
-/// Fails if the joint origins, read back as a robot, move otherwise than the table
-/// that they were written from; or if the vendor's keys are not there.
-#[test]
-fn joint_origins_go_round_in_the_vendors_forms() {
-    let q = [0.3, -0.7, 1.1, -1.3, 0.2, 0.9, -0.4];
-    for (name, keys) in [
-        (
-            "ur5e",
-            &[
-                "kinematics:",
-                "  shoulder:",
-                "  wrist_3:",
-                "    roll: 1.57",
-                "  hash: calib_",
-            ][..],
-        ),
-        ("ur10e", &["  upper_arm:", "  forearm:", "  wrist_1:", "  wrist_2:"]),
-        ("panda", &["joint1:", "  kinematic:", "    z: 0.333", "joint8:"]),
-        ("fr3", &["joint7:"]),
-        ("iiwa14", &["kinematics:", "  joint_1:", "  joint_7:"]),
-        ("ur5e.urdf", &["  shoulder:", "  wrist_3:"]),
-        ("panda.urdf", &["joint1:", "joint8:"]),
-        ("iiwa7.urdf", &["  lbr_A1:", "  lbr_A7:"]),
-        ("irb120.urdf", &["  joint_6:"]),
-    ] {
-        let model = match name.strip_suffix(".urdf") {
-            Some(_) => load_urdf_text(name, &data(name), None).unwrap(),
-            None => load(name).unwrap(),
-        };
-        let q = &q[..model.robot.dof()];
-        for rows in [model.rows(), disturbed(&model, 3e-3)] {
-            let yaml = write_kinematics_yaml(&model, &rows, &["of \u{1b}[2J\nMonday".to_owned()]);
-            assert!(yaml.starts_with("# of \\u001b[2J\n# Monday\n"), "{yaml}");
-            for key in keys.iter().filter(|k| !k.contains('.') || rows == model.rows()) {
-                assert!(yaml.lines().any(|l| l.starts_with(key)), "{name}: {key} not in {yaml}");
-            }
-            let again = kinematics_yaml::load("again.yaml", &yaml).unwrap();
-            // The last frames are compared where both files have the same one.
-            let (a, b) = (again.flange_at(q), model.flange_with(&rows, q));
-            let fixed = compose(&super::frames::inverse(&a), &b);
-            let other: Vec<f64> = q.iter().map(|q| 1.3 - q).collect();
-            let (a, b) = (again.flange_at(&other), model.flange_with(&rows, &other));
-            let off = distance(&compose(&a, &fixed), &b);
-            assert!(off < 1e-11, "{name}: off by {off:e}");
-            if keys[0] != "kinematics:" || name == "ur5e" {
-                assert!(
-                    name.contains(".urdf") || distance(&fixed, &Pose::identity()) < 1e-11,
-                    "{name}: {fixed:?}"
-                );
-            }
-        }
-    }
-}
-
-/// Fails if a built-in robot and the URDF by its vendor give other joint origins.
-#[test]
-fn built_in_and_vendors_files_give_the_same_origins() {
-    for name in ["ur5e", "ur10e", "panda", "fr3"] {
-        let table = load(name).unwrap();
-        let file = load_urdf_text(name, &data(&format!("{name}.urdf")), None).unwrap();
-        assert_eq!(table.joint_names, file.joint_names, "{name}");
-        let rows = disturbed(&table, 2e-3);
-        let (a, b) = (
-            numbers(&write_kinematics_yaml(&table, &rows, &[])),
-            numbers(&write_kinematics_yaml(&file, &rows, &[])),
-        );
-        assert!(a.len() >= 36 && a.len() == b.len());
-        for (x, y) in a.chunks(6).zip(b.chunks(6)) {
-            let frame = |n: &[f64]| Pose {
-                rotation: super::frames::from_rpy([n[3], n[4], n[5]]),
-                position: nalgebra::Vector3::new(n[0], n[1], n[2]),
-            };
-            assert!(distance(&frame(x), &frame(y)) < 1e-10, "{name}: {x:?} {y:?}");
-        }
-        // What came home as TOML is still known by its name.
-        let mut calibrated = table.clone();
-        for (joint, row) in calibrated.robot.joints.iter_mut().zip(&rows) {
-            joint.mdh = *row;
-        }
-        let again = toml_file::load("c.toml", &toml_file::write(&calibrated, &[])).unwrap();
-        assert_eq!(again.joint_names, table.joint_names);
-        assert_eq!(
-            write_kinematics_yaml(&again, &again.rows(), &[]),
-            write_kinematics_yaml(&table, &rows, &[])
-        );
-        assert_eq!(
-            write_offsets_yaml(&again, &again.rows(), &[]),
-            write_offsets_yaml(&table, &rows, &[])
-        );
-    }
-}
-
-/// The numbers of a YAML file of joint origins, six per joint.
-fn numbers(yaml: &str) -> Vec<f64> {
-    let lines = yaml.lines().filter(|l| l.starts_with("    "));
-    lines.map(|l| l.rsplit_once(' ').unwrap().1.parse().unwrap()).collect()
-}
-
-/// Fails if nominal numbers plus the offsets are not the calibrated ones.
-#[test]
-fn offsets_add_up() {
-    let file = load_urdf_text("ur5e.urdf", &data("ur5e.urdf"), None).unwrap();
-    for model in [file, load("ur10e").unwrap(), load("fr3").unwrap()] {
-        let rows = disturbed(&model, 2e-3);
-        let offsets = write_offsets_yaml(&model, &rows, &[]);
-        assert!(
-            offsets.contains(&format!("  {}:\n    x: ", model.joint_names[0])),
-            "{offsets}"
-        );
-        let nominal = numbers(&write_kinematics_yaml(&model, &model.rows(), &[]));
-        let calibrated = numbers(&write_kinematics_yaml(&model, &rows, &[]));
-        for ((offset, was), is) in numbers(&offsets).iter().zip(&nominal).zip(&calibrated) {
-            assert!((was + offset - is).abs() < 1e-15);
-            // Small corrections stay small: the angles are those that the file is written with.
-            assert!(offset.abs() < 0.02, "{offsets}");
-        }
-        assert!(
-            numbers(&write_offsets_yaml(&model, &model.rows(), &[]))
-                .iter()
-                .all(|o| o.abs() < 1e-12)
-        );
-    }
-}
-
-#[test]
-fn joint_origins_that_cannot_be_used_are_named() {
-    let good = write_kinematics_yaml(&load("ur5e").unwrap(), &load("ur5e").unwrap().rows(), &[]);
-    for (text, words) in [
-        (
-            good.replacen("    x: 0\n", "", 1),
-            "shoulder: x is \"\": give all six numbers",
-        ),
-        (
-            good.replacen("    x: 0\n", "    x: ${pi}\n", 1),
-            "shoulder: x is \"${pi}\": write a finite number",
-        ),
-        (good.replacen("    x: 0\n", "    x: .nan\n", 1), "write a finite number"),
-        (good.replacen("    x: 0\n", "    x: 0\n    w: 0\n", 1), "shoulder: w is"),
-        (good.replacen("    x: 0\n", "    x: 0\n    x: 0\n", 1), "stands twice"),
-        (good.replacen("    x: 0\n", "    x: [0, 1]\n", 1), "holds a list"),
-        (good.replacen("    x: 0\n", "    x: *a\n", 1), "is not YAML"),
-        (good.replacen("    x: 0\n", "    x: !money 5\n", 1), "tag"),
-        (String::new(), "joints is \"none\""),
-        ("- 1\n".to_owned(), "holds a list"),
-        ("a: {b: {c: {d: {e: {f: 1}}}}}\n".to_owned(), "nested deeper"),
-        ("kinematics: {a: 1}\n".to_owned(), "key is \"kinematics: a\""),
-        ("kinematics: {a: {x: 1}\n".to_owned(), "is not YAML"),
-    ] {
-        let message = kinematics_yaml::load("k.yaml", &text).unwrap_err().to_string();
-        assert!(message.contains(words), "{message:?} lacks {words:?}");
-    }
-    let degrees = good.replacen("    yaw: 0\n", "    yaw: !degrees 90\n", 1);
-    let turned = kinematics_yaml::load("k.yaml", &degrees).unwrap();
-    let nominal = kinematics_yaml::load("k.yaml", &good).unwrap();
-    let off = turned.flange_at(&[0.0; 6]).position
-        - nominal
-            .flange_at(&[std::f64::consts::FRAC_PI_2, 0.0, 0.0, 0.0, 0.0, 0.0])
-            .position;
-    assert!(off.amax() < 1e-12);
-}
-
-/// Fails if a file that no robot needs costs more than it is worth: each of these
-/// took seconds to minutes, or all memory.
-#[test]
-fn hostile_descriptions_are_refused_at_once() {
-    let attributes: String = (0..100_000).map(|k| format!(" a{k}=\"1\"")).collect();
-    let entities = "<!DOCTYPE r [<!ENTITY a \"xxxxxxxxxx\"><!ENTITY b \"&a;&a;&a;&a;\">]><robot name=\"&b;\"/>";
-    let joints: String = (0..3000)
-        .map(|k| format!("<joint name='j{k}' type='fixed'><parent link='a'/><child link='b{k}'/></joint>"))
-        .collect();
-    for (text, words) in [
-        (format!("<robot{attributes}/>"), "more than 64 attributes"),
-        ("<a>".repeat(100_000), "more than 64 elements within each other"),
-        (entities.to_owned(), "document type"),
-        (
-            format!("<robot name='r'><link name='a'/>{joints}</robot>"),
-            "3000 joints",
-        ),
-        (
-            format!("<robot name='r'>{}</robot>", "<link/>".repeat(300_000)),
-            "elements",
-        ),
-        (
-            "<robot><link name='a'/><link name='a'/></robot>".to_owned(),
-            "a link's name is \"a\": stands twice",
-        ),
-        ("<robot>".to_owned(), "line 1: is not well-formed XML"),
-        ("<sdf/>".to_owned(), "a URDF starts with <robot"),
-    ] {
-        let message = load_urdf_text("r.urdf", &text, None).unwrap_err().to_string();
-        assert!(message.contains(words), "{message:?} lacks {words:?}");
-    }
-    for text in [
-        "[".repeat(500_000),
-        "{".repeat(500_000),
-        "a: ".repeat(300_000),
-        "- ".repeat(500_000),
-    ] {
-        assert!(kinematics_yaml::load("k.yaml", &text).is_err());
-    }
-    for text in [
-        "a.".repeat(300_000) + "b = 1",
-        "x = ".to_owned() + &"[".repeat(500_000),
-        (0..60_000).map(|k| format!("k{k} = 1\n")).collect(),
-        (0..60_000).map(|k| format!("[t{k}]\n")).collect(),
-    ] {
-        assert!(toml_file::load("r.toml", &text).is_err());
-    }
-}
-
-#[test]
-fn numbers_of_a_urdf_in_the_wrong_unit_are_named() {
-    let urdf = data("ur5e.urdf");
-    for (from, to, words) in [
-        (
-            "0 0 0.1625",
-            "0 0 162.5",
-            "joint \"shoulder_pan_joint\": origin xyz is \"0 0 162.5\": write numbers of at most 100",
-        ),
-        (
-            "1.5707963267948966 0 0",
-            "90 0 0",
-            "origin rpy is \"90 0 0\": write numbers of at most 7",
-        ),
-        ("0 0 0.1625", "0 0", "write three numbers"),
-        ("0 0 0.1625", "0 0 ${d1}", "xacro"),
-        ("0 0 0.1625", "0 0 \u{9b}2J", "\\u009b2J"),
-    ] {
-        assert!(urdf.contains(from));
-        let message = load_urdf_text("r.urdf", &urdf.replacen(from, to, 1), None)
-            .unwrap_err()
-            .to_string();
-        assert!(message.contains(words), "{message:?} lacks {words:?}");
-    }
-}
-
 #[test]
 fn joints_keep_their_names() {
     let file = load_urdf_text("ur5e.urdf", &data("ur5e.urdf"), None).unwrap();
@@ -527,24 +293,5 @@ fn tolerances_of_a_robot_are_kept() {
         let text = format!("{plain}\n[tolerances]\n{line}\n");
         let refused = toml_file::load("t.toml", &text).unwrap_err().to_string();
         assert!(refused.contains(words), "{refused}");
-    }
-}
-
-// Fails if a robot is read from what is not a regular file.
-#[cfg(unix)]
-#[test]
-fn only_regular_files_hold_robots() {
-    let folder = tempfile::tempdir().unwrap();
-    let link = folder.path().join("robot.toml");
-    std::os::unix::fs::symlink("/dev/zero", &link).unwrap();
-    for (spec, words) in [
-        (link.display().to_string(), "is a device"),
-        ("/dev/zero".to_owned(), "does not say what it is"),
-        (format!("{}.urdf", folder.path().display()), "no such file"),
-        ("nobody".to_owned(), "neither built in nor a file"),
-        ("no\u{1b}body".to_owned(), "no\\u001bbody"),
-    ] {
-        let message = load(&spec).unwrap_err().to_string();
-        assert!(message.contains(words), "{message:?} lacks {words:?}");
     }
 }

@@ -18,7 +18,7 @@ use crate::{printable, read_toml};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+struct RobotFile {
     name: String,
     #[serde(default)]
     joint: Vec<JointTable>,
@@ -245,7 +245,7 @@ fn check_names(path: &str, names: &[String]) -> Result<(), RobotFileError> {
 /// # Errors
 /// Text that is not TOML, unknown or doubled fields, impossible values.
 pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
-    let file: File = read_toml(text).map_err(|source| RobotFileError::Toml {
+    let file: RobotFile = read_toml(text).map_err(|source| RobotFileError::Toml {
         path: path.to_owned(),
         source,
     })?;

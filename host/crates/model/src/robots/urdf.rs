@@ -29,7 +29,7 @@ const LARGEST_RAD: f64 = 7.0;
 
 /// What a joint does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Motion {
+pub enum JointMotion {
     /// Turns (`revolute` and `continuous`).
     Turns,
     /// Never moves.
@@ -53,7 +53,7 @@ pub struct UrdfJoint {
     /// Its name.
     pub name: String,
     /// What it does.
-    pub motion: Motion,
+    pub motion: JointMotion,
     /// The type as written.
     pub kind: String,
     /// Parent and child link.
@@ -238,16 +238,16 @@ fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJo
     };
     let kind = node.attribute("type").unwrap_or_default().to_owned();
     let motion = match kind.as_str() {
-        "revolute" | "continuous" => Motion::Turns,
-        "fixed" => Motion::Fixed,
-        _ => Motion::Other,
+        "revolute" | "continuous" => JointMotion::Turns,
+        "fixed" => JointMotion::Fixed,
+        _ => JointMotion::Other,
     };
     let axis = match child(node, "axis").and_then(|n| n.attribute("xyz")) {
         Some(text) => triple(path, || format!("{owner}: axis xyz"), text, 1e6)?.into(),
         None => Vector3::x(),
     };
     let length = axis.norm();
-    if motion == Motion::Turns && length < 1e-9 {
+    if motion == JointMotion::Turns && length < 1e-9 {
         return Err(value_error(
             path,
             format!("{owner}: axis xyz"),

@@ -8,7 +8,7 @@ use super::error::RobotFileError;
 use super::frames::{compose, inverse};
 use super::mdh::{Axis, from_axes};
 use super::model::{Origin, RobotModel, Tolerances, moved, table_frames};
-use super::urdf::{Motion, Urdf, UrdfBody, UrdfChain};
+use super::urdf::{JointMotion, Urdf, UrdfBody, UrdfChain};
 
 /// Speed limit (rad/s) of a joint whose file gives none: slow.
 const DEFAULT_VELOCITY_RAD_S: f64 = 1.0;
@@ -42,7 +42,7 @@ pub fn load(path: &str, text: &str, tip: Option<&str>) -> Result<RobotModel, Rob
         .path
         .iter()
         .enumerate()
-        .filter(|&(_, &i)| urdf.joints[i].motion == Motion::Turns)
+        .filter(|&(_, &i)| urdf.joints[i].motion == JointMotion::Turns)
         .map(|(k, &i)| (k, i))
         .collect();
     if turning.is_empty() || turning.len() > MAX_JOINTS {

@@ -12,7 +12,7 @@ use spherecal_shared::robot::{MdhRow, Pose};
 
 use super::frames::{compose, distance, inverse, row_transform, to_rpy_near};
 use super::model::{Origin, RobotModel, table_frames};
-use super::urdf::{Motion, OriginPlace, Urdf, UrdfChain};
+use super::urdf::{JointMotion, OriginPlace, Urdf, UrdfChain};
 use super::urdf_in::frames_at_zero;
 
 /// Origins closer to the file's own than this (m, or an entry of the rotation)
@@ -37,7 +37,7 @@ pub(super) fn corrected(
     for (k, &i) in chain.path.iter().enumerate() {
         let joint = &urdf.joints[i];
         let pair = (nominal.get(n), calibrated.get(n));
-        if let (Motion::Turns, (Some(was), Some(is))) = (joint.motion, pair) {
+        if let (JointMotion::Turns, (Some(was), Some(is))) = (joint.motion, pair) {
             let in_link = compose(&inverse(&compose(&model.base, was)), &in_file[k]);
             let here = compose(&compose(&model.base, is), &in_link);
             out.push((i, compose(&inverse(&before), &here)));

@@ -13,7 +13,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::fmt::Write as _;
 
 use super::model::{Origin, RobotModel};
-use super::urdf::{Motion, Urdf, UrdfChain};
+use super::urdf::{JointMotion, Urdf, UrdfChain};
 use super::urdf_in;
 
 /// The vendor's way to write joint origins.
@@ -59,7 +59,7 @@ pub(super) fn form(urdf: &Urdf, chain: &UrdfChain) -> Form {
         .path
         .iter()
         .map(|&i| &urdf.joints[i])
-        .filter(|j| j.motion == Motion::Turns)
+        .filter(|j| j.motion == JointMotion::Turns)
         .collect();
     let all = |end: &dyn Fn(usize) -> String, count: usize| {
         turning.len() == count && turning.iter().enumerate().all(|(k, j)| j.child.ends_with(&end(k)))

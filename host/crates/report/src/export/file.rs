@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use spherecal_model::NewFile;
 
-use super::{ExportError, Table};
+use super::{ExportError, ExportTable};
 
 /// Kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,7 +16,7 @@ pub enum Format {
     Csv,
 }
 
-enum Writer {
+enum TableWriter {
     #[cfg(feature = "parquet")]
     Parquet(super::parquet_file::ParquetFile),
     Csv(csv::Writer<File>),
@@ -26,7 +26,7 @@ enum Writer {
 pub struct TableFile {
     path: PathBuf,
     new: NewFile,
-    writer: Writer,
+    writer: TableWriter,
 }
 
 impl TableFile {
@@ -34,7 +34,7 @@ impl TableFile {
     ///
     /// # Errors
     /// When it cannot be created.
-    pub fn create(folder: &Path, format: Format, table: &Table) -> Result<Self, ExportError> {
+    pub fn create(folder: &Path, format: Format, table: &ExportTable) -> Result<Self, ExportError> {
         let extension = match format {
             Format::Parquet => "parquet",
             Format::Csv => "csv",
@@ -53,7 +53,7 @@ impl TableFile {
             #[cfg(feature = "parquet")]
             Format::Parquet => {
                 let writer = super::parquet_file::ParquetFile::new(file, table).map_err(|e| failed(e.to_string()))?;
-                Writer::Parquet(writer)
+                TableWriter::Parquet(writer)
             }
             #[cfg(not(feature = "parquet"))]
             Format::Parquet => return Err(ExportError::NoParquet),
@@ -61,7 +61,7 @@ impl TableFile {
                 let mut writer = csv::Writer::from_writer(file);
                 let header = table.columns.iter().map(|(name, _)| name);
                 writer.write_record(header).map_err(|e| failed(e.to_string()))?;
-                Writer::Csv(writer)
+                TableWriter::Csv(writer)
             }
         };
         Ok(Self { path, new, writer })
@@ -71,11 +71,11 @@ impl TableFile {
     ///
     /// # Errors
     /// When they cannot be written.
-    pub fn append(&mut self, table: &Table) -> Result<(), ExportError> {
+    pub fn append(&mut self, table: &ExportTable) -> Result<(), ExportError> {
         let result = match &mut self.writer {
             #[cfg(feature = "parquet")]
-            Writer::Parquet(writer) => writer.append(table).map_err(|e| e.to_string()),
-            Writer::Csv(writer) => (0..table.rows())
+            TableWriter::Parquet(writer) => writer.append(table).map_err(|e| e.to_string()),
+            TableWriter::Csv(writer) => (0..table.rows())
                 .try_for_each(|row| writer.write_record(table.columns.iter().map(|(_, c)| c.cell(row))))
                 .map_err(|e| e.to_string()),
         };
@@ -89,8 +89,8 @@ impl TableFile {
     pub fn finish(mut self) -> Result<PathBuf, ExportError> {
         let result = match &mut self.writer {
             #[cfg(feature = "parquet")]
-            Writer::Parquet(writer) => writer.finish().map_err(|e| e.to_string()),
-            Writer::Csv(writer) => writer.flush().map_err(|e| e.to_string()),
+            TableWriter::Parquet(writer) => writer.finish().map_err(|e| e.to_string()),
+            TableWriter::Csv(writer) => writer.flush().map_err(|e| e.to_string()),
         };
         result.map_err(|what| self.failed(what))?;
         let path = self.path;

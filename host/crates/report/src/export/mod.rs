@@ -34,7 +34,7 @@ use std::path::{Path, PathBuf};
 
 pub use file::{Format, TableFile};
 pub use ros2::export_ros2;
-pub use table::{Column, Table};
+pub use table::{Column, ExportTable};
 
 use spherecal_store::{CalibrationStore, RunInfo, StoreError};
 

@@ -12,14 +12,14 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
-use super::{Column, Table};
+use super::{Column, ExportTable};
 
 /// A Parquet file that takes a table, one row group after the other.
 pub(super) struct ParquetFile(SerializedFileWriter<File>);
 
 impl ParquetFile {
     /// Starts a file for tables with the name and columns of `table`.
-    pub(super) fn new(file: File, table: &Table) -> Result<Self, ParquetError> {
+    pub(super) fn new(file: File, table: &ExportTable) -> Result<Self, ParquetError> {
         let about = KeyValue::new(
             "created_by".to_owned(),
             concat!("spherecal ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -32,7 +32,7 @@ impl ParquetFile {
     }
 
     /// Appends one row group.
-    pub(super) fn append(&mut self, table: &Table) -> Result<(), ParquetError> {
+    pub(super) fn append(&mut self, table: &ExportTable) -> Result<(), ParquetError> {
         row_group(&mut self.0, table)
     }
 
@@ -42,7 +42,7 @@ impl ParquetFile {
     }
 }
 
-fn schema(table: &Table) -> Result<Type, ParquetError> {
+fn schema(table: &ExportTable) -> Result<Type, ParquetError> {
     let fields = table.columns.iter().map(|(name, column)| {
         let kind = match column {
             Column::Real(_) => Physical::DOUBLE,
@@ -62,7 +62,7 @@ fn schema(table: &Table) -> Result<Type, ParquetError> {
 }
 
 /// One row group.
-fn row_group(writer: &mut SerializedFileWriter<File>, table: &Table) -> Result<(), ParquetError> {
+fn row_group(writer: &mut SerializedFileWriter<File>, table: &ExportTable) -> Result<(), ParquetError> {
     let mut group = writer.next_row_group()?;
     for (name, column) in &table.columns {
         let Some(mut slot) = group.next_column()? else {

@@ -3,7 +3,7 @@
 //!
 //! | topic | type | message |
 //! |---|---|---|
-//! | `/joint_states` | `sensor_msgs/msg/JointState` | position (rad), velocity (rad/s), effort (measured, N m) |
+//! | `/joint_states` | `sensor_msgs/msg/RosJointState` | position (rad), velocity (rad/s), effort (measured, N m) |
 //! | `/wrench` | `geometry_msgs/msg/WrenchStamped` | estimated force (N) and torque (N m) at the TCP, axes of F0 |
 //! | `/tf` | `tf2_msgs/msg/TFMessage` | the frames of the nominal robot, 20 times a second |
 //! | `/contact` | `geometry_msgs/msg/PointStamped` | per recording: the TCP is at (0, 0, 0) of the frame `sphere_N` |
@@ -22,7 +22,7 @@ use cdr::{CdrLe, Infinite};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
 use serde::Serialize;
-use spherecal_campaign::telemetry::messages::{JointStates, Stamp, Wrench, Xyz};
+use spherecal_campaign::telemetry::messages::{JointStates, Stamp, StampedWrench, Xyz};
 use spherecal_campaign::telemetry::scene::{FrameTransform, FrameTransforms};
 use spherecal_campaign::telemetry::{Period, TelemetryReader};
 use spherecal_model::NewFile;
@@ -42,20 +42,20 @@ struct Time {
 }
 
 #[derive(Serialize)]
-struct Header<'a> {
+struct RosHeader<'a> {
     stamp: Time,
     frame_id: &'a str,
 }
 
 #[derive(Serialize)]
-struct Vector3 {
+struct RosVector3 {
     x: f64,
     y: f64,
     z: f64,
 }
 
 #[derive(Serialize)]
-struct Quaternion {
+struct RosQuaternion {
     x: f64,
     y: f64,
     z: f64,
@@ -63,8 +63,8 @@ struct Quaternion {
 }
 
 #[derive(Serialize)]
-struct JointState<'a> {
-    header: Header<'a>,
+struct RosJointState<'a> {
+    header: RosHeader<'a>,
     name: &'a [String],
     position: Vec<f64>,
     velocity: Vec<f64>,
@@ -73,23 +73,23 @@ struct JointState<'a> {
 
 #[derive(Serialize)]
 struct WrenchStamped<'a> {
-    header: Header<'a>,
-    force: Vector3,
-    torque: Vector3,
+    header: RosHeader<'a>,
+    force: RosVector3,
+    torque: RosVector3,
 }
 
 #[derive(Serialize)]
 struct PointStamped<'a> {
-    header: Header<'a>,
-    point: Vector3,
+    header: RosHeader<'a>,
+    point: RosVector3,
 }
 
 #[derive(Serialize)]
 struct TransformStamped<'a> {
-    header: Header<'a>,
+    header: RosHeader<'a>,
     child_frame_id: &'a str,
-    translation: Vector3,
-    rotation: Quaternion,
+    translation: RosVector3,
+    rotation: RosQuaternion,
 }
 
 #[derive(Serialize)]
@@ -97,7 +97,7 @@ struct TfMessage<'a> {
     transforms: Vec<TransformStamped<'a>>,
 }
 
-impl<'a> Header<'a> {
+impl<'a> RosHeader<'a> {
     fn new(stamp: Stamp, frame_id: &'a str) -> Self {
         Self {
             stamp: Time {
@@ -110,7 +110,7 @@ impl<'a> Header<'a> {
     }
 }
 
-impl From<Xyz> for Vector3 {
+impl From<Xyz> for RosVector3 {
     fn from(v: Xyz) -> Self {
         Self {
             x: v.x.into(),
@@ -120,12 +120,12 @@ impl From<Xyz> for Vector3 {
     }
 }
 
-impl<'a> From<&'a JointStates<'static>> for JointState<'a> {
+impl<'a> From<&'a JointStates<'static>> for RosJointState<'a> {
     fn from(joints: &'a JointStates<'static>) -> Self {
         let wide = |values: &[f32]| values.iter().copied().map(f64::from).collect();
         Self {
             // Joint states belong to no frame.
-            header: Header::new(joints.timestamp, ""),
+            header: RosHeader::new(joints.timestamp, ""),
             name: &joints.name,
             position: wide(&joints.position),
             velocity: wide(&joints.velocity),
@@ -134,10 +134,10 @@ impl<'a> From<&'a JointStates<'static>> for JointState<'a> {
     }
 }
 
-impl<'a> From<&'a Wrench<'static>> for WrenchStamped<'a> {
-    fn from(wrench: &'a Wrench<'static>) -> Self {
+impl<'a> From<&'a StampedWrench<'static>> for WrenchStamped<'a> {
+    fn from(wrench: &'a StampedWrench<'static>) -> Self {
         Self {
-            header: Header::new(wrench.timestamp, &wrench.frame_id),
+            header: RosHeader::new(wrench.timestamp, &wrench.frame_id),
             force: wrench.wrench.force.into(),
             torque: wrench.wrench.torque.into(),
         }
@@ -149,10 +149,10 @@ impl<'a> From<&'a FrameTransforms<'static>> for TfMessage<'a> {
         let one = |frame: &'a FrameTransform<'static>| {
             let (t, r) = (frame.translation, frame.rotation);
             TransformStamped {
-                header: Header::new(frame.timestamp, &frame.parent_frame_id),
+                header: RosHeader::new(frame.timestamp, &frame.parent_frame_id),
                 child_frame_id: &frame.child_frame_id,
-                translation: Vector3 { x: t.x, y: t.y, z: t.z },
-                rotation: Quaternion {
+                translation: RosVector3 { x: t.x, y: t.y, z: t.z },
+                rotation: RosQuaternion {
                     x: r.x,
                     y: r.y,
                     z: r.z,
@@ -167,7 +167,7 @@ impl<'a> From<&'a FrameTransforms<'static>> for TfMessage<'a> {
 }
 
 /// A topic, and what was written to it.
-struct Topic {
+struct WrittenTopic {
     name: &'static str,
     kind: &'static str,
     channel: u16,
@@ -176,7 +176,7 @@ struct Topic {
 
 /// Why the bag cannot be written.
 #[derive(Debug, thiserror::Error)]
-enum BagError {
+enum BagExportError {
     #[error(transparent)]
     File(#[from] mcap::McapError),
     #[error(transparent)]
@@ -184,17 +184,17 @@ enum BagError {
 }
 
 /// The bag while it is written.
-struct Bag {
+struct BagWriter {
     writer: Writer<BufWriter<File>>,
-    topics: Vec<Topic>,
+    topics: Vec<WrittenTopic>,
     begin_ns: Option<u64>,
     end_ns: u64,
     /// UTC at device time 0, in ns, of the last period that has both times.
     device_start_ns: Option<u64>,
 }
 
-impl Bag {
-    fn new(file: File) -> Result<Self, BagError> {
+impl BagWriter {
+    fn new(file: File) -> Result<Self, BagExportError> {
         let mut writer = WriteOptions::new()
             .compression(Some(Compression::Lz4))
             .profile("ros2")
@@ -209,7 +209,7 @@ impl Bag {
         let mut topics = Vec::new();
         for (name, kind, definition) in kinds {
             let schema = writer.add_schema(kind, "ros2msg", definition.as_bytes())?;
-            topics.push(Topic {
+            topics.push(WrittenTopic {
                 name,
                 kind,
                 channel: writer.add_channel(schema, name, "cdr", &BTreeMap::new())?,
@@ -226,7 +226,7 @@ impl Bag {
     }
 
     /// Writes one message of the topic with number `topic`.
-    fn put(&mut self, topic: usize, time_ns: u64, message: &impl Serialize) -> Result<(), BagError> {
+    fn put(&mut self, topic: usize, time_ns: u64, message: &impl Serialize) -> Result<(), BagExportError> {
         let data = cdr::serialize::<_, _, CdrLe>(message, Infinite)?;
         let Some(topic) = self.topics.get_mut(topic) else {
             return Ok(());
@@ -243,9 +243,9 @@ impl Bag {
         Ok(self.writer.write_to_known_channel(&header, &data)?)
     }
 
-    fn period(&mut self, period: &Period) -> Result<(), BagError> {
+    fn period(&mut self, period: &Period) -> Result<(), BagExportError> {
         if let Some(joints) = &period.joint_states {
-            self.put(0, period.utc_ns, &JointState::from(joints))?;
+            self.put(0, period.utc_ns, &RosJointState::from(joints))?;
         }
         if let Some(wrench) = &period.wrench {
             self.put(1, period.utc_ns, &WrenchStamped::from(wrench))?;
@@ -262,8 +262,8 @@ impl Bag {
             let stamp = Stamp::from_ns(start_ns.saturating_add(middle_us.saturating_mul(1000)));
             let frame = format!("sphere_{}", recorded.sphere);
             let message = PointStamped {
-                header: Header::new(stamp, &frame),
-                point: Vector3 { x: 0.0, y: 0.0, z: 0.0 },
+                header: RosHeader::new(stamp, &frame),
+                point: RosVector3 { x: 0.0, y: 0.0, z: 0.0 },
             };
             self.put(3, period.utc_ns, &message)?;
         }
@@ -310,8 +310,8 @@ pub fn export_ros2(files: &[PathBuf], folder: &Path) -> Result<Exported, ExportE
     let in_bag = |what: String| failed(&paths[0], what);
     std::fs::create_dir_all(folder).map_err(|e| failed(folder, e.to_string()))?;
     let new = NewFile::create(&paths[0]).map_err(|e| in_bag(e.to_string()))?;
-    let in_file = |error: BagError| in_bag(error.to_string());
-    let mut bag = Bag::new(new.handle().map_err(|e| in_bag(e.to_string()))?).map_err(in_file)?;
+    let in_file = |error: BagExportError| in_bag(error.to_string());
+    let mut bag = BagWriter::new(new.handle().map_err(|e| in_bag(e.to_string()))?).map_err(in_file)?;
     let mut torn_telemetry = Vec::new();
     for file in files {
         let unreadable = |what: String| ExportError::Telemetry {

@@ -33,14 +33,14 @@ impl Column {
 
 /// Named columns of the same length.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Table {
+pub struct ExportTable {
     /// Name, also of its file.
     pub name: &'static str,
     /// Columns in order.
     pub columns: Vec<(String, Column)>,
 }
 
-impl Table {
+impl ExportTable {
     /// A table without columns.
     pub fn new(name: &'static str) -> Self {
         Self {

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, PhaseChange, Recording, SignalStatistics};
 
-use super::Table;
+use super::ExportTable;
 use spherecal_model::LaserShot;
 use spherecal_store::{CalibrationStore, StoreError};
 
@@ -16,7 +16,7 @@ pub(super) fn name_of(value: impl Serialize) -> String {
 }
 
 /// All tables of a run; those without rows too.
-pub(super) fn of_run(store: &mut dyn CalibrationStore, run: i64) -> Result<Vec<Table>, StoreError> {
+pub(super) fn of_run(store: &mut dyn CalibrationStore, run: i64) -> Result<Vec<ExportTable>, StoreError> {
     let stored = store.read_run(run)?;
     let mut tables = vec![
         recordings_table(&stored.recordings),
@@ -38,8 +38,8 @@ fn joints(recordings: &[Recording]) -> usize {
     recordings.iter().map(|r| r.q.len()).max().unwrap_or(0)
 }
 
-fn recordings_table(recordings: &[Recording]) -> Table {
-    let mut t = Table::new("recordings");
+fn recordings_table(recordings: &[Recording]) -> ExportTable {
+    let mut t = ExportTable::new("recordings");
     t.whole("sphere", recordings.iter().map(|r| r.sphere));
     t.whole("pose", recordings.iter().map(|r| r.pose));
     t.whole("start_us", recordings.iter().map(|r| r.start_us));
@@ -72,8 +72,8 @@ fn recordings_table(recordings: &[Recording]) -> Table {
 }
 
 /// As `spherecal identify --data` reads it.
-fn poses(recordings: &[Recording]) -> Table {
-    let mut t = Table::new("poses");
+fn poses(recordings: &[Recording]) -> ExportTable {
+    let mut t = ExportTable::new("poses");
     let mean = |signals: &[SignalStatistics], joint: usize| signals.get(joint).map_or(f64::NAN, |s| s.mean);
     for joint in 0..joints(recordings) {
         t.real(format!("q{}", joint + 1), recordings.iter().map(|r| mean(&r.q, joint)));
@@ -88,8 +88,8 @@ fn poses(recordings: &[Recording]) -> Table {
     t
 }
 
-fn contacts(rows: &[Contact]) -> Table {
-    let mut t = Table::new("contacts");
+fn contacts(rows: &[Contact]) -> ExportTable {
+    let mut t = ExportTable::new("contacts");
     t.whole("sphere", rows.iter().map(|r| r.sphere));
     t.whole("time_us", rows.iter().map(|r| r.time_us));
     t.real("force_n", rows.iter().map(|r| r.force_n));
@@ -102,8 +102,8 @@ fn contacts(rows: &[Contact]) -> Table {
     t
 }
 
-fn couplings(rows: &[Coupled]) -> Table {
-    let mut t = Table::new("couplings");
+fn couplings(rows: &[Coupled]) -> ExportTable {
+    let mut t = ExportTable::new("couplings");
     t.whole("sphere", rows.iter().map(|r| r.sphere));
     t.whole("time_us", rows.iter().map(|r| r.time_us));
     t.vector("centre", "m", rows.iter().map(|r| &r.centre_m));
@@ -112,8 +112,8 @@ fn couplings(rows: &[Coupled]) -> Table {
     t
 }
 
-fn phases(rows: &[PhaseChange]) -> Table {
-    let mut t = Table::new("phases");
+fn phases(rows: &[PhaseChange]) -> ExportTable {
+    let mut t = ExportTable::new("phases");
     t.whole("time_us", rows.iter().map(|r| r.time_us));
     t.whole("tick", rows.iter().map(|r| r.tick));
     t.text("phase", rows.iter().map(|r| name_of(r.phase)));
@@ -121,8 +121,8 @@ fn phases(rows: &[PhaseChange]) -> Table {
     t
 }
 
-fn faults(rows: &[FaultReport]) -> Table {
-    let mut t = Table::new("faults");
+fn faults(rows: &[FaultReport]) -> ExportTable {
+    let mut t = ExportTable::new("faults");
     t.whole("time_us", rows.iter().map(|r| r.time_us));
     t.whole("tick", rows.iter().map(|r| r.tick));
     t.text("fault", rows.iter().map(|r| name_of(r.fault)));
@@ -133,8 +133,8 @@ fn faults(rows: &[FaultReport]) -> Table {
     t
 }
 
-fn laser(rows: &[LaserShot]) -> Table {
-    let mut t = Table::new("laser");
+fn laser(rows: &[LaserShot]) -> ExportTable {
+    let mut t = ExportTable::new("laser");
     t.text("purpose", rows.iter().map(|r| r.purpose.clone()));
     let joints = rows.iter().map(|r| r.q.len()).max().unwrap_or(0);
     for joint in 0..joints {
@@ -146,7 +146,7 @@ fn laser(rows: &[LaserShot]) -> Table {
 }
 
 /// The parameters of the stored summary; from a summary of another version, those that it contains.
-fn parameters(summary: &str) -> Table {
+fn parameters(summary: &str) -> ExportTable {
     let summary: serde_json::Value = serde_json::from_str(summary).unwrap_or_default();
     let empty = Vec::new();
     let rows = summary["parameters"].as_array().unwrap_or(&empty);
@@ -155,7 +155,7 @@ fn parameters(summary: &str) -> Table {
             .map(move |r| r[field].as_str().unwrap_or_default().to_owned())
     };
     let real = |field: &'static str| rows.iter().map(move |r| r[field].as_f64().unwrap_or(f64::NAN));
-    let mut t = Table::new("parameters");
+    let mut t = ExportTable::new("parameters");
     t.text("name", text("name"));
     t.text("unit", text("unit"));
     t.real("nominal", real("nominal"));

@@ -6,7 +6,7 @@ use spherecal_campaign::telemetry::messages::{JointStates, PhaseState, Xyz};
 use spherecal_campaign::telemetry::{Period, TelemetryReader};
 
 use super::tables::name_of;
-use super::{ExportError, Format, Table, TableFile};
+use super::{ExportError, ExportTable, Format, TableFile};
 
 /// Rows held in memory: one row group of the file.
 const ROWS: usize = 1 << 16;
@@ -74,8 +74,8 @@ impl Out<'_> {
 
 /// The columns of some control periods. A message that the file lacks leaves NaN,
 /// no text and flags that are not set.
-fn table(rows: &[Period], joints: usize) -> Table {
-    let mut t = Table::new("telemetry");
+fn table(rows: &[Period], joints: usize) -> ExportTable {
+    let mut t = ExportTable::new("telemetry");
     t.whole("time_ns", rows.iter().map(Period::device_ns));
     type OfJoints = for<'a> fn(&'a JointStates<'static>) -> &'a [f32];
     let parts: [(&str, &str, OfJoints); 4] = [

@@ -2,8 +2,8 @@
 
 use super::*;
 
-fn table() -> Table {
-    let mut t = Table::new("sample");
+fn table() -> ExportTable {
+    let mut t = ExportTable::new("sample");
     t.real("real", [0.1, -0.0, f64::MIN_POSITIVE, 1.0 / 3.0]);
     t.whole("whole", [i64::MIN, -1, 0, i64::MAX]);
     t.text("text", ["a", "", "c,\"d\"\n", "é"].map(str::to_owned));

@@ -13,7 +13,7 @@ use super::proto::live_view_client::LiveViewClient;
 use super::proto::live_view_server::LiveView;
 use super::proto::{LiveMessage, Published};
 use crate::ServiceError;
-use crate::live::{Hub, Message, WAITING};
+use crate::live::{Hub, ViewerMessage, WAITING};
 use spherecal_store::Peer;
 
 /// Largest accepted message, in bytes. A frame has about ten thousand.
@@ -77,7 +77,7 @@ impl Publisher {
     ///
     /// # Errors
     /// When no thread can be started.
-    pub fn start(peer: Peer) -> Result<(mpsc::Sender<Message>, Self), ServiceError> {
+    pub fn start(peer: Peer) -> Result<(mpsc::Sender<ViewerMessage>, Self), ServiceError> {
         let (out, messages) = mpsc::channel(WAITING);
         let (finished, done) = channel();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -95,7 +95,7 @@ impl Publisher {
     }
 }
 
-async fn publish(peer: &Peer, mut messages: mpsc::Receiver<Message>) {
+async fn publish(peer: &Peer, mut messages: mpsc::Receiver<ViewerMessage>) {
     let mut scene = None;
     let mut complained = false;
     loop {
@@ -131,8 +131,8 @@ async fn publish(peer: &Peer, mut messages: mpsc::Receiver<Message>) {
     }
 }
 
-fn note_scene(scene: &mut Option<Message>, message: &Message) {
-    if matches!(message, Message::Scene(_)) {
+fn note_scene(scene: &mut Option<ViewerMessage>, message: &ViewerMessage) {
+    if matches!(message, ViewerMessage::Scene(_)) {
         *scene = Some(message.clone());
     }
 }
@@ -140,8 +140,8 @@ fn note_scene(scene: &mut Option<Message>, message: &Message) {
 /// One connection, until the run or the connection ends.
 async fn connected(
     peer: &Peer,
-    scene: &mut Option<Message>,
-    messages: &mut mpsc::Receiver<Message>,
+    scene: &mut Option<ViewerMessage>,
+    messages: &mut mpsc::Receiver<ViewerMessage>,
 ) -> Result<(), ServiceError> {
     let name = peer.to_string();
     let (channel, credentials) = connect(peer).await?;

@@ -9,11 +9,11 @@ use spherecal_shared::protocol::host::{ApproachCommand, Event, PoseCommand};
 use super::convert;
 use super::facts::{Newest, RobotFacts};
 use super::proto::{self, Outcome, order::Command};
-use spherecal_campaign::{self as campaign, Answer, CampaignError, Observer};
+use spherecal_campaign::{self as campaign, Answer, CampaignError, CampaignObserver};
 use spherecal_link::{Arrival, Device};
 
 /// A client's reply to the request for its next order.
-pub(super) enum Next {
+pub(super) enum NextOrder {
     /// This.
     Order(proto::Order),
     /// Nothing for a millisecond.
@@ -27,7 +27,7 @@ struct Watched<'a> {
     newest: &'a Newest,
 }
 
-impl Observer for Watched<'_> {
+impl CampaignObserver for Watched<'_> {
     fn event(&mut self, _now_us: u64, arrival: &Arrival) {
         if let Event::Telemetry(samples) = &arrival.body
             && let Some(sample) = samples.last()
@@ -47,7 +47,7 @@ pub(super) fn operate(
     facts: &RobotFacts,
     newest: &Newest,
     interrupt: &AtomicBool,
-    mut next: impl FnMut() -> Next,
+    mut next: impl FnMut() -> NextOrder,
     mut answer: impl FnMut(Outcome) -> bool,
 ) -> Result<(), CampaignError> {
     let mut watched = Watched { newest };
@@ -62,13 +62,13 @@ pub(super) fn operate(
         |port| {
             loop {
                 let order = match next() {
-                    Next::Order(order) => order,
+                    NextOrder::Order(order) => order,
                     // The robot's time continues meanwhile, about as fast as real time.
-                    Next::Nothing => {
+                    NextOrder::Nothing => {
                         port.idle()?;
                         continue;
                     }
-                    Next::Gone => break,
+                    NextOrder::Gone => break,
                 };
                 let outcome = match command(order) {
                     Ok(order) => outcome(port.carry_out(&order)?, joints),

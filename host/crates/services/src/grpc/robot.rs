@@ -11,7 +11,7 @@ use tonic::{Request, Response, Status, Streaming};
 
 use super::convert;
 use super::facts::{DeviceFactory, Newest, RobotFacts};
-use super::operate::{Next, operate};
+use super::operate::{NextOrder, operate};
 use super::proto::robot_controller_server::RobotController;
 use super::proto::{
     ControllerTurn, DescribeRequest, HostTurn, JointLimit, Order, Outcome, RobotDescription, RobotState, WatchRequest,
@@ -19,14 +19,14 @@ use super::proto::{
 use spherecal_link::Device;
 
 /// The robot. It is created for the first client and then kept in its state.
-type Held = Option<Box<dyn Device>>;
+type KeptDevice = Option<Box<dyn Device>>;
 
 /// The service.
 #[derive(Clone)]
 pub(crate) struct RobotService {
     facts: Arc<RobotFacts>,
     make: Arc<DeviceFactory>,
-    device: Arc<Mutex<Held>>,
+    device: Arc<Mutex<KeptDevice>>,
     newest: Arc<Newest>,
 }
 
@@ -41,7 +41,7 @@ impl RobotService {
     }
 
     /// Takes control of the robot, if it is free.
-    async fn hold(&self) -> Result<OwnedMutexGuard<Held>, Status> {
+    async fn hold(&self) -> Result<OwnedMutexGuard<KeptDevice>, Status> {
         let mut held = Arc::clone(&self.device)
             .try_lock_owned()
             .map_err(|_| Status::resource_exhausted("another client has the robot"))?;
@@ -182,12 +182,12 @@ impl RobotController for RobotService {
                 &newest,
                 &interrupt,
                 || match waiting.try_recv() {
-                    Ok(order) => Next::Order(order),
+                    Ok(order) => NextOrder::Order(order),
                     Err(mpsc::error::TryRecvError::Empty) => {
                         std::thread::sleep(std::time::Duration::from_millis(1));
-                        Next::Nothing
+                        NextOrder::Nothing
                     }
-                    Err(mpsc::error::TryRecvError::Disconnected) => Next::Gone,
+                    Err(mpsc::error::TryRecvError::Disconnected) => NextOrder::Gone,
                 },
                 |outcome| answers.blocking_send(Ok(outcome)).is_ok(),
             );

@@ -21,7 +21,7 @@ use crate::ServiceError;
 use spherecal_model::LaserShot;
 use spherecal_store::{CalibrationStore, NewRun, Peer, Placed, RunInfo, SessionEnd, StoreError, StoredRun};
 
-type Client = CalibrationStoreClient<InterceptedService<Channel, Credentials>>;
+type StoreClient = CalibrationStoreClient<InterceptedService<Channel, Credentials>>;
 
 /// The other side's store.
 pub struct RemoteStore {
@@ -29,7 +29,7 @@ pub struct RemoteStore {
     peer: String,
     /// The peer, as a path for messages.
     path: PathBuf,
-    client: Client,
+    client: StoreClient,
     /// See [`CalibrationStore::chosen_run`].
     chosen: Option<i64>,
 }
@@ -56,7 +56,7 @@ impl RemoteStore {
 
     fn ask<T>(
         &mut self,
-        request: impl AsyncFnOnce(&mut Client) -> Result<Response<T>, Status>,
+        request: impl AsyncFnOnce(&mut StoreClient) -> Result<Response<T>, Status>,
     ) -> Result<T, ServiceError> {
         let answer = self.runtime.block_on(request(&mut self.client));
         answer

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use serde::Serialize;
 use tokio::sync::{broadcast, mpsc};
 
-use super::{End, Frame, LiveContact, Message, Scene};
+use super::{End, Frame, LiveContact, LiveScene, ViewerMessage};
 
 /// Messages that may wait for a browser before it is sent the whole state again.
 const NEWS: usize = 64;
@@ -24,8 +24,8 @@ const NOTES: usize = 20;
 pub type RunId = u64;
 
 /// What is kept of a run.
-struct Kept {
-    scene: Scene,
+struct KeptRun {
+    scene: LiveScene,
     frame: Option<Frame>,
     forces: VecDeque<(f64, f32)>,
     contact: Option<LiveContact>,
@@ -37,12 +37,12 @@ struct Kept {
 #[derive(Serialize)]
 struct Told<'a> {
     id: RunId,
-    message: &'a Message,
+    message: &'a ViewerMessage,
 }
 
 /// All runs of a page.
 pub struct Hub {
-    runs: Mutex<BTreeMap<RunId, Kept>>,
+    runs: Mutex<BTreeMap<RunId, KeptRun>>,
     next: Mutex<RunId>,
     /// `None` when the page is closed.
     news: Mutex<Option<broadcast::Sender<Arc<str>>>>,
@@ -65,7 +65,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Hub {
     /// Shows one run until its messages end.
-    pub async fn show(self: Arc<Self>, mut messages: mpsc::Receiver<Message>) {
+    pub async fn show(self: Arc<Self>, mut messages: mpsc::Receiver<ViewerMessage>) {
         let mut run = None;
         while let Some(message) = messages.recv().await {
             self.take(&mut run, message);
@@ -75,14 +75,14 @@ impl Hub {
 
     /// Takes one message of a run; `run` is `None` until its scene has arrived. Returns whether the
     /// message was accepted.
-    pub fn take(&self, run: &mut Option<RunId>, message: Message) -> bool {
+    pub fn take(&self, run: &mut Option<RunId>, message: ViewerMessage) -> bool {
         let id = match (&message, *run) {
-            (Message::Scene(scene), None) => {
+            (ViewerMessage::Scene(scene), None) => {
                 let id = self.begin(scene);
                 *run = Some(id);
                 id
             }
-            (Message::Scene(_), Some(_)) | (_, None) => return false,
+            (ViewerMessage::Scene(_), Some(_)) | (_, None) => return false,
             (_, Some(id)) => id,
         };
         // Messages are sent while the runs are locked. So a browser that reads the kept state and
@@ -108,11 +108,11 @@ impl Hub {
                 text: "The run's program disconnected without a result.".to_owned(),
             };
             kept.end = Some(end.clone());
-            self.tell(id, &Message::End(end));
+            self.tell(id, &ViewerMessage::End(end));
         }
     }
 
-    fn begin(&self, scene: &Scene) -> RunId {
+    fn begin(&self, scene: &LiveScene) -> RunId {
         let id = {
             let mut next = lock(&self.next);
             *next += 1;
@@ -121,7 +121,7 @@ impl Hub {
         let mut runs = lock(&self.runs);
         // The same arm starts a new run: its last run is removed.
         let same =
-            |kept: &Kept| kept.end.is_some() && (&kept.scene.robot, &kept.scene.arm) == (&scene.robot, &scene.arm);
+            |kept: &KeptRun| kept.end.is_some() && (&kept.scene.robot, &kept.scene.arm) == (&scene.robot, &scene.arm);
         runs.retain(|_, kept| !same(kept));
         let ended: Vec<RunId> = runs
             .iter()
@@ -137,7 +137,7 @@ impl Hub {
         }
         runs.insert(
             id,
-            Kept {
+            KeptRun {
                 scene: scene.clone(),
                 frame: None,
                 forces: VecDeque::new(),
@@ -149,7 +149,7 @@ impl Hub {
         id
     }
 
-    fn tell(&self, id: RunId, message: &Message) {
+    fn tell(&self, id: RunId, message: &ViewerMessage) {
         if let Some(news) = &*lock(&self.news)
             && news.receiver_count() > 0
             && let Ok(text) = serde_json::to_string(&Told { id, message })
@@ -165,26 +165,26 @@ impl Hub {
         let news = lock(&self.news).as_ref()?.subscribe();
         let mut known = Vec::new();
         for (id, kept) in runs.iter() {
-            let mut add = |message: &Message| {
+            let mut add = |message: &ViewerMessage| {
                 if let Ok(text) = serde_json::to_string(&Told { id: *id, message }) {
                     known.push(text.into());
                 }
             };
-            add(&Message::Scene(kept.scene.clone()));
+            add(&ViewerMessage::Scene(kept.scene.clone()));
             for text in &kept.notes {
-                add(&Message::Note { text: text.clone() });
+                add(&ViewerMessage::Note { text: text.clone() });
             }
             if let Some(contact) = &kept.contact {
-                add(&Message::Contact(contact.clone()));
+                add(&ViewerMessage::Contact(contact.clone()));
             }
             if let Some(frame) = &kept.frame {
-                add(&Message::Frame(Frame {
+                add(&ViewerMessage::Frame(Frame {
                     forces: kept.forces.iter().copied().collect(),
                     ..frame.clone()
                 }));
             }
             if let Some(end) = &kept.end {
-                add(&Message::End(end.clone()));
+                add(&ViewerMessage::End(end.clone()));
             }
         }
         Some((known, news))
@@ -196,10 +196,10 @@ impl Hub {
     }
 }
 
-fn keep(kept: &mut Kept, message: &Message) {
+fn keep(kept: &mut KeptRun, message: &ViewerMessage) {
     match message {
-        Message::Scene(_) => {}
-        Message::Frame(frame) => {
+        ViewerMessage::Scene(_) => {}
+        ViewerMessage::Frame(frame) => {
             let over = (kept.forces.len() + frame.forces.len()).saturating_sub(POINTS);
             kept.forces.drain(..over.min(kept.forces.len()));
             kept.forces.extend(frame.forces.iter().take(POINTS));
@@ -208,28 +208,28 @@ fn keep(kept: &mut Kept, message: &Message) {
                 ..frame.clone()
             });
         }
-        Message::Contact(contact) => kept.contact = Some(contact.clone()),
-        Message::Note { text } => {
+        ViewerMessage::Contact(contact) => kept.contact = Some(contact.clone()),
+        ViewerMessage::Note { text } => {
             kept.notes.push_back(text.clone());
             if kept.notes.len() > NOTES {
                 kept.notes.pop_front();
             }
         }
-        Message::End(end) => kept.end = Some(end.clone()),
+        ViewerMessage::End(end) => kept.end = Some(end.clone()),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::{RealTime, Times, WAITING, Watch};
+    use crate::live::{LiveWatch, RealTime, Times, WAITING};
     use spherecal_campaign::telemetry::ContactTrace;
-    use spherecal_campaign::{Observer as _, Progress};
+    use spherecal_campaign::{CampaignObserver as _, Progress};
     use spherecal_link::native::DriveRecord;
     use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
-    fn scene(arm: &str) -> Scene {
-        Scene {
+    fn scene(arm: &str) -> LiveScene {
+        LiveScene {
             robot: "iiwa7".to_owned(),
             arm: arm.to_owned(),
             link: "sim".to_owned(),
@@ -242,9 +242,9 @@ mod tests {
         }
     }
 
-    fn watch(arm: &str) -> (Watch, mpsc::Receiver<Message>) {
+    fn watch(arm: &str) -> (LiveWatch, mpsc::Receiver<ViewerMessage>) {
         let (out, messages) = mpsc::channel(WAITING);
-        (Watch::new(out, &iiwa7(), &iiwa7_tool(), scene(arm)), messages)
+        (LiveWatch::new(out, &iiwa7(), &iiwa7_tool(), scene(arm)), messages)
     }
 
     fn end() -> End {
@@ -271,13 +271,13 @@ mod tests {
         while let Ok(message) = messages.try_recv() {
             taken.push(message);
         }
-        assert!(matches!(taken.first(), Some(Message::Scene(_))), "{taken:?}");
+        assert!(matches!(taken.first(), Some(ViewerMessage::Scene(_))), "{taken:?}");
         assert!(taken.len() <= WAITING);
         watch.end(end());
         while let Ok(message) = messages.try_recv() {
             taken.push(message);
         }
-        assert_eq!(taken.last(), Some(&Message::End(end())));
+        assert_eq!(taken.last(), Some(&ViewerMessage::End(end())));
     }
 
     // Fails if a browser that connects later is not shown the same as earlier ones, if a slow one
@@ -289,18 +289,18 @@ mod tests {
         assert!(known.is_empty());
         let mut run = None;
         assert!(
-            !hub.take(&mut run, Message::Note { text: "x".to_owned() }),
+            !hub.take(&mut run, ViewerMessage::Note { text: "x".to_owned() }),
             "no scene yet"
         );
-        assert!(hub.take(&mut run, Message::Scene(scene("a"))));
-        assert!(!hub.take(&mut run, Message::Scene(scene("b"))), "a second scene");
-        assert!(hub.take(&mut run, Message::Note { text: "x".to_owned() }));
+        assert!(hub.take(&mut run, ViewerMessage::Scene(scene("a"))));
+        assert!(!hub.take(&mut run, ViewerMessage::Scene(scene("b"))), "a second scene");
+        assert!(hub.take(&mut run, ViewerMessage::Note { text: "x".to_owned() }));
         let (known, _) = hub.listen().expect("open");
         assert_eq!(known.len(), 2);
         assert_eq!(early.try_recv().as_deref(), Ok(known[0].as_ref()));
         assert_eq!(early.try_recv().as_deref(), Ok(known[1].as_ref()));
         for _ in 0..2 * NEWS {
-            hub.take(&mut run, Message::Note { text: "y".to_owned() });
+            hub.take(&mut run, ViewerMessage::Note { text: "y".to_owned() });
         }
         assert!(matches!(
             early.try_recv(),
@@ -334,7 +334,7 @@ mod tests {
                 ..Progress::default()
             });
             let frame = std::iter::from_fn(|| messages.try_recv().ok()).find_map(|message| match message {
-                Message::Frame(frame) => Some(frame),
+                ViewerMessage::Frame(frame) => Some(frame),
                 _ => None,
             });
             let shown = frame.expect("a frame").real_time;
@@ -346,7 +346,7 @@ mod tests {
     #[test]
     fn messages_go_round() {
         let frame = Frame {
-            stage: spherecal_campaign::Stage::Couple,
+            stage: spherecal_campaign::CampaignStage::Couple,
             phase: spherecal_shared::protocol::host::Phase::HandGuiding,
             sphere: 2,
             done: 3,
@@ -385,17 +385,17 @@ mod tests {
                 samples: vec![(12.0, 0.25)],
             },
         };
-        let note = Message::Note { text: "x".to_owned() };
+        let note = ViewerMessage::Note { text: "x".to_owned() };
         let all = [
-            Message::Scene(scene("a")),
-            Message::Frame(frame),
-            Message::Contact(contact),
+            ViewerMessage::Scene(scene("a")),
+            ViewerMessage::Frame(frame),
+            ViewerMessage::Contact(contact),
             note,
-            Message::End(end()),
+            ViewerMessage::End(end()),
         ];
         for message in all {
             let text = serde_json::to_string(&message).expect("JSON");
-            assert_eq!(serde_json::from_str::<Message>(&text).expect(&text), message);
+            assert_eq!(serde_json::from_str::<ViewerMessage>(&text).expect(&text), message);
         }
     }
 
@@ -404,17 +404,17 @@ mod tests {
     fn runs_do_not_pile_up() {
         let hub = Hub::default();
         let mut alive = None;
-        hub.take(&mut alive, Message::Scene(scene("alive")));
+        hub.take(&mut alive, ViewerMessage::Scene(scene("alive")));
         for k in 0..50 {
             let mut run = None;
-            hub.take(&mut run, Message::Scene(scene(&format!("{k}"))));
-            hub.take(&mut run, Message::End(end()));
+            hub.take(&mut run, ViewerMessage::Scene(scene(&format!("{k}"))));
+            hub.take(&mut run, ViewerMessage::End(end()));
         }
         let (known, _) = hub.listen().expect("open");
         assert_eq!(known.iter().filter(|t| t.contains("{\"scene\":")).count(), 1 + ENDED);
         assert!(known[0].contains("\"alive\""), "{}", known[0]);
         for k in 0..2 * RUNS {
-            hub.take(&mut None, Message::Scene(scene(&format!("more {k}"))));
+            hub.take(&mut None, ViewerMessage::Scene(scene(&format!("more {k}"))));
         }
         assert!(hub.listen().expect("open").0.len() <= RUNS + ENDED);
     }

@@ -21,14 +21,14 @@ mod watch;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::Phase;
 
-use spherecal_campaign::Stage;
+use spherecal_campaign::CampaignStage;
 use spherecal_campaign::telemetry::ContactTrace;
 
 pub use hub::{Hub, RunId};
 pub use real_time::{RealTime, Times};
 pub use scatter::Scatter;
-pub use scene::{Joint, Scene, Site};
-pub use watch::{Watch, eta_s};
+pub use scene::{LiveScene, SceneJoint, SceneSphere};
+pub use watch::{LiveWatch, eta_s};
 
 /// Messages that may wait in the channel.
 pub const WAITING: usize = 32;
@@ -36,9 +36,9 @@ pub const WAITING: usize = 32;
 /// A message to the viewers of a run; as JSON `{"frame": {…}}`, by its kind.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Message {
+pub enum ViewerMessage {
     /// What does not change; the first message.
-    Scene(Scene),
+    Scene(LiveScene),
     /// Its present state, about twenty times per second.
     Frame(Frame),
     /// A contact, half a second after its trigger.
@@ -56,7 +56,7 @@ pub enum Message {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
     /// What the campaign is about.
-    pub stage: Stage,
+    pub stage: CampaignStage,
     /// Phase of the controller.
     pub phase: Phase,
     /// Id of the current sphere; 0 for none.

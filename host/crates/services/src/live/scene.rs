@@ -7,7 +7,7 @@ use spherecal_plan::Plan;
 
 /// What does not change during a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Scene {
+pub struct LiveScene {
     /// Kind of robot.
     pub robot: String,
     /// Which one; empty where it is not named.
@@ -17,11 +17,11 @@ pub struct Scene {
     /// When the run was begun, UTC.
     pub begun_utc: String,
     /// Joints base to flange, nominal.
-    pub joints: Vec<Joint>,
+    pub joints: Vec<SceneJoint>,
     /// TCP in the last frame of the table, in m.
     pub tcp_m: [f64; 3],
     /// Planned positions of the spheres, each placement once.
-    pub sites: Vec<Site>,
+    pub sites: Vec<SceneSphere>,
     /// Home, in rad: shown before the first telemetry.
     pub home_rad: Vec<f64>,
     /// Force at which contact is declared, in N.
@@ -30,7 +30,7 @@ pub struct Scene {
 
 /// One joint: its row of the modified Denavit-Hartenberg table, and its range.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Joint {
+pub struct SceneJoint {
     /// Twist about x of the frame before, in rad.
     pub alpha: f64,
     /// Length along x of the frame before, in m.
@@ -49,7 +49,7 @@ pub struct Joint {
 
 /// One sphere in one placement of the plate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Site {
+pub struct SceneSphere {
     /// Id of the sphere.
     pub sphere: u32,
     /// Placement of the plate.
@@ -60,16 +60,16 @@ pub struct Site {
     pub direction: [f64; 3],
 }
 
-impl Scene {
+impl LiveScene {
     /// The scene of a plan. The caller fills in arm and time.
     pub fn new(robot: &Robot, tool: &Tool, plan: &Plan, trigger_n: f64) -> Self {
-        let mut sites: Vec<Site> = Vec::new();
+        let mut sites: Vec<SceneSphere> = Vec::new();
         for visit in &plan.spheres {
             if !sites
                 .iter()
                 .any(|s| (s.sphere, s.place) == (visit.sphere_id, visit.place))
             {
-                sites.push(Site {
+                sites.push(SceneSphere {
                     sphere: visit.sphere_id,
                     place: visit.place,
                     at_m: visit.position_m,
@@ -85,7 +85,7 @@ impl Scene {
             joints: robot
                 .joints
                 .iter()
-                .map(|j| Joint {
+                .map(|j| SceneJoint {
                     alpha: j.mdh.alpha,
                     a: j.mdh.a,
                     beta: j.mdh.beta,

@@ -8,9 +8,9 @@ use spherecal_shared::robot::{Robot, Tool};
 use spherecal_shared::timing::SampleClock;
 use tokio::sync::mpsc::{self, error::TrySendError};
 
-use super::{End, Frame, LiveContact, Message, RealTime, Scatter, Scene};
+use super::{End, Frame, LiveContact, LiveScene, RealTime, Scatter, ViewerMessage};
 use spherecal_campaign::telemetry::{ContactTrace, ContactTracer};
-use spherecal_campaign::{Observer, Progress};
+use spherecal_campaign::{CampaignObserver, Progress};
 use spherecal_link::Arrival;
 
 /// Time between two frames.
@@ -36,11 +36,11 @@ pub fn eta_s(p: &Progress, wall_s: f64) -> Option<f64> {
 }
 
 /// Observes a campaign and sends messages into a channel.
-pub struct Watch {
-    out: mpsc::Sender<Message>,
+pub struct LiveWatch {
+    out: mpsc::Sender<ViewerMessage>,
     /// Messages other than frames are kept when the channel is full, and go first when there is
     /// space.
-    urgent: VecDeque<Message>,
+    urgent: VecDeque<ViewerMessage>,
     joints: usize,
     scatter: Scatter,
     progress: Progress,
@@ -55,9 +55,9 @@ pub struct Watch {
     told: Option<Instant>,
 }
 
-impl Watch {
+impl LiveWatch {
     /// Sends a run into `out`, the scene first.
-    pub fn new(out: mpsc::Sender<Message>, robot: &Robot, tool: &Tool, scene: Scene) -> Self {
+    pub fn new(out: mpsc::Sender<ViewerMessage>, robot: &Robot, tool: &Tool, scene: LiveScene) -> Self {
         let mut watch = Self {
             out,
             urgent: VecDeque::new(),
@@ -73,18 +73,18 @@ impl Watch {
             begun: Instant::now(),
             told: None,
         };
-        watch.tell(Message::Scene(scene));
+        watch.tell(ViewerMessage::Scene(scene));
         watch
     }
 
     /// Tells how the run ended.
     pub fn end(&mut self, end: End) {
         self.frame();
-        self.tell(Message::End(end));
+        self.tell(ViewerMessage::End(end));
     }
 
     /// Tells what may not be lost.
-    fn tell(&mut self, message: Message) {
+    fn tell(&mut self, message: ViewerMessage) {
         if self.urgent.len() >= URGENT {
             // Keep the first message, the scene: no other message can be shown without it.
             self.urgent.remove(1);
@@ -138,7 +138,7 @@ impl Watch {
         for (_, force_n) in &mut trace.samples {
             *force_n = (*force_n * 100.0).round() / 100.0;
         }
-        self.tell(Message::Contact(LiveContact {
+        self.tell(ViewerMessage::Contact(LiveContact {
             force_n: contact.force_n,
             travel_mm: contact.travel_m * 1e3,
             trace,
@@ -179,11 +179,11 @@ impl Watch {
         self.points.clear();
         // A frame that finds no space is lost. The next one contains everything except its part of
         // the curve.
-        let _ = self.out.try_send(Message::Frame(frame));
+        let _ = self.out.try_send(ViewerMessage::Frame(frame));
     }
 }
 
-impl Observer for Watch {
+impl CampaignObserver for LiveWatch {
     fn event(&mut self, _now_us: u64, arrival: &Arrival) {
         self.clock.observe(&arrival.body);
         match &arrival.body {
@@ -209,6 +209,6 @@ impl Observer for Watch {
     }
 
     fn note(&mut self, text: &str) {
-        self.tell(Message::Note { text: text.to_owned() });
+        self.tell(ViewerMessage::Note { text: text.to_owned() });
     }
 }

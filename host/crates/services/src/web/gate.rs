@@ -9,13 +9,13 @@ use axum::http::{HeaderMap, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::{Site, file, refused};
+use super::{RequestContext, file, refused};
 
 /// Name of the cookie of browsers that have shown the token.
 const PASS: &str = "spherecal_pass";
 
 /// Without a token the server answers only requests for a name of this machine itself.
-pub(super) async fn own_name(State(site): State<Arc<Site>>, request: Request, next: Next) -> Response {
+pub(super) async fn own_name(State(site): State<Arc<RequestContext>>, request: Request, next: Next) -> Response {
     let name = request
         .uri()
         .authority()
@@ -53,7 +53,7 @@ fn is_port(text: &str) -> bool {
 }
 
 /// Admits browsers that have shown the token, and asks others for it.
-pub(super) async fn admit(State(site): State<Arc<Site>>, request: Request, next: Next) -> Response {
+pub(super) async fn admit(State(site): State<Arc<RequestContext>>, request: Request, next: Next) -> Response {
     if !site.guard.wants_token() || has_pass(&site, request.headers()) || has_token(&site, request.headers()) {
         return next.run(request).await;
     }
@@ -66,7 +66,7 @@ pub(super) async fn admit(State(site): State<Arc<Site>>, request: Request, next:
     }
 }
 
-fn has_pass(site: &Site, headers: &HeaderMap) -> bool {
+fn has_pass(site: &RequestContext, headers: &HeaderMap) -> bool {
     headers
         .get_all(COOKIE)
         .iter()
@@ -76,7 +76,7 @@ fn has_pass(site: &Site, headers: &HeaderMap) -> bool {
         .any(|pass| site.guard.takes_pass(pass))
 }
 
-fn has_token(site: &Site, headers: &HeaderMap) -> bool {
+fn has_token(site: &RequestContext, headers: &HeaderMap) -> bool {
     headers
         .get(AUTHORIZATION)
         .and_then(|value| value.to_str().ok()?.strip_prefix("Bearer "))
@@ -84,7 +84,7 @@ fn has_token(site: &Site, headers: &HeaderMap) -> bool {
 }
 
 /// Exchanges the token for a cookie that scripts cannot read and other sites cannot send.
-pub(super) async fn login(State(site): State<Arc<Site>>, headers: HeaderMap) -> Response {
+pub(super) async fn login(State(site): State<Arc<RequestContext>>, headers: HeaderMap) -> Response {
     // The token is in a header, where pages of other sites cannot put it.
     if headers.get(CONTENT_LENGTH).is_some_and(|length| length != "0") {
         return refused(StatusCode::PAYLOAD_TOO_LARGE, "the token goes into the header\n");

@@ -7,12 +7,12 @@ use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-use super::{Site, with_store};
+use super::{RequestContext, with_store};
 use spherecal_store::history::{self, LIMIT_MM, Past, Trend};
 
 /// One arm with its past.
 #[derive(Serialize)]
-struct Row {
+struct ArmHistory {
     robot: String,
     arm: String,
     /// Oldest first.
@@ -22,15 +22,15 @@ struct Row {
 }
 
 /// `/api/history`. Without a store the answer is empty and says so.
-pub(super) async fn history(State(site): State<Arc<Site>>) -> Response {
+pub(super) async fn history(State(site): State<Arc<RequestContext>>) -> Response {
     let Some(store) = &site.page.store else {
         return Json(serde_json::json!({ "arms": [], "limit_mm": LIMIT_MM, "stored": false })).into_response();
     };
     match with_store(store, |store| history::read(store, "")).await {
         Ok(past) => {
-            let arms: Vec<Row> = history::by_arm(past)
+            let arms: Vec<ArmHistory> = history::by_arm(past)
                 .into_iter()
-                .map(|runs| Row {
+                .map(|runs| ArmHistory {
                     robot: runs.first().map(|p| p.robot.clone()).unwrap_or_default(),
                     arm: runs.first().map(|p| p.arm.clone()).unwrap_or_default(),
                     trend: history::trend(&runs, LIMIT_MM),

@@ -4,7 +4,7 @@
 //! | path | what |
 //! |---|---|
 //! | `/` | the page; it asks this server for everything and no other |
-//! | `/api/live` | server-sent events: a [`Message`](crate::live::Message) each, with the run's `id` |
+//! | `/api/live` | server-sent events: a [`ViewerMessage`](crate::live::ViewerMessage) each, with the run's `id` |
 //! | `/api/history` | past calibrations of each arm, with their trend, as JSON |
 //! | `/report/RUN` | the report of a stored run |
 //!
@@ -53,7 +53,7 @@ pub struct Page {
 }
 
 /// What every request needs.
-struct Site {
+struct RequestContext {
     page: Page,
     reports: Reports,
     guard: Guard,
@@ -61,7 +61,7 @@ struct Site {
 
 /// The page's paths, guarded.
 pub(crate) fn router(page: Page, guard: Guard) -> Router {
-    let site = Arc::new(Site {
+    let site = Arc::new(RequestContext {
         page,
         reports: Reports::default(),
         guard,
@@ -141,7 +141,7 @@ async fn with_store<T: Send + 'static>(
 }
 
 /// Runs that go on, as server-sent events.
-async fn live(State(site): State<Arc<Site>>) -> Response {
+async fn live(State(site): State<Arc<RequestContext>>) -> Response {
     let (out, events) = mpsc::channel::<Result<Event, Infallible>>(UNDER_WAY);
     let hub = Arc::clone(&site.page.hub);
     // This task follows the browser's speed; messages that the browser is too slow for are dropped.

@@ -8,7 +8,7 @@ use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use tokio::sync::Mutex;
 
-use super::{Site, headers, refused, with_store};
+use super::{RequestContext, headers, refused, with_store};
 use spherecal_store::{CalibrationStore, RunInfo};
 
 /// Why a report could not be written.
@@ -30,7 +30,7 @@ const KEPT: usize = 8;
 pub(super) struct Reports(Mutex<VecDeque<(i64, String)>>);
 
 /// `/report/RUN`
-pub(super) async fn report(State(site): State<Arc<Site>>, Path(run): Path<String>) -> Response {
+pub(super) async fn report(State(site): State<Arc<RequestContext>>, Path(run): Path<String>) -> Response {
     let Ok(run) = run.parse::<i64>() else {
         return refused(StatusCode::NOT_FOUND, format!("\"{run}\" is no number of a run\n"));
     };

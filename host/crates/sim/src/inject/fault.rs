@@ -56,7 +56,7 @@ pub enum InjectedFault {
     /// The drive reports that it is not ready, and closes its brakes.
     DriveStatus {
         /// What it says.
-        status: Status,
+        status: NotReadyStatus,
     },
     /// A motor gives no more than this.
     TorqueSaturation {
@@ -116,7 +116,7 @@ pub enum InjectedFault {
 /// What a drive that is not ready says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Status {
+pub enum NotReadyStatus {
     /// Brakes closed or drives off.
     Disabled,
     /// Emergency stop.

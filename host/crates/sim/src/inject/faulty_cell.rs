@@ -14,7 +14,7 @@ use super::fault::InjectedFault;
 use super::faulty_drive::FaultyDrive;
 use super::host_faults::HostFaults;
 use super::host_killed::{HostKilled, end_process};
-use super::listener::Listener;
+use super::listener::PhaseListener;
 use super::plan::{FaultPlan, InjectError};
 use super::scheduler::Scheduler;
 use spherecal_link::{Controller, Device, LinkError, check_hello};
@@ -51,7 +51,7 @@ pub struct FaultyCell {
     restart: Restart,
     hello: DriveHello,
     scheduler: Scheduler,
-    listener: Listener,
+    listener: PhaseListener,
     pub(super) rng: ChaCha8Rng,
     pub(super) active: Vec<InjectedFault>,
     resets: bool,
@@ -114,7 +114,7 @@ impl FaultyCell {
             drive,
             restart,
             scheduler: Scheduler::new(plan, f64::from(hello.period_us) * 1e-6),
-            listener: Listener::default(),
+            listener: PhaseListener::default(),
             rng: ChaCha8Rng::seed_from_u64(plan.seed ^ 0x5eed),
             active: Vec::new(),
             resets: false,

@@ -5,7 +5,7 @@ use rand::RngExt;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveState, DriveStatus};
 use spherecal_shared::protocol::frame::{MAX_FRAME, encode};
 
-use super::fault::{InjectedFault, Status};
+use super::fault::{InjectedFault, NotReadyStatus};
 use super::faulty_cell::{FaultyCell, PATIENCE};
 
 impl FaultyCell {
@@ -66,9 +66,9 @@ impl FaultyCell {
                 }
                 InjectedFault::DriveStatus { status } => {
                     state.status = match status {
-                        Status::Disabled => DriveStatus::Disabled,
-                        Status::EmergencyStop => DriveStatus::EmergencyStop,
-                        Status::Failed => DriveStatus::Failed,
+                        NotReadyStatus::Disabled => DriveStatus::Disabled,
+                        NotReadyStatus::EmergencyStop => DriveStatus::EmergencyStop,
+                        NotReadyStatus::Failed => DriveStatus::Failed,
                     }
                 }
                 InjectedFault::StateBits { bits } => match self.over_the_wire(&state, bits) {

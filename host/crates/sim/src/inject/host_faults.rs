@@ -14,7 +14,7 @@ use spherecal_shared::protocol::host::SessionId;
 
 /// Faults of the disk or of the file on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct State {
+struct DiskFaults {
     /// The disk has no room for more than is on it.
     full: bool,
     /// Another program locks the file for this time, from now on.
@@ -23,13 +23,13 @@ struct State {
 
 /// A handle to the faults of the host's computer; copies share them.
 #[derive(Clone, Debug, Default)]
-pub struct HostFaults(Arc<Mutex<State>>);
+pub struct HostFaults(Arc<Mutex<DiskFaults>>);
 
 impl HostFaults {
     /// Present faults; a lock is reported once.
-    fn now(&self) -> State {
+    fn now(&self) -> DiskFaults {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        State {
+        DiskFaults {
             locked: state.locked.take(),
             ..*state
         }

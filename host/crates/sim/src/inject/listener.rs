@@ -7,14 +7,14 @@ use spherecal_shared::protocol::host::{Event, Phase, Uplink};
 
 /// The phases that the controller has reported.
 #[derive(Default)]
-pub(super) struct Listener {
+pub(super) struct PhaseListener {
     accumulator: Accumulator,
     last_event: u32,
     phase: Phase,
     entries: HashMap<Phase, u32>,
 }
 
-impl Listener {
+impl PhaseListener {
     /// Takes the controller's bytes. Calls `entered` with each phase that begins and with its
     /// count.
     pub(super) fn hear(&mut self, bytes: &[u8], mut entered: impl FnMut(Phase, u32)) {

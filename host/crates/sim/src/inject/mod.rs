@@ -1,7 +1,7 @@
 //! Fault injection: which faults occur and when, and the device that injects them.
 //!
 //! Vocabulary: an [`InjectedFault`] is one fault. A [`When`] is its start, by tick, by phase or at
-//! random. An [`Entry`] is both with a duration. A [`FaultPlan`] is the list in a TOML file, with the
+//! random. A [`PlannedFault`] is both with a duration. A [`FaultPlan`] is the list in a TOML file, with the
 //! seed of the random draws. [`PRESETS`] has one plan for each fault.
 //!
 //! ```text
@@ -27,10 +27,10 @@ mod plan;
 mod presets;
 mod scheduler;
 
-pub use fault::{InjectedFault, Status};
+pub use fault::{InjectedFault, NotReadyStatus};
 pub use faulty_cell::{FaultyCell, FaultyCellError, Happened, Restart};
 pub use faulty_drive::FaultyDrive;
 pub use host_faults::{FileLock, HostFaultJournal, HostFaults};
 pub use host_killed::HostKilled;
-pub use plan::{Entry, FaultPlan, InjectError, When};
+pub use plan::{FaultPlan, InjectError, PlannedFault, When};
 pub use presets::{PRESETS, Preset, preset, table};

@@ -66,7 +66,7 @@ fn first() -> u32 {
 /// A fault, its beginning and its duration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Entry {
+pub struct PlannedFault {
     /// What goes wrong.
     pub what: InjectedFault,
     /// When it begins.
@@ -89,7 +89,7 @@ pub struct FaultPlan {
     pub host_link: Option<Lossy>,
     /// The faults.
     #[serde(default, rename = "fault")]
-    pub faults: Vec<Entry>,
+    pub faults: Vec<PlannedFault>,
 }
 
 /// Why a plan was refused.
@@ -143,7 +143,7 @@ pub enum InjectError {
     },
 }
 
-impl Entry {
+impl PlannedFault {
     /// How long it lasts, in s.
     pub fn duration_s(&self) -> f64 {
         self.for_s.unwrap_or(self.what.usual_s())
@@ -178,7 +178,7 @@ impl FaultPlan {
         Self {
             seed: 0,
             host_link: None,
-            faults: vec![Entry {
+            faults: vec![PlannedFault {
                 what,
                 when,
                 for_s: None,

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use spherecal_shared::protocol::host::{Fault, Phase};
 
-use super::fault::{InjectedFault, Status};
+use super::fault::{InjectedFault, NotReadyStatus};
 use super::plan::{FaultPlan, InjectError, When};
 use crate::lossy::Lossy;
 
@@ -167,7 +167,7 @@ pub const PRESETS: &[Preset] = &[
         name: "drive_status",
         about: "an emergency stop for 2 s",
         what: InjectedFault::DriveStatus {
-            status: Status::EmergencyStop,
+            status: NotReadyStatus::EmergencyStop,
         },
         when: during(Phase::Recording, 3, 0.2),
         faults: &[Fault::Drive],

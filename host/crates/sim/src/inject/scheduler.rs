@@ -5,12 +5,12 @@ use rand_chacha::ChaCha8Rng;
 use spherecal_shared::protocol::host::Phase;
 
 use super::fault::InjectedFault;
-use super::plan::{Entry, FaultPlan, When};
+use super::plan::{FaultPlan, PlannedFault, When};
 
 /// What the scheduler keeps of one entry.
 #[derive(Clone, Copy, Debug)]
-struct Row {
-    entry: Entry,
+struct ScheduledFault {
+    entry: PlannedFault,
     /// Tick at which it begins, once that is known.
     due: Option<u64>,
     /// Tick at which it ends, while it lasts.
@@ -21,7 +21,7 @@ struct Row {
 
 /// Beginnings and ends, in order.
 pub(super) struct Scheduler {
-    rows: Vec<Row>,
+    rows: Vec<ScheduledFault>,
     rng: ChaCha8Rng,
     period_s: f64,
 }
@@ -33,7 +33,7 @@ fn ticks(seconds: f64, period_s: f64) -> u64 {
 
 impl Scheduler {
     pub(super) fn new(plan: &FaultPlan, period_s: f64) -> Self {
-        let rows = plan.faults.iter().map(|entry| Row {
+        let rows = plan.faults.iter().map(|entry| ScheduledFault {
             entry: *entry,
             due: if let When::Tick(tick) = entry.when {
                 Some(tick)
@@ -118,7 +118,7 @@ mod tests {
         let at = |when, for_s| FaultPlan {
             seed: 3,
             host_link: None,
-            faults: vec![Entry {
+            faults: vec![PlannedFault {
                 what: InjectedFault::StateFrozen,
                 when,
                 for_s: Some(for_s),

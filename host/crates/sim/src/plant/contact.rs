@@ -49,7 +49,7 @@ pub enum TouchKind {
 
 /// One contact point.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Touch {
+pub(super) struct ContactPoint {
     /// Point in F0, in m.
     pub(super) point: Vector3<f64>,
     /// Unit direction of the normal force on the tool, in F0.
@@ -67,7 +67,7 @@ pub(super) struct Touch {
 }
 
 /// Touches of one instant.
-pub(super) type Touches = heapless::Vec<Touch, MAX_TOUCHES>;
+pub(super) type Touches = heapless::Vec<ContactPoint, MAX_TOUCHES>;
 
 /// The nest's shape, precomputed.
 #[derive(Clone, Debug)]
@@ -208,7 +208,7 @@ impl Nest {
     #[inline]
     fn push(&self, touches: &mut Touches, point: Vector3<f64>, normal: Vector3<f64>, depth: f64, kind: TouchKind) {
         // The list holds every touch that can happen at once; more are dropped.
-        let _ = touches.push(Touch {
+        let _ = touches.push(ContactPoint {
             point,
             normal,
             depth,
@@ -250,7 +250,7 @@ impl Nest {
 
 /// A flat obstacle for the TCP: a half-space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Obstacle {
+pub struct FlatObstacle {
     /// A point of its surface in F0, in m.
     pub point_m: [f64; 3],
     /// Outward normal of its surface in F0 (any length but zero).

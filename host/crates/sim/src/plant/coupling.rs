@@ -30,7 +30,7 @@ const TURN_RAD: f64 = 0.01;
 
 /// Seating repeatability: a fresh seat for each coupling.
 #[derive(Clone, Debug)]
-pub(super) struct Coupling {
+pub(super) struct SeatScatter {
     rng: ChaCha8Rng,
     /// Whether the sphere is near its seat now.
     pub(super) near: bool,
@@ -45,7 +45,7 @@ pub(super) struct Coupling {
     waves: [(Vector3<f64>, Vector3<f64>, f64); 3],
 }
 
-impl Coupling {
+impl SeatScatter {
     pub(super) fn new(config: &PlantConfig) -> Self {
         Self::on(config, Stream::Seating)
     }
@@ -180,7 +180,7 @@ mod tests {
     fn some_couplings_are_bad() {
         let mut config = nest(0.25, 0.0);
         config.nest.seating_sigma_m = 1e-9;
-        let mut coupling = Coupling::new(&config);
+        let mut coupling = SeatScatter::new(&config);
         let seats: Vec<f64> = (0..8000)
             .map(|_| {
                 coupling.couple(&config.nest, &Matrix3::identity());
@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn the_sphere_slides_to_another_seat() {
         let config = nest(1.0, 5.0);
-        let mut coupling = Coupling::new(&config);
+        let mut coupling = SeatScatter::new(&config);
         let (plate, sphere) = (Pose::identity(), Vector3::zeros());
         let mut tcp = Pose::identity();
         let mut last = coupling.seat(&tcp, &plate, &sphere, &config);
@@ -222,7 +222,7 @@ mod tests {
         let mut changes = [0, 0];
         for (steps, count) in [(1, 0), (25, 1)] {
             for k in 0..2000 {
-                let mut coupling = Coupling::new(&PlantConfig {
+                let mut coupling = SeatScatter::new(&PlantConfig {
                     seed: k,
                     ..config.clone()
                 });

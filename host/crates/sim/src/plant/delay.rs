@@ -21,7 +21,7 @@ use super::sensors::{Sensed, TICK_S};
 const TICK_US: i64 = 1000;
 
 /// Messages in transit, with their arrival times in µs.
-type Line<T> = VecDeque<(i64, T)>;
+type DelayLine<T> = VecDeque<(i64, T)>;
 
 /// Delay lines of commands and states.
 #[derive(Clone, Debug)]
@@ -29,8 +29,8 @@ pub(super) struct Delays<const N: usize> {
     config: DriveConfig,
     rng: ChaCha8Rng,
     now_us: i64,
-    commands: Line<SVector<f64, N>>,
-    states: Line<Sensed<N>>,
+    commands: DelayLine<SVector<f64, N>>,
+    states: DelayLine<Sensed<N>>,
     /// Command that the drive holds, in N m.
     held: SVector<f64, N>,
     /// Torque of the actuators, in N m.
@@ -43,8 +43,8 @@ impl<const N: usize> Delays<N> {
             config,
             rng,
             now_us: 0,
-            commands: Line::new(),
-            states: Line::new(),
+            commands: DelayLine::new(),
+            states: DelayLine::new(),
             held: torque,
             actuator: torque,
         }

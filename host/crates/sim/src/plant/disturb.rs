@@ -4,7 +4,7 @@
 use nalgebra::{SVector, Vector3};
 
 use super::config::DriveConfig;
-use super::contact::Obstacle;
+use super::contact::FlatObstacle;
 use super::draw::draw_spheres;
 use super::sensors::TorqueSensorFault;
 use super::simulation::{Plant, centroid_of};
@@ -28,7 +28,7 @@ pub enum Disturbance {
     /// stiffness (N/m).
     ObstacleAhead(f64, f64),
     /// An obstacle, or none.
-    Obstacle(Option<Obstacle>),
+    Obstacle(Option<FlatObstacle>),
     /// A point mass at the TCP, in kg.
     Payload(f64),
     /// An encoder is frozen, or freed.
@@ -79,7 +79,7 @@ impl<const N: usize> Plant<N> {
                 } else {
                     -Vector3::z()
                 };
-                self.set_obstacle(Some(Obstacle {
+                self.set_obstacle(Some(FlatObstacle {
                     point_m: (tcp + way * ahead_m).into(),
                     normal: (-way).into(),
                     stiffness_n_m,
@@ -203,7 +203,7 @@ impl<const N: usize> Plant<N> {
     }
 
     /// Puts an obstacle in the way of the TCP, or takes it away.
-    pub fn set_obstacle(&mut self, obstacle: Option<Obstacle>) {
+    pub fn set_obstacle(&mut self, obstacle: Option<FlatObstacle>) {
         self.obstacle = obstacle.filter(|o| Vector3::from(o.normal).norm() > 0.0);
     }
 

@@ -9,7 +9,7 @@ use spherecal_shared::robot::{Arm, Inertia, Pose, Robot, Tool};
 
 use super::config::PlantConfig;
 use super::error::PlantError;
-use super::joint::{JointError, Memory, Tone};
+use super::joint::{JointError, PathMemory, Tone};
 use super::random::{Stream, between, normal, normal3, rpy, stream};
 
 /// Number of waves that replace a Gaussian process (random Fourier features). Their squares add up
@@ -260,12 +260,12 @@ pub(super) fn draw_bending<const N: usize>(config: &PlantConfig) -> ([[f64; 2]; 
 }
 
 /// The state of each joint that depends on its path.
-pub(super) fn draw_memory<const N: usize>(config: &PlantConfig) -> [Memory; N] {
+pub(super) fn draw_memory<const N: usize>(config: &PlantConfig) -> [PathMemory; N] {
     let (l, e) = (&config.lost_motion, &config.encoder);
     let mut rng = stream(config.seed, Stream::LostMotion);
     core::array::from_fn(|_| {
         let drawn = between(&mut rng, l.half_width_rad);
-        Memory {
+        PathMemory {
             half_width: if l.enabled { drawn } else { 0.0 },
             travel: l.travel_rad,
             scatter: e.scatter_rad,

@@ -21,7 +21,7 @@ use nalgebra::{SMatrix, SVector, Vector3};
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Arm, Bodies, Dynamics, Pose};
 
-use super::contact::{Touch, Touches};
+use super::contact::{ContactPoint, Touches};
 use super::dry_friction::{Slip, friction_terms, settle_modes};
 
 /// Stiffness and damping of the mechanical end stops, N m/rad and N m s/rad.
@@ -32,7 +32,7 @@ pub(super) const STOP_MARGIN_RAD: f64 = 0.035;
 
 /// Positions and velocities.
 #[derive(Clone, Debug)]
-pub(super) struct Motion<const N: usize> {
+pub(super) struct MotionState<const N: usize> {
     /// Link angles, in rad.
     pub(super) q: SVector<f64, N>,
     /// Link velocities, in rad/s.
@@ -49,7 +49,7 @@ pub(super) struct Motion<const N: usize> {
 
 /// What a joint is made of besides its link.
 #[derive(Clone, Debug)]
-pub(super) struct Joints<const N: usize> {
+pub(super) struct JointMechanics<const N: usize> {
     pub(super) coulomb: [f64; N],
     pub(super) viscous: [f64; N],
     /// Share of friction beyond the torque sensor.
@@ -71,7 +71,7 @@ pub(super) struct Elastic<const N: usize> {
 }
 
 /// External forces on the arm during one sub-step.
-pub(super) struct Load<'a, const N: usize> {
+pub(super) struct ExternalForces<'a, const N: usize> {
     /// Actuator torque, in N m.
     pub(super) tau: &'a SVector<f64, N>,
     /// External torque on the links (disturbance), in N m.
@@ -84,7 +84,7 @@ pub(super) struct Load<'a, const N: usize> {
     pub(super) touches: &'a Touches,
 }
 
-impl<const N: usize> Motion<N> {
+impl<const N: usize> MotionState<N> {
     pub(super) fn at_rest(q: &[f64; N]) -> Self {
         Self {
             q: SVector::from(*q),
@@ -111,7 +111,7 @@ impl<const N: usize> Motion<N> {
         &mut self,
         arm: &Arm<f64, N>,
         start: &[Pose<f64>; N],
-        joints: &Joints<N>,
+        joints: &JointMechanics<N>,
         tau: &SVector<f64, N>,
         h: f64,
     ) -> Option<SVector<f64, N>> {
@@ -154,8 +154,8 @@ impl<const N: usize> Motion<N> {
         &mut self,
         frames: &[Pose<f64>; N],
         bodies: &Bodies<f64, N>,
-        joints: &Joints<N>,
-        load: &Load<'_, N>,
+        joints: &JointMechanics<N>,
+        load: &ExternalForces<'_, N>,
         h: f64,
     ) -> Option<SVector<f64, N>> {
         let (mass, bias) = (
@@ -201,7 +201,7 @@ impl<const N: usize> Motion<N> {
     /// Joint friction and rotors on the links themselves.
     fn advance_rigid(
         &mut self,
-        joints: &Joints<N>,
+        joints: &JointMechanics<N>,
         tau: &SVector<f64, N>,
         mut system: SMatrix<f64, N, N>,
         mut impulse: SVector<f64, N>,
@@ -236,7 +236,7 @@ impl<const N: usize> Motion<N> {
     /// Friction and rotors on the motors, springs to the links.
     fn advance_elastic(
         &mut self,
-        joints: &Joints<N>,
+        joints: &JointMechanics<N>,
         elastic: &Elastic<N>,
         tau: &SVector<f64, N>,
         mut system: SMatrix<f64, N, N>,
@@ -298,7 +298,7 @@ impl<const N: usize> Motion<N> {
 /// Adds one contact point, linearised about the present state. Returns false if it does not press.
 #[inline]
 fn add_touch<const N: usize>(
-    touch: &Touch,
+    touch: &ContactPoint,
     frames: &[Pose<f64>; N],
     v: &SVector<f64, N>,
     h: f64,

@@ -96,7 +96,7 @@ impl Deflection {
 
 /// The state of one joint that depends on its path.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Memory {
+pub(super) struct PathMemory {
     /// Largest lost motion, in rad.
     pub(super) half_width: f64,
     /// Travel scale over which lost motion changes sides, in rad.
@@ -107,14 +107,14 @@ pub(super) struct Memory {
     pub(super) scatter_travel: f64,
 }
 
-impl Memory {
+impl PathMemory {
     /// Whether there is anything to remember.
     pub(super) fn is_off(&self) -> bool {
         self.half_width == 0.0 && self.scatter == 0.0
     }
 }
 
-/// State of one joint's [`Memory`].
+/// State of one joint's [`PathMemory`].
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Trace {
     /// Angle by which the gear leads the link for the direction of its last motion, in rad.
@@ -125,7 +125,7 @@ pub(super) struct Trace {
 
 impl Trace {
     /// The joint moves by `by` (rad) without reversing.
-    pub(super) fn moved(&mut self, memory: &Memory, by: f64, rng: &mut ChaCha8Rng) {
+    pub(super) fn moved(&mut self, memory: &PathMemory, by: f64, rng: &mut ChaCha8Rng) {
         if by == 0.0 {
             return;
         }
@@ -149,7 +149,7 @@ pub(super) struct SlowState<const N: usize> {
 
 impl<const N: usize> SlowState<N> {
     /// The state at the start of a run: scatter is drawn, and no joint has lost motion.
-    pub(super) fn new(seed: u64, memory: &[Memory; N], which: Stream) -> Self {
+    pub(super) fn new(seed: u64, memory: &[PathMemory; N], which: Stream) -> Self {
         let mut rng = stream(seed, which);
         let traces = core::array::from_fn(|i| Trace {
             lost: 0.0,
@@ -163,7 +163,7 @@ impl<const N: usize> SlowState<N> {
     }
 
     /// The joints move by `by` (rad); none of them reverses.
-    pub(super) fn moved(&mut self, memory: &[Memory; N], by: &[f64; N]) {
+    pub(super) fn moved(&mut self, memory: &[PathMemory; N], by: &[f64; N]) {
         for i in 0..N {
             if !memory[i].is_off() {
                 self.traces[i].moved(&memory[i], by[i], &mut self.rng);
@@ -185,7 +185,7 @@ mod tests {
 
     use super::*;
 
-    const MEMORY: Memory = Memory {
+    const MEMORY: PathMemory = PathMemory {
         half_width: 1e-4,
         travel: 1e-3,
         scatter: 5e-5,
@@ -198,7 +198,7 @@ mod tests {
     fn lost_motion_depends_on_the_way_alone() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let (mut one, mut many) = (Trace::default(), Trace::default());
-        let quiet = Memory { scatter: 0.0, ..MEMORY };
+        let quiet = PathMemory { scatter: 0.0, ..MEMORY };
         one.moved(&quiet, 0.02, &mut rng);
         one.moved(&quiet, -7e-4, &mut rng);
         for _ in 0..200 {

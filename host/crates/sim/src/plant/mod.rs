@@ -50,7 +50,7 @@ mod truth;
 pub mod world;
 
 pub use config::PlantConfig;
-pub use contact::Obstacle;
+pub use contact::FlatObstacle;
 pub use disturb::Disturbance;
 pub use error::PlantError;
 pub use hand::Hand;

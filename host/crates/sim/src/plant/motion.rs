@@ -4,8 +4,8 @@
 use nalgebra::{SVector, Vector3};
 use spherecal_shared::robot::{Dynamics, Pose};
 
-use super::contact::{Touch, TouchKind, Touches};
-use super::integrate::Load;
+use super::contact::{ContactPoint, TouchKind, Touches};
+use super::integrate::ExternalForces;
 use super::sensors::TICK_S;
 use super::simulation::Plant;
 
@@ -57,7 +57,7 @@ impl<const N: usize> Plant<N> {
                 pulls[pulled] = (pole, force);
                 pulled += 1;
             }
-            let load = Load {
+            let load = ExternalForces {
                 tau: &self.last_tau,
                 extra: &self.disturbance,
                 pulls: &pulls[..pulled],
@@ -131,7 +131,7 @@ impl<const N: usize> Plant<N> {
             let depth = normal.dot(&(Vector3::from(obstacle.point_m) - tcp.position));
             if depth > 0.0 {
                 // There is room: a sphere and the plate make at most nine touches.
-                let _ = touches.push(Touch {
+                let _ = touches.push(ContactPoint {
                     point: tcp.position,
                     normal,
                     depth,

@@ -6,11 +6,11 @@ use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Arm, Dynamics, Robot, Tool};
 
 use super::config::{EncoderSide, PlantConfig};
-use super::contact::{Nest, Obstacle};
-use super::coupling::Coupling;
+use super::contact::{FlatObstacle, Nest};
+use super::coupling::SeatScatter;
 use super::delay::Delays;
 use super::error::PlantError;
-use super::integrate::{Elastic, Joints, Motion, STOP_MARGIN_RAD};
+use super::integrate::{Elastic, JointMechanics, MotionState, STOP_MARGIN_RAD};
 use super::joint::SlowState;
 use super::random::{Stream, stream};
 use super::sensors::{Sensed, Sensors, TICK_S};
@@ -25,8 +25,8 @@ pub struct Plant<const N: usize> {
     pub(super) world: TrueCell<N>,
     pub(super) sphere_homes: heapless::Vec<Option<Vector3<f64>>, MAX_SPHERES>,
     pub(super) nest: Nest,
-    pub(super) joints: Joints<N>,
-    pub(super) motion: Motion<N>,
+    pub(super) joints: JointMechanics<N>,
+    pub(super) motion: MotionState<N>,
     pub(super) sensors: Sensors<N>,
     limits: [f64; N],
     /// Motor inertia between commanded and measured torque, beyond the nominal robot's, in kg m².
@@ -57,13 +57,13 @@ pub struct Plant<const N: usize> {
     /// Displacement of the TCP by bending, and of the seated centre, in m.
     pub(super) bend: Vector3<f64>,
     pub(super) seat: Vector3<f64>,
-    pub(super) coupling: Coupling,
+    pub(super) coupling: SeatScatter,
     pub(super) centroid: Vector3<f64>,
     pub(super) hand_force: Vector3<f64>,
     pub(super) hand_moment: Vector3<f64>,
     pub(super) disturbance: SVector<f64, N>,
     pub(super) magnet_on: bool,
-    pub(super) obstacle: Option<Obstacle>,
+    pub(super) obstacle: Option<FlatObstacle>,
     /// Whether removed spheres return once the nest is clear of them.
     pub(super) spheres_return: bool,
     /// A sphere that is being pushed aside (from 0), and its remaining displacement, in m, F0.
@@ -116,7 +116,7 @@ impl<const N: usize> Plant<N> {
             damping: e.damping_nm_s,
             motor: world.rotor.map(|r| r.max(e.least_motor_kg_m2)),
         });
-        let mut joints = Joints {
+        let mut joints = JointMechanics {
             coulomb: world.coulomb,
             viscous: world.viscous,
             beyond_sensor: config.friction.beyond_sensor,
@@ -133,7 +133,7 @@ impl<const N: usize> Plant<N> {
             };
             (known + config.inertia.visible(i)).max(least) - known
         });
-        let mut motion = Motion::at_rest(&link);
+        let mut motion = MotionState::at_rest(&link);
         if let Some(elastic) = &joints.elastic {
             for i in 0..N {
                 motion.motor[i] += gravity[i] / elastic.stiffness[i];
@@ -192,7 +192,7 @@ impl<const N: usize> Plant<N> {
             drifted: Vector3::zeros(),
             bend: Vector3::zeros(),
             seat: Vector3::zeros(),
-            coupling: Coupling::new(config),
+            coupling: SeatScatter::new(config),
             centroid,
             hand_force: Vector3::zeros(),
             hand_moment: Vector3::zeros(),

@@ -12,7 +12,7 @@ use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::robot::{Arm, Dynamics, Pose};
 
 use super::config::{PlantConfig, ReadingConfig};
-use super::coupling::Coupling;
+use super::coupling::SeatScatter;
 use super::joint::SlowState;
 use super::random::{Stream, normal, stream};
 use super::world::TrueCell;
@@ -114,7 +114,7 @@ pub struct StillArm<'a, const N: usize> {
     cell: &'a TrueCell<N>,
     config: &'a PlantConfig,
     standing: Standing<N>,
-    coupling: Coupling,
+    coupling: SeatScatter,
     seat_on: SeatOn,
     rng: ChaCha8Rng,
 }
@@ -126,7 +126,7 @@ impl<'a, const N: usize> StillArm<'a, N> {
             cell,
             config,
             standing: Standing::new(cell, config.seed),
-            coupling: Coupling::new(config),
+            coupling: SeatScatter::new(config),
             seat_on: SeatOn::Tool,
             rng: stream(config.seed, Stream::Noise),
         }

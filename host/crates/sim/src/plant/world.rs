@@ -23,7 +23,7 @@ use super::draw::{
     draw_offsets, draw_plates, draw_spheres, workspace,
 };
 use super::error::PlantError;
-use super::joint::{Deflection, JointError, Memory, SlowState};
+use super::joint::{Deflection, JointError, PathMemory, SlowState};
 use super::random::{Stream, between, normal, stream};
 use super::thermal::Warming;
 
@@ -54,7 +54,7 @@ pub struct TrueCell<const N: usize> {
     pub(super) plates: Vec<Pose<f64>>,
     pub(super) errors: [JointError; N],
     pub(super) deflections: [Deflection; N],
-    pub(super) memory: [Memory; N],
+    pub(super) memory: [PathMemory; N],
     pub(super) warming: Warming,
     /// Side of the encoders.
     pub(super) side: EncoderSide,

@@ -6,18 +6,18 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{AnyConnection, AssertSqlSafe, Connection as _, Row as _, SqliteConnection, TypeInfo as _, ValueRef as _};
 
 use super::Saved;
-use crate::seal::Value;
+use crate::seal::SealedValue;
 
 /// The search for rows of a table ends after so many numbers in a row without a row.
 const GAP: i64 = 20_000;
 
 /// A row, in the order of the new file's columns.
-pub(super) type StoredRow = Vec<Value>;
+pub(super) type StoredRow = Vec<SealedValue>;
 
 /// The run of a row. It is the first column of every table.
 pub(super) fn run_of(row: &StoredRow) -> Option<i64> {
     match row.first() {
-        Some(Value::Whole(run)) => Some(*run),
+        Some(SealedValue::Whole(run)) => Some(*run),
         _ => None,
     }
 }
@@ -149,13 +149,13 @@ fn values_of(row: &SqliteRow, columns: usize) -> Option<StoredRow> {
         .map(|column| {
             let raw = row.try_get_raw(column).ok()?;
             if raw.is_null() {
-                return Some(Value::Nothing);
+                return Some(SealedValue::Nothing);
             }
             let kind = raw.type_info().name().to_owned();
             match kind.as_str() {
-                "INTEGER" => row.try_get_unchecked(column).ok().map(Value::Whole),
-                "REAL" => row.try_get_unchecked(column).ok().map(Value::Real),
-                "TEXT" => row.try_get_unchecked(column).ok().map(Value::Text),
+                "INTEGER" => row.try_get_unchecked(column).ok().map(SealedValue::Whole),
+                "REAL" => row.try_get_unchecked(column).ok().map(SealedValue::Real),
+                "TEXT" => row.try_get_unchecked(column).ok().map(SealedValue::Text),
                 _ => None,
             }
         })
@@ -182,10 +182,10 @@ pub(super) async fn insert_rows(
         let mut query = sqlx::query(AssertSqlSafe(insert.clone()));
         for value in row {
             query = match value {
-                Value::Nothing => query.bind(None::<i64>),
-                Value::Whole(value) => query.bind(*value),
-                Value::Real(value) => query.bind(*value),
-                Value::Text(value) => query.bind(value.clone()),
+                SealedValue::Nothing => query.bind(None::<i64>),
+                SealedValue::Whole(value) => query.bind(*value),
+                SealedValue::Real(value) => query.bind(*value),
+                SealedValue::Text(value) => query.bind(value.clone()),
             };
         }
         match query.execute(&mut *transaction).await {

@@ -16,7 +16,7 @@ const INNER: u8 = 5;
 const LEAF: u8 = 13;
 
 /// A table of the new file and its columns.
-pub(super) type Table = (&'static str, Vec<String>);
+pub(super) type TableColumns = (&'static str, Vec<String>);
 
 /// Why no copy can be read.
 pub(super) enum NoSource {
@@ -34,7 +34,7 @@ pub(super) enum NoSource {
 pub(super) async fn source_of(
     workshop: &Workshop,
     fresh: &[u8],
-    tables: &[Table],
+    tables: &[TableColumns],
 ) -> Result<(SqliteConnection, bool), NoSource> {
     let own = open_copy(&workshop.copy).await;
     let model = workshop.folder.join("fresh.db");
@@ -65,7 +65,7 @@ pub(super) async fn source_of(
 }
 
 /// Rows that can be read.
-async fn count(source: &mut SqliteConnection, tables: &[Table]) -> usize {
+async fn count(source: &mut SqliteConnection, tables: &[TableColumns]) -> usize {
     let mut rows = 0;
     for (table, columns) in tables {
         rows += read_table(table, columns, source).await.0.len();

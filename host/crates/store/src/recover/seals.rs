@@ -7,7 +7,7 @@ use sqlx::SqliteConnection;
 use super::Recovered;
 use super::rows::{StoredRow, read_table, run_of};
 use crate::RunInfo;
-use crate::seal::{SEALED, Value, of_row};
+use crate::seal::{SEALED, SealedValue, of_row};
 use crate::spares::{SPARED, spheres_of};
 
 /// The digests and second copies of a damaged file, as far as they can be read.
@@ -36,7 +36,12 @@ impl Seals {
             spares: BTreeMap::new(),
         };
         for row in digests {
-            let [Value::Whole(run), Value::Text(subject), Value::Whole(digest)] = row.as_slice() else {
+            let [
+                SealedValue::Whole(run),
+                SealedValue::Text(subject),
+                SealedValue::Whole(digest),
+            ] = row.as_slice()
+            else {
                 continue;
             };
             seals.sealed |= SEALED.iter().any(|table| subject.starts_with(table.name));
@@ -48,7 +53,12 @@ impl Seals {
             if !seals.vouch_for("spares", &row) {
                 continue;
             }
-            if let [Value::Whole(run), Value::Text(name), Value::Text(value)] = row.as_slice() {
+            if let [
+                SealedValue::Whole(run),
+                SealedValue::Text(name),
+                SealedValue::Text(value),
+            ] = row.as_slice()
+            {
                 let own = seals.spares.entry(*run).or_default();
                 own.insert(name.clone(), value.clone());
             }
@@ -96,13 +106,13 @@ impl Seals {
             if there.contains(run) {
                 continue;
             }
-            let copied: Option<BTreeMap<&str, Value>> = SPARED
+            let copied: Option<BTreeMap<&str, SealedValue>> = SPARED
                 .iter()
                 .map(|name| {
                     let text = copies.get(*name)?;
                     let value = match *name {
-                        "seed" => Value::Whole(text.parse().ok()?),
-                        _ => Value::Text(text.clone()),
+                        "seed" => SealedValue::Whole(text.parse().ok()?),
+                        _ => SealedValue::Text(text.clone()),
                     };
                     Some((*name, value))
                 })
@@ -113,11 +123,11 @@ impl Seals {
                 .find(|row| run_of(row) == Some(*run))
                 .and_then(|row| row.get(10));
             let state = match state {
-                Some(Value::Text(state)) if RunInfo::STATES.contains(&state.as_str()) => state,
+                Some(SealedValue::Text(state)) if RunInfo::STATES.contains(&state.as_str()) => state,
                 _ => "running",
             };
-            copied.insert("run", Value::Whole(*run));
-            copied.insert("state", Value::Text(state.to_owned()));
+            copied.insert("run", SealedValue::Whole(*run));
+            copied.insert("state", SealedValue::Text(state.to_owned()));
             good.push(COLUMNS.iter().filter_map(|name| copied.get(name).cloned()).collect());
             recovered.settings_restored.push(*run);
         }
@@ -135,7 +145,7 @@ impl Seals {
     /// the certificate restores.
     pub(super) fn certificate(&self, mut good: Vec<StoredRow>, bad: &[StoredRow]) -> Vec<StoredRow> {
         let key = |row: &StoredRow| match (run_of(row), row.get(1)) {
-            (Some(run), Some(Value::Whole(sphere))) => Some((run, *sphere)),
+            (Some(run), Some(SealedValue::Whole(sphere))) => Some((run, *sphere)),
             _ => None,
         };
         let mut there: HashSet<(i64, i64)> = good.iter().filter_map(key).collect();
@@ -146,8 +156,8 @@ impl Seals {
                 .unwrap_or_default()
             {
                 if there.insert((*run, sphere)) {
-                    let mut row = vec![Value::Whole(*run), Value::Whole(sphere)];
-                    row.extend(values.map(Value::Real));
+                    let mut row = vec![SealedValue::Whole(*run), SealedValue::Whole(sphere)];
+                    row.extend(values.map(SealedValue::Real));
                     good.push(row);
                 }
             }

@@ -1,21 +1,21 @@
 //! The robot's rules, without sockets and clock.
 //!
 //! Each period the caller does three things in this order:
-//! 1. [`Supervisor::decide`]: the answer to the last state in, the command for the arm out;
+//! 1. [`RobotSupervisor::decide`]: the answer to the last state in, the command for the arm out;
 //! 2. the arm's step;
-//! 3. [`Supervisor::observe`]: the arm's measurement in; then [`Supervisor::fill`] makes the next state.
+//! 3. [`RobotSupervisor::observe`]: the arm's measurement in; then [`RobotSupervisor::fill`] makes the next state.
 //!
-//! Requests come in between by [`Supervisor::request`]; responses that come later wait in
-//! [`Supervisor::take_finished`].
+//! Requests come in between by [`RobotSupervisor::request`]; responses that come later wait in
+//! [`RobotSupervisor::take_finished`].
 
 mod state;
 
 use super::arm::{ArmCommand, ArmState};
 use super::config::RobotConfig;
-use super::limits::{DEFAULT_THRESHOLDS, JointLimits};
+use super::limits::{ArmLimits, DEFAULT_THRESHOLDS};
 use crate::wire::{
-    CollisionBehavior, Command, ErrorSet, Load, MoveRequest, Request, RobotCommand, RobotError, RobotMode, RobotState,
-    Status, Version,
+    CollisionBehavior, CommandKind, ErrorFlag, ErrorSet, FlangeLoad, MoveRequest, Request, RobotCommand, RobotMode,
+    RobotState, Status, Version,
 };
 use crate::{JOINTS, PERIOD_S};
 
@@ -30,7 +30,7 @@ const WINDOW: usize = 100;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Finished {
     /// The request.
-    pub command: Command,
+    pub command: CommandKind,
     /// Its id.
     pub id: u32,
     /// How it ended.
@@ -39,7 +39,7 @@ pub struct Finished {
 
 /// A motion that runs.
 #[derive(Clone, Debug)]
-struct Motion {
+struct RunningMotion {
     id: u32,
     request: MoveRequest,
     /// Whether a command has come.
@@ -49,7 +49,7 @@ struct Motion {
     answered: [bool; WINDOW],
 }
 
-impl Motion {
+impl RunningMotion {
     fn success_rate(&self) -> f64 {
         let due = (self.periods as usize).min(WINDOW);
         let hits = self.answered.iter().filter(|a| **a).count();
@@ -58,17 +58,17 @@ impl Motion {
 }
 
 /// The state machine of the robot.
-pub struct Supervisor {
+pub struct RobotSupervisor {
     config: RobotConfig,
-    limits: &'static JointLimits,
+    limits: &'static ArmLimits,
     mode: RobotMode,
     errors: ErrorSet,
     reflex_reason: ErrorSet,
-    motion: Option<Motion>,
+    motion: Option<RunningMotion>,
     recovery: Option<(u32, u32)>,
     torque: [f64; JOINTS],
     thresholds: CollisionBehavior,
-    load: Load,
+    load: FlangeLoad,
     ee_in_ne: [f64; 16],
     k_in_ee: [f64; 16],
     user_stop: bool,
@@ -78,12 +78,12 @@ pub struct Supervisor {
     finished: Vec<Finished>,
 }
 
-impl Supervisor {
+impl RobotSupervisor {
     /// An idle robot whose arm measures this.
     pub fn new(config: RobotConfig, arm: ArmState) -> Self {
         let identity = RobotState::default().O_T_EE;
         Self {
-            limits: JointLimits::of(config.version),
+            limits: ArmLimits::of(config.version),
             config,
             mode: RobotMode::Idle,
             errors: ErrorSet::NONE,
@@ -92,7 +92,7 @@ impl Supervisor {
             recovery: None,
             torque: [0.0; JOINTS],
             thresholds: DEFAULT_THRESHOLDS,
-            load: Load {
+            load: FlangeLoad {
                 mass: 0.0,
                 centre_of_mass: [0.0; 3],
                 inertia: [0.0; 9],
@@ -118,7 +118,7 @@ impl Supervisor {
     }
 
     /// The load that the client has set.
-    pub fn load(&self) -> &Load {
+    pub fn load(&self) -> &FlangeLoad {
         &self.load
     }
 
@@ -193,7 +193,7 @@ impl Supervisor {
         self.mode = RobotMode::Move;
         self.reflex_reason = ErrorSet::NONE;
         self.torque = [0.0; JOINTS];
-        self.motion = Some(Motion {
+        self.motion = Some(RunningMotion {
             id,
             request: *request,
             begun: false,
@@ -233,7 +233,7 @@ impl Supervisor {
     fn end(&mut self, status: Status, mode: RobotMode) {
         if let Some(motion) = self.motion.take() {
             self.finished.push(Finished {
-                command: Command::Move,
+                command: CommandKind::Move,
                 id: motion.id,
                 status,
             });
@@ -242,7 +242,7 @@ impl Supervisor {
         self.mode = mode;
     }
 
-    fn reflex(&mut self, error: RobotError) {
+    fn reflex(&mut self, error: ErrorFlag) {
         self.errors.insert(error);
         self.reflex_reason = self.errors;
         self.end(Status::ReflexAborted, RobotMode::Reflex);
@@ -278,7 +278,7 @@ impl Supervisor {
         }
         if let Some((id, _)) = self.recovery.take() {
             self.finished.push(Finished {
-                command: Command::AutomaticErrorRecovery,
+                command: CommandKind::AutomaticErrorRecovery,
                 id,
                 status: Status::EmergencyAborted,
             });
@@ -294,7 +294,7 @@ impl Supervisor {
                 self.errors = ErrorSet::NONE;
                 self.mode = RobotMode::Idle;
                 self.finished.push(Finished {
-                    command: Command::AutomaticErrorRecovery,
+                    command: CommandKind::AutomaticErrorRecovery,
                     id,
                     status: Status::Success,
                 });
@@ -315,7 +315,7 @@ impl Supervisor {
         if !motion.begun && answer.is_none() {
             motion.missing_in_row += 1;
             if motion.missing_in_row >= tolerance.first_command {
-                self.reflex(RobotError::CommunicationConstraintsViolation);
+                self.reflex(ErrorFlag::CommunicationConstraintsViolation);
             }
             return;
         }
@@ -329,7 +329,7 @@ impl Supervisor {
             if motion.missing_in_row >= tolerance.missing_in_row
                 || (covered && motion.success_rate() < tolerance.success_rate)
             {
-                self.reflex(RobotError::CommunicationConstraintsViolation);
+                self.reflex(ErrorFlag::CommunicationConstraintsViolation);
             }
             return;
         };
@@ -337,11 +337,11 @@ impl Supervisor {
         for joint in 0..JOINTS {
             let step = (command.tau_J_d[joint] - self.torque[joint]).abs();
             if step > TORQUE_RATE * PERIOD_S + ROUNDING {
-                self.reflex(RobotError::ControllerTorqueDiscontinuity);
+                self.reflex(ErrorFlag::ControllerTorqueDiscontinuity);
                 return;
             }
             if command.tau_J_d[joint].abs() > self.limits.torque[joint] + ROUNDING {
-                self.reflex(RobotError::TauJRangeViolation);
+                self.reflex(ErrorFlag::TauJRangeViolation);
                 return;
             }
         }
@@ -373,19 +373,19 @@ impl Supervisor {
         let over = |values: &[f64], limits: &[f64]| values.iter().zip(limits).any(|(v, l)| v.abs() > *l);
         for joint in 0..JOINTS {
             if self.beyond_limit(joint) {
-                return self.reflex(RobotError::JointPositionLimitsViolation);
+                return self.reflex(ErrorFlag::JointPositionLimitsViolation);
             }
             let (slowest, fastest) = self.limits.velocity_at(joint, arm.q[joint]);
             // A joint at rest is within every limit, also at a stop.
             let dq = arm.dq[joint];
             if dq.abs() > 1e-3 && !(slowest <= dq && dq <= fastest) {
-                return self.reflex(RobotError::JointVelocityViolation);
+                return self.reflex(ErrorFlag::JointVelocityViolation);
             }
         }
         if over(&arm.tau_external, &self.thresholds.upper_torque_nominal) {
-            self.reflex(RobotError::JointReflex);
+            self.reflex(ErrorFlag::JointReflex);
         } else if over(&arm.wrench_external, &self.thresholds.upper_force_nominal) {
-            self.reflex(RobotError::CartesianReflex);
+            self.reflex(ErrorFlag::CartesianReflex);
         }
     }
 

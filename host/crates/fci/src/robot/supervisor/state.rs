@@ -1,14 +1,14 @@
 //! What the robot's state shows.
 
 use super::super::kinematics::{flange, product};
-use super::{Motion, Supervisor};
+use super::{RobotSupervisor, RunningMotion};
 use crate::wire::{ControllerMode, MotionGeneratorMode, RobotState};
 use crate::{JOINTS, PERIOD_S};
 
 /// What the base's acceleration sensor shows of a robot that stands upright, m/s^2.
 const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
-impl Supervisor {
+impl RobotSupervisor {
     /// Writes the robot's state.
     pub fn fill(&self, message_id: u64, state: &mut RobotState) {
         let arm = &self.arm;
@@ -65,6 +65,6 @@ impl Supervisor {
         state.errors = self.errors;
         state.reflex_reason = self.reflex_reason;
         state.robot_mode = self.mode;
-        state.control_command_success_rate = motion.map_or(0.0, Motion::success_rate);
+        state.control_command_success_rate = motion.map_or(0.0, RunningMotion::success_rate);
     }
 }

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use spherecal_shared::robot::Pose;
 
-use super::{Motion, Urdf, value_error};
+use super::{JointMotion, Urdf, value_error};
 use crate::robots::error::RobotFileError;
 use crate::robots::frames::compose;
 
@@ -73,7 +73,7 @@ impl Urdf {
         let path = self.path_to(&tip, &into)?;
         for &i in &path {
             let joint = &self.joints[i];
-            if joint.motion == Motion::Other || joint.mimics {
+            if joint.motion == JointMotion::Other || joint.mimics {
                 return Err(error(
                     &format!("joint \"{}\": type", joint.name),
                     if joint.mimics { "mimic" } else { &joint.kind },
@@ -124,17 +124,20 @@ impl Urdf {
         let mut best: Vec<usize> = Vec::new();
         let mut most = 0;
         for (i, joint) in self.joints.iter().enumerate() {
-            if joint.motion != Motion::Turns || joint.mimics {
+            if joint.motion != JointMotion::Turns || joint.mimics {
                 continue;
             }
             let path = self.path_to(&joint.child, into)?;
             if path
                 .iter()
-                .any(|&k| self.joints[k].motion == Motion::Other || self.joints[k].mimics)
+                .any(|&k| self.joints[k].motion == JointMotion::Other || self.joints[k].mimics)
             {
                 continue;
             }
-            let turns = path.iter().filter(|&&k| self.joints[k].motion == Motion::Turns).count();
+            let turns = path
+                .iter()
+                .filter(|&&k| self.joints[k].motion == JointMotion::Turns)
+                .count();
             if turns > most {
                 (most, best) = (turns, vec![i]);
             } else if turns == most {
@@ -166,7 +169,7 @@ impl Urdf {
             for joint in self
                 .joints
                 .iter()
-                .filter(|j| j.motion == Motion::Fixed && j.parent == link)
+                .filter(|j| j.motion == JointMotion::Fixed && j.parent == link)
             {
                 if !rigid.contains(&joint.child.as_str()) {
                     rigid.push(&joint.child);
@@ -198,7 +201,7 @@ impl Urdf {
         for _ in 0..self.joints.len() {
             let mut next = self.joints.iter().filter(|j| j.parent == link);
             match (next.next(), next.next()) {
-                (Some(joint), None) if joint.motion == Motion::Fixed => {
+                (Some(joint), None) if joint.motion == JointMotion::Fixed => {
                     frame = compose(&frame, &joint.origin);
                     link = &joint.child;
                 }

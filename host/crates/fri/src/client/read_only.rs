@@ -2,23 +2,23 @@
 
 use std::net::SocketAddr;
 
-use super::link::Link;
-use super::{ClientError, Config, State, Statistics};
+use super::link::ClientLink;
+use super::{ClientConfig, ClientError, LinkStatistics, MonitoredState};
 
 /// A session that only watches. In the monitoring states it mirrors positions back, so that the cabinet rates the
 /// connection. It answers no commanding state, so a motion that waits for the client cannot begin.
-pub struct Observer {
-    link: Link,
+pub struct ReadOnlyClient {
+    link: ClientLink,
 }
 
-impl Observer {
+impl ReadOnlyClient {
     /// Listens for the cabinet.
     ///
     /// # Errors
     /// [`ClientError::Listen`] if the port cannot be opened.
-    pub fn listen(config: &Config) -> Result<Self, ClientError> {
+    pub fn listen(config: &ClientConfig) -> Result<Self, ClientError> {
         Ok(Self {
-            link: Link::open(config)?,
+            link: ClientLink::open(config)?,
         })
     }
 
@@ -31,7 +31,7 @@ impl Observer {
     }
 
     /// What went over the wire so far.
-    pub fn statistics(&self) -> Statistics {
+    pub fn statistics(&self) -> LinkStatistics {
         self.link.statistics
     }
 
@@ -40,7 +40,7 @@ impl Observer {
     ///
     /// # Errors
     /// [`ClientError::Silent`] if none comes, [`ClientError::Wire`] if it is invalid.
-    pub fn receive(&mut self, state: &mut State) -> Result<u64, ClientError> {
+    pub fn receive(&mut self, state: &mut MonitoredState) -> Result<u64, ClientError> {
         let received = self.link.receive()?;
         state.clone_from(&self.link.state);
         self.link.mirror_monitoring()?;

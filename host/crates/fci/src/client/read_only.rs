@@ -1,12 +1,12 @@
 //! Reads states and moves nothing.
 
-use super::link::Link;
-use super::{ClientError, Config, Statistics};
+use super::link::ClientLink;
+use super::{ClientConfig, ClientError, LinkStatistics};
 use crate::wire::{ErrorSet, RobotMode, RobotState, Version};
 
 /// A connection that only reads. It never sends a command and never asks for a motion, so a person can guide the arm.
-pub struct Observer {
-    link: Link,
+pub struct ReadOnlyClient {
+    link: ClientLink,
     mode: RobotMode,
     errors: ErrorSet,
 }
@@ -22,13 +22,13 @@ pub struct Reading {
     pub new_errors: ErrorSet,
 }
 
-impl Observer {
+impl ReadOnlyClient {
     /// Connects to the robot.
     ///
     /// # Errors
     /// A [`ClientError`] if the robot cannot be reached or speaks no permitted version.
-    pub fn connect(config: &Config) -> Result<Self, ClientError> {
-        let link = Link::connect(config)?;
+    pub fn connect(config: &ClientConfig) -> Result<Self, ClientError> {
+        let link = ClientLink::connect(config)?;
         Ok(Self {
             mode: link.newest.robot_mode,
             errors: link.newest.errors,
@@ -42,7 +42,7 @@ impl Observer {
     }
 
     /// What went over the wire so far.
-    pub fn statistics(&self) -> Statistics {
+    pub fn statistics(&self) -> LinkStatistics {
         self.link.statistics
     }
 
@@ -76,7 +76,7 @@ impl Observer {
     }
 }
 
-impl Drop for Observer {
+impl Drop for ReadOnlyClient {
     fn drop(&mut self) {
         self.link.tcp.shut_down();
     }
