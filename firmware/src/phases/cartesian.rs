@@ -102,3 +102,48 @@ impl<const N: usize> CartesianState<N> {
         rotation_error(&self.setpoint.rotation, &snapshot.tcp.rotation).norm()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::rotation_about;
+    use crate::phases::scene::Scene;
+
+    // Fails if an error that is beyond an angle counts as surely within it, or if the cheap bound is
+    // so loose that it never helps: of 0.3 rad it must give away less than 2 mrad.
+    #[test]
+    fn what_is_surely_within_is_within() {
+        let scene = Scene::new();
+        let mut cartesian = scene.engaged(-Vector3::z());
+        let axis = Vector3::new(0.48, -0.6, 0.64);
+        for angle in [0.05, 0.3, 1.0, 2.0, 3.0] {
+            for share in [0.0, 0.5, 0.9999, 1.0001, 1.2] {
+                let error = angle * share;
+                cartesian.setpoint.rotation = rotation_about(&axis, error) * scene.snapshot.tcp.rotation;
+                if error <= core::f64::consts::PI {
+                    assert!((cartesian.orientation_error(&scene.snapshot) - error).abs() < 1e-9);
+                }
+                let within = cartesian.surely_within(&scene.snapshot, angle);
+                assert!(!within || error < angle, "{error} of {angle} rad");
+            }
+        }
+        cartesian.setpoint.rotation = rotation_about(&axis, 0.2985) * scene.snapshot.tcp.rotation;
+        assert!(cartesian.surely_within(&scene.snapshot, 0.3));
+    }
+
+    // Fails if the tare is not taken off the force against the approach, or has another sign in what
+    // the law compensates.
+    #[test]
+    fn the_tare_is_taken_off() {
+        let mut scene = Scene::new();
+        let mut cartesian = scene.engaged(Vector3::new(0.0, 0.6, -0.8));
+        cartesian.tare = Wrench {
+            force: Vector3::new(1.0, 2.0, 3.0),
+            torque: Vector3::new(0.1, 0.2, 0.3),
+        };
+        scene.wrench.force = Vector3::new(9.0, 2.0 - 6.0, 3.0 + 8.0);
+        assert!((cartesian.contact_force(&scene.env()) - 10.0).abs() < 1e-12);
+        let sum = cartesian.compensation(Vector3::new(10.0, 20.0, 30.0));
+        assert!((sum - Vector6::new(9.0, 18.0, 27.0, -0.1, -0.2, -0.3)).norm() < 1e-12);
+    }
+}

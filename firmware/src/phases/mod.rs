@@ -21,6 +21,8 @@ mod decouple;
 mod free;
 mod pull;
 mod record;
+#[cfg(test)]
+mod scene;
 mod speed_scaling;
 mod turn;
 
