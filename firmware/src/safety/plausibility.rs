@@ -346,4 +346,40 @@ mod tests {
         assert_eq!(run(&|tick| 0.9 * most * (tick % 2) as f64, &|tick| tick >= 100), None);
         assert_eq!(run(&ramp, &|tick| tick % 20 > 0), None, "it moves now and then");
     }
+
+    // Fails if an arm whose drive was frozen may reappear farther away than its speed and the frozen
+    // time allow, or nearer; the time counts up to 0.5 s. A drive that stood was not frozen.
+    #[test]
+    fn a_frozen_drive_may_have_moved_for_half_a_second() {
+        let limits = Limits {
+            frozen_ticks: 0,
+            ..Limits::default()
+        };
+        let joints = [joints()[0]; 7];
+        let speed = joints[0].velocity_rad_s;
+        let reappears = |ticks: u64, moving: f64, period_s: f64, by: f64| {
+            let mut watch = Plausibility::default();
+            let mut state = at(0.0, 1.0);
+            state.dq = [moving; 7];
+            for tick in 1..=1 + ticks {
+                assert_eq!(watch.check(tick, &state, &[0.0; 7], &joints, &limits, period_s), None);
+            }
+            let found = watch.check(2 + ticks, &at(by, 1.1), &[0.0; 7], &joints, &limits, period_s);
+            found.map(|found| found.limit)
+        };
+        for (ticks, moving, period_s, counted) in [
+            (0, 0.1, 1e-3, 0.001),
+            (1, 0.1, 1e-3, 0.002),
+            (100, 0.1, 1e-3, 0.101),
+            (100, 0.0, 1e-3, 0.001),
+            (499, 0.1, 1e-3, 0.500),
+            (900, 0.1, 1e-3, 0.501),
+            (900, 0.1, 2e-3, 0.502),
+        ] {
+            let most = speed * 1.5 * counted + limits.jump_rad;
+            assert_eq!(reappears(ticks, moving, period_s, most - 1e-9), None, "{ticks} ticks");
+            let limit = reappears(ticks, moving, period_s, most + 1e-9).expect("a jump");
+            assert!((limit - most).abs() < 1e-12, "{ticks} ticks: {limit} is not {most}");
+        }
+    }
 }
