@@ -34,6 +34,12 @@ impl Coupling {
         Self { searches: 0 }
     }
 
+    /// After so many searches.
+    #[cfg(test)]
+    pub(super) fn after(searches: u32) -> Self {
+        Self { searches }
+    }
+
     /// Force of a search at the present time, F0, in N: a push along the approach
     /// that rises, stays and falls, and a growing circle across it.
     fn search<const N: usize>(env: &Env<'_, N>, cartesian: &CartesianState<N>) -> Vector3<f64> {
@@ -94,6 +100,12 @@ pub(crate) struct Verifying {
 }
 
 impl Verifying {
+    /// A pull after so many searches.
+    #[cfg(test)]
+    pub(super) fn after(searches: u32, pull: Pull) -> Self {
+        Self { pull, searches }
+    }
+
     /// One tick.
     pub(crate) fn step<const N: usize>(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         let seating = &env.procedure.seating;

@@ -19,6 +19,8 @@ mod cartesian;
 mod couple;
 mod decouple;
 mod free;
+#[cfg(test)]
+mod limit_tests;
 mod pull;
 mod record;
 #[cfg(test)]

@@ -15,6 +15,7 @@ pub(super) struct Scene {
     pub(super) joint_speed: f64,
     pub(super) force_n: f64,
     pub(super) elapsed_s: f64,
+    pub(super) period_s: f64,
     pub(super) procedure: Procedure,
     pub(super) joints: [JointLimits; 7],
 }
@@ -32,12 +33,13 @@ impl Scene {
             joint_speed: 0.0,
             force_n: 0.0,
             elapsed_s: 0.0,
+            period_s: 1e-3,
             procedure: Procedure::default(),
             joints: core::array::from_fn(|i| iiwa7().joints[i].limits),
         }
     }
 
-    /// What the phase sees, at 1 kHz.
+    /// What the phase sees.
     pub(super) fn env(&self) -> Env<'_, 7> {
         Env {
             snapshot: &self.snapshot,
@@ -48,7 +50,7 @@ impl Scene {
             procedure: &self.procedure,
             speeds: &[1.0; 7],
             joints: &self.joints,
-            period_s: 1e-3,
+            period_s: self.period_s,
             elapsed_s: self.elapsed_s,
             time_us: 0,
             tick: 0,
