@@ -292,6 +292,15 @@ fn a_hold_gives_way_to_what_is_too_strong() {
     };
     assert_eq!(follow(7.99, 0.05, &case.limits), stretched);
     assert_eq!(follow(16.0, 0.101, &case.limits), stretched);
+    let mut at_the_end = Snapshot::new(&case.arm, &q, &[0.0; 7]).expect("a mass matrix");
+    at_the_end.tcp.position = Vector3::new(0.1, 0.0, 0.0);
+    let torque = at_the_end.jacobian.fixed_rows::<3>(0).transpose() * Vector3::new(0.0, 0.0, 50.0);
+    let mut hold = JointSetpoint {
+        q: stretched,
+        dq: [0.0; 7],
+    };
+    Giving::new(Vector3::zeros(), 3.0).follow(&at_the_end, &torque, &mut hold, &case.limits, 0.01);
+    assert_eq!(hold.q, stretched, "it has given way by 0.1 m");
     let given = follow(16.0, 0.099, &case.limits);
     for i in 0..7 {
         assert!((given[i] - 0.5 * (q[i] + stretched[i])).abs() < 1e-9, "joint {i}");
