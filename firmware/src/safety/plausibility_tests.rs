@@ -48,6 +48,10 @@ fn an_angle_may_change_by_speed_times_time() {
     fast.dq = joints.map(|joint| 3.0 * joint.velocity_rad_s);
     let most = 3.0 * joints[0].velocity_rad_s * SPEED_FACTOR * 0.1 + limits.jump_rad;
     assert_eq!(moved(&fast, 1.001 * most).map(|found| found.limit), Some(most));
+    // A speed counts up to twenty times the limit.
+    fast.dq = joints.map(|joint| -30.0 * joint.velocity_rad_s);
+    let most = 20.0 * joints[0].velocity_rad_s * SPEED_FACTOR * 0.1 + limits.jump_rad;
+    assert_eq!(moved(&fast, 1.001 * most).map(|found| found.limit), Some(most));
 }
 
 // Fails if one false angle after a gap becomes the place from which all true angles
