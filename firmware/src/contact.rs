@@ -206,6 +206,21 @@ mod tests {
         );
     }
 
+    // Fails if a nest at the limit of its window or of its speed counts as lost, or one beyond it does not.
+    #[test]
+    fn a_nest_may_be_at_the_limit_of_its_window() {
+        let settings = Seating::default();
+        let still = SMatrix::<f64, 6, 7>::zeros();
+        let lost = |metres: f64, speed: f64| {
+            let mut watch = SeatingWatch::new(Vector3::zeros(), &still);
+            let tcp = Vector3::new(0.0, metres, 0.0);
+            (0..100).any(|_| watch.push(&tcp, speed, &still, &settings, PERIOD).is_some())
+        };
+        let next = |x: f64| x * (1.0 + f64::EPSILON);
+        let (window, speed) = (settings.window_m, settings.speed_m_s);
+        assert!(!lost(window, speed) && lost(next(window), speed) && lost(window, next(speed)));
+    }
+
     // Fails if the computed TCP of an arm with a joint offset of 20 mrad counts as a nest that left
     // the sphere, or if the same distance passes in a turn that does not explain it.
     #[test]

@@ -5,6 +5,9 @@
 //! is no plant (the host has the simulated plant, for the system tests). It is just
 //! enough to make the condition of every phase true or false.
 
+mod digest;
+mod noise;
+
 use embassy_time::Instant;
 use nalgebra::{SVector, Vector3};
 use spherecal_shared::Joints;
@@ -18,6 +21,9 @@ use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
 use std::vec::Vec;
 
 use crate::Controller;
+pub(crate) use digest::Digest;
+use noise::noisy;
+pub(crate) use noise::random;
 
 /// Home position of the tests: elbow up, tool straight down, far from every limit.
 pub(crate) const HOME: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.241_592_653_589_793, 0.0];
@@ -59,6 +65,10 @@ pub(crate) struct Bench {
     pub(crate) session: u32,
     /// Whether the drive adds the gravity torque itself.
     pub(crate) gravity_by_drive: bool,
+    /// Whether the measured torques have the sign of the links.
+    pub(crate) reversed: bool,
+    /// Inertia of the motors between commanded and measured torque, in kg m².
+    pub(crate) motors: SVector<f64, 7>,
     /// Control period, in µs.
     pub(crate) period_us: u32,
     /// Whether the controller hears the host.
@@ -67,6 +77,12 @@ pub(crate) struct Bench {
     pub(crate) command: DriveCommand,
     /// Ticks after which a torque acts.
     pub(crate) delay: usize,
+    /// Size of the sensors' noise: 1 is 2 µrad, 0.2 mrad/s and 0.01 N m; 0 is none.
+    pub(crate) noise: f64,
+    /// Delay of the states, in µs.
+    pub(crate) lag_us: u64,
+    /// Hash of every command, event and sample so far.
+    pub(crate) digest: Digest,
     sent: Vec<Joints>,
     /// Whether the sphere holds the TCP.
     pub(crate) caught: bool,
@@ -108,10 +124,15 @@ impl Bench {
             status: DriveStatus::Ready,
             session: 1,
             gravity_by_drive: false,
+            reversed: false,
+            motors: SVector::zeros(),
             period_us,
             host: true,
             command: DriveCommand::default(),
             delay: 0,
+            noise: 0.0,
+            lag_us: 0,
+            digest: Digest::default(),
             sent: Vec::new(),
             caught: false,
             tau: gravity,
@@ -140,13 +161,19 @@ impl Bench {
 
     /// The drive state of this tick.
     pub(crate) fn state(&self) -> DriveState {
-        let joints = |v: SVector<f64, 7>| Joints::from_slice(v.as_slice()).expect("seven of eight");
+        let joints = |kind: u64, v: SVector<f64, 7>, size: f64| {
+            noisy(v, self.noise * size, self.tick.wrapping_mul(64).wrapping_add(kind * 8))
+        };
         DriveState {
             session: self.session,
             tick: self.tick,
-            q: joints(self.q),
-            dq: joints(self.dq),
-            tau: joints(self.tau + self.torque_bias),
+            q: joints(0, self.q, 2e-6),
+            dq: joints(1, self.dq, 2e-4),
+            tau: joints(
+                2,
+                (self.tau + self.torque_bias) * if self.reversed { -1.0 } else { 1.0 },
+                1e-2,
+            ),
             status: self.status,
         }
     }
@@ -157,11 +184,20 @@ impl Bench {
             self.controller.host_heard();
         }
         self.command = self.controller.tick(
-            Instant::from_micros(self.tick.wrapping_mul(u64::from(self.period_us))),
+            Instant::from_micros(
+                self.tick
+                    .wrapping_mul(u64::from(self.period_us))
+                    .wrapping_add(self.lag_us),
+            ),
             state,
         );
+        self.digest.command(&self.command);
         while let Some(event) = self.controller.next_event() {
+            self.digest.event(&event);
             self.events.push(event);
+        }
+        while let Some(sample) = self.controller.next_sample() {
+            self.digest.sample(&sample);
         }
         assert_eq!(self.command.tau.len(), 7);
         assert!(
@@ -175,6 +211,17 @@ impl Bench {
         for _ in 0..ticks {
             self.tick += 1;
             self.tick_with(&self.state());
+            self.integrate();
+        }
+    }
+
+    /// Runs `ticks` ticks whose states `spoil` changes; it gets the number of the tick, from 0.
+    pub(crate) fn run_with(&mut self, ticks: u32, mut spoil: impl FnMut(u32, &mut DriveState)) {
+        for k in 0..ticks {
+            self.tick += 1;
+            let mut state = self.state();
+            spoil(k, &mut state);
+            self.tick_with(&state);
             self.integrate();
         }
     }
@@ -243,8 +290,13 @@ impl Bench {
         let dq: [f64; 7] = self.dq.into();
         let mut torque = self.tau - bodies.gravity() - bodies.coriolis(&dq);
         torque += jacobian.fixed_rows::<3>(0).transpose() * force;
-        let mass = Cholesky::new(&bodies.mass_matrix()).expect("a mass matrix");
-        self.dq += mass.solve(&torque) * 1e-3;
+        let mut mass = bodies.mass_matrix();
+        for i in 0..7 {
+            mass[(i, i)] += self.motors[i];
+        }
+        let acceleration = Cholesky::new(&mass).expect("a mass matrix").solve(&torque);
+        self.tau -= self.motors.component_mul(&acceleration);
+        self.dq += acceleration * 1e-3;
         self.q += self.dq * 1e-3;
     }
 

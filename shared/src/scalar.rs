@@ -52,3 +52,18 @@ pub fn bounded(value: f64, bound: f64) -> Option<f64> {
 pub(crate) fn lit<T: Real>(value: f64) -> T {
     nalgebra::convert(value)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::bounded;
+
+    // Fails if what is not a number becomes a bound, as `max` and `min` alone would make it.
+    #[test]
+    fn what_is_not_a_number_has_no_bound() {
+        assert_eq!(f64::NAN.max(-2.0), -2.0, "the trap");
+        assert_eq!((bounded(f64::NAN, 2.0), bounded(1.0, f64::NAN)), (None, None));
+        for (value, expected) in [(-3.0, -2.0), (-2.0, -2.0), (1.5, 1.5), (f64::INFINITY, 2.0)] {
+            assert_eq!(bounded(value, 2.0), Some(expected));
+        }
+    }
+}

@@ -1,6 +1,7 @@
 //! The control task with its queues behaves like a [`Node`], which has none.
 
 use core::pin::pin;
+use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::{Context, Poll, Waker};
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
@@ -17,8 +18,9 @@ use std::vec::Vec;
 
 use super::ports::{Clock, DrivePort, Probe, Tick};
 use super::{ControlState, LinkSide, Mailbox, MailboxSignal, run_cycle};
+use crate::link::CommandPort as _;
 use crate::testing::HOME;
-use crate::{HostLink, Node};
+use crate::{HostLink, Node, Stopwatch};
 
 /// A drive that delivers one state per tick.
 #[derive(Default)]
@@ -169,6 +171,41 @@ fn a_link_that_does_not_run_delays_nothing() {
         link.receive(&frame(sequence, Command::Stop), &mut port);
     }
     assert_eq!(link.counters().overflow - before, 6);
+}
+
+// Fails if the host of a board does not learn what a control cycle costs and how many ticks came in
+// time: between control task and link lies a queue.
+#[test]
+fn the_cost_of_a_cycle_reaches_the_host() {
+    static COUNTER: AtomicU32 = AtomicU32::new(0);
+    let (mut mailbox, signal) = (Mailbox::new(), MailboxSignal::<NoopRawMutex>::new());
+    let (mut host, mut port) = mailbox.split(&signal);
+    let mut control = ControlState::<7>::default();
+    control.controller.connect(&crate::testing::hello()).expect("a drive");
+    control.controller.set_stopwatch(Stopwatch {
+        read: || COUNTER.fetch_add(3, Ordering::Relaxed),
+        hz: 480_000_000,
+        last: u32::MAX,
+    });
+    let mut drive = Drive::default();
+    for tick in 0..3000u64 {
+        let message = DriveMessage::State {
+            state: state(tick),
+            time_us: tick * 1000,
+        };
+        drive.states.push_back(message).expect("the last one was taken");
+        run_cycle(&mut control, &DriveTime, &TICK, &mut drive, &mut host).expect("the drive is there");
+        tick_finished(&mut port);
+    }
+    let (board, itself) = (port.statistics(), control.controller.statistics());
+    assert_eq!((board.ticks, board.missed, board.late), (3000, 0, 0));
+    assert_eq!(board.cost, itself.cost);
+    // Each reading of the counter takes three counts.
+    assert!(
+        board.cost.hz == 480_000_000 && board.cost.whole.mean >= 3,
+        "{:?}",
+        board.cost
+    );
 }
 
 // Fails if the skeleton that the boards' README shows is not the one that

@@ -9,6 +9,8 @@
 //! dynamics of one tick; law and observer share it.
 
 mod damping;
+#[cfg(test)]
+mod explicit_tests;
 mod giving;
 mod guide;
 mod impedance;

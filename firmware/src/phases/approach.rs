@@ -145,3 +145,133 @@ impl Approaching {
         Next::Stay
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phases::scene::Scene;
+
+    const ALONG: Vector3<f64> = Vector3::new(0.48, -0.6, -0.64);
+    const ACROSS: Vector3<f64> = Vector3::new(0.8, 0.0, 0.6);
+
+    /// The force that keeps the line after each of `ticks` ticks, with the TCP `aside` (m) of it.
+    fn line_force(scene: &Scene, aside: f64, ticks: u32) -> std::vec::Vec<Vector3<f64>> {
+        let mut cartesian = scene.engaged(ALONG);
+        cartesian.tare.force = Vector3::new(1.0, -2.0, 3.0);
+        cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());
+        cartesian.setpoint.position += ACROSS * aside;
+        let mut phase = Approaching::new(&scene.env(), &cartesian);
+        (0..ticks)
+            .map(|_| {
+                assert!(matches!(phase.step(&scene.env(), &mut cartesian), Next::Stay));
+                let force = cartesian.setpoint.feed_forward;
+                Vector3::new(force[0], force[1], force[2]) + cartesian.tare.force
+            })
+            .collect()
+    }
+
+    // Fails if the force that keeps the line is not the integral of the error across it, has a part
+    // along it, or exceeds 10 N: 1 cm and 100 N/(m s) are 1 N after 1 s.
+    #[test]
+    fn the_force_that_keeps_the_line_is_an_integral() {
+        let mut scene = Scene::new();
+        scene.wrench.force = Vector3::new(1.0, -2.0, 3.0);
+        for (k, force) in line_force(&scene, 0.01, 1_000).iter().enumerate() {
+            let expected = ACROSS * (1e-3 * (k + 1) as f64);
+            assert!((force - expected).norm() < 1e-12, "{force} after {k} ticks");
+        }
+        let most = line_force(&scene, 0.1, 1_400);
+        assert!((most[980] - ACROSS * 9.81).norm() < 1e-9);
+        assert!((most[1_399] - ACROSS * 10.0).norm() < 1e-9, "{}", most[1_399]);
+    }
+
+    // Fails if that force grows on while a contact is felt, or stands still without one: a contact
+    // is 2 N beyond the tare.
+    #[test]
+    fn a_contact_may_push_the_nest_off_its_line() {
+        let mut scene = Scene::new();
+        for (newton, felt) in [(1.99, false), (2.01, true)] {
+            scene.wrench.force = Vector3::new(1.0, -2.0, 3.0) + ACROSS * newton;
+            let force = line_force(&scene, 0.01, 100)[99];
+            let expected = if felt { 0.0 } else { 0.1 };
+            assert!((force.norm() - expected).abs() < 1e-12, "{newton} N: {force}");
+        }
+    }
+
+    // Fails if the fault without a sphere reports another travel than that from the start, or
+    // another limit than the way to the plate or the longest way, whichever ends first.
+    #[test]
+    fn the_limit_of_the_travel_is_where_the_plate_is() {
+        let fault = |travelled: f64, plate: f64| {
+            let mut scene = Scene::new();
+            scene.procedure.approach.travel_m = 0.08;
+            scene.procedure.limits.path_m = 1.0;
+            let mut cartesian = scene.engaged(-Vector3::z());
+            let mut phase = Approaching::new(&scene.env(), &cartesian);
+            scene.procedure.limits.plate_offset_m = cartesian.setpoint.position.z - plate;
+            scene.snapshot.tcp.position.z -= travelled;
+            match phase.step(&scene.env(), &mut cartesian) {
+                Next::Fail(found) => {
+                    assert_eq!((found.fault, found.joint), (Fault::NoContact, 0));
+                    assert!((found.value - travelled).abs() < 1e-12);
+                    Some(found.limit)
+                }
+                _ => None,
+            }
+        };
+        assert!((fault(0.05, 0.03).expect("beyond the plate") - 0.03).abs() < 1e-12);
+        assert!((fault(0.081, 0.2).expect("too far") - 0.08).abs() < 1e-12);
+        assert_eq!(fault(0.05, 0.06), None);
+    }
+
+    // Fails if the deviation from the path is not the distance of TCP and setpoint.
+    #[test]
+    fn a_nest_that_does_not_follow_is_noticed() {
+        for (metres, fails) in [(0.0299, false), (0.0301, true)] {
+            let mut scene = Scene::new();
+            scene.procedure.limits.path_m = 0.03;
+            let mut cartesian = scene.engaged(-Vector3::z());
+            let mut phase = Approaching::new(&scene.env(), &cartesian);
+            scene.snapshot.tcp.position.x += metres;
+            let next = phase.step(&scene.env(), &mut cartesian);
+            assert_eq!(
+                matches!(&next, Next::Fail(v) if v.fault == Fault::PathDeviation && v.limit == 0.03),
+                fails
+            );
+        }
+    }
+
+    // Fails if the tare is taken before the observer has settled, is not the mean of its time, or
+    // is refused at another size than the limit.
+    #[test]
+    fn the_tare_is_the_mean_after_the_observer_has_settled() {
+        let tare = |before: f64, during: f64| {
+            let mut scene = Scene::new();
+            let mut cartesian = scene.engaged(-Vector3::z());
+            let mut phase = Taring::default();
+            for k in 0..=800 {
+                scene.elapsed_s = f64::from(k) * 1e-3;
+                let newton = if k < 300 { before } else { during };
+                scene.wrench.force = Vector3::new(newton, 0.0, 0.0);
+                match phase.step(&scene.env(), &mut cartesian) {
+                    Next::Stay => assert!(k < 800, "0.3 s to settle and 0.5 s for the tare"),
+                    Next::Enter(Activity::Approaching(_), None) => {
+                        assert_eq!(k, 800);
+                        let stiffness = cartesian.impedance.stiffness().translation;
+                        let expected = nalgebra::Matrix3::from_diagonal(&Vector3::new(50.0, 50.0, 100.0));
+                        assert!((stiffness - expected).norm() < 1e-9);
+                        return Ok(cartesian.tare.force.x);
+                    }
+                    Next::Fail(found) => {
+                        assert_eq!((found.fault, found.limit), (Fault::Tare, 12.0));
+                        return Err(found.value);
+                    }
+                    Next::Enter(..) => panic!("another phase"),
+                }
+            }
+            panic!("no tare");
+        };
+        assert!((tare(50.0, 11.9).expect("a tare") - 11.9).abs() < 1e-9);
+        assert!((tare(0.0, 12.1).expect_err("too large") - 12.1).abs() < 1e-9);
+    }
+}

@@ -102,3 +102,74 @@ impl<const N: usize> CartesianState<N> {
         rotation_error(&self.setpoint.rotation, &snapshot.tcp.rotation).norm()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::rotation_about;
+    use crate::phases::scene::Scene;
+    use spherecal_shared::robot::{Arm, built_in, iiwa7_tool};
+
+    // Fails if an error that is beyond an angle counts as surely within it, or if the cheap bound is
+    // so loose that it never helps: of 0.3 rad it must give away less than 2 mrad.
+    #[test]
+    fn what_is_surely_within_is_within() {
+        let scene = Scene::new();
+        let mut cartesian = scene.engaged(-Vector3::z());
+        let axis = Vector3::new(0.48, -0.6, 0.64);
+        for angle in [0.05, 0.3, 1.0, 2.0, 3.0] {
+            for share in [0.0, 0.5, 0.9999, 1.0001, 1.2] {
+                let error = angle * share;
+                cartesian.setpoint.rotation = rotation_about(&axis, error) * scene.snapshot.tcp.rotation;
+                if error <= core::f64::consts::PI {
+                    assert!((cartesian.orientation_error(&scene.snapshot) - error).abs() < 1e-9);
+                }
+                let within = cartesian.surely_within(&scene.snapshot, angle);
+                assert!(!within || error < angle, "{error} of {angle} rad");
+            }
+        }
+        cartesian.setpoint.rotation = rotation_about(&axis, 0.2985) * scene.snapshot.tcp.rotation;
+        assert!(cartesian.surely_within(&scene.snapshot, 0.3));
+    }
+
+    // Fails if an arm gets a null space that it has not: the elbow of seven joints, the present posture where
+    // the elbow is not defined (a stretched arm), and nothing for six joints.
+    #[test]
+    fn the_null_space_is_that_of_the_arm() {
+        let bent = Scene::new();
+        let null_space = bent.engaged(-Vector3::z()).null_space;
+        let now = elbow(&bent.snapshot.frames).expect("an elbow");
+        assert_eq!(
+            null_space,
+            NullSpace::Elbow {
+                angle: now.angle,
+                rate: 0.0
+            }
+        );
+        let q = [0.1, 0.7, 0.0, 0.0, 0.0, 0.5, 0.0];
+        let stretched = Scene::at(&q, &[0.0; 7]);
+        assert_eq!(stretched.engaged(-Vector3::z()).null_space, NullSpace::Posture(q));
+        let robot = built_in("ur5e").expect("a built-in robot");
+        let arm = Arm::<f64, 6>::new(&robot, &iiwa7_tool()).expect("an arm");
+        let snapshot = Snapshot::new(&arm, &[0.1, -1.0, 1.2, 0.3, 1.0, 0.2], &[0.0; 6]).expect("a mass matrix");
+        let mut cartesian = CartesianState::<6>::default();
+        cartesian.engage(&snapshot, Stiffness::isotropic(50.0, 200.0));
+        assert_eq!(cartesian.null_space, NullSpace::Free);
+    }
+
+    // Fails if the tare is not taken off the force against the approach, or has another sign in what
+    // the law compensates.
+    #[test]
+    fn the_tare_is_taken_off() {
+        let mut scene = Scene::new();
+        let mut cartesian = scene.engaged(Vector3::new(0.0, 0.6, -0.8));
+        cartesian.tare = Wrench {
+            force: Vector3::new(1.0, 2.0, 3.0),
+            torque: Vector3::new(0.1, 0.2, 0.3),
+        };
+        scene.wrench.force = Vector3::new(9.0, 2.0 - 6.0, 3.0 + 8.0);
+        assert!((cartesian.contact_force(&scene.env()) - 10.0).abs() < 1e-12);
+        let sum = cartesian.compensation(Vector3::new(10.0, 20.0, 30.0));
+        assert!((sum - Vector6::new(9.0, 18.0, 27.0, -0.1, -0.2, -0.3)).norm() < 1e-12);
+    }
+}

@@ -34,6 +34,12 @@ impl Coupling {
         Self { searches: 0 }
     }
 
+    /// After so many searches.
+    #[cfg(test)]
+    pub(super) fn after(searches: u32) -> Self {
+        Self { searches }
+    }
+
     /// Force of a search at the present time, F0, in N: a push along the approach
     /// that rises, stays and falls, and a growing circle across it.
     fn search<const N: usize>(env: &Env<'_, N>, cartesian: &CartesianState<N>) -> Vector3<f64> {
@@ -94,6 +100,12 @@ pub(crate) struct Verifying {
 }
 
 impl Verifying {
+    /// A pull after so many searches.
+    #[cfg(test)]
+    pub(super) fn after(searches: u32, pull: Pull) -> Self {
+        Self { pull, searches }
+    }
+
     /// One tick.
     pub(crate) fn step<const N: usize>(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         let seating = &env.procedure.seating;
@@ -126,5 +138,126 @@ impl Verifying {
             test_m: moved,
         };
         Next::Enter(Activity::Coupled, Some(Report::Coupled(coupled)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phases::scene::Scene;
+
+    // Fails if the push of a search along the approach does not rise for a quarter of its time, stay
+    // and fall again, or if the force across it is no circle of one turn a second that grows from
+    // nothing to its whole size, in the sense of the approach's own axis.
+    #[test]
+    fn a_search_pushes_and_circles() {
+        for along in [
+            -Vector3::z(),
+            Vector3::new(0.48, -0.6, -0.64),
+            Vector3::new(0.6, 0.8, 0.0),
+        ] {
+            let mut scene = Scene::new();
+            let cartesian = scene.engaged(along);
+            let mut force = |elapsed_s: f64| {
+                scene.elapsed_s = elapsed_s;
+                Coupling::search(&scene.env(), &cartesian)
+            };
+            // Of 3 s: the share of the push, and the share of the circle.
+            for (elapsed_s, push, circle) in [
+                (0.0, 0.0, 0.0),
+                (0.375, 0.5, 0.125),
+                (0.75, 1.0, 0.25),
+                (1.5, 1.0, 0.5),
+                (2.25, 1.0, 0.75),
+                (2.625, 0.5, 0.875),
+                (3.0, 0.0, 1.0),
+                (3.5, 0.0, 1.0),
+            ] {
+                let is = force(elapsed_s);
+                let across = is - along * is.dot(&along);
+                assert!((is.dot(&along) - 12.0 * push).abs() < 1e-9, "{elapsed_s} s: {is}");
+                assert!(
+                    (across.norm() - 5.0 * push * circle).abs() < 1e-9,
+                    "{elapsed_s} s: {is}"
+                );
+            }
+            let direction = |force: Vector3<f64>| (force - along * force.dot(&along)).normalize();
+            let start = direction(force(1.0));
+            let quarter = direction(force(1.25));
+            assert!((start.cross(&quarter) - along).norm() < 1e-9, "a quarter of a turn");
+            assert!((direction(force(1.5)) + start).norm() < 1e-9, "half a turn");
+            assert!((direction(force(2.0)) - start).norm() < 1e-9, "a turn");
+        }
+    }
+
+    // Fails if a nest may wander farther than 15 mm while the magnet seats it or 35 mm in a search,
+    // or less far, or if the time of either is not that of the procedure.
+    #[test]
+    fn a_nest_may_wander_as_far_as_the_magnet_reaches() {
+        for (searches, most, time_s) in [(0, 0.015, 5.0), (1, 0.035, 3.0)] {
+            let mut scene = Scene::new();
+            let mut cartesian = scene.engaged(-Vector3::z());
+            cartesian.contact = scene.snapshot.tcp.position;
+            let mut phase = Coupling { searches };
+            let place = scene.snapshot.tcp.position;
+            scene.snapshot.tcp.position = place + Vector3::new(0.6, 0.8, 0.0) * (most + 1e-6);
+            match phase.step(&scene.env(), &mut cartesian) {
+                Next::Fail(found) => {
+                    assert_eq!((found.fault, found.limit), (Fault::NotSeated, most));
+                    assert!((found.value - most - 1e-6).abs() < 1e-12);
+                }
+                _ => panic!("too far"),
+            }
+            scene.snapshot.tcp.position = place + Vector3::new(0.6, 0.8, 0.0) * (most - 1e-6);
+            scene.elapsed_s = time_s - 1e-6;
+            assert!(matches!(phase.step(&scene.env(), &mut cartesian), Next::Stay));
+            let follows = cartesian.setpoint.position == scene.snapshot.tcp.position;
+            assert_eq!(follows, searches > 0, "the spring of a search follows the nest");
+            scene.elapsed_s = time_s;
+            match phase.step(&scene.env(), &mut cartesian) {
+                Next::Enter(Activity::Verifying(next), None) => assert_eq!(next.searches, searches),
+                _ => panic!("then the test pull"),
+            }
+            assert_eq!(*cartesian.watch.centre(), scene.snapshot.tcp.position);
+        }
+    }
+
+    // Fails if the test pull has another direction or size than the procedure says, moves on to a
+    // search before the nest has moved too far, searches more often than it may, or reports another
+    // shift than that from the contact.
+    #[test]
+    fn the_test_pull_decides() {
+        let verify = |moved: f64, elapsed_s: f64, searches: u32| {
+            let mut scene = Scene::new();
+            let mut cartesian = scene.engaged(Vector3::new(0.0, 0.6, -0.8));
+            cartesian.contact = scene.snapshot.tcp.position + Vector3::new(0.003, 0.0, 0.0);
+            let pull = Pull::new(scene.snapshot.tcp.position);
+            let mut phase = Verifying { pull, searches };
+            scene.elapsed_s = elapsed_s;
+            scene.snapshot.tcp.position.y += moved;
+            let next = phase.step(&scene.env(), &mut cartesian);
+            (next, cartesian)
+        };
+        let (next, cartesian) = verify(0.0014, 0.15, 0);
+        assert!(matches!(next, Next::Stay));
+        let force = cartesian.setpoint.feed_forward.fixed_rows::<3>(0).into_owned();
+        // Half of 5 N, after a quarter of 0.6 s.
+        assert!((force - Vector3::new(0.0, -0.6, 0.8) * 2.5).norm() < 1e-9, "{force}");
+        assert!(matches!(
+            verify(0.0016, 0.15, 1).0,
+            Next::Enter(Activity::Coupling(Coupling { searches: 2 }), None)
+        ));
+        match verify(0.0016, 0.15, 2).0 {
+            Next::Fail(found) => assert_eq!((found.fault, found.limit), (Fault::NotSeated, 0.0015)),
+            _ => panic!("two searches are all"),
+        }
+        match verify(0.0014, 0.6, 0).0 {
+            Next::Enter(Activity::Coupled, Some(Report::Coupled(coupled))) => {
+                assert!((coupled.test_m - 0.0014).abs() < 1e-12);
+                let shift = libm::sqrt(0.003 * 0.003 + 0.0014 * 0.0014);
+                assert!((coupled.shift_m - shift).abs() < 1e-12);
+            }
+            _ => panic!("it is seated"),
+        }
     }
 }

@@ -68,3 +68,44 @@ impl Decoupling {
         Next::Stay
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phases::scene::Scene;
+
+    // Fails if the arm counts as free before it has followed or while it still moves, if a magnet that
+    // holds it is reported with another way than that against the approach, or if the time for which
+    // the magnet explains a force is not that of the spring: 15 N at 2000 N/m and 25 mm/s take 0.3 s.
+    #[test]
+    fn an_arm_is_free_when_it_has_followed_and_rests() {
+        let direction = Vector3::new(0.0, 0.6, -0.8);
+        let run = |followed: f64, joint_speed: f64| {
+            let mut scene = Scene::new();
+            let mut cartesian = scene.engaged(direction);
+            let mut phase = Decoupling::new(&scene.env(), &mut cartesian);
+            assert_eq!(phase.pull_ms, 500);
+            scene.snapshot.tcp.position -= direction * followed;
+            scene.joint_speed = joint_speed;
+            for k in 1..10_000_u32 {
+                match phase.step(&scene.env(), &mut cartesian) {
+                    Next::Stay => {}
+                    Next::Enter(Activity::Idle, None) => return Ok(k),
+                    Next::Fail(found) => {
+                        assert_eq!((found.fault, found.limit), (Fault::StillCoupled, 0.03));
+                        assert!((found.value - followed).abs() < 1e-12);
+                        return Err(k);
+                    }
+                    Next::Enter(..) => panic!("another phase"),
+                }
+            }
+            panic!("it never ends")
+        };
+        // 50 mm at 25 mm/s with 0.25 m/s² at both ends: 2.1 s, to 0.1 mm.
+        let end = run(0.031, 0.019).expect("free");
+        assert!((2_070..=2_100).contains(&end), "{end} ms");
+        let late = run(0.029, 0.019).expect_err("it still hangs");
+        assert!((i64::from(late) - i64::from(end) - 3_000).abs() <= 1, "{late} ms");
+        assert_eq!(run(0.031, 0.021), Err(late));
+    }
+}

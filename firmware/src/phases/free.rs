@@ -85,3 +85,84 @@ impl<const N: usize> Moving<N> {
         Next::Stay
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phases::scene::Scene;
+    use crate::testing::HOME;
+
+    /// A motion of joint 1 by 0.1 rad whose arm follows with an error of `off` (rad); runs it at `speed`
+    /// (rad/s) for `ticks`. Returns the tick of its end, and how it ended.
+    fn run(scene: &mut Scene, off: f64, speed: f64, ticks: u32) -> Option<(u32, Result<(), (Fault, f64, f64)>)> {
+        let mut target = HOME;
+        target[0] += 0.1;
+        let mut hold = JointSetpoint { q: HOME, dq: [0.0; 7] };
+        let mut phase = Moving::new(HOME, target, &scene.env());
+        scene.joint_speed = speed;
+        (1..=ticks).find_map(|tick| {
+            scene.elapsed_s = f64::from(tick) * 1e-3;
+            let before = hold;
+            match phase.step(&scene.env(), &mut hold) {
+                Next::Stay => {
+                    let change = hold.q[0] - before.q[0];
+                    assert!((change - 0.5e-3 * (hold.dq[0] + before.dq[0])).abs() < 1e-6);
+                    scene.snapshot.q = hold.q;
+                    scene.snapshot.q[2] += off;
+                    None
+                }
+                Next::Enter(Activity::Idle, None) => {
+                    assert_eq!((hold.q, hold.dq), (target, [0.0; 7]));
+                    Some((tick, Ok(())))
+                }
+                Next::Enter(..) => panic!("another phase"),
+                Next::Fail(found) => Some((tick, Err((found.fault, found.value, found.limit)))),
+            }
+        })
+    }
+
+    // Fails if the tolerance of the angle serves as a speed: a motion ends with an error below the
+    // tolerance at up to 20 mrad/s, however small or large the tolerance is.
+    #[test]
+    fn a_tolerance_is_an_angle() {
+        let timeout = Fault::MotionTimeout;
+        for tolerance in [1e-3, 0.05] {
+            let mut scene = Scene::new();
+            scene.procedure.motion.tolerance_rad = tolerance;
+            // By the acceleration of 1.6 rad/s²: sqrt(5.7735 * 0.1 / 1.6) s.
+            let end = Some((601, Ok(())));
+            assert_eq!(run(&mut scene, 0.99 * tolerance, 0.0199, 9_000), end);
+            let mut scene = Scene::new();
+            scene.procedure.motion.tolerance_rad = tolerance;
+            let (tick, fault) = run(&mut scene, 0.0, 0.0201, 9_000).expect("it never rests");
+            assert!((tick.abs_diff(3_601)) <= 1, "3 s later: {tick}");
+            assert_eq!(fault.map_err(|found| found.0), Err(timeout));
+            let mut scene = Scene::new();
+            scene.procedure.motion.tolerance_rad = tolerance;
+            let fault = run(&mut scene, 1.01 * tolerance, 0.0, 9_000)
+                .expect("it is not there")
+                .1;
+            let (fault, value, limit) = fault.expect_err("a fault");
+            assert_eq!((fault, limit), (timeout, tolerance));
+            assert!((value - 1.01 * tolerance).abs() < 1e-12);
+        }
+    }
+
+    // Fails if an arm may be farther from its path than the limit, or if one that is slowed down for as
+    // long as a motion may settle goes on.
+    #[test]
+    fn an_arm_keeps_to_its_path() {
+        let mut scene = Scene::new();
+        assert_eq!(run(&mut scene, 0.099, 0.0, 500), None);
+        let (tick, fault) = run(&mut Scene::new(), 0.101, 0.0, 500).expect("too far");
+        let (fault, value, limit) = fault.expect_err("a fault");
+        assert_eq!((tick, fault, limit), (2, Fault::PathDeviation, 0.1));
+        assert!((value - 0.101).abs() < 1e-3);
+        let mut scene = Scene::new();
+        scene.force_n = 1e3;
+        // From 1 to 0.05 at 20/s takes 48 ms.
+        let (tick, fault) = run(&mut scene, 0.0, 0.0, 9_000).expect("something holds it");
+        assert!(tick.abs_diff(3_048) <= 2, "{tick}");
+        assert_eq!(fault.map_err(|found| found.0), Err(Fault::PathDeviation));
+    }
+}

@@ -19,8 +19,12 @@ mod cartesian;
 mod couple;
 mod decouple;
 mod free;
+#[cfg(test)]
+mod limit_tests;
 mod pull;
 mod record;
+#[cfg(test)]
+mod scene;
 mod speed_scaling;
 mod turn;
 

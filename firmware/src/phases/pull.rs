@@ -28,3 +28,30 @@ impl Pull {
         most_n * share * share
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a pull does not rise to its full force in the middle of its time and fall to nothing
+    // at its end, or if a smaller displacement later hides the largest one.
+    #[test]
+    fn a_pull_rises_and_falls() {
+        for (elapsed_s, share) in [
+            (0.0, 0.0),
+            (0.05, 0.25),
+            (0.075, 0.5),
+            (0.15, 1.0),
+            (0.25, 0.25),
+            (0.3, 0.0),
+        ] {
+            assert!(
+                (Pull::size(elapsed_s, 0.3, 8.0) - 8.0 * share).abs() < 1e-12,
+                "{elapsed_s} s"
+            );
+        }
+        let mut pull = Pull::new(Vector3::new(1.0, 2.0, 3.0));
+        assert!((pull.push(&Vector3::new(1.0, 2.003, 3.004)) - 0.005).abs() < 1e-12);
+        assert!((pull.push(&Vector3::new(1.0, 2.0, 3.0)) - 0.005).abs() < 1e-12);
+    }
+}

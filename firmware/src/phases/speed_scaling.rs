@@ -91,6 +91,7 @@ pub(super) fn tcp_load<const N: usize>(env: &Env<'_, N>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::phases::scene::Scene;
 
     // Fails if the motion does not slow down until the load is 1, if a persistent
     // load does not slow it to the minimum, or if it stays slow without a load.
@@ -111,5 +112,59 @@ mod tests {
             scaling.step(0.5, 1e-3);
         }
         assert_eq!(scaling.rate(), 1.0);
+    }
+
+    // Fails if a load is not 1 where its soft limit is: 0.75 m/s, 40 N, and towards the end of a range
+    // or a bound what may still be stopped (0.1 rad/s and 5/s; 0.05 m/s and 4/s).
+    #[test]
+    fn a_load_is_one_at_its_limit() {
+        let mut scene = Scene::new();
+        scene.force_n = 30.0;
+        assert!((tcp_load(&scene.env()) - 0.75).abs() < 1e-12);
+        scene.snapshot.velocity[0] = 0.45;
+        scene.snapshot.velocity[2] = 0.6;
+        scene.snapshot.velocity[4] = 9.0;
+        assert!((tcp_load(&scene.env()) - 1.0).abs() < 1e-12);
+        // 5 cm above the plate: 0.25 m/s is allowed towards it, and any speed away from it.
+        scene.procedure.limits.plate_offset_m = scene.snapshot.tcp.position.z - 0.05;
+        scene.snapshot.velocity.fill(0.0);
+        scene.force_n = 0.0;
+        for (speed, load) in [(-0.5, 2.0), (0.15, 0.2)] {
+            scene.snapshot.velocity[2] = speed;
+            assert!((tcp_load(&scene.env()) - load).abs() < 1e-9, "{speed} m/s");
+        }
+        // Beyond it: 0.05 m/s.
+        scene.procedure.limits.plate_offset_m += 0.2;
+        scene.snapshot.velocity[2] = -0.1;
+        assert!((tcp_load(&scene.env()) - 2.0).abs() < 1e-9);
+
+        let mut scene = Scene::new();
+        let (joint, margin) = (scene.joints[3], scene.procedure.limits.position_margin_rad);
+        let mut load = |q: f64, dq: f64| {
+            (scene.snapshot.q[3], scene.snapshot.dq[3]) = (q, dq);
+            joint_load(&scene.env())
+        };
+        for (end, outwards) in [(joint.max_rad - margin, 1.0), (joint.min_rad + margin, -1.0)] {
+            assert!((load(end - outwards * 0.1, outwards * 1.2) - 2.0).abs() < 1e-9);
+            assert!((load(end + outwards * 0.1, outwards * 0.05) - 0.5).abs() < 1e-9);
+        }
+        let middle = 0.5 * (joint.min_rad + joint.max_rad);
+        assert!(load(middle, 1.0) < 0.15);
+    }
+
+    // Fails if the rate changes faster than by 20/s downwards or 2/s upwards, or if it is called
+    // slowest anywhere else than at its smallest value.
+    #[test]
+    fn the_pace_changes_within_its_rates() {
+        let mut scaling = SpeedScaling::default();
+        assert!((scaling.step(100.0, 1e-3) - 0.98).abs() < 1e-12);
+        assert!((scaling.step(1.001, 1e-3) - 0.98 / 1.001).abs() < 1e-12);
+        let rate = scaling.rate();
+        assert!((scaling.step(1.0, 1e-3) - rate - 0.002).abs() < 1e-12);
+        assert!(!scaling.is_slowest());
+        while scaling.step(100.0, 1e-3) > SLOWEST {
+            assert!(!scaling.is_slowest());
+        }
+        assert!(scaling.is_slowest());
     }
 }

@@ -171,3 +171,54 @@ impl<const N: usize> Turning<N> {
 
 /// Share of the joints' speed limits above which a turn slows down.
 const SLOW_DOWN_SHARE: f64 = 0.6;
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+    use spherecal_shared::robot::elbow::elbow;
+
+    use super::*;
+    use crate::motion::rotation_about;
+    use crate::phases::scene::Scene;
+
+    /// Value and limit of the fault of a turn by `angle` (rad), and of the elbow by `elbow_by` (rad), whose
+    /// arm does not move and is said to have this speed (rad/s).
+    fn timeout(angle: f64, elbow_by: f64, joint_speed: f64) -> (f64, f64) {
+        let mut scene = Scene::new();
+        scene.joint_speed = joint_speed;
+        let mut cartesian = scene.engaged(-Vector3::z());
+        let now = elbow(&scene.snapshot.frames).expect("an elbow");
+        let pose = PoseTarget {
+            id: 1,
+            rotation: rotation_about(&Vector3::z(), angle) * scene.snapshot.tcp.rotation,
+            elbow: Some(now.angle + elbow_by),
+            posture: None,
+            record: true,
+        };
+        let mut phase = Turning::new(pose, &scene.env(), &mut cartesian);
+        for _ in 0..20_000 {
+            match phase.step(&scene.env(), &mut cartesian) {
+                Next::Stay => {}
+                Next::Fail(found) => {
+                    assert_eq!(found.fault, Fault::MotionTimeout);
+                    return (found.value, found.limit);
+                }
+                Next::Enter(..) => panic!("it is not there"),
+            }
+        }
+        panic!("it never ends");
+    }
+
+    // Fails if a turn that does not end reports something else than what keeps it from its end: first the
+    // orientation, then the elbow, then the speed.
+    #[test]
+    fn a_turn_says_what_keeps_it() {
+        for (turn, reported, limit) in [
+            (timeout(0.1, 0.2, 1.0), 0.1, 0.02),
+            (timeout(0.01, 0.2, 1.0), 0.2, 0.1),
+            (timeout(0.01, 0.05, 1.0), 1.0, 0.002),
+        ] {
+            assert!((turn.0 - reported).abs() < 1e-9 && turn.1 == limit, "{turn:?}");
+        }
+    }
+}

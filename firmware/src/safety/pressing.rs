@@ -282,6 +282,39 @@ mod tests {
         assert!(run(Touch::Free, newton(34.0), &pushed).is_some());
     }
 
+    // Fails if the torque at rest is not reduced like the force at rest, beyond which something pushes:
+    // of 24 N and their torque, half is model error.
+    #[test]
+    fn the_torque_at_rest_is_bounded_like_the_force() {
+        let snapshot = snapshot();
+        let bias = snapshot.jacobian.fixed_rows::<3>(0).transpose() * newton(50.0);
+        for (kept, pressed) in [(0.5, false), (1.0, true), (0.0, true)] {
+            let mut guard = Pressing::default();
+            for _ in 0..2_000 {
+                assert_eq!(
+                    guard.check(Touch::Rest, &snapshot, &newton(24.0), &bias, PERIOD_S),
+                    None
+                );
+            }
+            let external = bias * kept;
+            assert!(snapshot.point_force(&(bias * 0.5)).norm() > FREE_N, "the torque counts");
+            let found = (0..100).find_map(|_| guard.check(Touch::Free, &snapshot, &newton(-30.0), &external, PERIOD_S));
+            assert_eq!(found.is_some(), pressed, "{kept} of the torque");
+        }
+    }
+
+    // Fails if the force at rest does not follow the estimate at once for 0.2 s, and with that time
+    // constant from then on.
+    #[test]
+    fn the_force_at_rest_settles() {
+        let mut guard = Pressing::<7>::default();
+        let snapshot = snapshot();
+        for (newton_at, rest) in [(4.0, 4.0), (6.0, 6.0), (10.0, 8.0), (8.0, 8.0), (0.0, 4.0)] {
+            guard.check(Touch::Rest, &snapshot, &newton(newton_at), &SVector::zeros(), 0.1);
+            assert!((guard.rest_n() - rest).abs() < 1e-9, "{} N", guard.rest_n());
+        }
+    }
+
     // Fails if a motion that begins before the force at rest is known is not judged.
     #[test]
     fn a_motion_may_begin_at_once() {

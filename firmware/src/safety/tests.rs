@@ -1,10 +1,12 @@
 //! The limits of positions and speeds.
 
+use nalgebra::{Vector3, Vector6};
 use spherecal_shared::procedure::Limits;
 use spherecal_shared::protocol::host::Fault;
-use spherecal_shared::robot::iiwa7;
+use spherecal_shared::robot::{JointLimits, iiwa7};
 
-use super::{JointState, OUTWARD_RAD_S, SafetyMonitor};
+use super::{JointState, OUTWARD_RAD_S, SafetyMonitor, Violation, workspace_clearance};
+use crate::law::Shaped;
 
 fn monitor() -> SafetyMonitor<7> {
     let mut monitor = SafetyMonitor::default();
@@ -53,4 +55,118 @@ fn a_joint_keeps_its_range() {
             (Fault::JointVelocity, 2, fastest)
         );
     }
+}
+
+// Fails if a value that equals its limit is a fault, or the smallest one beyond it is none. All numbers
+// are binary fractions, so that sums and norms are exact.
+#[test]
+fn what_equals_its_limit_is_allowed() {
+    let beyond = |limit: f64| limit * (1.0 + f64::EPSILON);
+    let limits = Limits {
+        position_margin_rad: 0.0625,
+        velocity_share: 0.5,
+        force_n: 80.0,
+        speed_m_s: 1.25,
+        torque_error_share: 0.25,
+        jump_rad: 0.25,
+        ..Limits::default()
+    };
+    let mut robot = iiwa7();
+    for joint in &mut robot.joints {
+        joint.limits = JointLimits {
+            min_rad: -2.0,
+            max_rad: 2.0,
+            velocity_rad_s: 2.0,
+            torque_nm: 128.0,
+        };
+    }
+    let mut monitor = SafetyMonitor::<7>::default();
+    monitor.configure(&robot, None).expect("a robot");
+
+    // The end of a range, its margin, the speed out of it, and the speed of a joint.
+    let found = |monitor: &SafetyMonitor<7>, q, dq| monitor.joint_state(&state(q, dq), &limits, false).is_some();
+    for side in [1.0, -1.0] {
+        assert!(!found(&monitor, side * 2.0, 0.0));
+        assert!(found(&monitor, side * beyond(2.0), 0.0));
+        assert!(!found(&monitor, side * 1.9375, side * 0.5));
+        assert!(found(&monitor, side * beyond(1.9375), side * 0.5));
+        assert!(!found(&monitor, side * 2.0, side * OUTWARD_RAD_S));
+        assert!(found(&monitor, side * 2.0, side * beyond(OUTWARD_RAD_S)));
+        assert!(!found(&monitor, 0.0, side * 1.0));
+        assert!(found(&monitor, 0.0, side * beyond(1.0)));
+        let mut q = [0.0; 7];
+        q[1] = side * 1.9375;
+        assert!(monitor.reachable(&q, 0.0625));
+        q[1] = side * beyond(1.9375);
+        assert!(!monitor.reachable(&q, 0.0625));
+    }
+
+    // The force, the speed of the TCP, and the error of a torque, each for as long as it takes.
+    let first = |look: &mut dyn FnMut() -> Option<Violation>| (1..100).find(|_| look().is_some());
+    let mut watch = |newton: f64| {
+        let force = Vector3::new(0.0, newton, 0.0);
+        first(&mut || monitor.watch(&force, &Shaped::default(), &limits, 1.0 / 1024.0))
+    };
+    assert_eq!(watch(80.0), None);
+    assert_eq!(watch(beyond(80.0)), Some(11), "10 ms");
+    let mut tcp = |speed: f64| {
+        let mut velocity = Vector6::zeros();
+        (velocity[1], velocity[4]) = (speed, 9.0);
+        let place = Vector3::zeros();
+        first(&mut || monitor.parts().1.tcp(&place, &velocity, &limits, 1.0 / 1024.0))
+    };
+    assert_eq!(tcp(1.25), None);
+    assert_eq!(tcp(beyond(1.25)), Some(6), "5 ms");
+    let mut torque = |error: f64| {
+        let mut delivered = [4.0; 7];
+        delivered[2] += error;
+        first(&mut || {
+            let (joints, envelope) = monitor.parts();
+            envelope.torque(&[4.0; 7], &delivered, joints, &limits, 1.0 / 1024.0)
+        })
+    };
+    for side in [1.0, -1.0] {
+        assert_eq!(torque(side * 32.0), None);
+        assert_eq!(torque(side * 32.0 * (1.0 + 1e-12)), Some(21), "20 ms");
+    }
+}
+
+// Fails if a bound of the workspace is another side of the box or of the plate than it is, or counts
+// where the TCP is on it.
+#[test]
+fn the_workspace_has_seven_sides() {
+    let limits = Limits {
+        workspace_min_m: [-1.0, -2.0, -3.0],
+        workspace_max_m: [1.5, 2.5, 3.5],
+        plate_normal: [0.0, 0.0, 1.0],
+        plate_offset_m: -2.75,
+        ..Limits::default()
+    };
+    for (at, outwards) in [
+        ([-1.25, 0.0, 0.0], [-1.0, 0.0, 0.0]),
+        ([1.75, 0.0, 0.0], [1.0, 0.0, 0.0]),
+        ([0.0, -2.25, 0.0], [0.0, -1.0, 0.0]),
+        ([0.0, 2.75, 0.0], [0.0, 1.0, 0.0]),
+        ([0.0, 0.0, 3.75], [0.0, 0.0, 1.0]),
+        ([0.0, 0.0, -3.0], [0.0, 0.0, -1.0]),
+    ] {
+        let (left, out) = workspace_clearance(&at.into(), &limits);
+        assert_eq!((left, out), (-0.25, outwards.into()), "{at:?}");
+        let mut monitor = monitor();
+        let mut leaves = |metres: f64, speed: f64| {
+            let place = Vector3::from(at) - out * (0.25 - metres);
+            let v = out * speed;
+            let velocity = Vector6::new(v.x, v.y, v.z, 0.0, 0.0, 0.0);
+            (0..20).find_map(|_| monitor.parts().1.tcp(&place, &velocity, &limits, 1e-3))
+        };
+        assert_eq!(leaves(0.0, 0.5), None, "on the bound");
+        assert_eq!(leaves(0.125, 0.005), None, "slowly");
+        let found = leaves(0.125, 0.0051).expect("outwards");
+        assert_eq!((found.fault, found.value, found.limit), (Fault::Workspace, 0.125, 0.0));
+    }
+    // Where two bounds are as near, the first one counts: plate, then lower, then upper bounds.
+    let corner = Vector3::new(-1.25, -2.25, -3.0);
+    assert_eq!(workspace_clearance(&corner, &limits).1, -Vector3::z());
+    let corner = Vector3::new(-1.25, 2.75, 0.0);
+    assert_eq!(workspace_clearance(&corner, &limits).1, -Vector3::x());
 }

@@ -3,6 +3,7 @@
 mod commands;
 mod details;
 mod faults;
+mod golden;
 mod guard;
 mod hostile;
 mod poison;
