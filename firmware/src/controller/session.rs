@@ -15,6 +15,7 @@ use spherecal_shared::robot::JointLimits;
 
 use super::Controller;
 use crate::law::Actuation;
+use crate::phases::Activity;
 use crate::safety::Violation;
 
 /// A session with a drive.
@@ -114,11 +115,16 @@ impl<const N: usize> Controller<N> {
         self.session.as_ref().map_or(NO_SESSION, |session| session.number)
     }
 
-    /// What the law knows of the drive.
+    /// What the law of the present phase may ask of the drive.
     pub(super) fn actuation(&self) -> Actuation<N> {
-        self.session
+        let drive = self
+            .session
             .as_ref()
-            .map_or_else(Actuation::default, |session| session.actuation)
+            .map_or_else(Actuation::default, |session| session.actuation);
+        match self.activity {
+            Activity::Approaching(_) => drive.in_approach(self.period_s),
+            _ => drive,
+        }
     }
 
     /// Whether the drive adds the gravity torque itself.

@@ -44,6 +44,10 @@ impl<const N: usize> Actuation<N> {
     /// arm in every posture, for 0 to 5 ms (a test of `law::joint`).
     const JOINT_LAG_RAD: f64 = 0.14;
 
+    /// Latency, in s, for which the springs of an approach are made: twice the longest that a
+    /// drive may declare.
+    const APPROACH_LATENCY_S: f64 = 10e-3;
+
     /// A drive with these motors (kg m²) that is commanded once in `period_s` (s) and
     /// answers `latency_s` (s) after a state.
     pub fn new(motors: [f64; N], period_s: f64, latency_s: f64) -> Self {
@@ -51,6 +55,21 @@ impl<const N: usize> Actuation<N> {
             motors,
             fastest_rad_s: Self::LAG_RAD / (period_s + latency_s),
             joint_rad_s: Self::JOINT_LAG_RAD / (0.5 * period_s + latency_s),
+        }
+    }
+
+    /// The same drive in an approach, commanded once in `period_s` (s).
+    ///
+    /// The drive may answer later than it declares. In an approach nothing damps the tool: the rotational
+    /// spring turns a wrist that hides its motor (3 g m²) with 270 rad/s, and a delay of 6 ms made
+    /// that joint run away faster than any guard can see it. The orientation need not be exact there, so
+    /// the springs are slow enough for a late drive.
+    pub(crate) fn in_approach(self, period_s: f64) -> Self {
+        Self {
+            fastest_rad_s: self
+                .fastest_rad_s
+                .min(Self::LAG_RAD / (period_s + Self::APPROACH_LATENCY_S)),
+            ..self
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::support::{spherecal, text};
 
 /// Name, seed and `[plant]` of each case.
-const CASES: [(&str, &str, &str); 11] = [
+const CASES: [(&str, &str, &str); 13] = [
     ("as measured", "1", "[plant]\npreset = \"as_measured\"\n"),
     ("harsh", "1", "[plant]\npreset = \"harsh\"\n"),
     (
@@ -40,6 +40,16 @@ const CASES: [(&str, &str, &str); 11] = [
         "1.5 ms of delay with 2 ms of jitter",
         "1",
         "[plant]\npreset = \"typical\"\n[plant.drive]\nstate_delay_s = 0.001\ncommand_delay_s = 0.0005\njitter_s = 0.002\n",
+    ),
+    (
+        "rotors, 4 ms of delay",
+        "1",
+        "[plant]\npreset = \"typical\"\n[plant.inertia]\nrotors = true\n[plant.drive]\nstate_delay_s = 0.002\ncommand_delay_s = 0.002\n",
+    ),
+    (
+        "FR3 with rotors, 4 ms of delay, 1,000 N m/s",
+        "1",
+        "robot = \"fr3\"\n[plant]\npreset = \"typical\"\n[plant.inertia]\nrotors = true\n[plant.drive]\nstate_delay_s = 0.002\ncommand_delay_s = 0.002\n[procedure.law]\ntorque_rate_nm_s = 1000.0\n",
     ),
     // With this seed the joint spring of free motions was unstable.
     (

@@ -14,16 +14,13 @@ use spherecal_firmware::Controller;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
-use spherecal_shared::protocol::host::{ApproachCommand, Command, Event, Fault, FaultReport, Phase};
+use spherecal_shared::protocol::host::{ApproachCommand, Command, Event, Fault, FaultReport, Phase, PoseCommand};
 use spherecal_shared::robot::{Arm, Dynamics as _, iiwa7, iiwa7_tool};
 use spherecal_tests::plan::short_plan;
 
 /// Largest joint speed after a step, in rad/s, and the largest kinetic energy, in J.
 const SPEED_RAD_S: f64 = 1.5;
 const ENERGY_J: f64 = 5.0;
-/// Largest speed of joint 7 in an approach, in rad/s. The stiff rotational spring turns its
-/// 2.8 g m² so fast that the guard, which sees old states, comes later.
-const LIGHT_RAD_S: f64 = 20.0;
 /// Longest delay, in ms, for which the speeds are bounded.
 const BOUNDED_MS: u32 = 12;
 /// Time from the guard's fault to closed brakes, in ticks of 1 ms.
@@ -94,13 +91,11 @@ impl Cell {
         self.drive.disturb(&Disturbance::Delay(delays));
     }
 
-    /// Kinetic energy of the arm (J), and the speeds of the fastest of joints 1 to 6 and of
-    /// joint 7 (rad/s).
-    fn motion(&mut self) -> (f64, f64, f64) {
+    /// Kinetic energy of the arm (J), and the speed of its fastest joint (rad/s).
+    fn motion(&mut self) -> (f64, f64) {
         let truth = self.drive.plant().truth();
-        let [heavy @ .., light] = truth.dq;
-        let fastest = heavy.iter().fold(0.0f64, |most, dq| most.max(dq.abs()));
-        (truth.kinetic_j, fastest, light.abs())
+        let fastest = truth.dq.iter().fold(0.0f64, |most, dq| most.max(dq.abs()));
+        (truth.kinetic_j, fastest)
     }
 }
 
@@ -115,6 +110,8 @@ enum Doing {
     Approaching,
     /// Sits on the sphere.
     Coupled,
+    /// Turns about the sphere.
+    Turning,
     /// Holds after another fault.
     Fault,
 }
@@ -131,10 +128,23 @@ fn places(config: &PlantConfig) -> ([f64; 7], [f64; 7], [f64; 3]) {
     )
 }
 
+/// A pose of the plan's first sphere, far from the approach.
+fn turned(config: &PlantConfig) -> PoseCommand {
+    let plan = short_plan(config, &[0], &[0.6]);
+    let pose = &plan.spheres[0].poses[0];
+    PoseCommand {
+        pose: 1,
+        orientation: pose.orientation,
+        elbow_rad: pose.elbow_rad,
+        posture: pose.joints.iter().copied().collect(),
+        record: true,
+    }
+}
+
 /// Brings the arm to what it shall be doing, for `after` ticks.
 fn begin(config: &PlantConfig, doing: Doing, after: u64) -> Cell {
     let (home, frame, direction) = places(config);
-    let touches = matches!(doing, Doing::Approaching | Doing::Coupled);
+    let touches = matches!(doing, Doing::Approaching | Doing::Coupled | Doing::Turning);
     let mut cell = Cell::new(config, if touches { &frame } else { &home });
     cell.run(300);
     match doing {
@@ -145,13 +155,13 @@ fn begin(config: &PlantConfig, doing: Doing, after: u64) -> Cell {
             let target: Joints = target.into_iter().collect();
             cell.controller.command(Command::Move { target }).expect("idle");
         }
-        Doing::Approaching | Doing::Coupled => {
+        Doing::Approaching | Doing::Coupled | Doing::Turning => {
             let approach = ApproachCommand { sphere: 1, direction };
             cell.controller.command(Command::Approach(approach)).expect("idle");
-            let phase = if doing == Doing::Coupled {
-                Phase::Coupled
-            } else {
+            let phase = if doing == Doing::Approaching {
                 Phase::Approaching
+            } else {
+                Phase::Coupled
             };
             for _ in 0..20_000 {
                 if cell.controller.phase() == phase {
@@ -160,6 +170,12 @@ fn begin(config: &PlantConfig, doing: Doing, after: u64) -> Cell {
                 cell.tick();
             }
             assert_eq!(cell.controller.phase(), phase);
+            if doing == Doing::Turning {
+                let pose = Command::Pose(turned(config));
+                cell.controller.command(pose).expect("coupled");
+                cell.run(300);
+                assert_eq!(cell.controller.phase(), Phase::Turning);
+            }
         }
         Doing::Fault => {
             cell.controller.record_missed(10);
@@ -176,9 +192,8 @@ fn begin(config: &PlantConfig, doing: Doing, after: u64) -> Cell {
 struct Outcome {
     /// Largest kinetic energy, in J.
     energy_j: f64,
-    /// Fastest of joints 1 to 6, and joint 7, in rad/s.
+    /// Speed of the fastest joint, in rad/s.
     speed_rad_s: f64,
-    light_rad_s: f64,
     /// Ticks from the step to closed brakes.
     braked: Option<u64>,
     /// The guard's fault, and the ticks from it to closed brakes.
@@ -198,10 +213,9 @@ fn step(config: &PlantConfig, doing: Doing, after: u64, delays: DriveConfig) -> 
     let mut told = None;
     for tick in 1..=WATCHED {
         cell.tick();
-        let (energy_j, speed_rad_s, light_rad_s) = cell.motion();
+        let (energy_j, speed_rad_s) = cell.motion();
         outcome.energy_j = outcome.energy_j.max(energy_j);
         outcome.speed_rad_s = outcome.speed_rad_s.max(speed_rad_s);
-        outcome.light_rad_s = outcome.light_rad_s.max(light_rad_s);
         if told.is_none() {
             told = cell.faults[known..]
                 .iter()
@@ -222,7 +236,7 @@ fn step(config: &PlantConfig, doing: Doing, after: u64, delays: DriveConfig) -> 
 fn the_arm_moves_and_holds_before_the_step() {
     let config = PlantConfig::typical();
     let mut moving = begin(&config, Doing::Moving, 400);
-    let (energy_j, speed, _) = moving.motion();
+    let (energy_j, speed) = moving.motion();
     assert!(
         moving.enabled() && speed > 0.1 && energy_j > 0.01,
         "{speed} rad/s, {energy_j} J"
@@ -244,8 +258,7 @@ fn the_arm_moves_and_holds_before_the_step() {
 
 // Fails if the arm has more than 5 J at any tick after a step of the delay, if the brakes
 // close later than 20 ms after the guard's fault, or if a joint is faster than 1.5 rad/s
-// after a step to 12 ms or less; joint 7 in an approach has its own bound. Fails also if no
-// step is one that the law cannot hold.
+// after a step to 12 ms or less. Fails also if no step is one that the law cannot hold.
 #[test]
 fn a_step_of_the_delay_is_braked_in_time() {
     let config = PlantConfig::typical();
@@ -254,6 +267,7 @@ fn a_step_of_the_delay_is_braked_in_time() {
         Doing::Moving,
         Doing::Approaching,
         Doing::Coupled,
+        Doing::Turning,
         Doing::Fault,
     ];
     for doing in doings {
@@ -275,16 +289,10 @@ fn a_step_of_the_delay_is_braked_in_time() {
                 };
                 sum.energy_j = sum.energy_j.max(found.energy_j);
                 sum.speed_rad_s = sum.speed_rad_s.max(found.speed_rad_s);
-                sum.light_rad_s = sum.light_rad_s.max(found.light_rad_s);
                 let what = format!("{doing:?}, {latency_ms} ms ({state} in the states) after {after}: {found:?}");
                 assert!(found.energy_j < ENERGY_J, "{what}");
                 if latency_ms <= BOUNDED_MS {
-                    let light = if doing == Doing::Approaching {
-                        LIGHT_RAD_S
-                    } else {
-                        SPEED_RAD_S
-                    };
-                    assert!(found.speed_rad_s < SPEED_RAD_S && found.light_rad_s < light, "{what}");
+                    assert!(found.speed_rad_s < SPEED_RAD_S, "{what}");
                 }
                 if let Some((_, ticks)) = found.guard {
                     braked += 1;
@@ -293,6 +301,6 @@ fn a_step_of_the_delay_is_braked_in_time() {
             }
         }
         println!("{doing:?}: to {BOUNDED_MS} ms {worst:?}; beyond {wild:?}; {braked} braked by the guard");
-        assert!(doing != Doing::Approaching || braked > 20, "{braked} of 63");
+        assert!(doing != Doing::Moving || braked > 10, "{braked} of 63");
     }
 }
