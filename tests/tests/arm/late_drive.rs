@@ -21,8 +21,10 @@ use spherecal_tests::plan::short_plan;
 /// Largest joint speed after a step, in rad/s, and the largest kinetic energy, in J.
 const SPEED_RAD_S: f64 = 1.5;
 const ENERGY_J: f64 = 5.0;
-/// Longest delay, in ms, for which the speeds are bounded.
+/// Longest delay, in ms, for which the speeds are bounded; and that of a turn, which needs a stiff spring
+/// about the tool's axis.
 const BOUNDED_MS: u32 = 12;
+const TURN_BOUNDED_MS: u32 = 6;
 /// Time from the guard's fault to closed brakes, in ticks of 1 ms.
 const BRAKES_MS: u64 = 20;
 /// Time for which an arm is watched after the step, in ticks.
@@ -258,7 +260,7 @@ fn the_arm_moves_and_holds_before_the_step() {
 
 // Fails if the arm has more than 5 J at any tick after a step of the delay, if the brakes
 // close later than 20 ms after the guard's fault, or if a joint is faster than 1.5 rad/s
-// after a step to 12 ms or less. Fails also if no step is one that the law cannot hold.
+// after a step to 12 ms or less (6 ms in a turn). Fails also if no step is one that the law cannot hold.
 #[test]
 fn a_step_of_the_delay_is_braked_in_time() {
     let config = PlantConfig::typical();
@@ -272,6 +274,11 @@ fn a_step_of_the_delay_is_braked_in_time() {
     ];
     for doing in doings {
         let (mut worst, mut wild, mut braked) = (Outcome::default(), Outcome::default(), 0);
+        let bounded_ms = if doing == Doing::Turning {
+            TURN_BOUNDED_MS
+        } else {
+            BOUNDED_MS
+        };
         for latency_ms in [4, 6, 8, 10, BOUNDED_MS, 16, 20] {
             let latency_s = 1e-3 * f64::from(latency_ms);
             let parts = [(0.5, 0.5), (0.0, 1.0), (1.0, 0.0)];
@@ -282,7 +289,7 @@ fn a_step_of_the_delay_is_braked_in_time() {
                     ..DriveConfig::default()
                 };
                 let found = step(&config, doing, after, delays);
-                let sum = if latency_ms <= BOUNDED_MS {
+                let sum = if latency_ms <= bounded_ms {
                     &mut worst
                 } else {
                     &mut wild
@@ -291,7 +298,7 @@ fn a_step_of_the_delay_is_braked_in_time() {
                 sum.speed_rad_s = sum.speed_rad_s.max(found.speed_rad_s);
                 let what = format!("{doing:?}, {latency_ms} ms ({state} in the states) after {after}: {found:?}");
                 assert!(found.energy_j < ENERGY_J, "{what}");
-                if latency_ms <= BOUNDED_MS {
+                if latency_ms <= bounded_ms {
                     assert!(found.speed_rad_s < SPEED_RAD_S, "{what}");
                 }
                 if let Some((_, ticks)) = found.guard {
@@ -300,7 +307,7 @@ fn a_step_of_the_delay_is_braked_in_time() {
                 }
             }
         }
-        println!("{doing:?}: to {BOUNDED_MS} ms {worst:?}; beyond {wild:?}; {braked} braked by the guard");
+        println!("{doing:?}: to {bounded_ms} ms {worst:?}; beyond {wild:?}; {braked} braked by the guard");
         assert!(doing != Doing::Moving || braked > 10, "{braked} of 63");
     }
 }
