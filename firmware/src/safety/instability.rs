@@ -9,7 +9,9 @@
 //! - a joint is faster than it can be;
 //! - the arm has much more kinetic energy than its setpoint.
 //!
-//! A push, an impact or the snap of the magnet starts one swing; the law damps the next.
+//! A push, an impact or the snap of the magnet starts one swing; the law damps the next. Two of them
+//! in a row look like swings that grow, but the second has its largest speed at once: only a swing that
+//! still gets faster after its first ticks counts.
 
 use nalgebra::SVector;
 use spherecal_shared::protocol::host::Fault;
@@ -33,6 +35,12 @@ const LEAPS: f64 = 1.5;
 /// the task.
 const LONGEST_S: f64 = 0.060;
 
+/// A swing must still get faster after this time, in s, and after this share of the swing before. The
+/// swings of a loop have equal lengths, of 5 ms and more, and are fastest in their middle or later. A
+/// blow makes a joint fast within 3 ms.
+const RISE_S: f64 = 0.0019;
+const RISE_SHARE: f64 = 0.3;
+
 /// Ticks in a row in which a joint is faster than its limit. The fault of a fast joint
 /// comes at a smaller speed, and its hold is what makes a late joint faster still.
 const RUNAWAY_TICKS: u32 = 2;
@@ -53,8 +61,9 @@ struct Swings {
     growing: u8,
     /// Whether the swing before was much faster than the one before it.
     leapt: bool,
-    /// Length of the present swing, in s.
+    /// Length of the present swing, and of the swing before, in s.
     length_s: f64,
+    last_s: f64,
 }
 
 impl Swings {
@@ -79,15 +88,17 @@ impl Swings {
             };
             self.leapt = known && size >= LEAPS * self.last;
             self.last = size;
+            self.last_s = self.length_s;
             self.peak = 0.0;
             self.length_s = 0.0;
         }
-        if speed.abs() > self.peak.abs() {
-            self.peak = speed;
+        if speed.abs() < self.peak.abs() {
+            return None;
         }
-        let grows = self.growing >= GROWING && speed.abs() >= self.last;
-        let leaps = self.leapt && speed.abs() >= self.last;
-        (grows || leaps).then_some(speed)
+        self.peak = speed;
+        let grows = self.growing >= GROWING || self.leapt;
+        let rises = self.length_s >= RISE_S.max(RISE_SHARE * self.last_s);
+        (grows && rises && speed.abs() >= self.last).then_some(speed)
     }
 }
 
@@ -235,6 +246,16 @@ mod tests {
         }
         let noise = |t: f64| 0.04 * libm::sin(1e7 * t * t);
         assert_eq!(noticed(&noise), None);
+        // The rim of the nest touches a sphere; 60 ms later the magnet draws it in.
+        let seats = |t: f64| match t - 0.1 {
+            t if t < 0.0 => 0.0,
+            t if t < 0.045 => -0.09 * libm::exp(-t / 0.01),
+            t if t < 0.0595 => 0.3 * (t - 0.045) / 0.015,
+            t if t < 0.061 => -0.04,
+            t if t < 0.062 => -0.37,
+            t => -0.49 * libm::exp(-(t - 0.062) / 0.04),
+        };
+        assert_eq!(noticed(&seats), None);
     }
 
     // Fails if a joint that is faster than it can be is not noticed in the second tick, or
