@@ -62,6 +62,7 @@ fn experiment(poses: usize, contacts: bool) -> Experiment {
             *angle += random.random_range(-1e-4..1e-4);
         }
         Observation {
+            seat: None,
             q,
             tau: None,
             target,

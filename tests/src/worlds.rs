@@ -139,6 +139,7 @@ impl World {
             .iter()
             .zip(&self.sphere_id)
             .map(|(q, &sphere)| Observation {
+                seat: None,
                 q: q.clone(),
                 tau: None,
                 target: Target::Sphere { sphere, place: 0 },
@@ -155,6 +156,7 @@ impl World {
     /// The tracker's points.
     pub fn laser(&self) -> Experiment {
         let observations = self.laser_q.iter().zip(&self.laser_p).map(|(q, p)| Observation {
+            seat: None,
             q: q.clone(),
             tau: None,
             target: Target::Point(metres(p)),

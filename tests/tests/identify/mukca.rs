@@ -19,6 +19,7 @@ pub(crate) fn experiment() -> Experiment {
         sigma_m: 20e-6,
     });
     let observations = table.rows().map(|row| Observation {
+        seat: None,
         q: row.q.to_vec(),
         tau: None,
         target: Target::Sphere {

@@ -82,6 +82,7 @@ pub fn position_jacobian(robot: &Robot, tool: &Tool, q: &[Vec<f64>], columns: Co
         hayati: hayati(robot),
         references: vec![super::parameters::Reference::Tracker],
         spheres: Vec::new(),
+        seats: Vec::new(),
         targets: 1,
         body: false,
     };

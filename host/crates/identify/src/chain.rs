@@ -72,6 +72,8 @@ pub(crate) struct Prepared {
     pub(crate) reference: usize,
     /// Index of the sphere in the layout.
     pub(crate) sphere: Option<usize>,
+    /// Index of the row's own seat in the layout.
+    pub(crate) seat: Option<usize>,
 }
 
 impl Prepared {
@@ -115,6 +117,9 @@ pub(crate) struct State {
     pub(crate) tilt: [f64; 2],
     /// Offsets from the certificate, in m.
     pub(crate) spheres: Vec<Vector3<f64>>,
+    /// Seats of rows that have one of their own: sphere minus TCP in the flange frame, in m.
+    #[serde(default)]
+    pub(crate) seats: Vec<Vector3<f64>>,
     #[serde(skip)]
     links: Vec<LinkTransform<f64>>,
     /// Cosine and sine of the rows' theta.
@@ -151,6 +156,7 @@ impl State {
             bending: vec![[0.0; 2]; n],
             tilt: [0.0; 2],
             spheres: vec![Vector3::zeros(); layout.spheres.len()],
+            seats: vec![Vector3::zeros(); layout.seats.len()],
             links: Vec::new(),
             offsets: Vec::new(),
             waves: Vec::new(),
@@ -202,6 +208,7 @@ impl State {
             Kind::Base(f, k) if k < 3 => self.bases.get(f).map(|b| b.position[k]),
             Kind::Base(f, k) => self.bases.get(f).map(|b| b.rotation_vector()[k - 3]),
             Kind::Sphere(s, k) => self.spheres.get(s).map(|p| p[k]),
+            Kind::Seat(s, k) => self.seats.get(s).map(|p| p[k]),
         };
         value.unwrap_or_default()
     }
@@ -239,6 +246,7 @@ impl State {
                 None
             }
             Kind::Sphere(s, k) => self.spheres.get_mut(s).map(|p| &mut p[k]),
+            Kind::Seat(s, k) => self.seats.get_mut(s).map(|p| &mut p[k]),
         };
         if let Some(slot) = slot {
             *slot += step;
@@ -271,7 +279,11 @@ impl State {
     /// Frames and leading target of an observation.
     #[inline]
     pub(crate) fn at(&self, observation: &Prepared) -> Kinematics {
-        self.turned(&observation.trig, &observation.load, &self.place(observation.lead))
+        let mut tool = self.place(observation.lead);
+        if let Some(seat) = observation.seat.and_then(|s| self.seats.get(s)) {
+            tool += seat;
+        }
+        self.turned(&observation.trig, &observation.load, &tool)
     }
 
     #[inline]

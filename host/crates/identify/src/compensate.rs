@@ -50,6 +50,7 @@ mod tests {
             let tcp = chain.tcp_of(&chain.frames(&real));
             let sag = Vector3::z() * (-5e-4 * tcp.xy().norm_squared());
             Observation {
+                seat: None,
                 target: Target::Point((tcp + sag).into()),
                 q,
                 tau: None,

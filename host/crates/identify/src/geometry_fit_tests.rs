@@ -88,6 +88,7 @@ fn seen(seed: u64, gross: usize) -> Experiment {
             point += noise(&mut random, 1.0).normalize() * 5e-3;
         }
         Observation {
+            seat: None,
             q,
             tau: None,
             target: Target::Point(point.into()),

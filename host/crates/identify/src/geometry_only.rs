@@ -51,6 +51,7 @@ fn geometry_only(calibration: &Calibration) -> Result<GeometryOnly, IdentifyErro
     let all = halton_configurations(&calibration.robot, 2 * CONFIGURATIONS);
     let (fitted, judging) = all.split_at(CONFIGURATIONS);
     let observations = fitted.iter().map(|q| Observation {
+        seat: None,
         q: q.clone(),
         tau: None,
         target: Target::Point(calibration.tcp_m(q, None).into()),

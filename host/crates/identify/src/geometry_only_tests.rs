@@ -17,6 +17,7 @@ fn geometry_alone_takes_up_the_mean_of_the_effects() {
     // range of a joint, which an offset can take up; a sine would have none.
     let yielding = |q: &[f64]| -> Vec<f64> { q.iter().map(|q| q - 6e-4 * q.cos()).collect() };
     let observations = halton_configurations(&robot, 300).into_iter().map(|q| Observation {
+        seat: None,
         target: Target::Point(chain.tcp_of(&chain.frames(&yielding(&q))).into()),
         q,
         tau: None,
@@ -73,6 +74,7 @@ fn directions_that_hardly_move_the_tcp_stay_where_they_are() {
             .collect()
     };
     let observations = halton_configurations(&robot, 200).into_iter().map(|q| Observation {
+        seat: None,
         target: Target::Point(chain.tcp_of(&chain.frames(&yielding(&q))).into()),
         q,
         tau: None,

@@ -23,6 +23,7 @@
 //! real.joints[2].mdh.d += 1e-3;
 //! let chain = Chain::unchecked(&real, &iiwa7_tool());
 //! let observations = halton_configurations(&real, 60).into_iter().map(|q| Observation {
+//!     seat: None,
 //!     target: Target::Point(chain.tcp_of(&chain.frames(&q)).into()),
 //!     q,
 //!     tau: None,

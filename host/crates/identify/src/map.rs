@@ -122,6 +122,7 @@ pub(crate) fn prepare(
             further,
             reference: layout.references.binary_search(&reference).unwrap_or_default(),
             sphere,
+            seat: observation.seat.and_then(|seat| layout.seats.binary_search(&seat).ok()),
         }
     });
     Ok(prepared.collect())

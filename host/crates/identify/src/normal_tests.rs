@@ -14,6 +14,7 @@ use crate::options::Torque;
 fn experiment(rows: usize) -> Experiment {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(7);
     let observations = (0..rows).map(|k| Observation {
+        seat: None,
         q: (0..7).map(|_| random.random_range(-1.5..1.5)).collect(),
         tau: None,
         target: match k % 5 {

@@ -79,6 +79,8 @@ pub enum Kind {
     Base(usize, usize),
     /// Sphere's position within its certificate: index, axis.
     Sphere(usize, usize),
+    /// Where a sphere sat in some rows, seen from the TCP, in the flange frame: index, axis.
+    Seat(usize, usize),
 }
 
 /// A frame of targets. Each has its own pose relative to the base.
@@ -147,7 +149,7 @@ impl Overrides {}
 
 /// The column of each parameter.
 ///
-/// `general | per joint: theta, compliance, cos 1, sin 1, ... | base 6 per frame | 3 per sphere`
+/// `general | per joint: theta, compliance, cos 1, sin 1, ... | base 6 per frame | 3 per sphere | 3 per seat`
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Layout {
     /// Joints.
@@ -162,6 +164,9 @@ pub(crate) struct Layout {
     pub(crate) references: Vec<Reference>,
     /// Ids of the spheres that have columns.
     pub(crate) spheres: Vec<u32>,
+    /// Numbers of the seats that have columns.
+    #[serde(default)]
+    pub(crate) seats: Vec<u32>,
     /// Targets on the tool: the TCP and those that have columns of their own.
     pub(crate) targets: usize,
     /// Whether the orientation of the measured body has columns.
@@ -172,6 +177,7 @@ impl Layout {
     pub(crate) fn new(experiment: &Experiment, orders: usize, stiffness: bool) -> Self {
         let mut references = BTreeSet::new();
         let mut spheres = BTreeSet::new();
+        let mut seats = BTreeSet::new();
         let mut last = None;
         let (mut targets, mut body) = (1, false);
         for observation in &experiment.observations {
@@ -180,6 +186,7 @@ impl Layout {
                 Target::Frame(_) => body = true,
                 Target::Point(_) | Target::Sphere { .. } => {}
             }
+            seats.extend(observation.seat);
             let reference = reference_of(&observation.target);
             let sphere = match observation.target {
                 Target::Sphere { sphere, .. } => Some(sphere),
@@ -198,6 +205,7 @@ impl Layout {
             hayati: hayati(&experiment.robot),
             references: references.into_iter().collect(),
             spheres: spheres.into_iter().collect(),
+            seats: seats.into_iter().collect(),
             targets,
             body,
         }
@@ -243,8 +251,12 @@ impl Layout {
         self.base(self.references.len()) + 3 * sphere
     }
 
+    pub(crate) fn seat(&self, seat: usize) -> usize {
+        self.sphere(self.spheres.len()) + 3 * seat
+    }
+
     pub(crate) fn len(&self) -> usize {
-        self.sphere(self.spheres.len())
+        self.seat(self.seats.len())
     }
 
     /// The kinds in column order.
@@ -276,6 +288,7 @@ impl Layout {
         }
         kinds.extend((0..self.references.len()).flat_map(|f| (0..6).map(move |k| Kind::Base(f, k))));
         kinds.extend((0..self.spheres.len()).flat_map(|s| (0..3).map(move |k| Kind::Sphere(s, k))));
+        kinds.extend((0..self.seats.len()).flat_map(|s| (0..3).map(move |k| Kind::Seat(s, k))));
         kinds
     }
 }
@@ -324,6 +337,10 @@ pub(crate) fn name_of(kind: Kind, layout: &Layout) -> (String, Unit) {
         Kind::Sphere(s, k) => {
             let id = layout.spheres.get(s).copied().unwrap_or_default();
             (format!("sphere{id}_{}", axis(k)), Unit::Metre)
+        }
+        Kind::Seat(s, k) => {
+            let number = layout.seats.get(s).copied().unwrap_or_default();
+            (format!("seat{number}_{}", axis(k)), Unit::Metre)
         }
     }
 }

@@ -12,6 +12,8 @@ pub const TWIST_SIGMA_RAD: f64 = 0.5e-3;
 pub const OFFSET_SIGMA_RAD: f64 = 1e-3;
 /// Prior of the TCP in the flange frame: a bolted tool, measured by hand, in m.
 pub const TOOL_SIGMA_M: f64 = 1.5e-3;
+/// Prior of a seat that some rows have for themselves, about the TCP, in m.
+pub const SEAT_SIGMA_M: f64 = 0.5e-3;
 /// Prior of targets 2.. about where the first fit puts them: they are not measured by hand, in m.
 pub const TARGET_SIGMA_M: f64 = 0.05;
 /// Prior of the measured body's orientation about the first fit's, in rad.
@@ -146,6 +148,12 @@ pub(crate) fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -
                 "offset from the certificate, within its uncertainty",
             )
         }
+        Kind::Seat(..) => (
+            0.0,
+            SEAT_SIGMA_M,
+            false,
+            "wide: in these rows the sphere sat elsewhere in the nest",
+        ),
     };
     Parameter {
         name,

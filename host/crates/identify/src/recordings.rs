@@ -73,6 +73,7 @@ impl TrackerRecordings {
     /// The calibration points as an experiment with the nominal robot and tool.
     pub(crate) fn experiment(&self, contacts: &Experiment) -> Experiment {
         let observation = |m: &Measured| Observation {
+            seat: None,
             q: m.q.clone(),
             tau: None,
             target: Target::Point(m.point_m),

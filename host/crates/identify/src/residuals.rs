@@ -58,6 +58,9 @@ pub struct GroupFit {
     pub reference: Reference,
     /// Id of the sphere; none for measured points.
     pub sphere: Option<u32>,
+    /// Number of the seat that the rows have for themselves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seat: Option<u32>,
     /// Observations.
     pub count: usize,
     /// Root mean square of their distances, in mm.
@@ -119,6 +122,7 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
                     .copied()
                     .unwrap_or(Reference::Tracker),
                 sphere: group.sphere.and_then(|s| layout.spheres.get(s).copied()),
+                seat: group.seat.and_then(|s| layout.seats.get(s).copied()),
                 count: own.len(),
                 rms_mm: mean_square(&own),
                 chi_square,

@@ -49,6 +49,7 @@ impl DesignModel {
         let observations = (0..places)
             .flat_map(|place| {
                 spheres.iter().map(move |s| Observation {
+                    seat: None,
                     q: Vec::new(),
                     tau: None,
                     target: Target::Sphere { sphere: s.id, place },
@@ -145,6 +146,7 @@ impl DesignModel {
             further: Box::default(),
             reference: 0,
             sphere: None,
+            seat: None,
         };
         let k = self.state.at(&observation);
         let mut general = [Vector3::zeros(); OWN];

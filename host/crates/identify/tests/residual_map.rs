@@ -51,6 +51,7 @@ fn seen(seed: u64, size_m: f64, rows: usize) -> Experiment {
             Set::Validate
         };
         Observation {
+            seat: None,
             q,
             tau: None,
             target: Target::Point(point.into()),

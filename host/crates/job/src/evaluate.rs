@@ -70,6 +70,7 @@ impl Measurements {
             .flat_map(|visit| visit.poses.iter().map(|p| ((visit.sphere_id, p.id), visit.place)))
             .collect();
         let observations = self.recordings.iter().map(|recording| Observation {
+            seat: None,
             q: recording.q.iter().map(|s| s.mean).collect(),
             tau: Some(recording.tau.iter().map(|s| s.mean).collect()),
             target: Target::Sphere {

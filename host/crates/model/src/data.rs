@@ -51,6 +51,10 @@ pub struct Observation {
     pub target: Target,
     /// What the observation may be used for.
     pub set: Set,
+    /// Rows with the same number share a seat of their own: the sphere sat elsewhere in the nest than usual. None
+    /// for the usual seat, the TCP.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seat: Option<u32>,
 }
 
 /// Everything that an identification is made from.

@@ -89,7 +89,10 @@ pub fn group_table(groups: &[GroupFit], place: impl Fn(u32) -> String) -> Simple
 }
 
 fn group_name(g: &GroupFit, place: impl Fn(u32) -> String) -> String {
-    let sphere = g.sphere.map_or(String::new(), |s| format!("sphere {s}"));
+    let mut sphere = g.sphere.map_or(String::new(), |s| format!("sphere {s}"));
+    if let Some(seat) = g.seat {
+        sphere += &format!(", seat {seat}");
+    }
     match g.reference {
         Reference::Tracker => "tracker".to_owned(),
         Reference::Place(p) => match place(p) {

@@ -71,6 +71,7 @@ fn contacts(nominal: &Robot, truth: &Robot, waves: f64, random: &mut ChaCha8Rng)
             .map(|q| q + encoder(waves, *q) + normal(2.5e-5))
             .collect();
         observations.push(Observation {
+            seat: None,
             q,
             tau: None,
             target: Target::Sphere {

@@ -43,6 +43,13 @@ pub enum Alternative {
         /// Number of the coupling, from 0.
         coupling: usize,
     },
+    /// The nest sat elsewhere on its sphere in some rows of one coupling that follow each other.
+    Reseat {
+        /// Number of the coupling, from 0.
+        coupling: usize,
+        /// First and last of the rows.
+        rows: (usize, usize),
+    },
     /// One encoder jumped.
     EncoderStep {
         /// Joint, from 0.
@@ -132,7 +139,7 @@ impl Alternative {
             Self::Slip { .. } => Family::Slip,
             Self::Drift { .. } => Family::Drift,
             Self::SphereMoved { .. } => Family::SphereMoved,
-            Self::Seat { .. } => Family::Seat,
+            Self::Seat { .. } | Self::Reseat { .. } => Family::Seat,
             Self::EncoderStep { .. } | Self::EncoderDrift { .. } => Family::Encoder,
             Self::JointRegion { .. } => Family::JointRegion,
             Self::Lag { .. } => Family::Lag,
@@ -161,7 +168,8 @@ impl Alternative {
             ) => a == b && x == y,
             (Self::Drift { reference: a }, Self::Drift { reference: b }) => a == b,
             (Self::SphereMoved { sphere: a, .. }, Self::SphereMoved { sphere: b, .. }) => a == b,
-            (Self::Seat { coupling: a }, Self::Seat { coupling: b }) => a == b,
+            (Self::Seat { coupling: a }, Self::Seat { coupling: b })
+            | (Self::Reseat { coupling: a, .. }, Self::Reseat { coupling: b, .. }) => a == b,
             (Self::EncoderStep { joint: a, .. }, Self::EncoderStep { joint: b, .. })
             | (Self::EncoderDrift { joint: a }, Self::EncoderDrift { joint: b })
             | (Self::JointRegion { joint: a, .. }, Self::JointRegion { joint: b, .. })

@@ -213,7 +213,7 @@ impl Accounts {
         let components = self.discrepancy.components.iter().zip(&self.rest);
         for ((component, block), amplitude) in components.zip(&set.amplitudes) {
             let value = amplitude * amplitude * block.norm_squared() / count;
-            *if matches!(component.shape.cause, Cause::Seat) {
+            *if matches!(component.shape.cause, Cause::Seat | Cause::Nest) {
                 &mut squares.seating
             } else {
                 &mut squares.discrepancy

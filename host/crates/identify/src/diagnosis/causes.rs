@@ -12,6 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::linear::Posture;
+use crate::course::Course;
 
 /// When an observation was made, and in which coupling. Predictions are made for
 /// the end of the measurement and in no coupling.
@@ -21,6 +22,8 @@ pub(crate) struct Occasion {
     pub(crate) time: f64,
     /// Number of the coupling; none for a prediction.
     pub(crate) coupling: Option<usize>,
+    /// Number of the run of rows in it, as [`Course::runs`] counts; none for a prediction.
+    pub(crate) run: Option<usize>,
 }
 
 impl Occasion {
@@ -28,6 +31,7 @@ impl Occasion {
     pub(crate) const NOW: Self = Self {
         time: 1.0,
         coupling: None,
+        run: None,
     };
 }
 
@@ -53,6 +57,8 @@ pub(crate) enum Cause {
     ReferenceDrift,
     /// Each coupling seats a little elsewhere.
     Seat,
+    /// The seat in the nest changes while the nest turns: each run of rows sits a little elsewhere in it.
+    Nest,
 }
 
 impl Cause {
@@ -75,6 +81,7 @@ impl Cause {
             Self::LinkDrift => "link lengths drift with time".to_owned(),
             Self::ReferenceDrift => "the plate or tracker drifts with time".to_owned(),
             Self::Seat => "couplings seat differently".to_owned(),
+            Self::Nest => "the seat in the nest changes while it turns".to_owned(),
         }
     }
 }
@@ -82,6 +89,8 @@ impl Cause {
 /// Harmonics of one joint's angle in a deflection: sine and cosine of orders 1 and 2,
 /// which follow any slow function over the range of a joint.
 const DEFLECTION: usize = 4;
+/// Columns that a wide cause keeps.
+const KEPT: usize = 12;
 /// Random waves that stand for a smooth function of two joints.
 const WAVES: usize = 48;
 
@@ -96,12 +105,14 @@ pub(crate) struct Shape {
     torque: f64,
     waves: Vec<Wave>,
     couplings: usize,
+    runs: usize,
     n: usize,
 }
 
 /// Every cause that data of this kind can show. `torques` are the typical torques
-/// of the joints over the data, in N m.
-pub(crate) fn shapes(torques: &[f64], couplings: usize, timed: bool) -> Vec<Shape> {
+/// of the joints over the data, in N m; `seated` says whether the data are contacts with spheres.
+pub(crate) fn shapes(torques: &[f64], course: &Course, seated: bool, timed: bool) -> Vec<Shape> {
+    let (couplings, runs) = (course.couplings(), course.runs().last().map_or(0, |run| run + 1));
     let n = torques.len();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut shapes = Vec::new();
@@ -111,6 +122,7 @@ pub(crate) fn shapes(torques: &[f64], couplings: usize, timed: bool) -> Vec<Shap
             torque,
             waves,
             couplings,
+            runs,
             n,
         });
     };
@@ -148,6 +160,9 @@ pub(crate) fn shapes(torques: &[f64], couplings: usize, timed: bool) -> Vec<Shap
     if couplings > 1 {
         add(Cause::Seat, 0.0, Vec::new());
     }
+    if seated && runs > 1 {
+        add(Cause::Nest, 0.0, Vec::new());
+    }
     shapes
 }
 
@@ -163,6 +178,16 @@ impl Shape {
             Cause::LinkDrift => 4 * self.n,
             Cause::ReferenceDrift => 9,
             Cause::Seat => 3 * self.couplings,
+            Cause::Nest => 3 * self.runs,
+        }
+    }
+
+    /// Columns that it keeps at most: of a wide cause those along which the data vary most. A run of rows has
+    /// columns of its own, which no others stand for.
+    pub(crate) fn most(&self) -> usize {
+        match self.cause {
+            Cause::Nest => usize::MAX,
+            _ => KEPT,
         }
     }
 
@@ -222,6 +247,13 @@ impl Shape {
                 if let Some(own) = m.coupling.filter(|c| *c < self.couplings) {
                     for axis in 0..3 {
                         out[3 * own + axis] = Vector3::ith(axis, 1.0);
+                    }
+                }
+            }
+            Cause::Nest => {
+                if let Some(own) = m.run.filter(|run| *run < self.runs) {
+                    for axis in 0..3 {
+                        out[3 * own + axis] = p.flange.column(axis).into();
                     }
                 }
             }

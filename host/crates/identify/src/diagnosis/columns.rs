@@ -11,6 +11,10 @@ use crate::parameters::Layout;
 const INSTANTS: usize = 24;
 /// Regions of each joint's range.
 const REGIONS: usize = 5;
+/// Fewest rows of a seat: fewer are outliers, which robust weights take care of.
+const SEATED: usize = 3;
+/// Most seats that are tried: runs of rows within a coupling.
+const RUNS: usize = 2500;
 
 /// All alternatives that the data could show, with their whitened columns.
 pub(crate) fn alternatives(linear: &Linear, layout: &Layout, course: &Course) -> Vec<(Alternative, DMatrix<f64>)> {
@@ -140,6 +144,22 @@ pub(crate) fn alternatives(linear: &Linear, layout: &Layout, course: &Course) ->
             list.push((Alternative::Seat { coupling: c }, matrix(columns.collect())));
         }
     }
+    for run in runs(linear, course) {
+        let columns = (0..3).map(|axis| {
+            linear.column(|p| {
+                if coupling(p) == run.coupling && (run.rows.0..=run.rows.1).contains(&p.index) {
+                    p.posture.flange.column(axis).into()
+                } else {
+                    Vector3::zeros()
+                }
+            })
+        });
+        let alternative = Alternative::Reseat {
+            coupling: run.coupling,
+            rows: run.rows,
+        };
+        list.push((alternative, matrix(columns.collect())));
+    }
     for joint in 0..layout.n {
         for &at in &instants {
             let column = linear.column(|p| {
@@ -174,6 +194,41 @@ pub(crate) fn alternatives(linear: &Linear, layout: &Layout, course: &Course) ->
         }
     }
     list
+}
+
+/// Rows of one coupling that follow each other.
+struct Run {
+    coupling: usize,
+    /// First and last row.
+    rows: (usize, usize),
+}
+
+/// The runs of rows in which the nest may have sat elsewhere: all that begin and end at some rows of a coupling,
+/// which are as dense as [`RUNS`] allows.
+fn runs(linear: &Linear, course: &Course) -> Vec<Run> {
+    let mut couplings: Vec<Vec<usize>> = vec![Vec::new(); course.couplings()];
+    for p in linear.rows.iter().filter(|p| p.sphere.is_some() && p.leads()) {
+        let coupling = course.coupling.get(p.index).copied().unwrap_or_default();
+        if let Some(own) = couplings.get_mut(coupling) {
+            own.push(p.index);
+        }
+    }
+    let at = |step: usize| {
+        let mut found = Vec::new();
+        for (coupling, own) in couplings.iter().enumerate() {
+            let mut edges: Vec<usize> = (0..own.len()).step_by(step).collect();
+            edges.push(own.len());
+            for (k, &from) in edges.iter().enumerate() {
+                for &to in edges.iter().skip(k + 1).filter(|to| **to >= from + SEATED) {
+                    let rows = (own[from], own[to - 1]);
+                    found.push(Run { coupling, rows });
+                }
+            }
+        }
+        found
+    };
+    let most = couplings.iter().map(Vec::len).max().unwrap_or_default().max(1);
+    (1..=most).map(at).find(|found| found.len() <= RUNS).unwrap_or_default()
 }
 
 /// Instants between observations: the ends of couplings and evenly spread ones.

@@ -29,8 +29,6 @@ const FACTOR_SIGMA: [f64; 2] = [core::f64::consts::LN_2, 2.0 * core::f64::consts
 const GROSS: f64 = 0.1;
 /// Median of chi-square with three degrees of freedom.
 const CHI_SQUARE_3_MEDIAN: f64 = 2.365_974;
-/// Columns that a wide cause keeps: those along which the data vary most.
-const KEPT: usize = 12;
 
 /// A cause with its columns as the data see them.
 #[derive(Clone, Debug)]
@@ -225,10 +223,12 @@ pub(crate) fn component(
     let mut block = DMatrix::zeros(3 * n, width);
     let mut columns = vec![Vector3::zeros(); width];
     let mut square = 0.0;
+    let runs = course.runs();
     for (k, row) in linear.rows.iter().enumerate() {
         let moment = Occasion {
             time: course.time.get(row.index).copied().unwrap_or_default(),
             coupling: Some(course.coupling.get(row.index).copied().unwrap_or_default()),
+            run: runs.get(row.index).copied(),
         };
         shape.fill(&row.posture, &moment, &mut columns);
         for (c, column) in columns.iter().enumerate() {
@@ -244,11 +244,12 @@ pub(crate) fn component(
         return None;
     }
     let unit = noise_m / rms;
-    let (turn, kept) = if width > KEPT {
+    let most = shape.most();
+    let (turn, kept) = if width > most {
         let eigen = transposed_product(&block, &block).symmetric_eigen();
         let mut order: Vec<usize> = (0..width).collect();
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-        (eigen.eigenvectors.select_columns(&order) * unit, KEPT)
+        (eigen.eigenvectors.select_columns(&order) * unit, most)
     } else {
         (DMatrix::identity(width, width) * unit, width)
     };

@@ -65,7 +65,8 @@ impl Discrepancy {
             .map(|j| (linear.rows.iter().map(|p| p.posture.torque[j].powi(2)).sum::<f64>() / n.max(1) as f64).sqrt())
             .collect();
         let noise_m = noise(linear);
-        let shapes = shapes(&torques, course.couplings(), n > 3);
+        let seated = linear.rows.iter().any(|p| p.sphere.is_some());
+        let shapes = shapes(&torques, course, seated, n > 3);
         let m = linear.x.ncols();
         let mut blocks = Vec::new();
         let mut components = Vec::new();
@@ -361,9 +362,12 @@ impl Discrepancy {
         Ok(())
     }
 
-    /// Whether a column of `W` describes where a coupling seats.
+    /// Whether a column of `W` describes where the nest sits.
     pub(crate) fn is_seat(&self, column: usize) -> bool {
-        let seats = self.components.iter().filter(|c| matches!(c.shape.cause, Cause::Seat));
+        let seats = self
+            .components
+            .iter()
+            .filter(|c| matches!(c.shape.cause, Cause::Seat | Cause::Nest));
         seats.into_iter().any(|c| (c.at..c.at + c.kept).contains(&column))
     }
 

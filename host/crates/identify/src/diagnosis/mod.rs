@@ -159,7 +159,7 @@ fn groups(table: &[Parameter]) -> Vec<ParameterGroup> {
         Kind::Cosine(_, 2) | Kind::Sine(_, 2) => 6,
         Kind::Cosine(_, 3..=5) | Kind::Sine(_, 3..=5) => 7,
         Kind::Cosine(..) | Kind::Sine(..) => 8,
-        Kind::Tool(_) | Kind::Target(..) | Kind::Body(_) | Kind::Base(..) | Kind::Sphere(..) => 9,
+        Kind::Tool(_) | Kind::Target(..) | Kind::Body(_) | Kind::Base(..) | Kind::Sphere(..) | Kind::Seat(..) => 9,
     };
     let mut columns: Vec<[Vec<usize>; 2]> = vec![Default::default(); 10];
     for (i, parameter) in table.iter().enumerate() {

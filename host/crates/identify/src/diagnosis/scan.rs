@@ -12,6 +12,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::alternatives::Alternative;
 use super::causes::Cause;
 use super::columns::alternatives;
 use super::component::GroupOf;
@@ -27,6 +28,9 @@ use crate::parameters::Layout;
 
 /// Findings at most.
 const MOST: usize = 4;
+/// Natural logarithm of how much more common it is that a nest sits badly for a while than that any other cause
+/// meets the same rows.
+const COMMON: f64 = 3.0;
 
 /// Tests every alternative. Returns what was found, strongest first, the largest
 /// statistic of each family, and the extended model with what was found in it.
@@ -74,7 +78,7 @@ pub(crate) fn scan(
     let mut selection = Selection::new(linear.s2, &trials);
     let mut findings: Vec<Finding> = Vec::new();
     while findings.len() < MOST {
-        let mut best: Option<(f64, usize, Discrepancy)> = None;
+        let mut best: Option<(f64, f64, usize, Discrepancy)> = None;
         for index in selection.shortlist() {
             let columns = selection.wide(index);
             let trial = model.with(linear, &columns)?;
@@ -82,13 +86,16 @@ pub(crate) fn scan(
             let gain = 2.0 * (trial.log_evidence(linear)? - model.log_evidence(linear)?);
             // The width of its prior is no argument against it.
             let log_p = log_tail(gain + trial.named_volume(columns.len())?, freedom);
-            if log_p < selection.limit(&selection.trials[index].alternative)
-                && best.as_ref().is_none_or(|b| log_p < b.0)
-            {
-                best = Some((log_p, index, trial));
+            let alternative = &selection.trials[index].alternative;
+            let weighed = match alternative {
+                Alternative::Reseat { .. } => log_p - COMMON,
+                _ => log_p,
+            };
+            if log_p < selection.limit(alternative) && best.as_ref().is_none_or(|b| weighed < b.0) {
+                best = Some((weighed, log_p, index, trial));
             }
         }
-        let Some((log_p, index, with)) = best else { break };
+        let Some((_, log_p, index, with)) = best else { break };
         let finding = selection.finding(index, log_p, &with, linear, course)?;
         let family = finding.alternative.family();
         for test in families.iter_mut().filter(|t| t.family == family) {

@@ -34,6 +34,9 @@ pub(crate) fn short(alternative: &Alternative, course: &Course) -> String {
             format!("sphere {sphere} moved after {} of the time", share(time))
         }
         Alternative::Seat { coupling } => format!("coupling {} sat elsewhere", coupling + 1),
+        Alternative::Reseat { coupling, .. } => {
+            format!("the nest sat elsewhere in a part of coupling {}", coupling + 1)
+        }
         Alternative::EncoderStep { joint, time } => {
             format!("encoder {} jumped after {} of the time", joint + 1, share(time))
         }
@@ -105,6 +108,11 @@ pub(crate) fn words(
             coupling + 1,
             vector()
         ),
+        Alternative::Reseat { coupling, .. } => format!(
+            "the nest sat {size:.3} ± {sigma:.3} mm from its usual seat in a part of coupling {}, {} in the flange frame",
+            coupling + 1,
+            vector()
+        ),
         Alternative::EncoderStep { joint, time } => format!(
             "the encoder of joint {} jumped by {:+.3} ± {sigma:.3} mrad after {} of the time",
             joint + 1,
@@ -171,7 +179,9 @@ pub(crate) fn next(alternative: &Alternative) -> &'static str {
             "fasten the plate, let it reach the temperature of the room, and measure again"
         }
         Alternative::SphereMoved { .. } => "fasten this sphere and measure again",
-        Alternative::Seat { .. } => "clean nest and sphere, and repeat this coupling or leave its rows out",
+        Alternative::Seat { .. } | Alternative::Reseat { .. } => {
+            "clean nest and sphere, and repeat this coupling or leave its rows out"
+        }
         Alternative::EncoderStep { .. } | Alternative::EncoderDrift { .. } => {
             "look for a slipping encoder or a lost reference of this joint, master it, and measure again"
         }

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use spherecal_model::chain::Chain;
 
 use super::align::NominalFrames;
+use super::causes::OwnSeat;
 use super::error::EvaluateError;
 use super::mapped::MapReport;
 use super::reference::InstrumentView;
@@ -28,6 +29,8 @@ pub struct Evaluation {
     pub repeated: Vec<(usize, usize)>,
     /// Frames and tool with the nominal geometry.
     pub nominal: NominalFrames,
+    /// Rows that have a seat of their own in the fit.
+    pub seats: Vec<OwnSeat>,
     /// The tool (m, last frame of the table) as it was given, where the data said
     /// another and it was taken from them.
     pub given_tcp_m: Option<Vector3<f64>>,

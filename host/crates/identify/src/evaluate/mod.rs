@@ -19,6 +19,7 @@
 
 mod align;
 mod align_targets;
+mod causes;
 mod certified;
 mod error;
 mod evaluation;
@@ -38,6 +39,7 @@ pub use crate::judge::{Fold, HeldOut, Judged, JudgedModel, Predictor, TcpFunctio
 pub use crate::judge_targets::{AngleStatistics, BodyOrientation, Further, TargetTcp, ToolPredictor, Turned};
 pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
+pub use causes::OwnSeat;
 pub use certified::{Repeatability, repeatability};
 pub use error::EvaluateError;
 pub use evaluation::Evaluation;
@@ -45,8 +47,6 @@ pub use mapped::{MapReport, TriedMap};
 pub use options::{EvaluateOptions, EvaluationStep};
 pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
 
-use crate::course::Course;
-use crate::diagnosis::{Diagnosis, diagnose, workspace};
 use crate::geometry_fit::by_full_model;
 use crate::recordings::Recordings;
 use crate::residual_map::MapInput;
@@ -55,7 +55,6 @@ use crate::verdict::{Evidence, verdict};
 use crate::{IdentifyError, Method};
 use evaluation::predicted;
 use fit::{ChosenFit, fit};
-use thin::thinned;
 
 /// Most rows that are left out and have a note each.
 const NOTED: usize = 20;
@@ -71,10 +70,6 @@ const PROJECTION: &str = "geometry alone: the full model says which rows are out
                           projection of the full model on geometry; what it leaves is the error of the model, not \
                           noise";
 
-/// Most rows whose residuals are searched for causes: the search takes time and memory in
-/// proportion to the rows.
-const DIAGNOSED: usize = 600;
-
 /// Evaluates the recordings of one robot; `progress` is called before each step.
 ///
 /// # Errors
@@ -86,10 +81,12 @@ pub fn evaluate(
 ) -> Result<Evaluation, EvaluateError> {
     let (train, repeated) = training_rows(recordings)?;
     progress(EvaluationStep::Fitting { rows: train.len() });
-    let mut fit = fit(&recordings.experiment, options, &options.identify, &train, true)?;
+    let fit = fit(&recordings.experiment, options, &options.identify, &train, true)?;
     if options.align {
         plausible(recordings, &fit)?;
     }
+    let found = causes::find(recordings, options, &train, fit);
+    let (recordings, mut fit) = (found.recordings.as_ref(), found.fit);
     let mut notes = fit.chosen.clone();
     note_rejected(recordings, &fit, &mut notes);
     let has_priors = matches!(fit.options.method, Method::Full | Method::Geometry);
@@ -154,11 +151,7 @@ pub fn evaluate(
     };
     let closed_loop = recordings.closed_loop();
     let predicted_mm = predicted(recordings, &fit.calibration, cross_validated, closed_loop);
-    let diagnosis = if options.diagnose {
-        diagnosed(recordings, &fit, &mut notes)
-    } else {
-        None
-    };
+    notes.extend(found.notes);
     let verdict = verdict(&Evidence {
         recordings,
         options: &fit.options,
@@ -170,7 +163,8 @@ pub fn evaluate(
         cross_validated,
         holdout: holdout.as_ref(),
         table,
-        diagnosis: diagnosis.as_ref(),
+        diagnosis: found.diagnosis.as_ref(),
+        seats: &found.seats,
         nominal_tcp_m: if fit.found_tool {
             fit.nominal.tcp_m
         } else {
@@ -180,7 +174,8 @@ pub fn evaluate(
         realigned_mm,
     });
     Ok(Evaluation {
-        diagnosis,
+        diagnosis: found.diagnosis,
+        seats: found.seats,
         given_tcp_m: fit.found_tool.then(|| recordings.experiment.tool.tcp()),
         options: fit.options,
         used: fit.used,
@@ -225,51 +220,6 @@ fn training_rows(recordings: &Recordings) -> Result<(Vec<usize>, Vec<(usize, usi
         train.retain(|i| !copies.contains(i));
     }
     Ok((train, repeated))
-}
-
-/// What the residuals of the rows that the fit used tell, of at most [`DIAGNOSED`] of
-/// them; none, with a note, where the equations have no solution.
-fn diagnosed(recordings: &Recordings, fit: &ChosenFit, notes: &mut Vec<String>) -> Option<Diagnosis> {
-    let rows = thinned(&recordings.experiment, &fit.used, DIAGNOSED);
-    let experiment = fit.experiment(&recordings.experiment, &rows);
-    let over = workspace(&experiment.robot, &experiment.tool);
-    // Before rows were left out: the last move of a row is that from the row before it.
-    let whole = match &recordings.course {
-        Some(course) => course.clone(),
-        None => Course::without_moves(&recordings.experiment),
-    }
-    .with_moves_of(&recordings.experiment.observations, &rows)
-    .with_places(
-        recordings.samples.iter().map(|sample| sample.place).collect(),
-        recordings.places.names().map(str::to_owned).collect(),
-    )
-    .of_rows(&rows);
-    let course = match &recordings.course {
-        Some(_) => whole,
-        None => Course {
-            moves: whole.moves,
-            place: whole.place,
-            place_names: whole.place_names,
-            ..Course::in_order(&experiment)
-        },
-    };
-    match diagnose(&experiment, &fit.options, &course, &over) {
-        Ok(mut diagnosis) => {
-            if rows.len() < fit.used.len() {
-                diagnosis.renumber(&fit.used, &rows);
-                notes.push(format!(
-                    "the causes in the residuals and the expected error are from {} of {} rows, spread evenly",
-                    rows.len(),
-                    fit.used.len()
-                ));
-            }
-            Some(diagnosis)
-        }
-        Err(error) => {
-            notes.push(format!("the residuals could not be tested: {error}"));
-            None
-        }
-    }
 }
 
 /// Names the rows that were left out.

@@ -5,11 +5,12 @@ use rayon::prelude::*;
 use crate::chain::Prepared;
 use crate::parameters::Layout;
 
-/// Group of observations that share a reference frame and a sphere.
+/// Group of observations that share a reference frame, a sphere and a seat.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Group {
     pub(crate) reference: usize,
     pub(crate) sphere: Option<usize>,
+    pub(crate) seat: Option<usize>,
     /// Indices into the prepared observations.
     pub(crate) members: Vec<usize>,
 }
@@ -19,11 +20,12 @@ pub(crate) fn groups(prepared: &[Prepared]) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     let mut at = std::collections::HashMap::new();
     for (i, observation) in prepared.iter().enumerate() {
-        let key = (observation.reference, observation.sphere);
+        let key = (observation.reference, observation.sphere, observation.seat);
         let slot = *at.entry(key).or_insert_with(|| {
             groups.push(Group {
                 reference: key.0,
                 sphere: key.1,
+                seat: key.2,
                 members: Vec::new(),
             });
             groups.len() - 1
@@ -88,14 +90,17 @@ pub(super) fn add_all(to: &mut [f64], from: &[f64]) {
     }
 }
 
-/// Where a group's own column lies in the layout; sphere columns follow after
-/// the base's: they are the base's shifts with the sign turned.
+/// Where a group's own column lies in the layout. Sphere columns are the base's shifts with the sign
+/// turned; seat columns are the tool's.
 pub(super) fn places(layout: &Layout, group: &Group) -> Vec<(usize, usize, f64)> {
     let general = layout.general();
     let mut places: Vec<_> = (0..general).map(|c| (c, c, 1.0)).collect();
     places.extend((0..6).map(|k| (general + k, layout.base(group.reference) + k, 1.0)));
     if let Some(sphere) = group.sphere {
         places.extend((0..3).map(|k| (general + k, layout.sphere(sphere) + k, -1.0)));
+    }
+    if let Some(seat) = group.seat {
+        places.extend((0..3).map(|k| (3 * layout.n + k, layout.seat(seat) + k, 1.0)));
     }
     places
 }

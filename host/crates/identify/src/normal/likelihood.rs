@@ -34,6 +34,7 @@ pub(crate) fn whitened_rows(
     let group = Group {
         reference: observation.reference,
         sphere: observation.sphere,
+        seat: observation.seat,
         members: Vec::new(),
     };
     let places = places(layout, &group);

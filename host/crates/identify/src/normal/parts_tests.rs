@@ -33,6 +33,7 @@ fn experiment() -> Experiment {
     ];
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(5);
     let observations = targets.into_iter().map(|target| Observation {
+        seat: None,
         q: (0..6).map(|_| random.random_range(-1.5..1.5)).collect(),
         tau: None,
         target,

@@ -190,6 +190,7 @@ fn a_map_of_a_calibration_brings_its_tcp_nearer() {
         let gross = if k % 50 == 7 { 5e-3 } else { 0.0 };
         let off = vector(&mut random, 2e-5) + vector(&mut random, 1.0).normalize() * gross;
         Observation {
+            seat: None,
             q: q.clone(),
             tau: None,
             target: Target::Point((stand * truth(q) + off + Vector3::new(2.0, -1.0, 0.5)).into()),

@@ -256,6 +256,7 @@ fn rows(table: Table, label: Option<&str>, places: &Labels, labels: &mut Labels,
     });
     let samples = samples.collect();
     let observations = table.rows().map(|row| Observation {
+        seat: None,
         q: row.q.to_vec(),
         tau: row.tau.map(<[f64]>::to_vec),
         target: row.target(),

@@ -16,6 +16,7 @@ fn rows(mass_kg: f64, direction: f64, noise: f64, seed: u64) -> Vec<Observation>
         let tau = tau.iter().zip(OFFSETS);
         let tau = tau.map(|(tau, offset)| direction * (tau + offset + noise * rng.random_range(-1.0..1.0)));
         Observation {
+            seat: None,
             tau: Some(tau.collect()),
             q,
             target: Target::Point([0.0; 3]),

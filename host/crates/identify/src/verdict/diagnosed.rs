@@ -3,6 +3,7 @@
 
 use super::{Check, Evidence};
 use crate::diagnosis::{Diagnosis, Family, Finding, ScatteredPlace};
+use crate::evaluate::OwnSeat;
 
 /// A cause that adds less than this share of the expected error qualifies the result: it
 /// is named, and the expected error holds it. One that adds more refuses the result.
@@ -20,6 +21,8 @@ const FAR_SIGMAS: f64 = 4.0;
 /// Sigmas of its prior that a length or twist of a link may move: beyond this the arm is
 /// not the one described.
 const OTHER_ARM_SIGMAS: f64 = 10.0;
+/// What was done about rows that sat elsewhere, and what to do.
+const SEATED: &str = "the fit gives these rows seats of their own, so they tell less: clean nest and sphere";
 /// Rows that are named of a cause that concerns many.
 const NAMED_ROWS: usize = 2;
 
@@ -60,7 +63,16 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
         };
         let of_family = |f: &&Finding| f.alternative.family() == test.family;
         let found: Vec<&Finding> = diagnosis.findings.iter().filter(of_family).collect();
-        let words = if found.is_empty() {
+        let own: &[OwnSeat] = match test.family {
+            Family::Seat => evidence.seats,
+            _ => &[],
+        };
+        let words = if !own.is_empty() {
+            let seats: Vec<String> = own.iter().map(|seat| seated(evidence, seat)).collect();
+            let rest = found.iter().map(|f| in_words(evidence, f));
+            let seats = format!("{}; {SEATED}", seats.join("; "));
+            std::iter::once(seats).chain(rest).collect::<Vec<_>>().join("; ")
+        } else if found.is_empty() {
             let strength = format!("strongest of {} tests: {:.1} sigma", test.tested, test.sigmas);
             if test.sigmas > test.limit {
                 format!("{sound} as far as can be told: another cause explains the data better ({strength})")
@@ -71,7 +83,9 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
             let each: Vec<String> = found.iter().map(|f| in_words(evidence, f)).collect();
             each.join("; ")
         };
-        let check = Check::new(name, Some(test.sigmas), Some(test.limit), found.is_empty(), words);
+        let sound = found.is_empty() && own.is_empty();
+        let sigmas = own.iter().filter_map(|seat| seat.sigmas).fold(test.sigmas, f64::max);
+        let check = Check::new(name, Some(sigmas), Some(test.limit), sound, words);
         let harm: f64 = found.iter().map(|f| f.harm_mm).fold(0.0, f64::max);
         checks.push(if harm < harmless { check.qualifying() } else { check });
     }
@@ -100,32 +114,59 @@ fn places(diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
 
 /// A cause with the rows that it concerns, what it does, and what to do about it.
 fn in_words(evidence: &Evidence<'_>, finding: &Finding) -> String {
-    let row = |k: &usize| evidence.used.get(*k).map(|i| evidence.recordings.describe(*i));
-    let rows = match finding.rows.len() {
-        0 => String::new(),
-        n if n <= NAMED_ROWS => {
-            let names: Vec<String> = finding.rows.iter().filter_map(row).collect();
-            format!(" (in {})", names.join(" and "))
-        }
-        n => {
-            let end = |k: Option<&usize>| k.and_then(row).unwrap_or_default();
-            let (first, last) = (end(finding.rows.first()), end(finding.rows.last()));
-            format!(" (in {n} rows, from {first} to {last})")
-        }
-    };
-    let or = if finding.or.is_empty() {
-        String::new()
-    } else {
-        format!("; the data cannot tell it from: {}", finding.or.join(", "))
-    };
+    let rows: Vec<usize> = finding
+        .rows
+        .iter()
+        .filter_map(|k| evidence.used.get(*k).copied())
+        .collect();
     format!(
-        "{}{rows}, p = {} ({:.1} sigma); it moves the calibrated TCP by {:.3} mm in the mean{or}: {}",
+        "{}{}, p = {} ({:.1} sigma); it moves the calibrated TCP by {:.3} mm in the mean{}: {}",
         finding.words,
+        in_rows(evidence, &rows),
         probability(finding.log10_p),
         finding.sigmas,
         finding.harm_mm,
+        or(&finding.or),
         finding.next
     )
+}
+
+/// Rows that have a seat of their own in the fit.
+fn seated(evidence: &Evidence<'_>, seat: &OwnSeat) -> String {
+    let [x, y, z] = seat.offset_mm;
+    let size = (x * x + y * y + z * z).sqrt();
+    let by = match seat.sigmas {
+        Some(sigmas) => format!("{sigmas:.1} sigma"),
+        None => "a part of the same coupling".to_owned(),
+    };
+    format!(
+        "the nest sat {size:.3} ± {:.3} mm from its usual seat, ({x:+.3}, {y:+.3}, {z:+.3}) mm in the flange frame{} ({by}{})",
+        seat.sigma_mm,
+        in_rows(evidence, &seat.rows),
+        or(&seat.or)
+    )
+}
+
+/// The rows of the recordings that show a cause.
+fn in_rows(evidence: &Evidence<'_>, rows: &[usize]) -> String {
+    let name = |i: &usize| evidence.recordings.describe(*i);
+    match rows {
+        [] => String::new(),
+        few if few.len() <= NAMED_ROWS => {
+            let names: Vec<String> = few.iter().map(name).collect();
+            format!(" (in {})", names.join(" and "))
+        }
+        [first, .., last] => format!(" (in {} rows, from {} to {})", rows.len(), name(first), name(last)),
+        [one] => format!(" (in {})", name(one)),
+    }
+}
+
+/// What else explains the same data.
+fn or(others: &[String]) -> String {
+    if others.is_empty() {
+        return String::new();
+    }
+    format!("; the data cannot tell it from: {}", others.join(", "))
 }
 
 /// A probability by its logarithm to the base 10, in words.

@@ -19,6 +19,7 @@ use spherecal_model::Chain;
 use spherecal_shared::robot::Tool;
 
 use crate::diagnosis::Diagnosis;
+use crate::evaluate::OwnSeat;
 use crate::judge::{HeldOut, Judged};
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
@@ -55,6 +56,8 @@ pub struct Evidence<'a> {
     pub table: Option<&'a ValidationTable>,
     /// What the residuals tell; none where it could not be computed.
     pub diagnosis: Option<&'a Diagnosis>,
+    /// Rows that have a seat of their own in the fit.
+    pub seats: &'a [OwnSeat],
     /// TCP of the nominal robot in the last frame of the table, in m: as it was given, or
     /// as the data said with the nominal geometry, where that was another tool.
     pub nominal_tcp_m: Vector3<f64>,

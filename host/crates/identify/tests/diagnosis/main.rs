@@ -5,6 +5,7 @@
 
 mod budget;
 mod patterns;
+mod seats;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -134,6 +135,7 @@ fn measured(seed: u64, inject: Inject<'_>) -> Trial {
                 continue;
             }
             observations.push(Observation {
+                seat: None,
                 q: q.iter().zip(&encoders).map(|(q, off)| q + off).collect(),
                 tau: None,
                 target: Target::Sphere { sphere, place: 0 },

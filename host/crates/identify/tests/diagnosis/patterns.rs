@@ -21,6 +21,7 @@ fn tracked(seed: u64, by: impl Fn(usize, &[f64]) -> Vector3<f64>) -> Experiment 
             let white: Vec<f64> = (0..7).map(|_| normal(&mut rng, WHITE_RAD)).collect();
             let noise = Vector3::from_fn(|_, _| normal(&mut rng, 2e-5));
             Observation {
+                seat: None,
                 target: Target::Point((robot.tcp(&q, &white) + noise + by(k, &q)).into()),
                 q,
                 tau: None,

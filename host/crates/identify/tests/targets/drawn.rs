@@ -143,6 +143,7 @@ impl Drawn {
             let flange = self.flange(&q, &off);
             let at = self.base.compose(&flange);
             Observation {
+                seat: None,
                 q,
                 tau: None,
                 target: measure(self, &at),

@@ -285,6 +285,7 @@ impl Case {
     /// Recordings from which nothing can be identified.
     pub fn judge(&self, trial: &FaultTrial) -> Result<f64, FaultsError> {
         let observations = trial.recordings.iter().map(|recording| Observation {
+            seat: None,
             q: recording.q.iter().map(|s| s.mean).collect(),
             tau: Some(recording.tau.iter().map(|s| s.mean).collect()),
             target: Target::Sphere {

@@ -234,6 +234,7 @@ pub fn record_plant(world: World, plant: PlantConfig, poses: &[ContactPose]) -> 
         observations: laser_points
             .iter()
             .map(|m| Observation {
+                seat: None,
                 q: m.q.clone(),
                 tau: None,
                 target: Target::Point(m.point_m),
@@ -321,6 +322,7 @@ fn contacts(
         })?;
         arm.wait(CONTACT_S);
         observations.push(Observation {
+            seat: None,
             q: rest.q.to_vec(),
             tau: None,
             target: Target::Sphere {
