@@ -56,6 +56,11 @@ pub fn describe(report: &FaultReport) -> String {
                 "{at} (something held the arm: it could not go on, {v} {unit} off its path; the limit is {l} {unit})"
             );
         }
+        Fault::ContactLost if report.value.abs() <= report.limit.abs() => {
+            return format!(
+                "{at} (the nest moved faster than a seated one, {v} {unit} from where it seated; the limit is {l} {unit})"
+            );
+        }
         Fault::Workspace => return format!("{at} ({v} {unit} outside)"),
         Fault::StillCoupled => "moved off by",
         _ => "value",

@@ -19,8 +19,9 @@ use crate::diagnosis::{Alternative, Diagnosis, Finding, diagnose, workspace};
 /// Most rows whose residuals are searched for causes: the search takes time and memory in
 /// proportion to the rows.
 const DIAGNOSED: usize = 600;
-/// Largest displacement of a seat, in mm: farther off the sphere is not in the nest.
-const LARGEST_MM: f64 = 1.0;
+/// Largest displacement of a seat, in mm. Farther off, the sphere is hardly in the nest: its rim is a few
+/// millimetres high.
+const LARGEST_MM: f64 = 1.5;
 /// Share of the rows that may have seats of their own: the others say what the usual seat is.
 const MOST: f64 = 0.7;
 /// Most fits with further seats.
@@ -175,7 +176,9 @@ fn own_seats(recordings: &Recordings, fit: &ChosenFit, named: &[Named]) -> Vec<O
             or: finding.map(|f| f.or.clone()).unwrap_or_default(),
         }
     };
-    numbers.into_iter().map(own).collect()
+    let mut seats: Vec<OwnSeat> = numbers.into_iter().map(own).collect();
+    seats.sort_by_key(|seat| seat.rows.first().copied());
+    seats
 }
 
 /// What the residuals of the rows that the fit used tell, of at most [`DIAGNOSED`] of

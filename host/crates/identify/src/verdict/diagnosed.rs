@@ -22,7 +22,7 @@ const FAR_SIGMAS: f64 = 4.0;
 /// not the one described.
 const OTHER_ARM_SIGMAS: f64 = 10.0;
 /// What was done about rows that sat elsewhere, and what to do.
-const SEATED: &str = "the fit gives these rows seats of their own, so they tell less: clean nest and sphere";
+const SEATED: &str = "the fit gives them seats of their own, so that they tell less: clean nest and sphere";
 /// Rows that are named of a cause that concerns many.
 const NAMED_ROWS: usize = 2;
 
@@ -70,7 +70,8 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
         let words = if !own.is_empty() {
             let seats: Vec<String> = own.iter().map(|seat| seated(evidence, seat)).collect();
             let rest = found.iter().map(|f| in_words(evidence, f));
-            let seats = format!("{}; {SEATED}", seats.join("; "));
+            let count: usize = own.iter().map(|seat| seat.rows.len()).sum();
+            let seats = format!("the nest sat elsewhere in {count} rows: {}; {SEATED}", seats.join("; "));
             std::iter::once(seats).chain(rest).collect::<Vec<_>>().join("; ")
         } else if found.is_empty() {
             let strength = format!("strongest of {} tests: {:.1} sigma", test.tested, test.sigmas);
@@ -131,16 +132,16 @@ fn in_words(evidence: &Evidence<'_>, finding: &Finding) -> String {
     )
 }
 
-/// Rows that have a seat of their own in the fit.
+/// A seat that some rows have for themselves in the fit: how far off, in which rows, and what speaks for it.
 fn seated(evidence: &Evidence<'_>, seat: &OwnSeat) -> String {
     let [x, y, z] = seat.offset_mm;
-    let size = (x * x + y * y + z * z).sqrt();
     let by = match seat.sigmas {
         Some(sigmas) => format!("{sigmas:.1} sigma"),
-        None => "a part of the same coupling".to_owned(),
+        None => "rest of that coupling".to_owned(),
     };
     format!(
-        "the nest sat {size:.3} ± {:.3} mm from its usual seat, ({x:+.3}, {y:+.3}, {z:+.3}) mm in the flange frame{} ({by}{})",
+        "{:.3} ± {:.3} mm{}, {by}{}",
+        (x * x + y * y + z * z).sqrt(),
         seat.sigma_mm,
         in_rows(evidence, &seat.rows),
         or(&seat.or)
