@@ -37,7 +37,7 @@ const LONGEST_S: f64 = 0.060;
 
 /// A swing must still get faster after this time, in s, and after this share of the swing before. The
 /// swings of a loop have equal lengths, of 5 ms and more, and are fastest in their middle or later. A
-/// blow makes a joint fast within 3 ms.
+/// blow makes a joint fast within 3 ms. (The time is two ticks of 1 ms, less what their sum is rounded by.)
 const RISE_S: f64 = 0.0019;
 const RISE_SHARE: f64 = 0.3;
 

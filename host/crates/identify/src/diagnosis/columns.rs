@@ -13,8 +13,8 @@ const INSTANTS: usize = 24;
 const REGIONS: usize = 5;
 /// Fewest rows of a seat: fewer are outliers, which robust weights take care of.
 const SEATED: usize = 3;
-/// Most seats that are tried: runs of rows within a coupling.
-const RUNS: usize = 2500;
+/// Most spans of rows that are tried for a seat.
+const SPANS: usize = 2500;
 
 /// All alternatives that the data could show, with their whitened columns.
 pub(crate) fn alternatives(linear: &Linear, layout: &Layout, course: &Course) -> Vec<(Alternative, DMatrix<f64>)> {
@@ -144,10 +144,10 @@ pub(crate) fn alternatives(linear: &Linear, layout: &Layout, course: &Course) ->
             list.push((Alternative::Seat { coupling: c }, matrix(columns.collect())));
         }
     }
-    for run in runs(linear, course) {
+    for span in spans(linear, course) {
         let columns = (0..3).map(|axis| {
             linear.column(|p| {
-                if coupling(p) == run.coupling && (run.rows.0..=run.rows.1).contains(&p.index) {
+                if coupling(p) == span.coupling && (span.rows.0..=span.rows.1).contains(&p.index) {
                     p.posture.flange.column(axis).into()
                 } else {
                     Vector3::zeros()
@@ -155,8 +155,8 @@ pub(crate) fn alternatives(linear: &Linear, layout: &Layout, course: &Course) ->
             })
         });
         let alternative = Alternative::Reseat {
-            coupling: run.coupling,
-            rows: run.rows,
+            coupling: span.coupling,
+            rows: span.rows,
         };
         list.push((alternative, matrix(columns.collect())));
     }
@@ -197,15 +197,15 @@ pub(crate) fn alternatives(linear: &Linear, layout: &Layout, course: &Course) ->
 }
 
 /// Rows of one coupling that follow each other.
-struct Run {
+struct Span {
     coupling: usize,
     /// First and last row.
     rows: (usize, usize),
 }
 
-/// The runs of rows in which the nest may have sat elsewhere: all that begin and end at some rows of a coupling,
-/// which are as dense as [`RUNS`] allows.
-fn runs(linear: &Linear, course: &Course) -> Vec<Run> {
+/// The spans of rows in which the nest may have sat elsewhere: all that begin and end at some rows of a coupling,
+/// which are as dense as [`SPANS`] allows.
+fn spans(linear: &Linear, course: &Course) -> Vec<Span> {
     let mut couplings: Vec<Vec<usize>> = vec![Vec::new(); course.couplings()];
     for p in linear.rows.iter().filter(|p| p.sphere.is_some() && p.leads()) {
         let coupling = course.coupling.get(p.index).copied().unwrap_or_default();
@@ -221,14 +221,17 @@ fn runs(linear: &Linear, course: &Course) -> Vec<Run> {
             for (k, &from) in edges.iter().enumerate() {
                 for &to in edges.iter().skip(k + 1).filter(|to| **to >= from + SEATED) {
                     let rows = (own[from], own[to - 1]);
-                    found.push(Run { coupling, rows });
+                    found.push(Span { coupling, rows });
                 }
             }
         }
         found
     };
     let most = couplings.iter().map(Vec::len).max().unwrap_or_default().max(1);
-    (1..=most).map(at).find(|found| found.len() <= RUNS).unwrap_or_default()
+    (1..=most)
+        .map(at)
+        .find(|found| found.len() <= SPANS)
+        .unwrap_or_default()
 }
 
 /// Instants between observations: the ends of couplings and evenly spread ones.

@@ -4,10 +4,10 @@ use nalgebra::Vector3;
 use spherecal_model::chain::Chain;
 
 use super::align::NominalFrames;
-use super::causes::OwnSeat;
 use super::error::EvaluateError;
 use super::mapped::MapReport;
 use super::reference::InstrumentView;
+use super::seats::OwnSeat;
 use crate::diagnosis::Diagnosis;
 use crate::errors::Errors;
 use crate::judge::{HeldOut, Judged};

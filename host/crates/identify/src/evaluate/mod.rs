@@ -19,7 +19,6 @@
 
 mod align;
 mod align_targets;
-mod causes;
 mod certified;
 mod error;
 mod evaluation;
@@ -31,6 +30,7 @@ mod options;
 mod plate;
 mod reference;
 mod repeats;
+mod seats;
 mod thin;
 mod tune;
 
@@ -39,13 +39,13 @@ pub use crate::judge::{Fold, HeldOut, Judged, JudgedModel, Predictor, TcpFunctio
 pub use crate::judge_targets::{AngleStatistics, BodyOrientation, Further, TargetTcp, ToolPredictor, Turned};
 pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
-pub use causes::OwnSeat;
 pub use certified::{Repeatability, repeatability};
 pub use error::EvaluateError;
 pub use evaluation::Evaluation;
 pub use mapped::{MapReport, TriedMap};
 pub use options::{EvaluateOptions, EvaluationStep};
 pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
+pub use seats::OwnSeat;
 
 use crate::geometry_fit::by_full_model;
 use crate::recordings::Recordings;
@@ -85,7 +85,7 @@ pub fn evaluate(
     if options.align {
         plausible(recordings, &fit)?;
     }
-    let found = causes::find(recordings, options, &train, fit);
+    let found = seats::find(recordings, options, &train, fit);
     let (recordings, mut fit) = (found.recordings.as_ref(), found.fit);
     let mut notes = fit.chosen.clone();
     note_rejected(recordings, &fit, &mut notes);

@@ -48,7 +48,7 @@ pub struct OwnSeat {
 }
 
 /// A fit with what its residuals tell.
-pub(super) struct Causes<'a> {
+pub(super) struct Seated<'a> {
     /// The recordings, where rows may have seats of their own.
     pub(super) recordings: Cow<'a, Recordings>,
     pub(super) fit: ChosenFit,
@@ -67,8 +67,8 @@ pub(super) fn find<'a>(
     options: &EvaluateOptions,
     train: &[usize],
     first: ChosenFit,
-) -> Causes<'a> {
-    let mut found = Causes {
+) -> Seated<'a> {
+    let mut found = Seated {
         recordings: Cow::Borrowed(recordings),
         fit: first,
         diagnosis: None,
@@ -117,14 +117,16 @@ fn with_seats(recordings: &Recordings, fit: &ChosenFit, diagnosis: &Diagnosis) -
             continue;
         };
         // Of thinned rows the finding names some; those between them sat there, too.
-        let rows: Vec<usize> = fit.used.get(first..=last).unwrap_or_default().to_vec();
-        let (Some(&from), Some(&to)) = (rows.first(), rows.last()) else {
+        let between = fit.used.get(first..=last).unwrap_or_default();
+        let (Some(&from), Some(&to)) = (between.first(), between.last()) else {
             continue;
         };
+        let own_coupling = |row: &&usize| coupling(**row) == coupling(from);
+        let rows: Vec<usize> = between.iter().filter(own_coupling).copied().collect();
         let now = own.as_ref().unwrap_or(recordings);
         let seated = |row: &usize| now.experiment.observations.get(*row).is_some_and(|o| o.seat.is_some());
         let rest = |side: &dyn Fn(usize) -> bool| -> Vec<usize> {
-            let free = |row: &&usize| side(**row) && coupling(**row) == coupling(from) && !seated(row);
+            let free = |row: &&usize| side(**row) && own_coupling(row) && !seated(row);
             let part: Vec<usize> = fit.used.iter().filter(free).copied().collect();
             if part.len() < FEWEST { Vec::new() } else { part }
         };
