@@ -25,6 +25,8 @@ const OTHER_ARM_SIGMAS: f64 = 10.0;
 const SEATED: &str = "the fit gives them seats of their own, so that they tell less: clean nest and sphere";
 /// Rows that are named of a cause that concerns many.
 const NAMED_ROWS: usize = 2;
+/// Other causes that are named beside a seat.
+const NAMED_OTHERS: usize = 3;
 
 /// Adds the checks of the diagnosis, where there is one.
 pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
@@ -144,7 +146,7 @@ fn seated(evidence: &Evidence<'_>, seat: &OwnSeat) -> String {
         (x * x + y * y + z * z).sqrt(),
         seat.sigma_mm,
         in_rows(evidence, &seat.rows),
-        or(&seat.or)
+        or_few(&seat.or)
     )
 }
 
@@ -159,6 +161,15 @@ fn in_rows(evidence: &Evidence<'_>, rows: &[usize]) -> String {
         }
         [first, .., last] => format!(" (in {} rows, from {} to {})", rows.len(), name(first), name(last)),
         [one] => format!(" (in {})", name(one)),
+    }
+}
+
+/// What else explains the same data; of many the first few, and how many more.
+fn or_few(others: &[String]) -> String {
+    let few: Vec<String> = others.iter().take(NAMED_OTHERS).cloned().collect();
+    match others.len().saturating_sub(NAMED_OTHERS) {
+        0 => or(&few),
+        more => format!("{} and {more} more", or(&few)),
     }
 }
 
