@@ -24,13 +24,19 @@ const KEPT_US: u64 = 1_500_000;
 /// event on.
 pub struct TelemetryRecorder<O: CampaignObserver> {
     inner: O,
+    recording: Recording,
+}
+
+/// What is recorded. It does not depend on the inner observer, so that it is compiled once, here.
+struct Recording {
     writer: Option<TelemetryWriter<BufWriter<File>>>,
     directory: PathBuf,
     /// The file; none before the run is known.
     path: Option<PathBuf>,
     arm: DrawnArm,
     about: BTreeMap<String, String>,
-    problem: Option<String>,
+    /// Why the file was given up, until the inner observer is told.
+    complaint: Option<String>,
     /// Device time of each sample.
     clock: SampleClock,
     /// UTC of each sample.
@@ -39,25 +45,7 @@ pub struct TelemetryRecorder<O: CampaignObserver> {
     traces: Vec<ContactTrace>,
 }
 
-impl<O: CampaignObserver> TelemetryRecorder<O> {
-    /// Watches for `inner`. The file is made in `directory` when the campaign says which run it
-    /// measures; `about` and the run are kept as its metadata.
-    pub fn new(inner: O, directory: &Path, arm: DrawnArm, about: &BTreeMap<String, String>) -> Self {
-        Self {
-            inner,
-            writer: None,
-            directory: directory.to_owned(),
-            path: None,
-            arm,
-            about: about.clone(),
-            problem: None,
-            clock: SampleClock::new(),
-            utc: UtcClock::new(now_ns()),
-            tracer: ContactTracer::new(KEPT_US, KEPT_US),
-            traces: Vec::new(),
-        }
-    }
-
+impl Recording {
     /// Makes the file of a run.
     fn open(&mut self, run: &RunKey) {
         let path = free_name(&self.directory, run.number);
@@ -78,23 +66,19 @@ impl<O: CampaignObserver> TelemetryRecorder<O> {
     fn give_up(&mut self, error: &TelemetryError) {
         self.writer = None;
         let path = self.path.as_deref().unwrap_or(&self.directory);
-        self.inner.note(&format!("{}: {error}", path.display()));
-        self.problem = Some(error.to_string());
+        self.complaint = Some(format!("{}: {error}", path.display()));
     }
 
-    /// Closes the file. The inner observer, the file if it is whole, and the
-    /// force traces of the contacts.
-    pub fn finish(mut self) -> (O, Option<PathBuf>, Vec<ContactTrace>) {
+    /// Closes the file: its path, if it is whole.
+    fn finish(&mut self) -> Option<PathBuf> {
         self.traces.extend(self.tracer.finish());
-        let written = match self.writer.take().map(TelemetryWriter::finish) {
-            Some(Ok(())) => self.path.clone(),
-            Some(Err(error)) => {
+        match self.writer.take()?.finish() {
+            Ok(()) => self.path.clone(),
+            Err(error) => {
                 self.give_up(&error);
                 None
             }
-            None => None,
-        };
-        (self.inner, written, self.traces)
+        }
     }
 
     /// Closes the file after an error.
@@ -102,6 +86,22 @@ impl<O: CampaignObserver> TelemetryRecorder<O> {
         if let Some(Err(error)) = result {
             self.give_up(&error);
         }
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.clock.observe(event);
+        match event {
+            Event::Contact(contact) => self.tracer.contact(contact),
+            Event::Telemetry(samples) => {
+                for sample in samples {
+                    self.sample(sample);
+                }
+            }
+            _ => {}
+        }
+        let at = self.utc.latest(now_ns());
+        let result = self.writer.as_mut().map(|writer| writer.event(at, event));
+        self.written(result);
     }
 
     fn sample(&mut self, sample: &Sample) {
@@ -113,28 +113,61 @@ impl<O: CampaignObserver> TelemetryRecorder<O> {
         self.written(result);
         self.traces.extend(self.tracer.sample(time_us, sample));
     }
+
+    fn note(&mut self, text: &str) {
+        let at = self.utc.latest(now_ns());
+        let result = self.writer.as_mut().map(|writer| writer.note(at, text));
+        self.written(result);
+    }
+}
+
+impl<O: CampaignObserver> TelemetryRecorder<O> {
+    /// Watches for `inner`. The file is made in `directory` when the campaign says which run it
+    /// measures; `about` and the run are kept as its metadata.
+    pub fn new(inner: O, directory: &Path, arm: DrawnArm, about: &BTreeMap<String, String>) -> Self {
+        Self {
+            inner,
+            recording: Recording {
+                writer: None,
+                directory: directory.to_owned(),
+                path: None,
+                arm,
+                about: about.clone(),
+                complaint: None,
+                clock: SampleClock::new(),
+                utc: UtcClock::new(now_ns()),
+                tracer: ContactTracer::new(KEPT_US, KEPT_US),
+                traces: Vec::new(),
+            },
+        }
+    }
+
+    /// Closes the file. The inner observer, the file if it is whole, and the
+    /// force traces of the contacts.
+    pub fn finish(mut self) -> (O, Option<PathBuf>, Vec<ContactTrace>) {
+        let path = self.recording.finish();
+        self.complain();
+        (self.inner, path, self.recording.traces)
+    }
+
+    /// Tells the inner observer that the file was given up.
+    fn complain(&mut self) {
+        if let Some(words) = self.recording.complaint.take() {
+            self.inner.note(&words);
+        }
+    }
 }
 
 impl<O: CampaignObserver> CampaignObserver for TelemetryRecorder<O> {
     fn run(&mut self, run: &RunKey) {
-        self.open(run);
+        self.recording.open(run);
+        self.complain();
         self.inner.run(run);
     }
 
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
-        self.clock.observe(&arrival.body);
-        match &arrival.body {
-            Event::Contact(contact) => self.tracer.contact(contact),
-            Event::Telemetry(samples) => {
-                for sample in samples {
-                    self.sample(sample);
-                }
-            }
-            _ => {}
-        }
-        let at = self.utc.latest(now_ns());
-        let result = self.writer.as_mut().map(|writer| writer.event(at, &arrival.body));
-        self.written(result);
+        self.recording.event(&arrival.body);
+        self.complain();
         self.inner.event(now_us, arrival);
     }
 
@@ -143,9 +176,8 @@ impl<O: CampaignObserver> CampaignObserver for TelemetryRecorder<O> {
     }
 
     fn note(&mut self, text: &str) {
-        let at = self.utc.latest(now_ns());
-        let result = self.writer.as_mut().map(|writer| writer.note(at, text));
-        self.written(result);
+        self.recording.note(text);
+        self.complain();
         self.inner.note(text);
     }
 
