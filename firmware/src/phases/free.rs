@@ -43,7 +43,8 @@ impl<const N: usize> Moving<N> {
 
     /// One tick.
     pub(crate) fn step(&mut self, env: &Env<'_, N>, hold: &mut JointSetpoint<N>) -> Next<N> {
-        let scaling = self.scaling.step(tcp_load(env).max(joint_load(env)), env.period_s);
+        let load = tcp_load(env, &hold.dq).max(joint_load(env, &hold.dq));
+        let scaling = self.scaling.step(load, env.period_s);
         self.along_s += scaling * (env.elapsed_s - self.elapsed_s);
         self.elapsed_s = env.elapsed_s;
         *hold = self.path.at(self.along_s);

@@ -90,7 +90,7 @@ impl<const N: usize> Turning<N> {
         for (dq, limit) in env.snapshot.dq.iter().zip(env.speeds) {
             share = share.max(dq.abs() / limit);
         }
-        let load = (share / SLOW_DOWN_SHARE).max(joint_load(env));
+        let load = (share / SLOW_DOWN_SHARE).max(joint_load(env, &env.snapshot.dq));
         self.along_s += self.scaling.step(load, env.period_s) * env.period_s;
     }
 
