@@ -214,7 +214,7 @@ impl Default for Decouple {
     fn default() -> Self {
         Self {
             stiffness_n_m: 2000.0,
-            speed_m_s: 0.025,
+            speed_m_s: 0.050,
             retreat_m: 0.050,
             free_m: 0.030,
             settle_s: 3.0,
