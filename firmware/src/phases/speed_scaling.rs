@@ -133,7 +133,11 @@ mod tests {
                 rate
             })
             .collect();
-        assert!(rates[100..].iter().all(|rate| (rate - 0.625).abs() < 1e-12), "{}", rates[999]);
+        assert!(
+            rates[100..].iter().all(|rate| (rate - 0.625).abs() < 1e-12),
+            "{}",
+            rates[999]
+        );
     }
 
     /// Joint speeds with which the TCP has a velocity (m/s).

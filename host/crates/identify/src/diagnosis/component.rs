@@ -19,9 +19,7 @@ const SCALE: f64 = 0.02;
 /// torque (their data sheets' K1, K2, K3), so some of it is always there.
 const TORQUE_SCALE: f64 = 0.05;
 /// Factors on the priors of the model's own groups that are tried.
-pub(crate) const FACTORS: [f64; 12] = [
-    0.03125, 0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0,
-];
+pub(crate) const FACTORS: [f64; 12] = [0.03125, 0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
 /// How well the sigma of a group's prior is known, as a standard deviation of its
 /// logarithm. That of lengths, twists and offsets, which are made and measured: within a
 /// factor of two. That of effects, which an arm may not have at all: within a factor of
