@@ -122,6 +122,19 @@ mod tests {
         })
     }
 
+    // Fails if the measured speed slows a motion down: it is late, and the motion would swing with it. At
+    // 2 rad/s of all joints the TCP is faster than its soft limit.
+    #[test]
+    fn the_setpoint_tells_the_speed() {
+        let mut scene = Scene::at(&HOME, &[2.0; 7]);
+        assert!(scene.snapshot.tcp_speed() > scene.procedure.limits.soft_speed_m_s);
+        assert_eq!(run(&mut scene, 0.0, 0.0, 9_000), Some((601, Ok(()))));
+        // A setpoint that is too fast does.
+        scene.procedure.limits.soft_speed_m_s = 0.05;
+        let (tick, end) = run(&mut scene, 0.0, 0.0, 9_000).expect("it ends");
+        assert!(tick > 900 && end == Ok(()), "{tick}: {end:?}");
+    }
+
     // Fails if the tolerance of the angle serves as a speed: a motion ends with an error below the
     // tolerance at up to 20 mrad/s, however small or large the tolerance is.
     #[test]

@@ -43,7 +43,7 @@ impl SpeedScaling {
     /// Advances by one period under a load; returns the rate.
     #[inline]
     pub(crate) fn step(&mut self, load: f64, period_s: f64) -> f64 {
-        // Every speed is proportional to the rate.
+        // The speed of a setpoint is proportional to the rate, so that this is the rate at the limit.
         let wanted = self.rate / load.max(self.rate);
         // Not `clamp`, which panics if the period is not a number.
         let step = (wanted - self.rate)
