@@ -173,6 +173,13 @@ impl<const N: usize> Controller<N> {
         self.changeable()?;
         let robot = self.robot.as_ref().ok_or(Refusal::NotConfigured)?;
         let arm = Arm::<f64, N>::new(robot, tool).map_err(|_| Refusal::Robot)?;
+        if self
+            .session
+            .as_ref()
+            .is_some_and(|session| !session.actuation.holds(&arm))
+        {
+            return Err(Refusal::TooLate);
+        }
         let drive = self.session.as_ref().map(|session| &session.limits);
         self.safety.configure(robot, drive).map_err(|()| Refusal::Drive)?;
         self.configured = Some(Configured {

@@ -228,7 +228,10 @@ impl<const N: usize> Controller<N> {
         };
         if self.activity.is_seated() {
             let seating = &env.procedure.seating;
-            let (tcp, speed) = (&snapshot.tcp.position, snapshot.tcp_speed());
+            // A pull on the nest judges the displacement itself.
+            let pulling = matches!(&self.activity, Activity::Recording(recording) if recording.is_pulling());
+            let speed = if pulling { 0.0 } else { snapshot.tcp_speed() };
+            let tcp = &snapshot.tcp.position;
             let watch = &mut self.cartesian.watch;
             if let Some(distance) = watch.push(tcp, speed, &snapshot.jacobian, seating, env.period_s) {
                 let limit = seating.window_m;

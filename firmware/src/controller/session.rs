@@ -74,8 +74,8 @@ impl<const N: usize> Controller<N> {
     /// # Errors
     /// [`Refusal::Drive`] if the controller does not support the drive's number of
     /// joints, period, limits, motors, delay or protocol, if drive and robot have no common range of
-    /// a joint, or if the handshake changes a running session. The present session
-    /// then goes on.
+    /// a joint, or if the handshake changes a running session. [`Refusal::TooLate`] if no spring that is
+    /// safe on this drive holds the arm. The present session then goes on.
     pub fn connect(&mut self, hello: &DriveHello) -> Result<(), Refusal> {
         let session = DriveSession::<N>::new(hello).ok_or(Refusal::Drive)?;
         if let Some(present) = self.session.as_ref().filter(|present| present.number == session.number) {
@@ -84,6 +84,13 @@ impl<const N: usize> Controller<N> {
             } else {
                 Err(Refusal::Drive)
             };
+        }
+        if self
+            .configured
+            .as_ref()
+            .is_some_and(|configured| !session.actuation.holds(&configured.arm))
+        {
+            return Err(Refusal::TooLate);
         }
         if let Some(robot) = self.robot.as_ref().filter(|_| self.configured.is_some()) {
             self.safety

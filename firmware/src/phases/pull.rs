@@ -22,6 +22,11 @@ impl Pull {
         self.moved
     }
 
+    /// Displacement of this computed TCP, in m.
+    pub(super) fn left(&self, tcp: &Vector3<f64>) -> f64 {
+        (tcp - self.start).norm()
+    }
+
     /// Force after `elapsed_s` of a pull of `most_n` that lasts `time_s`, in N.
     pub(super) fn size(elapsed_s: f64, time_s: f64, most_n: f64) -> f64 {
         let share = libm::sin(core::f64::consts::PI * elapsed_s / time_s);

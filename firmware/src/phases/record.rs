@@ -22,6 +22,13 @@ const RESTART_FACTOR: f64 = 3.0;
 /// the contact watch sees only what is faster or farther.
 const MOVED_M: f64 = 0.2e-3;
 
+/// An arm with elastic joints gives way under the pull: stretched out, one with 7,000 N m/rad at each
+/// joint by 1.3 mm. So a displacement up to this multiple of `seating.check_m` is no fault if the TCP
+/// comes back. A nest that has left its sphere does not.
+const ELASTIC_SHARE: f64 = 3.0;
+/// Time that it has for that after the pull, in s: two periods of an arm that swings with 10 Hz.
+const RETURN_S: f64 = 0.2;
+
 /// Records a pose.
 #[derive(Clone, Debug)]
 pub(crate) struct RecordingPose<const N: usize> {
@@ -50,6 +57,11 @@ impl<const N: usize> RecordingPose<N> {
         }
     }
 
+    /// Whether the nest is pulled. Elastic joints then move the TCP faster than a seated nest may move.
+    pub(crate) fn is_pulling(&self) -> bool {
+        self.pull.is_some()
+    }
+
     /// Number of samples so far.
     #[cfg(test)]
     pub(crate) fn count(&self) -> u32 {
@@ -61,8 +73,9 @@ impl<const N: usize> RecordingPose<N> {
         if let Some((pull, began_s)) = &mut self.pull {
             let seating = &env.procedure.seating;
             let moved = pull.push(&env.snapshot.tcp.position);
-            if moved > seating.check_m {
-                return Next::fail(Fault::ContactLost, moved, seating.check_m);
+            let most = ELASTIC_SHARE * seating.check_m;
+            if moved > most {
+                return Next::fail(Fault::ContactLost, moved, most);
             }
             let elapsed_s = env.elapsed_s - *began_s;
             if elapsed_s < seating.check_s {
@@ -73,6 +86,16 @@ impl<const N: usize> RecordingPose<N> {
                 return Next::Stay;
             }
             cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());
+            if moved > seating.check_m {
+                let left = pull.left(&env.snapshot.tcp.position);
+                if left > MOVED_M {
+                    return if elapsed_s > seating.check_s + RETURN_S {
+                        Next::fail(Fault::ContactLost, left, MOVED_M)
+                    } else {
+                        Next::Stay
+                    };
+                }
+            }
             return self.finish(cartesian);
         }
         let turn = &env.procedure.turn;
@@ -124,5 +147,50 @@ impl<const N: usize> RecordingPose<N> {
     fn finish(&self, cartesian: &CartesianState<N>) -> Next<N> {
         let recording = self.recorder.finish(cartesian.sphere, self.pose);
         Next::Enter(Activity::Coupled, Some(Report::Recording(recording)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phases::scene::Scene;
+
+    /// Records ten samples and pulls; the TCP moves along x by `away` (m) at a time after the start of
+    /// the pull (s). Returns when it ended after that start, in ticks, and the fault.
+    fn pulled(away: fn(f64) -> f64) -> (u32, Option<(Fault, f64)>) {
+        let mut scene = Scene::new();
+        scene.procedure.record.samples = 10;
+        let mut cartesian = scene.engaged(-Vector3::z());
+        let mut phase = RecordingPose::new(1, &scene.env(), &mut cartesian);
+        let place = scene.snapshot.tcp.position;
+        let mut ticks = 0;
+        for tick in 1..9_000 {
+            scene.elapsed_s = f64::from(tick) * 1e-3;
+            ticks += u32::from(phase.is_pulling());
+            if ticks > 0 {
+                scene.snapshot.tcp.position.x = place.x + away(f64::from(ticks) * 1e-3);
+            }
+            let _ = cartesian.impedance.force(&scene.snapshot, &cartesian.setpoint, 0.7);
+            match phase.step(&scene.env(), &mut cartesian) {
+                Next::Stay => {}
+                Next::Enter(Activity::Coupled, Some(Report::Recording(_))) => return (ticks, None),
+                Next::Fail(found) => return (ticks, Some((found.fault, found.limit))),
+                other => panic!("{other:?}"),
+            }
+        }
+        panic!("it never ends");
+    }
+
+    // Fails if an elastic arm that gives way under the pull and comes back counts as a lost nest, or if a
+    // nest that does not come back, or goes too far, does not.
+    #[test]
+    fn an_elastic_arm_comes_back() {
+        let lost = |limit: f64| Some((Fault::ContactLost, limit));
+        assert_eq!(pulled(|_| 0.000_9), (150, None), "as stiff as it should be");
+        assert_eq!(pulled(|t| if t < 0.150 { 0.002 } else { 0.0 }), (150, None));
+        assert_eq!(pulled(|t| if t < 0.250 { 0.002 } else { 0.000_1 }), (250, None));
+        assert_eq!(pulled(|_| 0.002), (350, lost(MOVED_M)));
+        let most = ELASTIC_SHARE * Scene::new().procedure.seating.check_m;
+        assert_eq!(pulled(|t| 0.031 * t), (97, lost(most)));
     }
 }

@@ -100,7 +100,8 @@ pub struct Turn {
     pub speed_rad_s: f64,
     /// Largest acceleration of orientation and elbow, in rad/s².
     pub acceleration_rad_s2: f64,
-    /// Orientation error below which the pose is reached, in rad.
+    /// Orientation error below which the pose is reached, in rad. After half of `settle_s` three times as
+    /// much is enough, and so for the elbow.
     pub tolerance_rad: f64,
     /// Elbow error below which the pose is reached, in rad. It need not be small:
     /// the recording uses the elbow angle as it is.
@@ -172,7 +173,7 @@ pub struct Seating {
     /// Duration of that pull, in s; 0 turns it off.
     pub check_s: f64,
     /// Largest computed TCP displacement under that pull, in m. A seated nest on an
-    /// arm of 10 N/mm moves by as much.
+    /// arm of 10 N/mm moves by as much. Up to three times as much is no fault if the TCP comes back.
     pub check_m: f64,
 }
 

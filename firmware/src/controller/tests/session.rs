@@ -6,7 +6,7 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::drive::{DriveHello, NO_SESSION, TorqueSign};
 use spherecal_shared::protocol::host::{Command, Fault, Phase, Refusal};
-use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{Tool, built_in, iiwa7, iiwa7_tool};
 
 use crate::Controller;
 use crate::testing::{Bench, HOME, hello};
@@ -256,4 +256,60 @@ fn a_drive_that_cannot_be_controlled_is_refused() {
         assert_eq!(controller.connect(&hello), Err(Refusal::Drive), "{inertia}");
     }
     assert_eq!(refused(&mut controller, |h| h.latency_us = 5000), Ok(()));
+}
+
+/// What a controller says of this arm and tool on this drive, in the order that host or drive choose.
+fn given<const N: usize>(
+    name: &str,
+    tool: Tool,
+    latency_us: u32,
+    motor_kg_m2: f64,
+    drive_first: bool,
+) -> Result<(), Refusal> {
+    let robot = built_in(name).expect("built in");
+    let mut hello = DriveHello {
+        latency_us,
+        ..DriveHello::new(1, robot.joints.iter().map(|joint| joint.limits))
+    };
+    if motor_kg_m2 > 0.0 {
+        hello.motor_kg_m2 = robot.joints.iter().map(|_| motor_kg_m2).collect();
+    }
+    let mut controller = Controller::<N>::default();
+    if drive_first {
+        controller.connect(&hello)?;
+    }
+    controller.command(Command::Robot(robot))?;
+    controller.command(Command::Configure {
+        tool,
+        procedure: Procedure::default(),
+    })?;
+    if drive_first {
+        Ok(())
+    } else {
+        controller.connect(&hello)
+    }
+}
+
+// Fails if an arm is taken whose last joint no safe spring holds against friction, whatever comes first,
+// or if one is refused that works: with a nest, with motors, or on a drive that is fast enough.
+#[test]
+fn a_drive_too_late_for_the_inertia_that_it_shows_is_refused() {
+    let (nest, nothing) = (iiwa7_tool(), Tool::default());
+    for first in [true, false] {
+        for late_us in [2_000, 5_000] {
+            for name in ["fr3", "panda"] {
+                assert_eq!(given::<7>(name, nothing, late_us, 0.0, first), Err(Refusal::TooLate));
+                assert_eq!(given::<7>(name, nothing, late_us, 0.1, first), Ok(()), "{name}");
+            }
+            for name in ["iiwa7", "iiwa14", "fr3", "panda"] {
+                assert_eq!(given::<7>(name, nest, late_us, 0.0, first), Ok(()), "{name}");
+            }
+            for name in ["ur5e", "ur10e", "irb120"] {
+                assert_eq!(given::<6>(name, nest, late_us, 0.0, first), Ok(()), "{name}");
+            }
+        }
+        for name in ["iiwa7", "iiwa14", "fr3", "panda"] {
+            assert_eq!(given::<7>(name, nothing, 500, 0.0, first), Ok(()), "{name}");
+        }
+    }
 }

@@ -299,6 +299,13 @@ pub enum Refusal {
     /// The command's start is too far ahead.
     #[error("the command is to start more than 5 s from now: send it later")]
     Start,
+    /// No spring is safe and strong enough: the drive answers too late for the inertia that it shows.
+    #[error(
+        "the drive answers too late for the inertia that it shows at the last joint: no spring there is safe and strong \
+         enough against friction. Declare motor_kg_m2 in the drive's handshake if the motors show (for franka: and fri: in \
+         [cell.drive]), or run the controller nearer to the drive"
+    )]
+    TooLate,
 }
 
 /// One sample of the control loop, in single precision. Arrays have one value per
