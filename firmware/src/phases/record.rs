@@ -175,7 +175,7 @@ mod tests {
                 Next::Stay => {}
                 Next::Enter(Activity::Coupled, Some(Report::Recording(_))) => return (ticks, None),
                 Next::Fail(found) => return (ticks, Some((found.fault, found.limit))),
-                other => panic!("{other:?}"),
+                other @ Next::Enter(..) => panic!("{other:?}"),
             }
         }
         panic!("it never ends");
