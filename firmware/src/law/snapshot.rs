@@ -67,7 +67,8 @@ impl<const N: usize> Actuation<N> {
     /// Whether springs that are safe on this drive hold the last joint of `arm` against friction. That joint
     /// moves the least inertia, and this inertia is the same in every posture.
     pub(crate) fn holds(&self, arm: &Arm<f64, N>) -> bool {
-        let mass = arm.bodies(&arm.frames(&[0.0; N])).mass_matrix();
+        let mut mass = arm.bodies(&arm.frames(&[0.0; N])).mass_matrix();
+        arm.add_rotors(&mut mass);
         let last = (0..N).fold(0.0, |_, i| mass[(i, i)] + self.motors[i]);
         self.joint_rad_s * self.joint_rad_s * last >= Self::SOFTEST_NM_RAD
     }
