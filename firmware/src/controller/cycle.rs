@@ -6,7 +6,7 @@ use spherecal_shared::protocol::drive::DriveCommand;
 use spherecal_shared::protocol::host::{Fault, Stage};
 
 use super::{BLIND_S, Controller, STILL_FILTER};
-use crate::law::{JointSetpoint, Snapshot, Wrench, guide_torque, joint_torque, limit_torque, poles};
+use crate::law::{JointSetpoint, Snapshot, Wrench, guide_torque, joint_torque, poles};
 use crate::phases::{Activity, Env, Next};
 use crate::safety::{JointState, Violation};
 
@@ -270,8 +270,7 @@ impl<const N: usize> Controller<N> {
                 .cartesian
                 .null_space
                 .torque(snapshot, law.elbow_nm_rad, law.elbow_damping_ratio);
-            let away = limit_torque(snapshot, self.safety.limits(), law.elbow_damping_ratio);
-            snapshot.joint_torque(&force) + null + away
+            snapshot.joint_torque(&force) + null
         } else if matches!(self.activity, Activity::HandGuiding) {
             let margin = self.procedure.limits.position_margin_rad;
             guide_torque(snapshot, &mut self.hold, self.safety.limits(), margin)

@@ -27,7 +27,6 @@ pub(crate) use guide::guide_torque;
 pub use impedance::{CartesianSetpoint, Impedance, rotation_error};
 pub use joint::{JointSetpoint, joint_torque};
 pub use null_space::NullSpace;
-pub(crate) use null_space::limit_torque;
 pub use observer::{Observer, Wrench};
 pub use snapshot::{Actuation, Snapshot};
 pub use stiffness::Stiffness;

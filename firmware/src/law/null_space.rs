@@ -11,7 +11,6 @@
 //! accelerate the TCP.
 
 use nalgebra::SVector;
-use spherecal_shared::robot::JointLimits;
 use spherecal_shared::robot::elbow::{Elbow, elbow};
 use spherecal_shared::scalar::sqrt;
 
@@ -101,85 +100,29 @@ fn elbow_torque<const N: usize>(
     stiffness: f64,
     ratio: f64,
 ) -> SVector<f64, N> {
-    let Some(coordinate) = Coordinate::along(snapshot, &SVector::from(now.gradient(&snapshot.frames))) else {
+    let gradient = SVector::from(now.gradient(&snapshot.frames));
+    let y = project(snapshot, &snapshot.mass.solve_lower(&gradient));
+    // Mobility of the elbow angle in the null space: the inverse of its inertia.
+    let mobility = y.norm_squared();
+    if mobility < 1e-6 {
         return SVector::zeros();
-    };
-    let damping = 2.0 * ratio * sqrt(stiffness / coordinate.mobility);
-    coordinate.torque * (stiffness * difference(angle, now.angle) + damping * (rate - coordinate.rate))
-}
-
-/// A coordinate of the joints within the null space.
-struct Coordinate<const N: usize> {
-    /// Joint torque that a unit of force along it takes, in N m.
-    torque: SVector<f64, N>,
-    /// Its mobility: the inverse of its inertia.
-    mobility: f64,
-    /// Its rate within the null space: projected gradient times q̇.
-    rate: f64,
-}
-
-impl<const N: usize> Coordinate<N> {
-    /// The coordinate with this gradient; `None` if the null space does not move it.
-    #[inline]
-    fn along(snapshot: &Snapshot<N>, gradient: &SVector<f64, N>) -> Option<Self> {
-        let y = project(snapshot, &snapshot.mass.solve_lower(gradient));
-        let mobility = y.norm_squared();
-        if mobility < 1e-6 {
-            return None;
-        }
-        let torque = unwhiten(snapshot, &y);
-        let lower = snapshot.mass.lower();
-        let mut rate = 0.0;
-        for i in 0..N {
-            for k in 0..=i {
-                rate += y[k] * lower[(i, k)] * snapshot.dq[i];
-            }
-        }
-        Some(Self { torque, mobility, rate })
     }
-}
-
-/// Distance from a joint's limit, in rad, from which on the null space turns the joint away from it. The planner
-/// keeps at least as much from every limit, so that a pose as planned is not changed.
-const NEAR_RAD: f64 = 0.034;
-/// Stiffness of that spring, in N m/rad: at the margin at which the controller stops it turns the elbow away with six
-/// times what the elbow's own spring has for its tolerance.
-const LIMIT_NM_RAD: f64 = 300.0;
-
-/// Torque of the null space, in N m, that turns joints away from their `limits`.
-///
-/// An elbow rests where friction and the error of the mass model leave it. Near a singularity of the shoulder a
-/// joint moves by more than the elbow, and reached its limit although the plan kept seven degrees from it.
-#[inline]
-pub(crate) fn limit_torque<const N: usize>(
-    snapshot: &Snapshot<N>,
-    limits: &[JointLimits; N],
-    ratio: f64,
-) -> SVector<f64, N> {
-    let mut torque = SVector::zeros();
+    let torque = unwhiten(snapshot, &y);
+    // Rate of the angle within the null space: projected gradient times q̇.
+    let lower = snapshot.mass.lower();
+    let mut now_rate = 0.0;
     for i in 0..N {
-        let q = snapshot.q[i];
-        let inwards = (limits[i].min_rad + NEAR_RAD - q).max(0.0) - (q - limits[i].max_rad + NEAR_RAD).max(0.0);
-        if inwards == 0.0 {
-            continue;
-        }
-        let alone = SVector::<f64, N>::from_fn(|k, _| if k == i { 1.0 } else { 0.0 });
-        if let Some(joint) = Coordinate::along(snapshot, &alone) {
-            let fastest = snapshot.fastest_rad_s * snapshot.fastest_rad_s / joint.mobility;
-            let stiffness = LIMIT_NM_RAD.min(fastest);
-            // The damper begins with the spring.
-            let share = (inwards.abs() / NEAR_RAD).min(1.0);
-            let damping = share * 2.0 * ratio * sqrt(stiffness / joint.mobility);
-            torque += joint.torque * (stiffness * inwards - damping * joint.rate);
+        for k in 0..=i {
+            now_rate += y[k] * lower[(i, k)] * snapshot.dq[i];
         }
     }
-    torque
+    let damping = 2.0 * ratio * sqrt(stiffness / mobility);
+    torque * (stiffness * difference(angle, now.angle) + damping * (rate - now_rate))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::law::Actuation;
     use proptest::prelude::*;
     use spherecal_shared::robot::{Arm, Dynamics, built_in, iiwa7_tool};
 
@@ -240,45 +183,6 @@ mod tests {
             // The spring pulls the elbow towards its angle, not away from it.
             let pull = NullSpace::Elbow { angle: now + 0.1, rate: 0.0 }.torque(&snapshot, stiffness, ratio);
             prop_assert!(pull.dot(&motion) * rate > 0.0);
-        }
-
-        // Fails if a joint near its limit is not turned away from it, if that moves the TCP, if the spring is
-        // faster than the drive allows, or if joints farther from their limits are disturbed.
-        #[test]
-        fn the_null_space_turns_joints_away_from_their_limits(
-            which in 0usize..7,
-            q in prop::array::uniform7(-1.8f64..1.8),
-            joint in 0usize..7,
-            left_rad in 0.001f64..0.05,
-            upper: bool,
-            latency_s in 0.0f64..5e-3,
-        ) {
-            let arm = arm(which);
-            let drive = Actuation::new([0.0; 7], 1e-3, latency_s);
-            let snapshot = Snapshot::on(&drive, &arm, &q, &[0.0; 7]).expect("a mass matrix");
-            prop_assume!(!snapshot.near_singular);
-            let mut limits = built_in("iiwa7").expect("built in").joints[0].limits;
-            (limits.min_rad, limits.max_rad) = (-3.0, 3.0);
-            let mut limits = [limits; 7];
-            if upper {
-                limits[joint].max_rad = q[joint] + left_rad;
-            } else {
-                limits[joint].min_rad = q[joint] - left_rad;
-            }
-            let torque = limit_torque(&snapshot, &limits, 0.7);
-            if left_rad >= NEAR_RAD {
-                prop_assert!(torque.norm() == 0.0);
-                return Ok(());
-            }
-            let acceleration = snapshot.mass.solve(&torque);
-            let tcp = snapshot.jacobian * acceleration;
-            prop_assert!(tcp.norm() <= 1e-6 * (1.0 + acceleration.norm()), "{tcp}");
-            let inwards = if upper { -acceleration[joint] } else { acceleration[joint] };
-            let depth = NEAR_RAD - left_rad;
-            let most = drive.fastest_rad_s * drive.fastest_rad_s * depth;
-            prop_assert!(inwards >= 0.0 && inwards <= most * (1.0 + 1e-9), "{inwards} of {most}");
-            let moves = self_motion(&snapshot.jacobian)[joint].abs() > 0.05;
-            prop_assert!(!moves || inwards > 0.0);
         }
     }
 }
