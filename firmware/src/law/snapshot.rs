@@ -48,11 +48,11 @@ impl<const N: usize> Actuation<N> {
     /// drive may declare.
     const APPROACH_LATENCY_S: f64 = 10e-3;
 
-    /// Softest spring, in N m/rad, with which a joint alone still comes to rest where it should. With
-    /// 0.84 N m/rad an FR3 that hides its motors finished its runs, with 0.59 N m/rad half of them ended in
-    /// motions that did not settle: dry friction that the torque loop leaves turns the joint by more than
-    /// the motion's tolerance.
-    const SOFTEST_NM_RAD: f64 = 0.7;
+    /// Softest spring, in N m/rad, with which a joint alone still comes to rest where it should. FR3 and Panda
+    /// without a tool and with hidden motors finished all runs with 0.88 N m/rad and more; with 0.77 N m/rad and
+    /// less some ended in motions that did not settle: dry friction that the torque loop leaves turns the
+    /// joint by more than the motion's tolerance.
+    const SOFTEST_NM_RAD: f64 = 0.8;
 
     /// A drive with these motors (kg m²) that is commanded once in `period_s` (s) and
     /// answers `latency_s` (s) after a state.
@@ -220,6 +220,18 @@ impl<const N: usize> Snapshot<N> {
             torque[i] = sum;
         }
         torque
+    }
+
+    /// How many times softer than `stiffness` (N m/rad) a rotational spring about the tool's axis is, because
+    /// the drive allows no faster motion; at least 1. About that axis the arm has the least inertia.
+    pub(crate) fn softened(&self, stiffness: f64) -> f64 {
+        let axis = self.tcp.z();
+        let mut mobility = 0.0;
+        for k in 0..N {
+            let sum: f64 = (0..3).map(|i| self.whitened[(k, 3 + i)] * axis[i]).sum();
+            mobility += sum * sum;
+        }
+        (stiffness * mobility / (self.fastest_rad_s * self.fastest_rad_s)).max(1.0)
     }
 
     /// The task-space force that accelerates the TCP like the whitened joint torque

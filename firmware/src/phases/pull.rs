@@ -18,7 +18,7 @@ impl Pull {
 
     /// Takes one tick's computed TCP; returns the largest displacement so far, in m.
     pub(super) fn push(&mut self, tcp: &Vector3<f64>) -> f64 {
-        self.moved = self.moved.max((tcp - self.start).norm());
+        self.moved = self.moved.max(self.left(tcp));
         self.moved
     }
 

@@ -100,8 +100,8 @@ pub struct Turn {
     pub speed_rad_s: f64,
     /// Largest acceleration of orientation and elbow, in rad/s².
     pub acceleration_rad_s2: f64,
-    /// Orientation error below which the pose is reached, in rad. After half of `settle_s` three times as
-    /// much is enough, and so for the elbow.
+    /// Orientation error below which the pose is reached, in rad. After half of `settle_s` up to three times
+    /// as much is enough, where the drive's delay makes the spring so much softer.
     pub tolerance_rad: f64,
     /// Elbow error below which the pose is reached, in rad. It need not be small:
     /// the recording uses the elbow angle as it is.

@@ -308,8 +308,9 @@ fn a_drive_too_late_for_the_inertia_that_it_shows_is_refused() {
                 assert_eq!(given::<6>(name, nest, late_us, 0.0, first), Ok(()), "{name}");
             }
         }
+        assert_eq!(given::<7>("fr3", nothing, 1_250, 0.0, first), Err(Refusal::TooLate));
         for name in ["iiwa7", "iiwa14", "fr3", "panda"] {
-            assert_eq!(given::<7>(name, nothing, 500, 0.0, first), Ok(()), "{name}");
+            assert_eq!(given::<7>(name, nothing, 1_000, 0.0, first), Ok(()), "{name}");
         }
     }
 }

@@ -85,7 +85,7 @@ pub(super) const TABLE: &[(&str, &str, u64)] = &[
     ("a sphere that creeps in a recording", "ContactLost in Recording, Idle", 0x6a6556300c3b068a),
     ("a turn that is blocked", "Pressing in Turning, Idle", 0xe4ed007a4cba8dc9),
     ("a turn with a load that it cannot turn", "PathDeviation in Turning, Idle", 0x26e072585190b475),
-    ("a turn whose elbow is held", "MotionTimeout in Turning, Idle", 0xf443941163bea558),
+    ("a turn whose elbow is held", "MotionTimeout in Turning, Idle", 0x0f5d7c0d33fe6fb8),
     ("a turn that never rests", "MotionTimeout in Turning, Idle", 0x7e58f362da2440de),
     ("a recording of an arm that never rests", "MotionTimeout in Recording, Idle", 0xa26026bb766a5626),
     ("a recording that begins anew for ever", "MotionTimeout in Recording, Idle", 0xb739bc94559306b4),
