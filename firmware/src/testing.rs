@@ -17,7 +17,7 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, Dr
 use spherecal_shared::protocol::host::{
     ApproachCommand, Command, Event, Fault, FaultReport, Phase, PoseCommand, Recording, Refusal,
 };
-use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{Arm, Dynamics, JointLimits, iiwa7, iiwa7_tool};
 use std::vec::Vec;
 
 use crate::Controller;
@@ -27,6 +27,14 @@ pub(crate) use noise::random;
 
 /// Home position of the tests: elbow up, tool straight down, far from every limit.
 pub(crate) const HOME: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.241_592_653_589_793, 0.0];
+
+/// Limits that no posture of a test comes near.
+pub(crate) const NO_LIMITS: JointLimits = JointLimits {
+    min_rad: -1e3,
+    max_rad: 1e3,
+    velocity_rad_s: 1e3,
+    torque_nm: 1e3,
+};
 
 /// The handshake of a drive for the built-in arm at 1 kHz.
 pub(crate) fn hello() -> DriveHello {

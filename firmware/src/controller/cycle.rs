@@ -266,10 +266,12 @@ impl<const N: usize> Controller<N> {
             } else {
                 impedance.force(snapshot, setpoint, law.damping_ratio)
             };
-            let null = self
-                .cartesian
-                .null_space
-                .torque(snapshot, law.elbow_nm_rad, law.elbow_damping_ratio);
+            let null = self.cartesian.null_space.torque(
+                snapshot,
+                self.safety.limits(),
+                law.elbow_nm_rad,
+                law.elbow_damping_ratio,
+            );
             snapshot.joint_torque(&force) + null
         } else if matches!(self.activity, Activity::HandGuiding) {
             let margin = self.procedure.limits.position_margin_rad;

@@ -13,7 +13,7 @@ use super::{
     rotation_error,
 };
 use crate::motion::rotation_about;
-use crate::testing::{HOME, random};
+use crate::testing::{HOME, NO_LIMITS, random};
 
 /// The built-in arm in some posture and motion, with what the tests compute themselves.
 struct Case {
@@ -183,7 +183,7 @@ fn the_pull_to_a_posture_leaves_the_tcp_alone() {
     for (k, case) in (0..).zip(cases()) {
         let snapshot = &case.snapshot;
         let posture: [f64; 7] = core::array::from_fn(|i| snapshot.q[i] + random(k * 9 + i as u64));
-        let torque = NullSpace::Posture(posture).torque(snapshot, 50.0, 0.7);
+        let torque = NullSpace::Posture(posture).torque(snapshot, &[NO_LIMITS; 7], 50.0, 0.7);
         let pull = SVector::<f64, 7>::from_fn(|i, _| {
             let damping = 2.0 * 0.7 * libm::sqrt(50.0 * snapshot.inertia[i]);
             50.0 * (posture[i] - snapshot.q[i]) - damping * snapshot.dq[i]
@@ -216,7 +216,7 @@ fn the_elbow_is_pulled_the_shorter_way() {
                 rate: 0.0,
             };
             assert!((null_space.elbow_error(&still) - short).abs() < 1e-9);
-            let torque = null_space.torque(&still, 50.0, 0.7);
+            let torque = null_space.torque(&still, &[NO_LIMITS; 7], 50.0, 0.7);
             // Along the acceleration that it causes the angle changes, and the TCP stays.
             let motion = case.inverse_mass * torque;
             let work = 50.0 * short * gradient.dot(&motion);

@@ -11,6 +11,7 @@
 //! accelerate the TCP.
 
 use nalgebra::SVector;
+use spherecal_shared::robot::JointLimits;
 use spherecal_shared::robot::elbow::{Elbow, elbow};
 use spherecal_shared::scalar::sqrt;
 
@@ -41,13 +42,20 @@ fn difference(a: f64, b: f64) -> f64 {
 
 impl<const N: usize> NullSpace<N> {
     /// Torque of the null-space spring-damper, in N m. `stiffness` is in N m/rad,
-    /// `ratio` is Lehr's damping ratio.
+    /// `ratio` is Lehr's damping ratio. An elbow turns the joint nearest to its limit of `limits` away
+    /// from it.
     #[inline]
-    pub fn torque(&self, snapshot: &Snapshot<N>, stiffness: f64, ratio: f64) -> SVector<f64, N> {
+    pub fn torque(
+        &self,
+        snapshot: &Snapshot<N>,
+        limits: &[JointLimits; N],
+        stiffness: f64,
+        ratio: f64,
+    ) -> SVector<f64, N> {
         match self {
             Self::Free => SVector::zeros(),
             Self::Elbow { angle, rate } => match elbow(&snapshot.frames) {
-                Some(now) => elbow_torque(snapshot, &now, *angle, *rate, stiffness, ratio),
+                Some(now) => elbow_torque(snapshot, limits, &now, (*angle, *rate), stiffness, ratio),
                 None => SVector::zeros(),
             },
             Self::Posture(posture) => {
@@ -94,9 +102,9 @@ fn unwhiten<const N: usize>(snapshot: &Snapshot<N>, y: &SVector<f64, N>) -> SVec
 #[inline]
 fn elbow_torque<const N: usize>(
     snapshot: &Snapshot<N>,
+    limits: &[JointLimits; N],
     now: &Elbow<f64>,
-    angle: f64,
-    rate: f64,
+    (angle, rate): (f64, f64),
     stiffness: f64,
     ratio: f64,
 ) -> SVector<f64, N> {
@@ -117,12 +125,53 @@ fn elbow_torque<const N: usize>(
         }
     }
     let damping = 2.0 * ratio * sqrt(stiffness / mobility);
-    torque * (stiffness * difference(angle, now.angle) + damping * (rate - now_rate))
+    let mut force = stiffness * difference(angle, now.angle) + damping * (rate - now_rate);
+    if let Some((joint, inwards)) = nearest_to_its_limit(snapshot, limits) {
+        // How the joint turns with the elbow, and its mobility in the null space.
+        let ratio_of_joint = snapshot.mass.solve_upper(&y)[joint] / mobility;
+        let mobility = ratio_of_joint * ratio_of_joint * mobility;
+        if mobility > 1e-6 {
+            let fastest = snapshot.fastest_rad_s * snapshot.fastest_rad_s / mobility;
+            let stiffness = LIMIT_NM_RAD.min(fastest);
+            // The damper begins with the spring.
+            let share = (inwards.abs() / NEAR_RAD).min(1.0);
+            let damping = share * 2.0 * ratio * sqrt(stiffness / mobility);
+            force += ratio_of_joint * (stiffness * inwards - damping * ratio_of_joint * now_rate);
+        }
+    }
+    torque * force
+}
+
+/// Distance from a joint's limit, in rad, from which on the elbow turns the joint away from it. The planner
+/// keeps at least as much from every limit, so that a pose as planned is not changed.
+///
+/// An elbow rests where friction and the error of the mass model leave it. Near a singularity of the shoulder a
+/// joint moves by more than the elbow, and reached its limit although the plan kept seven degrees from it.
+const NEAR_RAD: f64 = 0.034;
+/// Stiffness of that spring, in N m/rad. At the margin at which the controller stops its torque at the joint is
+/// 7 N m; the elbow's own spring has 5 N m at its tolerance.
+const LIMIT_NM_RAD: f64 = 300.0;
+
+/// The joint nearest to its limit, if it is too near, and how far it should turn (rad, positive towards its
+/// upper limit). One joint is enough: the null space has one coordinate.
+#[inline]
+fn nearest_to_its_limit<const N: usize>(snapshot: &Snapshot<N>, limits: &[JointLimits; N]) -> Option<(usize, f64)> {
+    let (mut nearest, mut inwards) = (0, 0.0f64);
+    for i in 0..N {
+        let q = snapshot.q[i];
+        let own = (limits[i].min_rad + NEAR_RAD - q).max(0.0) - (q - limits[i].max_rad + NEAR_RAD).max(0.0);
+        if own.abs() > inwards.abs() {
+            (nearest, inwards) = (i, own);
+        }
+    }
+    (inwards != 0.0).then_some((nearest, inwards))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::law::Actuation;
+    use crate::testing::NO_LIMITS;
     use proptest::prelude::*;
     use spherecal_shared::robot::{Arm, Dynamics, built_in, iiwa7_tool};
 
@@ -153,6 +202,21 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(400))]
+        // Fails if the inertia that a late drive must hold is not that of the mass matrix, motors included.
+        #[test]
+        fn the_last_inertia_is_that_of_the_mass_matrix(
+            which in 0usize..7,
+            q in prop::array::uniform7(-1.8f64..1.8),
+            rotor in 0.0f64..0.5,
+        ) {
+            let mut robot = built_in(["iiwa7", "iiwa14", "fr3", "panda"][which % 4]).expect("built in");
+            robot.joints[6].rotor_kg_m2 = rotor;
+            let arm = Arm::<f64, 7>::new(&robot, &iiwa7_tool()).expect("an arm");
+            let mut matrix = arm.bodies(&arm.frames(&q)).mass_matrix();
+            arm.add_rotors(&mut matrix);
+            prop_assert!((arm.last_inertia() - matrix[(6, 6)]).abs() < 1e-12);
+        }
+
         // Fails if the damping of the self-motion is not that of its inertia and of
         // the true rate of the elbow angle (by central differences), or if the
         // torque accelerates the TCP: with `I = q̇ᵀ M q̇ / rate²` it is
@@ -173,7 +237,7 @@ mod tests {
             let dq: [f64; 7] = motion.into();
             let moving = Snapshot::new(&arm, &q, &dq).expect("a mass matrix");
             let (stiffness, ratio) = (8.0, 0.7);
-            let torque = NullSpace::Elbow { angle: now, rate: 0.0 }.torque(&moving, stiffness, ratio);
+            let torque = NullSpace::Elbow { angle: now, rate: 0.0 }.torque(&moving, &[NO_LIMITS; 7], stiffness, ratio);
             let mut matrix = arm.bodies(&arm.frames(&q)).mass_matrix();
             arm.add_rotors(&mut matrix);
             let momentum = matrix * motion;
@@ -181,8 +245,48 @@ mod tests {
             let expected = momentum * (-2.0 * ratio * sqrt(stiffness / inertia));
             prop_assert!((torque - expected).norm() < 1e-3 * expected.norm(), "{torque} is not {expected}");
             // The spring pulls the elbow towards its angle, not away from it.
-            let pull = NullSpace::Elbow { angle: now + 0.1, rate: 0.0 }.torque(&snapshot, stiffness, ratio);
+            let pull = NullSpace::Elbow { angle: now + 0.1, rate: 0.0 }.torque(&snapshot, &[NO_LIMITS; 7], stiffness, ratio);
             prop_assert!(pull.dot(&motion) * rate > 0.0);
+        }
+
+        // Fails if a joint near its limit is not turned away from it, if that moves the TCP, if the spring is
+        // faster than the drive allows, or if joints farther from their limits are disturbed.
+        #[test]
+        fn the_elbow_turns_joints_away_from_their_limits(
+            which in 0usize..7,
+            q in prop::array::uniform7(-1.8f64..1.8),
+            joint in 0usize..7,
+            left_rad in 0.001f64..0.05,
+            upper: bool,
+            latency_s in 0.0f64..5e-3,
+        ) {
+            let arm = arm(which);
+            let drive = Actuation::new([0.0; 7], 1e-3, latency_s);
+            let snapshot = Snapshot::on(&drive, &arm, &q, &[0.0; 7]).expect("a mass matrix");
+            prop_assume!(!snapshot.near_singular);
+            let Some(now) = elbow(&snapshot.frames) else { return Ok(()) };
+            let mut limits = [NO_LIMITS; 7];
+            if upper {
+                limits[joint].max_rad = q[joint] + left_rad;
+            } else {
+                limits[joint].min_rad = q[joint] - left_rad;
+            }
+            // At its angle the elbow's own spring is at rest.
+            let rests = NullSpace::Elbow { angle: now.angle, rate: 0.0 };
+            let torque = rests.torque(&snapshot, &limits, 50.0, 0.7);
+            if left_rad >= NEAR_RAD {
+                prop_assert!(torque.norm() == 0.0);
+                return Ok(());
+            }
+            let acceleration = snapshot.mass.solve(&torque);
+            let tcp = snapshot.jacobian * acceleration;
+            prop_assert!(tcp.norm() <= 1e-6 * (1.0 + acceleration.norm()), "{tcp}");
+            let inwards = if upper { -acceleration[joint] } else { acceleration[joint] };
+            let depth = NEAR_RAD - left_rad;
+            let most = drive.fastest_rad_s * drive.fastest_rad_s * depth;
+            prop_assert!(inwards >= 0.0 && inwards <= most * (1.0 + 1e-9), "{inwards} of {most}");
+            let moves = self_motion(&snapshot.jacobian)[joint].abs() > 0.05;
+            prop_assert!(!moves || inwards > 0.0);
         }
     }
 }

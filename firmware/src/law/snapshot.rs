@@ -64,13 +64,11 @@ impl<const N: usize> Actuation<N> {
         }
     }
 
-    /// Whether springs that are safe on this drive hold the last joint of `arm` against friction. That joint
-    /// moves the least inertia, and this inertia is the same in every posture.
+    /// Whether springs that are safe on this drive hold the last joint of `arm` against friction: it moves the
+    /// least inertia.
     pub(crate) fn holds(&self, arm: &Arm<f64, N>) -> bool {
-        let mut mass = arm.bodies(&arm.frames(&[0.0; N])).mass_matrix();
-        arm.add_rotors(&mut mass);
-        let last = (0..N).fold(0.0, |_, i| mass[(i, i)] + self.motors[i]);
-        self.joint_rad_s * self.joint_rad_s * last >= Self::SOFTEST_NM_RAD
+        let inertia = arm.last_inertia() + self.motors.last().copied().unwrap_or(0.0);
+        self.joint_rad_s * self.joint_rad_s * inertia >= Self::SOFTEST_NM_RAD
     }
 
     /// The same drive in an approach, commanded once in `period_s` (s).

@@ -71,6 +71,9 @@ pub trait Dynamics<T: Real, const N: usize> {
     fn bodies(&self, frames: &[Pose<T>; N]) -> Bodies<T, N>;
     /// Adds the reflected rotor inertias (kg m²) to the diagonal of a mass matrix.
     fn add_rotors(&self, mass: &mut SMatrix<T, N, N>);
+    /// Inertia of the last link with its tool and rotor about the last joint, in kg m²: the last item of the mass
+    /// matrix's diagonal. It is the same in every posture.
+    fn last_inertia(&self) -> T;
 }
 
 impl<T: Real, const N: usize> Dynamics<T, N> for Arm<T, N> {
@@ -102,6 +105,14 @@ impl<T: Real, const N: usize> Dynamics<T, N> for Arm<T, N> {
             bodies.composite[i] = sum;
         }
         bodies
+    }
+
+    fn last_inertia(&self) -> T {
+        let rotor = self.rotor.last().copied().unwrap_or_else(T::zero);
+        self.bodies.last().map_or(rotor, |body| {
+            let (x, y) = (body.com.x, body.com.y);
+            rotor + body.inertia[(2, 2)] + body.mass * (x * x + y * y)
+        })
     }
 
     fn add_rotors(&self, mass: &mut SMatrix<T, N, N>) {

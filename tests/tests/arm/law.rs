@@ -5,8 +5,16 @@ use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
 use spherecal_firmware::law::{Actuation, CartesianSetpoint, Impedance, NullSpace, Snapshot, Stiffness};
 use spherecal_shared::linalg::Cholesky;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::robot::{Arm, Dynamics, elbow::elbow};
+use spherecal_shared::robot::{Arm, Dynamics, JointLimits, elbow::elbow};
 use spherecal_tests::rig::{SEED, down, nominal, solve};
+
+/// Limits that no pose of these tests comes near.
+const FAR: [JointLimits; 7] = [JointLimits {
+    min_rad: -1e3,
+    max_rad: 1e3,
+    velocity_rad_s: 1e3,
+    torque_nm: 1e3,
+}; 7];
 
 type Joints = [f64; 7];
 
@@ -51,7 +59,7 @@ impl Loop {
         let force = self.impedance.force(&snapshot, &self.setpoint, law.damping_ratio);
         let null = self
             .null_space
-            .torque(&snapshot, law.elbow_nm_rad, law.elbow_damping_ratio);
+            .torque(&snapshot, &FAR, law.elbow_nm_rad, law.elbow_damping_ratio);
         snapshot.joint_torque(&force) + null
     }
 }

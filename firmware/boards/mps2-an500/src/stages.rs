@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use spherecal_firmware::law::{
     CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Observer, Snapshot, Stiffness, TorqueShaper, joint_torque,
 };
-use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{Arm, Dynamics, JointLimits, iiwa7, iiwa7_tool};
 
 use crate::semihosting::{self, File, Mode};
 use crate::timer::stopwatch;
@@ -82,6 +82,7 @@ pub fn run() -> ! {
     let mut observer = Observer::<N>::default();
     let mut impedance = Impedance::new(Stiffness::isotropic(20.0, 200.0));
     let mut shaper = TorqueShaper::<N>::default();
+    let limits: [JointLimits; N] = core::array::from_fn(|i| iiwa7().joints[i].limits);
     for k in 0..CONFIGURATIONS {
         let q = black_box(configuration(k));
         let dq = black_box(configuration(k + 7).map(|x| 0.2 * x));
@@ -109,7 +110,9 @@ pub fn run() -> ! {
             impedance.force(snapshot, black_box(&setpoint), 0.7)
         });
         let elbow = black_box(NullSpace::<N>::Elbow { angle: 0.1, rate: 0.0 });
-        let torque = measure(&mut costs[9].1, overhead, || elbow.torque(snapshot, 50.0, 0.7));
+        let torque = measure(&mut costs[9].1, overhead, || {
+            elbow.torque(snapshot, black_box(&limits), 50.0, 0.7)
+        });
         let hold = black_box(JointSetpoint { q: dq, dq: q });
         measure(&mut costs[10].1, overhead, || joint_torque(snapshot, &hold, 20.0, 1.0));
         measure(&mut costs[11].1, overhead, || {

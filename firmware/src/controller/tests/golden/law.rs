@@ -13,7 +13,7 @@ use crate::law::{
 };
 use crate::motion::rotation_about;
 use crate::safety::Instability;
-use crate::testing::{Digest, random};
+use crate::testing::{Digest, NO_LIMITS, random};
 
 /// The rows: one of each built-in arm.
 pub(super) const NAMES: &[&str] = &[
@@ -158,7 +158,7 @@ fn one<const N: usize>(
         NullSpace::Posture(draw.array(2.0)),
         NullSpace::Free,
     ] {
-        digest.numbers(&null_space.torque(snapshot, 50.0, 0.7));
+        digest.numbers(&null_space.torque(snapshot, &[NO_LIMITS; N], 50.0, 0.7));
         digest.numbers(&[null_space.elbow_error(snapshot)]);
     }
 
