@@ -89,7 +89,7 @@ fn told(preset: &str, seed: u64, phase: usize, trial: &FaultTrial) -> String {
          (tick {}), {:.2} J, {:.0} s, bad {:?}, lost {}, twice {}: {:?}",
         PHASES[phase].0,
         trial.faults.len(),
-        trial.rejected,
+        trial.rejected.len(),
         trial.sustained_n,
         trial.sustained_tick,
         trial.pressed_n,

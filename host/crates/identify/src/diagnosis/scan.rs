@@ -79,11 +79,17 @@ pub(crate) fn scan(
     let mut findings: Vec<Finding> = Vec::new();
     while findings.len() < MOST {
         let mut best: Option<(f64, f64, usize, Discrepancy)> = None;
-        for index in selection.shortlist() {
+        let shortlist = selection.shortlist();
+        if shortlist.is_empty() {
+            break;
+        }
+        // A trial's amplitudes are searched once more. What that alone gains is no evidence for it.
+        let without = model.log_evidence(linear)?.max(model.with(linear, &[])?.log_evidence(linear)?);
+        for index in shortlist {
             let columns = selection.wide(index);
             let trial = model.with(linear, &columns)?;
             let freedom = selection.trials[index].score.len();
-            let gain = 2.0 * (trial.log_evidence(linear)? - model.log_evidence(linear)?);
+            let gain = 2.0 * (trial.log_evidence(linear)? - without);
             // The width of its prior is no argument against it.
             let log_p = log_tail(gain + trial.named_volume(columns.len())?, freedom);
             let alternative = &selection.trials[index].alternative;

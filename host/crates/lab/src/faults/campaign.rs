@@ -9,6 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use super::calibrated::CalibratedTrial;
 use super::case::{FaultTrial, Finish, TrialEnd};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{Cases, FaultsError};
@@ -45,15 +46,21 @@ pub struct CampaignTable {
     pub resumed: usize,
     /// Faults that controllers reported.
     pub told: usize,
-    /// Runs that ended with every pose recorded or given up.
+    /// Runs that ended with every pose recorded or given up, and whose result the job accepts.
     pub calibrated: usize,
-    /// Poses given up in them.
+    /// Poses given up in runs that ended, accepted or not.
     pub rejected: usize,
+    /// Runs that ended, and whose result the job refuses.
+    pub refused: usize,
+    /// Those of them whose error is at most 1.2 times the undisturbed one.
+    pub refused_though_good: usize,
+    /// How often each check refused.
+    pub refused_by: BTreeMap<String, usize>,
     /// Stops, by the beginning of their message.
     pub stopped: BTreeMap<String, usize>,
-    /// Error after calibration over the undisturbed one of the same arm: median and worst.
+    /// Error of the accepted results over the undisturbed one of the same arm: median and worst.
     pub ratio: [f64; 2],
-    /// Runs whose error exceeds 1.2 times the undisturbed one.
+    /// Accepted results whose error exceeds 1.2 times the undisturbed one.
     pub worse: usize,
     /// Recordings accepted from an unseated or moving nest.
     pub bad: usize,
@@ -90,7 +97,6 @@ impl CampaignTable {
         self.contact_n = self.contact_n.max(disturbed.contact_n);
         match &disturbed.ended {
             TrialEnd::Finished => {
-                self.calibrated += 1;
                 self.rejected += disturbed.rejected;
             }
             TrialEnd::Stopped(why) => {
@@ -142,8 +148,8 @@ pub struct Disturbed {
     held_s: f64,
     /// Undisturbed error of the arm, in mm.
     clean_mm: f64,
-    /// Error over the undisturbed one, or why there is none; `None` if the run did not finish.
-    ratio: Option<Result<f64, String>>,
+    /// What it calibrated to, or why to nothing; `None` if the run did not finish.
+    calibrated: Option<Result<CalibratedTrial, String>>,
 }
 
 /// A plan of one to four random faults within `ticks`.
@@ -187,14 +193,12 @@ impl ShardedStudy for CampaignOptions {
         let case = cases.get(self.seed_of(number))?;
         let plan = random_plan(number, case.ticks);
         let trial: FaultTrial = case.run(&plan)?;
-        let ratio = match trial.ended {
-            TrialEnd::Finished => Some(match case.judge(&trial) {
-                Ok(error_mm) if (error_mm / case.error_mm).is_finite() => Ok(error_mm / case.error_mm),
-                Ok(_) => Err("the error after calibration is not a number".to_owned()),
-                Err(error) => Err(error.to_string()),
-            }),
-            _ => None,
-        };
+        let finished = trial.ended == TrialEnd::Finished;
+        let calibrated = finished.then(|| match case.judge(&trial) {
+            Ok(calibrated) if calibrated.error_mm.is_finite() => Ok(calibrated),
+            Ok(_) => Err("the error after calibration is not a number".to_owned()),
+            Err(error) => Err(error.to_string()),
+        });
         let names: Vec<_> = plan.faults.iter().map(|f| f.what.name()).collect();
         Ok(Disturbed {
             label: format!("run {number} ({})", names.join(", ")),
@@ -202,7 +206,7 @@ impl ShardedStudy for CampaignOptions {
             told: trial.faults.len(),
             ended: trial.ended,
             resumed: trial.resumed,
-            rejected: trial.rejected,
+            rejected: trial.rejected.len(),
             bad: trial.bad,
             lost: trial.lost,
             duplicates: trial.duplicates,
@@ -210,8 +214,8 @@ impl ShardedStudy for CampaignOptions {
             kinetic_tick: trial.kinetic_tick,
             contact_n: trial.contact_n,
             held_s: trial.held_s,
-            clean_mm: case.error_mm,
-            ratio,
+            clean_mm: case.calibrated.as_ref().map_or(f64::NAN, |clean| clean.error_mm),
+            calibrated,
         })
     }
 }
@@ -256,18 +260,31 @@ fn table(options: &CampaignOptions, runs: &[Disturbed]) -> CampaignTable {
     for run in runs {
         let label = &run.label;
         table.add(run);
-        match &run.ratio {
-            Some(Ok(ratio)) => {
-                ratios.push(*ratio);
-                if !(*ratio <= WORSE) {
-                    table.worse += 1;
-                    table
-                        .broken
-                        .push(format!("{label}: {ratio:.2} times the undisturbed error"));
-                }
+        let calibrated = match &run.calibrated {
+            Some(Ok(calibrated)) => calibrated,
+            Some(Err(why)) => {
+                table.broken.push(format!("{label}: {why}"));
+                continue;
             }
-            Some(Err(why)) => table.broken.push(format!("{label}: {why}")),
-            None => {}
+            None => continue,
+        };
+        let ratio = calibrated.error_mm / run.clean_mm;
+        let good = ratio <= WORSE;
+        if calibrated.refused_by.is_empty() {
+            table.calibrated += 1;
+            ratios.push(ratio);
+            if !good {
+                table.worse += 1;
+                table
+                    .broken
+                    .push(format!("{label}: accepted with {ratio:.2} times the undisturbed error"));
+            }
+        } else {
+            table.refused += 1;
+            table.refused_though_good += usize::from(good);
+            for check in &calibrated.refused_by {
+                *table.refused_by.entry(check.clone()).or_default() += 1;
+            }
         }
     }
     ratios.sort_by(f64::total_cmp);
@@ -280,15 +297,24 @@ impl fmt::Display for CampaignTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} runs with {} faults injected and {} reported, {} hosts restarted: {} calibrated, {} poses given up in them",
-            self.runs, self.injected, self.told, self.resumed, self.calibrated, self.rejected
+            "{} runs with {} faults injected and {} reported, {} hosts restarted: {} calibrated, {} refused by the verdict; \
+             {} poses given up in them",
+            self.runs, self.injected, self.told, self.resumed, self.calibrated, self.refused, self.rejected
         )?;
         for (why, count) in &self.stopped {
             writeln!(f, "  {count:5} stopped: {why}")?;
         }
+        for (check, count) in &self.refused_by {
+            writeln!(f, "  {count:5} refused by the check {check}")?;
+        }
         writeln!(
             f,
-            "error relative to the undisturbed run: median {:.3}, worst {:.3}; {} above {WORSE} (undisturbed: {:.3?} mm)",
+            "refused with an error of at most {WORSE} times the undisturbed one: {}",
+            self.refused_though_good
+        )?;
+        writeln!(
+            f,
+            "error of the accepted results relative to the undisturbed run: median {:.3}, worst {:.3}; {} above {WORSE} (undisturbed: {:.3?} mm)",
             self.ratio[0], self.ratio[1], self.worse, self.clean_mm
         )?;
         writeln!(

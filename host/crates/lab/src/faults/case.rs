@@ -1,18 +1,18 @@
 //! One arm with a shortened procedure, and one run of it with a plan of faults.
 
+use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
-use spherecal_shared::protocol::host::{FaultReport, Recording};
+use spherecal_shared::protocol::host::{Coupled, FaultReport, Recording};
 
 use super::FaultsError;
+use super::calibrated::CalibratedTrial;
 use super::judge::{JudgedArm, look};
 use super::run_journal::RunJournal;
 use spherecal_campaign::measure_laser;
 use spherecal_campaign::{self as campaign, Assignment, CampaignError, Outcome, Silent};
-use spherecal_identify::validate::{Prediction, validate};
-use spherecal_identify::{EvaluateError, Experiment, Observation, Set, Target, identify};
 use spherecal_job::{Choice, Config, JobError, PreparedRun, prepare, simulated_tracker};
 use spherecal_link::JournalError;
 use spherecal_link::{Device, LinkError, controller_in_process};
@@ -29,8 +29,8 @@ pub struct Case {
     shots: Vec<LaserShot>,
     /// Control periods of the undisturbed run.
     pub ticks: u64,
-    /// Its mean error after calibration, in mm, base fitted; 0 if none was requested.
-    pub error_mm: f64,
+    /// What it calibrated to; none if that was not requested.
+    pub calibrated: Option<CalibratedTrial>,
 }
 
 /// How a run ended.
@@ -64,8 +64,10 @@ pub struct FaultTrial {
     pub duplicates: usize,
     /// Recordings that the campaign counted but that are missing from the journal.
     pub lost: usize,
-    /// Poses given up.
-    pub rejected: usize,
+    /// Poses given up: sphere, pose.
+    pub rejected: BTreeSet<(u32, u32)>,
+    /// Couplings, in the order in which they came.
+    pub couplings: Vec<Coupled>,
     /// The control period, from 1, in which the controller first moved the motors.
     pub ready_tick: u64,
     /// Times that the host was begun again.
@@ -148,7 +150,7 @@ impl Case {
             plan: prepared.plan.clone(),
             shots: Vec::new(),
             ticks: 0,
-            error_mm: 0.0,
+            calibrated: None,
             prepared,
         };
         let clean = case.run(&FaultPlan::default())?;
@@ -171,7 +173,7 @@ impl Case {
             let mut tracker = simulated_tracker(&case.prepared)?;
             case.shots = measure_laser(robot, tool, seed, tracker.as_mut()).map_err(JobError::from)?;
             case.shots.retain(|s| s.purpose == LaserShot::VALIDATE);
-            case.error_mm = case.judge(&clean)?;
+            case.calibrated = Some(case.judge(&clean)?);
         }
         Ok(case)
     }
@@ -261,7 +263,8 @@ impl Case {
             lost: outcome.recorded.saturating_sub(recordings.len()),
             recordings,
             duplicates: records.duplicates(),
-            rejected: outcome.rejected.len(),
+            rejected: outcome.rejected.iter().map(|r| (r.sphere, r.pose)).collect(),
+            couplings: records.couplings()?,
             faults: outcome.faults,
             happened: look(&happened).clone(),
             ready_tick: judgement.ready_tick.unwrap_or(0),
@@ -279,40 +282,12 @@ impl Case {
         })
     }
 
-    /// Mean error of the calibration that a run's recordings give, in mm, base fitted.
+    /// What a run's recordings calibrate to.
     ///
     /// # Errors
     /// Recordings from which nothing can be identified.
-    pub fn judge(&self, trial: &FaultTrial) -> Result<f64, FaultsError> {
-        let observations = trial.recordings.iter().map(|recording| Observation {
-            seat: None,
-            q: recording.q.iter().map(|s| s.mean).collect(),
-            tau: Some(recording.tau.iter().map(|s| s.mean).collect()),
-            target: Target::Sphere {
-                sphere: recording.sphere,
-                place: 0,
-            },
-            set: Set::Calibrate,
-        });
-        let experiment = Experiment {
-            robot: self.prepared.robot.clone(),
-            tool: self.prepared.tool,
-            spheres: self.prepared.spheres.clone(),
-            observations: observations.collect(),
-        };
-        let failed = |error| JobError::from(EvaluateError::Identify(error));
-        let found = identify(&experiment, &self.prepared.config.identify).map_err(failed)?;
-        let points = self.shots.iter().map(|s| found.tcp_m(&s.q, None).into());
-        let models = [Prediction {
-            name: "spheres".to_owned(),
-            points_m: points.collect(),
-            own_base: Some(found.base),
-        }];
-        let measured: Vec<[f64; 3]> = self.shots.iter().map(|s| s.point_m).collect();
-        let table = validate(&measured, &found.base, &models)
-            .map_err(EvaluateError::from)
-            .map_err(JobError::from)?;
-        Ok(table.models.first().map_or(f64::NAN, |m| m.best_fit.mean_mm))
+    pub fn judge(&self, trial: &FaultTrial) -> Result<CalibratedTrial, FaultsError> {
+        CalibratedTrial::of(&self.prepared, &self.shots, trial)
     }
 }
 
