@@ -29,7 +29,7 @@ use crate::parameters::Layout;
 /// Findings at most.
 const MOST: usize = 4;
 /// Natural logarithm of how much more common it is that a nest sits badly for a while than that any other cause
-/// meets the same rows.
+/// meets the same rows: so much less evidence it needs.
 const COMMON: f64 = 3.0;
 
 /// Tests every alternative. Returns what was found, strongest first, the largest
@@ -84,7 +84,9 @@ pub(crate) fn scan(
             break;
         }
         // A trial's amplitudes are searched once more. What that alone gains is no evidence for it.
-        let without = model.log_evidence(linear)?.max(model.with(linear, &[])?.log_evidence(linear)?);
+        let without = model
+            .log_evidence(linear)?
+            .max(model.with(linear, &[])?.log_evidence(linear)?);
         for index in shortlist {
             let columns = selection.wide(index);
             let trial = model.with(linear, &columns)?;
@@ -97,7 +99,7 @@ pub(crate) fn scan(
                 Alternative::Reseat { .. } => log_p - COMMON,
                 _ => log_p,
             };
-            if log_p < selection.limit(alternative) && best.as_ref().is_none_or(|b| weighed < b.0) {
+            if weighed < selection.limit(alternative) && best.as_ref().is_none_or(|b| weighed < b.0) {
                 best = Some((weighed, log_p, index, trial));
             }
         }
