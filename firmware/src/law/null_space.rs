@@ -202,21 +202,6 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(400))]
-        // Fails if the inertia that a late drive must hold is not that of the mass matrix, motors included.
-        #[test]
-        fn the_last_inertia_is_that_of_the_mass_matrix(
-            which in 0usize..7,
-            q in prop::array::uniform7(-1.8f64..1.8),
-            rotor in 0.0f64..0.5,
-        ) {
-            let mut robot = built_in(["iiwa7", "iiwa14", "fr3", "panda"][which % 4]).expect("built in");
-            robot.joints[6].rotor_kg_m2 = rotor;
-            let arm = Arm::<f64, 7>::new(&robot, &iiwa7_tool()).expect("an arm");
-            let mut matrix = arm.bodies(&arm.frames(&q)).mass_matrix();
-            arm.add_rotors(&mut matrix);
-            prop_assert!((arm.last_inertia() - matrix[(6, 6)]).abs() < 1e-12);
-        }
-
         // Fails if the damping of the self-motion is not that of its inertia and of
         // the true rate of the elbow angle (by central differences), or if the
         // torque accelerates the TCP: with `I = q̇ᵀ M q̇ / rate²` it is

@@ -230,3 +230,28 @@ impl<T: Real, const N: usize> Bodies<T, N> {
         (momentum, transposed)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::robot::{built_in, iiwa7_tool};
+
+    proptest! {
+        // Fails if the inertia of the last link is not that of the mass matrix, rotor included.
+        #[test]
+        fn the_last_inertia_is_that_of_the_mass_matrix(
+            name in prop::sample::select(&["iiwa7", "iiwa14", "fr3", "panda"][..]),
+            q in prop::array::uniform7(-1.8f64..1.8),
+            rotor in 0.0f64..0.5,
+        ) {
+            let mut robot = built_in(name).expect("built in");
+            robot.joints[6].rotor_kg_m2 = rotor;
+            let arm = Arm::<f64, 7>::new(&robot, &iiwa7_tool()).expect("an arm");
+            let mut matrix = arm.bodies(&arm.frames(&q)).mass_matrix();
+            arm.add_rotors(&mut matrix);
+            prop_assert!((arm.last_inertia() - matrix[(6, 6)]).abs() < 1e-12);
+        }
+    }
+}

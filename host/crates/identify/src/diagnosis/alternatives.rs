@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::causes::Cause;
 use crate::parameters::Reference;
 
 /// What was tested.
@@ -147,6 +148,15 @@ impl Alternative {
             Self::Place { .. } => Family::Place,
             Self::Payload => Family::Payload,
             Self::Orientation { .. } => Family::Orientation,
+        }
+    }
+
+    /// The cause of the extended model that is the same thing, of unknown form: it is no argument against this
+    /// alternative.
+    pub(crate) fn unnamed(&self) -> Option<Cause> {
+        match self {
+            Self::Drift { .. } => Some(Cause::ReferenceDrift),
+            _ => None,
         }
     }
 

@@ -50,6 +50,8 @@ pub(crate) struct Discrepancy {
     pub(crate) noise_m: f64,
     /// Columns of causes that were named by tests: they have a wide prior.
     pub(crate) named: usize,
+    /// A cause that is absent.
+    absent: Option<Cause>,
 }
 
 impl Discrepancy {
@@ -96,6 +98,7 @@ impl Discrepancy {
             freedom: 1.0,
             noise_m,
             named: 0,
+            absent: None,
         };
         found.sweep(SWEEPS.0)?;
         found.update_groups()?;
@@ -112,6 +115,23 @@ impl Discrepancy {
     /// # Errors
     /// Equations that have no solution.
     pub(crate) fn with(&self, linear: &Linear, columns: &[(DVector<f64>, f64)]) -> Result<Self, IdentifyError> {
+        self.searched(linear, columns, None)
+    }
+
+    /// The same model without a cause: the other amplitudes are found again, as [`Self::with`] finds them.
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(crate) fn without(&self, linear: &Linear, cause: Option<Cause>) -> Result<Self, IdentifyError> {
+        self.searched(linear, &[], cause)
+    }
+
+    fn searched(
+        &self,
+        linear: &Linear,
+        columns: &[(DVector<f64>, f64)],
+        absent: Option<Cause>,
+    ) -> Result<Self, IdentifyError> {
         let (rows, before) = self.w.shape();
         let all = before + columns.len();
         let mut new = DMatrix::zeros(rows, columns.len());
@@ -133,8 +153,14 @@ impl Discrepancy {
             n,
             w,
             named: self.named + columns.len(),
+            absent,
             ..*self
         };
+        for component in &mut found.components {
+            if Some(&component.shape.cause) == found.absent.as_ref() {
+                component.amplitude = 0.0;
+            }
+        }
         found.sweep(SWEEPS.0)?;
         found.update_groups()?;
         found.update_noise(linear)?;
@@ -299,7 +325,8 @@ impl Discrepancy {
         for _ in 0..count {
             let d = self.sigmas(|_| true).rows(z.0, z.1).into_owned();
             let (k, v) = self.marginal(&g, &b, &d)?;
-            for component in &mut self.components {
+            let absent = self.absent.as_ref();
+            for component in self.components.iter_mut().filter(|c| Some(&c.shape.cause) != absent) {
                 let (from, width) = (component.at - self.m, component.kept);
                 let block = k.view((from, from), (width, width)).into_owned();
                 let scale = component.scale();

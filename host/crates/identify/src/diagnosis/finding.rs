@@ -44,7 +44,7 @@ pub struct FamilyTest {
     pub tested: usize,
     /// Largest statistic, as standard deviations of one normal variable.
     pub sigmas: f64,
-    /// What it must stay under.
+    /// What it must stay under: the lowest limit of its alternatives.
     pub limit: f64,
     /// Whether a cause of this family was found. A statistic may be over its limit
     /// without it: a cause of another family explains the same data better.

@@ -12,7 +12,6 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::alternatives::Alternative;
 use super::causes::Cause;
 use super::columns::alternatives;
 use super::component::GroupOf;
@@ -20,7 +19,7 @@ use super::discrepancy::Discrepancy;
 use super::finding::{FamilyTest, Finding};
 use super::linear::Linear;
 use super::patterns::{LoadEffects, patterns};
-use super::selection::{Selection, TriedAlternative, prepare};
+use super::selection::{Selection, TriedAlternative, odds, prepare};
 use super::tail::log_tail;
 use crate::course::Course;
 use crate::error::IdentifyError;
@@ -28,10 +27,6 @@ use crate::parameters::Layout;
 
 /// Findings at most.
 const MOST: usize = 4;
-/// Natural logarithm of how much more common it is that a nest sits badly for a while than that any other cause
-/// meets the same rows: so much less evidence it needs.
-const COMMON: f64 = 3.0;
-
 /// Tests every alternative. Returns what was found, strongest first, the largest
 /// statistic of each family, and the extended model with what was found in it.
 ///
@@ -86,20 +81,23 @@ pub(crate) fn scan(
         // A trial's amplitudes are searched once more. What that alone gains is no evidence for it.
         let without = model
             .log_evidence(linear)?
-            .max(model.with(linear, &[])?.log_evidence(linear)?);
+            .max(model.without(linear, None)?.log_evidence(linear)?);
         for index in shortlist {
             let columns = selection.wide(index);
             let trial = model.with(linear, &columns)?;
             let freedom = selection.trials[index].score.len();
-            let gain = 2.0 * (trial.log_evidence(linear)? - without);
-            // The width of its prior is no argument against it.
-            let log_p = log_tail(gain + trial.named_volume(columns.len())?, freedom);
             let alternative = &selection.trials[index].alternative;
-            let weighed = match alternative {
-                Alternative::Reseat { .. } => log_p - COMMON,
-                _ => log_p,
+            let (evidence, volume) = (trial.log_evidence(linear)?, trial.named_volume(columns.len())?);
+            // The width of its prior is no argument against it.
+            let over = |null: f64| log_tail(2.0 * (evidence - null) + volume, freedom);
+            // Alternatives are compared with each other over the same model, and each is judged over the model
+            // that does not have it in another form.
+            let weighed = over(without) - odds(alternative);
+            let log_p = match alternative.unnamed() {
+                Some(cause) => over(model.without(linear, Some(cause))?.log_evidence(linear)?),
+                None => over(without),
             };
-            if weighed < selection.limit(alternative) && best.as_ref().is_none_or(|b| weighed < b.0) {
+            if log_p < selection.limit(alternative) && best.as_ref().is_none_or(|b| weighed < b.0) {
                 best = Some((weighed, log_p, index, trial));
             }
         }

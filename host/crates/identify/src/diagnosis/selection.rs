@@ -19,6 +19,9 @@ pub(crate) const FALSE_FINDINGS: f64 = 1e-3;
 /// Standard deviations beyond which a common scale error of the certificate is
 /// found: one test, weak, because only the priors of the lengths speak to it.
 pub(crate) const SCALE_LIMIT: f64 = 2.6;
+/// Natural logarithm of how much more common it is that a nest sits badly for a while than that any other cause
+/// meets the same rows: so much less evidence it needs.
+const COMMON: f64 = 3.0;
 /// An alternative whose effect is less certain than this, in m or rad, is not seen
 /// by the data at all.
 const UNSEEN: f64 = 5e-3;
@@ -40,6 +43,14 @@ fn displaced(linear: &Linear, columns: &DMatrix<f64>, effect: &DVector<f64>, cov
     }
     let n = n.max(1.0);
     ((square / n).sqrt() * 1e3, (variance / n).max(0.0).sqrt() * 1e3)
+}
+
+/// `ln` of how much more common a cause is than the others.
+pub(super) fn odds(alternative: &Alternative) -> f64 {
+    match alternative {
+        Alternative::Reseat { .. } => COMMON,
+        _ => 0.0,
+    }
 }
 
 /// One alternative with its columns and what was computed of them.
@@ -179,7 +190,7 @@ impl<'a> Selection<'a> {
     pub(super) fn limit(&self, alternative: &Alternative) -> f64 {
         match alternative {
             Alternative::CertificateScale => log_tail(SCALE_LIMIT * SCALE_LIMIT, 1),
-            _ => FALSE_FINDINGS.ln() - self.tests(alternative),
+            _ => FALSE_FINDINGS.ln() - self.tests(alternative) + odds(alternative),
         }
     }
 
@@ -235,17 +246,19 @@ impl<'a> Selection<'a> {
             };
             let alternative = &self.trials[index].alternative;
             let (family, own) = (alternative.family(), sigmas(log_p));
+            let limit = sigmas(self.limit(alternative));
             match tests.iter_mut().find(|t| t.family == family) {
                 Some(test) => {
                     test.tested += 1;
                     test.sigmas = test.sigmas.max(own);
+                    test.limit = test.limit.min(limit);
                 }
                 None => tests.push(FamilyTest {
                     family,
                     tested: 1,
                     sigmas: own,
                     found: false,
-                    limit: sigmas(self.limit(alternative)),
+                    limit,
                 }),
             }
         }

@@ -1,9 +1,9 @@
 //! What the recordings of a run with faults calibrate to: the error, and the job's verdict.
 
 use serde::{Deserialize, Serialize};
+use spherecal_identify::EvaluateError;
 use spherecal_identify::validate::{Prediction, validate};
-use spherecal_identify::{EvaluateOptions, Options, evaluate};
-use spherecal_job::{JobError, Link, LinkRecord, Measurements, PreparedRun};
+use spherecal_job::{JobError, Link, LinkRecord, Measurements, PreparedRun, evaluate};
 use spherecal_model::LaserShot;
 
 use super::FaultsError;
@@ -42,15 +42,7 @@ impl CalibratedTrial {
             simulated_s: trial.robot_s,
             wall_s: 0.0,
         };
-        let options = EvaluateOptions {
-            identify: Options {
-                seed: measured.seed,
-                ..measured.config.identify.clone()
-            },
-            align: false,
-            ..EvaluateOptions::default()
-        };
-        let found = evaluate(&measured.to_recordings(), &options, &mut |_| {}).map_err(JobError::from)?;
+        let found = evaluate(&measured)?;
         let models = [Prediction {
             name: "spheres".to_owned(),
             points_m: shots
@@ -61,7 +53,7 @@ impl CalibratedTrial {
         }];
         let points: Vec<[f64; 3]> = shots.iter().map(|s| s.point_m).collect();
         let table = validate(&points, &found.calibration.base, &models)
-            .map_err(spherecal_identify::EvaluateError::from)
+            .map_err(EvaluateError::from)
             .map_err(JobError::from)?;
         let failed = found.verdict.checks.iter().filter(|c| c.refuses && !c.passed);
         Ok(Self {
