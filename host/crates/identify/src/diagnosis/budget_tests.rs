@@ -29,6 +29,7 @@ fn every_source_adds_what_the_estimator_makes_of_it() {
         freedom: 20.0,
         noise_m: 1e-5,
         named: 0,
+        absent: None,
     };
     // A part of the noise of each row: between nothing and everything.
     let joint_shares: Vec<Matrix3<f64>> = (0..rows / 3)
@@ -122,6 +123,7 @@ fn only_sources_that_the_data_have_are_named() {
                 freedom: 1.0,
                 noise_m: 1e-5,
                 named: 0,
+                absent: None,
             },
             plate: Vec::new(),
             joint_shares: vec![Matrix3::zeros(); contacts + points],

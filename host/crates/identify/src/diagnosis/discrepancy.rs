@@ -51,7 +51,7 @@ pub(crate) struct Discrepancy {
     /// Columns of causes that were named by tests: they have a wide prior.
     pub(crate) named: usize,
     /// A cause that is absent.
-    absent: Option<Cause>,
+    pub(crate) absent: Option<Cause>,
 }
 
 impl Discrepancy {
