@@ -37,12 +37,14 @@ impl Taring {
         if env.elapsed_s < SETTLE_S + approach.tare_s {
             return Next::Stay;
         }
-        cartesian.tare = self.tare.mean();
-        let size = cartesian.tare.force.norm();
-        // A mean that is not a number is no tare.
+        let tare = self.tare.mean();
+        let size = tare.force.norm();
+        // A mean that is not a number is no tare. One that is refused is a push, not model error: the arm
+        // must not compensate it on its way off.
         if !(size <= approach.tare_limit_n) {
             return Next::fail(Fault::Tare, size, approach.tare_limit_n);
         }
+        cartesian.tare = tare;
         let stiffness = Stiffness::about(
             approach.stiffness_n_m,
             &cartesian.direction,

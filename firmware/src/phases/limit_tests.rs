@@ -53,7 +53,8 @@ fn of_the_tare() {
         )
     };
     assert_eq!(tare(12.0), (12.0, None, true));
-    assert_eq!(tare(next(12.0)), (next(12.0), Some(Fault::Tare), false));
+    // What is refused is not compensated.
+    assert_eq!(tare(next(12.0)), (0.0, Some(Fault::Tare), false));
 }
 
 // Fails if travel, plate or lag of an approach are a fault at their limits; or if a force of exactly
