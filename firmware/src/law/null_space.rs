@@ -125,7 +125,9 @@ fn elbow_torque<const N: usize>(
         }
     }
     let damping = 2.0 * ratio * sqrt(stiffness / mobility);
-    let mut force = stiffness * difference(angle, now.angle) + damping * (rate - now_rate);
+    let error = difference(angle, now.angle);
+    let firm = ((FAR_RAD - error.abs()) / (FAR_RAD - FIRM_RAD)).max(0.0).min(1.0);
+    let mut force = stiffness * firm * error + damping * (rate - now_rate);
     if let Some((joint, inwards)) = nearest_to_its_limit(snapshot, limits) {
         // How the joint turns with the elbow, and its mobility in the null space.
         let ratio_of_joint = snapshot.mass.solve_upper(&y)[joint] / mobility;
@@ -141,6 +143,13 @@ fn elbow_torque<const N: usize>(
     }
     torque * force
 }
+
+/// The spring of the elbow is whole up to this error, in rad, and pulls no more beyond the next one.
+///
+/// A turn is stopped long before. But an arm that is pushed through its stretched posture has its elbow on the
+/// other side, half a turn off: the spring would turn joints 3 and 5 about each other with 150 N m.
+const FIRM_RAD: f64 = 0.5;
+const FAR_RAD: f64 = 1.0;
 
 /// Distance from a joint's limit, in rad, from which on the elbow turns the joint away from it. The planner
 /// keeps at least as much from every limit, so that a pose as planned is not changed.
@@ -232,6 +241,31 @@ mod tests {
             // The spring pulls the elbow towards its angle, not away from it.
             let pull = NullSpace::Elbow { angle: now + 0.1, rate: 0.0 }.torque(&snapshot, &[NO_LIMITS; 7], stiffness, ratio);
             prop_assert!(pull.dot(&motion) * rate > 0.0);
+        }
+
+        // Fails if an elbow that is on the other side is pulled round, or if the spring is not that of its error
+        // up to half a radian.
+        #[test]
+        fn an_elbow_far_from_its_angle_is_let_be(
+            which in 0usize..7,
+            q in prop::array::uniform7(-1.8f64..1.8),
+            error in -3.1f64..3.1,
+        ) {
+            let snapshot = Snapshot::new(&arm(which), &q, &[0.0; 7]).expect("a mass matrix");
+            prop_assume!(!snapshot.near_singular);
+            let Some(now) = elbow(&snapshot.frames) else { return Ok(()) };
+            let pull = |error: f64| {
+                let angle = now.angle + error;
+                NullSpace::Elbow { angle, rate: 0.0 }.torque(&snapshot, &[NO_LIMITS; 7], 50.0, 0.7)
+            };
+            let (torque, unit) = (pull(error), pull(0.1) / 0.1);
+            let most = unit.norm() * FIRM_RAD;
+            prop_assert!(torque.norm() <= most * (1.0 + 1e-9));
+            if error.abs() >= FAR_RAD {
+                prop_assert!(torque.norm() <= 1e-9 * most);
+            } else if error.abs() <= FIRM_RAD {
+                prop_assert!((torque - unit * error).norm() <= 1e-6 * most);
+            }
         }
 
         // Fails if a joint near its limit is not turned away from it, if that moves the TCP, if the spring is
