@@ -14,6 +14,9 @@ use crate::contact::SeatingWatch;
 /// Largest distance that the nest may move while the magnet seats it, in m: one
 /// and a half times the taught error of 10 mm.
 const WANDER_M: f64 = 0.015;
+/// Largest distance that it may move back against the approach meanwhile, in m. The magnet draws it on, and a
+/// push that lifts it off would let it fall back on the sphere.
+const BACK_M: f64 = 0.005;
 /// Largest distance that a search may move it, in m: the width of the nest's cone.
 const SEARCH_M: f64 = 0.035;
 /// Frequency of the circling force of a search, in Hz.
@@ -68,9 +71,14 @@ impl Coupling {
         } else {
             (SEARCH_M, couple.search_s)
         };
-        let wander = (env.snapshot.tcp.position - cartesian.contact).norm();
+        let moved = env.snapshot.tcp.position - cartesian.contact;
+        let wander = moved.norm();
         if wander > most {
             return Next::fail(Fault::NotSeated, wander, most);
+        }
+        let back = -moved.dot(&cartesian.direction);
+        if self.searches == 0 && back > BACK_M {
+            return Next::fail(Fault::NotSeated, back, BACK_M);
         }
         if env.elapsed_s < time_s {
             if self.searches > 0 {
@@ -220,6 +228,26 @@ mod tests {
             }
             assert_eq!(*cartesian.watch.centre(), scene.snapshot.tcp.position);
         }
+    }
+
+    // Fails if a nest that is lifted off while the magnet should seat it is not noticed, or if a search may not
+    // climb.
+    #[test]
+    fn a_nest_that_is_lifted_off_is_noticed() {
+        let lifted = |searches: u32, back: f64| {
+            let mut scene = Scene::new();
+            let mut cartesian = scene.engaged(Vector3::new(0.0, 0.6, -0.8));
+            cartesian.contact = scene.snapshot.tcp.position;
+            scene.snapshot.tcp.position += Vector3::new(0.004, -0.6 * back, 0.8 * back);
+            match (Coupling { searches }).step(&scene.env(), &mut cartesian) {
+                Next::Fail(found) => Some((found.fault, found.limit)),
+                _ => None,
+            }
+        };
+        assert_eq!(lifted(0, 0.0049), None);
+        assert_eq!(lifted(0, 0.0051), Some((Fault::NotSeated, BACK_M)));
+        assert_eq!(lifted(0, -0.0140), None, "the magnet draws it on");
+        assert_eq!(lifted(1, 0.0051), None);
     }
 
     // Fails if the test pull has another direction or size than the procedure says, moves on to a
