@@ -100,8 +100,8 @@ impl<const N: usize> Controller<N> {
         if let Some(violation) = unstable {
             self.fail(violation);
         }
-        let leaves = matches!(self.activity, Activity::Decoupling(_));
-        if let Some(violation) = self.safety.joint_state(state, &self.procedure.limits, leaves) {
+        let ends = self.activity.ends();
+        if let Some(violation) = self.safety.joint_state(state, &self.procedure.limits, ends) {
             self.fail(violation);
         }
         let force = if self.activity.is_cartesian() {

@@ -42,7 +42,7 @@ pub(crate) use turn::{PoseTarget, Turning};
 
 use crate::Report;
 use crate::law::{JointSetpoint, Snapshot, Wrench};
-use crate::safety::{Touch, Violation};
+use crate::safety::{Ends, Touch, Violation};
 
 /// Time for which the arm must be still to count as settled, in s.
 const STILL_S: f64 = 0.020;
@@ -179,6 +179,15 @@ impl<const N: usize> Activity<N> {
             }
             Self::Decoupling(phase) => Touch::Leaving(phase.pull_ms),
             Self::Idle | Self::Taring(_) | Self::Approaching(_) | Self::HandGuiding | Self::Fault => Touch::Wanted,
+        }
+    }
+
+    /// What it may do where a joint is at the end of its range.
+    pub(crate) fn ends(&self) -> Ends {
+        match self {
+            Self::Idle | Self::Moving(_) => Ends::Return,
+            Self::Decoupling(_) => Ends::Leave,
+            _ => Ends::Keep,
         }
     }
 

@@ -71,7 +71,10 @@ pub(super) fn joint_load<const N: usize>(env: &Env<'_, N>, dq: &[f64; N]) -> f64
     let mut load = 0.0f64;
     for (i, joint) in env.joints.iter().enumerate() {
         let (q, dq) = (env.snapshot.q[i], dq[i]);
-        let left = if dq > 0.0 {
+        let left = if q > joint.max_rad || q < joint.min_rad {
+            // It was pushed out of its range and comes back.
+            0.0
+        } else if dq > 0.0 {
             joint.max_rad - margin - q
         } else {
             q - joint.min_rad - margin
@@ -179,6 +182,10 @@ mod tests {
         for (end, outwards) in [(joint.max_rad - margin, 1.0), (joint.min_rad + margin, -1.0)] {
             assert!((load(end - outwards * 0.1, outwards * 1.2) - 2.0).abs() < 1e-9);
             assert!((load(end + outwards * 0.1, outwards * 0.05) - 0.5).abs() < 1e-9);
+        }
+        for (end, outwards) in [(joint.max_rad, 1.0), (joint.min_rad, -1.0)] {
+            let back = load(end + outwards * 0.01, outwards * -0.3);
+            assert!((back - 3.0).abs() < 1e-9, "0.1 rad/s on the way back into the range");
         }
         let middle = 0.5 * (joint.min_rad + joint.max_rad);
         assert!(load(middle, 1.0) < 0.15);

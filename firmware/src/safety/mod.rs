@@ -34,6 +34,9 @@ const FORCE_DWELL_S: f64 = 0.010;
 const DRIFT: i64 = 1000;
 /// Outward speed above which a joint in the margin counts as leaving its range, in rad/s.
 const OUTWARD_RAD_S: f64 = 0.02;
+/// How far beyond its range a joint may have been pushed and still come back, in rad. The end stops of arms are
+/// nearer; farther off the angle is wrong.
+const BEYOND_RAD: f64 = 0.1;
 /// Time for which a torque may be saturated, in s.
 const SATURATION_DWELL_S: f64 = 0.050;
 
@@ -46,6 +49,19 @@ pub(crate) enum Admission<const N: usize> {
     Bridged,
     /// Too many such states in a row, or a state that shows a fault.
     Refused(Violation),
+}
+
+/// What the present phase may do where a joint is at the end of its range.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Ends {
+    /// It works on a sphere: no joint may be out of its range.
+    #[default]
+    Keep,
+    /// It stands or moves in free space: a joint that was pushed out of its range may come back.
+    Return,
+    /// The same with half of the margin: an arm that stands at a sphere, at the edge of the margin, must be
+    /// able to leave.
+    Leave,
 }
 
 /// The safety monitor of an arm with `N` joints.
@@ -247,18 +263,17 @@ impl<const N: usize> SafetyMonitor<N> {
         Admission::Bridged
     }
 
-    /// Checks positions and velocities of a new joint state. When the arm
-    /// `leaves` a sphere, half the margin is enough: an arm that stands at the
-    /// edge of the margin must be able to leave.
+    /// Checks positions and velocities of a new joint state.
     #[inline]
-    pub(crate) fn joint_state(&self, state: &JointState<N>, limits: &Limits, leaves: bool) -> Option<Violation> {
-        let margin = limits.position_margin_rad * if leaves { 0.5 } else { 1.0 };
+    pub(crate) fn joint_state(&self, state: &JointState<N>, limits: &Limits, ends: Ends) -> Option<Violation> {
+        let margin = limits.position_margin_rad * if ends == Ends::Leave { 0.5 } else { 1.0 };
+        let beyond = if ends == Ends::Keep { 0.0 } else { BEYOND_RAD };
         for (i, limit) in self.limits.iter().enumerate() {
             let joint = i as u8 + 1;
             let q = state.q[i];
             let (min, max) = (limit.min_rad + margin, limit.max_rad - margin);
             // Between margin and limit the arm may stand still and move back.
-            let out = q < limit.min_rad || q > limit.max_rad;
+            let out = q < limit.min_rad - beyond || q > limit.max_rad + beyond;
             let outwards = (q < min && state.dq[i] < -OUTWARD_RAD_S) || (q > max && state.dq[i] > OUTWARD_RAD_S);
             if out || outwards {
                 let limit = if q < min { min } else { max };

@@ -5,7 +5,7 @@ use spherecal_shared::procedure::Limits;
 use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::{JointLimits, iiwa7};
 
-use super::{JointState, OUTWARD_RAD_S, SafetyMonitor, Violation, workspace_clearance};
+use super::{BEYOND_RAD, Ends, JointState, OUTWARD_RAD_S, SafetyMonitor, Violation, workspace_clearance};
 use crate::law::Shaped;
 
 fn monitor() -> SafetyMonitor<7> {
@@ -24,32 +24,43 @@ fn state(q: f64, dq: f64) -> JointState<7> {
     state
 }
 
-// Fails if a joint outside of its range may rest there, at either end; if one inside of the
-// margin may go on outwards, or may not rest and come back; or if an arm that leaves a sphere
-// has not half of the margin.
+// Fails if a joint outside of its range may rest there at a sphere, at either end, or may not come back in free
+// space; if one inside of the margin may go on outwards, or may not rest and come back; or if an arm that leaves
+// a sphere has not half of the margin.
 #[test]
 fn a_joint_keeps_its_range() {
     let (monitor, limits) = (monitor(), Limits::default());
     let joint = iiwa7().joints[1].limits;
     let margin = limits.position_margin_rad;
-    let check = |q, dq, leaves| monitor.joint_state(&state(q, dq), &limits, leaves);
+    let check = |q, dq, ends| monitor.joint_state(&state(q, dq), &limits, ends);
     for (end, outwards) in [(joint.max_rad, 1.0), (joint.min_rad, -1.0)] {
         for dq in [0.0, -outwards * 0.5] {
-            let found = check(end + outwards * 1e-3, dq, false).expect("out of the range");
+            let found = check(end + outwards * 1e-3, dq, Ends::Keep).expect("out of the range");
             assert_eq!((found.fault, found.joint), (Fault::JointPosition, 2));
             assert!((found.limit - (end - outwards * margin)).abs() < 1e-12);
+            for ends in [Ends::Return, Ends::Leave] {
+                let pushed = end + outwards * 0.999 * BEYOND_RAD;
+                assert!(check(pushed, dq, ends).is_none(), "{ends:?} at {dq} rad/s");
+                assert!(check(pushed, outwards * 2.0 * OUTWARD_RAD_S, ends).is_some());
+                assert!(
+                    check(end + outwards * 1.001 * BEYOND_RAD, dq, ends).is_some(),
+                    "no such angle"
+                );
+            }
         }
         let within = end - outwards * 0.75 * margin;
-        assert!(check(within, outwards * 2.0 * OUTWARD_RAD_S, false).is_some());
-        assert!(check(within, outwards * 2.0 * OUTWARD_RAD_S, true).is_none());
-        assert!(check(within, outwards * 0.5 * OUTWARD_RAD_S, false).is_none());
-        assert!(check(within, -outwards * 0.5, false).is_none());
-        assert!(check(end - outwards * 1.1 * margin, outwards * 0.5, false).is_none());
+        for ends in [Ends::Keep, Ends::Return] {
+            assert!(check(within, outwards * 2.0 * OUTWARD_RAD_S, ends).is_some());
+            assert!(check(within, outwards * 0.5 * OUTWARD_RAD_S, ends).is_none());
+            assert!(check(within, -outwards * 0.5, ends).is_none());
+            assert!(check(end - outwards * 1.1 * margin, outwards * 0.5, ends).is_none());
+        }
+        assert!(check(within, outwards * 2.0 * OUTWARD_RAD_S, Ends::Leave).is_none());
     }
     let fastest = joint.velocity_rad_s * limits.velocity_share;
     for direction in [1.0, -1.0] {
-        assert!(check(0.0, direction * 0.999 * fastest, false).is_none());
-        let found = check(0.0, direction * 1.001 * fastest, false).expect("too fast");
+        assert!(check(0.0, direction * 0.999 * fastest, Ends::Keep).is_none());
+        let found = check(0.0, direction * 1.001 * fastest, Ends::Keep).expect("too fast");
         assert_eq!(
             (found.fault, found.joint, found.limit),
             (Fault::JointVelocity, 2, fastest)
@@ -84,7 +95,7 @@ fn what_equals_its_limit_is_allowed() {
     monitor.configure(&robot, None).expect("a robot");
 
     // The end of a range, its margin, the speed out of it, and the speed of a joint.
-    let found = |monitor: &SafetyMonitor<7>, q, dq| monitor.joint_state(&state(q, dq), &limits, false).is_some();
+    let found = |monitor: &SafetyMonitor<7>, q, dq| monitor.joint_state(&state(q, dq), &limits, Ends::Keep).is_some();
     for side in [1.0, -1.0] {
         assert!(!found(&monitor, side * 2.0, 0.0));
         assert!(found(&monitor, side * beyond(2.0), 0.0));

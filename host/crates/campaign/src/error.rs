@@ -105,7 +105,7 @@ pub enum CampaignError {
     },
     /// No sphere where one should be.
     #[error(
-        "no contact with sphere {sphere} in {attempts} attempts: check that the plate is in place and that the \
+        "no contact with sphere {sphere} in {attempts} attempts: check that nothing pushes the arm, that the plate is in place and that the \
          waypoint of sphere {sphere} is within 10 mm; then continue with --resume"
     )]
     NoContact {
@@ -259,7 +259,10 @@ pub fn remedy(fault: Fault) -> &'static str {
         Fault::Force => "the arm hit something or the nest is jammed: clear the path",
         Fault::PathDeviation => "something blocks the arm: clear the path",
         Fault::MotionTimeout => "the arm does not settle: check friction and payload, or raise settle_s",
-        Fault::Tare => "the declared tool mass or centre of mass is wrong, or a torque sensor is off: check the tool",
+        Fault::Tare => {
+            "something pushes the arm at rest, the declared tool mass or centre of mass is wrong, or a torque sensor is off: \
+             clear the arm, and check the tool"
+        }
         Fault::NoContact => "check that the sphere is in place and that its waypoint is within 10 mm",
         Fault::NotSeated => "clean nest and sphere, and teach the waypoint closer",
         Fault::ContactLost => "clean nest and sphere, and check the magnet",

@@ -11,7 +11,7 @@ use super::row;
 use crate::contact::{ContactTrigger, SeatingWatch, Tare};
 use crate::law::{Shaped, Snapshot, Wrench};
 use crate::recorder::{Recorder, RecorderSample};
-use crate::safety::{JointState, Pressing, SafetyMonitor, Touch, Violation};
+use crate::safety::{Ends, JointState, Pressing, SafetyMonitor, Touch, Violation};
 use crate::testing::{Digest, HOME, random};
 
 pub(super) const NAMES: &[&str] = &[
@@ -72,7 +72,9 @@ fn joints(digest: &mut Digest) {
         if k % 3 == 0 {
             state.q[i] *= 0.5;
         }
-        add(digest, monitor.joint_state(&state, &limits, k.is_multiple_of(2)));
+        for ends in [Ends::Keep, Ends::Return, Ends::Leave] {
+            add(digest, monitor.joint_state(&state, &limits, ends));
+        }
         for margin in [0.0, 0.01] {
             digest.count(u64::from(monitor.reachable(&state.q, margin)));
         }
