@@ -103,6 +103,31 @@ fn told(preset: &str, seed: u64, phase: usize, trial: &FaultTrial) -> String {
     )
 }
 
+/// What was injected and what was reported, in the order of time.
+fn history(trial: &FaultTrial) -> String {
+    let injected = trial.happened.iter().map(|h| {
+        (
+            h.tick,
+            format!(
+                "{} {:?} while {:?}",
+                if h.begins { "begins" } else { "ends" },
+                h.what,
+                h.phase
+            ),
+        )
+    });
+    let faults = trial
+        .faults
+        .iter()
+        .map(|f| (f.tick, format!("FAULT {:?} while {:?}", f.fault, f.phase)));
+    let mut lines: Vec<(u64, String)> = injected.chain(faults).collect();
+    lines.sort_by_key(|(tick, _)| *tick);
+    lines
+        .iter()
+        .map(|(tick, what)| format!("    {tick:>7} {what}\n"))
+        .collect()
+}
+
 // `PUSH_PLANTS`, `PUSH_SEEDS` (their number) and `PUSH_PHASE` name a part of it.
 #[test]
 #[ignore = "study: an hour; prints the figures of docs/recovery.md"]
@@ -119,6 +144,9 @@ fn study_of_pushes_everywhere() {
             for phase in (0..PHASES.len()).filter(|p| format!("{:?}", PHASES[*p].0).contains(&asked)) {
                 let trial = case.run(&pushes(phase, seed)).expect("a run");
                 println!("{}", told(preset, seed, phase, &trial));
+                if std::env::var_os("PUSH_HISTORY").is_some() {
+                    println!("{}", history(&trial));
+                }
             }
         }
     }

@@ -39,8 +39,11 @@ const LASTING: usize = 10;
 /// Number of consecutive ticks for which a recording's nest may be off its sphere, because pads
 /// chatter.
 const CHATTER: usize = 5;
-/// Largest motion of the nest during a recording, in m: a tenth of the target accuracy.
+/// Largest motion of the nest during a recording, and largest distance from its seat of one that a push
+/// has lifted off a pad, in m: a tenth of the target accuracy.
 const MOVED_M: f64 = 1e-4;
+/// Number of consecutive ticks on the sphere after which the nest is in its seat.
+const SEATED: usize = 50;
 
 /// What a tick truly was.
 #[derive(Clone, Copy, Debug)]
@@ -101,11 +104,28 @@ impl JudgeRecord {
             worst = worst.max(off);
         }
         if worst > CHATTER {
-            return Some(format!("the nest was off sphere {} for {worst} ms", recording.sphere));
+            let away = self.seat_before(from, sphere).map(|seat| farthest(during, &seat));
+            if !away.is_some_and(|m| m <= MOVED_M) {
+                return Some(format!(
+                    "the nest was off sphere {} for {worst} ms, {:.3} mm from its seat",
+                    recording.sphere,
+                    away.unwrap_or(f64::INFINITY) * 1e3
+                ));
+            }
         }
-        let first = during[0].tcp;
-        let moved = during.iter().map(|t| (t.tcp - first).norm()).fold(0.0, f32::max);
-        (f64::from(moved) > MOVED_M).then(|| format!("the nest moved by {:.3} mm", moved * 1e3))
+        let moved = farthest(during, &during[0].tcp);
+        (moved > MOVED_M).then(|| format!("the nest moved by {:.3} mm", moved * 1e3))
+    }
+
+    /// Where the TCP was when the nest was last in its seat on a sphere before a tick; `None` if it
+    /// never was.
+    fn seat_before(&self, tick: usize, sphere: Option<u8>) -> Option<Vector3<f32>> {
+        let before = self.ticks.get(..tick)?;
+        let seat = before
+            .windows(SEATED)
+            .rev()
+            .find(|run| run.iter().all(|t| t.seated == sphere))?;
+        seat.last().map(|t| t.tcp)
     }
 
     fn take<const N: usize>(&mut self, plant: &Plant<N>) {
@@ -152,6 +172,11 @@ impl JudgeRecord {
             tcp: truth.tcp.position.map(|x| x as f32),
         });
     }
+}
+
+/// Largest distance of the TCP from a place, in m.
+fn farthest(ticks: &[TrueTick], place: &Vector3<f32>) -> f64 {
+    f64::from(ticks.iter().map(|t| (t.tcp - place).norm()).fold(0.0, f32::max))
 }
 
 /// The simulated arm with a judge beside it.
