@@ -3,7 +3,7 @@
 use spherecal::lab::faults::worst::{self, WorstOptions};
 use spherecal::lab::faults::{Case, Finish, PEAK_N, SUSTAINED_N, TrialEnd};
 use spherecal::sim::inject::InjectedFault;
-use spherecal_shared::protocol::host::Phase;
+use spherecal_shared::protocol::host::{Fault, Phase};
 
 use crate::injected::one;
 
@@ -29,6 +29,45 @@ fn a_push_off_the_sphere_is_recovered_without_pressing() {
             trial.sustained_n,
             trial.pressed_n
         );
+    }
+}
+
+// Fails if the arm compensates a push that has spoilt its tare: on the way off it would press with that force, three
+// times in a row, and give the sphere up.
+#[test]
+fn a_push_in_the_tare_is_not_compensated() {
+    let case = Case::new(2, Finish::Record).expect("a case");
+    for force_n in [[40.0, 0.0, 0.0], [0.0, -40.0, 0.0], [0.0, 0.0, 40.0]] {
+        let push = InjectedFault::HumanPush { force_n };
+        let trial = case.run(&one(push, Phase::Taring, 2, 0.15, 0.3)).expect("a run");
+        let faults: Vec<_> = trial.faults.iter().map(|f| (f.fault, f.phase)).collect();
+        assert_eq!(trial.ended, TrialEnd::Finished, "{force_n:?}: {faults:?}");
+        assert_eq!(faults, [(Fault::Tare, Phase::Taring)], "{force_n:?}");
+    }
+}
+
+// Fails if an arm that is pushed until it is stretched, and through, twists its elbow round: the torque that its drive
+// cannot follow was reported as a failing sensor, at every attempt to leave.
+#[test]
+fn an_arm_pushed_through_its_stretched_posture_comes_back() {
+    let case = Case::new(2, Finish::Record).expect("a case");
+    for newton in [25.0, 33.0, 45.0] {
+        for entry in 1..=3 {
+            let push = InjectedFault::HumanPush {
+                force_n: [newton, 0.0, 0.0],
+            };
+            let trial = case
+                .run(&one(push, Phase::Approaching, entry, 0.3, 1.2))
+                .expect("a run");
+            let faults: Vec<_> = trial.faults.iter().map(|f| (f.fault, f.phase)).collect();
+            assert_eq!(trial.ended, TrialEnd::Finished, "{newton} N at {entry}: {faults:?}");
+            assert!(
+                !faults
+                    .iter()
+                    .any(|(f, _)| matches!(f, Fault::TorqueSensor | Fault::Force)),
+                "{newton} N at {entry}: {faults:?}"
+            );
+        }
     }
 }
 
