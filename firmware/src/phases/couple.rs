@@ -14,8 +14,8 @@ use crate::contact::SeatingWatch;
 /// Largest distance that the nest may move while the magnet seats it, in m: one
 /// and a half times the taught error of 10 mm.
 const WANDER_M: f64 = 0.015;
-/// Largest distance that it may move back against the approach meanwhile, in m. The magnet draws it on, and a
-/// push that lifts it off would let it fall back on the sphere.
+/// Largest distance that it may move back against the approach meanwhile, in m, from where it was farthest on. The
+/// magnet draws it on; a nest that a push lifts off would fall back on the sphere.
 const BACK_M: f64 = 0.005;
 /// Largest distance that a search may move it, in m: the width of the nest's cone.
 const SEARCH_M: f64 = 0.035;
@@ -27,6 +27,8 @@ const CIRCLES_HZ: f64 = 1.0;
 pub(crate) struct Coupling {
     /// Searches so far, this one included.
     searches: u32,
+    /// How far the nest has come on along the approach since contact, in m.
+    farthest_m: f64,
 }
 
 impl Coupling {
@@ -34,13 +36,15 @@ impl Coupling {
     pub(crate) fn new<const N: usize>(env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Self {
         cartesian.relatch(env.snapshot, env.snapshot.tcp.rotation);
         cartesian.soften(env, env.procedure.couple.stiffness_n_m);
-        Self { searches: 0 }
+        Self::after(0)
     }
 
     /// After so many searches.
-    #[cfg(test)]
     pub(super) fn after(searches: u32) -> Self {
-        Self { searches }
+        Self {
+            searches,
+            farthest_m: 0.0,
+        }
     }
 
     /// Force of a search at the present time, F0, in N: a push along the approach
@@ -76,7 +80,9 @@ impl Coupling {
         if wander > most {
             return Next::fail(Fault::NotSeated, wander, most);
         }
-        let back = -moved.dot(&cartesian.direction);
+        let on = moved.dot(&cartesian.direction);
+        self.farthest_m = self.farthest_m.max(on);
+        let back = self.farthest_m - on;
         if self.searches == 0 && back > BACK_M {
             return Next::fail(Fault::NotSeated, back, BACK_M);
         }
@@ -123,9 +129,7 @@ impl Verifying {
             cartesian.setpoint.feed_forward = cartesian.compensation(Vector3::zeros());
             if self.searches < env.procedure.couple.searches {
                 cartesian.setpoint.position = tcp;
-                let search = Coupling {
-                    searches: self.searches + 1,
-                };
+                let search = Coupling::after(self.searches + 1);
                 return Next::Enter(Activity::Coupling(search), None);
             }
             return Next::fail(Fault::NotSeated, moved, seating.test_m);
@@ -206,7 +210,7 @@ mod tests {
             let mut scene = Scene::new();
             let mut cartesian = scene.engaged(-Vector3::z());
             cartesian.contact = scene.snapshot.tcp.position;
-            let mut phase = Coupling { searches };
+            let mut phase = Coupling::after(searches);
             let place = scene.snapshot.tcp.position;
             scene.snapshot.tcp.position = place + Vector3::new(0.6, 0.8, 0.0) * (most + 1e-6);
             match phase.step(&scene.env(), &mut cartesian) {
@@ -234,20 +238,26 @@ mod tests {
     // climb.
     #[test]
     fn a_nest_that_is_lifted_off_is_noticed() {
-        let lifted = |searches: u32, back: f64| {
+        let lifted = |searches: u32, on: f64, back: f64| {
             let mut scene = Scene::new();
             let mut cartesian = scene.engaged(Vector3::new(0.0, 0.6, -0.8));
             cartesian.contact = scene.snapshot.tcp.position;
-            scene.snapshot.tcp.position += Vector3::new(0.004, -0.6 * back, 0.8 * back);
-            match (Coupling { searches }).step(&scene.env(), &mut cartesian) {
-                Next::Fail(found) => Some((found.fault, found.limit)),
-                _ => None,
-            }
+            let mut phase = Coupling::after(searches);
+            let mut step = |on: f64| {
+                scene.snapshot.tcp.position = cartesian.contact + cartesian.direction * on;
+                match phase.step(&scene.env(), &mut cartesian) {
+                    Next::Fail(found) => Some((found.fault, found.limit)),
+                    _ => None,
+                }
+            };
+            assert_eq!(step(on), None, "the magnet draws it on");
+            step(on - back)
         };
-        assert_eq!(lifted(0, 0.0049), None);
-        assert_eq!(lifted(0, 0.0051), Some((Fault::NotSeated, BACK_M)));
-        assert_eq!(lifted(0, -0.0140), None, "the magnet draws it on");
-        assert_eq!(lifted(1, 0.0051), None);
+        for on in [0.0, 0.014] {
+            assert_eq!(lifted(0, on, 0.0049), None);
+            assert_eq!(lifted(0, on, 0.0051), Some((Fault::NotSeated, BACK_M)));
+            assert_eq!(lifted(1, on, 0.0051), None);
+        }
     }
 
     // Fails if the test pull has another direction or size than the procedure says, moves on to a
@@ -273,7 +283,7 @@ mod tests {
         assert!((force - Vector3::new(0.0, -0.6, 0.8) * 2.5).norm() < 1e-9, "{force}");
         assert!(matches!(
             verify(0.0016, 0.15, 1).0,
-            Next::Enter(Activity::Coupling(Coupling { searches: 2 }), None)
+            Next::Enter(Activity::Coupling(Coupling { searches: 2, .. }), None)
         ));
         match verify(0.0016, 0.15, 2).0 {
             Next::Fail(found) => assert_eq!((found.fault, found.limit), (Fault::NotSeated, 0.0015)),
