@@ -250,14 +250,18 @@ pub enum CampaignError {
 /// The operator's remedy for a fault.
 pub fn remedy(fault: Fault) -> &'static str {
     match fault {
-        Fault::JointPosition => "a pose is too close to a joint limit: plan with a larger margin",
+        Fault::JointPosition => {
+            "a pose is too close to a joint limit, or something pushed the arm there: clear the arm, or plan with a larger \
+             margin"
+        }
         Fault::JointVelocity => {
-            "lower procedure.turn.speed_rad_s or procedure.motion.speed_rad_s; if the joint oscillates, the drive answers \
-             too late (`spherecal stability`) or declares the wrong torque_sign"
+            "something pushed the arm, or it is too fast: clear the arm, or lower procedure.turn.speed_rad_s or \
+             procedure.motion.speed_rad_s; if the joint oscillates, the drive answers too late (`spherecal stability`) or \
+             declares the wrong torque_sign"
         }
         Fault::JointTorque => "check tool mass and centre of mass, and that nothing blocks the arm",
         Fault::Force => "the arm hit something or the nest is jammed: clear the path",
-        Fault::PathDeviation => "something blocks the arm: clear the path",
+        Fault::PathDeviation => "something blocks or pushes the arm: clear the path",
         Fault::MotionTimeout => "the arm does not settle: check friction and payload, or raise settle_s",
         Fault::Tare => {
             "something pushes the arm at rest, the declared tool mass or centre of mass is wrong, or a torque sensor is off: \
