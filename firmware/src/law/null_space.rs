@@ -304,8 +304,27 @@ mod tests {
             let depth = NEAR_RAD - left_rad;
             let most = drive.fastest_rad_s * drive.fastest_rad_s * depth;
             prop_assert!(inwards >= 0.0 && inwards <= most * (1.0 + 1e-9), "{inwards} of {most}");
-            let moves = self_motion(&snapshot.jacobian)[joint].abs() > 0.05;
+            let motion = self_motion(&snapshot.jacobian);
+            let moves = motion[joint].abs() > 0.05;
             prop_assert!(!moves || inwards > 0.0);
+            if !moves {
+                return Ok(());
+            }
+            // The spring and the damper by the joint's own mobility on the self-motion, at rest and turning.
+            let mut matrix = arm.bodies(&arm.frames(&q)).mass_matrix();
+            arm.add_rotors(&mut matrix);
+            let mobility = motion[joint] * motion[joint] / motion.dot(&(matrix * motion));
+            let stiffness = LIMIT_NM_RAD.min(drive.fastest_rad_s * drive.fastest_rad_s / mobility);
+            let damping = (depth / NEAR_RAD).min(1.0) * 2.0 * 0.7 * sqrt(stiffness / mobility);
+            let outwards = if upper { 1.0 } else { -1.0 };
+            for speed in [0.0, 0.3, -0.3] {
+                let dq = motion * speed;
+                let moving = Snapshot::on(&drive, &arm, &q, &dq.into()).expect("a mass matrix");
+                let own = rests.torque(&moving, &limits, 50.0, 0.7) - rests.torque(&moving, &[NO_LIMITS; 7], 50.0, 0.7);
+                let is = moving.mass.solve(&own)[joint];
+                let expected = -mobility * (stiffness * depth * outwards + damping * dq[joint]);
+                prop_assert!((is - expected).abs() < 1e-5 * (1.0 + expected.abs()), "{is} is not {expected}");
+            }
         }
     }
 }

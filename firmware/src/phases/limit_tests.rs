@@ -191,8 +191,12 @@ fn of_recordings_that_begin_anew() {
     for (elapsed_s, late) in [(3.5, false), (next(3.5), true)] {
         let mut phase = begun(&mut scene, &mut cartesian);
         scene.elapsed_s = elapsed_s;
-        let found = fault(&phase.step(&scene.env(), &mut cartesian));
-        assert_eq!((found, phase.count()), (late.then_some(Fault::MotionTimeout), 0));
+        let next = phase.step(&scene.env(), &mut cartesian);
+        assert_eq!((fault(&next), phase.count()), (late.then_some(Fault::MotionTimeout), 0));
+        if let Next::Fail(found) = next {
+            let limit = 3.0 * scene.procedure.turn.still_rad_s;
+            assert_eq!((found.value, found.limit), (1.0, limit));
+        }
     }
     let mut phase = RecordingPose::new(1, &scene.env(), &mut cartesian);
     for (elapsed_s, late) in [(2.5, false), (next(2.5), true)] {
