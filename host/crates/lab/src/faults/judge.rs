@@ -49,6 +49,8 @@ const SEATED: usize = 50;
 #[derive(Clone, Copy, Debug)]
 struct TrueTick {
     seated: Option<u8>,
+    /// Whether an injected push acted on the arm.
+    pushed: bool,
     tcp: Vector3<f32>,
 }
 
@@ -105,7 +107,9 @@ impl JudgeRecord {
         }
         if worst > CHATTER {
             let away = self.seat_before(from, sphere).map(|seat| farthest(during, &seat));
-            if !away.is_some_and(|m| m <= MOVED_M) {
+            // A push may lift a pad while the others and the magnet keep the nest in its place.
+            let lifted = during.iter().any(|t| t.pushed) && away.is_some_and(|m| m <= MOVED_M);
+            if !lifted {
                 return Some(format!(
                     "the nest was off sphere {} for {worst} ms, {:.3} mm from its seat",
                     recording.sphere,
@@ -169,6 +173,7 @@ impl JudgeRecord {
         self.ticks.push(TrueTick {
             // Spheres count from 1 on the wire.
             seated: truth.seated.and_then(|s| u8::try_from(s + 1).ok()),
+            pushed: self.pushed,
             tcp: truth.tcp.position.map(|x| x as f32),
         });
     }
