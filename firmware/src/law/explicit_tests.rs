@@ -200,6 +200,19 @@ fn the_pull_to_a_posture_leaves_the_tcp_alone() {
     }
 }
 
+// Fails if a spring about the tool's axis is softened by another mobility than that of the arm about it, or is ever
+// called harder than asked.
+#[test]
+fn a_spring_about_the_tool_is_softened_by_its_inertia() {
+    for case in cases() {
+        let (snapshot, axis) = (&case.snapshot, case.snapshot.tcp.z());
+        let mobility = axis.dot(&(case.mobility.fixed_view::<3, 3>(3, 3) * axis));
+        let hardest = snapshot.fastest_rad_s * snapshot.fastest_rad_s / mobility;
+        assert!((snapshot.softened(3.0 * hardest) - 3.0).abs() < 1e-6);
+        assert_eq!(snapshot.softened(0.5 * hardest), 1.0);
+    }
+}
+
 // Fails if the elbow's spring does other work on the self-motion than stiffness times error, on the
 // shorter way about the circle.
 #[test]

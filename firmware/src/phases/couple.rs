@@ -17,6 +17,8 @@ const WANDER_M: f64 = 0.015;
 /// Largest distance that it may move back against the approach meanwhile, in m, from where it was farthest on. The
 /// magnet draws it on; a nest that a push lifts off would fall back on the sphere.
 const BACK_M: f64 = 0.005;
+/// The same in a search, which pushes the nest on and may let it climb over the sphere a little.
+const SEARCH_BACK_M: f64 = 0.010;
 /// Largest distance that a search may move it, in m: the width of the nest's cone.
 const SEARCH_M: f64 = 0.035;
 /// Frequency of the circling force of a search, in Hz.
@@ -83,8 +85,9 @@ impl Coupling {
         let on = moved.dot(&cartesian.direction);
         self.farthest_m = self.farthest_m.max(on);
         let back = self.farthest_m - on;
-        if self.searches == 0 && back > BACK_M {
-            return Next::fail(Fault::NotSeated, back, BACK_M);
+        let most = if self.searches == 0 { BACK_M } else { SEARCH_BACK_M };
+        if back > most {
+            return Next::fail(Fault::NotSeated, back, most);
         }
         if env.elapsed_s < time_s {
             if self.searches > 0 {
@@ -234,8 +237,8 @@ mod tests {
         }
     }
 
-    // Fails if a nest that is lifted off while the magnet should seat it is not noticed, or if a search may not
-    // climb.
+    // Fails if a nest that is lifted off while the magnet should seat it, or in a search, is not noticed, or if it
+    // may not climb as far as it should.
     #[test]
     fn a_nest_that_is_lifted_off_is_noticed() {
         let lifted = |searches: u32, on: f64, back: f64| {
@@ -256,7 +259,8 @@ mod tests {
         for on in [0.0, 0.014] {
             assert_eq!(lifted(0, on, 0.0049), None);
             assert_eq!(lifted(0, on, 0.0051), Some((Fault::NotSeated, BACK_M)));
-            assert_eq!(lifted(1, on, 0.0051), None);
+            assert_eq!(lifted(1, on, 0.0099), None);
+            assert_eq!(lifted(1, on, 0.0101), Some((Fault::NotSeated, SEARCH_BACK_M)));
         }
     }
 

@@ -76,7 +76,7 @@ pub(super) const TABLE: &[(&str, &str, u64)] = &[
     ("a nest that wanders while it is seated", "NotSeated in Coupling, Idle", 0xef3ba53923bb049a),
     ("a nest that stays loose", "NotSeated in Coupling, Idle", 0x2798f7b1fbfea8ed),
     ("a nest that stays loose, without a search", "NotSeated in Verifying, Idle", 0x4204217f816c43ff),
-    ("a nest that wanders in a search", "NotSeated in Coupling, Idle", 0x86eb624a7441660f),
+    ("a nest that wanders in a search", "NotSeated in Coupling, Idle", 0x2cdb950a10b6afd4),
     ("a nest that leaves while it is coupled", "ContactLost in Coupled, Idle", 0xe268cfacf3f93a98),
     ("a nest that leaves slowly", "ContactLost in Coupled, Idle", 0x6dc812c4fc3ec7ef),
     ("a nest that leaves in a turn", "ContactLost in Turning, Idle", 0xb5b2a657a600b152),
