@@ -119,9 +119,9 @@ proptest! {
         let (tau, force) = second_after(&mut harmed, now);
         let (expected, expected_force) = second_after(&mut fresh, now);
         for (is, wanted) in tau.iter().zip(&expected) {
-            // The torque loop forgets its bound of 20 N m to e^-10 of it, because these states do not
-            // answer its correction.
-            prop_assert!((is - wanted).abs() < 1e-3, "{tau:?} is not {expected:?}");
+            // The torque loop forgets its bound of 20 N m to e^-10 of it in a second, because these states do
+            // not answer its correction; it begins when the hold, which may have been off, is back home.
+            prop_assert!((is - wanted).abs() < 2e-3, "{tau:?} is not {expected:?}");
         }
         for (is, wanted) in force.iter().zip(&expected_force) {
             prop_assert!((is - wanted).abs() < 1e-3, "{force:?} is not {expected_force:?}");
