@@ -88,7 +88,8 @@ def watch(browser, url, folder, width, command):
     result["arm_words"] = page.locator("#arms").inner_text()
     run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     seen, shots = [], set()
-    until = time.monotonic() + 300
+    # Minutes on a machine with other work.
+    until = time.monotonic() + 900
     while time.monotonic() < until:
         state = page.evaluate(LOOK)
         if state and not (before and state["id"] == before["id"]):
@@ -112,6 +113,8 @@ def watch(browser, url, folder, width, command):
     result["exit"] = run.wait(60)
     result["said"] = run.stderr.read().decode()[-2000:]
     moving = [s for s in seen if s["q"]]
+    if not moving:
+        sys.exit(f"no joint angles in {len(seen)} looks at the page; the run said: {result['said']}")
     result["frames"] = seen[-1]["frames"] if seen else 0
     result["phases"] = sorted({s["phase"] for s in moving})
     result["moved_rad"] = max(max(s["q"][k] for s in moving) - min(s["q"][k] for s in moving) for k in range(len(moving[0]["q"])))
