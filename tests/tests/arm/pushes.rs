@@ -128,9 +128,9 @@ fn history(trial: &FaultTrial) -> String {
         .collect()
 }
 
-// `PUSH_PLANTS`, `PUSH_SEEDS` (their number) and `PUSH_PHASE` name a part of it.
+// `PUSH_PLANTS`, `PUSH_SEEDS` (their number) and `PUSH_PHASE` name a part of it; `PUSH_HISTORY` prints what happened when.
 #[test]
-#[ignore = "study: an hour; prints the figures of docs/recovery.md"]
+#[ignore = "study: half an hour; prints the figures of docs/recovery.md"]
 fn study_of_pushes_everywhere() {
     let presets = std::env::var("PUSH_PLANTS").unwrap_or_else(|_| "typical,as_measured,harsh".to_owned());
     let seeds = std::env::var("PUSH_SEEDS")
