@@ -88,9 +88,11 @@ def watch(browser, url, folder, width, command):
     result["arm_words"] = page.locator("#arms").inner_text()
     run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     seen, shots = [], set()
-    # Minutes on a machine with other work.
+    # The run takes minutes on a machine with other work. The page has a minute more to show its end.
     until = time.monotonic() + 900
     while time.monotonic() < until:
+        if run.poll() is not None:
+            until = min(until, time.monotonic() + 60)
         state = page.evaluate(LOOK)
         if state and not (before and state["id"] == before["id"]):
             seen.append(state)

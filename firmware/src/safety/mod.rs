@@ -52,10 +52,9 @@ pub(crate) enum Admission<const N: usize> {
 }
 
 /// What the present phase may do where a joint is at the end of its range.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Ends {
     /// It works on a sphere: no joint may be out of its range.
-    #[default]
     Keep,
     /// It stands or moves in free space: a joint that was pushed out of its range may come back.
     Return,

@@ -120,8 +120,9 @@ proptest! {
         let (expected, expected_force) = second_after(&mut fresh, now);
         for (is, wanted) in tau.iter().zip(&expected) {
             // The torque loop forgets its bound of 20 N m to e^-10 of it in a second, because these states do
-            // not answer its correction; it begins when the hold, which may have been off, is back home.
-            prop_assert!((is - wanted).abs() < 2e-3, "{tau:?} is not {expected:?}");
+            // not answer its correction. A hold that was off by radians holds the bound for some 40 ms more
+            // (1.3e-3 N m; the worst of 4,000 sequences, and gone in the next 0.1 s).
+            prop_assert!((is - wanted).abs() < 1.5e-3, "{tau:?} is not {expected:?}");
         }
         for (is, wanted) in force.iter().zip(&expected_force) {
             prop_assert!((is - wanted).abs() < 1e-3, "{force:?} is not {expected_force:?}");

@@ -105,8 +105,8 @@ pub enum CampaignError {
     },
     /// No sphere where one should be.
     #[error(
-        "no contact with sphere {sphere} in {attempts} attempts: check that nothing pushes the arm, that the plate is in place and that the \
-         waypoint of sphere {sphere} is within 10 mm; then continue with --resume"
+        "no contact with sphere {sphere} in {attempts} attempts: check that nothing pushes the arm, that the plate is in \
+         place and that the waypoint of sphere {sphere} is within 10 mm; then continue with --resume"
     )]
     NoContact {
         /// The sphere.

@@ -39,8 +39,7 @@ const LASTING: usize = 10;
 /// Number of consecutive ticks for which a recording's nest may be off its sphere, because pads
 /// chatter.
 const CHATTER: usize = 5;
-/// Largest motion of the nest during a recording, and largest distance from its seat of one that a push
-/// has lifted off a pad, in m: a tenth of the target accuracy.
+/// Largest motion of the nest during a recording, in m: a tenth of the target accuracy.
 const MOVED_M: f64 = 1e-4;
 /// Number of consecutive ticks on the sphere after which the nest is in its seat.
 const SEATED: usize = 50;
@@ -49,8 +48,6 @@ const SEATED: usize = 50;
 #[derive(Clone, Copy, Debug)]
 struct TrueTick {
     seated: Option<u8>,
-    /// Whether an injected push acted on the arm.
-    pushed: bool,
     tcp: Vector3<f32>,
 }
 
@@ -106,16 +103,14 @@ impl JudgeRecord {
             worst = worst.max(off);
         }
         if worst > CHATTER {
-            let away = self.seat_before(from, sphere).map(|seat| farthest(during, &seat));
-            // A push may lift a pad while the others and the magnet keep the nest in its place.
-            let lifted = during.iter().any(|t| t.pushed) && away.is_some_and(|m| m <= MOVED_M);
-            if !lifted {
-                return Some(format!(
-                    "the nest was off sphere {} for {worst} ms, {:.3} mm from its seat",
-                    recording.sphere,
-                    away.unwrap_or(f64::INFINITY) * 1e3
-                ));
-            }
+            let away = self
+                .seat_before(from, sphere)
+                .map_or(f64::INFINITY, |seat| farthest(during, &seat));
+            return Some(format!(
+                "the nest was off sphere {} for {worst} ms, {:.3} mm from its seat",
+                recording.sphere,
+                away * 1e3
+            ));
         }
         let moved = farthest(during, &during[0].tcp);
         (moved > MOVED_M).then(|| format!("the nest moved by {:.3} mm", moved * 1e3))
@@ -173,7 +168,6 @@ impl JudgeRecord {
         self.ticks.push(TrueTick {
             // Spheres count from 1 on the wire.
             seated: truth.seated.and_then(|s| u8::try_from(s + 1).ok()),
-            pushed: self.pushed,
             tcp: truth.tcp.position.map(|x| x as f32),
         });
     }
