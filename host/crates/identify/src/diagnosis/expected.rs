@@ -115,12 +115,17 @@ impl Rigid {
     }
 }
 
+/// Whether the residuals have heavy tails, by the log likelihood of these over light ones.
+pub(crate) fn has_heavy_tails(heavy_tails: f64) -> bool {
+    heavy_tails > TAILS_KNOWN
+}
+
 /// How well the size of the error is known, by the log likelihood of heavy tails of
 /// the residuals over light ones. Errors that no cause describes differ from pose to
 /// pose: an arm that has them has residuals with heavy tails.
 pub(crate) fn size_sigma(heavy_tails: f64) -> f64 {
     let [light, open, heavy] = SIZE_SIGMA;
-    if heavy_tails > TAILS_KNOWN {
+    if has_heavy_tails(heavy_tails) {
         heavy
     } else if heavy_tails < -TAILS_KNOWN {
         light

@@ -28,7 +28,7 @@ pub use scatter::ScatteredPlace;
 use nalgebra::{DMatrix, DVector, Vector3};
 use serde::Serialize;
 
-pub(crate) use self::expected::{Rigid, size_sigma, summary};
+pub(crate) use self::expected::{Rigid, has_heavy_tails, size_sigma, summary};
 pub(crate) use self::tail::log_tail;
 
 use self::component::{GroupOf, ParameterGroup};
