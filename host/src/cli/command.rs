@@ -136,7 +136,7 @@ pub enum CliCommand {
                             spherecal reproduce --merge --out study"
     )]
     Reproduce(ReproduceArgs),
-    /// Compare the estimators, or the plans, on the synthetic worlds W0 to W4.
+    /// Compare the estimators, or the plans, on the synthetic worlds W0 to W5.
     #[command(
         after_help = "Examples: spherecal worlds --world W0 --world W3 --seeds 4\n          spherecal worlds --plan\n          \
                       spherecal worlds --seeds 1000000 --shard 17/1000 --out study\n          \

@@ -10,9 +10,11 @@ use crate::evaluate::OwnSeat;
 const HARMLESS: f64 = 0.5;
 /// The same in mm: less than the repeatability of any arm.
 const HARMLESS_MM: f64 = 0.01;
-/// Chance of a cause, as a logarithm to the base 10, up to which it refuses a result whose errors are not normal. The
-/// chance is that of normal errors: nests that seat badly make chances of 1e-7 in sound robots. See `docs/theory.md`.
-const CERTAIN: f64 = -8.0;
+/// What makes a cause certain enough to refuse a result whose errors are not normal: its chance, as a logarithm to the
+/// base 10, or its size in its own standard deviations. The chance is that of normal errors: nests that seat badly make
+/// chances of 2e-9 in sound robots, with sizes of up to 7.3 standard deviations. See `docs/theory.md`.
+const CERTAIN_LOG10_P: f64 = -10.0;
+const CERTAIN_SIZE: f64 = 8.0;
 /// What is said of such a cause.
 const DOUBTFUL: &str = "the errors have heavy tails, so it may also be chance; the expected error holds it";
 /// Largest chance that the result is no better than the nominal robot. Set after the real
@@ -46,9 +48,15 @@ pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
 /// One check for each family of causes.
 fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
     let harmless = (HARMLESS * diagnosis.expected.mean).max(HARMLESS_MM);
-    // The scale is held against the lengths of the links, and not against the scatter of the rows.
     let normal = !has_heavy_tails(evidence.calibration.heavy_tails) && evidence.seats.is_empty();
-    let certain = |f: &Finding| normal || f.log10_p <= CERTAIN || f.alternative.family() == Family::CertificateScale;
+    let certain = |f: &Finding| match f.alternative.family() {
+        _ if normal => true,
+        // It is held against the lengths of the links, and not against the scatter of the rows.
+        Family::CertificateScale => true,
+        // Where rows have seats of their own, one more qualifies as they do.
+        Family::Seat => evidence.seats.is_empty(),
+        _ => f.size.abs() >= CERTAIN_SIZE * f.sigma || f.log10_p <= CERTAIN_LOG10_P,
+    };
     let described = |f: &Finding| {
         let words = in_words(evidence, f);
         if f.harm_mm < harmless || certain(f) {
