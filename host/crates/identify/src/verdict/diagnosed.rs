@@ -16,7 +16,7 @@ const HARMLESS_MM: f64 = 0.01;
 const CERTAIN_LOG10_P: f64 = -10.0;
 const CERTAIN_SIZE: f64 = 8.0;
 /// What is said of such a cause.
-const DOUBTFUL: &str = "the errors have heavy tails, so it may also be chance; the expected error holds it";
+const DOUBTFUL: &str = "the errors are not normal, so it may also be chance; the expected error holds it";
 /// Largest chance that the result is no better than the nominal robot. Set after the real
 /// data of the iiwa 14 were seen, where it is 0.044: see `docs/theory.md`.
 const NOT_BETTER: f64 = 0.05;
