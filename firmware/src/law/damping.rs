@@ -151,7 +151,8 @@ mod tests {
             (seed >> 11) as f64 / (1u64 << 52) as f64 - 1.0
         };
         let mut softened = 0;
-        for latency_s in [0.0, 4e-3] {
+        // With the last one all modes are too fast.
+        for latency_s in [0.0, 4e-3, 0.2] {
             let drive = Actuation::<7>::new([0.0; 7], 1e-3, latency_s);
             let snapshot = Snapshot::on(&drive, &arm, &HOME, &[0.0; 7]).expect("a mass matrix");
             let mut damping = Damping::default();
@@ -173,6 +174,6 @@ mod tests {
                 softened += usize::from(left < 0.99 * asked);
             }
         }
-        assert!(softened > 100, "the late drive gets a softer spring: {softened} of 200");
+        assert!(softened > 100, "late drives get a softer spring: {softened} of 400");
     }
 }

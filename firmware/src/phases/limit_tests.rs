@@ -12,6 +12,7 @@ use super::pull::Pull;
 use super::scene::Scene;
 use super::{Activity, CartesianState, Decoupling, Moving, Next, RecordingPose};
 use crate::law::JointSetpoint;
+use crate::safety::Ends;
 use crate::testing::HOME;
 
 fn next(limit: f64) -> f64 {
@@ -204,6 +205,40 @@ fn of_recordings_that_begin_anew() {
         let found = fault(&phase.step(&scene.env(), &mut cartesian));
         assert_eq!(found, late.then_some(Fault::MotionTimeout));
     }
+}
+
+// Fails if a recording that begins anew may wait for rest for another time than a turn may settle, from where the last
+// one began.
+#[test]
+fn of_the_wait_for_a_further_recording() {
+    let (mut scene, mut cartesian) = origin();
+    scene.procedure.record.samples = 512;
+    scene.procedure.turn.settle_s = 2.5;
+    let mut phase = RecordingPose::new(1, &scene.env(), &mut cartesian);
+    cartesian.impedance = crate::law::Impedance::new(crate::law::Stiffness::isotropic(5.0, 200.0));
+    (scene.joint_speed, scene.elapsed_s) = (0.0, 1.0);
+    for _ in 0..30 {
+        phase.step(&scene.env(), &mut cartesian);
+    }
+    assert!(phase.count() > 0);
+    scene.joint_speed = 1.0;
+    phase.step(&scene.env(), &mut cartesian);
+    assert_eq!(phase.count(), 0);
+    for (elapsed_s, late) in [(3.5, false), (next(3.5), true)] {
+        scene.elapsed_s = elapsed_s;
+        let found = fault(&phase.step(&scene.env(), &mut cartesian));
+        assert_eq!(found, late.then_some(Fault::MotionTimeout));
+    }
+}
+
+// Fails if a phase on a sphere may leave a joint's range, or if one in free space or on its way off may not come back.
+#[test]
+fn of_the_ends_of_ranges() {
+    let (scene, mut cartesian) = origin();
+    let leaving = Activity::<7>::Decoupling(Decoupling::new(&scene.env(), &mut cartesian));
+    assert_eq!(leaving.ends(), Ends::Leave);
+    assert_eq!(Activity::<7>::Idle.ends(), Ends::Return);
+    assert_eq!(Activity::<7>::Coupled.ends(), Ends::Keep);
 }
 
 // Fails if a motion is off its path at the limit, or if the time to settle of a motion or of the way

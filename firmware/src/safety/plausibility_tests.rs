@@ -176,12 +176,19 @@ fn what_equals_its_bound_is_plausible() {
     assert_eq!(frozen(TORQUE_CHANGE_NM, MOVES_RAD_S), None);
     assert_eq!(frozen(next(TORQUE_CHANGE_NM), 0.0), Some(22));
     assert_eq!(frozen(0.0, next(MOVES_RAD_S)), Some(22));
-    let stuck = |torque: f64| {
+    let stuck = |torque: f64, joint: &JointLimits| {
         let mut stuck = (0, 0.0);
         (1..100).find(|tick| {
             let sent = [if *tick > 1 { torque } else { 0.0 }; 7];
-            stuck_encoder(&mut stuck, 6, 0.0, &sent, &joints[6], &limits).is_some()
+            stuck_encoder(&mut stuck, 6, 0.0, &sent, joint, &limits).is_some()
         })
     };
-    assert_eq!((stuck(STUCK_NM), stuck(-next(STUCK_NM))), (None, Some(21)));
+    let small = &joints[6];
+    assert_eq!(
+        (stuck(STUCK_NM, small), stuck(-next(STUCK_NM), small)),
+        (None, Some(21))
+    );
+    let mut strong = joints[6];
+    strong.torque_nm = 400.0;
+    assert_eq!((stuck(20.0, &strong), stuck(-next(20.0), &strong)), (None, Some(21)));
 }
