@@ -170,6 +170,15 @@ fn of_a_recording() {
     assert_eq!(record(0.0, 0.0, next(0.1875)).0, 0, "it starts anew");
 }
 
+/// A recording that waits for rest does so until `last_s`, and no longer.
+fn waits_until(last_s: f64, phase: &mut RecordingPose<7>, scene: &mut Scene, cartesian: &mut CartesianState<7>) {
+    for (elapsed_s, late) in [(last_s, false), (next(last_s), true)] {
+        scene.elapsed_s = elapsed_s;
+        let found = fault(&phase.step(&scene.env(), cartesian));
+        assert_eq!(found, late.then_some(Fault::MotionTimeout));
+    }
+}
+
 // Fails if recordings that begin anew may go on for longer, or not for as long, as a turn may settle and
 // two recordings take; or if the first one may wait longer than a turn may settle.
 #[test]
@@ -200,11 +209,7 @@ fn of_recordings_that_begin_anew() {
         }
     }
     let mut phase = RecordingPose::new(1, &scene.env(), &mut cartesian);
-    for (elapsed_s, late) in [(2.5, false), (next(2.5), true)] {
-        scene.elapsed_s = elapsed_s;
-        let found = fault(&phase.step(&scene.env(), &mut cartesian));
-        assert_eq!(found, late.then_some(Fault::MotionTimeout));
-    }
+    waits_until(2.5, &mut phase, &mut scene, &mut cartesian);
 }
 
 // Fails if a recording that begins anew may wait for rest for another time than a turn may settle, from where the last
@@ -224,11 +229,7 @@ fn of_the_wait_for_a_further_recording() {
     scene.joint_speed = 1.0;
     phase.step(&scene.env(), &mut cartesian);
     assert_eq!(phase.count(), 0);
-    for (elapsed_s, late) in [(3.5, false), (next(3.5), true)] {
-        scene.elapsed_s = elapsed_s;
-        let found = fault(&phase.step(&scene.env(), &mut cartesian));
-        assert_eq!(found, late.then_some(Fault::MotionTimeout));
-    }
+    waits_until(3.5, &mut phase, &mut scene, &mut cartesian);
 }
 
 // Fails if a phase on a sphere may leave a joint's range, or if one in free space or on its way off may not come back.

@@ -54,7 +54,7 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
         // It is held against the lengths of the links, and not against the scatter of the rows.
         Family::CertificateScale => true,
         // Where rows have seats of their own, one more qualifies as they do.
-        Family::Seat => evidence.seats.is_empty(),
+        Family::Seat if !evidence.seats.is_empty() => false,
         _ => f.size.abs() >= CERTAIN_SIZE * f.sigma || f.log10_p <= CERTAIN_LOG10_P,
     };
     let described = |f: &Finding| {
