@@ -45,6 +45,20 @@ fn displaced(linear: &Linear, columns: &DMatrix<f64>, effect: &DVector<f64>, cov
     ((square / n).sqrt() * 1e3, (variance / n).max(0.0).sqrt() * 1e3)
 }
 
+/// Length of the vector that begins at item `from` of an effect, and its standard deviation along itself, in
+/// thousandths of the unit. Zero where the effect has no such vector.
+fn length(effect: &DVector<f64>, covariance: &DMatrix<f64>, from: usize) -> (f64, f64) {
+    let k = effect.len().saturating_sub(from).min(3);
+    if k == 0 {
+        return (0.0, 0.0);
+    }
+    let vector = effect.rows(from, k).into_owned();
+    let size = vector.norm();
+    let along = if size > 0.0 { vector / size } else { vector };
+    let variance = along.dot(&(covariance.view((from, from), (k, k)) * &along));
+    (size * 1e3, variance.max(0.0).sqrt() * 1e3)
+}
+
 /// `ln` of how much more common a cause is than the others.
 pub(super) fn odds(alternative: &Alternative) -> f64 {
     match alternative {
@@ -279,14 +293,8 @@ impl<'a> Selection<'a> {
         let columns = self.wide(index);
         let (effect, covariance) = with.named_effect(&columns)?;
         let shift = effect.rows(0, effect.len().min(3)).into_owned();
-        let size = shift.norm() * 1e3;
-        let along = if shift.norm() > 0.0 {
-            shift.normalize()
-        } else {
-            shift.clone()
-        };
-        let k = shift.len();
-        let sigma = along.dot(&(covariance.view((0, 0), (k, k)) * &along)).max(0.0).sqrt() * 1e3;
+        let (size, sigma) = length(&effect, &covariance, 0);
+        let turn = length(&effect, &covariance, 3);
         let rms = displaced(linear, &trial.columns, &effect, &covariance);
         let (size, sigma) = match trial.alternative {
             Alternative::Orientation { .. } => rms,
@@ -304,7 +312,7 @@ impl<'a> Selection<'a> {
         or.dedup();
         Ok(Finding {
             alternative: trial.alternative,
-            words: words(&trial.alternative, &shift, sigma, rms, course),
+            words: words(&trial.alternative, &shift, sigma, turn, rms, course),
             size: signed,
             sigma,
             sigmas: sigmas(log_p),

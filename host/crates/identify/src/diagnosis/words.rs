@@ -64,12 +64,14 @@ pub(crate) fn short(alternative: &Alternative, course: &Course) -> String {
     }
 }
 
-/// The cause with its size: `shift` in m (rad, or its own unit), `sigma` in thousandths of it. `rms` is
-/// the root mean square displacement of the TCP by it, with its sigma, in mm.
+/// The cause with its size: `shift` in m (rad, or its own unit), `sigma` in thousandths of it. `turn` is the
+/// angle by which it turns, with its sigma, in mrad; `rms` is the root mean square displacement of the TCP by
+/// it, with its sigma, in mm.
 pub(crate) fn words(
     alternative: &Alternative,
     shift: &DVector<f64>,
     sigma: f64,
+    turn: (f64, f64),
     rms: (f64, f64),
     course: &Course,
 ) -> String {
@@ -87,10 +89,19 @@ pub(crate) fn words(
             mm(0).abs(),
             if mm(0) > 0.0 { "long" } else { "short" }
         ),
-        Alternative::Slip { reference, time, .. } => format!(
-            "{} slipped by {size:.3} ± {sigma:.3} mm, {}, after {} of the time",
+        Alternative::Slip {
+            reference,
+            time,
+            turned,
+        } => format!(
+            "{} slipped by {size:.3} ± {sigma:.3} mm, {},{} after {} of the time",
             place_name(reference),
             vector(),
+            if turned {
+                format!(" and turned by {:.3} ± {:.3} mrad about its middle,", turn.0, turn.1)
+            } else {
+                String::new()
+            },
             share(time)
         ),
         Alternative::Drift { reference } => format!(
@@ -198,5 +209,30 @@ pub(crate) fn next(alternative: &Alternative) -> &'static str {
         Alternative::Orientation { .. } => {
             "check target and nest: roundness and certificate of the sphere, centring and angle of acceptance of the reflector"
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a plate that slipped and turned is described by its shift alone, or a turn is told where none was tried.
+    #[test]
+    fn a_plate_that_turned_is_said_to_have_turned() {
+        let shift = DVector::from_row_slice(&[3e-4, 0.0, -4e-4]);
+        let told = |turned| {
+            let slip = Alternative::Slip {
+                reference: Reference::Place(0),
+                time: 0.5,
+                turned,
+            };
+            words(&slip, &shift, 0.1, (0.7, 0.2), (0.6, 0.1), &Course::default())
+        };
+        let size = "the plate slipped by 0.500 ± 0.100 mm, (+0.300, +0.000, -0.400) mm,";
+        assert_eq!(told(false), format!("{size} after 50 % of the time"));
+        assert_eq!(
+            told(true),
+            format!("{size} and turned by 0.700 ± 0.200 mrad about its middle, after 50 % of the time")
+        );
     }
 }
