@@ -52,6 +52,8 @@ pub(super) struct ProgressView {
     last_line: Instant,
     last_draw: Option<Instant>,
     device_s: f64,
+    /// What is counted: "pose".
+    unit: &'static str,
     /// The operator who can move the plate, if someone is at the terminal.
     person: Option<TerminalOperator>,
     /// The placement that was asked for.
@@ -59,8 +61,13 @@ pub(super) struct ProgressView {
 }
 
 impl ProgressView {
-    /// A view that has shown nothing yet.
+    /// A view of a campaign that counts its poses. It has shown nothing yet.
     pub(super) fn new() -> Self {
+        Self::of("pose")
+    }
+
+    /// A view of work that counts something else than poses: `unit`, in the singular.
+    pub(super) fn of(unit: &'static str) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let target = if terminal {
             ProgressDrawTarget::stderr_with_hz(10)
@@ -69,7 +76,9 @@ impl ProgressView {
         };
         let bar = ProgressBar::with_draw_target(Some(0), target);
         // The template is a constant that is known to parse.
-        if let Ok(style) = ProgressStyle::with_template("{prefix:.bold.cyan} {bar:24.cyan/dim} {pos}/{len}  {msg}") {
+        if let Ok(style) = ProgressStyle::with_template(&format!(
+            "{{prefix:.bold.cyan}} {{bar:24.cyan/dim}} {unit} {{pos}}/{{len}}  {{msg}}"
+        )) {
             bar.set_style(style.progress_chars("━╸─"));
         }
         let now = Instant::now();
@@ -80,6 +89,7 @@ impl ProgressView {
             last_line: now,
             last_draw: None,
             device_s: 0.0,
+            unit,
             person: std::io::stdin().is_terminal().then(TerminalOperator::default),
             asked: None,
         }
@@ -178,8 +188,9 @@ impl CampaignObserver for ProgressView {
         } else if now - self.last_line >= LINE_EVERY {
             self.last_line = now;
             errln!(
-                "{}: pose {} of {}, {}",
+                "{}: {} {} of {}, {}",
                 stage_name(p.stage),
+                self.unit,
                 p.done,
                 p.poses,
                 self.message(p)

@@ -22,7 +22,7 @@ pub struct ShardArgs {
 /// The folder of the shards, for commands that have no other use for one.
 #[derive(Args, Clone, Debug)]
 pub struct ShardFolder {
-    /// Folder of the shards, and of --rows.
+    /// Folder of the shards and of what is written from them.
     #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
 }

@@ -55,7 +55,7 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
     let path = args.out.join("soak.db");
     let mut store = SqlStore::create_or_open(&path)?;
     let _claim = SqlStore::claim(&path)?;
-    let mut view = ProgressView::new();
+    let mut view = ProgressView::of("minute");
     let site = Site {
         link: &Link::Sim,
         tracker: None,

@@ -200,7 +200,7 @@ impl CampaignObserver for Laps<'_> {
     }
 
     fn progress(&mut self, progress: &Progress) {
-        // In minutes of robot time, as poses are shown.
+        // Minutes of robot time are counted in place of poses: laps have no end.
         self.inner.progress(&Progress {
             stage: if progress.stage == CampaignStage::Done {
                 CampaignStage::Home
