@@ -79,7 +79,9 @@ pub const PRESETS: &[Preset] = &[
         what: InjectedFault::StateFrozen,
         when: during(Phase::Turning, 2, 0.2),
         faults: &[Fault::StaleState],
-        within_ms: Some(40),
+        // 21 ms while the arm moves. At rest, a state that repeats tells nothing before the sent
+        // torque has changed; the injected fault ends after 500 ms.
+        within_ms: Some(510),
         borne: true,
     },
     Preset {
