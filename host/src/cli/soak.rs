@@ -107,6 +107,10 @@ fn table(soak: &Soak) -> String {
         );
     }
     out.push('\n');
+    let faults: u64 = soak.hours.iter().map(|hour| hour.faults).sum();
+    if faults > 0 {
+        out += &format!("Faults after which the arm went on: {faults}.\n");
+    }
     if soak.complaints.is_empty() {
         out.push_str("No growth or drift from the first hour to the last.\n");
     }
