@@ -116,7 +116,10 @@ fn broken(preset: &Preset, trial: &FaultTrial) -> (Vec<String>, Option<u64>) {
         (Some(_), Some(fault), Some(after)) => {
             if !preset.faults.contains(&fault.fault) {
                 broken.push(format!("{:?} while {:?} is not documented", fault.fault, fault.phase));
-            } else if preset.within_ms.is_some_and(|within| after > u64::from(within)) {
+            } else if preset
+                .within_ms_in(fault.phase)
+                .is_some_and(|within| after > u64::from(within))
+            {
                 broken.push(format!("{:?} came after {after} ms", fault.fault));
             }
         }

@@ -33,6 +33,14 @@ impl Preset {
     pub fn plan(&self) -> FaultPlan {
         FaultPlan::of(self.what, self.when)
     }
+
+    /// Time limit from its start, in ms, for a fault that is reported in `phase`.
+    pub fn within_ms_in(&self, phase: Phase) -> Option<u32> {
+        match (self.what, phase) {
+            (InjectedFault::StateFrozen, Phase::Recording) => Some(FROZEN_AT_REST_MS),
+            _ => self.within_ms,
+        }
+    }
 }
 
 const fn during(name: Phase, entry: u32, after_s: f64) -> When {
@@ -71,6 +79,10 @@ const STUCK: &[Fault] = &[
     Fault::Pressing,
 ];
 
+/// The same for a drive that freezes during a recording: the arm rests, so a state that repeats tells nothing before
+/// the sent torque has changed. The injected fault ends after 500 ms.
+const FROZEN_AT_REST_MS: u32 = 510;
+
 /// The presets.
 pub const PRESETS: &[Preset] = &[
     Preset {
@@ -79,9 +91,7 @@ pub const PRESETS: &[Preset] = &[
         what: InjectedFault::StateFrozen,
         when: during(Phase::Turning, 2, 0.2),
         faults: &[Fault::StaleState],
-        // 21 ms while the arm moves. At rest, a state that repeats tells nothing before the sent
-        // torque has changed; the injected fault ends after 500 ms.
-        within_ms: Some(510),
+        within_ms: Some(40),
         borne: true,
     },
     Preset {
@@ -351,7 +361,11 @@ pub fn table() -> String {
             } else {
                 faults.join(", ")
             },
-            preset.within_ms.map_or("–".to_owned(), |ms| ms.to_string()),
+            match (preset.within_ms, preset.within_ms_in(Phase::Recording)) {
+                (None, _) => "–".to_owned(),
+                (Some(ms), Some(recording)) if recording != ms => format!("{ms}; {recording} in a recording"),
+                (Some(ms), _) => ms.to_string(),
+            },
             if preset.borne { "yes" } else { "no" }
         ));
     }
