@@ -13,12 +13,18 @@ use sqlx::{ConnectOptions as _, Connection as _, Row as _};
 use super::tests::{new_run, placed, recording};
 use super::*;
 
+/// A new database with a run and a session: the store and their numbers.
+fn begun(path: &Path) -> (SqlStore, i64, i64) {
+    let mut store = SqlStore::create_or_open(path).expect("made");
+    let run = store.create_run(&new_run()).expect("a run");
+    let session = store.begin_session(run, "now").expect("a session");
+    (store, run, session)
+}
+
 /// A finished database with every kind of row, closed.
 pub(super) fn finished(folder: &Path) -> (PathBuf, Vec<Recording>) {
     let path = folder.join("calibration.db");
-    let mut store = SqlStore::create_or_open(&path).expect("made");
-    let run = store.create_run(&new_run()).expect("a run");
-    let session = store.begin_session(run, "now").expect("a session");
+    let (mut store, run, session) = begun(&path);
     store.put_handshake(run, session, 1, 77).expect("stored");
     let recordings: Vec<Recording> = (0..20)
         .map(|pose| recording(pose, 0.1 + f64::from(pose) / 3.0))
@@ -231,9 +237,7 @@ fn a_flip_in_the_list_of_tables_costs_nothing() {
 fn the_log_holds_nothing_that_was_acknowledged() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("calibration.db");
-    let mut store = SqlStore::create_or_open(&path).expect("made");
-    let run = store.create_run(&new_run()).expect("a run");
-    let session = store.begin_session(run, "now").expect("a session");
+    let (mut store, run, session) = begun(&path);
     for k in 0..12u32 {
         let arrival = Event::Recording(recording(k, 0.3));
         store
@@ -254,9 +258,7 @@ fn the_log_holds_nothing_that_was_acknowledged() {
 fn a_flip_in_the_log_changes_nothing_that_is_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("calibration.db");
-    let mut store = SqlStore::create_or_open(&path).expect("made");
-    let run = store.create_run(&new_run()).expect("a run");
-    let session = store.begin_session(run, "now").expect("a session");
+    let (mut store, run, session) = begun(&path);
     let recordings: Vec<Recording> = (0..9).map(|k| recording(k, 0.3 + f64::from(k))).collect();
     let runtime = open::runtime(&path).expect("a runtime");
     let mut reader = None;
