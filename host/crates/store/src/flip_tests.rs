@@ -14,7 +14,7 @@ use super::tests::{new_run, placed, recording};
 use super::*;
 
 /// A new database with a run and a session: the store and their numbers.
-fn begun(path: &Path) -> (SqlStore, i64, i64) {
+pub(super) fn begun(path: &Path) -> (SqlStore, i64, i64) {
     let mut store = SqlStore::create_or_open(path).expect("made");
     let run = store.create_run(&new_run()).expect("a run");
     let session = store.begin_session(run, "now").expect("a session");
@@ -230,90 +230,6 @@ fn a_flip_in_the_list_of_tables_costs_nothing() {
             );
         }
     }
-}
-
-// Fails if the loss or damage of the write-ahead log costs anything that was acknowledged.
-#[test]
-fn the_log_holds_nothing_that_was_acknowledged() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("calibration.db");
-    let (mut store, run, session) = begun(&path);
-    for k in 0..12u32 {
-        let arrival = Event::Recording(recording(k, 0.3));
-        store
-            .append(run, &[placed(session, i64::from(k), &arrival)])
-            .expect("stored");
-        // What a kill leaves, without the log.
-        let copy = folder.path().join(format!("copy-{k}.db"));
-        std::fs::copy(&path, &copy).expect("copied");
-        let mut killed = SqlStore::open(&copy).expect("opened");
-        assert_eq!(killed.recordings(run).expect("read").len(), k as usize + 1);
-        assert!(killed.damage().expect("readable").is_empty());
-    }
-}
-
-// Fails if a bit flipped in a log that holds commits changes what was written, or costs what the file
-// itself has. Only a reader, or a kill between the commit and its way into the file, leaves such a log.
-#[test]
-fn a_flip_in_the_log_changes_nothing_that_is_read() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("calibration.db");
-    let (mut store, run, session) = begun(&path);
-    let recordings: Vec<Recording> = (0..9).map(|k| recording(k, 0.3 + f64::from(k))).collect();
-    let runtime = open::runtime(&path).expect("a runtime");
-    let mut reader = None;
-    for (r, k) in recordings.iter().zip(0usize..) {
-        if k == 3 {
-            // From here on, the log keeps what is committed.
-            reader = Some(runtime.block_on(async {
-                let options = sqlx::sqlite::SqliteConnectOptions::new().filename(&path);
-                let mut connection = options.connect().await.expect("connected");
-                for statement in ["BEGIN", "SELECT count(*) FROM recordings"] {
-                    sqlx::raw_sql(statement).execute(&mut connection).await.expect("read");
-                }
-                connection
-            }));
-        }
-        let arrival = Event::Recording(r.clone());
-        store
-            .append(run, &[placed(session, k as i64, &arrival)])
-            .expect("stored");
-    }
-    let log_of = |path: &Path| PathBuf::from(format!("{}-wal", path.display()));
-    let (file, log) = (
-        std::fs::read(&path).expect("read"),
-        std::fs::read(log_of(&path)).expect("read"),
-    );
-    drop(reader);
-    assert!(log.len() > 6 * 4096, "the log holds six commits: {}", log.len());
-    let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let mut shorter = 0;
-    let count = std::env::var("SPHERECAL_FLIPS").map_or(40, |text| text.parse().expect("a number"));
-    for number in 0..count {
-        let copy = folder.path().join(format!("copy-{number}.db"));
-        let mut bytes = log.clone();
-        let bit = rng.random_range(0..bytes.len() * 8);
-        bytes[bit / 8] ^= 1 << (bit % 8);
-        std::fs::write(&copy, &file).expect("written");
-        std::fs::write(log_of(&copy), &bytes).expect("written");
-        let mut killed = SqlStore::open(&copy).unwrap_or_else(|error| panic!("bit {bit}: {error}"));
-        assert!(killed.damage().expect("readable").is_empty(), "bit {bit}");
-        // SQLite reads a log up to the first frame whose checksum is wrong.
-        let read = killed
-            .recordings(run)
-            .unwrap_or_else(|error| panic!("bit {bit}: {error}"));
-        assert!(
-            read.len() >= 3 && recordings.starts_with(&read),
-            "bit {bit}: {}",
-            read.len()
-        );
-        shorter += usize::from(read.len() < recordings.len());
-        drop(killed);
-        for path in [log_of(&copy), copy] {
-            let _ = std::fs::remove_file(path);
-        }
-    }
-    assert!(shorter * 2 > count, "the flips hit: {shorter} of {count}");
 }
 
 // Fails if a database that was removed or replaced during a run is written to as if it were there.

@@ -16,9 +16,13 @@
 //! [`CalibrationStore`]; the first two are here ([`SqlStore`]). Older schemas are migrated when
 //! they are opened; newer ones are refused.
 //!
+//! While another program reads the file, the log keeps what was acknowledged; how much it is then
+//! stands beside the file ([`acknowledged`]).
+//!
 //! A file is checked before anything is written to it. A damaged file is left unchanged;
 //! [`recover`] copies its readable data into a new one.
 
+mod acknowledged;
 mod calibration_store;
 mod columns;
 mod digest;
@@ -84,6 +88,8 @@ pub struct SqlStore {
     chosen: Option<i64>,
     /// Whether a [`snapshot`](Self::snapshot) is being read.
     reading: bool,
+    /// Whether a statement of what was [`acknowledged`] lies beside the file.
+    stated: bool,
 }
 
 /// What is known of a run before its first event.
@@ -138,5 +144,7 @@ mod damage_tests;
 mod fleet_tests;
 #[cfg(test)]
 mod flip_tests;
+#[cfg(test)]
+mod log_tests;
 #[cfg(test)]
 mod tests;

@@ -147,6 +147,7 @@ impl SqlStore {
             identity: None,
             chosen: None,
             reading: false,
+            stated: false,
         };
         if older {
             store.seal_everything()?;
@@ -230,6 +231,7 @@ impl SqlStore {
             identity: identity(path),
             chosen: None,
             reading: false,
+            stated: false,
         };
         if version < SCHEMA_VERSION {
             if version < SEALED_SINCE {
@@ -247,6 +249,11 @@ impl SqlStore {
 impl Drop for SqlStore {
     /// Closes the database, so that only the one file remains.
     fn drop(&mut self) {
+        if self.stated
+            && let Err(error) = self.settle()
+        {
+            tracing::warn!(path = %self.path.display(), %error, "the log was not emptied; nothing is lost");
+        }
         if let Some(connection) = self.connection.take()
             && let Err(error) = self.runtime.block_on(connection.close())
         {
@@ -257,7 +264,7 @@ impl Drop for SqlStore {
 
 /// Writes the folder's entries to the disk. Otherwise a power cut could remove the write-ahead log
 /// with its data from the folder. Not every system supports this.
-fn sync_folder(path: &Path) {
+pub(super) fn sync_folder(path: &Path) {
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
     let synced = std::fs::File::open(folder.unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all());
     if let Err(error) = synced {

@@ -15,6 +15,7 @@ use sqlx::{AnyConnection, Connection as _};
 use self::rows::{columns_of, insert_rows, read_table, run_of};
 use self::schema::{NoSource, source_of};
 use self::seals::Seals;
+use super::acknowledged;
 use super::digest::{self, recording_subject};
 use super::statement::put_digest;
 use super::{SqlStore, StoreError};
@@ -63,6 +64,9 @@ pub struct Recovered {
     /// Runs whose settings differ from what was written, and have no second copy: they are kept as
     /// they were read.
     pub settings_doubtful: Vec<i64>,
+    /// How many recordings were acknowledged and are not in the new file, by run. Known only where
+    /// the log could not be emptied after the last batch.
+    pub acknowledged_missing: BTreeMap<i64, i64>,
     /// Whether the list of tables had to be replaced by that of a fresh database.
     pub schema_replaced: bool,
 }
@@ -140,6 +144,9 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
     let _ = runtime.block_on(source.close());
     recovered.recordings_left_out = leave_out(&mut target, &seals)?;
     incomplete.extend(recovered.recordings_left_out.iter().map(|(run, ..)| *run));
+    // What cannot be read states nothing.
+    let stated = acknowledged::stated(damaged).unwrap_or_default();
+    recovered.acknowledged_missing = acknowledged::missing(&stated, &target.recording_counts()?);
     target.block(async |connection| complete_runs(&recovered.settings_restored, connection).await)?;
     reopen_runs(&mut target, &incomplete)?;
     seal_anew(&mut target)?;

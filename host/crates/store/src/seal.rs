@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 use sqlx::any::{AnyRow, AnyTypeInfoKind};
 use sqlx::{AnyConnection, AssertSqlSafe, Row as _, ValueRef as _};
 
+use super::acknowledged;
 use super::digest::{Digest, recording_subject};
 use super::statement::rows;
 use super::{SqlStore, StoreError};
@@ -265,13 +266,18 @@ impl SqlStore {
         })
     }
 
-    /// Reads every row of every run and compares it with its digest. Returns what is not as it was
-    /// written.
+    /// Reads every row of every run and compares it with its digest, and the number of recordings
+    /// with what was acknowledged. Returns what is not as it was written.
     ///
     /// # Errors
     /// When the database cannot be read at all.
     pub fn damage(&mut self) -> Result<Vec<Damage>, StoreError> {
-        self.snapshot(Self::damage_of_runs)
+        let stated = acknowledged::stated(&self.path);
+        self.snapshot(|store| {
+            let mut damage = store.lost_recordings(&stated)?;
+            damage.append(&mut store.damage_of_runs()?);
+            Ok(damage)
+        })
     }
 
     fn damage_of_runs(&mut self) -> Result<Vec<Damage>, StoreError> {

@@ -1,6 +1,6 @@
 //! Writes runs, sessions, laser shots and results. [Events](super::events) are written elsewhere.
 
-use sqlx::{AnyConnection, AssertSqlSafe, Connection as _};
+use sqlx::{AnyConnection, AssertSqlSafe, Connection as _, Row as _};
 
 use super::digest;
 use super::seal::{GREETINGS, Key, LASER, POSES, RESULTS, RUNS, SESSIONS, forget_removed, seal};
@@ -325,25 +325,37 @@ impl SqlStore {
     }
 
     /// Brings what was committed from the write-ahead log into the file and empties the log. So the
-    /// log never holds anything that was acknowledged, and its loss costs nothing. Then checks that
-    /// the file is still there.
+    /// log holds nothing that was acknowledged, and its loss costs nothing. Then checks that the file
+    /// is still there.
     ///
     /// While another program reads, the log keeps the commit, which is on the disk there; a later
-    /// call empties it.
+    /// call empties it. How much was acknowledged is stated beside the file meanwhile.
     pub(super) fn settle(&mut self) -> Result<(), StoreError> {
         if self.kind != DatabaseKind::Sqlite {
             return Ok(());
         }
         let emptied = self.block(async |connection| {
             // A reader is not waited for long: the arm waits for the acknowledgement.
-            for statement in ["PRAGMA busy_timeout = 50", "PRAGMA wal_checkpoint(TRUNCATE)"] {
-                sqlx::query(statement).fetch_all(&mut *connection).await?;
-            }
+            sqlx::query("PRAGMA busy_timeout = 50")
+                .fetch_all(&mut *connection)
+                .await?;
+            // The first column tells whether a reader prevented it.
+            let busy = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)")
+                .fetch_one(&mut *connection)
+                .await
+                .and_then(|row| row.try_get_unchecked::<i64, _>(0));
             let patience = format!("PRAGMA busy_timeout = {}", PATIENCE.as_millis());
-            sqlx::query(AssertSqlSafe(patience)).fetch_all(connection).await
+            sqlx::query(AssertSqlSafe(patience)).fetch_all(connection).await?;
+            Ok(busy? == 0)
         });
-        if let Err(error) = emptied {
+        let emptied = emptied.unwrap_or_else(|error| {
             tracing::warn!(%error, "the write-ahead log was not emptied; nothing is lost");
+            false
+        });
+        if emptied {
+            self.withdraw_statement()?;
+        } else {
+            self.state_acknowledged()?;
         }
         if self.identity.is_some() && identity(&self.path) != self.identity {
             return Err(StoreError::Gone {
