@@ -153,8 +153,10 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
         })?,
         telemetry_json: json(&outcome.telemetry)?,
     };
-    site.store.end_session(run, session, &end)?;
+    let ended = site.store.end_session(run, session, &end);
+    // What ended the campaign is told, not what follows from it.
     result?;
+    ended?;
     if prepared.config.laser.enabled {
         let tracker: Option<Box<dyn Tracker>> = match site.tracker {
             Some(peer) => Some(remote_tracker(peer)?),
