@@ -15,6 +15,7 @@ mod patterns;
 mod scan;
 mod scatter;
 mod selection;
+mod size;
 mod tail;
 mod words;
 

@@ -9,6 +9,7 @@ use super::dense::transposed_product;
 use super::discrepancy::Discrepancy;
 use super::finding::{FamilyTest, Finding};
 use super::linear::Linear;
+use super::size::{displaced, displacement, length};
 use super::tail::{log_tail, sigmas};
 use super::words::{next, short, words};
 use crate::course::Course;
@@ -29,35 +30,6 @@ const UNSEEN: f64 = 5e-3;
 const ALIKE: f64 = 0.9;
 /// Alternatives at most that compete with the causes of the extended model.
 const CANDIDATES: usize = 12;
-
-/// Root mean square displacement of the TCP over the rows, in mm, by an effect of whitened columns, and
-/// that by one standard deviation of it.
-fn displaced(linear: &Linear, columns: &DMatrix<f64>, effect: &DVector<f64>, covariance: &DMatrix<f64>) -> (f64, f64) {
-    let (mut square, mut variance) = (0.0, 0.0);
-    let mut n = 0.0_f64;
-    for (k, row) in linear.rows.iter().enumerate().filter(|(_, row)| row.leads()) {
-        n += 1.0;
-        let own = DMatrix::from_iterator(3, 3, row.root.inverse().iter().copied()) * columns.rows(3 * k, 3);
-        square += (&own * effect).norm_squared();
-        variance += (&own * covariance * own.transpose()).trace();
-    }
-    let n = n.max(1.0);
-    ((square / n).sqrt() * 1e3, (variance / n).max(0.0).sqrt() * 1e3)
-}
-
-/// Length of the vector that begins at item `from` of an effect, and its standard deviation along itself, in
-/// thousandths of the unit. Zero where the effect has no such vector.
-fn length(effect: &DVector<f64>, covariance: &DMatrix<f64>, from: usize) -> (f64, f64) {
-    let k = effect.len().saturating_sub(from).min(3);
-    if k == 0 {
-        return (0.0, 0.0);
-    }
-    let vector = effect.rows(from, k).into_owned();
-    let size = vector.norm();
-    let along = if size > 0.0 { vector / size } else { vector };
-    let variance = along.dot(&(covariance.view((from, from), (k, k)) * &along));
-    (size * 1e3, variance.max(0.0).sqrt() * 1e3)
-}
 
 /// `ln` of how much more common a cause is than the others.
 pub(super) fn odds(alternative: &Alternative) -> f64 {
@@ -293,11 +265,10 @@ impl<'a> Selection<'a> {
         let columns = self.wide(index);
         let (effect, covariance) = with.named_effect(&columns)?;
         let shift = effect.rows(0, effect.len().min(3)).into_owned();
-        let (size, sigma) = length(&effect, &covariance, 0);
-        let turn = length(&effect, &covariance, 3);
-        let rms = displaced(linear, &trial.columns, &effect, &covariance);
+        let (size, sigma) = length(&effect, &covariance);
+        let rms = displaced(displacement(linear, &trial.columns), &effect, &covariance);
         let (size, sigma) = match trial.alternative {
-            Alternative::Orientation { .. } => rms,
+            Alternative::Orientation { .. } | Alternative::Slip { turned: true, .. } => (rms.0, rms.1),
             _ => (size, sigma),
         };
         let signed = if effect.len() == 1 { effect[0] * 1e3 } else { size };
@@ -312,7 +283,7 @@ impl<'a> Selection<'a> {
         or.dedup();
         Ok(Finding {
             alternative: trial.alternative,
-            words: words(&trial.alternative, &shift, sigma, turn, rms, course),
+            words: words(&trial.alternative, &shift, sigma, rms, course),
             size: signed,
             sigma,
             sigmas: sigmas(log_p),

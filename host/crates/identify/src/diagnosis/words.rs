@@ -64,19 +64,23 @@ pub(crate) fn short(alternative: &Alternative, course: &Course) -> String {
     }
 }
 
-/// The cause with its size: `shift` in m (rad, or its own unit), `sigma` in thousandths of it. `turn` is the
-/// angle by which it turns, with its sigma, in mrad; `rms` is the root mean square displacement of the TCP by
-/// it, with its sigma, in mm.
+/// The cause with its size: `shift` in m (rad, or its own unit), `sigma` in thousandths of it. `rms` is the root
+/// mean square displacement of the TCP by it, with its sigma, in mm, and whether that is only the part that the
+/// data tell.
 pub(crate) fn words(
     alternative: &Alternative,
     shift: &DVector<f64>,
     sigma: f64,
-    turn: (f64, f64),
-    rms: (f64, f64),
+    rms: (f64, f64, bool),
     course: &Course,
 ) -> String {
     let mm = |k: usize| shift.get(k).copied().unwrap_or_default() * 1e3;
     let size = shift.norm() * 1e3;
+    let in_part = if rms.2 {
+        "; as far as the data tell: not in every direction"
+    } else {
+        ""
+    };
     let vector = || format!("({:+.3}, {:+.3}, {:+.3}) mm", mm(0), mm(1), mm(2));
     match *alternative {
         Alternative::Certificate { sphere, axis } => format!(
@@ -92,17 +96,27 @@ pub(crate) fn words(
         Alternative::Slip {
             reference,
             time,
-            turned,
+            turned: false,
         } => format!(
-            "{} slipped by {size:.3} ± {sigma:.3} mm, {},{} after {} of the time",
+            "{} slipped by {size:.3} ± {sigma:.3} mm, {}, after {} of the time",
             place_name(reference),
             vector(),
-            if turned {
-                format!(" and turned by {:.3} ± {:.3} mrad about its middle,", turn.0, turn.1)
-            } else {
-                String::new()
-            },
             share(time)
+        ),
+        // How far it shifted and how far it turned about its middle may both be uncertain where the displacement
+        // of what stands on it is not.
+        Alternative::Slip {
+            reference,
+            time,
+            turned: true,
+        } => format!(
+            "{} slipped and turned after {} of the time: what was touched then lay {:.3} ± {:.3} mm from where it was \
+             before (root mean square{})",
+            place_name(reference),
+            share(time),
+            rms.0,
+            rms.1,
+            in_part
         ),
         Alternative::Drift { reference } => format!(
             "{} drifted by {size:.3} ± {sigma:.3} mm, {}, from its first to its last pose",
@@ -169,7 +183,7 @@ pub(crate) fn words(
             if mm(0) > 0.0 { "heavier" } else { "lighter" }
         ),
         Alternative::Orientation { .. } => format!(
-            "{} by {:.3} ± {:.3} mm (root mean square)",
+            "{} by {:.3} ± {:.3} mm (root mean square{in_part})",
             short(alternative, course),
             rms.0,
             rms.1
@@ -220,19 +234,23 @@ mod tests {
     #[test]
     fn a_plate_that_turned_is_said_to_have_turned() {
         let shift = DVector::from_row_slice(&[3e-4, 0.0, -4e-4]);
-        let told = |turned| {
+        let told = |turned, in_part| {
             let slip = Alternative::Slip {
                 reference: Reference::Place(0),
                 time: 0.5,
                 turned,
             };
-            words(&slip, &shift, 0.1, (0.7, 0.2), (0.6, 0.1), &Course::default())
+            words(&slip, &shift, 0.1, (0.6, 0.2, in_part), &Course::default())
         };
-        let size = "the plate slipped by 0.500 ± 0.100 mm, (+0.300, +0.000, -0.400) mm,";
-        assert_eq!(told(false), format!("{size} after 50 % of the time"));
         assert_eq!(
-            told(true),
-            format!("{size} and turned by 0.700 ± 0.200 mrad about its middle, after 50 % of the time")
+            told(false, false),
+            "the plate slipped by 0.500 ± 0.100 mm, (+0.300, +0.000, -0.400) mm, after 50 % of the time"
         );
+        assert_eq!(
+            told(true, false),
+            "the plate slipped and turned after 50 % of the time: what was touched then lay 0.600 ± 0.200 mm from \
+             where it was before (root mean square)"
+        );
+        assert!(told(true, true).ends_with("(root mean square; as far as the data tell: not in every direction)"));
     }
 }
