@@ -261,8 +261,8 @@ impl<const N: usize> Controller<N> {
         let law = &self.procedure.law;
         let mut torque = if self.activity.is_cartesian() {
             let (impedance, setpoint) = (&mut self.cartesian.impedance, &self.cartesian.setpoint);
-            let force = if matches!(self.activity, Activity::Turning(_)) {
-                impedance.turning_force(snapshot, setpoint, law.damping_ratio)
+            let force = if self.activity.is_seated() {
+                impedance.seated_force(snapshot, setpoint, law.damping_ratio)
             } else {
                 impedance.force(snapshot, setpoint, law.damping_ratio)
             };

@@ -117,15 +117,19 @@ impl Impedance {
         self.stiffness.times(&error) + damping + setpoint.feed_forward
     }
 
-    /// As [`force`](Self::force), for a tool that turns about a TCP at rest.
+    /// As [`force`](Self::force), for a tool that may turn about a TCP at rest: the nest is on a sphere.
     ///
     /// The moment of the rotational spring alone accelerates the TCP, too, because the arm's
     /// centre of inertia is elsewhere. What holds the TCP would have to react: with
     /// visible motors 18 N were measured on the sphere, where the magnet holds 26.5 N. So the law adds the
     /// force that leaves the TCP at rest (`Snapshot::reaction`). Spring and damper of the position
     /// and those of the orientation act each for itself.
+    ///
+    /// Friction stops the tool a little before its orientation, so the moment stays when the turn has ended. If its
+    /// reaction went away then, the sphere would have to carry it: 21 N were measured on a stretched arm with
+    /// 2 N m of friction.
     #[inline]
-    pub fn turning_force<const N: usize>(
+    pub fn seated_force<const N: usize>(
         &mut self,
         snapshot: &Snapshot<N>,
         setpoint: &CartesianSetpoint,
@@ -220,7 +224,7 @@ mod tests {
             };
             let mut impedance = Impedance::new(Stiffness::isotropic(20.0, 200.0));
             let plain = accelerated(&impedance.force(&snapshot, &setpoint, 0.7));
-            let force = impedance.turning_force(&snapshot, &setpoint, 0.7);
+            let force = impedance.seated_force(&snapshot, &setpoint, 0.7);
             assert!(accelerated(&force) < 1e-6, "{}", accelerated(&force));
             assert!(plain > 0.1, "nothing to do: {plain} m/s²");
         }

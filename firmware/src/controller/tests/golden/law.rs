@@ -146,7 +146,7 @@ fn one<const N: usize>(
     };
     digest.numbers(&state.impedance.force(snapshot, &setpoint, 0.7));
     digest.count(u64::from(state.impedance.settled()));
-    digest.numbers(&state.impedance.turning_force(snapshot, &setpoint, 0.7));
+    digest.numbers(&state.impedance.seated_force(snapshot, &setpoint, 0.7));
     let force: Vector6<f64> = draw.vector(10.0);
     digest.numbers(&state.impedance.stiffness().times(&force));
 
