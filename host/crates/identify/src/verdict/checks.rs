@@ -216,9 +216,13 @@ fn rows(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
     let words = if bad == 0 {
         format!("none of {all} rows is an outlier")
     } else {
+        let (are, repeat) = if bad == 1 {
+            ("is an outlier", "repeat this pose, or leave its row out")
+        } else {
+            ("are outliers", "repeat these poses, or leave their rows out")
+        };
         format!(
-            "{bad} of {all} rows are outliers, which the fit leaves out or hardly counts (so many by chance: p = {}): {}; \
-             repeat these poses, or leave their rows out",
+            "{bad} of {all} rows {are}, which the fit leaves out or hardly counts (so many by chance: p = {}): {}; {repeat}",
             probability(so_many(bad, all)),
             outliers(evidence)
         )
