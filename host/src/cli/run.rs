@@ -278,7 +278,10 @@ pub(super) fn measure(
                 trusted: None,
                 text: error.to_string(),
             });
-            keep_traces(store.as_mut(), traces)?;
+            // What ended the run is told, not what follows from it.
+            if let Err(error) = keep_traces(store.as_mut(), traces) {
+                tracing::warn!(%error, "the force traces of the contacts were not stored");
+            }
             return Err(CliError::from(error).with_next(&resume_command(args)));
         }
         live = seen;
@@ -312,7 +315,7 @@ pub(super) fn shell_word(text: &str) -> String {
 
 /// Stores the force traces of a session's contacts, also after an interruption, because --resume
 /// may continue the run.
-fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<ContactTrace>) -> Result<(), CliError> {
+fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<ContactTrace>) -> Result<(), JobError> {
     if let Some(info) = store.last_run()? {
         let mut all = job::contact_traces(store, info.run)?;
         // A run that was repeated from its start delivers all traces again.

@@ -37,7 +37,7 @@ pub(super) fn result(summary: &Summary, files: &[PathBuf]) -> String {
     out.push_str(&table(summary));
     let _ = writeln!(
         out,
-        "Residuals of the recordings: rms {:.3} mm, max {:.3} mm, {} outliers; rank {} of {} columns\n",
+        "Residuals of the recordings: rms {:.3} mm, max {:.3} mm, outliers: {}; rank {} of {} columns\n",
         summary.residual.rms_mm,
         summary.residual.max_mm,
         summary.residual.outliers,
