@@ -278,10 +278,8 @@ pub(super) fn measure(
                 trusted: None,
                 text: error.to_string(),
             });
-            // What ended the run is told, not what follows from it.
-            if let Err(error) = keep_traces(store.as_mut(), traces) {
-                tracing::warn!(%error, "the force traces of the contacts were not stored");
-            }
+            // What ended the run is told. Where the traces cannot be stored either, that follows from it.
+            let _ = keep_traces(store.as_mut(), traces);
             return Err(CliError::from(error).with_next(&resume_command(args)));
         }
         live = seen;
