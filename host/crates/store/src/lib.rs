@@ -17,7 +17,7 @@
 //! they are opened; newer ones are refused.
 //!
 //! While another program reads the file, the log keeps what was acknowledged; how much it is then
-//! stands beside the file ([`acknowledged`]).
+//! stands beside the file (`acknowledged.rs`).
 //!
 //! A file is checked before anything is written to it. A damaged file is left unchanged;
 //! [`recover`] copies its readable data into a new one.
