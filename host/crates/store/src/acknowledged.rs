@@ -76,10 +76,6 @@ impl SqlStore {
             *now = count.max(*now);
         }
         let path = statement_of(&self.path);
-        let io = |source| StoreError::Io {
-            path: path.clone(),
-            source,
-        };
         // A map of numbers always encodes.
         let text = serde_json::to_vec(&counts).unwrap_or_default();
         let mut draft = path.clone().into_os_string();
@@ -93,7 +89,10 @@ impl SqlStore {
         });
         if let Err(source) = written {
             let _ = std::fs::remove_file(&draft);
-            return Err(io(source));
+            return Err(StoreError::Full {
+                path,
+                what: source.to_string(),
+            });
         }
         super::open::sync_folder(&path);
         self.stated = true;
