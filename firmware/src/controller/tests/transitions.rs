@@ -5,6 +5,7 @@ use std::vec::Vec;
 use spherecal_shared::Joints;
 use spherecal_shared::protocol::host::{Command, Event, Fault, Phase, Refusal};
 
+use crate::phases::Activity;
 use crate::testing::{Bench, HOME};
 
 #[test]
@@ -290,4 +291,29 @@ fn what_starts_bears_the_number_of_its_tick() {
     assert_eq!(changes.len(), 2);
     assert_eq!(changes[0].1, start_us);
     assert!(changes.iter().all(|(tick, time)| tick * 1_000 == *time), "{changes:?}");
+}
+
+// Fails if the end of a turn changes the torque: what friction keeps of the spring's moment would press
+// the nest on its sphere.
+#[test]
+fn the_end_of_a_turn_leaves_the_torque_as_it_is() {
+    let mut bench = Bench::coupled();
+    bench.pose(0.3, true).expect("coupled");
+    bench.until(Phase::Turning, 10);
+    // Half way, the tool is behind its setpoint.
+    bench.run(200);
+    let snapshot = bench.controller.snapshot.clone().expect("a state");
+    let turning = bench.controller.torque(&snapshot);
+    let setpoint = bench.controller.cartesian.setpoint;
+    let plain = bench.controller.cartesian.impedance.force(&snapshot, &setpoint, 0.7);
+    let seated = bench
+        .controller
+        .cartesian
+        .impedance
+        .seated_force(&snapshot, &setpoint, 0.7);
+    let reaction = (seated - plain).fixed_rows::<3>(0).norm();
+    assert!(reaction > 0.1, "nothing to keep: {reaction} N");
+    bench.controller.activity = Activity::Coupled;
+    let after = bench.controller.torque(&snapshot);
+    assert!((after - turning).amax() < 1e-9, "{after} is not {turning}");
 }

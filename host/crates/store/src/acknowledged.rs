@@ -11,8 +11,10 @@
 //! removed from a database, so a statement that is older than the database is no contradiction.
 
 use std::collections::BTreeMap;
-use std::io::{ErrorKind, Write as _};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+
+use spherecal_model::write_file;
 
 use super::seal::Damage;
 use super::{DatabaseKind, SqlStore, StoreError};
@@ -78,17 +80,7 @@ impl SqlStore {
         let path = statement_of(&self.path);
         // A map of numbers always encodes.
         let text = serde_json::to_vec(&counts).unwrap_or_default();
-        let mut draft = path.clone().into_os_string();
-        draft.push(format!(".new-{}", std::process::id()));
-        let draft = PathBuf::from(draft);
-        let _ = std::fs::remove_file(&draft);
-        let written = std::fs::File::create_new(&draft).and_then(|mut file| {
-            file.write_all(&text)?;
-            file.sync_all()?;
-            std::fs::rename(&draft, &path)
-        });
-        if let Err(source) = written {
-            let _ = std::fs::remove_file(&draft);
+        if let Err(source) = write_file(&path, text) {
             return Err(StoreError::Full {
                 path,
                 what: source.to_string(),

@@ -266,9 +266,9 @@ impl<'a> Selection<'a> {
         let (effect, covariance) = with.named_effect(&columns)?;
         let shift = effect.rows(0, effect.len().min(3)).into_owned();
         let (size, sigma) = length(&effect, &covariance);
-        let rms = displaced(displacement(linear, &trial.columns), &effect, &covariance);
+        let moved = displaced(displacement(linear, &trial.columns), &effect, &covariance);
         let (size, sigma) = match trial.alternative {
-            Alternative::Orientation { .. } | Alternative::Slip { turned: true, .. } => (rms.0, rms.1),
+            Alternative::Orientation { .. } | Alternative::Slip { turned: true, .. } => (moved.mm, moved.sigma_mm),
             _ => (size, sigma),
         };
         let signed = if effect.len() == 1 { effect[0] * 1e3 } else { size };
@@ -283,7 +283,7 @@ impl<'a> Selection<'a> {
         or.dedup();
         Ok(Finding {
             alternative: trial.alternative,
-            words: words(&trial.alternative, &shift, sigma, rms, course),
+            words: words(&trial.alternative, &shift, sigma, moved, course),
             size: signed,
             sigma,
             sigmas: sigmas(log_p),

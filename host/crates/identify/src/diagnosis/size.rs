@@ -8,6 +8,17 @@ use super::linear::Linear;
 /// Standard deviations beyond which a part of an effect is told.
 const TOLD: f64 = 2.0;
 
+/// Root mean square displacement of the TCP by an effect.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Displaced {
+    /// The displacement, in mm.
+    pub(crate) mm: f64,
+    /// That by one standard deviation of the effect, in mm.
+    pub(crate) sigma_mm: f64,
+    /// Whether these are only the directions that the data tell.
+    pub(crate) in_part: bool,
+}
+
 /// Mean of `Bᵀ B` over the rows that an effect of whitened columns concerns, where `B` is what it displaces
 /// the TCP by, in m.
 pub(super) fn displacement(linear: &Linear, columns: &DMatrix<f64>) -> DMatrix<f64> {
@@ -24,16 +35,11 @@ pub(super) fn displacement(linear: &Linear, columns: &DMatrix<f64>) -> DMatrix<f
     mean / n.max(1.0)
 }
 
-/// Root mean square displacement by an effect, and that by one standard deviation of it, in mm; `displacement` as
-/// above.
+/// Root mean square displacement by an effect; `displacement` is what the function of that name gives.
 ///
 /// An effect of several columns may be certain in some directions and unknown in others. If it is uncertain as a
-/// whole, only the directions count in which it is more than [`TOLD`] standard deviations; the last value says so.
-pub(super) fn displaced(
-    displacement: DMatrix<f64>,
-    effect: &DVector<f64>,
-    covariance: &DMatrix<f64>,
-) -> (f64, f64, bool) {
+/// whole, only the directions count in which it is more than [`TOLD`] standard deviations.
+pub(super) fn displaced(displacement: DMatrix<f64>, effect: &DVector<f64>, covariance: &DMatrix<f64>) -> Displaced {
     let eigen = displacement.symmetric_eigen();
     let mut root = eigen.eigenvectors.transpose();
     for (mut row, square) in root.row_iter_mut().zip(eigen.eigenvalues.iter()) {
@@ -49,16 +55,16 @@ pub(super) fn displaced(
             .zip(spread.eigenvalues.iter().map(|v| v.max(0.0)))
     };
     let sum = |(m, v): (f64, f64), (square, variance): (f64, f64)| (m + square, v + variance);
-    let mm = |(square, variance): (f64, f64)| (square.sqrt() * 1e3, variance.sqrt() * 1e3);
     let told = |(square, variance): &(f64, f64)| *square > TOLD * TOLD * variance;
     let whole = directions().fold((0.0, 0.0), sum);
     let part = directions().filter(told).fold((0.0, 0.0), sum);
-    let (in_part, (size, sigma)) = if told(&whole) || part.0 == 0.0 {
-        (false, mm(whole))
-    } else {
-        (true, mm(part))
-    };
-    (size, sigma, in_part)
+    let in_part = !told(&whole) && part.0 > 0.0;
+    let (square, variance) = if in_part { part } else { whole };
+    Displaced {
+        mm: square.sqrt() * 1e3,
+        sigma_mm: variance.sqrt() * 1e3,
+        in_part,
+    }
 }
 
 /// Length of the vector that an effect begins with, and its standard deviation along itself, in thousandths of
@@ -82,8 +88,9 @@ mod tests {
         let unit = DMatrix::identity(2, 2);
         let effect = DVector::from_row_slice(&[3e-4, 4e-4]);
         let spread = |a: f64, b: f64| DMatrix::from_diagonal(&DVector::from_row_slice(&[a * a, b * b]));
-        let near = |(size, sigma, in_part): (f64, f64, bool), expected: (f64, f64, bool)| {
-            assert!((size - expected.0).abs() < 1e-9 && (sigma - expected.1).abs() < 1e-9 && in_part == expected.2);
+        let near = |found: Displaced, (mm, sigma_mm, in_part): (f64, f64, bool)| {
+            let same = (found.mm - mm).abs() < 1e-9 && (found.sigma_mm - sigma_mm).abs() < 1e-9;
+            assert!(same && found.in_part == in_part, "{found:?}");
         };
         near(
             displaced(unit.clone(), &effect, &spread(3e-5, 4e-5)),
@@ -93,7 +100,7 @@ mod tests {
         // The second column moves nothing that was touched.
         let first = DMatrix::from_diagonal(&DVector::from_row_slice(&[1.0, 0.0]));
         near(displaced(first, &effect, &spread(1e-5, 8e-4)), (0.3, 0.01, false));
-        let (_, _, in_part) = displaced(unit, &effect, &spread(1e-3, 1e-3));
-        assert!(!in_part, "nothing is certain");
+        let uncertain = displaced(unit, &effect, &spread(1e-3, 1e-3));
+        assert!(!uncertain.in_part, "{uncertain:?}");
     }
 }

@@ -4,6 +4,7 @@ use nalgebra::DVector;
 
 use super::alternatives::Alternative;
 use super::patterns::PAYLOAD_UNIT_KG;
+use super::size::Displaced;
 use crate::course::Course;
 use crate::parameters::Reference;
 
@@ -64,19 +65,18 @@ pub(crate) fn short(alternative: &Alternative, course: &Course) -> String {
     }
 }
 
-/// The cause with its size: `shift` in m (rad, or its own unit), `sigma` in thousandths of it. `rms` is the root
-/// mean square displacement of the TCP by it, with its sigma, in mm, and whether that is only the part that the
-/// data tell.
+/// The cause with its size: `shift` in m (rad, or its own unit), `sigma` in thousandths of it. `moved` is how far
+/// it displaces the TCP.
 pub(crate) fn words(
     alternative: &Alternative,
     shift: &DVector<f64>,
     sigma: f64,
-    rms: (f64, f64, bool),
+    moved: Displaced,
     course: &Course,
 ) -> String {
     let mm = |k: usize| shift.get(k).copied().unwrap_or_default() * 1e3;
     let size = shift.norm() * 1e3;
-    let in_part = if rms.2 {
+    let in_part = if moved.in_part {
         "; as far as the data tell: not in every direction"
     } else {
         ""
@@ -114,8 +114,8 @@ pub(crate) fn words(
              before (root mean square{})",
             place_name(reference),
             share(time),
-            rms.0,
-            rms.1,
+            moved.mm,
+            moved.sigma_mm,
             in_part
         ),
         Alternative::Drift { reference } => format!(
@@ -185,8 +185,8 @@ pub(crate) fn words(
         Alternative::Orientation { .. } => format!(
             "{} by {:.3} ± {:.3} mm (root mean square{in_part})",
             short(alternative, course),
-            rms.0,
-            rms.1
+            moved.mm,
+            moved.sigma_mm
         ),
     }
 }
@@ -240,7 +240,12 @@ mod tests {
                 time: 0.5,
                 turned,
             };
-            words(&slip, &shift, 0.1, (0.6, 0.2, in_part), &Course::default())
+            let moved = Displaced {
+                mm: 0.6,
+                sigma_mm: 0.2,
+                in_part,
+            };
+            words(&slip, &shift, 0.1, moved, &Course::default())
         };
         assert_eq!(
             told(false, false),
