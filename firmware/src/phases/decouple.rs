@@ -15,6 +15,12 @@ const ACCELERATION: f64 = 0.25;
 const PULL_N: f64 = 15.0;
 const PULL_S: f64 = 0.1;
 
+/// How far the TCP has followed, in m, when the magnet has certainly let go: there it pulls with less than 1 N. An
+/// elastic arm that it still holds has followed by 4 mm at most (7,000 N m/rad, stretched).
+const FREED_M: f64 = 0.005;
+/// Time in ms for which a large force may be a wrong estimate from there on.
+const FREED_MS: u16 = 50;
+
 /// Moves back along the approach.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Decoupling {
@@ -55,6 +61,9 @@ impl Decoupling {
         cartesian.setpoint.position = self.start + displacement;
         cartesian.setpoint.velocity.fixed_rows_mut::<3>(0).copy_from(&velocity);
         let followed = -(env.snapshot.tcp.position - self.start).dot(&cartesian.direction);
+        if followed > FREED_M {
+            self.pull_ms = self.pull_ms.min(FREED_MS);
+        }
         if !self.line.finished() {
             return Next::Stay;
         }
@@ -73,6 +82,22 @@ impl Decoupling {
 mod tests {
     use super::*;
     use crate::phases::scene::Scene;
+
+    // Fails if the magnet explains a force for its whole time once the nest is certainly off the sphere, for a shorter
+    // time before, or again when the arm is pushed back.
+    #[test]
+    fn the_magnet_explains_no_force_on_a_nest_that_is_off() {
+        let direction = Vector3::new(0.0, 0.6, -0.8);
+        let mut scene = Scene::new();
+        let mut cartesian = scene.engaged(direction);
+        let mut phase = Decoupling::new(&scene.env(), &mut cartesian);
+        let start = scene.snapshot.tcp.position;
+        for (followed, pull_ms) in [(0.0, 250), (0.0049, 250), (0.0051, 50), (0.0, 50)] {
+            scene.snapshot.tcp.position = start - direction * followed;
+            phase.step(&scene.env(), &mut cartesian);
+            assert_eq!(phase.pull_ms, pull_ms, "{followed} m");
+        }
+    }
 
     // Fails if the arm counts as free before it has followed or while it still moves, if a magnet that
     // holds it is reported with another way than that against the approach, or if the time for which

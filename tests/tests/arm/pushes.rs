@@ -173,3 +173,65 @@ fn long_pushes_at_many_poses_do_not_make_the_arm_press() {
         assert!(trial.sustained_n <= SUSTAINED_N && trial.pressed_n <= PEAK_N, "{told}");
     }
 }
+
+/// The largest force that lasts 0.3 s and 10 ms (N), of an arm that a soft body holds on its way off each sphere, from
+/// `after_s` after the phase's beginning, and with what it happened.
+fn held_while_leaving(case: &Case, stiffness_n_m: f64, after_s: f64) -> (f64, f64) {
+    let plan = FaultPlan {
+        seed: 1,
+        host_link: None,
+        faults: vec![PlannedFault {
+            what: InjectedFault::Obstacle {
+                ahead_m: 0.0,
+                stiffness_n_m,
+            },
+            when: When::Entering {
+                name: Phase::Decoupling,
+                probability: 1.0,
+                after_s,
+                most: 6,
+            },
+            for_s: Some(0.8),
+        }],
+    };
+    let trial = case.run(&plan).expect("a run");
+    let told = format!("{stiffness_n_m} N/m after {after_s:.3} s: {:?}", trial.ended);
+    assert!(matches!(trial.ended, TrialEnd::Finished | TrialEnd::Stopped(_)), "{told}");
+    assert!(trial.bad.is_empty() && trial.lost == 0 && trial.duplicates == 0, "{told}");
+    (trial.sustained_n, trial.pressed_n)
+}
+
+// `HELD_PLANTS`, `HELD_SEEDS` (their number) and `HELD_STEP_MS` name a part of it.
+#[test]
+#[ignore = "study: half an hour; prints the figures of docs/recovery.md"]
+fn study_of_an_arm_that_is_held_while_it_leaves_a_sphere() {
+    let presets = std::env::var("HELD_PLANTS").unwrap_or_else(|_| "typical,as_measured,harsh".to_owned());
+    let number = |name: &str, default: u64| std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default);
+    for preset in presets.split(',') {
+        for seed in 1..=number("HELD_SEEDS", 3) {
+            let config = Config {
+                seed,
+                plant: toml::from_str(&format!("preset = \"{preset}\"")).expect("settings"),
+                ..Config::default()
+            };
+            let case = Case::of(config, Finish::Record).unwrap_or_else(|e| panic!("{preset}: {e}"));
+            for stiffness_n_m in [3e3, HOLD_N_M, 3e4] {
+                let mut worst = [(0.0, 0.0); 2];
+                for ms in (0..900).step_by(number("HELD_STEP_MS", 20) as usize) {
+                    let after_s = f64::from(ms) * 1e-3;
+                    let (sustained, pressed) = held_while_leaving(&case, stiffness_n_m, after_s);
+                    for (worst, n) in worst.iter_mut().zip([sustained, pressed]) {
+                        if n > worst.0 {
+                            *worst = (n, after_s);
+                        }
+                    }
+                }
+                let [(sustained, at), (pressed, then)] = worst;
+                println!(
+                    "{preset} {seed}, {stiffness_n_m} N/m: {sustained:.1} N for 0.3 s (after {at:.3} s), {pressed:.1} N \
+                     for 10 ms (after {then:.3} s)"
+                );
+            }
+        }
+    }
+}
