@@ -64,6 +64,8 @@ enum Broken {
 struct Outcome {
     seed: u64,
     verdict: Verdict,
+    /// Log likelihood of heavy tails of the residuals over light ones.
+    heavy_tails: f64,
     true_mm: f64,
 }
 
@@ -159,6 +161,7 @@ fn outcome(trial: &Trial, judged: bool) -> Outcome {
     let errors = predicted.iter().zip(&real).map(|(p, r)| (pose.point(p) - r).norm());
     Outcome {
         seed: trial.seed,
+        heavy_tails: evaluation.calibration.heavy_tails,
         verdict: evaluation.verdict,
         true_mm: errors.sum::<f64>() / real.len() as f64 * 1e3,
     }
@@ -202,8 +205,8 @@ fn coverage(name: &str, found: &[Outcome]) -> f64 {
     for outcome in found {
         let e = outcome.verdict.expected_error_mm.expect("computed");
         println!(
-            "  {name} {}: expected {:.3} ({:.3} to {:.3}), true {:.3}",
-            outcome.seed, e.mean, e.interval[0], e.interval[1], outcome.true_mm
+            "  {name} {}: expected {:.3} ({:.3} to {:.3}), true {:.3}; heavy tails {:.1}",
+            outcome.seed, e.mean, e.interval[0], e.interval[1], outcome.true_mm, outcome.heavy_tails
         );
         low += usize::from(outcome.true_mm < e.interval[0]);
         high += usize::from(outcome.true_mm > e.interval[1]);

@@ -13,7 +13,8 @@
 //! the rows with the rest. The noise of a row is itself a sum: white errors of the joint
 //! angles, turned into TCP displacements, and the scatter of the seat (or of the measured
 //! point). Both parts are known in the proportion that the options give them; the data
-//! tell their common size. The squares of all parts add up to the square of the whole.
+//! tell their common size. The squares of all parts add up to the square of the whole. Where heavy
+//! tails of the residuals make the whole larger ([`expected`](super::expected)), the difference is discrepancy.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rayon::prelude::*;
@@ -100,6 +101,8 @@ pub(crate) struct Accounts {
     pub(crate) joints: f64,
     /// Sets of sizes.
     pub(crate) sets: Vec<SizeSet>,
+    /// By how much the whole error is larger than these parts say. What it adds counts as discrepancy.
+    pub(crate) factor: f64,
 }
 
 /// Mean squares of the TCP's displacement over the workspace by source, in m².
@@ -115,6 +118,10 @@ struct Squares {
 }
 
 impl Squares {
+    fn sum(self) -> f64 {
+        self.plate + self.seating + self.rest + self.joints + self.open + self.discrepancy
+    }
+
     fn plus(self, other: Self) -> Self {
         Self {
             plate: self.plate + other.plate,
@@ -192,11 +199,10 @@ impl Accounts {
         let noise = (all - prior.iter().sum::<f64>()).max(0.0);
         scale(&mut own);
         let by_joints = ((joints * &own).dot(&own) / set.s2 / count).clamp(0.0, noise);
-        let bias = &self.g * &set.mean - &self.estimate;
+        let bias = (&self.g * &set.mean - &self.estimate) * self.factor;
         let mut squares = Squares {
             rest: noise - by_joints,
             joints: by_joints + self.joints * set.joint_variance,
-            discrepancy: (bias - shift.column(0)).norm_squared() / count,
             ..Squares::default()
         };
         for (column, value) in prior.iter().enumerate() {
@@ -219,6 +225,8 @@ impl Accounts {
                 &mut squares.discrepancy
             } += value;
         }
+        squares.discrepancy += squares.sum() * (self.factor * self.factor - 1.0);
+        squares.discrepancy += (bias - shift.column(0)).norm_squared() / count;
         Some(squares)
     }
 

@@ -14,7 +14,7 @@ fn numbers(rows: usize, columns: usize, seed: usize) -> DMatrix<f64> {
 // not the square of the whole.
 #[test]
 fn every_source_adds_what_the_estimator_makes_of_it() {
-    let (rows, all, m, s2) = (30, 8, 6, 0.7);
+    let (rows, all, m, s2, factor) = (30, 8, 6, 0.7, 1.3);
     let w = numbers(rows, all, 1);
     let d = DVector::from_fn(all, |c, _| 0.3 + 0.2 * c as f64);
     let discrepancy = Discrepancy {
@@ -42,7 +42,7 @@ fn every_source_adds_what_the_estimator_makes_of_it() {
     let g = numbers(12, all, 2);
     let mean = numbers(all, 1, 3).column(0) * 0.1;
     let estimate = numbers(12, 1, 5).column(0) * 0.1;
-    let bias = &g * &mean - &estimate;
+    let bias = (&g * &mean - &estimate) * factor;
     let accounts = Accounts {
         discrepancy,
         plate: vec![4, 5],
@@ -59,6 +59,7 @@ fn every_source_adds_what_the_estimator_makes_of_it() {
             joint_variance: 0.4,
             mean,
         }],
+        factor,
     };
     let shift = numbers(12, 1, 4) * 0.05;
     let budget = accounts.budget(&shift).unwrap();
@@ -74,6 +75,9 @@ fn every_source_adds_what_the_estimator_makes_of_it() {
         mean_square(&left * own * left.transpose())
     };
     let rest = DMatrix::identity(rows, rows) - &share;
+    let posterior = square.clone() - &gain * &w * &square;
+    let known = mean_square(posterior) + 0.04;
+    let bias = (&bias - shift.column(0)).norm_squared() / 4.0;
     let expected = [
         (Source::Plate, of_columns(4..6)),
         (Source::Seating, mean_square(&gain * &rest * gain.transpose() * s2)),
@@ -84,7 +88,7 @@ fn every_source_adds_what_the_estimator_makes_of_it() {
         (Source::OpenParameters, of_columns(0..4)),
         (
             Source::ModelDiscrepancy,
-            of_columns(6..8) + (&bias - shift.column(0)).norm_squared() / 4.0,
+            of_columns(6..8) + known * (factor * factor - 1.0) + bias,
         ),
     ];
     assert_eq!(budget.terms.len(), expected.len(), "{budget:?}");
@@ -95,8 +99,7 @@ fn every_source_adds_what_the_estimator_makes_of_it() {
             "{term:?} {square}"
         );
     }
-    let posterior = square.clone() - &gain * &w * &square;
-    let whole = mean_square(posterior) + 0.04 + (&bias - shift.column(0)).norm_squared() / 4.0;
+    let whole = known * factor * factor + bias;
     assert!(
         (budget.total_mm - whole.sqrt() * 1e3).abs() < 1e-6,
         "{budget:?} {whole}"
@@ -133,6 +136,7 @@ fn only_sources_that_the_data_have_are_named() {
             estimate: DVector::zeros(3),
             joints: 0.0,
             sets: Vec::new(),
+            factor: 1.0,
         };
         let budget = accounts.stated(Squares::default(), 1.0);
         budget.terms.iter().map(|t| t.source).collect::<Vec<_>>()

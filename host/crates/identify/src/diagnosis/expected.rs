@@ -12,12 +12,12 @@
 //! mean is the expected error, and their quantiles its interval. So the interval
 //! holds what the noise leaves open, what the model may leave out, and how well the
 //! sizes of both are known. The draws take one thing for granted: that errors which
-//! no cause describes are white, so that they average out. [`size_sigma`] widens the
-//! interval by that: more where the residuals' tails speak for such errors.
+//! no cause describes are white, so that they average out. [`Size`] makes the error
+//! larger and widens the interval by that where the residuals' tails speak for such errors.
 
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, DVectorView, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
@@ -38,11 +38,23 @@ pub const WORKSPACE: usize = 200;
 const DRAWS: (usize, usize) = (32, 10);
 /// Share of the draws inside the interval.
 const INSIDE: f64 = 0.95;
-/// How well the size of the whole error is known beyond what the draws hold, as a
-/// standard deviation of its logarithm: where the residuals have light tails, where
+/// The size of the whole error beyond what the draws hold: where the residuals have light tails, where
 /// the rows are too few to tell, and where they have heavy ones. Set on simulated
 /// robots (`docs/theory.md` says which, and what other robots then showed).
-const SIZE_SIGMA: [f64; 3] = [0.10, 0.20, 0.30];
+const SIZES: [Size; 3] = [
+    Size {
+        factor: 1.0,
+        sigma: 0.10,
+    },
+    Size {
+        factor: 1.0,
+        sigma: 0.20,
+    },
+    Size {
+        factor: 1.2,
+        sigma: 0.30,
+    },
+];
 /// Log likelihood of heavy tails over light ones, or the reverse, from which the
 /// tails are known.
 const TAILS_KNOWN: f64 = 3.0;
@@ -120,17 +132,50 @@ pub(crate) fn has_heavy_tails(heavy_tails: f64) -> bool {
     heavy_tails > TAILS_KNOWN
 }
 
-/// How well the size of the error is known, by the log likelihood of heavy tails of
-/// the residuals over light ones. Errors that no cause describes differ from pose to
-/// pose: an arm that has them has residuals with heavy tails.
-pub(crate) fn size_sigma(heavy_tails: f64) -> f64 {
-    let [light, open, heavy] = SIZE_SIGMA;
-    if has_heavy_tails(heavy_tails) {
-        heavy
-    } else if heavy_tails < -TAILS_KNOWN {
-        light
-    } else {
-        open
+/// The size of the whole error beyond what the draws hold.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Size {
+    /// By how much the error is larger than the draws say, in the median: errors that no cause describes only add.
+    pub(crate) factor: f64,
+    /// How well that is known: a standard deviation of the logarithm.
+    sigma: f64,
+}
+
+impl Size {
+    /// By the log likelihood of heavy tails of the residuals over light ones. Errors that no cause describes differ
+    /// from pose to pose: an arm that has them has residuals with heavy tails.
+    pub(crate) fn of(heavy_tails: f64) -> Self {
+        let [light, open, heavy] = SIZES;
+        if has_heavy_tails(heavy_tails) {
+            heavy
+        } else if heavy_tails < -TAILS_KNOWN {
+            light
+        } else {
+            open
+        }
+    }
+
+    /// Of mean errors and 95 % quantiles (m) by draw, which have the factor already where it applies.
+    pub(crate) fn summary(self, mut means: Vec<f64>, p95: &[f64]) -> ExpectedError {
+        let count = means.len().max(1) as f64;
+        means.sort_by(f64::total_cmp);
+        let mean = means.iter().sum::<f64>() / count;
+        // Both spreads are independent, so their logarithms add in quadrature.
+        let end = |share: f64| {
+            let own = (quantile(&means, share) / mean).max(f64::MIN_POSITIVE).ln();
+            let wide = own.hypot(TWO_SIDED * self.sigma);
+            mean * if share < 0.5 { (-wide).exp() } else { wide.exp() }
+        };
+        let interval = [end(0.5 * (1.0 - INSIDE)), end(0.5 * (1.0 + INSIDE))];
+        ExpectedError {
+            mean: mean * 1e3,
+            p95: p95.iter().sum::<f64>() / count * 1e3,
+            interval: if mean > 0.0 {
+                interval.map(|m| m * 1e3)
+            } else {
+                [0.0; 2]
+            },
+        }
     }
 }
 
@@ -140,8 +185,8 @@ pub(crate) struct Field {
     rigid: Rigid,
     /// One draw a column, 3 x configurations, in m, aligned.
     draws: DMatrix<f64>,
-    /// How well the size of the whole error is known: see [`size_sigma`].
-    size_sigma: f64,
+    /// The size of the whole error beyond the draws.
+    size: Size,
     /// What tells the same by source.
     accounts: Arc<Accounts>,
 }
@@ -149,8 +194,7 @@ pub(crate) struct Field {
 impl Field {
     /// Draws the error of a fit. `rows` gives the columns of the model at a
     /// configuration in units of the linear model's scale (3 x m), and the posture;
-    /// `plate` are the columns of the certified coordinates; `size_sigma` is
-    /// [`size_sigma`] of the fit.
+    /// `plate` are the columns of the certified coordinates; `size` is that of the fit.
     ///
     /// # Errors
     /// Equations that have no solution.
@@ -159,7 +203,7 @@ impl Field {
         discrepancy: Discrepancy,
         configurations: &[(DMatrix<f64>, Posture)],
         plate: Vec<usize>,
-        size_sigma: f64,
+        size: Size,
     ) -> Result<Self, IdentifyError> {
         let count = configurations.len();
         let (m, all) = (discrepancy.m, discrepancy.w.ncols());
@@ -239,6 +283,7 @@ impl Field {
             });
         }
         let accounts = Accounts {
+            factor: size.factor,
             joint_shares: joint_shares(linear),
             contacts: linear.rows.iter().filter(|row| row.sphere.is_some()).count(),
             joints: squared_columns(configurations.iter().map(|c| &c.1.joints)),
@@ -252,7 +297,7 @@ impl Field {
         Ok(Self {
             rigid,
             draws,
-            size_sigma,
+            size,
             accounts: Arc::new(accounts),
         })
     }
@@ -260,8 +305,8 @@ impl Field {
     /// The expected error of a model whose TCP is `off` (m, 3 x configurations) from
     /// the estimate's; of the estimate itself without.
     pub(crate) fn expected(&self, off: Option<&[Vector3<f64>]>) -> ExpectedError {
-        let (means, p95) = self.errors(off);
-        summary(means, &p95, self.size_sigma)
+        let (means, p95) = self.errors(off, self.size.factor);
+        self.size.summary(means, &p95)
     }
 
     /// The same by source; none where the equations have no solution.
@@ -281,22 +326,29 @@ impl Field {
         shift
     }
 
-    /// Root mean square error of all draws over the workspace, in m.
+    /// Root mean square error over the workspace, in m: of all draws, with the factor of the size.
     pub(crate) fn rms(&self, off: &[Vector3<f64>]) -> f64 {
         let shift = self.aligned(Some(off));
-        let squares = self.draws.column_iter().map(|c| (c - shift.column(0)).norm_squared());
+        let error = |c: DVectorView<'_, f64>| (c * self.size.factor - shift.column(0)).norm_squared();
+        let squares = self.draws.column_iter().map(error);
         (squares.sum::<f64>() / (self.draws.len() / 3).max(1) as f64).sqrt()
     }
 
-    /// Mean error and its 95 % quantile over the workspace, by draw, in m.
-    pub(crate) fn errors(&self, off: Option<&[Vector3<f64>]>) -> (Vec<f64>, Vec<f64>) {
+    /// Mean error over the workspace by draw, in m, of a model whose TCP is `off` (m) from the estimate's. The draws
+    /// are what the data allow; the factor of the size is no part of them.
+    pub(crate) fn drawn(&self, off: &[Vector3<f64>]) -> Vec<f64> {
+        self.errors(Some(off), 1.0).0
+    }
+
+    /// Mean error and its 95 % quantile over the workspace, by draw, in m; the draws are taken `factor` times.
+    fn errors(&self, off: Option<&[Vector3<f64>]>, factor: f64) -> (Vec<f64>, Vec<f64>) {
         let shift = self.aligned(off);
         let mut means = Vec::with_capacity(self.draws.ncols());
         let mut p95 = Vec::with_capacity(self.draws.ncols());
         for column in self.draws.column_iter() {
             let mut lengths: Vec<f64> = (0..column.len() / 3)
                 .map(|k| {
-                    let at = |axis: usize| column[3 * k + axis] - shift[3 * k + axis];
+                    let at = |axis: usize| factor * column[3 * k + axis] - shift[3 * k + axis];
                     Vector3::new(at(0), at(1), at(2)).norm()
                 })
                 .collect();
@@ -305,29 +357,6 @@ impl Field {
             p95.push(quantile(&lengths, INSIDE));
         }
         (means, p95)
-    }
-}
-
-/// Of mean errors and 95 % quantiles (m) by draw; `size_sigma` widens the interval.
-pub(crate) fn summary(mut means: Vec<f64>, p95: &[f64], size_sigma: f64) -> ExpectedError {
-    let count = means.len().max(1) as f64;
-    means.sort_by(f64::total_cmp);
-    let mean = means.iter().sum::<f64>() / count;
-    // Both spreads are independent, so their logarithms add in quadrature.
-    let end = |share: f64| {
-        let own = (quantile(&means, share) / mean).max(f64::MIN_POSITIVE).ln();
-        let wide = own.hypot(TWO_SIDED * size_sigma);
-        mean * if share < 0.5 { (-wide).exp() } else { wide.exp() }
-    };
-    let interval = [end(0.5 * (1.0 - INSIDE)), end(0.5 * (1.0 + INSIDE))];
-    ExpectedError {
-        mean: mean * 1e3,
-        p95: p95.iter().sum::<f64>() / count * 1e3,
-        interval: if mean > 0.0 {
-            interval.map(|m| m * 1e3)
-        } else {
-            [0.0; 2]
-        },
     }
 }
 
@@ -350,19 +379,20 @@ mod tests {
     // gives a number that is none.
     #[test]
     fn the_interval_is_wider_than_the_draws() {
-        let light = size_sigma(-4.0);
-        let same = summary(vec![1e-4; 50], &[2e-4; 50], light);
+        let (light, open, heavy) = (Size::of(-4.0), Size::of(0.0), Size::of(4.0));
+        let same = light.summary(vec![1e-4; 50], &[2e-4; 50]);
         let (low, high) = (same.interval[0] / same.mean, same.interval[1] / same.mean);
         assert!(
             (0.8..0.9).contains(&low) && (low * high - 1.0).abs() < 1e-12,
             "{same:?}"
         );
         let means: Vec<f64> = (0..101).map(|k| 0.5e-4 + 1e-6 * f64::from(k)).collect();
-        let heavy = summary(vec![1e-4; 50], &[2e-4; 50], size_sigma(4.0));
-        assert!(heavy.interval[1] / heavy.mean > 1.7, "{heavy:?}");
-        assert!(light < size_sigma(0.0) && size_sigma(0.0) < size_sigma(4.0));
-        let spread = summary(means, &[2e-4; 101], light);
+        let wide = heavy.summary(vec![1e-4; 50], &[2e-4; 50]);
+        assert!(wide.interval[1] / wide.mean > 1.7, "{wide:?}");
+        assert!(light.sigma < open.sigma && open.sigma < heavy.sigma);
+        assert!(light.factor <= open.factor && open.factor < heavy.factor);
+        let spread = light.summary(means, &[2e-4; 101]);
         assert!(spread.interval[0] < 0.0525 && spread.interval[1] > 0.1475, "{spread:?}");
-        assert_eq!(summary(vec![0.0; 3], &[0.0; 3], light).interval, [0.0; 2]);
+        assert_eq!(light.summary(vec![0.0; 3], &[0.0; 3]).interval, [0.0; 2]);
     }
 }

@@ -29,7 +29,7 @@ pub use scatter::ScatteredPlace;
 use nalgebra::{DMatrix, DVector, Vector3};
 use serde::Serialize;
 
-pub(crate) use self::expected::{Rigid, has_heavy_tails, size_sigma, summary};
+pub(crate) use self::expected::{Rigid, Size, has_heavy_tails};
 pub(crate) use self::tail::log_tail;
 
 use self::component::{GroupOf, ParameterGroup};
@@ -110,8 +110,8 @@ impl Diagnosis {
         self.field.budget(&self.off(tcp_m))
     }
 
-    /// Root mean square error over the workspace of the draws that the expected error is made
-    /// from, in mm. The total of the budget is the same figure without drawing.
+    /// Root mean square error over the workspace that the expected error is made from, in mm, by draws. The total of the
+    /// budget is the same figure without drawing.
     pub fn drawn_rms_mm_of(&self, tcp_m: impl Fn(&[f64]) -> Vector3<f64>) -> f64 {
         self.field.rms(&self.off(tcp_m)) * 1e3
     }
@@ -123,8 +123,8 @@ impl Diagnosis {
         model_m: impl Fn(&[f64]) -> Vector3<f64>,
         than_m: impl Fn(&[f64]) -> Vector3<f64>,
     ) -> f64 {
-        let (own, _) = self.field.errors(Some(&self.off(model_m)));
-        let (other, _) = self.field.errors(Some(&self.off(than_m)));
+        let own = self.field.drawn(&self.off(model_m));
+        let other = self.field.drawn(&self.off(than_m));
         let not_better = own.iter().zip(&other).filter(|(a, b)| a >= b).count();
         not_better as f64 / own.len().max(1) as f64
     }
@@ -245,8 +245,8 @@ pub fn diagnose(
     let noise_mm = discrepancy.noise_m * 1e3;
     let certified = |(_, p): &(usize, &Parameter)| matches!(p.kind, Kind::Sphere(..));
     let plate = table.iter().enumerate().filter(certified).map(|(column, _)| column);
-    let size_sigma = size_sigma(calibration.heavy_tails);
-    let field = Field::draw(&linear, discrepancy, &configurations, plate.collect(), size_sigma)?;
+    let size = Size::of(calibration.heavy_tails);
+    let field = Field::draw(&linear, discrepancy, &configurations, plate.collect(), size)?;
     Ok(Diagnosis {
         expected: field.expected(None),
         findings,

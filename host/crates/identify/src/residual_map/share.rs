@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::{MapFrame, ResidualMap, coordinates, kernel, squared};
 use crate::Calibration;
-use crate::diagnosis::{Rigid, size_sigma, summary};
+use crate::diagnosis::{Rigid, Size};
 use crate::expected_error::ExpectedError;
 use crate::flange::Flange;
 
@@ -149,7 +149,8 @@ impl MapShare {
             largest_mm: shifts.iter().copied().fold(0.0, f64::max),
             sigma_mm: sigma.mean() * 1e3,
             known: known as f64 / count as f64,
-            expected_error_mm: summary(means, &p95, size_sigma(calibration.heavy_tails)),
+            // Without the factor of the size: the map describes errors that nothing else does.
+            expected_error_mm: Size::of(calibration.heavy_tails).summary(means, &p95),
             of_map: squares[0] / (squares[0] + squares[1]).max(f64::MIN_POSITIVE),
         })
     }
