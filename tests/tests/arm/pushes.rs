@@ -196,8 +196,14 @@ fn held_while_leaving(case: &Case, stiffness_n_m: f64, after_s: f64) -> (f64, f6
     };
     let trial = case.run(&plan).expect("a run");
     let told = format!("{stiffness_n_m} N/m after {after_s:.3} s: {:?}", trial.ended);
-    assert!(matches!(trial.ended, TrialEnd::Finished | TrialEnd::Stopped(_)), "{told}");
-    assert!(trial.bad.is_empty() && trial.lost == 0 && trial.duplicates == 0, "{told}");
+    assert!(
+        matches!(trial.ended, TrialEnd::Finished | TrialEnd::Stopped(_)),
+        "{told}"
+    );
+    assert!(
+        trial.bad.is_empty() && trial.lost == 0 && trial.duplicates == 0,
+        "{told}"
+    );
     (trial.sustained_n, trial.pressed_n)
 }
 

@@ -192,4 +192,35 @@ impl Alternative {
             _ => false,
         }
     }
+
+    /// Whether another says the same of the cell to a reader: a plate that slips may turn, or not.
+    pub(crate) fn says_the_same(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Slip { reference: a, .. }, Self::Slip { reference: b, .. }) => a == b,
+            _ => self.is_like(other),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a slip is named as what it cannot be told from, with another instant or with a turn, or if another frame's
+    // slip, or another kind of cause, is not.
+    #[test]
+    fn a_cause_is_no_alternative_to_itself() {
+        let slip = |place, time, turned| Alternative::Slip {
+            reference: Reference::Place(place),
+            time,
+            turned,
+        };
+        let told = |other: &Alternative| slip(0, 0.3, true).says_the_same(other);
+        assert!(told(&slip(0, 0.3, true)) && told(&slip(0, 0.7, true)) && told(&slip(0, 0.3, false)));
+        assert!(!told(&slip(1, 0.3, true)) && !told(&Alternative::Payload));
+        assert!(
+            !slip(0, 0.3, true).is_like(&slip(0, 0.3, false)),
+            "they are tested apart"
+        );
+    }
 }

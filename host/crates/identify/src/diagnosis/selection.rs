@@ -308,7 +308,7 @@ impl<'a> Selection<'a> {
         let (_, v) = self.given(own);
         let strength = (effect.dot(&(&v * &effect))).max(1e-300);
         for (k, other) in self.trials.iter().enumerate() {
-            let like = |a: &Alternative| a.is_like(&other.alternative);
+            let like = |a: &Alternative| a.says_the_same(&other.alternative);
             if k == index || like(&own.alternative) || found.iter().any(like) {
                 continue;
             }
