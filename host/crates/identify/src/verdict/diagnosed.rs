@@ -59,7 +59,7 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
     };
     let described = |f: &Finding| {
         let words = in_words(evidence, f);
-        if f.harm_mm < harmless || certain(f) {
+        if certain(f) {
             words
         } else {
             format!("{words} ({DOUBTFUL})")
