@@ -66,6 +66,8 @@ const LISTED: f64 = 3.0;
 pub struct Diagnosis {
     /// Error of the full model over the workspace.
     pub expected: ExpectedError,
+    /// The mean of that over the draws alone, in mm: without what heavy tails of the residuals add.
+    pub(crate) drawn_mm: f64,
     /// Causes that the data name, strongest first.
     pub findings: Vec<Finding>,
     /// Largest statistic of each family of causes.
@@ -249,6 +251,7 @@ pub fn diagnose(
     let field = Field::draw(&linear, discrepancy, &configurations, plate.collect(), size)?;
     Ok(Diagnosis {
         expected: field.expected(None),
+        drawn_mm: field.drawn_mean() * 1e3,
         findings,
         families,
         scattered: scatter::scattered(&linear, course),

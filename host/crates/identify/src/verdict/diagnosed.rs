@@ -47,7 +47,7 @@ pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
 
 /// One check for each family of causes.
 fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
-    let harmless = (HARMLESS * diagnosis.expected.mean).max(HARMLESS_MM);
+    let harmless = (HARMLESS * diagnosis.drawn_mm).max(HARMLESS_MM);
     let normal = !has_heavy_tails(evidence.calibration.heavy_tails) && evidence.seats.is_empty();
     let certain = |f: &Finding| match f.alternative.family() {
         _ if normal => true,
