@@ -69,13 +69,13 @@ fn pushes(phase: usize, seed: u64) -> FaultPlan {
     }
 }
 
-fn case(seed: u64, preset: &str) -> Case {
+fn case(seed: u64, preset: &str, finish: Finish) -> Case {
     let config = Config {
         seed,
         plant: toml::from_str(&format!("preset = \"{preset}\"")).expect("settings"),
         ..Config::default()
     };
-    Case::of(config, Finish::Calibrate).unwrap_or_else(|e| panic!("{preset}: {e}"))
+    Case::of(config, finish).unwrap_or_else(|e| panic!("{preset}: {e}"))
 }
 
 fn told(preset: &str, seed: u64, phase: usize, trial: &FaultTrial) -> String {
@@ -101,6 +101,18 @@ fn told(preset: &str, seed: u64, phase: usize, trial: &FaultTrial) -> String {
         trial.duplicates,
         trial.ended,
     )
+}
+
+/// Fails if a run ended without a reason, or if a recording is bad, lost or stored twice.
+fn ended_well(trial: &FaultTrial, told: &str) {
+    assert!(
+        matches!(trial.ended, TrialEnd::Finished | TrialEnd::Stopped(_)),
+        "{told}"
+    );
+    assert!(
+        trial.bad.is_empty() && trial.lost == 0 && trial.duplicates == 0,
+        "{told}"
+    );
 }
 
 /// What was injected and what was reported, in the order of time.
@@ -140,7 +152,7 @@ fn study_of_pushes_everywhere() {
     let asked = std::env::var("PUSH_PHASE").unwrap_or_default();
     for seed in 1..=seeds {
         for preset in presets.split(',') {
-            let case = case(seed, preset);
+            let case = case(seed, preset, Finish::Calibrate);
             for phase in (0..PHASES.len()).filter(|p| format!("{:?}", PHASES[*p].0).contains(&asked)) {
                 let trial = case.run(&pushes(phase, seed)).expect("a run");
                 println!("{}", told(preset, seed, phase, &trial));
@@ -157,19 +169,12 @@ fn study_of_pushes_everywhere() {
 #[test]
 #[ignore = "long: 60 poses with a push at every third"]
 fn long_pushes_at_many_poses_do_not_make_the_arm_press() {
-    let case = case(1, "typical");
+    let case = case(1, "typical", Finish::Calibrate);
     for phase in [5, 6] {
         let trial = case.run(&pushes(phase, 1)).expect("a run");
         let told = told("typical", 1, phase, &trial);
         println!("{told}");
-        assert!(
-            matches!(trial.ended, TrialEnd::Finished | TrialEnd::Stopped(_)),
-            "{told}"
-        );
-        assert!(
-            trial.bad.is_empty() && trial.lost == 0 && trial.duplicates == 0,
-            "{told}"
-        );
+        ended_well(&trial, &told);
         assert!(trial.sustained_n <= SUSTAINED_N && trial.pressed_n <= PEAK_N, "{told}");
     }
 }
@@ -196,15 +201,22 @@ fn held_while_leaving(case: &Case, stiffness_n_m: f64, after_s: f64) -> (f64, f6
     };
     let trial = case.run(&plan).expect("a run");
     let told = format!("{stiffness_n_m} N/m after {after_s:.3} s: {:?}", trial.ended);
-    assert!(
-        matches!(trial.ended, TrialEnd::Finished | TrialEnd::Stopped(_)),
-        "{told}"
-    );
-    assert!(
-        trial.bad.is_empty() && trial.lost == 0 && trial.duplicates == 0,
-        "{told}"
-    );
+    ended_well(&trial, &told);
     (trial.sustained_n, trial.pressed_n)
+}
+
+// Fails if the magnet explains the pull on an arm that a thing holds after the nest is off: then these two last with
+// 27.0 and 24.9 N. They are the worst that the study below found on `harsh`.
+#[test]
+fn a_thing_that_holds_a_leaving_arm_is_not_pulled_for_long() {
+    let case = case(3, "harsh", Finish::Record);
+    for (stiffness_n_m, after_s) in [(3e3, 0.32), (HOLD_N_M, 0.44)] {
+        let (sustained, pressed) = held_while_leaving(&case, stiffness_n_m, after_s);
+        assert!(
+            sustained <= SUSTAINED_N && pressed <= PEAK_N,
+            "{stiffness_n_m} N/m after {after_s} s: {sustained} N for 0.3 s, {pressed} N"
+        );
+    }
 }
 
 // `HELD_PLANTS`, `HELD_SEEDS` (their number) and `HELD_STEP_MS` name a part of it.
@@ -215,12 +227,7 @@ fn study_of_an_arm_that_is_held_while_it_leaves_a_sphere() {
     let number = |name: &str, default: u64| std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default);
     for preset in presets.split(',') {
         for seed in 1..=number("HELD_SEEDS", 3) {
-            let config = Config {
-                seed,
-                plant: toml::from_str(&format!("preset = \"{preset}\"")).expect("settings"),
-                ..Config::default()
-            };
-            let case = Case::of(config, Finish::Record).unwrap_or_else(|e| panic!("{preset}: {e}"));
+            let case = case(seed, preset, Finish::Record);
             for stiffness_n_m in [3e3, HOLD_N_M, 3e4] {
                 let mut worst = [(0.0, 0.0); 2];
                 for ms in (0..900).step_by(number("HELD_STEP_MS", 20) as usize) {
