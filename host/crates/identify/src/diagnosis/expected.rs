@@ -340,12 +340,6 @@ impl Field {
         self.errors(Some(off), 1.0).0
     }
 
-    /// Mean error of the estimate over the workspace and over all draws, without the factor of the size, in m.
-    pub(crate) fn drawn_mean(&self) -> f64 {
-        let means = self.errors(None, 1.0).0;
-        means.iter().sum::<f64>() / means.len().max(1) as f64
-    }
-
     /// Mean error and its 95 % quantile over the workspace, by draw, in m; the draws are taken `factor` times.
     fn errors(&self, off: Option<&[Vector3<f64>]>, factor: f64) -> (Vec<f64>, Vec<f64>) {
         let shift = self.aligned(off);

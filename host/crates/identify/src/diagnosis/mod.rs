@@ -249,9 +249,10 @@ pub fn diagnose(
     let plate = table.iter().enumerate().filter(certified).map(|(column, _)| column);
     let size = Size::of(calibration.heavy_tails);
     let field = Field::draw(&linear, discrepancy, &configurations, plate.collect(), size)?;
+    let expected = field.expected(None);
     Ok(Diagnosis {
-        expected: field.expected(None),
-        drawn_mm: field.drawn_mean() * 1e3,
+        drawn_mm: expected.mean / size.factor,
+        expected,
         findings,
         families,
         scattered: scatter::scattered(&linear, course),
