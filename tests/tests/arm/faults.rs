@@ -126,7 +126,7 @@ fn a_sphere_moved_while_no_host_is_there_is_noticed() {
         .expect("a run");
     assert_eq!(trial.resumed, 1);
     assert!(
-        matches!(&trial.ended, TrialEnd::Stopped(why) if why.contains("mm from its expected position")),
+        matches!(&trial.ended, TrialEnd::Stopped(why) if why.contains("mm from where it was found before")),
         "{:?}",
         trial.ended
     );

@@ -166,8 +166,9 @@ pub enum CampaignError {
     },
     /// A sphere is not where it was.
     #[error(
-        "sphere {sphere} is {by_mm:.0} mm from its expected position relative to sphere {other}: the plate or a sphere was \
-         moved; fix them and begin a new run, because earlier recordings would not fit later ones"
+        "sphere {sphere} is {by_mm:.0} mm from {}: the plate or a sphere was \
+         moved; fix them and begin a new run, because earlier recordings would not fit later ones",
+        expected_place(*sphere, *other)
     )]
     Moved {
         /// The sphere.
@@ -247,6 +248,15 @@ pub enum CampaignError {
     Interrupted,
 }
 
+/// The place from which a sphere was found to be off, in words: where it was itself, or where another one says it is.
+fn expected_place(sphere: u32, other: u32) -> String {
+    if sphere == other {
+        "where it was found before".to_owned()
+    } else {
+        format!("its expected position relative to sphere {other}")
+    }
+}
+
 /// The operator's remedy for a fault.
 pub fn remedy(fault: Fault) -> &'static str {
     match fault {
@@ -300,5 +310,25 @@ pub fn remedy(fault: Fault) -> &'static str {
              tool mass, and that the nest turns freely on the sphere and comes off it"
         }
         Fault::Internal => "this is a defect of the controller: report it with the database",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a sphere is said to be off relative to itself, or if the sphere it was compared with is not named.
+    #[test]
+    fn a_moved_sphere_is_compared_with_what_it_is_compared_with() {
+        let words = |other| {
+            let moved = CampaignError::Moved {
+                sphere: 1,
+                other,
+                by_mm: 20.4,
+            };
+            moved.to_string()
+        };
+        assert!(words(1).starts_with("sphere 1 is 20 mm from where it was found before: the plate"));
+        assert!(words(3).starts_with("sphere 1 is 20 mm from its expected position relative to sphere 3: the plate"));
     }
 }
