@@ -3,7 +3,7 @@
 //! A table of links cannot hold compliance, bending or encoder harmonics. The full
 //! model's own table without them is not the best table: the effects leave a mean
 //! displacement that lengths and offsets can take up. This is the table, tool and
-//! base that come closest to the full model's TCP over the workspace.
+//! base that come closest to the full model's TCP over the joints' whole ranges.
 
 use nalgebra::Vector3;
 use spherecal_model::fit_pose;
@@ -16,7 +16,7 @@ use crate::{
     halton_configurations,
 };
 
-/// Configurations of the workspace that the geometry is fitted at; as many others judge it.
+/// Configurations over the joints' whole ranges that the geometry is fitted at; as many others judge it.
 const CONFIGURATIONS: usize = 200;
 /// Least noise of a point (m), for a model without effects: far below every prior.
 const LEAST_NOISE_M: f64 = 1e-6;
@@ -30,10 +30,10 @@ pub struct GeometryOnly {
     pub robot: Robot,
     /// Its tool.
     pub tool: Tool,
-    /// Mean distance of its TCP from the full model's over the workspace, the base
+    /// Mean distance of its TCP from the full model's over the joints' whole ranges, the base
     /// aligned, in mm.
     pub apart_mm: f64,
-    /// Its expected error over the workspace; none where that of the full model is unknown.
+    /// Its expected error over the same configurations, by the posterior alone; none where that of the full model is unknown.
     pub expected_error_mm: Option<ExpectedError>,
 }
 

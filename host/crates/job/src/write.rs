@@ -145,11 +145,11 @@ fn notes(results: &Results<'_>, model: &RobotModel, apart_mm: f64, expected: Opt
     notes.push(match expected {
         Some(e) => format!(
             "this file holds geometry alone: expected error {:.3} mm in the mean over the workspace (95 % interval {:.3} \
-             to {:.3} mm), {:.3} mm of it against the full model",
+             to {:.3} mm); {:.3} mm in the mean from the full model over the joints' whole ranges",
             e.mean, e.interval[0], e.interval[1], apart_mm
         ),
         None => format!(
-            "this file holds geometry alone: {apart_mm:.3} mm in the mean from the full model over the workspace"
+            "this file holds geometry alone: {apart_mm:.3} mm in the mean from the full model over the joints' whole ranges"
         ),
     });
     notes.push(
