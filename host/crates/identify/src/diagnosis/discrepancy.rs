@@ -126,6 +126,21 @@ impl Discrepancy {
         self.searched(linear, &[], cause)
     }
 
+    /// The same model about another point of linearisation, its amplitudes as they are.
+    pub(crate) fn about(&self, linear: &Linear) -> Self {
+        let mut w = self.w.clone();
+        w.columns_mut(0, self.m).copy_from(&linear.x);
+        Self {
+            components: self.components.clone(),
+            groups: self.groups.clone(),
+            n: transposed_product(&w, &w),
+            wy: w.tr_mul(&linear.y),
+            w,
+            absent: self.absent.clone(),
+            ..*self
+        }
+    }
+
     fn searched(
         &self,
         linear: &Linear,
@@ -206,6 +221,17 @@ impl Discrepancy {
         factor.half_mut(&mut unit);
         let covariance = transposed_product(&unit, &unit);
         Ok(-covariance.determinant().max(1e-300).ln())
+    }
+
+    /// Means of all columns in units of their sigmas without factors.
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(crate) fn mean(&self) -> Result<DVector<f64>, IdentifyError> {
+        let d = self.sigmas(|_| true);
+        let factor = self.factor(&d, self.s2, 0, self.w.ncols())?;
+        let right = d.component_mul(&self.wy) / self.s2;
+        Ok(factor.solve_vector(&right).component_mul(&d))
     }
 
     /// Effect of the last `count` named columns in their own units, and its covariance.

@@ -113,6 +113,7 @@ impl LinearRow {
 }
 
 /// The linear model of a fit.
+#[derive(Clone)]
 pub(crate) struct Linear {
     /// `X`, 3n x m; n counts the targets of all observations.
     pub(crate) x: DMatrix<f64>,

@@ -12,6 +12,7 @@ mod expected;
 mod finding;
 pub(crate) mod linear;
 mod patterns;
+mod payload;
 mod scan;
 mod scatter;
 mod selection;
@@ -37,7 +38,7 @@ use self::dense::{Factor, transposed_product};
 use self::discrepancy::Discrepancy;
 use self::expected::Field;
 use self::linear::{Linear, Posture};
-use self::patterns::LoadEffects;
+use self::payload::LoadEffects;
 use self::scan::scan;
 use crate::calibration::finish;
 use crate::error::IdentifyError;
@@ -216,6 +217,9 @@ pub fn diagnose(
     // Of a robot without masses the load has no size, and measured torques hold any load.
     let loaded = LoadEffects {
         compliance: &calibration.compliance_rad_per_nm,
+        columns: (0..layout.n)
+            .map(|joint| table.iter().position(|p| p.kind == Kind::Compliance(joint)))
+            .collect(),
         com_from_tcp_m: com_from_tcp(experiment),
     };
     let by_model = !calibration.assumed_masses && options.torque != Torque::Measured;

@@ -4,16 +4,13 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector, Vector3};
-use spherecal_shared::robot::GRAVITY_M_S2;
 
 use super::alternatives::Alternative;
-use super::linear::{Linear, LinearRow, Posture};
+use super::linear::{Linear, LinearRow};
+use super::payload::LoadEffects;
 use crate::course::Course;
 use crate::parameters::Layout;
 
-/// Unit of the load's effect, in kg: a load that is less certain than 1 kg counts as not seen, as a
-/// length does that is less certain than 5 mm.
-pub(crate) const PAYLOAD_UNIT_KG: f64 = 200.0;
 /// A joint that moved by less than this (rad) came from neither side.
 const MOVED_RAD: f64 = 1e-3;
 /// Fewest rows of a place, and of the others.
@@ -22,14 +19,6 @@ const FEWEST: usize = 3;
 const MOVES_PER_UNKNOWN: usize = 3;
 /// What a move is compared with: 1, q, and harmonics 1 and 2 of the joint.
 const WHERE: usize = 6;
-
-/// What the load at the flange does, where the masses are known.
-pub(crate) struct LoadEffects<'a> {
-    /// Compliance of each joint, in rad/(N m).
-    pub(crate) compliance: &'a [f64],
-    /// Centre of mass of the tool in the last frame, in m, seen from the TCP.
-    pub(crate) com_from_tcp_m: Vector3<f64>,
-}
 
 /// All of these causes that the data could show, with their whitened columns.
 pub(crate) fn patterns(
@@ -42,8 +31,7 @@ pub(crate) fn patterns(
     last_move(linear, layout, course, &mut list);
     places(linear, layout, course, &mut list);
     if let Some(loaded) = loaded {
-        let unit = |p: &LinearRow| loaded.displacement(&p.posture) * PAYLOAD_UNIT_KG;
-        list.push((Alternative::Payload, one(linear.column(unit))));
+        list.push((Alternative::Payload, one(loaded.column(linear, loaded.compliance))));
     }
     for order in [1, 2] {
         list.push((Alternative::Orientation { order }, orientation(linear, order)));
@@ -148,19 +136,6 @@ fn places(linear: &Linear, layout: &Layout, course: &Course, list: &mut Vec<(Alt
             Alternative::Place { place: at, sphere },
             DMatrix::from_columns(&columns),
         ));
-    }
-}
-
-impl LoadEffects<'_> {
-    /// Displacement of the TCP (F0, m) by 1 kg more at the tool's centre of mass.
-    fn displacement(&self, p: &Posture) -> Vector3<f64> {
-        let com = p.flange * self.com_from_tcp_m;
-        let joint = |(j, column): (usize, &Vector3<f64>)| {
-            let z = p.lengths.get(2 * j + 1).copied().unwrap_or_default();
-            let torque = (column + z.cross(&com)).z * GRAVITY_M_S2;
-            -column * (self.compliance.get(j).copied().unwrap_or_default() * torque)
-        };
-        p.joints.iter().enumerate().map(joint).sum()
     }
 }
 

@@ -12,13 +12,15 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::alternatives::Alternative;
 use super::causes::Cause;
 use super::columns::alternatives;
 use super::component::GroupOf;
 use super::discrepancy::Discrepancy;
 use super::finding::{FamilyTest, Finding};
 use super::linear::Linear;
-use super::patterns::{LoadEffects, patterns};
+use super::patterns::patterns;
+use super::payload::{LoadEffects, LoadInModel};
 use super::selection::{Selection, TriedAlternative, odds, prepare};
 use super::tail::log_tail;
 use crate::course::Course;
@@ -27,6 +29,9 @@ use crate::parameters::Layout;
 
 /// Findings at most.
 const MOST: usize = 4;
+/// A load is named if it is at least so many of its standard deviations: else its 95 % interval holds none at all.
+const LEAST_LOAD: f64 = 2.0;
+
 /// Tests every alternative. Returns what was found, strongest first, the largest
 /// statistic of each family, and the extended model with what was found in it.
 ///
@@ -73,7 +78,7 @@ pub(crate) fn scan(
     let mut selection = Selection::new(linear.s2, &trials);
     let mut findings: Vec<Finding> = Vec::new();
     while findings.len() < MOST {
-        let mut best: Option<(f64, f64, usize, Discrepancy)> = None;
+        let mut best: Option<(f64, f64, Candidate)> = None;
         let shortlist = selection.shortlist();
         if shortlist.is_empty() {
             break;
@@ -83,11 +88,10 @@ pub(crate) fn scan(
             .log_evidence(linear)?
             .max(model.without(linear, None)?.log_evidence(linear)?);
         for index in shortlist {
-            let columns = selection.wide(index);
-            let trial = model.with(linear, &columns)?;
-            let freedom = selection.trials[index].score.len();
             let alternative = &selection.trials[index].alternative;
-            let (evidence, volume) = (trial.log_evidence(linear)?, trial.named_volume(columns.len())?);
+            let candidate = Candidate::new(index, alternative, linear, &model, selection.wide(index), loaded)?;
+            let freedom = selection.trials[index].score.len();
+            let (evidence, volume) = candidate.evidence(linear)?;
             // The width of its prior is no argument against it.
             let over = |null: f64| log_tail(2.0 * (evidence - null) + volume, freedom);
             // Alternatives are compared with each other over the same model, and each is judged over the model
@@ -97,12 +101,17 @@ pub(crate) fn scan(
                 Some(cause) => over(model.without(linear, Some(cause))?.log_evidence(linear)?),
                 None => over(without),
             };
-            if log_p < selection.limit(alternative) && best.as_ref().is_none_or(|b| weighed < b.0) {
-                best = Some((weighed, log_p, index, trial));
+            if log_p < selection.limit(alternative)
+                && candidate.is_told()?
+                && best.as_ref().is_none_or(|b| weighed < b.0)
+            {
+                best = Some((weighed, log_p, candidate));
             }
         }
-        let Some((_, log_p, index, with)) = best else { break };
-        let finding = selection.finding(index, log_p, &with, linear, course)?;
+        let Some((_, log_p, candidate)) = best else { break };
+        let index = candidate.index;
+        let (with, columns) = candidate.named();
+        let finding = selection.finding(index, log_p, with, columns, linear, course)?;
         let family = finding.alternative.family();
         for test in families.iter_mut().filter(|t| t.family == family) {
             test.found = true;
@@ -110,7 +119,67 @@ pub(crate) fn scan(
         }
         findings.push(finding);
         selection.chosen.push(index);
-        model = with;
+        model = candidate.with;
     }
     Ok((findings, families, model))
+}
+
+/// An alternative in the extended model.
+struct Candidate {
+    /// Its number among the trials.
+    index: usize,
+    /// Its whitened columns and the sigmas of their priors.
+    columns: Vec<(DVector<f64>, f64)>,
+    /// The model with it, about the fit.
+    with: Discrepancy,
+    /// Of the load: the model about what is estimated with it.
+    load: Option<LoadInModel>,
+}
+
+impl Candidate {
+    fn new(
+        index: usize,
+        alternative: &Alternative,
+        linear: &Linear,
+        model: &Discrepancy,
+        columns: Vec<(DVector<f64>, f64)>,
+        loaded: Option<&LoadEffects<'_>>,
+    ) -> Result<Self, IdentifyError> {
+        let with = model.with(linear, &columns)?;
+        let load = match (alternative, loaded) {
+            (Alternative::Payload, Some(loaded)) => Some(loaded.in_model(linear, model, &with, &columns)?),
+            _ => None,
+        };
+        Ok(Self {
+            index,
+            columns,
+            with,
+            load,
+        })
+    }
+
+    /// Logarithm of the evidence of the model with it, and of what the width of its prior takes off twice that.
+    fn evidence(&self, linear: &Linear) -> Result<(f64, f64), IdentifyError> {
+        let (model, linear) = match &self.load {
+            Some(load) => (&load.model, &load.linear),
+            None => (&self.with, linear),
+        };
+        Ok((model.log_evidence(linear)?, model.named_volume(self.columns.len())?))
+    }
+
+    /// Whether its size is told apart from nothing. The evidence for a load that the compliance could pass for is also that
+    /// for the other compliance; its size is then uncertain.
+    fn is_told(&self) -> Result<bool, IdentifyError> {
+        let Some(load) = &self.load else { return Ok(true) };
+        let (effect, covariance) = load.model.named_effect(&load.columns)?;
+        Ok(effect[0].powi(2) > LEAST_LOAD.powi(2) * covariance[(0, 0)])
+    }
+
+    /// The model from which its effect is told, with its columns there.
+    fn named(&self) -> (&Discrepancy, Vec<(DVector<f64>, f64)>) {
+        match &self.load {
+            Some(load) => (&load.model, load.columns.clone()),
+            None => (&self.with, self.columns.clone()),
+        }
+    }
 }

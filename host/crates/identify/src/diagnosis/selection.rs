@@ -20,6 +20,9 @@ pub(crate) const FALSE_FINDINGS: f64 = 1e-3;
 /// Standard deviations beyond which a common scale error of the certificate is
 /// found: one test, weak, because only the priors of the lengths speak to it.
 pub(crate) const SCALE_LIMIT: f64 = 2.6;
+/// Standard deviations beyond which another load is found: one test, weak for the same reason, because the priors of the
+/// compliance alone keep a load from passing for more of it. Its chance is 1 %.
+pub(crate) const LOAD_LIMIT: f64 = 2.6;
 /// Natural logarithm of how much more common it is that a nest sits badly for a while than that any other cause
 /// meets the same rows: so much less evidence it needs.
 const COMMON: f64 = 3.0;
@@ -176,7 +179,18 @@ impl<'a> Selection<'a> {
     pub(super) fn limit(&self, alternative: &Alternative) -> f64 {
         match alternative {
             Alternative::CertificateScale => log_tail(SCALE_LIMIT * SCALE_LIMIT, 1),
+            Alternative::Payload => log_tail(LOAD_LIMIT * LOAD_LIMIT, 1),
             _ => FALSE_FINDINGS.ln() - self.tests(alternative) + odds(alternative),
+        }
+    }
+
+    /// `ln` of the tail probability of the score below which an alternative deserves a closer look. The load's score takes
+    /// the compliance for granted that was estimated without it, and so says too little.
+    fn looked_at(&self, alternative: &Alternative) -> f64 {
+        let limit = self.limit(alternative);
+        match alternative {
+            Alternative::Payload => 0.5 * limit,
+            _ => limit,
         }
     }
 
@@ -193,13 +207,13 @@ impl<'a> Selection<'a> {
         }
     }
 
-    /// The alternatives that deserve a closer look: over their limit, and of those
+    /// The alternatives that deserve a closer look: beyond [`Self::looked_at`], and of those
     /// that differ only in instant or region the strongest.
     pub(super) fn shortlist(&self) -> Vec<usize> {
         let mut over: Vec<(f64, usize)> = (0..self.trials.len())
             .filter(|k| !self.chosen.contains(k))
             .filter_map(|k| Some((self.test(k)?.2, k)))
-            .filter(|(log_p, k)| *log_p < self.limit(&self.trials[*k].alternative))
+            .filter(|(log_p, k)| *log_p < self.looked_at(&self.trials[*k].alternative))
             .collect();
         over.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut kept: Vec<usize> = Vec::new();
@@ -252,17 +266,17 @@ impl<'a> Selection<'a> {
         tests
     }
 
-    /// A finding, its effect from the model `with` it.
+    /// A finding, its effect from the model `with` its columns.
     pub(super) fn finding(
         &self,
         index: usize,
         log_p: f64,
         with: &Discrepancy,
+        columns: Vec<(DVector<f64>, f64)>,
         linear: &Linear,
         course: &Course,
     ) -> Result<Finding, IdentifyError> {
         let trial = &self.trials[index];
-        let columns = self.wide(index);
         let (effect, covariance) = with.named_effect(&columns)?;
         let shift = effect.rows(0, effect.len().min(3)).into_owned();
         let (size, sigma) = length(&effect, &covariance);

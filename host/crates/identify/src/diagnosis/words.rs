@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 
 use super::alternatives::Alternative;
-use super::patterns::PAYLOAD_UNIT_KG;
+use super::payload::PAYLOAD_UNIT_KG;
 use super::size::Displaced;
 use crate::course::Course;
 use crate::parameters::Reference;

@@ -17,6 +17,11 @@ const CERTAIN_LOG10_P: f64 = -10.0;
 const CERTAIN_SIZE: f64 = 8.0;
 /// What is said of such a cause.
 const DOUBTFUL: &str = "the errors are not normal, so it may also be chance; the expected error holds it";
+/// What is said of a load that only the priors of the compliance tell from chance.
+const MAY_BE_CHANCE: &str = "it may also be chance; the expected error holds it";
+/// The chance, as a logarithm to the base 10, up to which a load is certain where the errors are normal: that of all
+/// other causes together. A load is named from a larger one on.
+const CERTAIN_LOAD_LOG10_P: f64 = -3.0;
 /// Largest chance that the result is no better than the nominal robot. Set after the real
 /// data of the iiwa 14 were seen, where it is 0.044: see `docs/theory.md`.
 const NOT_BETTER: f64 = 0.05;
@@ -49,20 +54,23 @@ pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
 fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
     let harmless = (HARMLESS * diagnosis.drawn_mm).max(HARMLESS_MM);
     let normal = !has_heavy_tails(evidence.calibration.heavy_tails) && evidence.seats.is_empty();
-    let certain = |f: &Finding| match f.alternative.family() {
-        _ if normal => true,
-        // It is held against the lengths of the links, and not against the scatter of the rows.
-        Family::CertificateScale => true,
-        // Where rows have seats of their own, one more qualifies as they do.
-        Family::Seat if !evidence.seats.is_empty() => false,
-        _ => f.size.abs() >= CERTAIN_SIZE * f.sigma || f.log10_p <= CERTAIN_LOG10_P,
+    let doubt = |f: &Finding| {
+        let certain = match f.alternative.family() {
+            Family::Payload if normal && f.log10_p > CERTAIN_LOAD_LOG10_P => return Some(MAY_BE_CHANCE),
+            _ if normal => true,
+            // It is held against the lengths of the links, and not against the scatter of the rows.
+            Family::CertificateScale => true,
+            // Where rows have seats of their own, one more qualifies as they do.
+            Family::Seat if !evidence.seats.is_empty() => false,
+            _ => f.size.abs() >= CERTAIN_SIZE * f.sigma || f.log10_p <= CERTAIN_LOG10_P,
+        };
+        (!certain).then_some(DOUBTFUL)
     };
     let described = |f: &Finding| {
         let words = in_words(evidence, f);
-        if certain(f) {
-            words
-        } else {
-            format!("{words} ({DOUBTFUL})")
+        match doubt(f) {
+            None => words,
+            Some(doubt) => format!("{words} ({doubt})"),
         }
     };
     for test in &diagnosis.families {
@@ -113,7 +121,7 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
         let sound = found.is_empty() && own.is_empty();
         let sigmas = own.iter().filter_map(|seat| seat.sigmas).fold(test.sigmas, f64::max);
         let check = Check::new(name, Some(sigmas), Some(test.limit), sound, words);
-        let refuses = found.iter().any(|f| f.harm_mm >= harmless && certain(f));
+        let refuses = found.iter().any(|f| f.harm_mm >= harmless && doubt(f).is_none());
         checks.push(if refuses { check } else { check.qualifying() });
     }
 }
