@@ -93,7 +93,8 @@ fn same(certificate: &Value, page: &str, least: usize) {
 // under `certificate`, lacks what the user stated, hides that the run is simulated, prints the
 // configuration whole, or is cut or longer than a page on A4 or Letter.
 #[test]
-fn a_run_has_its_certificate_on_one_page() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_run_has_its_certificate_on_one_page() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     std::fs::write(folder.join("cell.toml"), format!("arm = \"A-17\"\n{STATED}")).expect("written");

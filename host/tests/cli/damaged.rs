@@ -20,7 +20,8 @@ fn flip(path: &Path, words: &[u8], bit: u8) {
 // file, if recovery loses a recording or writes a file that is refused, or if a torn telemetry file
 // keeps a run from being exported.
 #[test]
-fn a_damaged_folder_is_refused_and_recovered() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_damaged_folder_is_refused_and_recovered() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     let run = spherecal(at, &["run", "--poses", "6", "--out", "a"]);

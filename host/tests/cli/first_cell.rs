@@ -38,7 +38,8 @@ fn next(stdout: &[u8]) -> Vec<String> {
 // Fails if five commands do not lead from nothing to the report of a simulated FR3, or if a command
 // that `init` names is not the next one.
 #[test]
-fn from_init_to_the_report_in_five_commands() {
+#[ignore = "slow: the gate runs it"]
+fn slow_from_init_to_the_report_in_five_commands() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let made = init(
@@ -81,7 +82,8 @@ fn from_init_to_the_report_in_five_commands() {
 // Fails if the table that `init` begins is not one that `identify` takes with the command that it
 // names, if a table without rows is identified, or if an option there is wrong.
 #[test]
-fn poses_are_filled_in_and_identified() {
+#[ignore = "slow: the gate runs it"]
+fn slow_poses_are_filled_in_and_identified() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let made = init(folder, &[STATED, &["--plate-certificate", "PC-7"]].concat());
@@ -146,7 +148,8 @@ fn an_instrument_has_its_columns() {
 // Fails if wrong or missing input is not refused with exit code 2 and the words that help, or if
 // something is written then.
 #[test]
-fn wrong_input_is_refused_before_anything_is_written() {
+#[ignore = "slow: the gate runs it"]
+fn slow_wrong_input_is_refused_before_anything_is_written() {
     type Case = (&'static [&'static str], &'static [&'static str]);
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();

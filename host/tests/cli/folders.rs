@@ -70,7 +70,8 @@ fn same(a: &BTreeMap<String, String>, b: &BTreeMap<String, String>) {
 // Fails if a table of one run is exported for another, if a table that only the earlier run has
 // stays beside those of the later one, or if the file list of a run names the telemetry of another.
 #[test]
-fn every_table_is_of_the_run_that_was_asked_for() {
+#[ignore = "slow: the gate runs it"]
+fn slow_every_table_is_of_the_run_that_was_asked_for() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     for (seed, laser, alone) in [(1, true, "one"), (2, false, "two")] {
@@ -111,7 +112,8 @@ fn every_table_is_of_the_run_that_was_asked_for() {
 // Fails if the telemetry of an earlier version is lost where there is one run, or given to a run
 // that may not be its own.
 #[test]
-fn telemetry_without_a_run_is_only_that_of_an_only_run() {
+#[ignore = "slow: the gate runs it"]
+fn slow_telemetry_without_a_run_is_only_that_of_an_only_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     measure(folder, 1, false, "old");
@@ -146,7 +148,8 @@ fn telemetry_without_a_run_is_only_that_of_an_only_run() {
 
 // Fails if the results of another arm are overwritten, or if nobody is told where they went.
 #[test]
-fn results_of_another_arm_are_kept() {
+#[ignore = "slow: the gate runs it"]
+fn slow_results_of_another_arm_are_kept() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let report = |arm: &str| {
@@ -213,7 +216,8 @@ mod stopped {
     // Fails if a run that was killed and resumed has other tables than one that was left alone: a
     // part of its telemetry twice or not at all.
     #[test]
-    fn a_killed_run_has_its_own_tables() {
+    #[ignore = "slow: the gate runs it"]
+    fn slow_a_killed_run_has_its_own_tables() {
         let folder = tempfile::tempdir().expect("a folder");
         let folder = folder.path();
         measure(folder, 3, false, "alone");
@@ -229,7 +233,8 @@ mod stopped {
 
     // Fails if the hint after Ctrl-C, typed as it stands, does not continue the run.
     #[test]
-    fn the_hint_after_ctrl_c_continues_the_run() {
+    #[ignore = "slow: the gate runs it"]
+    fn slow_the_hint_after_ctrl_c_continues_the_run() {
         let folder = tempfile::tempdir().expect("a folder");
         let folder = folder.path();
         measure(folder, 3, false, "alone");

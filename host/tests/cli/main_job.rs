@@ -40,7 +40,8 @@ fn refused(folder: &Path, arguments: &[&str], words: &[&str]) {
 // seed gives the same, if stdout is not exactly summary.json, if a pose is lost
 // or a fault occurs, or if a file is missing.
 #[test]
-fn one_seed_gives_one_summary() {
+#[ignore = "slow: the gate runs it"]
+fn slow_one_seed_gives_one_summary() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let run = |out, seed| {
@@ -165,7 +166,8 @@ fn bad_input_is_refused_by_name() {
 // twice, or cannot go on.
 #[test]
 #[cfg(unix)]
-fn what_was_stopped_goes_on() {
+#[ignore = "slow: the gate runs it"]
+fn slow_what_was_stopped_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let database = folder.join("spherecal-out/calibration.db");

@@ -47,7 +47,8 @@ fn promised(page: &str) -> Vec<String> {
 // does not say in words whether the robot is better; or if the calibrated robot
 // cannot be loaded.
 #[test]
-fn the_quick_start_leads_from_nothing_to_a_report() {
+#[ignore = "slow: the gate runs it"]
+fn slow_the_quick_start_leads_from_nothing_to_a_report() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let commands = commands("docs/quick-start.md");
@@ -154,7 +155,8 @@ fn own_arm(urdf: &str, contacts: Option<&str>, wanted: usize) {
 // real contacts with two sockets, does not get a calibrated URDF and a report
 // by the commands and the files that the page shows.
 #[test]
-fn a_seven_axis_arm_is_calibrated_from_its_owners_tables() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_seven_axis_arm_is_calibrated_from_its_owners_tables() {
     own_arm("iiwa14.urdf", Some("mukca_iiwa14.csv"), 2);
 }
 

@@ -12,7 +12,8 @@ const SOCKETS: &str = "[[sphere]]\nid = 1\nx_mm = 0\ny_mm = 0\nz_mm = 0\nsigma_m
 // Fails if the page states other figures than the program finds, if the table for sharing is not written, or if it
 // replaces a file.
 #[test]
-fn the_page_states_what_the_program_finds() {
+#[ignore = "slow: the gate runs it"]
+fn slow_the_page_states_what_the_program_finds() {
     let page = std::fs::read_to_string(root().join("docs/real-data.md")).expect("the page");
     let row = page
         .lines()
@@ -56,7 +57,8 @@ fn the_page_states_what_the_program_finds() {
 // Fails if a map of residuals is tried without being asked for, if the document does not say what was tried and why no map
 // was kept, or if the text for people keeps it back. A warped tool is `spherecal-identify`'s own test.
 #[test]
-fn a_map_of_residuals_is_tried_where_it_is_asked_for() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_map_of_residuals_is_tried_where_it_is_asked_for() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("sockets.toml"), SOCKETS).expect("written");
     let data = |name: &str| root().join("tests/data").join(name).display().to_string();

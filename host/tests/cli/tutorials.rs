@@ -72,27 +72,32 @@ fn carry_out(name: &str) {
 // Each fails if a command of its page fails, if a line that the page shows is not in the output, or if
 // a file that the page names is not there.
 #[test]
-fn a_metrologist_with_a_tracker() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_metrologist_with_a_tracker() {
     carry_out("tracker.md");
 }
 
 #[test]
-fn a_lab_with_a_franka() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_lab_with_a_franka() {
     carry_out("franka.md");
 }
 
 #[test]
-fn a_control_engineer_with_a_board() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_control_engineer_with_a_board() {
     carry_out("board.md");
 }
 
 #[test]
-fn a_researcher_with_a_table() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_researcher_with_a_table() {
     carry_out("table.md");
 }
 
 #[test]
-fn a_user_of_ros() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_user_of_ros() {
     carry_out("ros.md");
 }
 

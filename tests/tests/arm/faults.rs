@@ -96,7 +96,8 @@ fn a_run_goes_on_at_the_pose_where_it_was() {
 // Fails if a nest whose magnet lets go while it stands still leaves a recording,
 // at any pose: friction holds it, and only the pull tells.
 #[test]
-fn a_magnet_that_lets_go_leaves_no_recording() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_magnet_that_lets_go_leaves_no_recording() {
     let case = Case::new(3, Finish::Record).expect("a case");
     for entry in 1..=6 {
         let when = during(Phase::Recording, entry, 0.15);
@@ -204,7 +205,8 @@ fn start(image: &Path, folder: &Path) -> Result<Box<dyn Controller>, LinkError> 
 // Fails if a controller in QEMU that is reset in the middle of a recording is
 // not found again, or the run loses or repeats a pose by it.
 #[test]
-fn a_controller_in_qemu_is_reset() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_controller_in_qemu_is_reset() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().to_owned();

@@ -25,7 +25,8 @@ fn two_places() -> PreparedRun {
 // of either is not recorded, or if two placements, of which each brings six
 // unknowns more, do not calibrate.
 #[test]
-fn two_placements_calibrate_the_arm() {
+#[ignore = "slow: the gate runs it"]
+fn slow_two_placements_calibrate_the_arm() {
     let prepared = two_places();
     let places: Vec<u32> = prepared.plan.spheres.iter().map(|v| v.place).collect();
     assert!(places.is_sorted() && places.contains(&1), "{places:?}");
@@ -58,7 +59,8 @@ impl Device for Real {
 
 // Fails if a campaign goes on, or waits for ever, where nobody can move the plate.
 #[test]
-fn nobody_to_move_the_plate_is_said() {
+#[ignore = "slow: the gate runs it"]
+fn slow_nobody_to_move_the_plate_is_said() {
     let prepared = two_places();
     let plan = prepared.plan.clone();
     let mut real = Real(cell(plant(&prepared.plant, &plan)));

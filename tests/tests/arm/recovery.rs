@@ -10,7 +10,8 @@ use crate::injected::one;
 // Fails if a run in which a person pushes the nest off its sphere, to any side and at any pose, ends
 // without all poses or a reason, or if the arm presses on the sphere in its recovery.
 #[test]
-fn a_push_off_the_sphere_is_recovered_without_pressing() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_push_off_the_sphere_is_recovered_without_pressing() {
     let case = Case::new(2, Finish::Record).expect("a case");
     for entry in 1..=6u32 {
         let angle = f64::from(entry) * 1.1;
@@ -35,7 +36,8 @@ fn a_push_off_the_sphere_is_recovered_without_pressing() {
 // Fails if the arm compensates a push that has spoilt its tare: on the way off it would press with that force, three
 // times in a row, and give the sphere up.
 #[test]
-fn a_push_in_the_tare_is_not_compensated() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_push_in_the_tare_is_not_compensated() {
     let case = Case::new(2, Finish::Record).expect("a case");
     for force_n in [[40.0, 0.0, 0.0], [0.0, -40.0, 0.0], [0.0, 0.0, 40.0]] {
         let push = InjectedFault::HumanPush { force_n };
@@ -49,7 +51,8 @@ fn a_push_in_the_tare_is_not_compensated() {
 // Fails if an arm that is pushed until it is stretched, and through, twists its elbow round: the torque that its drive
 // cannot follow was reported as a failing sensor, at every attempt to leave.
 #[test]
-fn an_arm_pushed_through_its_stretched_posture_comes_back() {
+#[ignore = "slow: the gate runs it"]
+fn slow_an_arm_pushed_through_its_stretched_posture_comes_back() {
     let case = Case::new(2, Finish::Record).expect("a case");
     for newton in [25.0, 33.0, 45.0] {
         for entry in 1..=3 {

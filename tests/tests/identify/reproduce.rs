@@ -8,7 +8,8 @@ use spherecal::sim::worlds::World;
 // Fails if a table or figure is missing, the redundancy analysis is not the
 // paper's, the simplex does not freeze, or the better estimator is not better.
 #[test]
-fn the_study_is_reproduced_on_a_synthetic_robot() {
+#[ignore = "slow: the gate runs it"]
+fn slow_the_study_is_reproduced_on_a_synthetic_robot() {
     let trial = record(World::W1, 1).expect("reachable");
     let done = reproduce(&Recordings::from(&trial), trial.seed, &[]).expect("good data");
     let numbers: Vec<u32> = done.tables.iter().map(|t| t.number).collect();

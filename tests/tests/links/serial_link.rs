@@ -57,7 +57,8 @@ fn board(mut cell: LocalDevice, line: &SerialPort, gone: &AtomicBool) {
 // frames, if the host's clock is taken for the board's, or if a campaign in real
 // time ends with other joint angles than in lock-step.
 #[test]
-fn a_board_on_a_serial_line_records_what_the_lock_step_does() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_board_on_a_serial_line_records_what_the_lock_step_does() {
     let (mut line, port) = SerialPort::pair().expect("a pseudo-terminal");
     line.set_read_timeout(Duration::from_millis(1)).expect("set up");
     line.set_write_timeout(Duration::from_millis(1)).expect("set up");

@@ -109,7 +109,8 @@ fn in_qemu(config: &PlantConfig, plan: &Plan, image: &Path, folder: &Path) -> (M
 // Fails if one bit of one torque or recording differs between the controller in
 // this process and the one in QEMU, contact included.
 #[test]
-fn a_sphere_of_five_poses_is_the_same_in_every_bit() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_sphere_of_five_poses_is_the_same_in_every_bit() {
     let Some(image) = image() else { return };
     let config = PlantConfig::typical();
     let plan = short_plan(&config, &[1], &[0.0, 0.15, -0.1, 0.1, -0.15]);

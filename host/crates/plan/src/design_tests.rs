@@ -19,7 +19,8 @@ fn promised(plan: &Plan) -> Accuracy {
 // grid, if the prediction differs from the one computed from the plan alone, if a move is not
 // continuous, or if planning is not deterministic.
 #[test]
-fn sixty_chosen_poses_promise_more_than_the_papers_grid() {
+#[ignore = "slow: the gate runs it"]
+fn slow_sixty_chosen_poses_promise_more_than_the_papers_grid() {
     let cell = Cell::iiwa7();
     let request = quick(60);
     let designed = design(&cell, &request).expect("a plan");
@@ -44,7 +45,8 @@ fn sixty_chosen_poses_promise_more_than_the_papers_grid() {
 // Fails if the plan for a requested accuracy does not predict it, if far fewer poses would do, or
 // if an unreachable or impossible accuracy is accepted.
 #[test]
-fn an_asked_accuracy_says_how_many_poses_it_takes() {
+#[ignore = "slow: the gate runs it"]
+fn slow_an_asked_accuracy_says_how_many_poses_it_takes() {
     let cell = Cell::iiwa7();
     let mut request = quick(60);
     request.range.candidates = 400;
@@ -65,7 +67,8 @@ fn an_asked_accuracy_says_how_many_poses_it_takes() {
 // Fails if more contacts are planned than allowed, if a sphere is left out, if a branch brings
 // nothing, or if less patience does not save time.
 #[test]
-fn contacts_and_robot_time_are_bounded_as_asked() {
+#[ignore = "slow: the gate runs it"]
+fn slow_contacts_and_robot_time_are_bounded_as_asked() {
     let cell = Cell::iiwa7();
     let plan_of = |contacts: usize, patience: f64| {
         let request = DesignRequest {
@@ -89,7 +92,8 @@ fn contacts_and_robot_time_are_bounded_as_asked() {
 // Fails if the arm leaves a sphere in another orientation than it came, or if the first visit does
 // not begin at home.
 #[test]
-fn visits_begin_where_the_last_one_ended() {
+#[ignore = "slow: the gate runs it"]
+fn slow_visits_begin_where_the_last_one_ended() {
     let cell = Cell::iiwa7();
     let plan = design(&cell, &quick(60)).expect("a plan");
     for visit in &plan.spheres {
@@ -105,7 +109,8 @@ fn visits_begin_where_the_last_one_ended() {
 }
 
 #[test]
-fn arms_without_an_elbow_and_several_placements_are_planned() {
+#[ignore = "slow: the gate runs it"]
+fn slow_arms_without_an_elbow_and_several_placements_are_planned() {
     let mut cell = Cell {
         robot: spherecal_model::robots::built_in("ur10e").expect("built in").robot,
         tool: iiwa7_tool(),

@@ -192,7 +192,8 @@ fn flip(count: usize, seed: u64) -> Tally {
 // Fails if a flipped bit changes a row of any table without being seen, if recovery loses a recording
 // that the bit does not lie in, or if it writes a file that is refused.
 #[test]
-fn every_flipped_bit_that_changes_a_row_is_seen() {
+#[ignore = "slow: the gate runs it"]
+fn slow_every_flipped_bit_that_changes_a_row_is_seen() {
     let count = std::env::var("SPHERECAL_FLIPS").map_or(40, |text| text.parse().expect("a number"));
     let tally = flip(count, 1);
     println!("{tally:?}");
@@ -201,7 +202,8 @@ fn every_flipped_bit_that_changes_a_row_is_seen() {
 
 // Fails if a bit flipped in SQLite's own text of the tables costs a row: the text is known.
 #[test]
-fn a_flip_in_the_list_of_tables_costs_nothing() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_flip_in_the_list_of_tables_costs_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, recordings) = finished(folder.path());
     let whole = std::fs::read(&path).expect("read");

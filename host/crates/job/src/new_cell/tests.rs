@@ -98,7 +98,8 @@ fn the_certificate_waits_to_be_filled_in() {
 
 // Fails if a placement that the program proposes is out of reach of a large or a small arm.
 #[test]
-fn an_arm_gets_a_placement_within_its_reach() {
+#[ignore = "slow: the gate runs it"]
+fn slow_an_arm_gets_a_placement_within_its_reach() {
     for robot in &["ur10e", "irb120"] {
         let stated = NewCell {
             robot: (*robot).to_owned(),
@@ -116,7 +117,8 @@ fn an_arm_gets_a_placement_within_its_reach() {
 // Fails if an impossible value is taken, or if its refusal does not name the option, the value and
 // the remedy.
 #[test]
-fn impossible_cells_are_refused_by_option() {
+#[ignore = "slow: the gate runs it"]
+fn slow_impossible_cells_are_refused_by_option() {
     let cases: &[(&str, fn(&mut NewCell))] = &[
         ("robot \"fr4\" is neither built in nor a file: did you mean fr3?", |c| {
             c.robot = "fr4".into();
