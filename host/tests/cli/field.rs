@@ -115,7 +115,8 @@ fn telemetry_and_tables_are_read_by_others() {
 
 // Fails if a bag is made of a run that has no telemetry, or if the answer does not say what to do.
 #[test]
-fn a_bag_needs_telemetry() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_bag_needs_telemetry() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     spherecal(folder, &["run", "--poses", "3", "--json", "--out", "o"]);

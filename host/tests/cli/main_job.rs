@@ -84,7 +84,8 @@ fn slow_one_seed_gives_one_summary() {
 
 // Fails if a recording can come from anything but contact.
 #[test]
-fn without_contact_the_run_fails() {
+#[ignore = "slow: the gate runs it"]
+fn slow_without_contact_the_run_fails() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("air.toml"), "[plant]\ncontact = false\n").expect("written");
     let output = spherecal(folder.path(), &["run", "--config", "air.toml", "--poses", "6"]);
@@ -294,7 +295,8 @@ fn long_five_arms_are_better_than_half_of_nominal() {
 // of the TCP is not the hold's within the noise on the typical arm, if its noise
 // is more than a few µm, or if table, plot and JSON are missing.
 #[test]
-fn a_second_tells_what_a_long_hold_does() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_second_tells_what_a_long_hold_does() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let arguments = [

@@ -124,7 +124,8 @@ fn sound(seeds: std::ops::Range<u64>) -> usize {
 // Fails if a tool that is displaced with its orientation keeps no map, or if the map does not take most of what the
 // displacement adds to the error on rows that nothing has seen.
 #[test]
-fn a_displaced_tool_keeps_a_map() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_displaced_tool_keeps_a_map() {
     let (kept, [none, without, with]) = displaced(1..3, 1e-4);
     assert_eq!(kept, 2);
     assert!(with - none < 0.5 * (without - none), "{none} {without} {with}");
@@ -192,7 +193,8 @@ fn the_share_of_the_map_is_stated() {
 // Fails if a row has a part in the fit or in the map that predict it: without validation rows, the prediction of a
 // row by the cross-validation must not change, in any bit, when the row itself does.
 #[test]
-fn no_row_teaches_the_map_that_judges_it() {
+#[ignore = "slow: the gate runs it"]
+fn slow_no_row_teaches_the_map_that_judges_it() {
     let experiment = || {
         let mut all = seen(1, 1e-4, ROWS);
         all.observations.truncate(ROWS);
