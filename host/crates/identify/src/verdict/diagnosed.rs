@@ -54,18 +54,8 @@ pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
 fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
     let harmless = (HARMLESS * diagnosis.drawn_mm).max(HARMLESS_MM);
     let normal = !has_heavy_tails(evidence.calibration.heavy_tails) && evidence.seats.is_empty();
-    let doubt = |f: &Finding| {
-        let certain = match f.alternative.family() {
-            Family::Payload if normal && f.log10_p > CERTAIN_LOAD_LOG10_P => return Some(MAY_BE_CHANCE),
-            _ if normal => true,
-            // It is held against the lengths of the links, and not against the scatter of the rows.
-            Family::CertificateScale => true,
-            // Where rows have seats of their own, one more qualifies as they do.
-            Family::Seat if !evidence.seats.is_empty() => false,
-            _ => f.size.abs() >= CERTAIN_SIZE * f.sigma || f.log10_p <= CERTAIN_LOG10_P,
-        };
-        (!certain).then_some(DOUBTFUL)
-    };
+    let seats = !evidence.seats.is_empty();
+    let doubt = |f: &Finding| doubt(f.alternative.family(), f.log10_p, f.size.abs() / f.sigma, normal, seats);
     let described = |f: &Finding| {
         let words = in_words(evidence, f);
         match doubt(f) {
@@ -124,6 +114,21 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
         let refuses = found.iter().any(|f| f.harm_mm >= harmless && doubt(f).is_none());
         checks.push(if refuses { check } else { check.qualifying() });
     }
+}
+
+/// Why a cause only qualifies a result, however much it moves the TCP; none of one that is certain. `sizes` is its size in its
+/// own standard deviations, `normal` whether the errors are normal, `seats` whether rows have seats of their own.
+fn doubt(family: Family, log10_p: f64, sizes: f64, normal: bool, seats: bool) -> Option<&'static str> {
+    let certain = match family {
+        Family::Payload if normal && log10_p > CERTAIN_LOAD_LOG10_P => return Some(MAY_BE_CHANCE),
+        _ if normal => true,
+        // It is held against the lengths of the links, and not against the scatter of the rows.
+        Family::CertificateScale => true,
+        // Where rows have seats of their own, one more qualifies as they do.
+        Family::Seat if seats => false,
+        _ => sizes >= CERTAIN_SIZE || log10_p <= CERTAIN_LOG10_P,
+    };
+    (!certain).then_some(DOUBTFUL)
 }
 
 /// Whether no place scatters more than the others.
@@ -321,4 +326,27 @@ fn spheres(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         enough,
         words,
     ));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a load that one in a hundred sound robots shows refuses a result, if one that is certain does not, if another
+    // cause is held to the load's limit, or if any but the scale is certain in errors that are not normal before it is far off.
+    #[test]
+    fn what_may_be_chance_refuses_nothing() {
+        let normal = |family, log10_p| doubt(family, log10_p, 3.0, true, false);
+        assert_eq!(normal(Family::Payload, -2.5), Some(MAY_BE_CHANCE));
+        assert_eq!(normal(Family::Payload, -3.5), None);
+        assert_eq!(normal(Family::Slip, -2.5), None);
+        let heavy = |family, log10_p, sizes| doubt(family, log10_p, sizes, false, true);
+        for family in [Family::Payload, Family::Slip] {
+            assert_eq!(heavy(family, -9.0, 7.9), Some(DOUBTFUL));
+            assert_eq!(heavy(family, -9.0, 8.1), None);
+            assert_eq!(heavy(family, -10.5, 3.0), None);
+        }
+        assert_eq!(heavy(Family::CertificateScale, -2.5, 3.0), None);
+        assert_eq!(heavy(Family::Seat, -12.0, 9.0), Some(DOUBTFUL));
+    }
 }
