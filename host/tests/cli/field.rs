@@ -53,7 +53,8 @@ fn spherecal(folder: &Path, arguments: &[&str]) -> String {
 // table is another for Arrow than for a reader of CSV.
 #[cfg(feature = "parquet")]
 #[test]
-fn telemetry_and_tables_are_read_by_others() {
+#[ignore = "slow: the gate runs it"]
+fn slow_telemetry_and_tables_are_read_by_others() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -172,7 +173,8 @@ fn joint_names(urdf: &str) -> Vec<String> {
 // user's, is another robot for an independent parser and its kinematics: by
 // more than 1e-9 m or as much in rotation, at 100 configurations.
 #[test]
-fn urdfs_are_the_same_robot_for_another_parser() {
+#[ignore = "slow: the gate runs it"]
+fn slow_urdfs_are_the_same_robot_for_another_parser() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -229,7 +231,8 @@ fn urdfs_are_the_same_robot_for_another_parser() {
 // calibrated, are another robot for an independent reader of YAML and the vendors'
 // own order of frames: by more than 1e-9 m or as much in rotation.
 #[test]
-fn joint_origins_are_the_same_robot_for_another_reader() {
+#[ignore = "slow: the gate runs it"]
+fn slow_joint_origins_are_the_same_robot_for_another_reader() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -324,7 +327,8 @@ pub(crate) fn table(nominal: &RobotModel) -> String {
 // the first sphere and let go.
 #[cfg(feature = "services")]
 #[test]
-fn the_python_client_records_a_sphere() {
+#[ignore = "slow: the gate runs it"]
+fn slow_the_python_client_records_a_sphere() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -361,7 +365,8 @@ fn the_python_client_records_a_sphere() {
 // in the browser, a figure that is empty, a part that is wider than a page or a
 // telephone, or text that is hard to read in the light or in the dark.
 #[test]
-fn the_report_renders_in_a_browser() {
+#[ignore = "slow: the gate runs it"]
+fn slow_the_report_renders_in_a_browser() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();

@@ -97,7 +97,8 @@ fn three_at_once(folder: &Path, cell: &str, store: &str, url: &str) {
 // of another, or a number of a run that is taken, or if PostgreSQL gives back
 // another bit than SQLite.
 #[test]
-fn three_robots_share_one_database() {
+#[ignore = "slow: the gate runs it"]
+fn slow_three_robots_share_one_database() {
     let Some(url) = url() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     three_at_once(folder.path(), "A", &url, &url);
@@ -105,7 +106,8 @@ fn three_robots_share_one_database() {
 
 // Fails if they do where one server has the database, and they reach it over gRPC.
 #[test]
-fn three_robots_share_one_service() {
+#[ignore = "slow: the gate runs it"]
+fn slow_three_robots_share_one_service() {
     let Some(url) = url() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -117,7 +119,8 @@ fn three_robots_share_one_service() {
 // Fails if two calibrations of one arm are seen as drift, or if another arm
 // under the same name is not.
 #[test]
-fn drift_is_told_from_two_calibrations() {
+#[ignore = "slow: the gate runs it"]
+fn slow_drift_is_told_from_two_calibrations() {
     let Some(url) = url() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let calibrate = |seed: &str, arm: &str| {

@@ -51,12 +51,14 @@ fn control(version: &str, robot: &str) {
 // Fails if libfranka 0.9.2 does not read states of the plant, hold its arm within 1 mrad for 5 s at 1 kHz, get the named
 // reflex of a torque jump of 5,000 N m/s, recover, and hold it again.
 #[test]
-fn panda_python_controls_the_plant() {
+#[ignore = "slow: the gate runs it"]
+fn slow_panda_python_controls_the_plant() {
     control("5", "panda");
 }
 
 // The same with libfranka 0.21.3.
 #[test]
-fn pylibfranka_controls_the_plant() {
+#[ignore = "slow: the gate runs it"]
+fn slow_pylibfranka_controls_the_plant() {
     control("10", "fr3");
 }
