@@ -83,7 +83,7 @@ fn long_a_dozen_contacts_check_an_fr3() {
 // not is accepted.
 #[test]
 #[ignore = "slow: 40 s of real time"]
-fn slow_a_dozen_contacts_check_an_iiwa() {
+fn timed_a_dozen_contacts_check_an_iiwa() {
     let folder = tempfile::tempdir().expect("a folder");
     let truth = wrong(&nominal("iiwa7"));
     let arm = TrueArm::new(&truth, STIFF);

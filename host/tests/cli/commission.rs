@@ -147,7 +147,7 @@ fn commissioned_over(link: &str) -> Value {
 // the next, in real time.
 #[test]
 #[ignore = "slow: a minute of real time"]
-fn slow_a_panda_is_commissioned() {
+fn timed_a_panda_is_commissioned() {
     let robot = Server::start(&["plant", "--fci", "--version", "5", "--listen", "0", "--tolerant"]);
     let found = commissioned_over(&robot.peer);
     assert_eq!(found["robot"], "panda");

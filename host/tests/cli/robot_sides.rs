@@ -39,7 +39,7 @@ fn run(folder: &Path, link: &str, more: &[&str]) -> Value {
 // is not the one that is calibrated, or the report does not show how the real-time loop did.
 #[test]
 #[ignore = "slow: 40 s of real time"]
-fn slow_a_run_over_the_franka_control_interface() {
+fn timed_a_run_over_the_franka_control_interface() {
     let folder = tempfile::tempdir().expect("a folder");
     let arguments = ["plant", "--fci", "--version", "5", "--listen", "0", "--tolerant"];
     let robot = Server::start(&arguments);
@@ -65,7 +65,7 @@ fn slow_a_plan_that_cannot_be_made_ends_with_its_reason() {
 // Fails if a run over KUKA's Fast Robot Interface loses a pose or the cabinet ends the motion.
 #[test]
 #[ignore = "slow: 40 s of real time"]
-fn slow_a_run_over_kukas_fast_robot_interface() {
+fn timed_a_run_over_kukas_fast_robot_interface() {
     let folder = tempfile::tempdir().expect("a folder");
     let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
     let client = probe.local_addr().expect("an address");
@@ -123,7 +123,7 @@ fn long_an_arm_as_measured_behind_the_fast_robot_interface() {
 // missing in what it tells.
 #[test]
 #[ignore = "slow: 40 s of real time"]
-fn slow_a_controller_of_its_own_tells_its_times() {
+fn timed_a_controller_of_its_own_tells_its_times() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = "robot = \"panda\"\n[procedure.law]\ntorque_rate_nm_s = 990.0\n";
     std::fs::write(folder.path().join("panda.toml"), config).expect("a configuration");

@@ -54,7 +54,7 @@ fn measure(folder: &Path, link: &str, how: &[&str]) -> Child {
 // missing commands, a command comes after that, a recording is lost, or `--resume` does not clear the reflex and finish.
 #[test]
 #[ignore = "slow: 2 minutes of real time"]
-fn slow_a_host_killed_over_the_franka_control_interface_goes_on() {
+fn timed_a_host_killed_over_the_franka_control_interface_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = cell(folder.path(), "panda");
     let arm = job::simulated_robot(&config, (0.0, 0.0)).expect("an arm");

@@ -15,7 +15,7 @@ use spherecal_fci::wire::{RobotMode, RobotState, Version};
 // not counted.
 #[test]
 #[ignore = "slow: the gate runs it"]
-fn slow_lost_datagrams_are_counted_and_stop_nothing() {
+fn timed_lost_datagrams_are_counted_and_stop_nothing() {
     for (version, loss, seed) in [(Version::V5, 100, 1), (Version::V10, 500, 2)] {
         let (side, _arm) = robot(version);
         let network = failing_network(side.address(), seed);
@@ -48,7 +48,7 @@ fn slow_lost_datagrams_are_counted_and_stop_nothing() {
 // robot that does not).
 #[test]
 #[ignore = "slow: the gate runs it"]
-fn slow_jitter_is_held_or_named() {
+fn timed_jitter_is_held_or_named() {
     let (side, _arm) = robot(Version::V10);
     let network = failing_network(side.address(), 3);
     let mut client = Client::connect(&config(network.address)).expect("a connection");
@@ -93,7 +93,7 @@ fn slow_jitter_is_held_or_named() {
 // recover on the same connection.
 #[test]
 #[ignore = "slow: the gate runs it"]
-fn slow_a_cable_that_is_out_stops_the_robot_and_is_reported() {
+fn timed_a_cable_that_is_out_stops_the_robot_and_is_reported() {
     let (side, _arm) = robot(Version::V10);
     let network = failing_network(side.address(), 5);
     let mut settings = config(network.address);
@@ -139,7 +139,7 @@ fn slow_a_cable_that_is_out_stops_the_robot_and_is_reported() {
 // Fails if a robot that is restarted is not reported as a closed connection, or a new connection does not work.
 #[test]
 #[ignore = "slow: the gate runs it"]
-fn slow_a_restarted_robot_closes_the_connection() {
+fn timed_a_restarted_robot_closes_the_connection() {
     let (side, _arm) = robot(Version::V10);
     let address = side.address();
     let mut client = Client::connect(&config(address)).expect("a connection");
@@ -210,7 +210,7 @@ fn a_dropped_client_stops_the_robot() {
 // Fails if a client that stalls is not stopped by the robot after 20 missing commands.
 #[test]
 #[ignore = "slow: the gate runs it"]
-fn slow_a_stalled_client_is_a_named_reflex() {
+fn timed_a_stalled_client_is_a_named_reflex() {
     let (side, _arm) = robot(Version::V7);
     let mut client = Client::connect(&config(side.address())).expect("a connection");
     client.start_torque_motion().expect("a motion");

@@ -25,7 +25,7 @@ fn through_a_network(seed: u64) -> (Client, CabinetSide, Network) {
 // Fails if 1 % or 5 % of lost datagrams end the session, move the arm by more than 1 mrad, or are not counted.
 #[test]
 #[ignore = "slow: the gate runs it"]
-fn slow_lost_datagrams_are_counted_and_stop_nothing() {
+fn timed_lost_datagrams_are_counted_and_stop_nothing() {
     for (loss, seed) in [(100, 1), (500, 2)] {
         let (mut client, side, network) = through_a_network(seed);
         network.faults.loss.store(loss, Ordering::Relaxed);
@@ -52,7 +52,7 @@ fn slow_lost_datagrams_are_counted_and_stop_nothing() {
 // (with a cabinet that does not).
 #[test]
 #[ignore = "slow: the gate runs it"]
-fn slow_jitter_is_held_or_named() {
+fn timed_jitter_is_held_or_named() {
     let mut client = Client::listen(&config()).expect("a client");
     let network = Network::before(client.address().expect("an address"), 3);
     let (side, _arm) = cabinet(network.address);

@@ -137,7 +137,7 @@ fn stops_in_each_phase(job: &Job, robot: &Arc<dyn Robot>, words: &str) -> Sessio
 // a recording.
 #[test]
 #[ignore = "slow: 2 minutes of real time"]
-fn slow_a_reflex_in_each_phase_is_recovered_from() {
+fn timed_a_reflex_in_each_phase_is_recovered_from() {
     let (job, robot) = panda(8);
     let session = stops_in_each_phase(&job, &robot, "joint_reflex");
     let drive = session.well().outcome.drive.expect("a drive");
@@ -151,7 +151,7 @@ fn slow_a_reflex_in_each_phase_is_recovered_from() {
 // Fails if the end of the application's motion in some phase is not the fault `drive`, is not named, or costs a recording.
 #[test]
 #[ignore = "slow: 2 minutes of real time"]
-fn slow_a_session_that_falls_in_each_phase_is_recovered_from() {
+fn timed_a_session_that_falls_in_each_phase_is_recovered_from() {
     let (job, robot) = iiwa(8, LONG);
     stops_in_each_phase(
         &job,
@@ -226,7 +226,7 @@ fn long_a_cable_that_is_out_is_waited_for_by_kuka() {
 // Fails if a robot that restarts ends the job, is not connected again, or costs a recording.
 #[test]
 #[ignore = "slow: 1 minute of real time"]
-fn slow_a_restarted_franka_is_connected_again() {
+fn timed_a_restarted_franka_is_connected_again() {
     let (job, robot) = panda(4);
     let session = survives(&job, &robot, &twice(restart));
     session.told("the connection to the robot was lost and made again");
@@ -236,7 +236,7 @@ fn slow_a_restarted_franka_is_connected_again() {
 // Fails if a cabinet that restarts ends the job, is commanded without a new permission, or costs a recording.
 #[test]
 #[ignore = "slow: 1 minute of real time"]
-fn slow_a_restarted_cabinet_is_commanded_again() {
+fn timed_a_restarted_cabinet_is_commanded_again() {
     let (job, robot) = iiwa(4, LONG);
     survives(&job, &robot, &twice(restart)).told("the cabinet was restarted");
 }
