@@ -38,7 +38,7 @@ fn run(folder: &Path, link: &str, more: &[&str]) -> Value {
 // Fails if a run over the Franka Control Interface loses a pose, the robot stops it by a reflex, the robot that answers
 // is not the one that is calibrated, or the report does not show how the real-time loop did.
 #[test]
-#[ignore = "slow: 40 s of real time"]
+#[ignore = "timed: 40 s of real time"]
 fn timed_a_run_over_the_franka_control_interface() {
     let folder = tempfile::tempdir().expect("a folder");
     let arguments = ["plant", "--fci", "--version", "5", "--listen", "0", "--tolerant"];
@@ -64,7 +64,7 @@ fn slow_a_plan_that_cannot_be_made_ends_with_its_reason() {
 
 // Fails if a run over KUKA's Fast Robot Interface loses a pose or the cabinet ends the motion.
 #[test]
-#[ignore = "slow: 40 s of real time"]
+#[ignore = "timed: 40 s of real time"]
 fn timed_a_run_over_kukas_fast_robot_interface() {
     let folder = tempfile::tempdir().expect("a folder");
     let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
@@ -122,7 +122,7 @@ fn long_an_arm_as_measured_behind_the_fast_robot_interface() {
 // Fails if a controller in a process of its own does not tell its host how punctual it is, or if a cycle is
 // missing in what it tells.
 #[test]
-#[ignore = "slow: 40 s of real time"]
+#[ignore = "timed: 40 s of real time"]
 fn timed_a_controller_of_its_own_tells_its_times() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = "robot = \"panda\"\n[procedure.law]\ntorque_rate_nm_s = 990.0\n";

@@ -53,7 +53,7 @@ fn measure(folder: &Path, link: &str, how: &[&str]) -> Child {
 // Fails if a robot whose client is killed goes on moving, one whose client stalls does not end in its reflex for the
 // missing commands, a command comes after that, a recording is lost, or `--resume` does not clear the reflex and finish.
 #[test]
-#[ignore = "slow: 2 minutes of real time"]
+#[ignore = "timed: 2 minutes of real time"]
 fn timed_a_host_killed_over_the_franka_control_interface_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = cell(folder.path(), "panda");

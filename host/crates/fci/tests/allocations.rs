@@ -9,7 +9,7 @@ use spherecal_fci::wire::{RobotState, Version};
 
 // Fails if one of 10,000 exchanges allocates: in a real-time thread an allocation may wait for a lock.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_ten_thousand_exchanges_allocate_nothing() {
     for version in [Version::V5, Version::V10] {
         let (side, _arm) = robot(version);

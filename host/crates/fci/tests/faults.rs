@@ -14,7 +14,7 @@ use spherecal_fci::wire::{RobotMode, RobotState, Version};
 // Fails if 1 % or 5 % of lost datagrams stop the robot, move the arm by more than 1 mrad, break a torque limit, or are
 // not counted.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_lost_datagrams_are_counted_and_stop_nothing() {
     for (version, loss, seed) in [(Version::V5, 100, 1), (Version::V10, 500, 2)] {
         let (side, _arm) = robot(version);
@@ -47,7 +47,7 @@ fn timed_lost_datagrams_are_counted_and_stop_nothing() {
 // Fails if 2 ms of jitter lead to anything but a held arm (with a robot that waits) or the robot's named error (with a
 // robot that does not).
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_jitter_is_held_or_named() {
     let (side, _arm) = robot(Version::V10);
     let network = failing_network(side.address(), 3);
@@ -92,7 +92,7 @@ fn timed_jitter_is_held_or_named() {
 // Fails if a cable that is out for 3 s is not reported, if the robot goes on without commands, or if the client cannot
 // recover on the same connection.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_a_cable_that_is_out_stops_the_robot_and_is_reported() {
     let (side, _arm) = robot(Version::V10);
     let network = failing_network(side.address(), 5);
@@ -138,7 +138,7 @@ fn timed_a_cable_that_is_out_stops_the_robot_and_is_reported() {
 
 // Fails if a robot that is restarted is not reported as a closed connection, or a new connection does not work.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_a_restarted_robot_closes_the_connection() {
     let (side, _arm) = robot(Version::V10);
     let address = side.address();
@@ -209,7 +209,7 @@ fn a_dropped_client_stops_the_robot() {
 
 // Fails if a client that stalls is not stopped by the robot after 20 missing commands.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_a_stalled_client_is_a_named_reflex() {
     let (side, _arm) = robot(Version::V7);
     let mut client = Client::connect(&config(side.address())).expect("a connection");

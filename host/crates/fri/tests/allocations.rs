@@ -8,7 +8,7 @@ use spherecal_fri::robot::START;
 
 // Fails if one of 10,000 exchanges allocates: in a real-time thread an allocation may wait for a lock.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_ten_thousand_exchanges_allocate_nothing() {
     let mut settings = config();
     settings.spin = std::time::Duration::from_micros(50);

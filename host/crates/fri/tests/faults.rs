@@ -24,7 +24,7 @@ fn through_a_network(seed: u64) -> (Client, CabinetSide, Network) {
 
 // Fails if 1 % or 5 % of lost datagrams end the session, move the arm by more than 1 mrad, or are not counted.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_lost_datagrams_are_counted_and_stop_nothing() {
     for (loss, seed) in [(100, 1), (500, 2)] {
         let (mut client, side, network) = through_a_network(seed);
@@ -51,7 +51,7 @@ fn timed_lost_datagrams_are_counted_and_stop_nothing() {
 // Fails if 2 ms of jitter lead to anything but a held arm (with a cabinet that waits) or a session that falls by name
 // (with a cabinet that does not).
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_jitter_is_held_or_named() {
     let mut client = Client::listen(&config()).expect("a client");
     let network = Network::before(client.address().expect("an address"), 3);

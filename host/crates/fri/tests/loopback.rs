@@ -35,7 +35,7 @@ fn until_the_end(client: &mut Client, state: &mut MonitoredState) -> CommandingE
 // Fails if the session does not rise through all its states in order, or if the overlay does not hold the arm within
 // 1 mrad against the error of its gravity compensation.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_the_session_rises_and_the_overlay_holds_the_arm() {
     let mut client = Client::listen(&config()).expect("a client");
     let (side, _arm) = cabinet(client.address().expect("an address"));
@@ -230,7 +230,7 @@ fn each_nth_message_is_answered() {
 
 // Fails if the read-only mode commands, lets a motion begin, or misses a hand-guided motion.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_the_observer_watches_and_never_commands() {
     let mut observer = ReadOnlyClient::listen(&config()).expect("an observer");
     let (side, arm) = cabinet(observer.address().expect("an address"));

@@ -207,7 +207,7 @@ fn a_restarted_robot_is_found_again() {
 
 // Fails if the loop of the real-time thread allocates memory.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_the_loop_allocates_nothing() {
     let (side, _arm) = robot(Version::V10);
     let mut held = Held::new(side.address().port());
@@ -322,7 +322,7 @@ fn planned_motions_are_slower_than_the_fr3_permits_near_its_stops() {
 
 // Fails if a reflex that the robot cannot clear by itself is not told within seconds, or the drive goes on asking.
 #[test]
-#[ignore = "slow: the gate runs it"]
+#[ignore = "timed: the gate runs it"]
 fn timed_a_joint_beyond_its_limit_needs_a_person() {
     let (side, _arm) = robot(Version::V5);
     let mut held = Held::new(side.address().port());

@@ -136,7 +136,7 @@ fn stops_in_each_phase(job: &Job, robot: &Arc<dyn Robot>, words: &str) -> Sessio
 // Fails if a reflex in some phase of the procedure is not the fault `drive`, is not named, is not recovered from, or costs
 // a recording.
 #[test]
-#[ignore = "slow: 2 minutes of real time"]
+#[ignore = "timed: 2 minutes of real time"]
 fn timed_a_reflex_in_each_phase_is_recovered_from() {
     let (job, robot) = panda(8);
     let session = stops_in_each_phase(&job, &robot, "joint_reflex");
@@ -150,7 +150,7 @@ fn timed_a_reflex_in_each_phase_is_recovered_from() {
 
 // Fails if the end of the application's motion in some phase is not the fault `drive`, is not named, or costs a recording.
 #[test]
-#[ignore = "slow: 2 minutes of real time"]
+#[ignore = "timed: 2 minutes of real time"]
 fn timed_a_session_that_falls_in_each_phase_is_recovered_from() {
     let (job, robot) = iiwa(8, LONG);
     stops_in_each_phase(
@@ -225,7 +225,7 @@ fn long_a_cable_that_is_out_is_waited_for_by_kuka() {
 
 // Fails if a robot that restarts ends the job, is not connected again, or costs a recording.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
+#[ignore = "timed: 1 minute of real time"]
 fn timed_a_restarted_franka_is_connected_again() {
     let (job, robot) = panda(4);
     let session = survives(&job, &robot, &twice(restart));
@@ -235,7 +235,7 @@ fn timed_a_restarted_franka_is_connected_again() {
 
 // Fails if a cabinet that restarts ends the job, is commanded without a new permission, or costs a recording.
 #[test]
-#[ignore = "slow: 1 minute of real time"]
+#[ignore = "timed: 1 minute of real time"]
 fn timed_a_restarted_cabinet_is_commanded_again() {
     let (job, robot) = iiwa(4, LONG);
     survives(&job, &robot, &twice(restart)).told("the cabinet was restarted");
