@@ -242,21 +242,23 @@ fn named(kind: Kind, made: Made, check: &str, seeds: std::ops::Range<u64>) -> us
 }
 
 // Fails if a load of 1.5 kg is judged with the compliance that was estimated without it: on this arm nothing is named then.
-// Fails, too, if its size is wrong, or if a load is named that is as stated.
+// Fails, too, if its size is wrong, or if a load is named that is as stated: on the robot of W5, 30 kg were without a prior.
 #[test]
 #[ignore = "slow: the gate runs it"]
 fn slow_a_load_is_told_from_the_joints_compliance() {
-    let load = |made| {
-        let verdict = judged(World::W0, Kind::Contacts, made, 213);
+    let load = |world, made, seed| {
+        let verdict = judged(world, Kind::Contacts, made, seed);
         verdict
             .checks
             .into_iter()
             .find(|c| c.name == "payload")
             .expect("judged")
     };
-    let sound = load(Made::Nothing);
-    assert!(sound.passed, "{}", sound.words);
-    let found = load(Made::Payload(1.5));
+    for (world, seed) in [(World::W0, 213), (World::W5, 106)] {
+        let sound = load(world, Made::Nothing, seed);
+        assert!(sound.passed, "{}", sound.words);
+    }
+    let found = load(World::W0, Made::Payload(1.5), 213);
     assert!(!found.passed, "{}", found.words);
     let number = |after: &str| -> f64 {
         let rest = found.words.split(after).nth(1).unwrap_or_default();

@@ -101,8 +101,8 @@ fn says(said: &str, words: &[&str]) {
 // Fails if a controller follows a drive that trickles noise (instead of its hello, or in session), or
 // one that sends states without end, or if it ends without the peer and the cause.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_harmful_drive_is_left_with_the_cause() {
+#[ignore = "timed: the gate runs it"]
+fn timed_a_harmful_drive_is_left_with_the_cause() {
     let noise = ["tcp:127.0.0.1:", "no valid frame", "one program alone"];
     let cases: Vec<(&str, Vec<u8>, Vec<&str>)> = vec![
         ("no hello", Vec::new(), noise.to_vec()),
@@ -132,8 +132,8 @@ fn slow_a_harmful_drive_is_left_with_the_cause() {
 
 // Fails if a host waits for a controller that trickles noise, or sends a turn without end.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_harmful_controller_is_left_with_the_cause() {
+#[ignore = "timed: the gate runs it"]
+fn timed_a_harmful_controller_is_left_with_the_cause() {
     let ended = |greeting: Vec<u8>, harm: fn(&mut TcpStream, u64) -> std::io::Result<()>| {
         let address = harmful(greeting, harm);
         let mut remote = match Remote::connect(&address, 7) {
@@ -195,8 +195,8 @@ fn is_greeted(stream: &mut TcpStream) -> bool {
 // that trickles noise keeps it, if either is left without the cause, or if a host that hangs keeps out
 // the next one.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_harmful_host_is_left_with_the_cause() {
+#[ignore = "timed: the gate runs it"]
+fn timed_a_harmful_host_is_left_with_the_cause() {
     let (address, said) = controller(arm());
     let mut flood = TcpStream::connect(address).expect("connects");
     let chunk = vec![0x41; 1 << 16];
@@ -233,8 +233,8 @@ fn slow_a_harmful_host_is_left_with_the_cause() {
 // Fails if a host of a controller in real time that falls silent, but does not hang up, keeps out the
 // next one, is left without the cause, or if the drive loses its controller meanwhile.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_silent_host_leaves_a_controller_in_real_time() {
+#[ignore = "timed: the gate runs it"]
+fn timed_a_silent_host_leaves_a_controller_in_real_time() {
     let (address, said) = controller(drive_in_real_time());
     let mut silent = TcpStream::connect(address).expect("connects");
     assert!(is_greeted(&mut silent));
@@ -257,8 +257,8 @@ fn slow_a_silent_host_leaves_a_controller_in_real_time() {
 // Fails if the plant keeps a controller that sends noise, or in real time one that is silent, or if it
 // does not serve the next one.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_harmful_controller_does_not_keep_the_plant() {
+#[ignore = "timed: the gate runs it"]
+fn timed_a_harmful_controller_does_not_keep_the_plant() {
     let plant = |real_time: bool, harm: fn(&mut TcpStream)| {
         let (listener, address) = listen("0").expect("a free port");
         let served = thread::spawn(move || {

@@ -230,8 +230,12 @@ impl Discrepancy {
     pub(crate) fn mean(&self) -> Result<DVector<f64>, IdentifyError> {
         let d = self.sigmas(|_| true);
         let factor = self.factor(&d, self.s2, 0, self.w.ncols())?;
-        let right = d.component_mul(&self.wy) / self.s2;
-        Ok(factor.solve_vector(&right).component_mul(&d))
+        Ok(self.mean_by(&factor, &d, self.s2))
+    }
+
+    /// The same by the [`factor`](Self::factor) of all columns at the sigmas `d` and the noise `s2`.
+    pub(crate) fn mean_by(&self, factor: &Factor, d: &DVector<f64>, s2: f64) -> DVector<f64> {
+        factor.solve_vector(&(d.component_mul(&self.wy) / s2)).component_mul(d)
     }
 
     /// Effect of the last `count` named columns in their own units, and its covariance.
@@ -246,9 +250,7 @@ impl Discrepancy {
         let all = self.w.ncols();
         let count = columns.len();
         let factor = self.factor(&d, self.s2, 0, all)?;
-        let mean = factor
-            .solve_vector(&(d.component_mul(&self.wy) / self.s2))
-            .component_mul(&d);
+        let mean = self.mean_by(&factor, &d, self.s2);
         let mut unit = DMatrix::zeros(all, count);
         for k in 0..count {
             unit[(all - count + k, k)] = 1.0;
@@ -403,8 +405,7 @@ impl Discrepancy {
         let d = self.sigmas(|_| true);
         let all = self.w.ncols();
         let factor = self.factor(&d, self.s2, 0, all)?;
-        let scaled = d.component_mul(&self.wy) / self.s2;
-        let mean = factor.solve_vector(&scaled).component_mul(&d);
+        let mean = self.mean_by(&factor, &d, self.s2);
         let residual = &linear.y - &self.w * mean;
         let root = factor.half(&DMatrix::identity(all, all));
         let determined = all as f64 - root.norm_squared();

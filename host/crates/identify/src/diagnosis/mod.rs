@@ -221,6 +221,7 @@ pub fn diagnose(
             .map(|joint| table.iter().position(|p| p.kind == Kind::Compliance(joint)))
             .collect(),
         com_from_tcp_m: com_from_tcp(experiment),
+        arm_kg: experiment.robot.joints.iter().map(|joint| joint.link.mass_kg).sum(),
     };
     let by_model = !calibration.assumed_masses && options.torque != Torque::Measured;
     let (mut findings, families, discrepancy) = scan(&linear, &layout, course, by_model.then_some(&loaded), first)?;

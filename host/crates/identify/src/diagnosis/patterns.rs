@@ -31,7 +31,7 @@ pub(crate) fn patterns(
     last_move(linear, layout, course, &mut list);
     places(linear, layout, course, &mut list);
     if let Some(loaded) = loaded {
-        list.push((Alternative::Payload, one(loaded.column(linear, loaded.compliance))));
+        list.push((Alternative::Payload, one(loaded.column(linear))));
     }
     for order in [1, 2] {
         list.push((Alternative::Orientation { order }, orientation(linear, order)));

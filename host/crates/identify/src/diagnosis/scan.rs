@@ -142,13 +142,17 @@ impl Candidate {
         alternative: &Alternative,
         linear: &Linear,
         model: &Discrepancy,
-        columns: Vec<(DVector<f64>, f64)>,
+        mut columns: Vec<(DVector<f64>, f64)>,
         loaded: Option<&LoadEffects<'_>>,
     ) -> Result<Self, IdentifyError> {
+        let loaded = loaded.filter(|_| *alternative == Alternative::Payload);
+        if let Some(loaded) = loaded {
+            columns.iter_mut().for_each(|column| column.1 = loaded.prior());
+        }
         let with = model.with(linear, &columns)?;
-        let load = match (alternative, loaded) {
-            (Alternative::Payload, Some(loaded)) => Some(loaded.in_model(linear, model, &with, &columns)?),
-            _ => None,
+        let load = match loaded {
+            Some(loaded) => Some(loaded.in_model(linear, model, &with, &columns)?),
+            None => None,
         };
         Ok(Self {
             index,

@@ -64,7 +64,7 @@ pub(super) fn prepare(
 ) -> Result<(), IdentifyError> {
     let all = model.w.ncols();
     let factor = model.factor(d, s2, 0, all)?;
-    let mean = factor.solve_vector(&(d.component_mul(&model.wy) / s2)).component_mul(d);
+    let mean = model.mean_by(&factor, d, s2);
     let residual = (&linear.y - &model.w * mean) / s2;
     let mut scaled = model.w.transpose();
     for (mut row, d) in scaled.row_iter_mut().zip(d.iter()) {

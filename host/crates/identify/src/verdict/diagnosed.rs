@@ -332,7 +332,7 @@ fn spheres(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
 mod tests {
     use super::*;
 
-    // Fails if a load that one in a hundred sound robots shows refuses a result, if one that is certain does not, if another
+    // Fails if a load that some sound robots show refuses a result, if one that is certain does not, if another
     // cause is held to the load's limit, or if any but the scale is certain in errors that are not normal before it is far off.
     #[test]
     fn what_may_be_chance_refuses_nothing() {
