@@ -147,7 +147,9 @@ impl Candidate {
     ) -> Result<Self, IdentifyError> {
         let loaded = loaded.filter(|_| *alternative == Alternative::Payload);
         if let Some(loaded) = loaded {
-            columns.iter_mut().for_each(|column| column.1 = loaded.prior());
+            for (_, sigma) in &mut columns {
+                *sigma = loaded.prior();
+            }
         }
         let with = model.with(linear, &columns)?;
         let load = match loaded {
