@@ -94,6 +94,9 @@ fn slow_sound_arms_pass_every_step() {
         ("iiwa7", "typical", 1),
         ("iiwa7", "as_measured", 2),
         ("panda", "typical", 3),
+        // A joint that sticks and slips most, and the hardest contact, of 180 arms.
+        ("panda", "typical", 12),
+        ("fr3", "as_measured", 3),
     ] {
         let mut person = Person::default();
         let (found, stored) = commissioned(&prepared(robot, preset, seed), &mut person);

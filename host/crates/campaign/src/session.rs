@@ -73,6 +73,8 @@ pub struct Session<'a> {
     pub(super) passed: Option<u32>,
     /// The newest sample of the control loop.
     pub(super) sample: Option<Sample>,
+    /// The samples that came with it, oldest first, itself included.
+    pub(super) newest_samples: Vec<Sample>,
     pub(super) statistics: Statistics,
     pub(super) telemetry: TelemetrySummary,
 }
@@ -118,6 +120,7 @@ impl<'a> Session<'a> {
             recorded: None,
             passed: None,
             sample: None,
+            newest_samples: Vec::new(),
             statistics: Statistics::default(),
             telemetry: TelemetrySummary::default(),
         }
@@ -163,6 +166,13 @@ impl<'a> Session<'a> {
         self.progress.faults = self.faults.len();
         self.progress.device_s = now_us as f64 * 1e-6;
         self.observer.progress(&self.progress);
+    }
+
+    /// The control period, in s; 0 before the handshake.
+    pub(super) fn period_s(&self) -> f64 {
+        self.banner
+            .as_ref()
+            .map_or(0.0, |banner| f64::from(banner.period_us) * 1e-6)
     }
 
     /// Handles the next event that has arrived; if none has, one control period passes first.
@@ -261,6 +271,8 @@ impl<'a> Session<'a> {
                 if let Some(sample) = samples.last() {
                     self.progress.force_n = force(sample);
                     self.sample = Some(*sample);
+                    self.newest_samples.clear();
+                    self.newest_samples.extend_from_slice(samples);
                 }
             }
             Event::Statistics(statistics) => self.statistics = *statistics,

@@ -13,6 +13,7 @@
 mod figure;
 mod gravity;
 mod moving;
+mod punctuality;
 mod read_only;
 #[cfg(test)]
 mod tests;

@@ -8,6 +8,7 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, FaultReport, Phase};
 use spherecal_shared::robot::JointLimits;
 
+use super::punctuality::{late, punctuality};
 use super::watch::{CALM, SLOW, SOFT, WatchedSamples, aside, gentle};
 use super::{Attendant, CommissioningStep, Figure, StepEnd, StepReport};
 use crate::observe::{CampaignObserver, CampaignStage};
@@ -31,6 +32,8 @@ pub struct MovingLimits {
     pub torque_share: f64,
     /// Largest force of the first contact, in N.
     pub peak_n: f64,
+    /// Largest share of control periods without a state of the robot.
+    pub missed_share: f64,
 }
 
 impl Default for MovingLimits {
@@ -41,7 +44,8 @@ impl Default for MovingLimits {
             soft_rad: 0.05,
             hold_rad_s: 0.1,
             torque_share: 0.9,
-            peak_n: 30.0,
+            peak_n: 40.0,
+            missed_share: 0.02,
         }
     }
 }
@@ -127,15 +131,18 @@ impl CommissioningInProgress<'_, '_> {
             Waited::Got(false) => return Ok(StepReport::declined(step)),
             Waited::Fault(fault) => return Ok(faulted(step, Vec::new(), &fault)),
         }
+        let before = self.session.statistics;
         let done = match step {
             CommissioningStep::ReadOnly | CommissioningStep::ZeroStiffness => self.zero_stiffness()?,
             CommissioningStep::SoftHold => self.soft_hold()?,
             CommissioningStep::FreeMotion => self.free_motion()?,
             CommissioningStep::Contact => self.contact()?,
         };
+        let punctuality = punctuality(&before, &self.session.statistics, self.limits.missed_share);
+        let figures = |found: Vec<Figure>| found.into_iter().chain(punctuality.clone()).collect();
         let report = match done {
-            Waited::Got(figures) => StepReport::of(step, figures, Vec::new()),
-            Waited::Fault(fault) => return Ok(faulted(step, Vec::new(), &fault)),
+            Waited::Got(found) => late(StepReport::of(step, figures(found), Vec::new())),
+            Waited::Fault(fault) => return Ok(late(faulted(step, figures(Vec::new()), &fault))),
         };
         if report.verdict != StepEnd::Passed {
             // Nothing is left to ask, and an answer would take time.
@@ -174,9 +181,7 @@ impl CommissioningInProgress<'_, '_> {
         let most_rad_s = self.limits.hold_rad_s;
         let (begun, time_us) = (self.session.now_us(), (self.limits.hold_s * 1e6) as u64);
         self.session.wait("be watched", 10.0 * self.limits.hold_s, |s| {
-            if let Some(sample) = &s.sample {
-                watch.add(sample, limits);
-            }
+            watch.add(&s.newest_samples, limits, s.period_s());
             let beyond = watch.moved_rad > moved_rad || watch.speed_rad_s > most_rad_s;
             let over = beyond || s.now_us().saturating_sub(begun) >= time_us;
             (over && watch.first.is_some()).then(|| watch.clone())
@@ -264,11 +269,12 @@ impl CommissioningInProgress<'_, '_> {
                 motion.tolerance_rad.to_degrees(),
             ),
             Figure::judged(
-                "largest joint speed",
-                watch.speed_rad_s.to_degrees(),
+                "largest joint speed, mean of 0.2 s",
+                watch.mean_rad_s.to_degrees(),
                 "deg/s",
                 (OVERSHOOT * motion.speed_rad_s).to_degrees(),
             ),
+            Figure::shown("largest joint speed", watch.speed_rad_s.to_degrees(), "deg/s"),
             Figure::judged(
                 "largest commanded torque, of the joint's limit",
                 watch.torque_share * 100.0,
@@ -293,9 +299,7 @@ impl CommissioningInProgress<'_, '_> {
         }
         let limits = &self.joints;
         let waited = self.session.wait(&what, TURN_S, |s| {
-            if let Some(sample) = &s.sample {
-                watch.add(sample, limits);
-            }
+            watch.add(&s.newest_samples, limits, s.period_s());
             s.rests().then_some(())
         })?;
         Ok(match waited {

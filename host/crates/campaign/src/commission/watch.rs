@@ -1,5 +1,7 @@
 //! What the samples of a step amount to, and how steps are made gentler than a calibration.
 
+use std::collections::VecDeque;
+
 use nalgebra::Vector3;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::Sample;
@@ -16,6 +18,9 @@ pub(super) const CALM: f64 = 0.25;
 
 /// How far each joint turns, in rad.
 const TURN_RAD: f64 = 0.1;
+/// Time over which the speed of a free motion is taken, in s. Friction lets a slow joint stick and slip: its speed at one
+/// instant says little.
+const MEAN_S: f64 = 0.2;
 
 /// The procedure with these shares of speed and of natural frequency.
 pub(super) fn gentle(procedure: &Procedure, speed: f64, natural: f64) -> Procedure {
@@ -36,18 +41,33 @@ pub(super) struct WatchedSamples {
     pub(super) last: Sample,
     pub(super) moved_rad: f64,
     pub(super) speed_rad_s: f64,
+    /// Largest mean speed of a joint over [`MEAN_S`], in rad/s.
+    pub(super) mean_rad_s: f64,
     pub(super) torque_share: f64,
     pub(super) tcp_m: f64,
     pub(super) saturated: u64,
+    /// The samples of the last [`MEAN_S`], and one that is older.
+    recent: VecDeque<Sample>,
 }
 
 impl WatchedSamples {
-    /// Adds a sample that was not seen before.
-    pub(super) fn add(&mut self, sample: &Sample, limits: &[JointLimits]) {
-        if self.first.is_some() && sample.tick == self.tick {
-            return;
+    /// Adds the samples that were not seen before. `period_s`: of the control loop, in s.
+    pub(super) fn add(&mut self, samples: &[Sample], limits: &[JointLimits], period_s: f64) {
+        for sample in samples {
+            if self.first.is_none() || sample.tick > self.tick {
+                self.add_one(sample, limits, period_s);
+            }
         }
+    }
+
+    fn add_one(&mut self, sample: &Sample, limits: &[JointLimits], period_s: f64) {
         self.tick = sample.tick;
+        self.recent.push_back(*sample);
+        let age_s = |of: &Sample| sample.tick.saturating_sub(of.tick) as f64 * period_s;
+        while self.recent.get(1).is_some_and(|next| age_s(next) >= MEAN_S) {
+            self.recent.pop_front();
+        }
+        let earlier = self.recent.front().filter(|earlier| age_s(earlier) >= MEAN_S).copied();
         self.last = *sample;
         let first = *self.first.get_or_insert(*sample);
         for (j, limit) in limits.iter().enumerate() {
@@ -55,6 +75,10 @@ impl WatchedSamples {
             self.moved_rad = self.moved_rad.max((value(&sample.q) - value(&first.q)).abs());
             self.speed_rad_s = self.speed_rad_s.max(value(&sample.dq).abs());
             self.torque_share = self.torque_share.max(value(&sample.command).abs() / limit.torque_nm);
+            if let Some(earlier) = &earlier {
+                let mean = (value(&sample.q) - value(&earlier.q)).abs() / age_s(earlier);
+                self.mean_rad_s = self.mean_rad_s.max(mean);
+            }
         }
         let tcp = |s: &Sample| Vector3::from(s.tcp_m.map(f64::from));
         self.tcp_m = self.tcp_m.max((tcp(sample) - tcp(&first)).norm());
@@ -121,6 +145,42 @@ mod tests {
             max_rad: 1.0,
             velocity_rad_s: 1.0,
             torque_nm: 10.0,
+        }
+    }
+
+    // Fails if a slip of an instant counts as the speed of a joint, if a joint that is fast for longer does not, or if a
+    // sample counts twice. Samples come each 20 ms, in batches that overlap.
+    #[test]
+    fn a_slip_is_no_speed() {
+        for (fast_ticks, least, most) in [(20, 0.09, 0.2), (400, 0.95, 1.01)] {
+            let (mut watch, mut at) = (WatchedSamples::default(), 0.0f64);
+            let samples: Vec<Sample> = (0..100u64)
+                .map(|k| {
+                    let speed = if (1000..1000 + fast_ticks).contains(&(k * 20)) {
+                        1.0
+                    } else {
+                        0.05
+                    };
+                    let mut sample = Sample {
+                        tick: k * 20,
+                        ..Sample::default()
+                    };
+                    sample.q[1] = at as f32;
+                    sample.dq[1] = speed as f32;
+                    at += speed * 0.02;
+                    sample
+                })
+                .collect();
+            for batch in samples.windows(8) {
+                watch.add(batch, &[limit(), limit()], 1e-3);
+            }
+            assert!(
+                watch.mean_rad_s > least && watch.mean_rad_s < most,
+                "{}",
+                watch.mean_rad_s
+            );
+            assert!((watch.speed_rad_s - 1.0).abs() < 1e-6, "{}", watch.speed_rad_s);
+            assert!(watch.recent.len() < 13, "{} samples are kept", watch.recent.len());
         }
     }
 
