@@ -70,6 +70,7 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
         ));
     }
     let within = holds.iter().all(|h| h.within_noise);
+    let still = holds.iter().all(Held::is_still);
     let document = serde_json::json!({
         "command": "stability",
         "version": env!("CARGO_PKG_VERSION"),
@@ -80,6 +81,7 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
         "hold_s": args.hold_s,
         "window_s": WINDOW_S,
         "within_noise": within,
+        "still": still,
         "holds": holds,
         "faults": outcome.faults,
     });
@@ -105,7 +107,7 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
             outln!("  {}", path.display());
         }
     }
-    Ok(if within { Exit::Done } else { Exit::NotTrusted })
+    Ok(if still { Exit::Done } else { Exit::NotTrusted })
 }
 
 /// The model from which the TCP is computed: the one that a run left in `out`, else the nominal

@@ -4,12 +4,13 @@
 //! This module measures that. A *hold* is one long recording with the samples of the control loop
 //! beside it, cut into *windows* of a second. The *noise* of a window's mean is estimated within
 //! the windows, from quarters of a second (longer than the correlation time of the encoders'
-//! errors). So drift from window to window does not enter the noise, and drift is judged against
-//! it. The TCP is judged, not the joints: joints may drift together while the TCP stays, because
-//! the elbow of a redundant arm gives way slowly. That does not harm a recording, because the means
-//! of the joints belong together. The TCP comes from a model of the robot, nominal or estimated,
-//! never from the plant.
+//! errors), in windows that are alike. So neither drift from window to window nor a window in
+//! which the nest moved enters the noise, and both are judged against it. The TCP is judged, not the
+//! joints: joints may drift together while the TCP stays, because the elbow of a redundant arm gives
+//! way slowly. That does not harm a recording, because the means of the joints belong together. The
+//! TCP comes from a model of the robot, nominal or estimated, never from the plant.
 
+mod jump;
 mod measure;
 mod report;
 
@@ -22,11 +23,15 @@ use spherecal_campaign::{CampaignObserver, Progress};
 use spherecal_link::Arrival;
 use spherecal_model::chain::Chain;
 
+pub use jump::Jump;
 pub use measure::hold;
 pub use report::holds_report;
 
 /// Parts of a window from which the noise of its mean is estimated.
 const PARTS: usize = 4;
+/// A window whose variance is this many times the median one says nothing of the noise: the nest moved in it. By noise
+/// alone (chi-squared, 3 degrees) one in 20,000 is.
+const RESTLESS: f64 = 10.0;
 /// How many sigma a mean may be off. With about forty joints and places at once, three are exceeded
 /// by chance.
 const SIGMAS: f64 = 4.0;
@@ -139,6 +144,14 @@ pub struct Stillness {
     pub drift_per_s: f64,
 }
 
+impl Held {
+    /// Whether a recording of one window would have given the same TCP as the whole hold: its first window did, and the
+    /// nest did not move.
+    pub fn is_still(&self) -> bool {
+        self.within_noise && self.jump.is_none()
+    }
+}
+
 impl Stillness {
     /// Whether the first window gave the same as the whole hold, within the noise.
     pub fn within(&self) -> bool {
@@ -163,6 +176,8 @@ pub struct Held {
     pub tcp_um: Stillness,
     /// Whether the first window's TCP equals that of the hold, within the noise.
     pub within_noise: bool,
+    /// The largest step of the TCP from window to window, if noise does not explain it.
+    pub jump: Option<Jump>,
     /// Whether every joint's mean is, too.
     pub joints_within_noise: bool,
     /// Middle of each window since the start, in s.
@@ -268,7 +283,12 @@ pub fn analyse(hold: &Hold, chain: &Chain, window_s: f64) -> Result<Held, TooSho
             .fold(0.0, f64::max),
         drift_per_s: length(&|s| s.drift_per_s),
     };
+    let means: Vec<Vector3<f64>> = points
+        .iter()
+        .map(|w| w.iter().sum::<Vector3<f64>>() / PARTS as f64)
+        .collect();
     Ok(Held {
+        jump: jump::jump(&means, &time_s, tcp_um.noise),
         sphere: hold.sphere,
         pose: hold.pose,
         windows: time_s.len(),
@@ -287,12 +307,15 @@ pub fn analyse(hold: &Hold, chain: &Chain, window_s: f64) -> Result<Held, TooSho
 fn axis(windows: &[[f64; PARTS]], time_s: &[f64]) -> (Stillness, Vec<f64>) {
     let means: Vec<f64> = windows.iter().map(|w| w.iter().sum::<f64>() / PARTS as f64).collect();
     let mean = means.iter().sum::<f64>() / means.len() as f64;
-    let inside: f64 = windows
+    let mut inside: Vec<f64> = windows
         .iter()
         .zip(&means)
         .map(|(w, m)| w.iter().map(|x| (x - m).powi(2)).sum::<f64>() / (PARTS - 1) as f64)
-        .sum::<f64>()
-        / windows.len() as f64;
+        .collect();
+    inside.sort_by(f64::total_cmp);
+    let most = RESTLESS * inside[inside.len() / 2];
+    inside.retain(|variance| *variance <= most);
+    let inside = inside.iter().sum::<f64>() / inside.len().max(1) as f64;
     let curve: Vec<f64> = means.iter().map(|m| m - mean).collect();
     let middle = time_s.iter().sum::<f64>() / time_s.len() as f64;
     let spread: f64 = time_s.iter().map(|t| (t - middle).powi(2)).sum();
@@ -307,92 +330,4 @@ fn axis(windows: &[[f64; PARTS]], time_s: &[f64]) -> (Stillness, Vec<f64>) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use spherecal_shared::robot::{iiwa7, iiwa7_tool};
-
-    /// Ten seconds of white noise of 10 µrad, and `drift` (rad/s) in joint 4.
-    fn hold(drift: f64) -> Hold {
-        let mean = vec![0.1, 0.6, -0.1, -1.5, 0.05, 1.0, 0.2];
-        let mut state = 7u64;
-        let mut noise = || {
-            let mut sum = 0.0;
-            for _ in 0..12 {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                sum += (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
-            }
-            sum * 1e-5
-        };
-        let samples = (1..=10_000u64)
-            .map(|k| {
-                let mut q: Vec<f64> = mean.iter().map(|m| m + noise()).collect();
-                q[3] += drift * k as f64 * 1e-3;
-                (500 + k, q)
-            })
-            .collect();
-        Hold {
-            sphere: 2,
-            pose: 5,
-            count: 10_000,
-            end_tick: 10_500,
-            mean,
-            samples,
-            period_s: 1e-3,
-        }
-    }
-
-    // Fails if the estimated noise is not the generated noise, if noise alone counts as drift, or
-    // if a drift is not found with its size.
-    #[test]
-    fn noise_and_drift_are_told_apart() {
-        let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
-        let still = analyse(&hold(0.0), &chain, 1.0).expect("ten windows");
-        assert_eq!((still.windows, still.samples), (10, (10_000, 10_000)));
-        for joint in &still.joints_urad {
-            // 10 µrad over 1,000 samples.
-            assert!((joint.noise / 0.316 - 1.0).abs() < 0.5, "{joint:?}");
-        }
-        assert!(
-            still.within_noise && still.joints_within_noise,
-            "{:?}",
-            still.joints_urad
-        );
-        let drifting = analyse(&hold(1e-6), &chain, 1.0).expect("ten windows");
-        let joint = &drifting.joints_urad[3];
-        assert!((joint.drift_per_s - 1.0).abs() < 0.1, "{joint:?}");
-        assert!((joint.first + 4.5).abs() < 1.0 && !joint.within());
-        assert!(!drifting.joints_within_noise && !drifting.within_noise);
-        // Joint 4 has the TCP some half a metre away.
-        let tcp = drifting.tcp_um.drift_per_s;
-        assert!((0.2..0.9).contains(&tcp), "{tcp} µm/s");
-    }
-
-    // Fails if windows assume a control period of 1 ms.
-    #[test]
-    fn windows_follow_the_period_of_the_drive() {
-        let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
-        let slow = Hold {
-            period_s: 2e-3,
-            ..hold(0.0)
-        };
-        let held = analyse(&slow, &chain, 1.0).expect("twenty windows");
-        assert_eq!(held.windows, 20);
-        let unknown = Hold {
-            period_s: 0.0,
-            ..hold(0.0)
-        };
-        assert!(analyse(&unknown, &chain, 1.0).is_err());
-    }
-
-    // Fails if lost telemetry counts as a window, or if an empty hold is accepted.
-    #[test]
-    fn windows_with_holes_are_left_out() {
-        let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
-        let mut holed = hold(0.0);
-        holed.samples.retain(|(tick, _)| !(2_600..2_700).contains(tick));
-        assert_eq!(analyse(&holed, &chain, 1.0).expect("nine windows").windows, 9);
-        holed.samples.clear();
-        let error = analyse(&holed, &chain, 1.0).expect_err("nothing was heard");
-        assert!(error.to_string().contains("0 of 10000 samples"), "{error}");
-    }
-}
+mod tests;

@@ -18,7 +18,7 @@ pub fn holds_report(
     let largest = worst(&|h| h.tcp_um.largest);
     let joint = worst(&|h| h.joints_urad.iter().map(|j| j.largest).fold(0.0, f64::max));
     let seconds = holds.iter().map(|h| h.windows as f64 * window_s).fold(0.0, f64::max);
-    let all = within == holds.len();
+    let all = holds.iter().all(Held::is_still);
     ReportInput {
         title: format!("{robot}: stability of long holds"),
         subtitle: about.to_owned(),
@@ -66,6 +66,16 @@ fn reasons(holds: &[Held], joint_urad: f64) -> Vec<String> {
     let mut reasons = Vec::new();
     if !holds.iter().all(|h| h.within_noise) {
         reasons.push("The TCP drifts while the arm holds: the figures below show where and how fast.".to_owned());
+    }
+    for hold in holds {
+        if let Some(jump) = hold.jump {
+            reasons.push(format!(
+                "At {} the TCP moved by {:.0} µm at once, after {:.0} s: the nest did not keep its seat. No length of a recording helps.",
+                name(hold),
+                jump.size_um,
+                jump.at_s
+            ));
+        }
     }
     if !holds.iter().all(|h| h.joints_within_noise) {
         reasons.push(format!(
