@@ -104,11 +104,12 @@ pub struct Turn {
     /// as much is enough, where the drive's delay makes the spring so much softer.
     pub tolerance_rad: f64,
     /// Elbow error below which the pose is reached, in rad. It need not be small:
-    /// the recording uses the elbow angle as it is.
+    /// the recording uses the elbow angle as it is. After half of `settle_s` twice as much is enough.
     pub elbow_tolerance_rad: f64,
     /// Speed of every joint below which the arm counts as still, in rad/s.
     pub still_rad_s: f64,
-    /// Time that a turn may take to settle after its planned end, in s.
+    /// Time that a turn may take to settle after its planned end, in s. An arm that is there and only creeps has three
+    /// times as long.
     pub settle_s: f64,
 }
 

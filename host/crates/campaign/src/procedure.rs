@@ -303,7 +303,7 @@ impl<'a> Campaign<'a> {
         }
         session.stage(CampaignStage::Poses, visit.sphere_id, plan);
         let pending = self.pending(visit);
-        let limit = 30.0 + p.turn.settle_s + 2e-3 * f64::from(p.record.samples);
+        let limit = 30.0 + 3.0 * p.turn.settle_s + 2e-3 * f64::from(p.record.samples);
         for pose in pending {
             session.recorded = None;
             session.passed = None;

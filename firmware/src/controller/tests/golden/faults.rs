@@ -201,7 +201,7 @@ pub(super) const ALL: &[Scenario] = &[
         let mut procedure = procedure();
         procedure.turn.still_rad_s = 1e-5;
         let mut bench = at_by(procedure, Phase::Turning);
-        shake(&mut bench, 3_500, 1, 0.01);
+        shake(&mut bench, 6_000, 1, 0.01);
         recover(bench)
     }),
     ("a recording of an arm that never rests", || {
