@@ -3,7 +3,7 @@ use spherecal_shared::robot::iiwa7_tool;
 
 use super::*;
 use crate::test_support::assert_continuous;
-use crate::{PlatePose, teach};
+use crate::{Obstacle, PlatePose, teach};
 
 // The reference worlds were made on this grid: 1,843 of 1,875 poses, by sphere 613, 615 and 615,
 // with 2 degrees to the limits and no rule about singularities. Fails if the grid, its axes, the
@@ -36,6 +36,36 @@ fn fifteen_degrees_from_the_shoulders_singularity_cost_poses() {
     let plan = plan(&cell, &request).expect("a plan");
     println!("{} reachable, {:?}", plan.reachable, plan.rejected_by_reason());
     assert!((1500..1600).contains(&plan.reachable), "{}", plan.reachable);
+}
+
+// Fails if a pose of an arm whose shoulder and wrist are not spherical may have two axes almost in line: the Jacobian keeps
+// its rank there, so nothing else refuses it.
+#[test]
+fn aligned_axes_are_refused_for_every_arm_with_seven_joints() {
+    let robot = spherecal_model::robots::built_in("panda").expect("built in").robot;
+    let chain = Chain::new(&robot, &iiwa7_tool()).expect("an arm");
+    let rules = Rules::default();
+    for (q2_deg, q6_deg, refused) in [
+        (20.0f64, 90.0f64, None),
+        (-16.0, 90.0, None),
+        (14.0, 90.0, Some(2)),
+        (-1.0, 90.0, Some(2)),
+        (20.0, 169.0, None),
+        (20.0, 171.0, Some(6)),
+        (20.0, 185.0, Some(6)),
+    ] {
+        let q = [0.3, q2_deg.to_radians(), 0.2, -2.0, 0.1, q6_deg.to_radians(), 0.4];
+        assert!(
+            chain.smallest_singular_value(&q) >= rules.singular_value,
+            "{q2_deg} {q6_deg}"
+        );
+        let found = match rules.configuration(&chain, &q) {
+            Err(Obstacle::Singular { joint, .. }) => Some(joint),
+            Err(other) => panic!("{other}"),
+            Ok(()) => None,
+        };
+        assert_eq!(found, refused, "{q2_deg} {q6_deg}");
+    }
 }
 
 #[test]
