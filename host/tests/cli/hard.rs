@@ -64,8 +64,8 @@ const CASES: [(&str, &str, &str); 13] = [
     ),
 ];
 
-/// Fails if a run on one of these arms does not finish, loses a pose, or has more than two faults.
-fn all_finish(cases: &[(&str, &str, &str)]) {
+/// Fails if a run of so many poses on one of these arms does not finish, loses a pose, or has more than two faults.
+fn all_finish(cases: &[(&str, &str, &str)], poses: u32) {
     let folder = tempfile::tempdir().expect("a folder");
     for (case, (name, seed, plant)) in cases.iter().enumerate() {
         std::fs::write(folder.path().join("cell.toml"), plant).expect("written");
@@ -77,7 +77,7 @@ fn all_finish(cases: &[(&str, &str, &str)]) {
             "--seed",
             seed,
             "--poses",
-            "30",
+            &poses.to_string(),
             "--json",
             "--out",
             &out,
@@ -87,7 +87,7 @@ fn all_finish(cases: &[(&str, &str, &str)]) {
             serde_json::from_slice(&run.stdout).unwrap_or_else(|_| panic!("{name}: {}", text(&run.stderr)));
         let faults = summary["faults"].as_array().map_or(99, Vec::len);
         println!("{name}: {} poses, {faults} faults", summary["poses"]["recorded"]);
-        assert_eq!(summary["poses"]["recorded"], 30, "{name}: {}", text(&run.stderr));
+        assert_eq!(summary["poses"]["recorded"], poses, "{name}: {}", text(&run.stderr));
         assert!(faults <= 2, "{name}: {}", summary["faults"]);
     }
 }
@@ -106,14 +106,24 @@ const KINDS: [&str; 4] = [
 fn slow_hard_arms_finish() {
     let cases: Vec<_> = CASES.into_iter().filter(|(name, ..)| KINDS.contains(name)).collect();
     assert_eq!(cases.len(), KINDS.len());
-    all_finish(&cases);
+    all_finish(&cases, 30);
+}
+
+// Fails if whole runs on the arms of Franka do not finish. Their light wrists stick in dry friction, and seven joints keep
+// the rank of the Jacobian where the axes 1 and 3 align: with these seeds poses were lost, or the run ended.
+#[test]
+#[ignore = "slow: the gate runs it"]
+fn slow_arms_of_franka_finish() {
+    let harsh = |robot: &str| format!("robot = \"{robot}\"\n[plant]\npreset = \"harsh\"\n");
+    let (panda, fr3) = (harsh("panda"), harsh("fr3"));
+    all_finish(&[("Panda, harsh", "4", &panda), ("FR3, harsh", "4", &fr3)], 150);
 }
 
 // Fails if a run on any of the arms does.
 #[test]
 #[ignore = "long: `scripts/test --long` runs it"]
 fn long_all_hard_arms_finish() {
-    all_finish(&CASES);
+    all_finish(&CASES, 30);
 }
 
 // Fails if a drive whose delay allows no safe gains is not refused with the delay
