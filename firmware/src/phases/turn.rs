@@ -6,7 +6,7 @@ use spherecal_shared::protocol::host::Fault;
 
 use super::record::RecordingPose;
 use super::speed_scaling::{SpeedScaling, joint_load};
-use super::{Activity, CartesianState, Env, Next, REST_SPEED_RAD_S, STILL_S};
+use super::{Activity, CartesianState, Env, Next, STILL_S};
 use crate::Report;
 use crate::law::NullSpace;
 use crate::motion::TurnMove;
@@ -160,7 +160,7 @@ impl<const N: usize> Turning<N> {
                 None,
             );
         }
-        let creeps = there && env.joint_speed <= REST_SPEED_RAD_S;
+        let creeps = there && env.joint_speed <= CREEP_RAD_S;
         if self.over_s > turn.settle_s * if creeps { CREEP } else { 1.0 } {
             let (value, limit) = if error > tolerance {
                 (error, tolerance)
@@ -187,6 +187,9 @@ const ELBOW_WIDEST: f64 = 2.0;
 /// How many times the settling time an arm has that is there and only creeps. Viscous friction of 2 N m s/rad lets an
 /// elbow creep for 10 s.
 const CREEP: f64 = 3.0;
+/// Speed of a joint in rad/s up to which that is creeping. Joints 5 and 7 of an FR3 still turned against each other with
+/// 0.034 rad/s when the settling time was over.
+const CREEP_RAD_S: f64 = 0.1;
 
 /// Share of the joints' speed limits above which a turn slows down.
 const SLOW_DOWN_SHARE: f64 = 0.6;
