@@ -18,11 +18,12 @@ const PULL_S: f64 = 0.1;
 /// How far the TCP has followed, in m, when the magnet has certainly let go: there it pulls with less than 1 N. An
 /// elastic arm that it still holds has followed by 4 mm at most (7,000 N m/rad, stretched).
 const FREED_M: f64 = 0.005;
+/// Time in ms for which a large force may be a wrong estimate from there on.
+const FREED_MS: u16 = 50;
+
 /// Speed in rad/s below which a joint of an arm that is free may still move when its time is over. A Panda's elbow that
 /// friction had kept from its target moved with 0.08 rad/s.
 const ELBOW_RAD_S: f64 = 0.2;
-/// Time in ms for which a large force may be a wrong estimate from there on.
-const FREED_MS: u16 = 50;
 
 /// Moves back along the approach.
 #[derive(Clone, Copy, Debug)]
