@@ -161,7 +161,8 @@ impl<const N: usize> Turning<N> {
             );
         }
         let creeps = there && env.joint_speed <= CREEP_RAD_S;
-        if self.over_s > turn.settle_s * if creeps { CREEP } else { 1.0 } {
+        let most_s = if creeps { turn.longest_settle_s() } else { turn.settle_s };
+        if self.over_s > most_s {
             let (value, limit) = if error > tolerance {
                 (error, tolerance)
             } else if elbow_error > elbow_tolerance {
@@ -184,10 +185,7 @@ const WIDEST: f64 = 3.0;
 /// How much wider the tolerance of the elbow is after that time. Dry friction of 1 to 2 N m holds the elbow of an arm of
 /// 12 N m at the wrist (a Panda) 0.18 rad from its target.
 const ELBOW_WIDEST: f64 = 2.0;
-/// How many times the settling time an arm has that is there and only creeps. Viscous friction of 2 N m s/rad lets an
-/// elbow creep for 10 s.
-const CREEP: f64 = 3.0;
-/// Speed of a joint in rad/s up to which that is creeping. Joints 5 and 7 of an FR3 still turned against each other with
+/// Speed of a joint in rad/s up to which an arm that is there only creeps. Joints 5 and 7 of an FR3 still turned against each other with
 /// 0.034 rad/s when the settling time was over.
 const CREEP_RAD_S: f64 = 0.1;
 

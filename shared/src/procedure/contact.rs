@@ -113,6 +113,14 @@ pub struct Turn {
     pub settle_s: f64,
 }
 
+impl Turn {
+    /// Time that a turn may take to settle if the arm is there and only creeps, in s. Viscous friction of 2 N m s/rad lets
+    /// an elbow creep for 10 s.
+    pub fn longest_settle_s(&self) -> f64 {
+        3.0 * self.settle_s
+    }
+}
+
 impl Default for Turn {
     fn default() -> Self {
         Self {

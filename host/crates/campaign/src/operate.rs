@@ -126,7 +126,7 @@ impl ManualControl<'_> {
         Ok(Answer {
             refused,
             events: events.unwrap_or_default(),
-            sample: self.session.sample,
+            sample: self.session.sample(),
         })
     }
 

@@ -246,7 +246,7 @@ impl<'a> Campaign<'a> {
             if Waypoints::helps(report.fault) {
                 missed += 1;
                 let contact = session.contacts.get(contacts..).and_then(<[_]>::last);
-                let last = DescentEnd::new(contact, session.sample.map(|s| s.tcp_m));
+                let last = DescentEnd::new(contact, session.sample().map(|s| s.tcp_m));
                 approach = self.waypoints.retry(visit, missed, &last);
             }
             session.note(&format!(
@@ -303,7 +303,7 @@ impl<'a> Campaign<'a> {
         }
         session.stage(CampaignStage::Poses, visit.sphere_id, plan);
         let pending = self.pending(visit);
-        let limit = 30.0 + 3.0 * p.turn.settle_s + 2e-3 * f64::from(p.record.samples);
+        let limit = 30.0 + p.turn.longest_settle_s() + 2e-3 * f64::from(p.record.samples);
         for pose in pending {
             session.recorded = None;
             session.passed = None;

@@ -75,7 +75,7 @@ impl Campaign<'_> {
     /// Joint angles of the newest sample, in rad.
     fn posture(&self, session: &Session<'_>) -> Option<Vec<f64>> {
         let n = self.assignment.robot.dof();
-        let sample = session.sample?;
+        let sample = session.sample()?;
         let q: Vec<f64> = sample.q.iter().take(n).map(|q| f64::from(*q)).collect();
         (q.len() == n).then_some(q)
     }

@@ -165,7 +165,7 @@ impl Campaign<'_> {
             failed += 1;
             if Waypoints::helps(report.fault) {
                 let contact = session.contacts.get(contacts..).and_then(<[_]>::last);
-                let last = DescentEnd::new(contact, session.sample.map(|s| s.tcp_m));
+                let last = DescentEnd::new(contact, session.sample().map(|s| s.tcp_m));
                 approach = self.waypoints.retry(visit, failed, &last);
             }
             session.note(&format!(

@@ -71,10 +71,8 @@ pub struct Session<'a> {
     pub(super) coupled: Option<Coupled>,
     pub(super) recorded: Option<(u32, u32)>,
     pub(super) passed: Option<u32>,
-    /// The newest sample of the control loop.
-    pub(super) sample: Option<Sample>,
-    /// The samples that came with it, oldest first, itself included.
-    pub(super) newest_samples: Vec<Sample>,
+    /// The samples of the control loop that came last, oldest first.
+    pub(super) samples: Vec<Sample>,
     pub(super) statistics: Statistics,
     pub(super) telemetry: TelemetrySummary,
 }
@@ -119,8 +117,7 @@ impl<'a> Session<'a> {
             coupled: None,
             recorded: None,
             passed: None,
-            sample: None,
-            newest_samples: Vec::new(),
+            samples: Vec::new(),
             statistics: Statistics::default(),
             telemetry: TelemetrySummary::default(),
         }
@@ -166,6 +163,11 @@ impl<'a> Session<'a> {
         self.progress.faults = self.faults.len();
         self.progress.device_s = now_us as f64 * 1e-6;
         self.observer.progress(&self.progress);
+    }
+
+    /// The newest sample of the control loop.
+    pub(super) fn sample(&self) -> Option<Sample> {
+        self.samples.last().copied()
     }
 
     /// The control period, in s; 0 before the handshake.
@@ -270,9 +272,8 @@ impl<'a> Session<'a> {
                 self.telemetry.add(arrival);
                 if let Some(sample) = samples.last() {
                     self.progress.force_n = force(sample);
-                    self.sample = Some(*sample);
-                    self.newest_samples.clear();
-                    self.newest_samples.extend_from_slice(samples);
+                    self.samples.clear();
+                    self.samples.extend_from_slice(samples);
                 }
             }
             Event::Statistics(statistics) => self.statistics = *statistics,

@@ -119,7 +119,7 @@ fn lead(
                 operator.let_go();
                 session.drain(REST_TICKS)?;
                 if session.phase == Phase::Idle
-                    && let Some(sample) = session.sample
+                    && let Some(sample) = session.sample()
                 {
                     let q = sample.q.iter().take(assignment.robot.dof());
                     return Ok(q.map(|q| f64::from(*q)).collect());

@@ -38,33 +38,34 @@ fn fifteen_degrees_from_the_shoulders_singularity_cost_poses() {
     assert!((1500..1600).contains(&plan.reachable), "{}", plan.reachable);
 }
 
-// Fails if a pose of an arm whose shoulder and wrist are not spherical may have two axes almost in line: the Jacobian keeps
-// its rank there, so nothing else refuses it.
+// Fails if a pose of an arm whose shoulder and wrist are not spherical may have two axes almost in line, or shoulder, elbow
+// and wrist: the smallest singular value (joint 0) refuses only the last of these. A Panda's arm is in line with joint 4
+// at -26.8 degrees, where both offsets of 82.5 mm are turned away: atan(82.5 / 316) + atan(82.5 / 384).
 #[test]
-fn aligned_axes_are_refused_for_every_arm_with_seven_joints() {
+fn singular_places_are_refused_for_every_arm_with_seven_joints() {
     let robot = spherecal_model::robots::built_in("panda").expect("built in").robot;
     let chain = Chain::new(&robot, &iiwa7_tool()).expect("an arm");
     let rules = Rules::default();
-    for (q2_deg, q6_deg, refused) in [
-        (20.0f64, 90.0f64, None),
-        (-16.0, 90.0, None),
-        (14.0, 90.0, Some(2)),
-        (-1.0, 90.0, Some(2)),
-        (20.0, 169.0, None),
-        (20.0, 171.0, Some(6)),
-        (20.0, 185.0, Some(6)),
+    for (q2_deg, q4_deg, q6_deg, refused) in [
+        (20.0f64, -110.0f64, 90.0f64, None),
+        (-16.0, -110.0, 90.0, None),
+        (14.0, -110.0, 90.0, Some(2)),
+        (-1.0, -110.0, 90.0, Some(2)),
+        (20.0, -110.0, 169.0, None),
+        (20.0, -110.0, 171.0, Some(6)),
+        (20.0, -110.0, 185.0, Some(6)),
+        (20.0, -47.5, 90.0, None),
+        (20.0, -46.0, 90.0, Some(4)),
+        (20.0, -27.0, 90.0, Some(0)),
     ] {
-        let q = [0.3, q2_deg.to_radians(), 0.2, -2.0, 0.1, q6_deg.to_radians(), 0.4];
-        assert!(
-            chain.smallest_singular_value(&q) >= rules.singular_value,
-            "{q2_deg} {q6_deg}"
-        );
+        let [q2, q4, q6] = [q2_deg, q4_deg, q6_deg].map(f64::to_radians);
+        let q = [0.3, q2, 0.2, q4, 0.1, q6, 0.4];
         let found = match rules.configuration(&chain, &q) {
             Err(Obstacle::Singular { joint, .. }) => Some(joint),
             Err(other) => panic!("{other}"),
             Ok(()) => None,
         };
-        assert_eq!(found, refused, "{q2_deg} {q6_deg}");
+        assert_eq!(found, refused, "{q2_deg} {q4_deg} {q6_deg}");
     }
 }
 

@@ -101,8 +101,8 @@ pub struct Rules {
     /// Distance to every joint limit, in rad.
     pub limit_margin_rad: f64,
     /// Smallest |q2|, |q4| and |q6| of a spherical-rotational-spherical arm, in
-    /// rad: at zero two axes of shoulder, elbow or wrist align. The first and the last also for every other arm with
-    /// seven joints: the smallest angle between the axes 1 and 3, and 5 and 7.
+    /// rad: at zero two axes of shoulder, elbow or wrist align. Also for every other arm with seven joints: the smallest
+    /// angle between the axes 1 and 3, half of that between upper arm and forearm, and the one between the axes 5 and 7.
     pub singular_rad: [f64; 3],
     /// For every arm without that structure: smallest singular value of the TCP Jacobian (m and rad).
     pub singular_value: f64,
@@ -112,6 +112,10 @@ pub struct Rules {
     /// wrist keep a third of it.
     pub jump_rad: f64,
 }
+
+/// Angle between upper arm and forearm of an arm without the closed form, as a multiple of the second angle of
+/// [`Rules::singular_rad`]. An FR3 whose pose was 12 degrees from the stretched posture swung through it.
+const STRETCHED_FACTOR: f64 = 2.0;
 
 impl Default for Rules {
     /// Keeps 15 degrees from the shoulder's singularity, where the elbow angle turns joint 1 fast,
@@ -178,22 +182,31 @@ impl Rules {
                 angle_deg: 0.0,
             });
         } else {
-            self.aligned_axes(chain, q)?;
+            self.seven_joints(chain, q)?;
         }
         Ok(())
     }
 
+    /// The singular places of an arm with seven joints and without the closed form.
+    ///
     /// Seven joints keep the rank of the TCP Jacobian where two axes of shoulder or wrist align: the two joints turn
     /// against each other, and nothing else moves. The elbow angle does not see that motion, and friction lets it run: a
-    /// Franka's joint 1 turned by a radian, and the force estimate reached 190 N where nothing pressed.
-    fn aligned_axes(&self, chain: &Chain, q: &[f64]) -> Result<(), Obstacle> {
+    /// Franka's joint 1 turned by a radian, and the force estimate reached 190 N where nothing pressed. Where shoulder,
+    /// elbow and wrist are in line (a Franka's joint 4 at -27 degrees), the arm is stretched.
+    fn seven_joints(&self, chain: &Chain, q: &[f64]) -> Result<(), Obstacle> {
         if q.len() != 7 {
             return Ok(());
         }
         let frames = chain.frames(q);
-        for (joint, least) in [(1, self.singular_rad[0]), (5, self.singular_rad[2])] {
-            let (before, after) = (frames[joint - 1].z(), frames[joint + 1].z());
-            if before.cross(&after).norm() < least.sin() {
+        let upper = frames[3].position - frames[1].position;
+        let lower = frames[5].position - frames[3].position;
+        let directions = [
+            (1, frames[0].z(), frames[2].z(), self.singular_rad[0]),
+            (3, upper, lower, STRETCHED_FACTOR * self.singular_rad[1]),
+            (5, frames[4].z(), frames[6].z(), self.singular_rad[2]),
+        ];
+        for (joint, before, after, least) in directions {
+            if before.cross(&after).norm() < least.sin() * before.norm() * after.norm() {
                 return Err(Obstacle::Singular {
                     joint: joint as u32 + 1,
                     angle_deg: q[joint].to_degrees(),

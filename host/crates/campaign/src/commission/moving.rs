@@ -181,7 +181,7 @@ impl CommissioningInProgress<'_, '_> {
         let most_rad_s = self.limits.hold_rad_s;
         let (begun, time_us) = (self.session.now_us(), (self.limits.hold_s * 1e6) as u64);
         self.session.wait("be watched", 10.0 * self.limits.hold_s, |s| {
-            watch.add(&s.newest_samples, limits, s.period_s());
+            watch.add(&s.samples, limits, s.period_s());
             let beyond = watch.moved_rad > moved_rad || watch.speed_rad_s > most_rad_s;
             let over = beyond || s.now_us().saturating_sub(begun) >= time_us;
             (over && watch.first.is_some()).then(|| watch.clone())
@@ -231,7 +231,7 @@ impl CommissioningInProgress<'_, '_> {
     fn free_motion(&mut self) -> Result<Waited<Vec<Figure>>, CampaignError> {
         let slow = gentle(self.assignment.procedure, SLOW, 1.0);
         self.configure(&slow)?;
-        let Some(start) = self.session.sample else {
+        let Some(start) = self.session.sample() else {
             return Err(CampaignError::Timeout {
                 what: "show where it stands".to_owned(),
                 limit_s: self.limits.hold_s,
@@ -299,7 +299,7 @@ impl CommissioningInProgress<'_, '_> {
         }
         let limits = &self.joints;
         let waited = self.session.wait(&what, TURN_S, |s| {
-            watch.add(&s.newest_samples, limits, s.period_s());
+            watch.add(&s.samples, limits, s.period_s());
             s.rests().then_some(())
         })?;
         Ok(match waited {
