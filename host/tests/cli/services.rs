@@ -83,6 +83,33 @@ fn slow_a_run_over_services_is_the_run_in_one_process() {
     assert_eq!(summary(&none)["runs"], serde_json::json!([]));
 }
 
+// Fails if a server closes the connection of a client that plans or waits for longer than the server's pings may stay
+// without an answer (40 s), and the run then ends.
+#[test]
+#[ignore = "slow: the gate runs it"]
+fn slow_a_client_that_plans_for_long_keeps_its_connection() {
+    use spherecal::campaign::Tracker as _;
+    use spherecal::model::TrackerSession;
+    use spherecal::services::grpc::{RemoteStore, RemoteTracker};
+    use spherecal::store::CalibrationStore as _;
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let services = ["serve", "--grpc", "0", "--service", "store,tracker", "--out", "served"];
+    let server = Server::start_in(folder.path(), &services);
+    let peer = spherecal::store::Peer::parse(&server.peer).expect("an address");
+    let mut store = RemoteStore::connect(&peer).expect("a store");
+    let mut tracker = RemoteTracker::connect(&peer).expect("a tracker");
+    let mut ask = || {
+        assert_eq!(store.runs_of("").expect("it answers").len(), 0);
+        tracker
+            .shot(TrackerSession::Measurement, &[0.1; 7])
+            .expect("it measures");
+    };
+    ask();
+    std::thread::sleep(std::time::Duration::from_secs(50));
+    ask();
+}
+
 // Fails if the plate of a simulated cell behind gRPC does not move between two
 // placements, or moves elsewhere than in one process.
 #[test]

@@ -111,9 +111,12 @@ impl ServiceError {
         )
     }
 
-    /// What the other side answered, as an error.
+    /// What the other side answered, as an error. A status with a cause was made on this side: the connection failed.
     #[cfg(feature = "grpc")]
     pub(crate) fn status(peer: &str, status: &tonic::Status) -> Self {
+        if std::error::Error::source(status).is_some() {
+            return Self::transport(peer, status);
+        }
         Self::Status {
             peer: peer.to_owned(),
             code: status.code(),

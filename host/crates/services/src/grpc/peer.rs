@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use spherecal_store::Peer;
+use tokio::runtime::Runtime;
 use tonic::metadata::MetadataValue;
 use tonic::service::Interceptor;
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
@@ -16,6 +17,20 @@ use crate::guard::{CERTIFICATE, Guard, read_pem};
 
 /// Environment variable with the token that a client shows.
 const TOKEN_VARIABLE: &str = "SPHERECAL_TOKEN";
+
+/// A runtime for one connection. It has a thread of its own: a server closes a connection that leaves its pings without
+/// an answer, and the thread answers them while the caller plans or waits for a person. A robot's connection has none:
+/// a host that is silent for that long loses its robot anyway.
+///
+/// # Errors
+/// When the system gives no thread.
+pub(super) fn own_runtime() -> std::io::Result<Runtime> {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(1)
+        .thread_name("connection")
+        .enable_all()
+        .build()
+}
 
 /// Connects, with the token and the certificate that the environment names.
 pub(super) async fn connect(peer: &Peer) -> Result<(Channel, Credentials), ServiceError> {

@@ -11,7 +11,7 @@ use tonic::{Response, Status};
 
 use super::MAX_MESSAGE;
 use super::convert;
-use super::peer::{Credentials, connect};
+use super::peer::{Credentials, connect, own_runtime};
 use super::proto::calibration_store_client::CalibrationStoreClient;
 use super::proto::{
     BeginSessionRequest, EventBatch, EventPlace, Handshake, LaserShots, ListRunsRequest, PlacedEvent, Rejection,
@@ -40,7 +40,7 @@ impl RemoteStore {
     /// # Errors
     /// When nothing answers there.
     pub fn connect(peer: &Peer) -> Result<Self, ServiceError> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let runtime = own_runtime()?;
         let (channel, credentials) = runtime.block_on(connect(peer))?;
         let client = CalibrationStoreClient::with_interceptor(channel, credentials)
             .max_decoding_message_size(MAX_MESSAGE)

@@ -7,7 +7,7 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
-use super::peer::connect;
+use super::peer::{connect, own_runtime};
 use super::proto::laser_tracker_client::LaserTrackerClient;
 use super::proto::laser_tracker_server::LaserTracker;
 use super::proto::{Shot, ShotRequest, Station, TrackerDescribeRequest, TrackerDescription};
@@ -99,7 +99,7 @@ impl RemoteTracker {
     /// # Errors
     /// When nothing answers there, or there is no tracker.
     pub fn connect(peer: &Peer) -> Result<Self, ServiceError> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let runtime = own_runtime()?;
         let name = peer.to_string();
         let (requests, stream) = mpsc::channel(1);
         let shots = runtime.block_on(async {
