@@ -1,6 +1,6 @@
 //! A report of long holds: how still the seated arm is.
 
-use super::Held;
+use super::{HARMLESS_UM, Held};
 use spherecal_report::{Curves, Headline, ReportInput, SimpleTable};
 
 /// The report of `holds`, windows of `window_s`; `model` names the kinematic
@@ -13,7 +13,7 @@ pub fn holds_report(
     window_s: f64,
     provenance: Vec<(String, String)>,
 ) -> ReportInput {
-    let within = holds.iter().filter(|h| h.within_noise).count();
+    let agree = holds.iter().filter(|h| h.first_agrees()).count();
     let worst = |f: &dyn Fn(&Held) -> f64| holds.iter().map(f).fold(0.0, f64::max);
     let largest = worst(&|h| h.tcp_um.largest);
     let joint = worst(&|h| h.joints_urad.iter().map(|j| j.largest).fold(0.0, f64::max));
@@ -26,7 +26,7 @@ pub fn holds_report(
             trusted: all,
             sentence: format!(
                 "Over {seconds:.0} s the TCP's {window_s:.0} s mean was never more than {largest:.2} µm from the mean \
-                 of the whole hold; at {within} of {} places the first {window_s:.0} s gave the same position, within the noise.",
+                 of the whole hold; at {agree} of {} places the first {window_s:.0} s gave the same position, within the noise or {HARMLESS_UM} µm.",
                 holds.len()
             ),
             reasons: reasons(holds, joint),
@@ -64,13 +64,22 @@ pub fn holds_report(
 /// Remarks on drift, if there is any.
 fn reasons(holds: &[Held], joint_urad: f64) -> Vec<String> {
     let mut reasons = Vec::new();
-    if !holds.iter().all(|h| h.within_noise) {
+    if !holds.iter().all(Held::first_agrees) {
         reasons.push("The TCP drifts while the arm holds: the figures below show where and how fast.".to_owned());
+    } else if let Some(drift) = holds
+        .iter()
+        .filter(|h| !h.within_noise)
+        .map(|h| h.tcp_um.first)
+        .reduce(f64::max)
+    {
+        reasons.push(format!(
+            "The TCP drifts, by {drift:.1} µm from the first second to the mean of the hold: too little to harm a calibration."
+        ));
     }
     for hold in holds {
         if let Some(jump) = hold.jump {
             reasons.push(format!(
-                "At {} the TCP moved by {:.0} µm at once, after {:.0} s: the nest did not keep its seat. No length of a recording helps.",
+                "At {} the TCP moved by {:.0} µm at once, after {:.0} s: the nest moved on its sphere, or a joint's play its reading. No length of a recording helps.",
                 name(hold),
                 jump.size_um,
                 jump.at_s

@@ -1,6 +1,7 @@
 //! Tests of how still a hold was.
 
 use super::*;
+use spherecal_shared::protocol::host::{Banner, PhaseChange, Recording, Sample, SignalStatistics};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 /// Ten seconds of white noise of 10 µrad, and `drift` (rad/s) in joint 4.
@@ -110,4 +111,67 @@ fn windows_with_holes_are_left_out() {
     holed.samples.clear();
     let error = analyse(&holed, &chain, 1.0).expect_err("nothing was heard");
     assert!(error.to_string().contains("0 of 10000 samples"), "{error}");
+}
+
+// Fails if the pull at the nest after the last averaged sample, in the same phase, is part of the hold.
+#[test]
+fn the_pull_after_a_recording_is_no_part_of_the_hold() {
+    let mut silent = spherecal_campaign::Silent;
+    let mut keeper = SampleKeeper::new(&mut silent, 7);
+    let mut hear = |body: Event| {
+        let arrival = Arrival {
+            session: Default::default(),
+            event: 0,
+            sent_us: 0,
+            body,
+        };
+        keeper.event(0, &arrival);
+    };
+    let phase = |from, phase, tick| {
+        Event::Phase(PhaseChange {
+            phase,
+            from,
+            time_us: 1_000 * tick,
+            tick,
+        })
+    };
+    hear(Event::Banner(Banner {
+        protocol: 1,
+        schema: 0,
+        version: heapless::String::new(),
+        build: heapless::String::new(),
+        joints: 7,
+        period_us: 1000,
+        first_event: 1,
+    }));
+    hear(phase(Phase::Turning, Phase::Recording, 1_000));
+    // 2,000 averaged samples, then a pull of 150.
+    let ticks: Vec<u64> = (1_001..=3_150).collect();
+    for batch in ticks.chunks(8) {
+        let samples = batch.iter().map(|tick| Sample {
+            tick: *tick,
+            phase: Phase::Recording,
+            q: [if *tick > 3_000 { 1.0 } else { 0.5 }; 8],
+            ..Sample::default()
+        });
+        hear(Event::Telemetry(samples.collect()));
+    }
+    hear(Event::Recording(Recording {
+        sphere: 2,
+        pose: 5,
+        start_us: 1_001_000,
+        end_us: 3_000_000,
+        count: 2_000,
+        gaps: 0,
+        q: (0..7).map(|_| SignalStatistics::default()).collect(),
+        tau: heapless::Vec::new(),
+        tcp_spread_m: 0.0,
+        force_n: [0.0; 3],
+    }));
+    hear(phase(Phase::Recording, Phase::Coupled, 3_150));
+    let holds = keeper.finish();
+    assert_eq!((holds.len(), holds[0].end_tick, holds[0].count), (1, 3_000, 2_000));
+    let chain = Chain::new(&iiwa7(), &iiwa7_tool()).expect("a chain");
+    let held = analyse(&holds[0], &chain, 1.0).expect("two windows");
+    assert_eq!((held.windows, held.tcp_um.largest), (2, 0.0));
 }
