@@ -116,7 +116,7 @@ fn slow_hard_arms_finish() {
 fn slow_arms_of_franka_finish() {
     let harsh = |robot: &str| format!("robot = \"{robot}\"\n[plant]\npreset = \"harsh\"\n");
     let (panda, fr3) = (harsh("panda"), harsh("fr3"));
-    all_finish(&[("Panda, harsh", "4", &panda), ("FR3, harsh", "4", &fr3)], 150);
+    all_finish(&[("Panda, harsh", "5", &panda), ("FR3, harsh", "4", &fr3)], 150);
 }
 
 // Fails if a run on any of the arms does.

@@ -69,6 +69,34 @@ fn singular_places_are_refused_for_every_arm_with_seven_joints() {
     }
 }
 
+// Fails if a move is planned that an elbow behind its target leads to aligned axes. On an arm of the preset `harsh` friction
+// held the elbow of a Panda in the first of these moves: joint 2 came within 4 degrees of zero, joints 1 and 3 turned
+// against each other by 1.5 rad, and the nest lost its contact.
+#[test]
+fn a_move_is_refused_if_a_late_elbow_aligns_the_axes() {
+    let robot = spherecal_model::robots::built_in("panda").expect("built in").robot;
+    let chain = Chain::new(&robot, &iiwa7_tool()).expect("an arm");
+    let pose = |orientation: [f64; 4], elbow: f64| TcpPose {
+        position: Vector3::new(0.3834, 0.1501, 0.32),
+        rotation: spherecal_model::chain::rotation_of(&orientation),
+        elbow: Some(elbow),
+    };
+    let start = pose([0.0, 1.0, 0.0, 0.0], 0.0);
+    let near = [0.373, -0.233, 0.0, -2.649, 0.0, 2.416, 0.373];
+    let q = chain.follow(&start, &near).expect("within reach");
+    for (orientation, elbow, refused) in [
+        ([0.384, 0.585, -0.713, -0.046], 0.3, Some(2)),
+        ([0.311, 0.583, -0.749, -0.056], 0.627, None),
+    ] {
+        let found = match Rules::default().follow(&chain, &start, &q, &pose(orientation, elbow)) {
+            Err(Obstacle::Singular { joint, .. }) => Some(joint),
+            Err(other) => panic!("{other}"),
+            Ok(_) => None,
+        };
+        assert_eq!(found, refused, "{orientation:?} {elbow}");
+    }
+}
+
 #[test]
 fn a_spread_plan_has_as_many_poses_as_asked() {
     let cell = Cell::iiwa7();
