@@ -34,7 +34,7 @@ const PARTS: usize = 4;
 const RESTLESS: f64 = 10.0;
 /// A difference of the TCP that harms no calibration, in µm: a twentieth of the accuracy that one reaches. A warming arm
 /// drifts by 0.3 µm/s, which long holds tell from noise.
-const HARMLESS_UM: f64 = 10.0;
+pub const HARMLESS_UM: f64 = 10.0;
 /// How many sigma a mean may be off. With about forty joints and places at once, three are exceeded
 /// by chance.
 const SIGMAS: f64 = 4.0;
