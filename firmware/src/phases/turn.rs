@@ -185,8 +185,8 @@ const WIDEST: f64 = 3.0;
 /// How much wider the tolerance of the elbow is after that time. Dry friction of 1 to 2 N m holds the elbow of an arm of
 /// 12 N m at the wrist (a Panda) 0.18 rad from its target.
 const ELBOW_WIDEST: f64 = 2.0;
-/// Speed of a joint in rad/s up to which an arm that is there only creeps. Joints 5 and 7 of an FR3 still turned against each other with
-/// 0.034 rad/s when the settling time was over.
+/// Speed of a joint in rad/s up to which an arm that is there only creeps. Joints 5 and 7 of an FR3 still turned against
+/// each other with 0.034 rad/s when the settling time was over.
 const CREEP_RAD_S: f64 = 0.1;
 
 /// Share of the joints' speed limits above which a turn slows down.

@@ -9,6 +9,7 @@
 
 mod handshake;
 mod order;
+mod storing;
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,12 +21,13 @@ use spherecal_shared::protocol::host::{
 
 use super::observe::{CampaignObserver, CampaignStage, Moved, Progress, TelemetrySummary, force};
 use super::{CampaignError, plausible};
-use spherecal_link::Journal;
 use spherecal_link::native::{DriveRecord, Monitor};
 use spherecal_link::{Arrival, Device, HostEndpoint, Timing};
+use spherecal_link::{Journal, JournalError};
 use spherecal_plan::Plan;
 
 pub(super) use order::Waited;
+use storing::keeping_alive;
 
 /// Longest interval between two progress reports to an observer, in µs of device time.
 const PROGRESS_US: u64 = 100_000;
@@ -43,6 +45,8 @@ pub struct Session<'a> {
     monitor: Option<Monitor>,
     down: Vec<u8>,
     up: Vec<u8>,
+    /// What the controller sent while something was stored.
+    late: Vec<u8>,
     arrived: Vec<Arrival>,
     /// Events that have arrived and were not handled yet.
     inbox: VecDeque<Arrival>,
@@ -97,6 +101,7 @@ impl<'a> Session<'a> {
             interrupt,
             down: Vec::new(),
             up: Vec::new(),
+            late: Vec::new(),
             arrived: Vec::new(),
             inbox: VecDeque::new(),
             joints: 0,
@@ -138,8 +143,14 @@ impl<'a> Session<'a> {
         self.endpoint.counters()
     }
 
-    pub(super) fn journal(&mut self) -> &mut dyn Journal {
-        self.journal
+    /// Has the journal do something while the link stays alive.
+    pub(super) fn store<T: Send>(
+        &mut self,
+        work: impl FnOnce(&mut dyn Journal) -> Result<T, JournalError> + Send,
+    ) -> Result<T, CampaignError> {
+        let journal = &mut *self.journal;
+        let stored = keeping_alive(self.cell, &mut self.endpoint, &mut self.late, || work(journal))?;
+        Ok(stored?)
     }
 
     pub(super) fn note(&mut self, text: &str) {
@@ -193,6 +204,7 @@ impl<'a> Session<'a> {
     fn exchange(&mut self) -> Result<(), CampaignError> {
         self.down.clear();
         self.up.clear();
+        self.up.append(&mut self.late);
         let now_us = self.cell.now_us();
         self.endpoint
             .transmit(now_us, &mut self.down)
@@ -202,14 +214,15 @@ impl<'a> Session<'a> {
             self.note_drive();
         }
         stepped?;
-        let journal = &mut *self.journal;
+        let (cell, journal, late) = (&mut *self.cell, &mut *self.journal, &mut self.late);
         let joints = self.joints;
         let frames = self.endpoint.counters().frames;
-        self.endpoint.receive(&self.up, &mut self.arrived, |batch| {
+        self.endpoint.receive(&self.up, &mut self.arrived, |batch, endpoint| {
             for arrival in batch {
                 plausible(&arrival.body, joints)?;
             }
-            journal.append(batch).map_err(CampaignError::from)
+            let stored = keeping_alive(cell, endpoint, late, || journal.append(batch))?;
+            stored.map_err(CampaignError::from)
         })?;
         self.inbox.extend(self.arrived.drain(..));
         if self.endpoint.counters().frames != frames {

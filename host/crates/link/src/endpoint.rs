@@ -194,6 +194,14 @@ impl HostEndpoint {
                 held: false,
             });
         }
+        self.keep_alive(now_us, out)
+    }
+
+    /// Appends a keep-alive to `out` if nothing was sent for long at `now_us`.
+    ///
+    /// # Errors
+    /// When it does not fit a frame.
+    pub fn keep_alive(&mut self, now_us: u64, out: &mut Vec<u8>) -> Result<(), FrameError> {
         let silent = self
             .last_sent_us
             .is_none_or(|last| now_us.saturating_sub(last) >= self.timing.keep_alive_us);
@@ -206,7 +214,7 @@ impl HostEndpoint {
     /// Takes the controller's bytes. Passes the numbered events that are due to `store` in one
     /// batch and acknowledges them if `store` succeeds. Then appends every event that arrived to
     /// `arrived`. If `store` fails, nothing is acknowledged, and the next call offers the batch
-    /// again.
+    /// again. `store` gets this endpoint, too, to keep the link alive while it works.
     ///
     /// # Errors
     /// What `store` reports.
@@ -214,7 +222,7 @@ impl HostEndpoint {
         &mut self,
         bytes: &[u8],
         arrived: &mut Vec<Arrival>,
-        store: impl FnOnce(&[Arrival]) -> Result<(), E>,
+        store: impl FnOnce(&[Arrival], &mut Self) -> Result<(), E>,
     ) -> Result<(), E> {
         if bytes.is_empty() && self.fresh.is_empty() {
             return Ok(());
@@ -236,7 +244,10 @@ impl HostEndpoint {
         }
         self.accumulator = accumulator;
         if !self.fresh.is_empty() {
-            store(&self.fresh)?;
+            let fresh = std::mem::take(&mut self.fresh);
+            let stored = store(&fresh, self);
+            self.fresh = fresh;
+            stored?;
             for arrival in self.fresh.drain(..) {
                 self.acknowledgements.push_back(arrival.event);
                 arrived.push(arrival);

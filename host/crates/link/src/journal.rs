@@ -32,7 +32,7 @@ impl JournalError {
 }
 
 /// Stores events before they are acknowledged.
-pub trait Journal {
+pub trait Journal: Send {
     /// Announces a handshake under this session number. Events of this session and of earlier
     /// sessions of the same run are stored. Events of other sessions belong to another run and are
     /// skipped.

@@ -206,9 +206,18 @@ pub trait Device: Send {
     fn simulated(&self) -> Option<bool> {
         None
     }
+
+    /// Whether its time stands still until [`step`](Self::step) is called, as that of a simulation in lock-step does.
+    fn waits(&self) -> bool {
+        true
+    }
 }
 
 impl<D: Device + ?Sized> Device for Box<D> {
+    fn waits(&self) -> bool {
+        (**self).waits()
+    }
+
     fn simulated(&self) -> Option<bool> {
         (**self).simulated()
     }

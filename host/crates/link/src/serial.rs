@@ -107,6 +107,10 @@ fn present() -> String {
 }
 
 impl Device for Serial {
+    fn waits(&self) -> bool {
+        false
+    }
+
     fn now_us(&self) -> u64 {
         self.ticks.saturating_mul(STEP_US)
     }

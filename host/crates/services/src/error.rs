@@ -114,13 +114,17 @@ impl ServiceError {
     /// What the other side answered, as an error. A status with a cause was made on this side: the connection failed.
     #[cfg(feature = "grpc")]
     pub(crate) fn status(peer: &str, status: &tonic::Status) -> Self {
-        if std::error::Error::source(status).is_some() {
-            return Self::transport(peer, status);
+        if let Some(cause) = std::error::Error::source(status) {
+            return Self::transport(peer, cause);
         }
+        let message = match (status.message(), status.code()) {
+            ("", Code::Unimplemented) => "the server does not have this service",
+            (message, _) => message,
+        };
         Self::Status {
             peer: peer.to_owned(),
             code: status.code(),
-            message: status.message().to_owned(),
+            message: message.to_owned(),
         }
     }
 

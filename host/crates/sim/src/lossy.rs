@@ -270,6 +270,10 @@ impl<D: Device> LossyDevice<D> {
 }
 
 impl<D: Device> Device for LossyDevice<D> {
+    fn waits(&self) -> bool {
+        self.inner.waits()
+    }
+
     fn simulated(&self) -> Option<bool> {
         self.inner.simulated()
     }

@@ -95,7 +95,8 @@ impl Job {
         }
     }
 
-    fn database(&self) -> PathBuf {
+    /// Its database.
+    pub(super) fn database(&self) -> PathBuf {
         self.folder.path().join("calibration.db")
     }
 

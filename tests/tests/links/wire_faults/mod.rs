@@ -160,6 +160,26 @@ fn timed_a_session_that_falls_in_each_phase_is_recovered_from() {
     );
 }
 
+// Fails if a disk that takes 6 s to store an event lets the controller think that its host is gone: it stopped the arm after
+// 2 s, and the run ended when that came again. A coupling, a turn and a recording meet such a disk.
+#[test]
+#[ignore = "timed: 1 minute of real time"]
+fn timed_a_slow_disk_stops_no_arm() {
+    let (job, _robot) = panda(4);
+    let mut lock = spherecal::job::file_lock(job.database());
+    let mut slow = vec![Phase::Recording, Phase::Turning, Phase::Coupling];
+    let session = job.measure(false, &mut |now| {
+        if slow.last() == Some(&now.phase) {
+            slow.pop();
+            eprintln!("  {:?}: the disk is slow", now.phase);
+            lock(Duration::from_secs(6)).expect("a lock");
+        }
+    });
+    session.well();
+    job.finished(&[&session], &STOPPED);
+    assert!(slow.is_empty(), "{slow:?}");
+}
+
 /// Pressed for 2 s.
 fn stop(robot: &dyn Robot) {
     robot.stop(true);

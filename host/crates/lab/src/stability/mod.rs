@@ -94,12 +94,17 @@ impl<'a> SampleKeeper<'a> {
     /// Keeps the open hold. After the last averaged sample the controller pulls at the nest, in the same phase: what
     /// comes then is no part of the hold.
     fn close(&mut self) {
-        let Some(mut hold) = self.open.take().filter(|hold| hold.count > 0 && hold.period_s > 0.0) else {
+        let Some(mut hold) = self.open.take().filter(|hold| hold.count > 0) else {
             return;
         };
         let (tick, time_us) = self.left;
-        let after = (time_us.saturating_sub(self.last_us) as f64 * 1e-6 / hold.period_s).round() as u64;
-        hold.end_tick = tick.saturating_sub(after);
+        let pulled_s = time_us.saturating_sub(self.last_us) as f64 * 1e-6;
+        let pulled = if hold.period_s > 0.0 {
+            pulled_s / hold.period_s
+        } else {
+            0.0
+        };
+        hold.end_tick = tick.saturating_sub(pulled.round() as u64);
         self.holds.push(hold);
     }
 }

@@ -79,7 +79,7 @@ fn reasons(holds: &[Held], joint_urad: f64) -> Vec<String> {
     for hold in holds {
         if let Some(jump) = hold.jump {
             reasons.push(format!(
-                "At {} the TCP moved by {:.0} µm at once, after {:.0} s: the nest moved on its sphere, or a joint's play its reading. No length of a recording helps.",
+                "At {} the TCP moved by {:.0} µm at once, after {:.0} s: the nest moved on its sphere, or a joint moved within its play. No length of a recording helps.",
                 name(hold),
                 jump.size_um,
                 jump.at_s

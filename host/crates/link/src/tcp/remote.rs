@@ -73,6 +73,10 @@ impl Remote {
 }
 
 impl Device for Remote {
+    fn waits(&self) -> bool {
+        self.hello.lock_step
+    }
+
     fn simulated(&self) -> Option<bool> {
         Some(self.hello.simulated)
     }
@@ -213,6 +217,10 @@ impl Threaded {
 }
 
 impl Device for Threaded {
+    fn waits(&self) -> bool {
+        self.remote.as_ref().is_none_or(Device::waits)
+    }
+
     fn simulated(&self) -> Option<bool> {
         self.remote.as_ref().and_then(Device::simulated)
     }

@@ -47,7 +47,7 @@ impl HostFaults {
 }
 
 /// Locks the journal's file from outside for a time; returns when it is locked.
-pub type FileLock = Box<dyn FnMut(Duration) -> Result<(), JournalError>>;
+pub type FileLock = Box<dyn FnMut(Duration) -> Result<(), JournalError> + Send>;
 
 /// A write that found no room.
 #[derive(Clone, Debug, thiserror::Error)]
